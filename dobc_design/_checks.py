@@ -1,17 +1,21 @@
-"""Shape checks shared by the nouns: each failure names the matrix, the shape it must have and why.
+"""What nouns share: how they are made, and shape checks that name the matrix, the shape it must
+have and why.
 
-They look at lengths only, so nested sequences and arrays alike may be given; entries are not read.
+Shape checks look at lengths only, so nested sequences and arrays alike may be given; entries are
+not read.
 """
 
 from __future__ import annotations
 
 import copyreg
 from collections.abc import Sized
+from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar, dataclass_transform
 
 from dobc_design.errors import ShapeError, wrong
 
+T = TypeVar("T")
 #: Of a field that problem.json has only where it was given, so that other problems keep their hash.
 LATER = {"later": True}
 
@@ -56,7 +60,7 @@ def require_shape(
     return got
 
 
-def require_square(matrix: Rows, *, name: str, because: str = "") -> int:
+def require_square(matrix: Rows, name: str, because: str = "") -> int:
     """Return the number of rows of a square matrix; raise ShapeError if it is not square."""
     rows, columns = require_shape(matrix, (None, None), name=name)
     if rows != columns:
@@ -67,10 +71,23 @@ def require_square(matrix: Rows, *, name: str, because: str = "") -> int:
     return rows
 
 
-def put(noun: object, **values: Any) -> None:
+@dataclass_transform(frozen_default=True, kw_only_default=True, field_specifiers=(field,))
+def noun(cls: type[T] | None = None, *, eq: bool = True) -> Any:
+    """Make a class a frozen dataclass with slots, whose fields are given by keyword.  ``eq``:
+    whether two with equal fields are equal; else each equals itself only.  A class that shows
+    itself (``_show.cards.Shown``) does so in a repr, too."""
+
+    def made(cls: type[T]) -> type[T]:
+        shows_itself = cls.__repr__ is not object.__repr__
+        return dataclass(frozen=True, slots=True, kw_only=True, eq=eq, repr=not shows_itself)(cls)
+
+    return made if cls is None else made(cls)
+
+
+def put(made: object, **values: Any) -> None:
     """Set fields of a frozen noun that is being made."""
     for name, value in values.items():
-        object.__setattr__(noun, name, value)
+        object.__setattr__(made, name, value)
 
 
 def _wanted(shape: tuple[int | None, int | None]) -> str:

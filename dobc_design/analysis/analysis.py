@@ -45,7 +45,7 @@ class SpectrumResult:
 def check_spectrum(A: Matrix, C: Matrix, W: Matrix) -> SpectrumResult:
     """Eigenvalues of A - W C (17), A (q, q), C (m, q), W (q, m), and the rate -max Re in 1/s.
     Raises: ShapeError."""
-    q = require_square(A, name="A")
+    q = require_square(A, "A")
     m, _ = require_shape(C, (None, q), name="C", because="one column per exosystem state")
     because = "one row per exosystem state, one column per disturbance component"
     require_shape(W, (q, m), name="W", because=because)
@@ -91,7 +91,7 @@ class ObservabilityResult:
 def check_observability(A: Matrix, C: Matrix) -> ObservabilityResult:
     """Rank, singular values and mode margins of the pair A (q, q), C (m, q) of (12).  Raises:
     ShapeError."""
-    q = require_square(A, name="A")
+    q = require_square(A, "A")
     require_shape(C, (None, q), name="C", because="one column per exosystem state")
     dynamics, output = to_float(A), to_float(C)
     rank: int | None = None

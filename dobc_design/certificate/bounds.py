@@ -281,11 +281,11 @@ def starts_of(loop: Loop, radius: Number | None, disturbance: Number | None) -> 
         )
         raise wrong(key, what, cure)
     # Without a radius the whole region counts, the largest side of each component.
-    given = None if radius is None else parse_number(radius, key="radius")
+    given = None if radius is None else parse_number(radius, "radius")
     sides = asked_radius(loop) if given is None else (given,) * loop.m
     error = Fraction(0)
     if disturbance is not None:
-        error = parse_number(disturbance, key="disturbance")
+        error = parse_number(disturbance, "disturbance")
     elif region is not None:
         error = region.disturbance or error
     if min(sides) < 0 or error < 0 or (error and not loop.groups):

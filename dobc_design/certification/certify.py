@@ -292,7 +292,7 @@ def _asked_rate(
 
 def _read_rate(value: Number) -> Fraction:
     """A rate > 0 in 1/s.  Raises: SpecError for anything else."""
-    rate = parse_number(value, key="rate")
+    rate = parse_number(value, "rate")
     if rate <= 0:
         raise wrong(
             "rate",

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import InitVar, dataclass
+from dataclasses import InitVar
 from fractions import Fraction
 from functools import lru_cache, partial
 from typing import Any, TypeVar
@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Formula, Shown, cut
 from dobc_design.coupling import expression as language
 from dobc_design.coupling import tree
@@ -34,7 +35,7 @@ _LONGEST_SUGGESTION = 100
 _LONGEST_NUMBER = 40
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class Coupling(Shown):
     """A coupling of m-dimensional states, h(0) = 0.
 

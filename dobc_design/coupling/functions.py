@@ -9,7 +9,6 @@ may rest on are named by text only.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import reduce
 from math import inf
@@ -19,6 +18,7 @@ from typing import Any, Final, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from dobc_design._checks import noun
 from dobc_design.exact import interval
 from dobc_design.exact.interval import Interval, UndefinedError
 
@@ -26,7 +26,7 @@ T = TypeVar("T")
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Function:
     """A function f of the language.
 

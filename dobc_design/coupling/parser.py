@@ -375,7 +375,7 @@ def _number(token: Token) -> Fraction:
     if mantissa.startswith("."):  # numbers of files have a digit there
         mantissa = "0" + mantissa
     try:
-        return parse_number(mantissa.removesuffix(".") + mark + exponent, key="number")
+        return parse_number(mantissa.removesuffix(".") + mark + exponent, "number")
     except SpecError as error:
         why = "a number has at most 200 characters, and an exponent of at most 400 in size"
         raise Fault(token.start, quote(token), why) from error

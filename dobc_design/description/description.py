@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
+from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Shown
 from dobc_design.description import words
 from dobc_design.description.contradictions import warnings
@@ -12,7 +13,7 @@ from dobc_design.problem.load import Source, load_problem
 from dobc_design.problem.problem import Problem
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class Description(Shown):
     """A problem in words: its tables, time scales, warnings, and what may be a slip."""
 

@@ -221,7 +221,7 @@ def _shown(certificate: Certificate) -> dict[str, Any]:
 
 def exact(value: float) -> Fraction:
     """The number as it was typed: 0.1 is 1/10."""
-    return parse_number(repr(float(value)), key="value")
+    return parse_number(repr(float(value)), "value")
 
 
 def _require_drawable(problem: Problem) -> None:

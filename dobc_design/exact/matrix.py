@@ -42,7 +42,7 @@ def matrix(rows: Sequence[Sequence[object]] | NDArray[Any], *, name: str = "matr
     def read(entry: object, i: int, j: int) -> Fraction:
         if type(entry) is Fraction:
             return entry
-        return parse_number(entry, key=f"{name}[{i}][{j}]")
+        return parse_number(entry, f"{name}[{i}][{j}]")
 
     found: list[Vector] = []
     for i, row in enumerate(rows):
@@ -120,7 +120,7 @@ def kronecker(M: Matrix, N: Matrix) -> Matrix:
 def inverse(M: Matrix) -> Matrix:
     """Return the inverse of a square matrix (k, k).  Raises: ShapeError; SpecError if it is
     singular."""
-    size = require_square(M, name="matrix to invert")
+    size = require_square(M, "matrix to invert")
     try:
         return from_fmpq_mat(to_fmpq_mat(M).inv()) if size else ()
     except ZeroDivisionError:
@@ -289,7 +289,7 @@ def solve_lyapunov(F: Matrix, N: Matrix) -> Matrix | None:
     """Return the symmetric X with F'X + X F + N = 0, or None if there is no unique one.  Shapes: F,
     N and X (q, q), N symmetric. X is unique iff no two eigenvalues of F add up to 0. Raises:
     ShapeError if the shapes do not fit. Source: Lyapunov 1892, as q (q + 1)/2 linear equations."""
-    q = require_square(F, name="F")
+    q = require_square(F, "F")
     require_shape(N, (q, q), name="N", because="as F")
     places = [(i, j) for i in range(q) for j in range(i, q)]
     index: dict[tuple[int, int], int] = {}  # of the unknown that stands at a place

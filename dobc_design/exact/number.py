@@ -68,7 +68,7 @@ def height(value: Fraction) -> int:
     return max(value.numerator.bit_length(), value.denominator.bit_length())
 
 
-def parse_number(value: object, *, key: str) -> Fraction:
+def parse_number(value: object, key: str) -> Fraction:
     """Return the exact rational that a number in a problem means.
 
     Accepts int, Fraction, Decimal, float, NumPy integers and floats (a float means its shortest

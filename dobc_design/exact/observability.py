@@ -115,6 +115,6 @@ def observable_reduction(A: Matrix, C: Matrix) -> tuple[Matrix, Matrix, Matrix]:
 
 
 def _require_pair(A: Matrix, C: Matrix) -> int:
-    size = require_square(A, name="A")
+    size = require_square(A, "A")
     require_shape(C, (None, size), name="C", because=f"one per row of A (A is {size}x{size})")
     return size

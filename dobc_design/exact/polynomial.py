@@ -41,7 +41,7 @@ class RouthTable(Shown):
 def characteristic_polynomial(A: Matrix) -> Coefficients:
     """Return det(s I - A) for A (q, q): q + 1 coefficients, the first is 1. Raises: ShapeError if A
     is not square."""
-    if not require_square(A, name="A"):
+    if not require_square(A, "A"):
         return (Fraction(1),)
     from_the_lowest = to_fmpq_mat(A).charpoly().coeffs()
     return tuple(map(from_fmpq, reversed(from_the_lowest)))

@@ -47,7 +47,7 @@ def is_text(value: object) -> bool:
 
 
 def read_matrix(
-    value: Any, *, key: str, shape: tuple[int, int] | None = None, because: str = ""
+    value: Any, key: str, *, shape: tuple[int, int] | None = None, because: str = ""
 ) -> Matrix:
     """Read a matrix given by rows, exactly; ``because`` says why the ``shape``.  Raises:
     ShapeError; SpecError."""
@@ -78,20 +78,19 @@ def read_matrix(
         raise wrong(key, what, f"Give {rows_of(shape)}.", kind=ShapeError)
     numbered = enumerate(map(enumerate, rows))
     return tuple(
-        tuple(parse_number(entry, key=f"{key}[{i}][{j}]") for j, entry in row)
-        for i, row in numbered
+        tuple(parse_number(entry, f"{key}[{i}][{j}]") for j, entry in row) for i, row in numbered
     )
 
 
-def read_vector(value: Any, *, key: str, length: int, because: str) -> Vector:
+def read_vector(value: Any, key: str, *, length: int, because: str) -> Vector:
     """Read ``length`` numbers; a single number stands for all components."""
     if not is_list(value):
-        return (parse_number(value, key=key),) * length
+        return (parse_number(value, key),) * length
     if len(value) != length:
         numbers = counted(length, "number")
         what = f"must have {numbers}, {because}; got {len(value)}."
         raise wrong(key, what, f"Give a list of {numbers}.", kind=ShapeError)
-    return tuple(parse_number(entry, key=f"{key}[{i}]") for i, entry in enumerate(value))
+    return tuple(parse_number(entry, f"{key}[{i}]") for i, entry in enumerate(value))
 
 
 def shown(value: object) -> str:
@@ -140,7 +139,7 @@ def is_scalar_matrix(matrix: Sequence[Sequence[Fraction]]) -> bool:
     )
 
 
-def items(value: Any, *, key: str) -> Iterable[tuple[Any, Any]]:
+def items(value: Any, key: str) -> Iterable[tuple[Any, Any]]:
     """The items of a mapping.  Raises: SpecError for anything else."""
     if not isinstance(value, Mapping):
         raise wrong(key, f"must be a table; got {shown(value)}.", "Give a mapping, as a dict.")
@@ -152,16 +151,16 @@ def keyed(value: Any, keys: Sequence[str], *, key: str) -> list[Any]:
     it has nothing."""
     if type(value).__name__.lower() == key:
         return [getattr(value, name) for name in keys]
-    for name, _ in items(value, key=key):
+    for name, _ in items(value, key):
         if name not in keys:
             cure = f"Known keys: {', '.join(keys)}."
             raise wrong(f"{key}.{named(str(name))}", "is an unknown key.", cure)
     return [value.get(name) for name in keys]
 
 
-def positive_number(value: Any, *, key: str, unit: str) -> Fraction:
+def positive_number(value: Any, key: str, unit: str) -> Fraction:
     """Read a number > 0 in ``unit``.  Raises: SpecError."""
-    number = parse_number(value, key=key)
+    number = parse_number(value, key)
     if number <= 0:
         cure = "Give a positive time." if unit == "s" else "Give a positive number."
         raise wrong(key, f"must be > 0 ({unit}); got {shown_number(number)}.", cure)

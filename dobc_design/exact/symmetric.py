@@ -57,7 +57,7 @@ class SparseSymmetric(Shown):
     def from_dense(cls, M: Matrix, *, name: str = "matrix") -> SparseSymmetric:
         """Return the sparse form of M (n, n). Raises: ShapeError if M is not square, or not exactly
         symmetric."""
-        size = require_square(M, name=name)
+        size = require_square(M, name)
         entries: dict[tuple[int, int], Fraction] = {}
         for i in range(size):
             for j in range(i, size):

@@ -28,7 +28,7 @@ AFTERWARDS: Final = 0.1  # of the limit, for the second program
 def read_time_limit(value: Any, *, key: str = "time_limit") -> Fraction:
     """A number of seconds > 0, at most a year.  Raises: SpecError with ``key`` for anything
     else."""
-    seconds = parse_number(value, key=key)
+    seconds = parse_number(value, key)
     if not 0 < seconds <= LONGEST:
         message = (
             f"{key} must be a number of seconds > 0, at most {LONGEST} (a year); got "

@@ -512,7 +512,7 @@ def _read_period(given: Any) -> Fraction:
             "a period must be given: the code computes at its multiples and holds in between.",
             "For example --period 0.05; one that is too long is refused with one that works.",
         )
-    period = parse_number(given, key="--period")
+    period = parse_number(given, "--period")
     if not SHORTEST <= period <= LONGEST:
         raise refused(
             "--period",

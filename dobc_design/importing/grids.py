@@ -13,7 +13,6 @@ import json
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
@@ -21,6 +20,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from dobc_design._checks import noun
 from dobc_design.errors import SpecError, wrong
 from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import named, shown, some
@@ -42,7 +42,7 @@ NOTES = (
 SHOWN = 8
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Branch:
     """A line or transformer: its two buses, its reactance x times the tap ratio in p.u., and its
     place in the file."""
@@ -52,7 +52,7 @@ class Branch:
     place: str
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Grid:
     """What is read of a grid: bus labels, branches in service, buses with a generator in service,
     where it is from."""
@@ -186,7 +186,7 @@ VOLTS, WATTS = "mpc.bus(1,BASE_KV)*1e3", "mpc.baseMVA*1e6"
 FROM_OHM = "mpc.branch(:,[BR_RBR_X])=mpc.branch(:,[BR_RBR_X])/(Vbase^2/Sbase)"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class _Row:
     """A row of a table of numbers, and where it stands."""
 
@@ -318,7 +318,7 @@ def _unit(text: str, buses: list[_Row], name: str) -> Fraction:
 def _decimal(text: str, key: str) -> Fraction:
     """An entry as the decimal text it is; MATLAB writes .5 and 5. too."""
     trimmed = re.sub(r"(?<![0-9])\.(?=[0-9])", "0.", text)
-    return parse_number(re.sub(r"(?<=[0-9])\.(?![0-9])", "", trimmed), key=key)
+    return parse_number(re.sub(r"(?<=[0-9])\.(?![0-9])", "", trimmed), key)
 
 
 Row = Mapping[str, Any]
@@ -438,7 +438,7 @@ def _branches(tables: Tables, *, base: float) -> Iterator[Branch]:
             place = f"{table} {row['index']}"
             # Twelve digits: x was computed in floats, and 0.05917 should not read
             # 0.059170000000000006.
-            reactance = parse_number(f"{x:.12g}", key=f"the reactance of {place}")
+            reactance = parse_number(f"{x:.12g}", f"the reactance of {place}")
             labels = str(row[first]), str(row[second])
             yield Branch(ends=labels, reactance=reactance, place=place)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import NamedTuple
 
@@ -11,11 +10,12 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
+from dobc_design._checks import noun
 from dobc_design.loop.loop import Arc, Loop, Pins
 from dobc_design.problem.network import Arcs, IndexArray, distinct_weights
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class ArcTable:
     """Arc a: ``listeners[a]`` hears ``speakers[a]`` by the coupling at place ``coupling[a]`` of
     loop.functions.  Its weight is ``weights[weight[a]]``; ``weights`` holds each different one

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from itertools import chain
 from typing import Any
@@ -12,7 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from dobc_design._checks import require_shape
+from dobc_design._checks import noun, require_shape
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.tree import postorder
 from dobc_design.errors import wrong
@@ -100,7 +99,7 @@ def _flat(numbers: Any) -> Iterator[Any]:
 Gain = Sequence[Sequence[Any]] | NDArray[Any]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Disturbance:
     """Exosystem and observer as floats: A (q, q), C (m, q), F = A - W C (q, q), W (q, m).
 
@@ -117,7 +116,7 @@ class Disturbance:
     own: NDArray[np.bool_] | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Plant:
     """What agents with [dynamics] are, as floats: A (m, m), or the slopes of f at the target, B (m,
     p), C (p, q), gains K (n p, n m), u0 (n, p)."""
@@ -148,7 +147,7 @@ def plant_arrays(problem: Problem) -> Plant | None:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class ArcGroup:
     """The arcs of one mode that share a coupling: ``listeners[a]`` hears ``speakers[a]``, h times
     ``weights[a]``."""

@@ -13,6 +13,7 @@ from fractions import Fraction
 from itertools import accumulate, pairwise
 from typing import NamedTuple
 
+from dobc_design._checks import noun
 from dobc_design._show.cards import Shown
 from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.switching import Switching
@@ -22,7 +23,7 @@ ZERO = Fraction(0)
 SHOWN_TURNS = 6  # in a sentence
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class Phase(Shown):
     """A mode that is on for ``shortest`` to ``longest`` (s; None: as long as it likes); then one of
     ``successors`` (places in the list of phases) follows.  ``first``: whether a signal may begin
@@ -35,7 +36,7 @@ class Phase(Shown):
     first: bool
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Guarantee:
     """What proofs may assume of the signal.
 

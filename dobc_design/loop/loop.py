@@ -13,10 +13,10 @@ proof looks at how agents, leaders or goals are stated.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
 from fractions import Fraction
 from types import MappingProxyType
 
+from dobc_design._checks import noun
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import Matrix, Vector, left_inverse
@@ -37,7 +37,7 @@ Arc = tuple[int, int]
 Pair = tuple[Fraction, Fraction]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Pins:
     """Arcs to the fixed node, whose error is 0: node i hears it by h(0 - e_i).
 
@@ -66,7 +66,7 @@ def pins_of(gains: Mapping[int, Matrix]) -> Pins:
     return Pins(gains=MappingProxyType(kept), curved={})
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Drift:
     """What every node does by itself: e_i' = A e_i + ..., or f(e_i) in place of A e_i.
 
@@ -89,7 +89,7 @@ class Drift:
         return left_inverse(self.B)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Goals:
     """How an error is read back as a state: x_i = target + offset_i + e_i.
 
@@ -139,7 +139,7 @@ def zero_goals(m: int) -> Goals:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Starts:
     """The starts that a proof has to hold for: every component of every x_i(0) in ``states`` (m
     pairs), and |eps_i(0)| <= ``disturbance`` (None without an exosystem)."""
@@ -148,7 +148,7 @@ class Starts:
     disturbance: Fraction | None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Loop:
     """The error system of a problem; frozen and exact.  Two loops are equal if they are the same.
 

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from dobc_design._checks import noun
 from dobc_design.loop.arrays import Gain, disturbance_arrays
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.matrices import Array, pull_matrix
 from dobc_design.model.couplings import constant, felt_errors, function
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Flow:
     """The error system (22) of one mode over a horizon: states [e; eps], ``rows`` numbers of e and
     ``size`` in all."""

@@ -8,12 +8,12 @@ nothing.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
 import scipy.sparse as sp
 
+from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Headed
 from dobc_design.loop import arrays
 from dobc_design.loop.make import loop_of
@@ -22,7 +22,7 @@ from dobc_design.model.couplings import Felt, Named, bent, constant, felt_inputs
 from dobc_design.problem.problem import Problem
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+@noun(eq=False)
 class Model(Headed):
     """The equations of one mode; every field below ``W`` is a casadi.Function with named inputs and
     outputs.

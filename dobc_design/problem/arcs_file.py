@@ -9,13 +9,13 @@ from __future__ import annotations
 import re
 from array import array
 from collections.abc import Mapping
-from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from dobc_design._checks import noun
 from dobc_design.errors import SpecError, about, wrong
 from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import named, shown
@@ -67,7 +67,7 @@ class FileArcs(NamedTuple):
     arcs: Arcs
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class _File:
     """A file of arcs as text; ``unit``: what is counted in messages, lines or edges."""
 
@@ -176,7 +176,7 @@ def _places(file: _File) -> dict[str, int]:
     return {label: place for place, label in enumerate(labels)}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class _Repairs:
     """Whether parallel arcs are added up, and arcs from an agent to itself left out."""
 
@@ -302,7 +302,7 @@ def _resolve(name: str, *, folder: Path | None, key: str) -> Path:
 def _weight(text: str, row: int) -> Fraction:
     """A weight, exact.  Raises: Unfit for 0 and for what is no number."""
     try:
-        weight = parse_number(text, key="weight")
+        weight = parse_number(text, "weight")
     except SpecError as error:
         raise Unfit(row, error.message.rstrip("."), "Correct that weight.") from None
     if weight == 0:  # what a negative one may mean depends on all arcs: the network says it

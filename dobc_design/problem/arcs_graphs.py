@@ -7,18 +7,18 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from html import unescape
 from itertools import chain
 from xml.etree import ElementTree
 
+from dobc_design._checks import noun
 from dobc_design.errors import reason_of
 from dobc_design.exact.reading import named, shown
 from dobc_design.problem.arcs_text import WEIGHTS, Row, Unfit
 from dobc_design.problem.network import MOST_AGENTS
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Graph:
     """What a file says: its nodes in their order, also those without an arc, and its arcs."""
 

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
+from dobc_design._checks import noun
 from dobc_design.problem.arcs_text import Table, find_columns
 from dobc_design.problem.network import IndexArray
 
@@ -20,7 +20,7 @@ PIECE = 1 << 20  # characters that are split at once: a list of all cells would 
 _UNUSUAL = re.compile(r'[\x00-\x09\x0b-\x20"#%{]')
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class PlainColumns:
     """The two agents of every arc, by place, and the text of its weight (None: the table has no
     weights).

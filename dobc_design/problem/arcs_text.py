@@ -9,9 +9,9 @@ import csv
 import io
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import chain
 
+from dobc_design._checks import noun
 from dobc_design.exact.reading import named, shown
 
 Row = tuple[int, list[str]]  # number of the line or edge, [a, b] or [a, b, weight]
@@ -65,7 +65,7 @@ class Unfit(Exception):
     """
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Columns:
     """Which column is which, counted from 0; ``width``: how many the header names, None without a
     header."""
@@ -80,7 +80,7 @@ class Columns:
 PLAIN = Columns()  # a, b and perhaps a weight, without a header
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Table:
     """The rows of a text as they stand, the header among them, and what separates their cells
     (None: blanks).

@@ -5,9 +5,10 @@ the groups of agents that have one of their own, or none.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
+from dobc_design._checks import noun
 from dobc_design.errors import Mistakes, SpecError, about, wrong
 from dobc_design.exact.reading import is_list, is_text, shown
 from dobc_design.problem import exosystems
@@ -17,7 +18,7 @@ from dobc_design.problem.schema import ExosystemTable, GroupTable, ProblemFile
 from dobc_design.problem.schema_errors import EXAMPLES
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Disturbances:
     """What [exosystem] says: the exosystem of the agents in no group (None: they have no
     disturbance), the groups, and the lists of agents without a disturbance, with their keys."""

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from fractions import Fraction
 from typing import Any
 
-from dobc_design._checks import LATER, put, require_square
+from dobc_design._checks import LATER, noun, put, require_square
 from dobc_design._show.cards import Shown
 from dobc_design.coupling.coupling import Coupling, make_coupling
 from dobc_design.coupling.expression import LONGEST_MADE, Expression, parse_expression
@@ -42,7 +42,7 @@ NEAR = Fraction(1, 2**40)  # of a goal, where slopes of f have to be bounded
 _EXAMPLE = 'For example f = ["x2", "-sin(x1)"].'
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class Dynamics(Shown):
     """x_i' = A x_i + B (sum_j h_ij(x_j - x_i) + u_i + d_i) of every agent; f(x_i) may stand in
     place of A x_i.
@@ -68,12 +68,12 @@ class Dynamics(Shown):
             )
         drift, texts = None, None
         if f is None:
-            drift = read_matrix(A, key="dynamics.A")
-            require_square(drift, name="dynamics.A")
+            drift = read_matrix(A, "dynamics.A")
+            require_square(drift, "dynamics.A")
         else:
             texts = _read_nodes(f)
         m = len(drift or texts or ())
-        enters = identity(m) if B is None else read_matrix(B, key="dynamics.B")
+        enters = identity(m) if B is None else read_matrix(B, "dynamics.B")
         if len(enters) != m:
             raise wrong(
                 "dynamics.B",

@@ -10,13 +10,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
 import numpy as np
 
-from dobc_design._checks import put, require_square
+from dobc_design._checks import noun, put, require_square
 from dobc_design._show.cards import Shown
 from dobc_design.errors import ShapeError, SpecError, wrong
 from dobc_design.exact.matrix import Matrix
@@ -36,7 +35,7 @@ __all__ = [
 ]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class Exosystem(Shown):
     """Generator of one agent's disturbance: xi' = A xi, d = C xi (eq. 12).
 
@@ -51,8 +50,8 @@ class Exosystem(Shown):
     C: Matrix
 
     def __init__(self, *, A: Sequence[Sequence[Any]], C: Sequence[Sequence[Any]]) -> None:
-        dynamics, output = read_matrix(A, key="exosystem.A"), read_matrix(C, key="exosystem.C")
-        require_square(dynamics, name="exosystem.A")
+        dynamics, output = read_matrix(A, "exosystem.A"), read_matrix(C, "exosystem.C")
+        require_square(dynamics, "exosystem.A")
         q = len(dynamics)
         if len(output[0]) != q:
             raise wrong(
@@ -172,7 +171,7 @@ def _add_sines(found: dict[Fraction, str], value: Any, *, key: str) -> None:
         )
     for k, each in enumerate(given):
         name = f"{key}[{k}]" if is_list(value) else key
-        w = parse_number(each, key=name)
+        w = parse_number(each, name)
         if w <= 0 or (in_hz and not Fraction(1, 10**15) < w < 10**15):
             limits = "between 1e-15 and 1e15 Hz" if in_hz else "> 0 (rad/s)"
             raise wrong(
@@ -244,7 +243,7 @@ def periodic(fundamental: Any, *, harmonics_kept: Any, mean: bool = True) -> Exo
     ``fundamental`` is the angular frequency (rad/s); ``mean`` keeps the constant term. What is cut
     off is an unmodelled disturbance for the observer. Raises: SpecError unless fundamental > 0 and
     harmonics_kept is an integer >= 1."""
-    w = parse_number(fundamental, key="fundamental")
+    w = parse_number(fundamental, "fundamental")
     kept = harmonics_kept
     if isinstance(kept, bool) or not isinstance(kept, int) or kept < 1:
         raise wrong(

@@ -11,11 +11,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
-from dobc_design._checks import put, require_square
+from dobc_design._checks import noun, put, require_square
 from dobc_design._show.cards import Card, Shown, listed
 from dobc_design.errors import Mistakes, ShapeError, SpecError, about, wrong
 from dobc_design.exact.matrix import Matrix, zeros
@@ -33,7 +32,7 @@ from dobc_design.exact.reading import (
 from dobc_design.problem.exosystems import Exosystem, block_diagonal
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class Observer(Shown):
     """Observer gain W, Lyapunov matrix P, or the decay rate asked of a W that is to be designed.
 
@@ -53,9 +52,9 @@ class Observer(Shown):
         P: Sequence[Sequence[Any]] | None = None,
         rate: Any = None,
     ) -> None:
-        gain = None if W is None else read_matrix(W, key="observer.W")
-        lyapunov = None if P is None else read_matrix(P, key="observer.P")
-        speed = None if rate is None else parse_number(rate, key="observer.rate")
+        gain = None if W is None else read_matrix(W, "observer.W")
+        lyapunov = None if P is None else read_matrix(P, "observer.P")
+        speed = None if rate is None else parse_number(rate, "observer.rate")
         # P alone would be tested for a W that nobody has seen.
         if lyapunov is not None:
             if gain is None:
@@ -76,7 +75,7 @@ class Observer(Shown):
 
 def _check_symmetric(P: Matrix) -> None:
     """Refuse a P that is not square, or not symmetric.  Raises: ShapeError."""
-    require_square(P, name="observer.P", because="one row and column per exosystem state")
+    require_square(P, "observer.P", because="one row and column per exosystem state")
     for i, row in enumerate(P):
         for j in range(i):
             if row[j] != P[j][i]:
@@ -121,7 +120,7 @@ def _check_shape(
 _SHOWN = 6  # agents in a sentence
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class Group(Shown):
     """Agents, by label, that have this exosystem and this observer.
 

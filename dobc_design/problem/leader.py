@@ -9,13 +9,13 @@ section 13).
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from fractions import Fraction
 from functools import lru_cache
 from math import ceil, floor, log10
 from typing import Any, Final
 
-from dobc_design._checks import LATER
+from dobc_design._checks import LATER, noun
 from dobc_design._show.cards import Shown
 from dobc_design.coupling.tree import IntervalAlgebra, Node, evaluate
 from dobc_design.errors import wrong
@@ -32,7 +32,7 @@ _MOST_MOVES: Final = 80  # of the faces, each by an eighth of the width
 _PART: Final = 8
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class Leader(Shown):
     """The target moves: it is a solution s of s' = A s, or f(s), of the [dynamics].  Agents that
     are pinned know s.

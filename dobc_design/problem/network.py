@@ -18,7 +18,7 @@ from unicodedata import normalize
 import numpy as np
 from numpy.typing import NDArray
 
-from dobc_design._checks import put
+from dobc_design._checks import noun, put
 from dobc_design._show.cards import MOST_ITEMS, MOST_ROWS, Card, Shown, cut, listed
 from dobc_design.errors import Mistakes, SpecError, about, wrong
 from dobc_design.exact.number import number_key, parse_number
@@ -175,7 +175,7 @@ def parse_weights(values: Sequence[Any], *, key: str) -> tuple[Fraction, ...]:
         plain = isinstance(value, (str, int, float)) and not isinstance(value, bool)
         token = number_key(value) if plain else object()
         if token not in known:
-            known[token] = parse_number(value, key=f"{key}[{position}][2]")
+            known[token] = parse_number(value, f"{key}[{position}][2]")
         result.append(known[token])
     return tuple(result)
 
@@ -381,7 +381,7 @@ def _range(index: Mapping[str, int]) -> str:
     return f" (agents: {', '.join(map(named, names[:6]))}{more})"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+@noun(eq=False)
 class Network(Shown):
     """Agents by label, and the arcs of every mode.  One mode without optional arcs: fixed topology;
     else switching.

@@ -6,14 +6,13 @@ u_i = -k_i (x_i - xbar) pulls a pinned agent to the target; zero gains are left 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from difflib import get_close_matches
 from fractions import Fraction
 from itertools import islice
 from types import MappingProxyType
 from typing import Any, TypeVar
 
-from dobc_design._checks import put
+from dobc_design._checks import noun, put
 from dobc_design._show.cards import Card, Shown, plain
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.errors import Mistakes, SpecError, about, wrong
@@ -39,7 +38,7 @@ T = TypeVar("T")
 SHOWN_MODES = 6  # with pins of their own, in a message
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class Pinning(Shown):
     """Gains by agent index (from 0), each an m x m matrix, p x m with [dynamics]; zero gains are
     left out."""
@@ -75,7 +74,7 @@ class Pinning(Shown):
         return all(map(is_scalar_matrix, self.gains.values()))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class GainForm:
     """What gains may be: ``unit`` is what the number 1 stands for, None where a number says
     nothing."""
@@ -124,7 +123,7 @@ class GainForm:
         because = "one row per input, one column per component"
         if p == m:
             because = "one row and column per state component"
-        gain = reading.read_matrix(value, key=key, shape=self.shape, because=because)
+        gain = reading.read_matrix(value, key, shape=self.shape, because=because)
         self.check(gain, key=key)
         return gain
 
@@ -138,7 +137,7 @@ class GainForm:
                 f"{what} got {shown(value)}.",
                 "It acts on x_i - xbar: one row per input, one column per state component.",
             )
-        number = parse_number(value, key=key)
+        number = parse_number(value, key)
         if number < 0:
             what = "must be >= 0, because u_i = -k_i (x_i - xbar) has to pull towards the target;"
             raise wrong(
@@ -227,7 +226,7 @@ def by_label(
     index = {label: i for i, label in enumerate(labels)}
     result: dict[int, T] = {}
     errors = Mistakes()
-    for label, entry in errors.few(items(value, key=key)):
+    for label, entry in errors.few(items(value, key)):
         own = f"{key}.{named(str(label))}"
         with errors:
             place = None if isinstance(label, bool) else index.get(one_form(label))

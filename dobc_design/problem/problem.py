@@ -6,7 +6,7 @@ A Problem is frozen, exact and cannot exist invalid.  It holds no solver's answe
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import field, fields
 from fractions import Fraction
 from functools import partial
 from inspect import signature
@@ -14,7 +14,7 @@ from itertools import islice
 from types import MappingProxyType
 from typing import Any
 
-from dobc_design._checks import put
+from dobc_design._checks import noun, put
 from dobc_design._show.cards import MOST_ITEMS, Card, Shown, listed, plain
 from dobc_design._show.text import significant
 from dobc_design.coupling.coupling import Coupling, make_coupling
@@ -67,7 +67,7 @@ Arc = tuple[int, int]
 LARGEST_DIMENSION = 100  # every gain is an m x m matrix
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class Problem(Shown):
     """A disturbance-observer-based consensus problem: equations (1), (12), (13), (19).
 
@@ -663,7 +663,7 @@ def _read_exceptions(
     codes, n = network.arc_codes() if value else set(), network.size
     result: dict[Arc, Coupling] = {}
     errors = Mistakes()
-    given = items(value or {}, key="coupling.exceptions")
+    given = items(value or {}, "coupling.exceptions")
     for position, (arc, h) in errors.few(enumerate(given)):
         key = f"coupling.exceptions[{position}]"
         with errors:

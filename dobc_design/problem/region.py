@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
+from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Shown, listed
 from dobc_design.errors import Mistakes, ShapeError, wrong
 from dobc_design.exact.number import parse_number
@@ -19,7 +19,7 @@ from dobc_design.exact.reading import (
 Pair = tuple[Fraction, Fraction]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class Region(Shown):
     """Starts asked for: lo_c <= x_ic(0) <= hi_c for every agent i, and |xi_i(0) - xihat_i(0)| <=
     disturbance.
@@ -80,8 +80,8 @@ def read_pairs(value: Any, *, key: str, dimension: int) -> tuple[Pair, ...]:
                 "For example [0, 5].",
                 kind=ShapeError,
             )
-        lo = parse_number(row[0], key=f"{place}[0]")
-        hi = parse_number(row[1], key=f"{place}[1]")
+        lo = parse_number(row[0], f"{place}[0]")
+        hi = parse_number(row[1], f"{place}[1]")
         if lo > hi:
             got = f"[{shown_number(lo)}, {shown_number(hi)}]"
             raise wrong(
@@ -105,7 +105,7 @@ def _read_disturbance(value: Any, *, with_exosystem: bool) -> Fraction | None:
         )
     if value is None:
         return None
-    number = parse_number(value, key=key)
+    number = parse_number(value, key)
     if number < 0:
         raise wrong(
             key,

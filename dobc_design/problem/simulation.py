@@ -3,11 +3,11 @@ start."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from fractions import Fraction
 from typing import Any
 
-from dobc_design._checks import LATER
+from dobc_design._checks import LATER, noun
 from dobc_design.errors import ShapeError, wrong
 from dobc_design.exact.matrix import Vector
 from dobc_design.exact.number import parse_number
@@ -23,7 +23,7 @@ from dobc_design.exact.reading import (
 Rows = tuple[Vector, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Simulation:
     """Simulation settings: horizon in s, seed, and starts of the exosystem and of the states, where
     they are given. ``xi0`` (q numbers) and ``x0`` (m numbers): one row for all agents, or n
@@ -42,7 +42,7 @@ def read_simulation(value: Any, *, n: int, orders: tuple[int, ...], m: int = 1) 
     t_final, seed, xi0, x0 = keyed(table, ("t_final", "seed", "xi0", "x0"), key="simulation")
     time = Fraction(20)
     if t_final is not None:
-        time = positive_number(t_final, key="simulation.t_final", unit="s")
+        time = positive_number(t_final, "simulation.t_final", unit="s")
     seed = 0 if seed is None else seed
     if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 2**63:
         raise wrong(
@@ -72,7 +72,7 @@ def _read_different_xi0(value: Any, key: str, orders: tuple[int, ...]) -> Rows:
     alike = set(orders) - {0}
     if len(alike) == 1 and lists and not any(lists):
         (width,) = alike  # one row for all agents that have a disturbance
-        row = read_vector(value, key=key, length=width, because="one per exosystem state")
+        row = read_vector(value, key, length=width, because="one per exosystem state")
         return tuple(row if order else () for order in orders)
     # one row per agent, as long as the order of its own exosystem
     if len(lists) != len(orders) or not all(lists):
@@ -86,7 +86,7 @@ def _read_different_xi0(value: Any, key: str, orders: tuple[int, ...]) -> Rows:
     because = "one per state of this agent's exosystem"
     rows = []
     for i, (row, q) in enumerate(zip(value, orders, strict=True)):
-        rows.append(read_vector(row, key=f"{key}[{i}]", length=q, because=because))
+        rows.append(read_vector(row, f"{key}[{i}]", length=q, because=because))
     return tuple(rows)
 
 
@@ -102,7 +102,7 @@ def _read_x0(value: Any, *, n: int, m: int) -> Rows:
                 "Give one number per agent.",
                 kind=ShapeError,
             )
-        return tuple((parse_number(number, key=f"{key}[{i}]"),) for i, number in enumerate(value))
+        return tuple((parse_number(number, f"{key}[{i}]"),) for i, number in enumerate(value))
     return _rows(value, key=key, n=n, width=m, because="one per state component")
 
 
@@ -117,7 +117,7 @@ def _rows(value: Any, *, key: str, n: int, width: int, because: str) -> Rows:
             kind=ShapeError,
         )
     if len(value) == 0 or not all(is_list(row) for row in value):
-        return (read_vector(value, key=key, length=width, because=because),)
+        return (read_vector(value, key, length=width, because=because),)
     if len(value) not in (1, n):
         raise wrong(
             key,
@@ -128,5 +128,5 @@ def _rows(value: Any, *, key: str, n: int, width: int, because: str) -> Rows:
         )
     rows = []
     for i, row in enumerate(value):
-        rows.append(read_vector(row, key=f"{key}[{i}]", length=width, because=because))
+        rows.append(read_vector(row, f"{key}[{i}]", length=width, because=because))
     return tuple(rows)

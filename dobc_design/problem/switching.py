@@ -6,12 +6,12 @@ What a proof makes of a guarantee is in ``loop/guarantee.py``.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import field, fields
 from fractions import Fraction
 from itertools import accumulate, pairwise
 from typing import Any
 
-from dobc_design._checks import LATER, put
+from dobc_design._checks import LATER, noun, put
 from dobc_design._show.cards import Shown
 from dobc_design.errors import Mistakes, ShapeError, SpecError, wrong
 from dobc_design.exact.matrix import Matrix
@@ -54,7 +54,7 @@ _EXAMPLES = {
 }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class Switching(Shown):
     """Which signal drives the modes; None stands for what was not given.
 
@@ -207,11 +207,11 @@ def _read(signal: str, name: str, value: Any) -> Any:
             f"Remove it, or write signal = {owners[-1]}.",
         )
     if name == "radius":
-        return positive_number(value, key=key, unit="a distance in the unit of x")
+        return positive_number(value, key, unit="a distance in the unit of x")
     if name in ("dwell", "longest", "period"):
-        return positive_number(value, key=key, unit="s")
+        return positive_number(value, key, unit="s")
     if name == "hysteresis":
-        number = parse_number(value, key=key)
+        number = parse_number(value, key)
         if number < 0:
             raise wrong(
                 key,
@@ -321,7 +321,7 @@ def _instants(sequence: Any, dwell: Any) -> tuple[Any, Any]:
         )
     lengths: list[Fraction] = []
     for k, x in enumerate(dwell):
-        lengths.append(positive_number(x, key=f"switching.dwell[{k}]", unit="s"))
+        lengths.append(positive_number(x, f"switching.dwell[{k}]", unit="s"))
     # Sums of allowed numbers may be too long to be written down again.
     begins = [Fraction(0), *accumulate(lengths)]
     if any(len(number_text(begin)) > MAX_CHARACTERS for begin in begins):
@@ -344,7 +344,7 @@ def _read_sequence(value: Any, key: str) -> tuple[str, ...]:
 
 def _read_generator(value: Any, key: str) -> Matrix:
     """The rates of a Markov chain: a square matrix whose rows add up to 0."""
-    matrix = read_matrix(value, key=key)
+    matrix = read_matrix(value, key)
     rows, columns = len(matrix), len(matrix[0])
     if rows != columns:
         raise wrong(
@@ -381,7 +381,7 @@ def _read_schedule(value: Any, key: str) -> Schedule:
         place = f"{key}[{k}]"
         if not is_list(row) or len(row) != 2:
             raise _no_list(place, "[instant in s, mode]", row, "schedule")
-        instant = parse_number(row[0], key=f"{place}[0]")
+        instant = parse_number(row[0], f"{place}[0]")
         rows.append((instant, _mode(row[1], f"{place}[1]")))
     first = rows[0][0]
     if first != 0:

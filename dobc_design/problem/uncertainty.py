@@ -4,12 +4,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from fractions import Fraction
 from types import MappingProxyType
 from typing import Any
 
-from dobc_design._checks import put
+from dobc_design._checks import noun, put
 from dobc_design._show.cards import Card, Shown
 from dobc_design.errors import Mistakes, wrong
 from dobc_design.exact.number import parse_number
@@ -19,7 +19,7 @@ RELATIVE = ("weights", "gains")
 ABSOLUTE = ("disturbance", "drift", "measurement")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class Uncertainty(Shown):
     """How far the plant may be from the model; numbers are exact, 0 where nothing is given.
 
@@ -64,7 +64,7 @@ class Uncertainty(Shown):
         return Card(title="Uncertainty", text="at most", facts=facts)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class Actuators(Shown):
     """What actuators can give.
 
@@ -140,19 +140,19 @@ def read_actuators(value: Any, *, labels: Sequence[str]) -> Actuators | None:
 def _known(value: Any, noun: Any) -> dict[str, Any]:
     """The keys of a table that say something; no other may stand there."""
     key, names = noun.__name__.lower(), noun.__dataclass_fields__
-    for name, _ in items(value, key=key):
+    for name, _ in items(value, key):
         if name not in names:
             raise wrong(f"{key}.{name}", "is an unknown key.", f"Known keys: {', '.join(names)}.")
     return {name: each for name, each in value.items() if each is not None}
 
 
 def _limit(value: Any, *, key: str) -> Fraction:
-    return positive_number(value, key=key, unit="unit of u")
+    return positive_number(value, key, unit="unit of u")
 
 
 def _bound(value: Any, key: str, *, below: bool = False) -> Fraction:
     """A number >= 0; of relative errors one ``below`` 1."""
-    number = parse_number(value, key=key)
+    number = parse_number(value, key)
     if number < 0 or (below and number >= 1):
         what = "a relative error, >= 0 and < 1" if below else ">= 0, because it is a bound"
         raise wrong(key, f"must be {what}; got {shown_number(number)}.", "For example 0.05.")

@@ -170,7 +170,7 @@ def _listed(text: str) -> tuple[str, ...]:
     found = _RANGE.fullmatch(text.strip())
     if found is None:
         return _readable(text)
-    a, b = parse_number(found[1].strip(), key="start"), parse_number(found[2].strip(), key="end")
+    a, b = parse_number(found[1].strip(), "start"), parse_number(found[2].strip(), "end")
     count = int(found[3])
     if count < 2 or a == b or count > MOST_VALUES:
         message = (
@@ -209,7 +209,7 @@ def _draw(kind: str, text: str) -> Draw:
         )
         message = f"a draw must be {kinds}; got {shown(f'{kind}({text})')}."
         raise SpecError(message, cure="For example ~uniform(0.1,1).")
-    a, b = (parse_number(each, key=f"~{kind}") for each in arguments)
+    a, b = (parse_number(each, f"~{kind}") for each in arguments)
     fits, rule = {
         "normal": (b > 0, "the second number must be > 0"),
         "integers": (a.denominator == b.denominator == 1, "both must be whole numbers"),
@@ -223,7 +223,7 @@ def _draw(kind: str, text: str) -> Draw:
 
 
 def _rounded(value: float) -> str:
-    return exact_text(parse_number(float(f"{value:.{DIGITS}g}"), key="values"))
+    return exact_text(parse_number(float(f"{value:.{DIGITS}g}"), "values"))
 
 
 def read_keys(text: str) -> tuple[Path, ...]:
@@ -375,7 +375,7 @@ def value_text(value: Any) -> str:
         raise SpecError(
             f"a value must be a number, text, list or table; got {value}.", key="values", cure=cure
         )
-    return exact_text(parse_number(value, key="values"))
+    return exact_text(parse_number(value, "values"))
 
 
 def exact_text(value: Fraction) -> str:
@@ -387,7 +387,7 @@ def exact_text(value: Fraction) -> str:
 def number_of(text: str) -> float | None:
     """The number that a value's text is, or None for other values."""
     try:
-        return float(parse_number(text.strip(), key="value"))
+        return float(parse_number(text.strip(), "value"))
     except (SpecError, OverflowError):
         return None
 

@@ -89,7 +89,7 @@ def _radius_given(loop: Loop, value: Any) -> Fraction:
     if value is None:
         _require_region(loop, key, "Give it, the largest |e(0)|_inf, or add a [region].")
         return max(asked_radius(loop))
-    radius = parse_number(value, key=key)
+    radius = parse_number(value, key)
     if radius <= 0:
         raise SpecError(f"{key} must be > 0; got {float(radius):.6g}.", key=key)
     return radius
@@ -103,7 +103,7 @@ def _disturbance_given(loop: Loop, value: Any) -> Fraction:
         cure = "Give it, the largest |xi_i(0) - xihat_i(0)|, or add a [region]."
         _require_region(loop, key, cure)
         return ZERO if loop.starts is None else loop.starts.disturbance or ZERO
-    error = parse_number(value, key=key)
+    error = parse_number(value, key)
     if error < 0:
         raise SpecError(f"{key} must be >= 0, because it is a length.", key=key)
     if error and not loop.groups:
@@ -120,7 +120,7 @@ def _require_region(loop: Loop, key: str, cure: str) -> None:
 
 def read_tolerance(value: Any, *, key: str = "settling") -> Fraction:
     """A tolerance > 0 in the unit of x.  Raises: SpecError with ``key`` for anything else."""
-    limit = parse_number(value, key=key)
+    limit = parse_number(value, key)
     if limit <= 0:
         what = f"must be > 0, because |e(t)| only comes close to 0; got {float(limit):.6g}."
         cure = "Name how far every state may still be from its goal, for example 1/100."

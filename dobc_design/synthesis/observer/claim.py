@@ -69,7 +69,7 @@ def _end(value: Any, key: str) -> Fraction | None:
     """A side of a half plane, exactly; None if it is not given."""
     if value is None:
         return None
-    return parse_number(value, key=key)
+    return parse_number(value, key)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -82,7 +82,7 @@ class Disk(Told):
     def __init__(self, *, centre: Any, radius: Any) -> None:
         why = ", so that the disk holds something"
         cure = "Give a positive radius (1/s)."
-        put(self, centre=parse_number(centre, key="region.centre"))
+        put(self, centre=parse_number(centre, "region.centre"))
         put(self, radius=read_positive(radius, "region.radius", why=why, cure=cure))
 
     def __str__(self) -> str:
@@ -106,7 +106,7 @@ class Cone(Told):
     damping: Fraction
 
     def __init__(self, *, damping: Any) -> None:
-        put(self, damping=parse_number(damping, key="region.damping"))
+        put(self, damping=parse_number(damping, "region.damping"))
         if not 0 < self.damping < 1:
             got = shown_number(self.damping)
             must = "must lie between 0 and 1, as the cosine of the cone's half angle"
@@ -231,7 +231,7 @@ def read_positive(
     value: Any, key: str, *, why: str = "", cure: str = "Leave it out for no limit."
 ) -> Fraction:
     """A number > 0 and at most 1e100, exactly.  Raises: SpecError for another one."""
-    number = parse_number(value, key=key)
+    number = parse_number(value, key)
     must = None
     if number > LARGEST_ASKED:
         must = "at most 1e100"

@@ -96,11 +96,8 @@ def level_at_the_end(loop: Loop, claim: Descent) -> Interval:
 def _largest_form(loop: Loop, lure: Lure, widths: Sequence[Fraction]) -> Fraction:
     """A bound of e'P_e e over the box of these widths, by agent."""
     b = [width for width in widths for _ in range(loop.m)]
-    total = ZERO
-    for (i, j), entry in lure.P_e.entries.items():
-        times = 1 if i == j else 2  # an entry beside the diagonal stands for both of its places
-        total += abs(entry) * b[i] * b[j] * times
-    return total
+    sizes = {place: abs(entry) for place, entry in lure.P_e.entries.items()}
+    return SparseSymmetric(lure.P_e.size, sizes).quadratic_form(b)
 
 
 def weights_then(loop: Loop, claim: Descent) -> Sequence[Fraction]:
@@ -241,9 +238,16 @@ def _quadratic_holds(loop: Loop, W: Matrix | None, claim: Descent, own: Lure) ->
     yield own.rate > 0, "its rate must be > 0."
     decision = verify_lure(loop, own)
     yield decision.verdict is Verdict.PROVED, decision.reason
-    has_error = claim.tube.error is not None
-    yield (own.P is not None) == has_error, "with an [exosystem] the certificate needs a pair P, Q."
-    yield from _pair_holds(W, claim, own)
+    error = claim.tube.error
+    has_pair = (own.P is not None) == (error is not None)
+    yield has_pair, "with an [exosystem] the certificate needs a pair P, Q."
+    if own.P is not None and own.Q is not None and W is not None and error is not None:
+        belongs = multiply(own.P, W) == own.Q
+        yield belongs, "its pair (P, Q) belongs to another W: Q must equal P W."
+        gap = SparseSymmetric.from_dense(error.P).scaled(claim.stretch**2)
+        gap += SparseSymmetric.from_dense(own.P).negated()
+        fits = decide_positive_semidefinite(gap).verdict is Verdict.PROVED
+        yield fits, "stretch^2 P (of the tube) - P is not semidefinite."
     high_enough = claim.height**2 >= max(diagonal_of_inverse(own.P_e))
     yield high_enough, "height^2 must be at least every diagonal entry of P_e^-1."
     # With a radius it relies on some differences of errors, which its level set has to bound.
@@ -252,16 +256,3 @@ def _quadratic_holds(loop: Loop, W: Matrix | None, claim: Descent, own: Lure) ->
     most = (own.radius or ZERO) ** 2
     inside = all(square * width <= most for width in differences(own.P_e, relied))
     yield inside, "its level set reaches beyond its radius."
-
-
-def _pair_holds(W: Matrix | None, claim: Descent, own: Lure) -> Iterator[Need]:
-    """The observer's part of a quadratic size, by the P of the tube."""
-    error = claim.tube.error
-    if own.P is None or own.Q is None or W is None or error is None:
-        return
-    belongs = multiply(own.P, W) == own.Q
-    yield belongs, "its pair (P, Q) belongs to another W: Q must equal P W."
-    gap = SparseSymmetric.from_dense(error.P).scaled(claim.stretch**2)
-    gap += SparseSymmetric.from_dense(own.P).negated()
-    fits = decide_positive_semidefinite(gap).verdict is Verdict.PROVED
-    yield fits, "stretch^2 P (of the tube) - P is not semidefinite."

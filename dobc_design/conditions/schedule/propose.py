@@ -402,7 +402,7 @@ def _kept(loop: Loop, W: Matrix | None, asked: Asked, error: ErrorBound | None) 
     levels = [1.0] if loop.is_linear else LEVELS
     for part in levels:
         rho = None if loop.is_linear else Fraction(part) * asked.radius
-        found = next(propose_cycles.propose(loop, W, rho=rho, error=error), None)
+        found = propose_cycles.propose(loop, W, rho=rho, error=error)
         if found is not None:
             yield found
             return

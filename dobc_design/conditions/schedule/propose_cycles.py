@@ -194,25 +194,19 @@ class _Flow:
 
 def propose(
     loop: Loop, W: Matrix | None, *, rho: Fraction | None, error: ErrorBound | None
-) -> Iterator[Cycles]:
-    """Claims that are proved for weights whose least at the beginning of phases is 1, the fastest
-    first."""
+) -> Cycles | None:
+    """The fastest claim that is proved for weights whose least at the beginning of phases is 1."""
     widest = (ONE if rho is None else rho) * Fraction(_steepest(rho))
     found = rows_of_phases(loop, widest)
     rows = {mode: each for mode, each in found.items() if each is not None}
-    if len(rows) < len(found):
-        return
     linear = _Linear.at_the_target(loop)
-    if linear is None:
-        return
+    if len(rows) < len(found) or linear is None:
+        return None
     sizes: tuple[float, ...] = (1.0,)
     if rho is not None:
         sizes = tuple(part * float(rho) for part in SIZES)
     search = _Search(rows=rows, linear=linear, sizes=sizes, rho=rho, error=error)
-    for claim in search.drafts():
-        if why_not(loop, W, claim) is None:
-            yield claim
-            return
+    return next((each for each in search.drafts() if why_not(loop, W, each) is None), None)
 
 
 def propose_in_coordinates(
@@ -221,7 +215,7 @@ def propose_in_coordinates(
     *,
     box: tuple[Fraction, Fraction] | None,
     observed: Callable[[Matrix], ErrorBound | None],
-) -> Iterator[Cycles]:
+) -> Cycles | None:
     """The same in coordinates z = T e, for starts |e|_inf, |eps_i| <= those of ``box``; None:
     linear couplings."""
     agents = Agents.of(loop, most=loop.n)
@@ -229,7 +223,7 @@ def propose_in_coordinates(
     reach = float(box[0] if box else 1)
     near = agents.gains_at(np.eye(loop.m), ones, reach)
     if near is None:
-        return
+        return None
     for T in _fastest_coordinates(loop, agents, near):
         error = observed(T)
         if loop.groups and error is None:
@@ -241,8 +235,8 @@ def propose_in_coordinates(
             rho = rounded_up(size * radius + 2 * disturbance * _share(error), digits=6)
         claim = _claim_in(loop, W, T, rho, error)
         if claim is not None:
-            yield claim
-            return
+            return claim
+    return None
 
 
 def _fastest_coordinates(loop: Loop, agents: Agents, near: Gains) -> list[Matrix]:
@@ -319,9 +313,8 @@ class _Search:
     def _flows(self, *, pace: float, slack: float, bend: float) -> list[_Flow]:
         """One for each phase; what is known of one serves those that are alike."""
         known: dict[_Beginning, Way | None] = {}
-        flows = list[_Flow]()
-        for phase in self.linear.phases:
-            flow = _Flow(
+        return [
+            _Flow(
                 phase=phase,
                 rows=self.rows[phase.mode],
                 sizes=self.sizes,
@@ -330,8 +323,8 @@ class _Search:
                 bend=bend,
                 known=known,
             )
-            flows.append(flow)
-        return flows
+            for phase in self.linear.phases
+        ]
 
     def _beginnings(self, flows: Sequence[_Flow], rate: float, faster: float) -> list[Array] | None:
         """The weights with which phases begin; None where they do not settle."""

@@ -13,7 +13,7 @@ ends do not show it.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from itertools import pairwise
 from typing import Any, Final
@@ -140,35 +140,26 @@ class Motion:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Parts:
-    """Parts of segments: of which, where it begins and how wide it is, as parts of its length."""
+    """Parts of segments: of which, where it begins, and how wide all are, as parts of the length of
+    a segment."""
 
     segments: Places
     first: Array
-    width: Array
-
-    @classmethod
-    def whole(cls, segments: Places) -> _Parts:
-        count = len(segments)
-        return cls(segments=segments, first=np.zeros(count), width=np.ones(count))
+    width: float = 1.0
 
     def __len__(self) -> int:
         return len(self.segments)
 
     def __getitem__(self, places: slice | Places) -> _Parts:
-        return _Parts(
-            segments=self.segments[places], first=self.first[places], width=self.width[places]
-        )
+        return replace(self, segments=self.segments[places], first=self.first[places])
 
     @property
     def halves(self) -> _Parts:
         """Both halves of each, one after the other."""
-        width = np.repeat(self.width, 2)
-        shift = np.tile([0.0, 0.5], len(self)) * width
-        return _Parts(
-            segments=np.repeat(self.segments, 2),
-            first=np.repeat(self.first, 2) + shift,
-            width=width / 2,
-        )
+        width = self.width / 2
+        shift = np.tile([0.0, width], len(self))
+        first = np.repeat(self.first, 2) + shift
+        return _Parts(segments=np.repeat(self.segments, 2), first=first, width=width)
 
     @property
     def numbers(self) -> list[int]:
@@ -267,7 +258,7 @@ class MovingRows:
         segments: Places = np.arange(len(motion.slopes))
         if only is not None:
             segments = np.array(only, dtype=np.int64)
-        parts = _Parts.whole(segments)
+        parts = _Parts(segments=segments, first=np.zeros(len(segments)))
         for _ in range(HALVINGS + 1):
             left = parts[self._open_parts(motion, parts)]
             if not len(left):

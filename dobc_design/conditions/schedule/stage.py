@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
 from functools import partial
@@ -386,14 +386,14 @@ def _reach(asked: Region, error: ErrorBound | None, times: int) -> Fraction:
     return claimed(asked.radius) + times * noise
 
 
-def _first_that_holds(claims: Iterable[Cycles], asked: Region) -> Cycles | None:
-    """The first claim whose region holds the starts asked for."""
+def _if_it_holds(claim: Cycles | None, asked: Region) -> Cycles | None:
+    """The claim, if its region holds the starts asked for."""
     radius = claimed(asked.radius)
     disturbance = claimed(asked.disturbance)
-    for each in claims:
-        if holds_starts(asked.loop, each, radius=radius, disturbance=disturbance):
-            return each
-    return None
+    if claim is None:
+        return None
+    holds = holds_starts(asked.loop, claim, radius=radius, disturbance=disturbance)
+    return claim if holds else None
 
 
 def _weighted_cycles(asked: Region) -> Cycles | None:
@@ -403,8 +403,7 @@ def _weighted_cycles(asked: Region) -> Cycles | None:
     if loop.size > MOST_ROWS or (loop.groups and error is None):
         return None
     rho = None if loop.is_linear else _reach(asked, error, 2)
-    claims = propose_cycles.propose(loop, asked.W, rho=rho, error=error)
-    return _first_that_holds(claims, asked)
+    return _if_it_holds(propose_cycles.propose(loop, asked.W, rho=rho, error=error), asked)
 
 
 def _turned_cycles(asked: Region) -> Cycles | None:
@@ -414,8 +413,8 @@ def _turned_cycles(asked: Region) -> Cycles | None:
         return None
     box = None if loop.is_linear else (claimed(asked.radius), claimed(asked.disturbance))
     seen = partial(propose.observed, loop, asked.W)
-    claims = propose_cycles.propose_in_coordinates(loop, asked.W, box=box, observed=seen)
-    return _first_that_holds(claims, asked)
+    claim = propose_cycles.propose_in_coordinates(loop, asked.W, box=box, observed=seen)
+    return _if_it_holds(claim, asked)
 
 
 def _bare_cycles(asked: Region) -> Cycles | None:

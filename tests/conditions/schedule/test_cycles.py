@@ -172,7 +172,7 @@ def test_the_work_of_a_sequence_grows_like_its_phases():
         own = problem(arcs, guarantee="sequence", sequence=turns, dwell="1/10")
         assert len(phases_of(own)) == count
         with at_most(10**9):
-            claim = next(propose_cycles.propose(loop_of(own), None, rho=None, error=None))
+            claim = propose_cycles.propose(loop_of(own), None, rho=None, error=None)
             account = work._ACCOUNT.get()
         assert claim.rate > 0 and account is not None
         return account.granted - account.left

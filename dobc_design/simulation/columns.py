@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,16 +71,22 @@ class Ends:
         return found
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Stretch:
-    """A stretch of time, from ``begin`` to ``end`` in s, over which runs are integrated.
+@dataclass(kw_only=True, eq=False)
+class March:
+    """Runs that are integrated over a stretch of time, from ``begin`` to ``end`` in s, a column
+    each.
 
     Shapes: ``start`` (N, R), the states at ``begin``; ``switches`` of R runs; ``farthest`` (R,),
-    the |e|_inf that counts as divergence; ``steps`` (R,), the first step sizes, or None for a
+    the |e|_inf that counts as divergence; ``first`` (R,), the first step sizes, or None for a
     guess.  ``most``: steps, tried ones included, after which a run is handed back.  ``tolerance``
     is relative, the absolute one is a hundredth of it.  ``visit`` sees the states at those of the
     times ``samples`` that come after the begin, up to the end.
+
+    Arrays named in PER_RUN have an entry for each run that is still under way; ``run_of`` says
+    which runs these are.
     """
+
+    PER_RUN: ClassVar = ("run_of", "t", "h", "place", "done", "steps", "rejected", "farthest")
 
     columns: Columns
     start: Array
@@ -88,79 +94,48 @@ class Stretch:
     end: float
     switches: ModeTable
     farthest: Array
-    steps: Array | None = None
+    first: Array | None = None
     most: int
     tolerance: float
     samples: Array
     visit: Visit
 
-    def run(self) -> Ends:
-        """Integrate all runs to the end, or to where each of them ends."""
-        return _March(self).run()
-
-
-class _March:
-    """The runs that are still under way over a stretch, a column each.
-
-    Arrays named in PER_RUN have an entry for each of them; ``run_of`` says which runs they are.
-    """
-
-    PER_RUN = (
-        "run_of",
-        "t",
-        "h",
-        "place",
-        "done",
-        "steps",
-        "rejected",
-        "farthest",
-        "mode",
-        "limit",
-    )
-
-    def __init__(self, stretch: Stretch) -> None:
-        count = stretch.start.shape[1]
-        self.columns = stretch.columns
-        self.samples = stretch.samples
-        self.visit = stretch.visit
-        self.most = stretch.most
-        self.first = stretch.steps
-        self.horizon = stretch.end
-        self.relative = stretch.tolerance
-        self.absolute = stretch.tolerance / 100
+    def __post_init__(self) -> None:
+        count = self.start.shape[1]
+        self.absolute = self.tolerance / 100
         # of all runs: what Ends says of them
         self.ended = np.full(count, RUNNING)
-        self.ended_at = np.full(count, self.horizon)
-        self.last_e = stretch.start.copy()
+        self.ended_at = np.full(count, self.end)
+        self.last_e = self.start.copy()
         self.last_steps = np.zeros(count)
-        times = stretch.switches.times
+        times = self.switches.times
         # one more that never comes: the switch after the last one
         self.switch_times = np.pad(times, ((0, 0), (0, 1)), constant_values=np.inf)
-        self.switch_modes = stretch.switches.modes
         # of those under way
         self.run_of = np.arange(count)
-        self.farthest = stretch.farthest
-        self.y = stretch.start.copy()
-        self.t = np.full(count, stretch.begin)
+        self.y = self.start.copy()
+        self.t = np.full(count, self.begin)
         self.h = np.zeros(count)
-        self.place = (times <= stretch.begin).sum(axis=1) - 1
+        self.place = (times <= self.begin).sum(axis=1) - 1
         self.done = np.searchsorted(self.samples, self.t, side="right")
         self.steps = np.zeros(count, dtype=np.int64)
         self.rejected = np.zeros(count, dtype=bool)
+        self.K = np.empty((EXTENDED, *self.y.shape))
         self.look_up_modes()
 
     def look_up_modes(self) -> None:
-        self.mode = self.switch_modes[self.run_of, self.place]
-        self.limit = np.minimum(self.switch_times[self.run_of, self.place + 1], self.horizon)
+        """In which modes the runs are, until when, and what they obey there."""
+        self.mode = self.switches.modes[self.run_of, self.place]
+        self.limit = np.minimum(self.switch_times[self.run_of, self.place + 1], self.end)
+        self.parts = self.grouped(np.arange(len(self.run_of)))
 
     def run(self) -> Ends:
+        """Integrate all runs to the end, or to where each of them ends."""
         # Trial steps overflow far from the target; they are rejected.
         with np.errstate(all="ignore"):
-            self.K = np.empty((EXTENDED, *self.y.shape))
-            self.parts = self.grouped(np.arange(len(self.run_of)))
             forces = self.columns.forces(self.t[None], self.run_of)
             self.f = self.derivative(self.y, forces[0])
-            self.h = self.first_steps() if self.first is None else self.first.copy()
+            self.h = self.guessed_steps() if self.first is None else self.first.copy()
             wrong = ~np.isfinite(self.f).all(axis=0)
             if wrong.any():
                 self.retire(np.where(wrong, COLLAPSED, RUNNING))
@@ -192,7 +167,7 @@ class _March:
         self.t = np.where(good, ends, self.t)
         self.rejected = ~good
         self.steps += 1
-        self.sort_out(good, switched=good & cut & (ends < self.horizon))
+        self.sort_out(good, switched=good & cut & (ends < self.end))
 
     def stages(self, h: Array, ends: Array) -> tuple[Array, Array]:
         """The new states and their derivatives; all stages stand in K then."""
@@ -215,7 +190,7 @@ class _March:
         """The norm of the error of every run, 1 being the tolerance: from the estimates of orders 5
         and 3, as SciPy combines them."""
         flat = self.K.reshape(EXTENDED, -1)[: STAGES + 1]
-        scale = self.absolute + np.maximum(np.abs(self.y), np.abs(new)) * self.relative
+        scale = self.absolute + np.maximum(np.abs(self.y), np.abs(new)) * self.tolerance
         of_fifth = (DOP853.E5 @ flat).reshape(self.y.shape)
         of_third = (DOP853.E3 @ flat).reshape(self.y.shape)
         fifth = np.square(of_fifth / scale).sum(axis=0)
@@ -277,7 +252,7 @@ class _March:
         escaped = self.columns.size(self.y) > self.farthest
         # where several are true, the last of these counts
         state = np.where(self.steps >= self.most, HANDED_BACK, RUNNING)
-        state = np.where(self.t >= self.horizon, DONE, state)
+        state = np.where(self.t >= self.end, DONE, state)
         state = np.where(collapsed, COLLAPSED, state)
         state = np.where(escaped, ESCAPED, state)
         if (state != RUNNING).any():
@@ -286,10 +261,11 @@ class _March:
     def switch(self, switched: BoolArray) -> None:
         """These runs are in their next mode from now on."""
         self.place = self.place + switched
-        self.look_up_modes()
         some = np.flatnonzero(switched)
-        self.columns.switched(self.run_of[some], self.mode[some])
-        self.parts = self.grouped(np.arange(len(self.run_of)))
+        runs = self.run_of[some]
+        # first: right-hand sides hold what is kept of the links
+        self.columns.switched(runs, self.switches.modes[runs, self.place[some]])
+        self.look_up_modes()
         forces = self.columns.forces(self.t[None, some], self.run_of[some])
         self.f[:, some] = self.derivative(self.y[:, some], forces[0], some)
 
@@ -307,7 +283,7 @@ class _March:
         for name in self.PER_RUN:
             setattr(self, name, getattr(self, name)[keep])
         self.K = np.empty((EXTENDED, *self.y.shape))
-        self.parts = self.grouped(np.arange(len(keep)))
+        self.look_up_modes()
 
     def grouped(self, chosen: IndexArray) -> list[tuple[IndexArray, RightHandSide]]:
         """Which of the chosen columns are in which mode, and what they obey there."""
@@ -330,15 +306,15 @@ class _March:
             result[:, columns] = right_hand_side(own, force.take(columns, axis=1))
         return result
 
-    def first_steps(self) -> Array:
+    def guessed_steps(self) -> Array:
         """A hundredth of the time in which the state would change by its own size, as SciPy
         begins."""
-        scale = self.absolute + np.abs(self.y) * self.relative
+        scale = self.absolute + np.abs(self.y) * self.tolerance
         size = np.sqrt(np.square(self.y / scale).mean(axis=0))
         speed = np.sqrt(np.square(self.f / scale).mean(axis=0))
         h = 0.01 * size / np.where(speed == 0, 1.0, speed)
         h = np.where((size < SMALL) | (speed < SMALL), SMALL_STEP, h)
-        return np.minimum(np.where(np.isfinite(h), h, SMALL_STEP), self.horizon)
+        return np.minimum(np.where(np.isfinite(h), h, SMALL_STEP), self.end)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -384,22 +360,22 @@ class CalmColumns:
         """Nothing is kept from one mode to the next."""
 
     def integrate(
-        self, times: Array, *, tolerance: float, visit: Visit, most: int | None = None
+        self, times: Array, *, tolerance: float, visit: Visit, most: int = MOST_STEPS
     ) -> Ends:
         """Integrate all runs over ``times`` from 0; ``visit`` gets places of samples and runs (k,),
         and e (n m, k)."""
         runs = np.arange(self.e.shape[1])
         visit(np.zeros_like(runs), runs, self.e)
-        stretch = Stretch(
+        march = March(
             columns=self,
             start=self.e,
             begin=0.0,
             end=float(times[-1]),
             switches=self.switches,
             farthest=FARTHEST * np.maximum(1.0, self.size(self.e)),
-            most=MOST_STEPS if most is None else most,
+            most=most,
             tolerance=tolerance,
             samples=times,
             visit=visit,
         )
-        return stretch.run()
+        return march.run()

@@ -28,7 +28,7 @@ from dobc_design.simulation.sampled import Stepper
 from dobc_design.simulation.setting import Setting
 from dobc_design.simulation.signals import signal_to_json
 from dobc_design.simulation.stress import stress_to_json
-from dobc_design.simulation.stressed import run_stressed
+from dobc_design.simulation.stressed import Together
 from dobc_design.simulation.switches import Switches, table_of
 
 MOST_KEPT = 100_000_000  # samples of all runs of an ensemble, two numbers of each: 1.6 GB
@@ -272,7 +272,7 @@ class _Chunk:
 
     def stressed(self) -> _Ended:
         """Under a stress in continuous time, or the full loop."""
-        ends = run_stressed(self.runs, visit=self.put, progress=self.report)
+        ends = Together(self.runs, self.put).run(self.report)
         return _Ended(times=ends.times, reasons=ends.reasons())
 
     def sampled(self) -> _Ended:

@@ -34,7 +34,7 @@ from dobc_design.errors import ShapeError, wrong
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import IndexArray
 from dobc_design.simulation.agents import Agents, StressedRuns
-from dobc_design.simulation.columns import RightHandSide, Stretch
+from dobc_design.simulation.columns import March, RightHandSide
 from dobc_design.simulation.field import ClosedLoop, act
 from dobc_design.simulation.integrate import FARTHEST, Outcome, Progress, Run, Samples
 from dobc_design.simulation.stressed import LEAST_STEPS, StressedColumns, sample_instants
@@ -320,14 +320,14 @@ class Stepper:
             return path
         # couplings are held, so that switches of the graph do not matter here
         one_mode = np.zeros((len(alive), 1))
-        found = Stretch(
+        found = March(
             columns=columns,
             start=state[:, alive],
             begin=hold.begin,
             end=times[-1],
             switches=ModeTable(times=one_mode, modes=one_mode.astype(np.int64)),
             farthest=self.farthest[alive],
-            steps=self.steps[alive],
+            first=self.steps[alive],
             most=LEAST_STEPS,
             tolerance=self.tolerance,
             samples=times,

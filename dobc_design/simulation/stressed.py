@@ -16,7 +16,7 @@ from dobc_design.errors import SpecError
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import IndexArray
 from dobc_design.simulation.agents import Agents, StressedRuns
-from dobc_design.simulation.columns import DONE, MOST_STEPS, Ends, RightHandSide, Stretch
+from dobc_design.simulation.columns import DONE, MOST_STEPS, Ends, March, RightHandSide
 from dobc_design.simulation.field import act, full_pattern
 from dobc_design.simulation.integrate import (
     FARTHEST,
@@ -165,14 +165,9 @@ class StressedColumns:
         return np.asarray(d - act(C, xihat))
 
 
-def run_stressed(runs: StressedRuns, *, visit: Visit, progress: Progress) -> Ends:
-    """Integrate all runs; ``visit`` gets places of samples and runs (k,), e (n, m, k) and d - dhat
-    (n, p, k)."""
-    return _Together(runs, visit).run(progress)
-
-
-class _Together:
-    """Runs side by side from one instant at which all wait to the next.
+class Together:
+    """Runs side by side from one instant at which all wait to the next; ``visit`` gets places of
+    samples and runs (k,), e (n, m, k) and d - dhat (n, p, k).
 
     ``y`` (N, R): their states; ``place`` (R,): the switch that each has passed last.
     """
@@ -196,6 +191,7 @@ class _Together:
         self.steps: Array | None = None
 
     def run(self, progress: Progress) -> Ends:
+        """Integrate all runs to the horizon, or to where each of them ends."""
         for begin, end in pairwise([*self.begins.tolist(), self.horizon]):
             self.go_on(begin, end)
             progress(end / self.horizon)
@@ -207,21 +203,20 @@ class _Together:
     def go_on(self, begin: float, end: float) -> None:
         """From one instant to the next."""
         columns = self.columns
-        self.pass_switches(begin)
         columns.wait(begin, self.y, self.switches.modes[self.everyone, self.place])
         alive = columns.alive
         # with the noise that holds from now on
         for sample in np.flatnonzero(self.times == begin):
             places = np.full(len(alive), sample)
             self.seen(places, np.arange(len(alive)), self.y[:, alive])
-        found = Stretch(
+        found = March(
             columns=columns,
             start=self.y[:, alive],
             begin=begin,
             end=end,
-            switches=self.switches_before(end, alive),
+            switches=self.switches_until(end).of(alive),
             farthest=self.farthest[alive],
-            steps=self.steps,
+            first=self.steps,
             # the steps of a run are shared among its stretches
             most=max(LEAST_STEPS, MOST_STEPS // len(self.begins)),
             tolerance=self.setting.tolerance,
@@ -235,28 +230,20 @@ class _Together:
         columns.alive = alive[going]
         self.steps = found.steps[going]
 
-    def pass_switches(self, time: float) -> None:
-        """Runs have passed their switches up to a time."""
-        while True:
-            passed = self.switches.times[self.everyone, self.place + 1] <= time
-            if not passed.any():
-                return
-            self.place = self.place + passed
-
-    def switches_before(self, end: float, alive: IndexArray) -> ModeTable:
-        """The switches of the living runs from the last that they have passed to the first that
-        comes after ``end``."""
+    def switches_until(self, end: float) -> ModeTable:
+        """The switches from the last that each run has passed to the first after ``end``; up to
+        there they are passed then."""
         times = self.switches.times
-        last = self.place
+        first = self.place
         while True:
-            more = times[self.everyone, last + 1] < end
-            if not more.any():
+            passed = times[self.everyone, self.place + 1] <= end
+            if not passed.any():
                 break
-            last = last + more
+            self.place = self.place + passed
         # the next switch, too: a run has to know when its mode ends
-        width = (last - self.place).max() + 2
-        places = np.minimum(self.place[:, None] + np.arange(width), times.shape[1] - 1)[alive]
-        rows = alive[:, None]
+        width = (self.place - first).max() + 2
+        places = np.minimum(first[:, None] + np.arange(width), times.shape[1] - 1)
+        rows = self.everyone[:, None]
         return ModeTable(times=times[rows, places], modes=self.switches.modes[rows, places])
 
     def seen(self, sample: IndexArray, run: IndexArray, state: Array) -> None:

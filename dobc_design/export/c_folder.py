@@ -40,7 +40,7 @@ from dobc_design.export.c_text import literal as c_literal
 from dobc_design.export.rounding_bound import Array, Recorded, felt_with_error, rounding_bound
 from dobc_design.loop.arrays import Gain
 from dobc_design.problem.dynamics import expressions_of
-from dobc_design.simulation.one_run import run_once
+from dobc_design.simulation.execution import run_once
 from dobc_design.simulation.setting import make_setting
 from dobc_design.simulation.signals import Mobile, Signal
 from dobc_design.simulation.stress import Stress

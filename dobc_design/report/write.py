@@ -111,7 +111,7 @@ def _computed(certificate: Certificate, say: Callable[[str], None]) -> Findings:
 
 def _drawn_run(problem: Problem, gain: Matrix | None) -> Trajectory:
     """One run with the signal of the problem; without a guarantee in the first mode."""
-    from dobc_design.simulation.one_run import run_once
+    from dobc_design.simulation.execution import run_once
     from dobc_design.simulation.runs import fingerprint
     from dobc_design.simulation.setting import make_setting
     from dobc_design.simulation.signals import signal_of
@@ -123,7 +123,7 @@ def _drawn_run(problem: Problem, gain: Matrix | None) -> Trajectory:
 
 def _slow_run(problem: Problem, gain: Matrix | None) -> Trajectory | None:
     """One run with a slow signal that keeps the guarantee; None without a guarantee."""
-    from dobc_design.simulation.one_run import run_once
+    from dobc_design.simulation.execution import run_once
     from dobc_design.simulation.setting import make_setting
     from dobc_design.simulation.worst import worst_signal
 

@@ -7,7 +7,7 @@ got none feels nothing on that arc.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -36,19 +36,24 @@ class StressedRuns:
     ``switches``."""
 
     setting: Setting
-    groups: Callable[[int], Sequence[ArcGroup]]
     starts: Sequence[Start]
     seeds: Sequence[int]
-    switches: Sequence[Switches] = ()
+    switches: Sequence[Switches]
     nearby: Nearby | None = None
 
     @property
     def stress(self) -> Stress:
-        """No stress where there is none."""
-        return self.setting.stress or Stress()
+        return self.setting.stress
+
+    def groups(self, mode: int) -> Sequence[ArcGroup]:
+        """The arcs of a mode by its index."""
+        if self.nearby is not None:
+            return self.nearby.groups(mode)
+        # all runs have the same graphs
+        return self.setting.groups_of(self.switches[0], mode)
 
     def stacked(self, part: str) -> Array:
-        """x, xi or xihat of all starts, (n, m or q, R)."""
+        """x, xi, xihat or eps of all starts, (n, m or q, R)."""
         return np.stack([getattr(start, part) for start in self.starts], axis=2)
 
 
@@ -196,8 +201,7 @@ class Heard:
     def __init__(self, runs: StressedRuns, instants: Array, *, keep: bool) -> None:
         loop = runs.setting.loop
         many = len(runs.seeds)
-        self.n = loop.n
-        self.m = loop.m
+        self.runs = runs
         self.loss = runs.stress.loss
         self.keep = keep
         self.codes = np.zeros(0, dtype=np.int64)
@@ -214,11 +218,12 @@ class Heard:
         used = np.unique(np.concatenate([each.modes for each in runs.switches])).tolist()
         small = np.min_scalar_type(used[-1])  # a number for every run and instant
         self.modes = np.array([each.at(instants) for each in runs.switches], dtype=small)
-        links = {mode: Links(runs.groups(mode), loop.n, loop.m) for mode in used}
-        self.learn(links)
+        self.learn(used)
 
-    def learn(self, links: dict[int, Links]) -> None:
-        """These are the arcs of the modes from now on; what is held on arcs that stay is kept."""
+    def learn(self, modes: Sequence[int]) -> None:
+        """The graphs are those of the modes from now on; what is held on arcs that stay is kept."""
+        loop = self.runs.setting.loop
+        links = {mode: Links(self.runs.groups(mode), loop.n, loop.m) for mode in modes}
         codes = np.unique(np.concatenate([each.codes for each in links.values()]))
         values = np.full((len(codes), *self.values.shape[1:]), np.nan)
         stay = np.isin(self.codes, codes)
@@ -228,11 +233,11 @@ class Heard:
         self.links = links
         self.places = {mode: np.searchsorted(codes, each.codes) for mode, each in links.items()}
 
-    def move(self, mode: int, groups: Sequence[ArcGroup], k: int) -> None:
+    def move(self, mode: int, k: int) -> None:
         """The graph of a single run, known by its number, at the k-th instant or after the one
         before."""
         if mode not in self.links:
-            self.learn({mode: Links(groups, self.n, self.m)})
+            self.learn([mode])
         self.modes[0, k : k + 1] = mode
 
     def draw(self, k: int) -> None:

@@ -26,8 +26,8 @@ from dobc_design.loop.make import loop_of
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.load import Source, load_problem
 from dobc_design.simulation._arguments import positive
+from dobc_design.simulation.execution import run_once
 from dobc_design.simulation.integrate import fastest_decay, observer_decay
-from dobc_design.simulation.one_run import run_once
 from dobc_design.simulation.setting import Setting, make_setting
 from dobc_design.simulation.signals import Signal, signal_of
 from dobc_design.simulation.starts import Given
@@ -290,7 +290,7 @@ class _Tried:
     def late(self, stress: Stress) -> float:
         """The late error of a run under this stress."""
         # with the same seed as the run without stress
-        run = run_once(replace(self.setting, stress=None if stress.is_calm else stress))
+        run = run_once(replace(self.setting, stress=stress))
         return _late_error(run, stress)
 
     def sweep(self, option: str) -> Sweep:

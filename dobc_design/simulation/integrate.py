@@ -28,6 +28,11 @@ Derivative = Callable[[float, Array], Array]
 Pattern = Callable[[], sp.csr_array]  # which derivative may depend on which state
 Progress = Callable[[float], None]
 
+
+def silent(part: float) -> None:
+    """Progress that nobody is told of."""
+
+
 FARTHEST = 1e9  # an error so many times its start (or 1, if that is larger) counts as divergence
 # of the error since the last sample: a run that ends early keeps the steps at which it grew so much
 GROWTH = 1.5
@@ -148,13 +153,13 @@ class Integration:
         *,
         tolerance: float,
         implicit: bool,
-        progress: Progress | None,
+        progress: Progress,
     ) -> None:
         self.plan = plan
         self.times = times
         self.tolerance = tolerance
         self.implicit = implicit
-        self.report = progress or (lambda part: None)
+        self.report = progress
         # where it stands, and the step that comes next
         self.time = 0.0
         self.state = start

@@ -1,8 +1,8 @@
 """``simulate``: runs of the closed loop (1), (12), (13), (19) with any switching signal.
 
 The observer's error is known in closed form, so by default only e is integrated; the full loop as
-printed is the reference, and is taken where the closed form is out of reach.  One run is made in
-``one_run.py``, many in ``many_runs.py``.
+printed is the reference, and is taken where the closed form is out of reach.  Runs are made in
+``execution.py``.
 """
 
 from __future__ import annotations
@@ -22,8 +22,7 @@ from dobc_design.problem.load import Source, load_problem
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.uncertainty import ABSOLUTE, RELATIVE
 from dobc_design.simulation.ensemble import Ensemble
-from dobc_design.simulation.many_runs import run_many
-from dobc_design.simulation.one_run import run_once
+from dobc_design.simulation.execution import run_many, run_once
 from dobc_design.simulation.setting import TOLERANCE, WITHOUT, Options, make_setting
 from dobc_design.simulation.signals import Signal, signal_of, signal_to_json
 from dobc_design.simulation.starts import Given

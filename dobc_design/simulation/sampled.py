@@ -134,14 +134,12 @@ class Between(StressedColumns):
         return derivative
 
 
-def run_sampled_alone(runs: StressedRuns, progress: Progress | None) -> Outcome:
+def run_sampled_alone(runs: StressedRuns, progress: Progress) -> Outcome:
     """Step a stack of one run from sample to sample."""
     seen: list[Samples] = []
-    stepper = Stepper(
-        runs, lambda number, sample: seen.append(sample), progress or (lambda part: None)
-    )
-    reached = stepper.run()
-    count = int(reached.counts[0])
+    stepper = Stepper(runs, lambda number, sample: seen.append(sample), progress)
+    stepper.run()
+    count = int(stepper.counts[0])
 
     def over_time(part: str) -> Array:
         return np.stack([getattr(sample, part)[..., 0] for sample in seen[:count]])
@@ -149,7 +147,7 @@ def run_sampled_alone(runs: StressedRuns, progress: Progress | None) -> Outcome:
     run = Run(
         times=stepper.times[:count].copy(),
         states=np.zeros((count, 0)),
-        reason=reached.reasons.get(0, ""),
+        reason=stepper.reasons.get(0, ""),
         method=stepper.method,
         evaluations=len(stepper.instants),
     )
@@ -162,13 +160,6 @@ def run_sampled_alone(runs: StressedRuns, progress: Progress | None) -> Outcome:
         u=over_time("u"),
     )
     return Outcome(run=run, samples=samples)
-
-
-class Reached(NamedTuple):
-    """How many samples each run reached, (R,), and why some ended early."""
-
-    counts: IndexArray
-    reasons: dict[int, str]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -184,7 +175,10 @@ class Hold:
 
 
 class Stepper:
-    """Steps all runs; ``visit`` gets the place of a time, and what is seen of the runs then."""
+    """Steps all runs; ``visit`` gets the place of a time, and what is seen of the runs then.
+
+    ``counts`` (R,): how many samples each run reached; ``reasons``: why some ended early.
+    """
 
     def __init__(
         self, runs: StressedRuns, visit: Callable[[int, Samples], None], report: Progress
@@ -235,7 +229,7 @@ class Stepper:
         """|e|_inf of all runs, (R,)."""
         return np.asarray(np.abs(self.x - self.goal).max(axis=(0, 1)))
 
-    def run(self) -> Reached:
+    def run(self) -> None:
         """From instant to instant, up to the horizon.  Raises: SpecError for too many."""
         # one matrix exponential for all samples, which lie anywhere between instants
         since = self.times - self.instants[self.owner]
@@ -263,7 +257,6 @@ class Stepper:
             if k % REPORTED == 0:
                 self.report(instant / float(self.times[-1]))
         self.report(1.0)
-        return Reached(self.counts, self.reasons)
 
     def path(self, hold: Hold, times: list[float], flows: list[Array]) -> Iterator[Array]:
         """x (n, m, R) at times after the instant, and at the next."""
@@ -349,7 +342,7 @@ class Stepper:
         agents = self.agents
         if self.nearby is not None:
             mode = self.nearby.look(instant, self.x[..., 0])
-            agents.heard.move(mode, self.nearby.groups(mode), k)
+            agents.heard.move(mode, k)
         measured = self.x + agents.noise(k)
         watch, Cd, L = self.observer
         # at the first instant there is nothing to compare with

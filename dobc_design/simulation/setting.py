@@ -71,23 +71,18 @@ class Setting:
     times: Array
     observer: str
     tolerance: float
-    stress: Stress | None
+    stress: Stress
     notes: tuple[str, ...]
 
     @property
     def is_full(self) -> bool:
         """Whether the full loop is integrated, as printed: asked for, or needed under a stress."""
-        return self.stress is not None or self.observer == FULL_LOOP
+        return not self.stress.is_calm or self.observer == FULL_LOOP
 
     @property
     def is_moving(self) -> bool:
         """Whether the graphs of a run follow from its own states."""
         return isinstance(self.signal, Mobile) and self.signal.motion is None
-
-    @property
-    def is_sampled(self) -> bool:
-        """Whether everything is computed at the multiples of a period."""
-        return self.stress is not None and self.stress.period is not None
 
     @property
     def residual_matrix(self) -> Array:
@@ -97,7 +92,58 @@ class Setting:
     @property
     def stress_notes(self) -> tuple[str, ...]:
         """The stress in words."""
-        return () if self.stress is None else (f"Stress: {self.stress}.",)
+        return () if self.stress.is_calm else (f"Stress: {self.stress}.",)
+
+    @property
+    def modes_in_words(self) -> str:
+        """The mode of a fixed signal by name; else the modes and the signal in words."""
+        signal = self.signal
+        names = tuple(self.exact.modes)
+        if isinstance(signal, Fixed):
+            return signal.mode or names[0]
+        if isinstance(signal, Mobile):
+            return str(signal)
+        more = ", ..." if len(names) > 4 else ""
+        return f"{', '.join(names[:4])}{more} ({signal})"
+
+    def closed_form(self) -> ClosedForm | None:
+        """C exp(F t) up to the horizon; None if there is no disturbance, or if it is out of
+        reach."""
+        if self.loop.q == 0:
+            return None
+        return make_closed_form(self.residual_matrix, self.loop.C, self.horizon)
+
+    def is_stiff(self, *, closed: bool) -> bool:
+        """Whether an explicit method would need too many steps, estimated at the consensus;
+        ``closed``: the observer's error is not integrated."""
+        signal = self.signal
+        names = tuple(self.exact.modes)
+        if isinstance(signal, Fixed):
+            names = (signal.mode or names[0],)
+        if isinstance(signal, Mobile):  # who will be near is not known: pins alone
+            fastest = fastest_decay(self.loop, ())
+        else:
+            fastest = max(fastest_decay(self.loop, self.groups(name)) for name in names)
+        if not closed:
+            fastest = max(fastest, observer_decay(self.loop))
+        return self.horizon * fastest > STIFF
+
+    def switches(self, seed: int) -> Switches:
+        """The switches of one run.  A mobile signal must have a given motion."""
+        signal = self.signal
+        if not isinstance(signal, Mobile):
+            return drawn_switches(signal, self.problem, self.horizon, seed)
+        if signal.motion is None:
+            message = "the switches follow from the states."
+            raise SpecError(message, key="signal", cure="Give a motion.")
+        return motion_switches(signal, signal.motion, self.exact, self.horizon)
+
+    def groups_of(self, switches: Switches, mode: int) -> Sequence[ArcGroup]:
+        """The arcs of a mode by its index: the problem's own, or those of a mobile graph."""
+        if not switches.graphs:
+            return self.groups(switches.names[mode])
+        listeners, speakers = switches.graphs[mode]
+        return groups_of(self.exact, listeners * self.exact.n + speakers)
 
 
 def make_setting(problem: Problem, *, gain: Gain | None, **given: Unpack[Options]) -> Setting:
@@ -122,9 +168,8 @@ def make_setting(problem: Problem, *, gain: Gain | None, **given: Unpack[Options
     # without a disturbance there is nothing to compensate
     if observer == WITHOUT and problem.q:
         notes = [*notes, OFF]
-    if stress is not None:
-        stress.failing(problem)  # refuses agents that are not there
-        stress = None if stress.is_calm else stress
+    stress = stress or Stress()
+    stress.failing(problem)  # refuses agents that are not there
     starts = make_starts(problem, loop, given.get("start"))
     seed = given.get("seed")
     return Setting(
@@ -209,56 +254,3 @@ def _times(
         message = f"must be a number, or times that increase from 0 to t_final, {horizon:g} s."
         raise wrong("samples", message, "For example 401.")
     return times, []
-
-
-def closed_form_of(setting: Setting) -> ClosedForm | None:
-    """C exp(F t) up to the horizon; None if there is no disturbance, or if it is out of reach."""
-    loop = setting.loop
-    if loop.q == 0:
-        return None
-    return make_closed_form(setting.residual_matrix, loop.C, setting.horizon)
-
-
-def is_stiff(setting: Setting, *, closed: bool) -> bool:
-    """Whether an explicit method would need too many steps, estimated at the consensus."""
-    signal = setting.signal
-    names = tuple(setting.problem.network.modes)
-    if isinstance(signal, Fixed):
-        names = (signal.mode or names[0],)
-    if isinstance(signal, Mobile):  # who will be near is not known: pins alone
-        fastest = fastest_decay(setting.loop, ())
-    else:
-        fastest = max(fastest_decay(setting.loop, setting.groups(name)) for name in names)
-    if not closed:
-        fastest = max(fastest, observer_decay(setting.loop))
-    return setting.horizon * fastest > STIFF
-
-
-def switches_for(setting: Setting, seed: int) -> Switches:
-    """The switches of one run.  A mobile signal must have a given motion."""
-    signal = setting.signal
-    if not isinstance(signal, Mobile):
-        return drawn_switches(signal, setting.problem, setting.horizon, seed)
-    if signal.motion is None:
-        message = "the switches follow from the states."
-        raise SpecError(message, key="signal", cure="Give a motion.")
-    return motion_switches(signal, signal.motion, setting.exact, setting.horizon)
-
-
-def groups_for(setting: Setting, switches: Switches, mode: int) -> Sequence[ArcGroup]:
-    """The arcs of a mode by its index: the problem's own, or those of a mobile graph."""
-    if not switches.graphs:
-        return setting.groups(switches.names[mode])
-    listeners, speakers = switches.graphs[mode]
-    return groups_of(setting.exact, listeners * setting.exact.n + speakers)
-
-
-def describe(signal: Signal, problem: Problem) -> str:
-    """The mode of a fixed signal by name; else the modes and the signal in words."""
-    names = tuple(problem.network.modes)
-    if isinstance(signal, Fixed):
-        return signal.mode or names[0]
-    if isinstance(signal, Mobile):
-        return str(signal)
-    more = ", ..." if len(names) > 4 else ""
-    return f"{', '.join(names[:4])}{more} ({signal})"

@@ -48,6 +48,15 @@ class Start:
         """e = x - goal, with a leader x - s - goal: (n, m)."""
         return np.asarray(self.x - loop.goal - (self.s if len(self.s) else 0.0))
 
+    def state(self, loop: ClosedLoop) -> Array:
+        """e, flat, and s after it."""
+        return np.concatenate([self.errors(loop).ravel(), self.s])
+
+    @property
+    def eps(self) -> Array:
+        """xi - xihat, (n, q)."""
+        return self.xi - self.xihat
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Starts:

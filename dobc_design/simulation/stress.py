@@ -210,7 +210,9 @@ def required_worst_stress(problem: Problem) -> Stress:
 
 
 def stress_to_json(stress: Stress) -> str:
-    """A stress as one JSON object."""
+    """A stress as one JSON object; "" for none."""
+    if stress.is_calm:
+        return ""
     given = asdict(stress)
     # left out where it says nothing
     if not stress.worst:

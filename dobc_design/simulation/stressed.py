@@ -27,8 +27,7 @@ from dobc_design.simulation.integrate import (
     Progress,
     Samples,
 )
-from dobc_design.simulation.mobile import Modes, Nearby
-from dobc_design.simulation.setting import is_stiff
+from dobc_design.simulation.mobile import Modes
 from dobc_design.simulation.switches import ModeTable, table_of
 
 MOST_SAMPLES = 1_000_000
@@ -253,7 +252,7 @@ class Together:
         self.visit(sample, chosen, e, gap)
 
 
-def run_alone(runs: StressedRuns, modes: Modes, progress: Progress | None) -> Outcome:
+def run_alone(runs: StressedRuns, modes: Modes, progress: Progress) -> Outcome:
     """Integrate a stack of one run, and put down what happened at the times of its setting."""
     setting = runs.setting
     alone = _Alone(runs, modes)
@@ -263,7 +262,7 @@ def run_alone(runs: StressedRuns, modes: Modes, progress: Progress | None) -> Ou
         alone.columns.start[:, 0],
         setting.times,
         tolerance=setting.tolerance,
-        implicit=is_stiff(setting, closed=False),
+        implicit=setting.is_stiff(closed=False),
         progress=progress,
     )
     run = integration.run()
@@ -287,8 +286,7 @@ class _Alone:
         columns = self.columns
         heard = columns.agents.heard
         stay = self.modes.stay(time, self.positions(state))
-        if isinstance(self.modes, Nearby):
-            heard.move(stay.mode, self.modes.groups(stay.mode), columns.next)
+        heard.move(stay.mode, columns.next)
         columns.wait(time, state[:, None], np.array([stay.mode]))
         # a switch between two exchanges draws nothing
         if columns.next > len(self.noises):

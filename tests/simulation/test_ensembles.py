@@ -11,7 +11,7 @@ from simulated_runs import EVERYTHING, HARMONIC, nonlinear_planar, ring, simulat
 
 from dobc_design import Network, Problem, Stress, load_problem
 from dobc_design.errors import SpecError
-from dobc_design.simulation import columns, many_runs, stressed
+from dobc_design.simulation import columns, execution, stressed
 from dobc_design.simulation.setting import make_setting
 from dobc_design.simulation.signals import Fixed, Markov, Mobile, Periodic, RandomDwell
 
@@ -54,7 +54,7 @@ def test_chunks_do_not_change_the_runs(monkeypatch, stress: Stress | None):
     problem, signal = CASES["planar, random stays"]
     given = {"runs": 4, "signal": signal, "t_final": 0.6, "samples": 7, "stress": stress}
     whole = simulate_many(problem, **given)
-    monkeypatch.setattr(many_runs, "COLUMN_NUMBERS", 18)  # three runs of 3 agents with 2 components
+    monkeypatch.setattr(execution, "COLUMN_NUMBERS", 18)  # three runs of 3 agents with 2 components
     parts: list[float] = []
     chunked = simulate_many(problem, progress=parts.append, **given)
     np.testing.assert_allclose(chunked.error, whole.error, rtol=1e-6, atol=1e-8)

@@ -1,7 +1,6 @@
 """The right-hand sides: the symbolic closed loop, and what agents feel."""
 
 import re
-from functools import partial
 
 import casadi as ca
 import numpy as np
@@ -13,7 +12,7 @@ from dobc_design.loop.arrays import error_arcs
 from dobc_design.loop.make import loop_of
 from dobc_design.simulation import field as fields
 from dobc_design.simulation.agents import StressedRuns
-from dobc_design.simulation.setting import groups_for, make_setting, switches_for
+from dobc_design.simulation.setting import make_setting
 from dobc_design.simulation.stressed import ALONE, StressedColumns
 
 
@@ -43,12 +42,9 @@ IDS = ["mixed", "without disturbance", "paper-fixed"]
 @pytest.mark.parametrize("problem", PROBLEMS, ids=IDS)
 def test_the_full_loop_is_the_symbolic_closed_loop(problem: Problem):
     setting = make_setting(problem, gain=None, mode=next(iter(problem.network.modes)))
-    switches = switches_for(setting, 0)
+    switches = setting.switches(0)
     starts = [setting.starts.draw(0)]
-    groups = partial(groups_for, setting, switches)
-    runs = StressedRuns(
-        setting=setting, groups=groups, starts=starts, seeds=[0], switches=[switches]
-    )
+    runs = StressedRuns(setting=setting, starts=starts, seeds=[0], switches=[switches])
     derivative = StressedColumns(runs, 1.0).part(0, ALONE)
     model = build_model(problem)
     rng = np.random.default_rng(0)

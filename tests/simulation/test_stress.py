@@ -3,7 +3,6 @@
 import json
 from dataclasses import replace
 from fractions import Fraction
-from functools import partial
 
 import numpy as np
 import pytest
@@ -15,7 +14,7 @@ from dobc_design.errors import ShapeError, SpecError
 from dobc_design.simulation.agents import Heard, StressedRuns
 from dobc_design.simulation.field import make_closed_loop
 from dobc_design.simulation.sampled import discretised, integral
-from dobc_design.simulation.setting import groups_for, make_setting, switches_for
+from dobc_design.simulation.setting import make_setting
 from dobc_design.simulation.signals import Mobile, Periodic
 from dobc_design.simulation.stress import stress_to_json
 from dobc_design.synthesis.observer.decide import sampled_matrix
@@ -98,15 +97,9 @@ def test_links_that_stay_keep_what_was_heard_and_new_ones_hold_nothing():
     setting = make_setting(
         problem, gain=None, stress=Stress(exchange=0.1), signal=Periodic(dwell=0.15)
     )
-    switches = switches_for(setting, 0)
+    switches = setting.switches(0)
     starts = [setting.starts.draw(0)]
-    given = {
-        "groups": partial(groups_for, setting, switches),
-        "starts": starts,
-        "seeds": [0],
-        "switches": [switches],
-    }
-    runs = StressedRuns(setting=setting, **given)
+    runs = StressedRuns(setting=setting, starts=starts, seeds=[0], switches=[switches])
     heard = Heard(runs, np.array([0.0, 0.1]), keep=True)
     heard.exchange(0, np.array([[[10.0]], [[20.0]], [[30.0]]]))
     heard.tune(np.array([0]), np.array([1]))

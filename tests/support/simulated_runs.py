@@ -20,8 +20,8 @@ from dobc_design import (
 )
 from dobc_design.exact.matrix import to_float
 from dobc_design.loop.arrays import Gain
-from dobc_design.simulation.many_runs import run_many
-from dobc_design.simulation.one_run import run_once
+from dobc_design.simulation.execution import run_many, run_once
+from dobc_design.simulation.integrate import silent
 from dobc_design.simulation.setting import make_setting
 
 HARMONIC = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
@@ -67,14 +67,14 @@ def planar(**settings) -> Problem:
 
 
 def simulate(
-    problem: Problem, *, gain: Gain | None = None, progress: Any = None, **given: Any
+    problem: Problem, *, gain: Gain | None = None, progress: Any = silent, **given: Any
 ) -> Trajectory:
     """One run with this gain; nothing is designed, and [switching] is not looked at."""
     return run_once(make_setting(problem, gain=gain, **given), progress=progress)
 
 
 def simulate_many(
-    problem: Problem, *, runs: int, gain: Gain | None = None, progress: Any = None, **given
+    problem: Problem, *, runs: int, gain: Gain | None = None, progress: Any = silent, **given
 ) -> Ensemble:
     """The same for many runs."""
     return run_many(make_setting(problem, gain=gain, **given), runs, progress=progress)

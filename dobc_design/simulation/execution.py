@@ -1,6 +1,7 @@
-"""Many runs of a setting, side by side where that can be: what they come to, as an ensemble.
+"""Runs of a setting: one by itself, calm, under a stress or sampled; or many, side by side where
+that can be, and what they come to as an ensemble.
 
-Run r has the seed ``seed + r``, with its own start and its own switches.
+Run r of many has the seed ``seed + r``, with its own start and its own switches.
 """
 
 from __future__ import annotations
@@ -15,21 +16,29 @@ import numpy as np
 from dobc_design.errors import wrong
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import IndexArray
-from dobc_design.simulation import setting as settings
 from dobc_design.simulation._arguments import whole
 from dobc_design.simulation.agents import StressedRuns
-from dobc_design.simulation.closed_form import ClosedForm
+from dobc_design.simulation.closed_form import ClosedForm, evolve
 from dobc_design.simulation.columns import COLUMN_NUMBERS, CalmColumns
 from dobc_design.simulation.ensemble import Ensemble
 from dobc_design.simulation.field import Network, network_of
-from dobc_design.simulation.integrate import Progress, Samples
-from dobc_design.simulation.one_run import run_once
-from dobc_design.simulation.sampled import Stepper
-from dobc_design.simulation.setting import Setting
-from dobc_design.simulation.signals import signal_to_json
+from dobc_design.simulation.integrate import (
+    Integration,
+    Outcome,
+    Progress,
+    Samples,
+    errors,
+    silent,
+)
+from dobc_design.simulation.mobile import Modes, Nearby
+from dobc_design.simulation.sampled import Stepper, run_sampled_alone
+from dobc_design.simulation.setting import WITHOUT, Setting
+from dobc_design.simulation.signals import Mobile, signal_to_json
+from dobc_design.simulation.starts import Start
 from dobc_design.simulation.stress import stress_to_json
-from dobc_design.simulation.stressed import Together
-from dobc_design.simulation.switches import Switches, table_of
+from dobc_design.simulation.stressed import Together, run_alone
+from dobc_design.simulation.switches import Planned, Switches, table_of
+from dobc_design.simulation.trajectory import Trajectory
 
 MOST_KEPT = 100_000_000  # samples of all runs of an ensemble, two numbers of each: 1.6 GB
 # whose states an ensemble keeps, and how many numbers at most
@@ -37,7 +46,131 @@ DRAWN_RUNS, MOST_STATES = 5, 2_000_000
 ARCS = 8  # COLUMN_NUMBERS so many times: arcs of the runs of a chunk that hold what they heard
 
 
-def run_many(setting: Setting, runs: int, *, progress: Progress | None = None) -> Ensemble:
+def run_once(
+    setting: Setting, *, seed: int | None = None, progress: Progress = silent
+) -> Trajectory:
+    """One run, with this seed for its start and its switches."""
+    seed = setting.seed if seed is None else seed
+    # Trial steps overflow far from the target; the integrator rejects them, and nobody needs a
+    # warning.
+    with np.errstate(all="ignore"):
+        start = setting.starts.draw(seed)
+        modes = _modes(setting, seed)
+        if setting.is_full:
+            outcome = _full(setting, start, seed, modes, progress)
+        else:
+            outcome = _calm(setting, start, modes, progress)
+    return _trajectory(setting, seed, modes, outcome)
+
+
+def _trajectory(setting: Setting, seed: int, modes: Modes, outcome: Outcome) -> Trajectory:
+    """The run as it is shown."""
+    run = outcome.run
+    seen = outcome.samples
+    switches = modes.switches
+    if run.reason:  # those up to where the run ended
+        switches = switches.until(float(run.times[-1]))
+    problem = setting.problem
+    return Trajectory(
+        name=problem.name,
+        mode=setting.modes_in_words,
+        labels=problem.network.labels,
+        t_final=setting.horizon,
+        seed=seed,
+        times=run.times,
+        x=seen.x,
+        xi=seen.xi,
+        xihat=seen.xihat,
+        d=seen.d,
+        dhat=seen.dhat,
+        u=seen.u,
+        goal=setting.loop.goal.copy(),
+        diverged=bool(run.reason),
+        reason=run.reason,
+        method=run.method,
+        evaluations=run.evaluations,
+        notes=(*setting.notes, *run.notes, *setting.stress_notes),
+        signal=signal_to_json(setting.signal),
+        observer=setting.observer,
+        stress=stress_to_json(setting.stress),
+        switches=switches,
+        leader=np.zeros(0) if seen.leader is None else seen.leader,
+    )
+
+
+def _modes(setting: Setting, seed: int) -> Modes:
+    """The modes of the run of one seed."""
+    signal = setting.signal
+    if isinstance(signal, Mobile) and signal.motion is None:
+        return Nearby(signal, setting.exact, setting.horizon)
+    drawn = setting.switches(seed)
+    return Planned(drawn, partial(setting.groups_of, drawn), setting.horizon)
+
+
+def _full(setting: Setting, start: Start, seed: int, modes: Modes, progress: Progress) -> Outcome:
+    """A run of the full loop as printed, or under a stress: a stack of one."""
+    runs = StressedRuns(
+        setting=setting,
+        starts=[start],
+        seeds=[seed],
+        switches=[modes.switches],
+        nearby=modes if isinstance(modes, Nearby) else None,
+    )
+    if setting.stress.period is not None:
+        return run_sampled_alone(runs, progress)
+    return run_alone(runs, modes, progress)
+
+
+def _calm(setting: Setting, start: Start, modes: Modes, progress: Progress) -> Outcome:
+    """A run without stress: e with eps in closed form, else both of them."""
+    loop = setting.loop
+    F = setting.residual_matrix
+    eps0 = start.eps
+    closed = setting.closed_form()
+    both = loop.q > 0 and closed is None
+    # xihat = xi - eps: nothing else of the observer has to be integrated
+    e0 = start.state(loop)
+    state = np.concatenate([e0, eps0.ravel()]) if both else e0
+    integration = Integration(
+        errors(loop, modes, closed, eps0, F),
+        state,
+        setting.times,
+        tolerance=setting.tolerance,
+        implicit=setting.is_stiff(closed=not both),
+        progress=progress,
+    )
+    run = integration.run()
+    if both:
+        note = "The observer is too fast for its closed form: its error was integrated as well."
+        run.notes.append(note)
+    cut = len(e0)
+    xi = evolve(loop.A, start.xi, run.times)
+    eps = run.states[:, cut:].reshape(xi.shape) if both else evolve(F, eps0, run.times)
+    xihat = np.zeros_like(xi) if setting.observer == WITHOUT else xi - eps
+    return Outcome(run=run, samples=_samples(setting, run.states[:, :cut], xi, xihat))
+
+
+def _samples(setting: Setting, states: Array, xi: Array, xihat: Array) -> Samples:
+    """What is seen of the errors, flat and those of a leader after them: (T, n m) or more."""
+    loop = setting.loop
+    e, s = np.split(states, [loop.n * loop.m], axis=1)
+    e = e.reshape(-1, loop.n, loop.m)
+    x = e + loop.goal
+    if loop.lead:
+        x = x + s[:, None]
+    dhat = xihat @ loop.output.T
+    return Samples(
+        x=x,
+        xi=xi,
+        xihat=xihat,
+        d=xi @ loop.output.T,
+        dhat=dhat,
+        u=loop.control(e, dhat),
+        leader=s if loop.lead else None,
+    )
+
+
+def run_many(setting: Setting, runs: int, *, progress: Progress = silent) -> Ensemble:
     """``runs`` runs with the seeds seed, seed + 1, ...: each with its own start and its own
     switches."""
     most = MOST_KEPT // len(setting.times)
@@ -46,30 +179,20 @@ def run_many(setting: Setting, runs: int, *, progress: Progress | None = None) -
         cure = "Make several ensembles with other seeds, or ask for fewer samples."
         raise wrong("runs", message, cure)
     with np.errstate(all="ignore"):
-        return _Collector(setting, runs, progress or (lambda part: None)).run()
+        return _Collector(setting, runs, progress).run()
 
 
 def _why_one_by_one(setting: Setting, closed: ClosedForm | None) -> str:
     """Why the runs cannot be made side by side, or ""."""
-    stress = setting.stress
     if setting.is_moving:
         return "every run has graphs of its own"
-    if setting.is_sampled:
+    if setting.stress.period is not None:
         return ""
-    if stress is not None and stress.worst:
+    if setting.stress.worst:
         return "the disturbance of every run switches at times of its own"
     if setting.loop.q and closed is None and not setting.is_full:
         return "the observer is too fast for its closed form"
-    return "the loop is stiff" if settings.is_stiff(setting, closed=not setting.is_full) else ""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Ended:
-    """When the runs of a chunk ended, in s, (k,), and why some did early; "" for those that are to
-    be made alone."""
-
-    times: Array
-    reasons: dict[int, str]
+    return "the loop is stiff" if setting.is_stiff(closed=not setting.is_full) else ""
 
 
 class _Collector:
@@ -98,7 +221,7 @@ class _Collector:
         notes = [*setting.notes, *setting.stress_notes]
         self.report(0.0)
         # the full loop integrates the observer as well
-        closed = None if setting.is_full else settings.closed_form_of(setting)
+        closed = None if setting.is_full else setting.closed_form()
         reason = _why_one_by_one(setting, closed)
         if reason:
             notes.append(f"The runs were made one by one, because {reason}.")
@@ -119,7 +242,7 @@ class _Collector:
         diverged[list(self.reasons)] = True
         return Ensemble(
             name=problem.name,
-            mode=settings.describe(setting.signal, problem),
+            mode=setting.modes_in_words,
             labels=problem.network.labels,
             t_final=setting.horizon,
             seeds=setting.seed + np.arange(self.runs),
@@ -135,7 +258,7 @@ class _Collector:
             notes=notes,
             signal=signal_to_json(setting.signal),
             observer=setting.observer,
-            stress="" if setting.stress is None else stress_to_json(setting.stress),
+            stress=stress_to_json(setting.stress),
             lengths=self.lengths,
             disturbances=self.disturbances,
             states=self.states,
@@ -146,8 +269,8 @@ class _Collector:
         """All runs, a bounded number at a time; a given motion gives all of them the same
         switches."""
         setting = self.setting
-        shared = settings.switches_for(setting, setting.seed)
-        groups = partial(settings.groups_for, setting, shared)
+        shared = setting.switches(setting.seed)
+        groups = partial(setting.groups_of, shared)
         size = self.chunk_size(shared)
         # the blocks of a network fit the number of runs; all chunks share them
         networks = cache(lambda mode: network_of(setting.loop, groups(mode), runs=size))
@@ -156,10 +279,9 @@ class _Collector:
             seeds = (setting.seed + chosen).tolist()
             switches = [shared] * len(seeds)
             if not shared.graphs:
-                switches = [settings.switches_for(setting, seed) for seed in seeds]
+                switches = [setting.switches(seed) for seed in seeds]
             runs = StressedRuns(
                 setting=setting,
-                groups=groups,
                 starts=[setting.starts.draw(seed) for seed in seeds],
                 seeds=seeds,
                 switches=switches,
@@ -167,12 +289,11 @@ class _Collector:
             chunk = _Chunk(collector=self, chosen=chosen, runs=runs)
             chunk.put_starts()
             if not setting.is_full:
-                ended = chunk.calm(closed, networks)
-            elif setting.is_sampled:
-                ended = chunk.sampled()
+                chunk.calm(closed, networks)
+            elif setting.stress.period is not None:
+                chunk.sampled()
             else:
-                ended = chunk.stressed()
-            chunk.put_ends(ended)
+                chunk.stressed()
 
     def chunk_size(self, shared: Switches) -> int:
         """How many runs are made at once."""
@@ -224,9 +345,8 @@ class _Chunk:
     def put_starts(self) -> None:
         """How large the starts are."""
         for run, start in zip(self.chosen, self.runs.starts, strict=True):
-            e = start.errors(self.setting.loop)
-            self.collector.lengths[run] = np.linalg.norm(e)
-            eps = np.linalg.norm(start.xi - start.xihat, axis=1)
+            self.collector.lengths[run] = np.linalg.norm(start.errors(self.setting.loop))
+            eps = np.linalg.norm(start.eps, axis=1)
             self.collector.disturbances[run] = eps.max(initial=0.0)
 
     def report(self, part: float) -> None:
@@ -234,27 +354,22 @@ class _Chunk:
         done = int(self.chosen[0]) + part * len(self.chosen)
         self.collector.report(done / self.collector.runs)
 
-    def calm(self, closed: ClosedForm | None, networks: Callable[[int], Network]) -> _Ended:
+    def calm(self, closed: ClosedForm | None, networks: Callable[[int], Network]) -> None:
         """Without stress: e alone, eps in closed form."""
         setting = self.setting
-        loop = setting.loop
-        eps = self.runs.stacked("xi") - self.runs.stacked("xihat")
-        s = np.stack([start.s for start in self.runs.starts], axis=1)
-        e = self.runs.stacked("x") - loop.goal[..., None]
-        if loop.lead:
-            e = e - s
+        eps = self.runs.stacked("eps")
         columns = CalmColumns(
-            loop=loop,
+            loop=setting.loop,
             networks=networks,
             closed=closed,
-            e=np.concatenate([e.reshape(loop.n * loop.m, -1), s]),
+            e=np.stack([start.state(setting.loop) for start in self.runs.starts], axis=1),
             eps=eps,
             switches=table_of(self.runs.switches),
         )
         self.put_estimation(closed, eps)
         ends = columns.integrate(setting.times, tolerance=setting.tolerance, visit=self.put_errors)
         self.report(1.0)
-        return _Ended(times=ends.times, reasons=ends.reasons())
+        self.put_ends(ends.times, ends.reasons())
 
     def put_estimation(self, closed: ClosedForm | None, eps: Array) -> None:
         """|d - dhat|_inf at all samples, which does not depend on the network."""
@@ -270,12 +385,12 @@ class _Chunk:
             gap = np.tensordot(weight, eps, axes=(1, 1))
             estimation[self.chosen, place] = np.abs(gap).max(axis=(0, 1))
 
-    def stressed(self) -> _Ended:
+    def stressed(self) -> None:
         """Under a stress in continuous time, or the full loop."""
         ends = Together(self.runs, self.put).run(self.report)
-        return _Ended(times=ends.times, reasons=ends.reasons())
+        self.put_ends(ends.times, ends.reasons())
 
-    def sampled(self) -> _Ended:
+    def sampled(self) -> None:
         """From sample to sample."""
         every = np.arange(len(self.chosen))
         goal = self.setting.loop.goal[..., None]
@@ -286,8 +401,8 @@ class _Chunk:
 
         stepper = Stepper(self.runs, visit, self.report)
         self.collector.method = f"{stepper.method}, side by side"
-        reached = stepper.run()
-        return _Ended(times=self.setting.times[reached.counts - 1], reasons=reached.reasons)
+        stepper.run()
+        self.put_ends(self.setting.times[stepper.counts - 1], stepper.reasons)
 
     def put(self, sample: IndexArray, run: IndexArray, e: Array, gap: Array) -> None:
         """Errors e and d - dhat, (n, m, k) each, of runs of the chunk at their samples, (k,)
@@ -311,18 +426,19 @@ class _Chunk:
         states = e[:, own].T.reshape(-1, loop.n, loop.m) + loop.goal
         collector.states[kept] = states + leader[:, None]
 
-    def put_ends(self, ended: _Ended) -> None:
-        """How the runs ended; those that were handed back are made alone."""
+    def put_ends(self, times: Array, reasons: dict[int, str]) -> None:
+        """When the runs ended, in s, (k,), and why some did early; those that were handed back, ""
+        in place of a reason, are made alone."""
         collector = self.collector
         for row, switches in enumerate(self.runs.switches):
-            passed = np.searchsorted(switches.times, ended.times[row], side="right")
+            passed = np.searchsorted(switches.times, times[row], side="right")
             collector.count[self.chosen[row]] = passed - 1
-        for row, reason in ended.reasons.items():
+        for row, reason in reasons.items():
             run = int(self.chosen[row])
             if not reason:
                 collector.alone(run)
                 continue
-            time = ended.times[row]
+            time = times[row]
             late = self.setting.times > time
             collector.ended[run] = time
             collector.reasons[run] = reason

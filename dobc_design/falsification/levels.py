@@ -50,7 +50,7 @@ class BoxLevel:
     def lengths(self) -> Array:
         """How far the set reaches from side to side, about, by component of e: (n m,)."""
         if self.T is None:
-            return np.asarray(2 * self.height)
+            return 2 * self.height
         return 2 * turned(np.abs(inverse(self.T)), self.height)
 
     def value(self, e: Array, eps: Array) -> Array:
@@ -90,7 +90,7 @@ def turned(T: Array | None, e: Array) -> Array:
     if T is None:
         return e
     by_agent = e.reshape(-1, len(T), e[0].size)
-    return np.asarray((T @ by_agent).reshape(e.shape))
+    return (T @ by_agent).reshape(e.shape)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -105,7 +105,7 @@ class Ellipsoid:
     @property
     def lengths(self) -> Array:
         """How far the set reaches, (n m,)."""
-        return np.asarray(2 / np.sqrt(np.maximum(np.diag(self.P_e), TINY)))
+        return 2 / np.sqrt(np.maximum(np.diag(self.P_e), TINY))
 
     def value(self, e: Array, eps: Array) -> Array:
         """V of states, (R,)."""

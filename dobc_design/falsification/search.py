@@ -338,7 +338,7 @@ class _Search:
     def states(self, e: Array) -> Array:
         """x (n, m) of errors (n m,)."""
         goal = self.arena.loop.goal
-        return np.asarray(e.reshape(goal.shape) + goal)
+        return e.reshape(goal.shape) + goal
 
     def resting(self, claim: Equilibrium) -> Suspect:
         """A proved equilibrium: the agents start there with eps = 0 and stay."""

@@ -86,7 +86,7 @@ def _in_plane(values: Array) -> Array:
     """Positions (..., n, 2): the first two components, or the only one against the agents'
     numbers."""
     if values.shape[-1] >= 2:
-        return np.asarray(values[..., :2])
+        return values[..., :2]
     states = values[..., 0]
     # One component is a height; agents stand side by side.
     numbers = np.arange(1.0, values.shape[-2] + 1)

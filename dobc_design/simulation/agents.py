@@ -163,7 +163,7 @@ class Agents:
             runs = np.arange(self.phase.shape[2])[chosen]
             return self.stress.disturbance * self.signs.at(times, runs)
         wave = np.sin(self.stress.frequency * times + phase)
-        return np.asarray(self.stress.disturbance * wave)
+        return self.stress.disturbance * wave
 
     def extra_integral(self, begin: float, end: float) -> Array:
         """Its integral between two times, (n, m, R), or 0."""
@@ -176,7 +176,7 @@ class Agents:
         shrink = np.sinc(self.stress.frequency * half / np.pi)
         middle = np.sin(self.stress.frequency * (begin + half) + self.phase)
         length = self.stress.disturbance * 2 * half
-        return np.asarray(length * shrink * middle)
+        return length * shrink * middle
 
     def believed(self, estimate: Array) -> Array:
         """An estimate of xi or d as it is acted on: 0 where nothing is estimated."""
@@ -191,7 +191,7 @@ def _limit(runs: StressedRuns) -> float | Array | None:
         return common
     limits = [problem.actuators.limit_of(label) for label in problem.network.labels]
     found = np.array([np.inf if limit is None else float(limit) for limit in limits])
-    return np.asarray(found[:, None, None])
+    return found[:, None, None]
 
 
 class Heard:
@@ -222,8 +222,8 @@ class Heard:
 
     def learn(self, modes: Sequence[int]) -> None:
         """The graphs are those of the modes from now on; what is held on arcs that stay is kept."""
-        loop = self.runs.setting.loop
-        links = {mode: Links(self.runs.groups(mode), loop.n, loop.m) for mode in modes}
+        n = self.runs.setting.loop.n
+        links = {mode: Links(self.runs.groups(mode), n) for mode in modes}
         codes = np.unique(np.concatenate([each.codes for each in links.values()]))
         values = np.full((len(codes), *self.values.shape[1:]), np.nan)
         stay = np.isin(self.codes, codes)

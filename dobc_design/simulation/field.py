@@ -8,7 +8,7 @@ arrays: arcs are worked through in blocks that fit into the processor's cache, s
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -74,17 +74,13 @@ def compile_coupling(coupling: Coupling) -> Callable[[Array], Array]:
     return by_vector
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Function:
-    """h of one coupling; ``vector``: it needs to see the m components of a difference together."""
-
-    h: Callable[[Array], Array]
-    vector: bool
-
-    def __call__(self, y: Array, m: int) -> Array:
-        if not self.vector:
-            return self.h(y)
-        return self.h(y.reshape(len(y), m, -1)).reshape(y.shape)
+def _of_rows(coupling: Coupling, m: int) -> Callable[[Array], Array]:
+    """h of differences (arcs, ...): if it does not act by component, it needs to see the m
+    components of each together."""
+    h = compile_coupling(coupling)
+    if coupling.by_component:
+        return h
+    return lambda y: h(y.reshape(len(y), m, -1)).reshape(y.shape)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -94,14 +90,14 @@ class _Block:
     ``rows``.  Without slots, for hubs, ``counts[i]`` arcs end at the i-th of ``rows``, and the
     matrix ``factor`` adds them."""
 
-    function: _Function
+    h: Callable[[Array], Array]
     rows: slice | IndexArray
     speakers: IndexArray
     factor: float | Array | sp.csr_array
     slots: tuple[tuple[int, int], ...] = ()
     counts: IndexArray | None = None
 
-    def add(self, total: Array, e: Array, m: int) -> None:
+    def add(self, total: Array, e: Array) -> None:
         """Add what the listeners feel; ``e`` and ``total`` have a row for every agent."""
         own = e[self.rows]
         y = e.take(self.speakers, axis=0)
@@ -110,7 +106,7 @@ class _Block:
             y -= np.repeat(own, self.counts, axis=0)
         for begin, end in self.slots:
             y[begin:end] -= own[: end - begin]
-        felt = self.function(y, m)
+        felt = self.h(y)
         if isinstance(self.factor, sp.csr_array):
             total[self.rows] += self.factor @ felt
             return
@@ -125,55 +121,51 @@ class _Block:
         total[self.rows] += found
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Arcs:
-    """Arcs of one coupling in the order of their listeners; (arcs,) each."""
-
-    listeners: IndexArray
-    speakers: IndexArray
-    weights: Array
-
-
-def _blocks(group: ArcGroup, size: int) -> Iterator[_Block]:
+def _blocks(group: ArcGroup, size: int, m: int) -> Iterator[_Block]:
     """Cut the arcs of one coupling into blocks of about ``size``."""
     order = np.argsort(group.listeners, kind="stable")
     listeners = group.listeners[order]
-    speakers = group.speakers[order]
-    weights = group.weights[order]
-    vector = not group.coupling.by_component
-    function = _Function(h=compile_coupling(group.coupling), vector=vector)
+    h = _of_rows(group.coupling, m)
     first = 0
-    while first < len(listeners):
-        last = min(first + size, len(listeners))
+    while first < len(order):
+        last = min(first + size, len(order))
         # at the end of an agent's arcs, unless it has more than a block of them
-        if last < len(listeners):
+        if last < len(order):
             end = int(np.searchsorted(listeners, listeners[last], side="left"))
             last = end if end > first else last
-        part = slice(first, last)
-        arcs = _Arcs(listeners=listeners[part], speakers=speakers[part], weights=weights[part])
-        yield _block_of(function, arcs)
+        part = order[first:last]
+        arcs = replace(
+            group,
+            listeners=listeners[first:last],
+            speakers=group.speakers[part],
+            weights=group.weights[part],
+        )
+        yield _block_of(h, arcs)
         first = last
 
 
-def _block_of(function: _Function, arcs: _Arcs) -> _Block:
+def _block_of(h: Callable[[Array], Array], arcs: ArcGroup) -> _Block:
+    """One block of arcs that stand in the order of their listeners."""
     lowest = int(arcs.listeners[0])
     rows = int(arcs.listeners[-1] - arcs.listeners[0]) + 1
     counts = np.bincount(arcs.listeners - lowest, minlength=rows)
     if counts.max() <= MOST_SLOTS:
-        return _by_slots(function, arcs, lowest, counts)
+        return _by_slots(h, arcs, lowest, counts)
     begins = np.concatenate([[0], np.cumsum(counts)])
     places = np.arange(len(arcs.listeners))
     gather = sp.csr_array((arcs.weights, places, begins), shape=(rows, len(places)))
     return _Block(
-        function=function,
+        h=h,
         rows=slice(lowest, lowest + rows),
         counts=counts,
-        speakers=arcs.speakers.copy(),
+        speakers=arcs.speakers,
         factor=gather,
     )
 
 
-def _by_slots(function: _Function, arcs: _Arcs, lowest: int, counts: IndexArray) -> _Block:
+def _by_slots(
+    h: Callable[[Array], Array], arcs: ArcGroup, lowest: int, counts: IndexArray
+) -> _Block:
     """Order agents by their number of arcs, and the arcs by slots: the i-th slot has the i-th arc
     of every agent that has so many."""
     agents = np.argsort(-counts, kind="stable")
@@ -194,7 +186,7 @@ def _by_slots(function: _Function, arcs: _Arcs, lowest: int, counts: IndexArray)
     if (arcs.weights != arcs.weights[0]).any():
         factor = arcs.weights[chosen]
     return _Block(
-        function=function,
+        h=h,
         rows=rows,
         speakers=arcs.speakers[chosen],
         slots=tuple(pairwise(edges)),
@@ -206,14 +198,12 @@ class Links:
     """The arcs of one graph as in (9), evaluated arc by arc: every arc may hold an older value of
     its speaker."""
 
-    def __init__(self, groups: Sequence[ArcGroup], n: int, m: int) -> None:
+    def __init__(self, groups: Sequence[ArcGroup], n: int) -> None:
         self.groups = groups
-        self.n = n
-        self.m = m
-        self.parts = []
-        for group in groups:
-            h = compile_coupling(group.coupling)
-            self.parts.append((h, arrays.gathering_matrix(group, n)))
+        self.parts = [
+            (compile_coupling(group.coupling), arrays.gathering_matrix(group, n))
+            for group in groups
+        ]
         none = np.zeros(0, dtype=np.int64)
         self.listeners = np.concatenate([none, *(group.listeners for group in groups)])
         self.speakers = np.concatenate([none, *(group.speakers for group in groups)])
@@ -277,13 +267,6 @@ class ClosedLoop:
         """Which numbers of xi are an agent's own, (n, q)."""
         return np.ones((self.n, self.q), dtype=bool) if self.own is None else self.own
 
-    def split(self, state: Array) -> tuple[Array, Array, Array]:
-        """Cut states (..., n (m + 2 q)) into x (..., n, m), xi and z (..., n, q)."""
-        cuts = [self.n * self.m, self.n * (self.m + self.q)]
-        x, xi, z = np.split(state, cuts, axis=-1)
-        lead = (*state.shape[:-1], self.n)
-        return x.reshape(*lead, self.m), xi.reshape(*lead, self.q), z.reshape(*lead, self.q)
-
     def control(self, e: Array, dhat: Array) -> Array:
         """u of (19) for e (..., n, m) and dhat (..., n, p)."""
         K: sp.csr_array = self.K
@@ -309,7 +292,7 @@ class ClosedLoop:
 def applied(gain: Array, y: Array) -> Array:
     """A gain (q, m) of all agents, or (n, q, m) one for each, times y (..., n, m): (..., n, q)."""
     if gain.ndim == 2:
-        return np.asarray(y @ gain.T)
+        return y @ gain.T
     return np.asarray(np.einsum("iqm,...im->...iq", gain, y))
 
 
@@ -317,7 +300,7 @@ def act(matrix: Array, y: Array) -> Array:
     """A matrix (p, q) of all agents, or (n, p, q) one for each, times y (n, q, R): (n, p, R)."""
     if y.shape[2] == 1:  # faster without the last axis
         return applied(matrix, y[..., 0])[..., None]
-    return np.asarray(matrix @ y)
+    return matrix @ y
 
 
 def make_closed_loop(problem: Problem, gain: Gain | None) -> ClosedLoop:
@@ -354,7 +337,7 @@ def _bend(plant: Plant, own: Callable[[Array], Array]) -> Callable[..., Array]:
 
     def bend(e: Array, s: Array | None = None) -> Array:
         moved = own(e) if s is None else own(s + e) - own(s[None])
-        return np.asarray(moved - act(plant.A, e))
+        return moved - act(plant.A, e)
 
     return bend
 
@@ -366,7 +349,7 @@ def _lead(
 
     def lead(s: Array) -> Array:
         moved = plant.A @ s if own is None else own(s[None])[0]
-        return np.asarray(moved + drift[:, None])
+        return moved + drift[:, None]
 
     return lead
 
@@ -391,7 +374,7 @@ class Network:
         rows = np.ascontiguousarray(e).reshape((n, -1) if e.size > n else (n,))
         total = np.zeros_like(rows)
         for block in self.blocks:
-            block.add(total, rows, m)
+            block.add(total, rows)
         result = total.reshape(e.shape)
         result -= loop.K @ e
         if loop.bend is not None:
@@ -407,7 +390,7 @@ class Network:
 def network_of(loop: ClosedLoop, groups: Sequence[ArcGroup], *, runs: int = 1) -> Network:
     """h(e) - K e on arcs that are grouped by coupling."""
     size = max(1, BLOCK // (loop.m * runs))
-    blocks = [block for group in groups for block in _blocks(group, size)]
+    blocks = [block for group in groups for block in _blocks(group, size, loop.m)]
     return Network(loop=loop, groups=groups, blocks=tuple(blocks))
 
 

@@ -81,7 +81,7 @@ def errors(
     both = loop.q > 0 and closed is None
 
     def positions(state: Array) -> Array:
-        return np.asarray(state[:cut].reshape(shape) + loop.goal)
+        return state[:cut].reshape(shape) + loop.goal
 
     @cache
     def network(mode: int) -> Network:

@@ -60,7 +60,7 @@ def flow(loop: ClosedLoop, times: float | Array) -> Array:
 
 def flown(added: Array, x: Array, speed: Array, xi: Array) -> Array:
     """x (n, m, R) after that time."""
-    return np.asarray(x + act(added, np.concatenate([speed, xi], axis=1)))
+    return x + act(added, np.concatenate([speed, xi], axis=1))
 
 
 class Discrete(NamedTuple):

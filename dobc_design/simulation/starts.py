@@ -46,7 +46,7 @@ class Start:
 
     def errors(self, loop: ClosedLoop) -> Array:
         """e = x - goal, with a leader x - s - goal: (n, m)."""
-        return np.asarray(self.x - loop.goal - (self.s if len(self.s) else 0.0))
+        return self.x - loop.goal - (self.s if len(self.s) else 0.0)
 
     def state(self, loop: ClosedLoop) -> Array:
         """e, flat, and s after it."""

@@ -161,7 +161,7 @@ class StressedColumns:
         if not self.agents.estimates:
             return d
         _, xihat = self.known(x, z, self.noise[..., chosen])
-        return np.asarray(d - act(C, xihat))
+        return d - act(C, xihat)
 
 
 class Together:
@@ -279,7 +279,7 @@ class _Alone:
         self.noises: list[Array] = []
 
     def positions(self, state: Array) -> Array:
-        return self.columns.loop.split(state)[0]
+        return self.columns.split(state[:, None])[0][..., 0]
 
     def segment(self, time: float, state: Array) -> Piece:
         """Up to the next switch, exchange or failure."""

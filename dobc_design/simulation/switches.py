@@ -53,7 +53,7 @@ class Switches:
     def at(self, times: Array) -> IndexArray:
         """Index of the active mode at each of the times, (T,); at an instant of switching the new
         one."""
-        return np.asarray(self.modes[np.searchsorted(self.times, times, side="right") - 1])
+        return self.modes[np.searchsorted(self.times, times, side="right") - 1]
 
     def until(self, time: float) -> Switches:
         """Those up to a time."""

@@ -123,7 +123,7 @@ class Trajectory(Simulated):
 
     def errors(self) -> Array:
         """e = x - goal, of a leader x - leader - goal: (T, n, m)."""
-        return np.asarray(self.x - self.goal - self.leader[:, None])
+        return self.x - self.goal - self.leader[:, None]
 
     def error(self) -> Array:
         """|e|_inf, the largest distance of any component from its goal, at every sample: (T,)."""

@@ -35,10 +35,10 @@ from dobc_design.report.write import write_comparison as write_comparison
 from dobc_design.report.write import write_report as write_report
 from dobc_design.simulation import signals as signals
 from dobc_design.simulation.breaking import what_breaks_first as what_breaks_first
-from dobc_design.simulation.ensemble import Ensemble as Ensemble
 from dobc_design.simulation.runs import simulate as simulate
 from dobc_design.simulation.stress import Failure as Failure
 from dobc_design.simulation.stress import Stress as Stress
+from dobc_design.simulation.trajectory import Ensemble as Ensemble
 from dobc_design.simulation.trajectory import Trajectory as Trajectory
 from dobc_design.simulation.trajectory import load_trajectory as load_trajectory
 from dobc_design.sweeps.result import SweepResult as SweepResult

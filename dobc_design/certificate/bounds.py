@@ -362,7 +362,7 @@ def _height_of(loop: Loop, claims: Claims, tolerance: Check, starts: Starts) -> 
 
 
 class RunLike(Protocol):
-    """See ``simulation.trajectory.Trajectory`` and ``simulation.ensemble.Ensemble``."""
+    """See ``Trajectory`` and ``Ensemble`` in ``simulation.trajectory``."""
 
     @property
     def name(self) -> str: ...

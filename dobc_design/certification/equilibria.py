@@ -19,11 +19,11 @@ from dobc_design.loop.arcs import unreached
 from dobc_design.loop.arrays import no_gain
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation.boxes import CORNERS, RANDOM, asked_box
+from dobc_design.simulation.starts import CORNERS, RANDOM, asked_box
+from dobc_design.simulation.switches import constant_signals
 from dobc_design.simulation.trials import (
     Batch,
     Effort,
-    constant_signals,
     make_arena,
     run_starts,
     settling_horizon,

@@ -21,9 +21,8 @@ from dobc_design.loop.make import loop_of
 if TYPE_CHECKING:
     from dobc_design.certificate.certificate import Certificate
     from dobc_design.problem.problem import Problem
-    from dobc_design.simulation.ensemble import Ensemble
     from dobc_design.simulation.stress import Stress
-    from dobc_design.simulation.trajectory import Trajectory
+    from dobc_design.simulation.trajectory import Ensemble, Trajectory
 
 SUMMARY = "summary.json"
 FIGURE = "simulation.svg"

@@ -10,8 +10,7 @@ import numpy as np
 from dobc_design.falsification.levels import Level, StartSet
 from dobc_design.loop.matrices import Array
 from dobc_design.model.flow import Flow
-from dobc_design.simulation.boxes import Pair
-from dobc_design.simulation.starts import TINY
+from dobc_design.simulation.starts import TINY, Pair
 
 
 class Height(NamedTuple):

@@ -22,9 +22,8 @@ from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation.boxes import RANDOM, Box, Pair, sphere, unit_cube
 from dobc_design.simulation.field import ClosedLoop
-from dobc_design.simulation.starts import TINY
+from dobc_design.simulation.starts import RANDOM, TINY, Box, Pair, sphere, unit_cube
 from dobc_design.verdict import Verdict
 
 Certified = Separable | Lure | Check
@@ -218,11 +217,6 @@ class Boundary:
     loop: ClosedLoop
 
     @property
-    def owned(self) -> Array:
-        """1 where a number of eps is the agent's own, (n, q)."""
-        return self.loop.owned.astype(np.float64)
-
-    @property
     def words(self) -> str:
         """What was searched."""
         return f"the boundary of the {self.level.name} set"
@@ -234,7 +228,7 @@ class Boundary:
         if self.level.P is not None:
             mean = float(np.trace(self.level.P)) / self.loop.q
             width = 2 / np.sqrt(max(TINY, mean))
-        return self.level.lengths, width * self.owned
+        return self.level.lengths, width * self.loop.owned
 
     def draw(self, rng: np.random.Generator, count: int, kind: str) -> Pair:
         """Starts of one kind."""
@@ -244,7 +238,7 @@ class Boundary:
         else:
             part = unit_cube(rng, rows, count, kind)
         e = self.level.directions(part)
-        eps = sphere(rng, self.owned, count) * rng.random((self.loop.n, 1, count))
+        eps = sphere(rng, self.loop.owned, count) * rng.random((self.loop.n, 1, count))
         sizes = self.level.value(e, 0 * eps)
         sizes_eps = self.level.value(0 * e, eps)
         # the part of V that is eps
@@ -257,7 +251,7 @@ class Boundary:
 
     def project(self, e: Array, eps: Array) -> Pair:
         """Starts on the same rays from the target."""
-        eps = np.zeros_like(eps) if self.level.P is None else eps * self.owned[:, :, None]
+        eps = np.zeros_like(eps) if self.level.P is None else eps * self.loop.owned[:, :, None]
         size = np.maximum(self.level.value(e, eps), TINY)
         return e / size, eps / size
 

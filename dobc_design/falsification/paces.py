@@ -10,8 +10,13 @@ from dobc_design.loop.guarantee import Phase
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.signals import Markov
-from dobc_design.simulation.switches import ModeTable, Switches, scheduled_switches, table_of
-from dobc_design.simulation.trials import constant_signals
+from dobc_design.simulation.switches import (
+    ModeTable,
+    Switches,
+    constant_signals,
+    scheduled_switches,
+    table_of,
+)
 
 PACES = (5, 20, 80)  # switches in a horizon, on average
 

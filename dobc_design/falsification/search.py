@@ -42,16 +42,14 @@ from dobc_design.model.flow import Flow, build_flow
 from dobc_design.problem.network import IndexArray
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation._arguments import positive, seconds, whole
-from dobc_design.simulation.boxes import CORNERS, EDGES, RANDOM, asked_box
 from dobc_design.simulation.integrate import fastest_decay
-from dobc_design.simulation.starts import TINY
-from dobc_design.simulation.switches import ModeTable
+from dobc_design.simulation.starts import CORNERS, EDGES, RANDOM, TINY, asked_box
+from dobc_design.simulation.switches import ModeTable, constant_signals
 from dobc_design.simulation.trials import (
     Arena,
     Batch,
     Effort,
     Trials,
-    constant_signals,
     make_arena,
     run_starts,
     settling_horizon,

@@ -21,7 +21,7 @@ from dobc_design.loop.arcs import places_at, split_by
 from dobc_design.loop.loop import Arc, Loop
 from dobc_design.loop.matrices import Array, block_sparse
 from dobc_design.problem.groups import gains_of, group_numbers
-from dobc_design.problem.network import Arcs, IndexArray, distinct_weights
+from dobc_design.problem.network import Arcs, BoolArray, IndexArray, distinct_weights
 from dobc_design.problem.problem import Problem
 
 LARGEST_FLOAT = Fraction(np.finfo(np.float64).max.item())
@@ -113,7 +113,7 @@ class Disturbance:
     C: Array
     F: Array
     W: Array
-    own: NDArray[np.bool_] | None = None
+    own: BoolArray | None = None
 
 
 @noun(eq=False)
@@ -273,9 +273,7 @@ def leaders_drift(problem: Problem) -> Array:
     return np.zeros(problem.m) if drift is None else np.ravel(to_float((drift,)))
 
 
-def error_arcs(
-    loop: Loop, mode: str, there: NDArray[np.bool_] | None = None
-) -> tuple[ArcGroup, ...]:
+def error_arcs(loop: Loop, mode: str, there: BoolArray | None = None) -> tuple[ArcGroup, ...]:
     """Split the arcs of one mode, or those ``there`` (arcs,), by what errors feel along them: by
     functions of the loop, in their order; empty groups are left out."""
     return _split(loop.modes[mode], loop.functions, loop.exceptions, size=loop.n, there=there)
@@ -294,7 +292,7 @@ def _split(
     places: Mapping[Arc, int],
     *,
     size: int,
-    there: NDArray[np.bool_] | None = None,
+    there: BoolArray | None = None,
 ) -> tuple[ArcGroup, ...]:
     which, different = distinct_weights(arcs_of_mode.weights)
     weights = to_float((different,))[0][which]

@@ -108,6 +108,7 @@ _ADD_UP = (
 )
 ONE = Fraction(1)
 IndexArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -134,7 +135,7 @@ class Arcs:
         return Arcs(self.listeners, self.speakers, self.weights)
 
     @property
-    def uncertain(self) -> NDArray[np.bool_]:
+    def uncertain(self) -> BoolArray:
         """Which arcs come and go, (arcs,)."""
         return np.arange(len(self)) >= len(self) - self.optional
 

@@ -12,17 +12,15 @@ from dataclasses import dataclass
 from typing import ClassVar, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import DOP853
 
 from dobc_design.loop.matrices import Array
-from dobc_design.problem.network import IndexArray
+from dobc_design.problem.network import BoolArray, IndexArray
 from dobc_design.simulation.closed_form import ClosedForm
 from dobc_design.simulation.field import ClosedLoop, Network
 from dobc_design.simulation.integrate import FARTHEST
 from dobc_design.simulation.switches import ModeTable
 
-BoolArray = NDArray[np.bool_]
 Visit = Callable[[IndexArray, IndexArray, Array], None]
 RightHandSide = Callable[[Array, Array], Array]
 
@@ -360,7 +358,7 @@ class CalmColumns:
         """Nothing is kept from one mode to the next."""
 
     def integrate(
-        self, times: Array, *, tolerance: float, visit: Visit, most: int = MOST_STEPS
+        self, times: Array, *, tolerance: float, visit: Visit, most: int | None = None
     ) -> Ends:
         """Integrate all runs over ``times`` from 0; ``visit`` gets places of samples and runs (k,),
         and e (n m, k)."""
@@ -373,7 +371,7 @@ class CalmColumns:
             end=float(times[-1]),
             switches=self.switches,
             farthest=FARTHEST * np.maximum(1.0, self.size(self.e)),
-            most=most,
+            most=MOST_STEPS if most is None else most,
             tolerance=tolerance,
             samples=times,
             visit=visit,

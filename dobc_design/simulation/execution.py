@@ -20,7 +20,6 @@ from dobc_design.simulation._arguments import whole
 from dobc_design.simulation.agents import StressedRuns
 from dobc_design.simulation.closed_form import ClosedForm, evolve
 from dobc_design.simulation.columns import COLUMN_NUMBERS, CalmColumns
-from dobc_design.simulation.ensemble import Ensemble
 from dobc_design.simulation.field import Network, network_of
 from dobc_design.simulation.integrate import (
     Integration,
@@ -35,10 +34,9 @@ from dobc_design.simulation.sampled import Stepper, run_sampled_alone
 from dobc_design.simulation.setting import WITHOUT, Setting
 from dobc_design.simulation.signals import Mobile, signal_to_json
 from dobc_design.simulation.starts import Start
-from dobc_design.simulation.stress import stress_to_json
 from dobc_design.simulation.stressed import Together, run_alone
 from dobc_design.simulation.switches import Planned, Switches, table_of
-from dobc_design.simulation.trajectory import Trajectory
+from dobc_design.simulation.trajectory import Ensemble, Trajectory
 
 MOST_KEPT = 100_000_000  # samples of all runs of an ensemble, two numbers of each: 1.6 GB
 # whose states an ensemble keeps, and how many numbers at most
@@ -92,7 +90,7 @@ def _trajectory(setting: Setting, seed: int, modes: Modes, outcome: Outcome) -> 
         notes=(*setting.notes, *run.notes, *setting.stress_notes),
         signal=signal_to_json(setting.signal),
         observer=setting.observer,
-        stress=stress_to_json(setting.stress),
+        stress=setting.stress_json,
         switches=switches,
         leader=np.zeros(0) if seen.leader is None else seen.leader,
     )
@@ -258,7 +256,7 @@ class _Collector:
             notes=notes,
             signal=signal_to_json(setting.signal),
             observer=setting.observer,
-            stress=stress_to_json(setting.stress),
+            stress=setting.stress_json,
             lengths=self.lengths,
             disturbances=self.disturbances,
             states=self.states,

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
 from dobc_design.coupling import tree
 from dobc_design.coupling.coupling import Coupling
@@ -23,7 +22,7 @@ from dobc_design.loop import arrays
 from dobc_design.loop.arrays import ArcGroup, Gain, Plant
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.matrices import Array, pull_matrix
-from dobc_design.problem.network import IndexArray
+from dobc_design.problem.network import BoolArray, IndexArray
 from dobc_design.problem.problem import Problem
 
 BLOCK = 1 << 15  # differences held at once: a quarter of a MiB per array
@@ -247,7 +246,7 @@ class ClosedLoop:
     W: Array
     K: sp.csr_array
     goal: Array
-    own: NDArray[np.bool_] | None = None
+    own: BoolArray | None = None
     plant: Plant | None = None
     bend: Callable[..., Array] | None = None
     lead: Callable[[Array], Array] | None = None
@@ -263,9 +262,16 @@ class ClosedLoop:
         return self.C if self.plant is None else self.plant.C
 
     @property
-    def owned(self) -> NDArray[np.bool_]:
-        """Which numbers of xi are an agent's own, (n, q)."""
-        return np.ones((self.n, self.q), dtype=bool) if self.own is None else self.own
+    def owned(self) -> Array:
+        """1 where a number of xi is an agent's own, else 0, (n, q)."""
+        return np.ones((self.n, self.q)) if self.own is None else self.own.astype(np.float64)
+
+    def split(self, state: Array) -> tuple[Array, Array, Array]:
+        """Cut states (..., n (m + 2 q)) into x (..., n, m), xi and z (..., n, q)."""
+        cuts = [self.n * self.m, self.n * (self.m + self.q)]
+        x, xi, z = np.split(state, cuts, axis=-1)
+        lead = (*state.shape[:-1], self.n)
+        return x.reshape(*lead, self.m), xi.reshape(*lead, self.q), z.reshape(*lead, self.q)
 
     def control(self, e: Array, dhat: Array) -> Array:
         """u of (19) for e (..., n, m) and dhat (..., n, p)."""

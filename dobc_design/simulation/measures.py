@@ -12,10 +12,10 @@ from statistics import median
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import bdtr, betaincinv
 
 from dobc_design.loop.matrices import Array
+from dobc_design.problem.network import BoolArray
 
 RESOLVED = 1e-6  # part of the largest error below which a decay is not read off: integration error
 SETTLED = 0.01  # part of the error at the start that counts as settled
@@ -57,7 +57,7 @@ def final_errors(error: Array) -> Array:
     return np.asarray(error[np.arange(len(error)), last])
 
 
-def summary(times: Array, error: Array, diverged: NDArray[np.bool_]) -> dict[str, Any]:
+def summary(times: Array, error: Array, diverged: BoolArray) -> dict[str, Any]:
     """Medians and maxima over runs; one that never settles counts as later than any time, which is
     None."""
     settled = []

@@ -27,18 +27,17 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from dobc_design.errors import ShapeError, wrong
 from dobc_design.loop.matrices import Array
-from dobc_design.problem.network import IndexArray
+from dobc_design.problem.network import BoolArray, IndexArray
 from dobc_design.simulation.agents import Agents, StressedRuns
 from dobc_design.simulation.columns import March, RightHandSide
 from dobc_design.simulation.field import ClosedLoop, act
 from dobc_design.simulation.integrate import FARTHEST, Outcome, Progress, Run, Samples
 from dobc_design.simulation.stressed import LEAST_STEPS, StressedColumns, sample_instants
-from dobc_design.simulation.switches import ModeTable
+from dobc_design.simulation.switches import constant_signals
 
 REPORTED = 64  # one of so many steps is reported
 
@@ -217,7 +216,7 @@ class Stepper:
         self.farthest = FARTHEST * np.maximum(1.0, self.size())
         self.counts = np.full(count, len(self.times))
         self.reasons: dict[int, str] = {}
-        self.going: NDArray[np.bool_] = np.ones(count, dtype=bool)
+        self.going: BoolArray = np.ones(count, dtype=bool)
 
     def curved_between(self, runs: StressedRuns) -> Between | None:
         """The agents between samples where they have no closed form."""
@@ -312,13 +311,12 @@ class Stepper:
         if not len(times) or times[-1] <= hold.begin:
             return path
         # couplings are held, so that switches of the graph do not matter here
-        one_mode = np.zeros((len(alive), 1))
         found = March(
             columns=columns,
             start=state[:, alive],
             begin=hold.begin,
             end=times[-1],
-            switches=ModeTable(times=one_mode, modes=one_mode.astype(np.int64)),
+            switches=constant_signals(0 * alive),
             farthest=self.farthest[alive],
             first=self.steps[alive],
             most=LEAST_STEPS,
@@ -359,7 +357,7 @@ class Stepper:
         u = agents.control(e, dhat)
         return Hold(begin=instant, measured=measured, felt=felt, u=u, dhat=dhat)
 
-    def end(self, which: NDArray[np.bool_], count: int, reason: str) -> None:
+    def end(self, which: BoolArray, count: int, reason: str) -> None:
         """Runs that end here keep their first ``count`` samples."""
         for run in np.flatnonzero(which).tolist():
             self.counts[run] = count

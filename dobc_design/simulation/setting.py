@@ -30,7 +30,7 @@ from dobc_design.simulation.integrate import STIFF, fastest_decay, observer_deca
 from dobc_design.simulation.mobile import groups_of, motion_switches
 from dobc_design.simulation.signals import Fixed, Mobile, Signal
 from dobc_design.simulation.starts import Given, Starts, make_starts
-from dobc_design.simulation.stress import Stress, required_worst_stress
+from dobc_design.simulation.stress import Stress, required_worst_stress, stress_to_json
 from dobc_design.simulation.switches import Switches, drawn_graphs, drawn_switches
 
 TOLERANCE = 1e-9  # relative, of the integrator; the absolute one is a hundredth of it
@@ -93,6 +93,11 @@ class Setting:
     def stress_notes(self) -> tuple[str, ...]:
         """The stress in words."""
         return () if self.stress.is_calm else (f"Stress: {self.stress}.",)
+
+    @property
+    def stress_json(self) -> str:
+        """The stress as JSON, "" for none."""
+        return "" if self.stress.is_calm else stress_to_json(self.stress)
 
     @property
     def modes_in_words(self) -> str:

@@ -1,4 +1,5 @@
-"""Where runs start: as given, in a file, in the problem, or drawn by a seed.
+"""Where runs start: as given, in a file, in the problem, or drawn by a seed; and boxes of starts of
+many runs, in terms of e (n m, R) and eps = xi - xihat (n, q, R), a column for each run.
 
 Starts are the same for the same seed; none enters a proof.
 """
@@ -10,18 +11,19 @@ import io
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dobc_design.errors import ShapeError, wrong
 from dobc_design.exact.matrix import Vector, to_float
 from dobc_design.exact.reading import shown
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.load import read_bytes
+from dobc_design.problem.network import BoolArray
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation._arguments import finite_array
 from dobc_design.simulation.field import ClosedLoop
@@ -33,6 +35,11 @@ AWAY = 1.0  # drawn starts without a region: at most this far from the goal, in 
 PARTS = ("x", "xi", "xihat")
 NUMBER = re.compile(r" *[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)? *")  # in a CSV file
 TINY = 1e-300
+
+Pair = tuple[Array, Array]  # e and eps
+
+RANDOM, CORNERS, EDGES = "random", "corners", "edges"
+MOST_ENUMERATED = 8  # components up to which all corners are taken in turn
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -69,7 +76,7 @@ class Starts:
     x: Array | None
     xi: Array | None
     xihat: Array
-    own: NDArray[np.bool_] | None = None
+    own: BoolArray | None = None
     leads: Array | None = None
     relative: bool = False
 
@@ -130,7 +137,7 @@ def make_starts(problem: Problem, loop: ClosedLoop, given: Given | None) -> Star
     if xi is None and region is not None and region.initial_disturbance is not None:
         radius = float(region.initial_disturbance)
     elif xi is None:
-        xi = loop.owned.astype(float)  # nothing bounds it: 1 in every number
+        xi = loop.owned  # nothing bounds it: 1 in every number
     return Starts(
         low=low,
         high=high,
@@ -153,7 +160,7 @@ def _given_rows(given: Given | None, loop: ClosedLoop) -> dict[str, Array]:
         if value is not None:
             rows[name] = _rows(value, f"start.{name}", loop.n, widths[name])
     # states that an agent does not have
-    others = ~loop.owned
+    others = 1 - loop.owned
     for name in sorted(rows.keys() - {"x"}):
         foreign = (rows[name] * others).any(axis=1)
         if foreign.any():
@@ -239,3 +246,95 @@ def _numbers(text: str) -> list[list[float]]:
             if not NUMBER.fullmatch(cell):
                 raise UnfitError(f"line {line}: {shown(cell)} is no number")
     return [[float(cell) for cell in row] for _, row in lines]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Box:
+    """low <= e <= high, both (n m,), and |eps_i| <= radius for every agent of the loop."""
+
+    words: str
+    loop: ClosedLoop
+    low: Array
+    high: Array
+    radius: float
+
+    @property
+    def reach(self) -> Pair:
+        """How far the set reaches from side to side, by number of e and of eps."""
+        return self.high - self.low, 2 * self.radius * self.loop.owned
+
+    def draw(self, rng: np.random.Generator, count: int, kind: str) -> Pair:
+        """Starts of one kind: anywhere, at corners, or on sides; eps anywhere or at the most."""
+        part = unit_cube(rng, len(self.low), count, kind)
+        width = (self.high - self.low)[:, None]
+        e = self.low[:, None] + width * (part + 1) / 2
+        own = self.loop.owned
+        lengths: Array | float = 1.0
+        if kind == RANDOM:
+            sizes = np.maximum(1.0, own.sum(axis=1))[:, None, None]
+            lengths = rng.random((len(own), 1, count)) ** (1 / sizes)
+        return e, self.radius * lengths * sphere(rng, own, count)
+
+    def project(self, e: Array, eps: Array) -> Pair:
+        """The nearest starts of the set, about."""
+        eps = eps * self.loop.owned[:, :, None]
+        lengths = np.linalg.norm(eps, axis=1, keepdims=True)
+        factor = np.minimum(1.0, self.radius / np.maximum(lengths, TINY))
+        return np.clip(e, self.low[:, None], self.high[:, None]), eps * factor
+
+    def holds(self, e: Array) -> bool:
+        """Whether e (n m,) with eps = 0 is in the set, but for rounding."""
+        slack = 1e-9 * (1 + np.abs(self.high) + np.abs(self.low))
+        above = self.low - slack <= e
+        return bool(np.all(above & (e <= self.high + slack)))
+
+
+def asked_box(
+    problem: Problem,
+    loop: ClosedLoop,
+    *,
+    radius: float | None = None,
+    disturbance: float | None = None,
+) -> Box:
+    """|e|_inf <= radius, else the region, else |e|_inf <= 1; |eps_i| as asked, else the region's,
+    else 0."""
+    region = problem.region
+    goal = loop.goal.ravel()
+    if radius is None and region is not None:
+        low, high = np.tile(to_float(region.initial_states), (problem.n, 1)).T - goal
+        words = "the region"
+    else:
+        far = AWAY if radius is None else radius
+        high = np.full(len(goal), far)
+        low = -high
+        words = f"|e|_inf <= {far:.4g}"
+    if disturbance is None:
+        disturbance = 0.0 if region is None else float(region.initial_disturbance or 0)
+    return Box(words=words, low=low, high=high, radius=disturbance, loop=loop)
+
+
+def unit_cube(rng: np.random.Generator, rows: int, count: int, kind: str) -> Array:
+    """Points of [-1, 1]^rows, (rows, count): anywhere, at corners (all where there are few), or on
+    sides."""
+    inside = rng.uniform(-1, 1, (rows, count))
+    signs = rng.choice((-1.0, 1.0), (rows, count))
+    if kind == RANDOM:
+        return inside
+    if kind == EDGES:
+        at_end = rng.random((rows, count)) < rng.random(count)
+        sides = rng.integers(rows, size=count)
+        at_end[sides, np.arange(count)] = True  # one at least
+        return np.where(at_end, signs, inside)
+    if rows <= MOST_ENUMERATED:
+        every = np.array(list(product((-1.0, 1.0), repeat=rows))).T
+        signs[:, : every.shape[1]] = every[:, :count]
+    else:
+        signs[:, :2] = np.array([-1.0, 1.0])[:count]
+    return signs
+
+
+def sphere(rng: np.random.Generator, own: Array, count: int) -> Array:
+    """Unit vectors of the numbers that are an agent's own, (n, q, count) for ``own`` (n, q)."""
+    directions = rng.standard_normal((*own.shape, count)) * own[:, :, None]
+    lengths = np.linalg.norm(directions, axis=1, keepdims=True)
+    return np.asarray(directions / np.maximum(lengths, TINY))

@@ -210,9 +210,7 @@ def required_worst_stress(problem: Problem) -> Stress:
 
 
 def stress_to_json(stress: Stress) -> str:
-    """A stress as one JSON object; "" for none."""
-    if stress.is_calm:
-        return ""
+    """A stress as one JSON object."""
     given = asdict(stress)
     # left out where it says nothing
     if not stress.worst:

@@ -279,7 +279,7 @@ class _Alone:
         self.noises: list[Array] = []
 
     def positions(self, state: Array) -> Array:
-        return self.columns.split(state[:, None])[0][..., 0]
+        return self.columns.loop.split(state)[0]
 
     def segment(self, time: float, state: Array) -> Piece:
         """Up to the next switch, exchange or failure."""

@@ -10,13 +10,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dobc_design.errors import ShapeError, SpecError, wrong
 from dobc_design.exact.reading import counted, is_list, shown
 from dobc_design.loop.arrays import ArcGroup, mode_index
 from dobc_design.loop.matrices import Array
-from dobc_design.problem.network import IndexArray
+from dobc_design.problem.network import BoolArray, IndexArray
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.signals import (
     Fixed,
@@ -97,6 +96,11 @@ def table_of(switches: Sequence[Switches]) -> ModeTable:
     return ModeTable(times=times, modes=modes)
 
 
+def constant_signals(modes: IndexArray) -> ModeTable:
+    """Each run in one mode (R,) all the time."""
+    return ModeTable(times=np.zeros((len(modes), 1)), modes=modes[:, None].astype(np.int64))
+
+
 def one_mode(name: str) -> Switches:
     """One mode throughout."""
     return Switches(times=np.zeros(1), modes=np.zeros(1, dtype=np.int64), names=(name,))
@@ -135,7 +139,7 @@ class DrawnGraph:
     """Some of the arcs of a mode: those that are ``there``, (arcs,)."""
 
     mode: str
-    there: NDArray[np.bool_]
+    there: BoolArray
 
 
 def drawn_graphs(problem: Problem) -> dict[str, DrawnGraph]:
@@ -213,7 +217,7 @@ def _periodic(signal: Periodic, names: tuple[str, ...], horizon: float) -> Drawn
         times = np.asarray((turns * ends[-1] + begins).ravel(), dtype=np.float64)
     else:
         times = np.asarray(given[0] * np.arange(len(modes)), dtype=np.float64)
-    seen: NDArray[np.bool_] = times < horizon
+    seen: BoolArray = times < horizon
     return times[seen], modes[seen]
 
 
@@ -230,7 +234,7 @@ def _random(signal: RandomDwell, count: int, horizon: float, rng: np.random.Gene
         modes = np.cumsum([modes[0], *further]) % count
         stays = rng.uniform(signal.dwell, signal.longest, size=most)
         times = np.concatenate([[0.0], np.cumsum(stays)[:-1]])
-    seen: NDArray[np.bool_] = times < horizon
+    seen: BoolArray = times < horizon
     return np.asarray(times[seen]), modes[seen]
 
 

@@ -10,12 +10,11 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dobc_design.loop.arrays import Gain, error_arcs
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.matrices import Array, consensus_jacobian, pull_matrix
-from dobc_design.problem.network import IndexArray
+from dobc_design.problem.network import BoolArray, IndexArray
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.closed_form import make_closed_form
 from dobc_design.simulation.columns import (
@@ -29,7 +28,6 @@ from dobc_design.simulation.columns import (
 from dobc_design.simulation.field import ClosedLoop, Network, make_closed_loop, network_of
 from dobc_design.simulation.switches import ModeTable
 
-BoolArray = NDArray[np.bool_]
 Value = Callable[[Array, Array], Array]
 
 SAMPLES = 121
@@ -160,11 +158,6 @@ def settling_horizon(problem: Problem) -> float:
     return float(min(max(horizon, TIME_CONSTANTS / slowest), LONGEST * horizon))
 
 
-def constant_signals(modes: IndexArray) -> ModeTable:
-    """Each run in one mode (R,) all the time."""
-    return ModeTable(times=np.zeros((len(modes), 1)), modes=modes[:, None].astype(np.int64))
-
-
 def run_starts(
     arena: Arena, starts: Batch, effort: Effort, *, value: Value | None = None
 ) -> Trials:
@@ -176,8 +169,18 @@ def run_starts(
     # |F| times the horizon is too large for a table
     if closed is None or states is None:
         starts = Batch(e=starts.e, eps=np.zeros_like(starts.eps), switches=starts.switches)
-    trials = _no_trials(starts, np.linspace(0.0, effort.horizon, effort.samples))
-    transition = None if states is None else np.moveaxis(states.many(trials.times), 2, 0)
+    times = np.linspace(0.0, effort.horizon, effort.samples)
+    shape = (len(times), len(starts))
+    # nothing is known yet
+    trials = Trials(
+        times=times,
+        error=np.full(shape, np.nan),
+        values=np.full(shape, np.nan),
+        ends=np.full_like(starts.e, np.nan),
+        states=np.zeros(len(starts), dtype=np.int64),
+        starts=starts,
+    )
+    transition = None if states is None else np.moveaxis(states.many(times), 2, 0)
     for begin in range(0, len(starts), arena.chunk):
         chosen = np.arange(begin, min(len(starts), begin + arena.chunk))
         part = starts.of(chosen)
@@ -192,23 +195,10 @@ def run_starts(
         watch = _Watch(trials=trials, chosen=chosen, transition=transition, value=value)
         with np.errstate(all="ignore"):
             ends = columns.integrate(
-                trials.times, tolerance=effort.tolerance, visit=watch.visit, most=effort.most
+                times, tolerance=effort.tolerance, visit=watch.visit, most=effort.most
             )
         trials.states[chosen] = ends.states
     return trials
-
-
-def _no_trials(starts: Batch, times: Array) -> Trials:
-    """Of these starts, at these times, before anything is known."""
-    shape = (len(times), len(starts))
-    return Trials(
-        times=times,
-        error=np.full(shape, np.nan),
-        values=np.full(shape, np.nan),
-        ends=np.full_like(starts.e, np.nan),
-        states=np.zeros(len(starts), dtype=np.int64),
-        starts=starts,
-    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

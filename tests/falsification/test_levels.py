@@ -13,8 +13,8 @@ from dobc_design.conditions.separable.claim import ErrorBound, Separable
 from dobc_design.errors import SpecError
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.falsification.levels import Boundary, level_of
-from dobc_design.simulation.boxes import CORNERS, EDGES, RANDOM, asked_box
 from dobc_design.simulation.field import make_closed_loop
+from dobc_design.simulation.starts import CORNERS, EDGES, RANDOM, asked_box
 
 F = Fraction
 P = ((F(2), F(1, 2)), (F(1, 2), F(1)))

@@ -30,8 +30,8 @@ from dobc_design.falsification.suspect import LEAVES, RESTS, STAYS_AWAY, Falsifi
 from dobc_design.loop.make import loop_of
 from dobc_design.model.flow import build_flow
 from dobc_design.problem.changes import changed_problem, gain_changes
-from dobc_design.simulation.boxes import asked_box
 from dobc_design.simulation.field import make_closed_loop
+from dobc_design.simulation.starts import asked_box
 
 F = Fraction
 SADDLE = float(half_difference(3.3))

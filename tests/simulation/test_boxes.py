@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from dobc_design import Exosystem, Network, Observer, Problem
-from dobc_design.simulation.boxes import CORNERS, EDGES, RANDOM, asked_box, unit_cube
 from dobc_design.simulation.field import make_closed_loop
+from dobc_design.simulation.starts import CORNERS, EDGES, RANDOM, asked_box, unit_cube
 
 
 def boxed(**more) -> tuple[Problem, object]:

@@ -45,13 +45,12 @@ def test_the_full_loop_is_the_symbolic_closed_loop(problem: Problem):
     switches = setting.switches(0)
     starts = [setting.starts.draw(0)]
     runs = StressedRuns(setting=setting, starts=starts, seeds=[0], switches=[switches])
-    columns = StressedColumns(runs, 1.0)
-    derivative = columns.part(0, ALONE)
+    derivative = StressedColumns(runs, 1.0).part(0, ALONE)
     model = build_model(problem)
     rng = np.random.default_rng(0)
     for _ in range(5):
         state = rng.normal(size=problem.n * (problem.m + 2 * problem.q))
-        parts = [part.ravel() for part in columns.split(state[:, None])]
+        parts = [part.ravel() for part in setting.loop.split(state)]
         wanted = np.asarray(ca.vertcat(*model.closed_loop(*parts))).ravel()
         found = derivative(state[:, None], np.zeros((0, 1)))[:, 0]
         np.testing.assert_allclose(found, wanted, rtol=1e-12, atol=1e-11)

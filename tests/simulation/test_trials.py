@@ -10,11 +10,11 @@ from scipy.integrate import solve_ivp
 
 from dobc_design import Problem
 from dobc_design.falsification.paces import drawn_signals
+from dobc_design.simulation.switches import constant_signals
 from dobc_design.simulation.trials import (
     Batch,
     Effort,
     Trials,
-    constant_signals,
     make_arena,
     run_starts,
 )

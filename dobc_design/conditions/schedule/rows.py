@@ -39,6 +39,7 @@ from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.number import float_above, float_below
 from dobc_design.exact.work import spend
 from dobc_design.loop.loop import Loop
+from dobc_design.problem.network import BoolArray
 
 HALVINGS: Final = 11  # of a segment
 # Parts of each segment, and besides, that may be left to halve: more are left only where a claim is
@@ -278,7 +279,7 @@ class MovingRows:
             failed.append(k + np.flatnonzero(bad))
         return np.concatenate(failed)
 
-    def _fail(self, motion: Motion, parts: _Parts) -> NDArray[np.bool_]:
+    def _fail(self, motion: Motion, parts: _Parts) -> BoolArray:
         """Whether a row of each part is not proved."""
         spend(1 + len(parts) * len(self.layout.rows) // A_STEP)
         start = motion.boxes[parts.segments]

@@ -52,6 +52,10 @@ class StressedRuns:
         # all runs have the same graphs
         return self.setting.groups_of(self.switches[0], mode)
 
+    def streams(self, number: int) -> list[np.random.Generator]:
+        """One stream of random numbers of each run."""
+        return [np.random.default_rng([seed, number]) for seed in self.seeds]
+
     def stacked(self, part: str) -> Array:
         """x, xi, xihat or eps of all starts, (n, m or q, R)."""
         return np.stack([getattr(start, part) for start in self.starts], axis=2)
@@ -82,13 +86,10 @@ class Agents:
         self.heard = Heard(runs, instants, keep=keep)
         self.limit = _limit(runs)
         # random numbers of the noise, and of the disturbance
-        self.noises = [np.random.default_rng([seed, NOISE]) for seed in runs.seeds]
+        self.noises = runs.streams(NOISE)
         self.drawn: Array = np.zeros((0, *self.shape, len(runs.seeds)))
-        phases = []
         ports = (self.loop.n, len(self.loop.output))
-        for seed in runs.seeds:
-            rng = np.random.default_rng([seed, PHASE])
-            phases.append(rng.uniform(0, 2 * np.pi, size=ports))
+        phases = [rng.uniform(0, 2 * np.pi, size=ports) for rng in runs.streams(PHASE)]
         self.phase = np.stack(phases, axis=2)
         self.signs = None
         if runs.stress.worst:
@@ -140,8 +141,7 @@ class Agents:
             if self.failing[agent].kind == "freeze":
                 self.stopped[agent] = Left(u[agent].copy(), e[agent].copy())
             else:
-                nothing = np.zeros_like(u[agent])
-                self.stopped[agent] = Left(nothing, nothing + np.nan)
+                self.stopped[agent] = Left(np.zeros_like(u[agent]), np.full_like(e[agent], np.nan))
 
     def said(self, e: Array, chosen: Chosen = ALL) -> Array:
         """What can be heard of the agents: measured errors, old ones of frozen agents, nan of
@@ -208,7 +208,7 @@ class Heard:
         self.values = np.zeros((0, loop.m, many))
         self.links: dict[int, Links] = {}
         self.mode = np.full(many, -1)
-        self.rngs = [np.random.default_rng([seed, LOSS]) for seed in runs.seeds]
+        self.rngs = runs.streams(LOSS)
         self.drawn: Array = np.zeros((0, 0, 0))
         self.block = BLOCK
         self.modes: IndexArray = np.zeros((1, len(instants)), dtype=np.int64)

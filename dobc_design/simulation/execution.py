@@ -130,12 +130,12 @@ def _calm(setting: Setting, start: Start, modes: Modes, progress: Progress) -> O
     e0 = start.state(loop)
     state = np.concatenate([e0, eps0.ravel()]) if both else e0
     integration = Integration(
-        errors(loop, modes, closed, eps0, F),
-        state,
-        setting.times,
+        plan=errors(loop, modes, closed, eps0, F),
+        state=state,
+        times=setting.times,
         tolerance=setting.tolerance,
         implicit=setting.is_stiff(closed=not both),
-        progress=progress,
+        report=progress,
     )
     run = integration.run()
     if both:
@@ -177,7 +177,7 @@ def run_many(setting: Setting, runs: int, *, progress: Progress = silent) -> Ens
         cure = "Make several ensembles with other seeds, or ask for fewer samples."
         raise wrong("runs", message, cure)
     with np.errstate(all="ignore"):
-        return _Collector(setting, runs, progress).run()
+        return _Collector(setting=setting, runs=runs, report=progress).run()
 
 
 def _why_one_by_one(setting: Setting, closed: ClosedForm | None) -> str:
@@ -193,13 +193,17 @@ def _why_one_by_one(setting: Setting, closed: ClosedForm | None) -> str:
     return "the loop is stiff" if setting.is_stiff(closed=not setting.is_full) else ""
 
 
+@dataclass(kw_only=True, eq=False)
 class _Collector:
     """Puts what the runs come to into the arrays of an ensemble."""
 
-    def __init__(self, setting: Setting, runs: int, report: Progress) -> None:
-        self.setting = setting
-        self.runs = runs
-        self.report = report
+    setting: Setting
+    runs: int
+    report: Progress
+
+    def __post_init__(self) -> None:
+        setting = self.setting
+        runs = self.runs
         self.method = "DOP853, side by side"
         self.reasons: dict[int, str] = {}
         shape = (len(setting.times), setting.loop.n, setting.loop.m)

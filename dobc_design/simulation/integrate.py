@@ -118,8 +118,7 @@ class Run:
     notes: list[str] = field(default_factory=list)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Samples:
+class Samples(NamedTuple):
     """What is seen of the loop: of one run over its times x, d, dhat, u (T, n, m) and xi, xihat (T,
     n, q), or of many at one time, (n, m, R) and (n, q, R).  ``leader``: (T, m) where there is
     one."""
@@ -141,36 +140,29 @@ class Outcome:
     samples: Samples
 
 
+@dataclass(kw_only=True, eq=False)
 class Integration:
-    """From ``start`` at 0, sampled at ``times``; ``tolerance`` is relative, the absolute one is a
+    """From ``state`` at 0, sampled at ``times``; ``tolerance`` is relative, the absolute one is a
     hundredth of it."""
 
-    def __init__(
-        self,
-        plan: Plan,
-        start: Array,
-        times: Array,
-        *,
-        tolerance: float,
-        implicit: bool,
-        progress: Progress,
-    ) -> None:
-        self.plan = plan
-        self.times = times
-        self.tolerance = tolerance
-        self.implicit = implicit
-        self.report = progress
+    plan: Plan
+    state: Array
+    times: Array
+    tolerance: float
+    implicit: bool
+    report: Progress
+
+    def __post_init__(self) -> None:
         # where it stands, and the step that comes next
         self.time = 0.0
-        self.state = start
-        self.horizon = float(times[-1])
+        self.horizon = float(self.times[-1])
         self.step: float | None = None
         # samples that are done
-        self.states = np.empty((len(times), len(start)))
-        self.states[0] = start
+        self.states = np.empty((len(self.times), len(self.state)))
+        self.states[0] = self.state
         self.done = 1
         # steps since the last sample, each with a larger error
-        self.risen = max(1.0, plan.error(start))
+        self.risen = max(1.0, self.plan.error(self.state))
         self.farthest = FARTHEST * self.risen
         self.rise: list[tuple[float, Array]] = []
         # effort
@@ -182,7 +174,7 @@ class Integration:
         self.inside = 0
         self.notes: list[str] = []
         self.methods = ["DOP853"]
-        if implicit:
+        if self.implicit:
             self.notes.append("The loop is stiff: integrated by the implicit method Radau.")
             self.methods = ["Radau"]
 

@@ -38,6 +38,7 @@ from dobc_design.simulation.field import ClosedLoop, act
 from dobc_design.simulation.integrate import FARTHEST, Outcome, Progress, Run, Samples
 from dobc_design.simulation.stressed import LEAST_STEPS, StressedColumns, sample_instants
 from dobc_design.simulation.switches import constant_signals
+from dobc_design.simulation.trajectory import SAMPLED
 
 REPORTED = 64  # one of so many steps is reported
 
@@ -150,14 +151,7 @@ def run_sampled_alone(runs: StressedRuns, progress: Progress) -> Outcome:
         method=stepper.method,
         evaluations=len(stepper.instants),
     )
-    samples = Samples(
-        x=over_time("x"),
-        xi=over_time("xi"),
-        xihat=over_time("xihat"),
-        d=over_time("d"),
-        dhat=over_time("dhat"),
-        u=over_time("u"),
-    )
+    samples = Samples(*map(over_time, SAMPLED))
     return Outcome(run=run, samples=samples)
 
 
@@ -201,9 +195,12 @@ class Stepper:
         self.Ad = integral(self.loop.A, self.period)[0]
         # nothing is heard between the instants
         self.agents = Agents(runs, self.instants, keep=False)
-        self.between = self.curved_between(runs)
+        self.between: Between | None = None
         self.method = f"exact steps of {self.period:g} s"
-        if self.between is not None:
+        # with dynamics, what agents do between samples need not have a closed form
+        bent = self.loop.bend is not None or runs.stress.disturbance
+        if self.loop.plant is not None and bent:
+            self.between = Between(runs, self.agents)
             self.method = f"DOP853 between samples, every {self.period:g} s"
         self.steps = np.full(count, self.period)
         # the state of all runs, and what the observer compares it with
@@ -217,12 +214,6 @@ class Stepper:
         self.counts = np.full(count, len(self.times))
         self.reasons: dict[int, str] = {}
         self.going: BoolArray = np.ones(count, dtype=bool)
-
-    def curved_between(self, runs: StressedRuns) -> Between | None:
-        """The agents between samples where they have no closed form."""
-        if self.loop.plant is None or not (self.loop.bend is not None or runs.stress.disturbance):
-            return None
-        return Between(runs, runs.setting.horizon, self.agents)
 
     def size(self) -> Array:
         """|e|_inf of all runs, (R,)."""

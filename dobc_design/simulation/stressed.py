@@ -53,8 +53,9 @@ class StressedColumns:
     the other.  Their derivative is that between two instants at which all wait: ``noise`` (n, m, R)
     since the last of them, ``next`` the number of the next; ``alive`` (k,): the runs under way."""
 
-    def __init__(self, runs: StressedRuns, horizon: float, agents: Agents | None = None) -> None:
+    def __init__(self, runs: StressedRuns, agents: Agents | None = None) -> None:
         self.loop = runs.setting.loop
+        horizon = runs.setting.horizon
         draws = runs.stress.draws
         instants = np.zeros(0)
         if draws is not None:
@@ -176,7 +177,7 @@ class Together:
         self.times = runs.setting.times
         self.horizon = runs.setting.horizon
         self.visit = visit
-        self.columns = StressedColumns(runs, self.horizon)
+        self.columns = StressedColumns(runs)
         self.switches = table_of(runs.switches)
         self.y = self.columns.start
         self.farthest = FARTHEST * np.maximum(1.0, self.columns.size(self.y))
@@ -258,12 +259,12 @@ def run_alone(runs: StressedRuns, modes: Modes, progress: Progress) -> Outcome:
     alone = _Alone(runs, modes)
     plan = Plan(setting.loop.goal, alone.positions, alone.segment)
     integration = Integration(
-        plan,
-        alone.columns.start[:, 0],
-        setting.times,
+        plan=plan,
+        state=alone.columns.start[:, 0],
+        times=setting.times,
         tolerance=setting.tolerance,
         implicit=setting.is_stiff(closed=False),
-        progress=progress,
+        report=progress,
     )
     run = integration.run()
     return Outcome(run=run, samples=alone.samples(run.times, run.states))
@@ -274,7 +275,7 @@ class _Alone:
     instants."""
 
     def __init__(self, runs: StressedRuns, modes: Modes) -> None:
-        self.columns = StressedColumns(runs, runs.setting.horizon)
+        self.columns = StressedColumns(runs)
         self.modes = modes
         self.noises: list[Array] = []
 
@@ -318,16 +319,6 @@ class _Alone:
         for agent, left in agents.stopped.items():
             u[agent][:, times >= agents.failing[agent].time] = left.input
         d = act(columns.loop.output, xi) + agents.extra(times)
-        return Samples(
-            x=_in_time(x),
-            xi=_in_time(xi),
-            xihat=_in_time(agents.believed(xihat)),
-            d=_in_time(d),
-            dhat=_in_time(agents.believed(dhat)),
-            u=_in_time(u),
-        )
-
-
-def _in_time(array: Array) -> Array:
-    """(n, m, T) as (T, n, m), a copy."""
-    return np.moveaxis(array, 2, 0).copy()
+        seen = (x, xi, agents.believed(xihat), d, agents.believed(dhat), u)
+        # (n, m, T) as (T, n, m), a copy
+        return Samples(*(np.moveaxis(array, 2, 0).copy() for array in seen))

@@ -280,15 +280,13 @@ class Stay(NamedTuple):
     change: Change | None = None
 
 
+@dataclass(frozen=True, slots=True, eq=False)
 class Planned:
     """Modes that are known beforehand; ``groups`` gives the arcs of a mode by its index."""
 
-    def __init__(
-        self, switches: Switches, groups: Callable[[int], Sequence[ArcGroup]], horizon: float
-    ) -> None:
-        self.switches = switches
-        self.groups = groups
-        self.horizon = horizon
+    switches: Switches
+    groups: Callable[[int], Sequence[ArcGroup]]
+    horizon: float
 
     def stay(self, time: float, positions: Array) -> Stay:
         """The mode at a time."""

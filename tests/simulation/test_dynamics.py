@@ -212,3 +212,14 @@ def test_what_breaks_first_knows_the_period(monkeypatch: pytest.MonkeyPatch, pro
         "period",
     ]
     assert found.period.converges > 0.05
+
+
+def test_an_agent_with_fewer_inputs_than_states_can_vanish():
+    """What it says has a number for every state, what it commands one for every input."""
+    problem = three_states()
+    gone = dd.Failure(agent=problem.network.labels[0], time=0.1)
+    run = dd.simulate(problem, t_final=0.2, samples=3, stress=dd.Stress(failures=[gone]))
+    assert run.u.shape[2] < run.x.shape[2]
+    assert not run.u[1:, 0].any()
+    assert run.u[0, 0].any()
+    assert np.isfinite(run.x).all()

@@ -45,7 +45,7 @@ def test_the_full_loop_is_the_symbolic_closed_loop(problem: Problem):
     switches = setting.switches(0)
     starts = [setting.starts.draw(0)]
     runs = StressedRuns(setting=setting, starts=starts, seeds=[0], switches=[switches])
-    derivative = StressedColumns(runs, 1.0).part(0, ALONE)
+    derivative = StressedColumns(runs).part(0, ALONE)
     model = build_model(problem)
     rng = np.random.default_rng(0)
     for _ in range(5):

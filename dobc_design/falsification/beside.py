@@ -55,7 +55,9 @@ def search_beside(
 ) -> Searched:
     """Look for starts that contradict: in the region asked for, or up to twice the largest
     certified box; and on the boundary of the certified set."""
-    certificate = _marked(certificate)
+    # as `dobc certify --search` makes it
+    options = tuple(dict.fromkeys((*certificate.claims.options, "--search")))
+    certificate = replace(certificate, claims=replace(certificate.claims, options=options))
     problem = certificate.problem
     W = certificate.claims.W
     if problem.groups and W is None:
@@ -66,19 +68,11 @@ def search_beside(
     check = regional_check(certificate)
     if check is not None:
         questions.append(Question(runs=runs, seed=seed, certified=check))
-    found = []
-    for question in questions:
-        found.append(search_starts(problem, question, gain=W, progress=progress))
+    found = [search_starts(problem, each, gain=W, progress=progress) for each in questions]
     refuting = found[0].check
     if refuting is not None:
         certificate = _refuted(certificate, refuting)
     return Searched(certificate=certificate, searches=tuple(found))
-
-
-def _marked(certificate: Certificate) -> Certificate:
-    """The certificate as `dobc certify --search` makes it."""
-    options = tuple(dict.fromkeys((*certificate.claims.options, "--search")))
-    return replace(certificate, claims=replace(certificate.claims, options=options))
 
 
 def _radius(certificate: Certificate) -> float | None:

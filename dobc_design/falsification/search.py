@@ -182,16 +182,12 @@ class _Search:
         """Starts of every kind."""
         counts = {kind: int(share * count) for kind, share in SHARES.items()}
         counts[RANDOM] = count - sum(counts.values())
-        e = []
-        eps = []
-        for kind, each in counts.items():
-            if each:
-                drawn = self.starts.draw(rng, each, kind)
-                e.append(drawn[0])
-                eps.append(drawn[1])
-        switches = self.signals(rng, count)
+        pairs = [self.starts.draw(rng, each, kind) for kind, each in counts.items() if each]
+        e, eps = zip(*pairs, strict=True)
         return Batch(
-            e=np.concatenate(e, axis=1), eps=np.concatenate(eps, axis=2), switches=switches
+            e=np.concatenate(e, axis=1),
+            eps=np.concatenate(eps, axis=2),
+            switches=self.signals(rng, count),
         )
 
     def signals(self, rng: np.random.Generator, count: int) -> ModeTable:
@@ -232,13 +228,11 @@ class _Search:
         if self.level is not None:
             objective = partial(final_level, self.level, rows, self.arena.loop.q)
         flow = cache(self.flow)  # to build one takes longer than to climb it
-        e = []
-        eps = []
+        climbed = []
         for run, mode in zip(worst.tolist(), modes.tolist(), strict=True):
             start = (starts.e[:, run], starts.eps[:, :, run])
-            climbed = ascend(flow(mode), self.starts, start, objective)
-            e.append(climbed[0])
-            eps.append(climbed[1])
+            climbed.append(ascend(flow(mode), self.starts, start, objective))
+        e, eps = zip(*climbed, strict=True)
         # where no mode may last for ever the climbed starts are tried with other signals
         switches = constant_signals(modes)
         if not all(loop_of(self.problem).may_stay(mode) for mode in self.arena.modes):
@@ -397,11 +391,8 @@ class _Search:
 
     def refuting(self, proved: list[Equilibrium]) -> Check | None:
         """The check of the first equilibrium that refutes the region asked for."""
-        for claim in proved:
-            check = refuting_check(loop_of(self.problem), claim)
-            if check is not None:
-                return check
-        return None
+        checks = (refuting_check(loop_of(self.problem), claim) for claim in proved)
+        return next(filter(None, checks), None)
 
 
 def _is_same(end: Array, other: Array) -> bool:

@@ -278,9 +278,9 @@ class SweepResult(Headed):
     @property
     def rows(self) -> list[dict[str, Any]]:
         """Every case as a mapping column -> value."""
-        numeric = [self._is_number(place) for place in range(len(self.axes))]
+        columns = self.columns
+        numeric = [columns[name] == "number" for name in self.axes]
         kept = [column.name for column in self.plan.task.columns]
-        names = list(self.columns)
         rows = []
         for line in self.lines:
             axes = zip(line["values"], numeric, strict=True)
@@ -289,7 +289,7 @@ class SweepResult(Headed):
             found = [result.get(name) for name in kept]
             error = None if line["error"] is None else line["error"]["message"]
             cells = [line["case"], *values, *found, error, line["seconds"], line["id"]]
-            rows.append(dict(zip(names, cells, strict=True)))
+            rows.append(dict(zip(columns, cells, strict=True)))
         return rows
 
     def column(self, name: str) -> list[Any]:

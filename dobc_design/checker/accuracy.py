@@ -113,7 +113,11 @@ def by_stages(case: Case, check: Any) -> None:
         holds_starts(case, check.domain, first)
     # a run that has come down to the level of a stage lies in the box of the next
     for before, after in pairwise(stages):
-        need(curved and lies_inside(before, after), "a stage does not hold the box before")
+        inner = paired(before.v, after.v)
+        need(
+            curved and all(before.level * x < after.rho * y for x, y in inner),
+            "a stage does not hold the box before",
+        )
     for each in stages:
         if turned:
             shrinks_turned(case, T, each, peaks)
@@ -153,12 +157,6 @@ def holds_starts(case: Case, domain: Any, claim: Any) -> None:
     # runs may start inside the level, too, and disturbances bring them back to it
     radius = max(domain.radius, claim.level / spread(frame(claim), claim.v))
     holds_box(claim, radius, domain.disturbance, claim.rho)
-
-
-def lies_inside(before: Any, after: Any) -> bool:
-    """Whether the inner box of a stage lies in the outer one of the next."""
-    pairs = paired(before.v, after.v)
-    return all(before.level * x < after.rho * y for x, y in pairs)
 
 
 def shrinks_turned(case: Case, T: Matrix, stage: Any, peaks: Any) -> None:

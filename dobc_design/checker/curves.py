@@ -180,7 +180,11 @@ def supremum(curve: Curve, p: Floats, q: Floats, a: float, b: float) -> Bound:
     if len(cells) == 1 and cells[0].way == 1:
         return follow(curve, q, a, b, rising=True)
     if a == 0:
-        return from_zero(curve, p, q, left, last)
+        # h(y) = g y with a slope g on the piece, at most s max (-g p, g q)
+        slope = curve.at((left, max(0.0, last)))[1]
+        steepest = max(times(slope, side)[1] for side in (negative(p), q))
+        line = (steepest, steepest)
+        return Bound(-math.inf, math.inf, lambda s: times((s, s), line)[1], line)
 
     bounds = [follow(curve, side, a, b) for side in (q, negative(p))]
     # The largest value between two cells, or in one that is not known to rise or fall.
@@ -196,15 +200,6 @@ def supremum(curve: Curve, p: Floats, q: Floats, a: float, b: float) -> Bound:
     bounds = [bound for bound in bounds if bound.high >= floor]  # the others are never the largest
     slopes = hull(*(bound.slope for bound in bounds))
     return Bound(floor, math.inf, lambda s: max(bound.at(s) for bound in bounds), slopes)
-
-
-def from_zero(curve: Curve, p: Floats, q: Floats, left: float, last: float) -> Bound:
-    """The same on a piece that begins at 0: h(y) = g y with a slope g, at most s max (-g p, g
-    q)."""
-    slope = curve.at((left, max(0.0, last)))[1]
-    steepest = max(times(slope, side)[1] for side in (negative(p), q))
-    line = (steepest, steepest)
-    return Bound(-math.inf, math.inf, lambda s: times((s, s), line)[1], line)
 
 
 def below(a: float, b: float, at: Callable[[float], float], slope: Floats) -> bool:

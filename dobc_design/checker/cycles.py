@@ -5,13 +5,13 @@ from collections.abc import Iterable, Iterator
 from fractions import Fraction
 from functools import partial
 from itertools import pairwise
+from operator import mul
 from typing import Any, NamedTuple
 
 from .claims import Case
 from .consensus import jacobian
 from .coordinates import RowsOfCoordinates, far, inverse
 from .curves import Curve, Curves, Term, at_once, both_faces, on_pieces
-from .expressions import Coupling
 from .guarantee import Phase
 from .intervals import Exact, by_decimal, enclosed
 from .loop import Loop, reach
@@ -210,18 +210,12 @@ def rises(loop: Loop, rho: Fraction | None, strictly: bool = True) -> None:
     need(all(loop.least_gain(i) >= 0 for i in loop.nodes), "a gain pushes outward")
     for h in loop.functions:
         curve = Curve(h, False, -width, width)
-        slope = slope_at_zero(h, curve)
+        # a kink has its slopes on both sides
+        slope: Any = curve.at((-NEAR, NEAR))[1][0] if h.kinked else h.slope(0, 0)[0]
         # a dead zone is flat: errors in it do not grow, but do not decay either
         flat = not strictly and (slope >= 0 or not h.straight)
         need(slope > 0 or flat, "a coupling does not rise at the target")
         need(h.straight or all(cell.way == 1 for cell in curve.table), "a coupling may fall")
-
-
-def slope_at_zero(h: Coupling, curve: Curve) -> Any:
-    """The least slope at 0; a kink has its slopes on both sides."""
-    if h.kinked:
-        return curve.at((-NEAR, NEAR))[1][0]
-    return h.slope(0, 0)[0]
 
 
 def reached(loop: Loop, modes: Iterable[str]) -> None:
@@ -370,8 +364,7 @@ def multiplied(X: Ball, Y: Ball) -> Ball:
     columns = list(zip(*Y.entries, strict=True))
     entries = []
     for row in X.entries:
-        sums = [sum(a * b for a, b in paired(row, column)) for column in columns]
-        entries.append([x >> BITS for x in sums])
+        entries.append([sum(map(mul, row, column)) >> BITS for column in columns])
     passed = norm(X.entries) * Y.missed + norm(Y.entries) * X.missed + X.missed * Y.missed
     return Ball(entries, (passed >> BITS) + 1 + len(entries))
 

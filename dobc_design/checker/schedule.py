@@ -39,8 +39,8 @@ def settling(case: Case, check: Any) -> None:
     elapsed = exact.time - exact.tube.times[-1]
     after = exact.last
     need(elapsed >= 0, "the time is before the end of the tube")
-    decay = takes_over(case, exact.tube, after, check.domain)
-    fall = fading(decay.speed * max(ZERO, elapsed - decay.wait))
+    speed, wait = takes_over(case, exact.tube, after, check.domain)
+    fall = fading(speed * max(ZERO, elapsed - wait))
     most = after.height * after.level * fall
     need(most <= exact.tolerance, "the tolerance is not reached by then")
 
@@ -102,25 +102,20 @@ def modes_on(loop: Loop, start: Fraction, end: Fraction) -> list[str]:
 
 
 # --- What takes over
-class Decay(NamedTuple):
-    """W falls at ``speed``, but for up to ``wait`` not yet."""
-
-    speed: Fraction
-    wait: Fraction = ZERO
-
-
 class Maximum(NamedTuple):
-    """A function V = max |e_i| / v_i + kappa E that takes over, and how it decays."""
+    """A function V = max |e_i| / v_i + kappa E that takes over. It falls at ``speed``, but for up
+    to ``wait`` not yet."""
 
     claim: Any
     v: Vector
     highest: Fraction  # the largest weight at any time
-    decay: Decay
+    speed: Fraction
+    wait: Fraction = ZERO
 
 
-def takes_over(case: Case, tube: Any, last: Any, box: Any) -> Decay:
-    """The certificate at the end of the tube holds, and the last box lies in its level; how it
-    decays from there."""
+def takes_over(case: Case, tube: Any, last: Any, box: Any) -> tuple[Fraction, Fraction]:
+    """The certificate at the end of the tube holds, and the last box lies in its level; the speed
+    at which it decays from there, and after how long."""
     need(last.kind in ("max-separable", "quadratic", "schedule"), "the kind is not known")
     need(last.level > 0 and last.height > 0 and last.stretch > 0, "a size is not positive")
     widths = list(map(max, tube.upper[-1], tube.lower[-1]))
@@ -141,7 +136,7 @@ def takes_over(case: Case, tube: Any, last: Any, box: Any) -> Decay:
     if case.q:
         size += claim.kappa * left
     need(last.level >= size, "the last box leaves the level")
-    return found.decay
+    return found.speed, found.wait
 
 
 def fixed_weights(case: Case, last: Any) -> Maximum:
@@ -156,7 +151,7 @@ def fixed_weights(case: Case, last: Any) -> Maximum:
     speed = pace(case, claim)
     # the tolerance is reached by decay
     need(speed > 0, "it does not decrease")
-    return Maximum(claim, claim.v, max(claim.v), Decay(speed))
+    return Maximum(claim, claim.v, max(claim.v), speed)
 
 
 def moving_weights(case: Case, last: Any, end: Fraction) -> Maximum:
@@ -165,7 +160,7 @@ def moving_weights(case: Case, last: Any, end: Fraction) -> Maximum:
     keeps(case, claim)
     guarantee = case.guarantee
     if not claim.phases:
-        return Maximum(claim, [ONE] * case.n, ONE, Decay(claim.rate or ZERO))
+        return Maximum(claim, [ONE] * case.n, ONE, claim.rate or ZERO)
     need(bool(guarantee.timed), "it is not said which phase is on when the tube ends")
     turn = guarantee.turn_at(end)
     # elsewhere V is another function, which the last box is not compared with
@@ -173,10 +168,12 @@ def moving_weights(case: Case, last: Any, end: Fraction) -> Maximum:
     highest = max(x for each in claim.phases for v in each.v for x in v)
     # V falls by the end of a phase, not within it
     wait = max(each.times[-1] for each in claim.phases)
-    return Maximum(claim, claim.phases[turn.place].v[0], highest, Decay(claim.rate or ZERO, wait))
+    return Maximum(claim, claim.phases[turn.place].v[0], highest, claim.rate or ZERO, wait)
 
 
-def form_takes_over(case: Case, tube: Any, last: Any, widths: Vector, left: Fraction) -> Decay:
+def form_takes_over(
+    case: Case, tube: Any, last: Any, widths: Vector, left: Fraction
+) -> tuple[Fraction, Fraction]:
     """A quadratic certificate, W = sqrt(V)."""
     claim = read_quadratic(case, last.certificate)
     P_e = claim.P_e
@@ -192,4 +189,4 @@ def form_takes_over(case: Case, tube: Any, last: Any, widths: Vector, left: Frac
         square += sum(abs(x) * wide[a] * wide[b] for b, x in enumerate(row))
     need(last.level**2 >= square, "the last box leaves the level")
     need(claim.rate > 0, "it does not decrease")
-    return Decay(claim.rate)
+    return claim.rate, ZERO

@@ -80,6 +80,7 @@ def _eliminate(
     """Eliminate in minimum-degree order; return None if every pivot passes, else a witness.
     ``rows`` hold both triangles without zeros, and are consumed: the open ones hold the Schur
     complement.  ``steps`` gets every pivot."""
+    # An entry that is bad from the start refutes without elimination.
     for i in range(len(rows)):
         bad = _bad_diagonal(rows, i, strict=strict)
         if bad is not None:
@@ -99,6 +100,7 @@ def _eliminate(
             continue
         pivot = row.pop(k)
         if most_work is not None:
+            # The outer product below; long numbers count once for every 64 bits.
             products = len(row) * (len(row) + 1) // 2
             words = 1 + int(pivot.denominator).bit_length() // 64
             work += products * words
@@ -109,6 +111,7 @@ def _eliminate(
         factors = {j: x / pivot for j, x in row.items()}
         steps.append((k, pivot, factors))
         _subtract_outer(rows, k, factors)
+        # No other row has changed.
         for i in row:
             bad = _bad_diagonal(rows, i, strict=strict)
             if bad is not None:
@@ -126,6 +129,7 @@ def _subtract_outer(rows: list[dict[int, Scalar]], k: int, factors: dict[int, Sc
         for j, _ in neighbours[position:]:
             product = x * factors[j]
             value = target[j] - product if j in target else -product
+            # What cancels exactly goes, so that rows stay sparse.
             if value:
                 target[j] = rows[j][i] = value
             else:
@@ -199,12 +203,14 @@ class Scaled:
 def scaled(M: SparseSymmetric | IntegerSymmetric) -> Scaled | list[int] | None:
     """Return D M D; None if the diagonal is not positive; integers v with v'Mv < 0 where an entry
     is too large."""
+    # So short that sums of products of parts, over a row, are exact in doubles.
     low_bits = 27 - (max(M.size - 1, 1).bit_length() + 1) // 2
     bits = 2 * (HIGH_BITS + low_bits)
     found = _whole_entries(M, bits)
     if found is None:
         return None
     rows, columns, whole = found.rows, found.columns, found.values
+    # Beside a diagonal below 1 an entry of size 1 or more refutes: see ``_against``.
     beyond_one = (whole >= 1 << bits) | (whole < -(1 << bits))
     large = np.flatnonzero((rows != columns) & beyond_one)
     if len(large):
@@ -297,6 +303,7 @@ def margin(S: Scaled) -> float:
 def integer_factors(S: Scaled) -> Iterator[tuple[Floats, Floats]]:
     """Propose factors L = high 2^-25 + low 2^-(25 + low_bits) of D M D - c I, c the margin and then
     16 times that: lower triangular, both hold integers as doubles."""
+    # The least shift that roundings leave room for; where doubles fail at it, a larger one.
     for often in (1, 16):
         L = _factor(S.floats, often * margin(S))
         if L is None:
@@ -382,6 +389,7 @@ def decide_lifted(
     get through.  S: M scaled; values, vectors: the eigenvalues, rising, and eigenvectors of its
     floats, as guesses only."""
     few = int(np.count_nonzero(values < 2**10 * margin(S)))
+    # Without small eigenvalues there is nothing to lift, and with many nothing is gained.
     if not 0 < few <= max(4, S.size // _SHARE):
         return None
     # B = D M D + V V' has no small eigenvalues; M > 0 iff G = I - V' B^-1 V > 0 (Schur).

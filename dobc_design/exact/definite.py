@@ -246,6 +246,7 @@ def _by_diagonal(case: _Case) -> Definiteness | None:
 
 def _by_vector(case: _Case) -> Definiteness | None:
     """Of a Z-matrix, or one with few entries, or with too many rows for dense work in any case."""
+    # Of dense rows a factor is found sooner, unless the signs are those that a vector needs.
     few = _SPARSE * case.entries <= case.size * case.size // 2
     if not (few or case.size > _DENSE_SIZE or is_z_matrix(case.matrix)):
         return None
@@ -269,6 +270,7 @@ def _by_eigenvector(case: _Case) -> Definiteness | None:
         return _first(case, (case.scaled,), "an entry too large beside the diagonal")
     if case.scaled is None or case.spectrum is None:
         return None
+    # Eigenvalues above the margin are positive beyond rounding: their vectors refute nothing.
     values, vectors = case.spectrum
     below = int(np.count_nonzero(values < margin(case.scaled)))
     low = vectors[:, : min(_EIGENVECTORS, below)]
@@ -305,6 +307,7 @@ def _read(given: object) -> Matrix | Symmetric:
     if not isinstance(given, (Sequence, np.ndarray)):
         what = f"must be a list of rows; got {type(given).__name__}."
         raise wrong("matrix", what, kind=ShapeError)
+    # Floats of an array are binary values; those in a list mean their decimal text.
     rows: list[Any] = []
     for row in given:
         numeric = isinstance(row, np.ndarray) and row.ndim == 1 and row.dtype != object

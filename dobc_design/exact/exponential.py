@@ -5,14 +5,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any, Final
+from typing import Final
 
 from dobc_design.exact.interval import FLINT
-from dobc_design.exact.matrix import Matrix
-from dobc_design.exact.number import to_fmpq
-
-if TYPE_CHECKING:
-    from flint import arb_mat
+from dobc_design.exact.matrix import Matrix, scale
+from dobc_design.exact.peaks import balls
 
 BITS: Final = 256
 
@@ -27,7 +24,8 @@ def expanding_product(
 
     size = len(parts[0][0])
     with FLINT, ctx.workprec(BITS):
-        known = {each: _exponential(*each) for each in set(parts)}
+        known = {(A, time): balls(scale(time, A)).exp() for A, time in set(parts)}
+        # What acts later stands on the left.
         whole = known[parts[0]]
         for each in parts[1:]:
             whole = known[each] * whole
@@ -37,11 +35,3 @@ def expanding_product(
         if not bool(abs(found.trace()) > size):  # balls compare only where it is certain
             return None
         return [[float(whole[i, j].mid()) for j in range(size)] for i in range(size)]
-
-
-def _exponential(A: Matrix, time: Fraction) -> arb_mat:
-    """Enclose exp(A time)."""
-    from flint import arb, arb_mat
-
-    entries: list[Any] = [arb(to_fmpq(x * time)) for row in A for x in row]
-    return arb_mat(len(A), len(A), entries).exp()

@@ -101,9 +101,11 @@ def bounds(name: str, x: Fraction) -> tuple[Fraction, Fraction]:
         return Fraction(known), Fraction(known)
     from flint import arb, ctx
 
+    # A long argument needs more bits, or its last ones would be lost.
     bits = BITS + _GUARD + min(height(x), _MAX_HEIGHT)
     with FLINT, ctx.workprec(bits):
         lower, upper = _ends(getattr(arb(to_fmpq(x)), name)())
+    # No rounding leads beyond what the function takes.
     if name in _LEAST:
         lower = max(lower, Fraction(_LEAST[name]))
     if name in _GREATEST:
@@ -339,6 +341,7 @@ class Interval(Told):
             return 1 / self**-exponent
         if exponent < 2:
             return self if exponent else self.like(1)
+        # Products of one interval with itself would forget that both factors are the same.
         if self.bottom < 0:
             if exponent % 2 == 0:
                 return abs(self) ** exponent
@@ -495,6 +498,7 @@ def _growing(name: str, x: Interval) -> Interval:
         raise UndefinedError(
             f"{name} of {x} is too large to enclose: |x| may be at most {_MAX_EXP}."
         )
+    # Farther to the left exp is only known to be above 0.
     if x.lo >= _MIN_EXP:
         return x.increasing(name)
     right = Interval.point(max(x.hi, Fraction(_MIN_EXP)))
@@ -507,6 +511,7 @@ def _multiples_of_pi(x: Interval, *, shift: Fraction) -> tuple[int, int] | None:
     if x.magnitude > _MAX_ANGLE:
         return None
     low, high = pi_bounds(BITS + int(x.magnitude).bit_length())
+    # The end of pi that makes the range wider, whatever the signs.
     first = x.lo / (high if x.lo >= 0 else low) - shift
     last = x.hi / (low if x.hi >= 0 else high) - shift
     return math.ceil(first), math.floor(last)
@@ -588,6 +593,7 @@ def interval_routh(coefficients: Sequence[Interval | Fraction]) -> Verdict:
     values = [x if isinstance(x, Interval) else Interval.point(x) for x in coefficients]
     if values[0].lo <= 0 <= values[0].hi:
         return Verdict.UNDECIDED
+    # Routh's column starts with a positive number; the roots stay the same.
     if values[0].hi < 0:
         values = [-x for x in values]
     try:

@@ -97,6 +97,7 @@ def multiply(M: Matrix, N: Matrix) -> Matrix:
         raise ShapeError(
             f"the right factor must have {b} rows, one per column of the left; got {rows}."
         )
+    # Below that the way to flint and back takes longer than the products.
     if a * b * c > _FLINT_WORK:
         return from_fmpq_mat(to_fmpq_mat(M) * to_fmpq_mat(N))
     columns = transpose(N)
@@ -208,6 +209,7 @@ def _solve(M: Matrix, box: Sequence[tuple[Bound, Bound]]) -> Vector | None:
         if leaving is None:
             return tuple(v)
         lo, hi = box[leaving]
+        # The entry of least index leaves its place and the least that can help takes it (Bland).
         goal = Fraction(max(lo, min(hi, v[leaving])))
         up = goal > v[leaving]
         able: list[int] = []  # entries that may move so that the leaving one moves to its goal
@@ -215,6 +217,7 @@ def _solve(M: Matrix, box: Sequence[tuple[Bound, Bound]]) -> Vector | None:
             rises = (x > 0) == up
             if v[k] < box[k][1] if rises else v[k] > box[k][0]:
                 able.append(k)
+        # The row alone shows that nothing in the box solves it.
         if not able:
             return None
         v[leaving] = goal
@@ -295,6 +298,7 @@ def solve_lyapunov(F: Matrix, N: Matrix) -> Matrix | None:
     index: dict[tuple[int, int], int] = {}  # of the unknown that stands at a place
     for k, (i, j) in enumerate(places):
         index[i, j] = index[j, i] = k
+    # Only the upper triangle is unknown: X is symmetric.
     equations: list[Vector] = []
     for i, j in places:
         row = [Fraction(0)] * len(places)

@@ -162,6 +162,7 @@ def quotient_text(value: Fraction) -> str:
 
 def root_above(square: Fraction | int, *, unit: int) -> Fraction:
     """Return the least multiple of 1/unit that is not below the root of ``square`` >= 0."""
+    # isqrt rounds down: one unit more, unless it is exact.
     wanted = math.ceil(square * unit * unit)
     root = math.isqrt(wanted)
     return Fraction(root + (root * root < wanted), unit)
@@ -178,6 +179,7 @@ def float_below(value: Fraction | int) -> float:
         nearest = value.numerator / value.denominator
     except OverflowError:
         return -math.inf if value < 0 else math.nextafter(math.inf, 0.0)
+    # The quotient is the nearest float: at most one step too high.
     top, bottom = nearest.as_integer_ratio()
     return (
         math.nextafter(nearest, -math.inf)
@@ -217,6 +219,7 @@ def read_text(
     """The number of a text of at most ``longest`` characters.  Raises: SpecError, which shows what
     was ``given``."""
     refusal = partial(_refusal, key, text if given is None else given)
+    # Refused before it is read: long text would cost more than any number is worth.
     if len(text) > longest:
         raise refusal(f"must have at most {longest} characters")
     quotient = _QUOTIENT.fullmatch(text)
@@ -234,6 +237,7 @@ def read_text(
         decimal[3] or "",
         _integer(decimal[4] or "0"),
     )
+    # The power of 10 is written out below.
     if abs(exponent) > MAX_EXPONENT:
         raise refusal(f"must have an exponent from -{MAX_EXPONENT} to {MAX_EXPONENT}")
     return Fraction(_integer(sign + whole + part)) * Fraction(10) ** (exponent - len(part))

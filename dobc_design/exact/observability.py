@@ -87,6 +87,7 @@ def decide_detectable(A: Matrix, C: Matrix) -> Detectability:
     """Decide exactly whether (A, C) is detectable: A Hurwitz on the unobservable subspace.  Shapes:
     A (q, q) in 1/s, C (m, q). Returns: PROVED or REFUTED, with the polynomial of the undetected
     modes. Raises: ShapeError if the shapes do not fit. Source: theory, section 2."""
+    # What C sees can be placed by W; only what it never sees has to die out by itself.
     basis: Matrix = decide_observable(A, C).unobservable
     R: Matrix = ()
     if basis:  # A N = N R: the subspace that the columns N of the basis span is invariant

@@ -55,6 +55,7 @@ def peak_gains_by_row(
     from flint import arb, ctx
 
     growth = row_norm(F) * step
+    # Long steps, or many, give balls that say nothing.
     if not 0 < growth < LONGEST or not 0 < steps <= MOST_STEPS or growth * steps > MOST_GROWTH:
         return None
     blocks = [exact.identity(len(F)), *inputs]
@@ -71,13 +72,14 @@ def peak_gains_by_row(
 
     with FLINT, ctx.workprec(192 + 2 * _error_growth(F, step, steps)):
         h = arb(to_fmpq(step))
-        G = _balls(C)
-        phi = _balls(exact.scale(step, F)).exp()
+        G = balls(C)
+        phi = balls(exact.scale(step, F)).exp()
         side_by_side = tuple(sum(rows, ()) for rows in zip(*blocks, strict=True))
-        Z = _balls(side_by_side)
+        Z = balls(side_by_side)
         chords = [[arb(0)] * len(blocks) for _ in C]  # of every row of C and block
         mass = [arb(0)] * len(blocks)  # sum of |exp(F t) B|_inf at the beginnings of all steps
         for k in range(steps + 1):
+            # The trapezoidal rule takes half of both ends.
             share = h / 2 if k in (0, steps) else h
             for row, sizes in zip(chords, sums(G * Z), strict=True):
                 for block, size in enumerate(sizes):
@@ -99,7 +101,7 @@ def peak_gains_by_row(
         return tuple(found)
 
 
-def _balls(M: Matrix) -> arb_mat:
+def balls(M: Matrix) -> arb_mat:
     """The same matrix for Arb, at the precision of the moment."""
     from flint import arb, arb_mat
 

@@ -65,6 +65,7 @@ class Pencil:
     def at(self, values: Mapping[str, Matrix]) -> SparseSymmetric:
         """F at rational values of the unknowns.  Raises ShapeError if one is missing or has a wrong
         shape."""
+        # Entry by entry: a sum of sparse matrices would be made anew for every unknown.
         entries = dict(self.constant.entries)
         for unknown in self.unknowns:
             value, wanted = values.get(unknown.name), (unknown.rows, unknown.columns)

@@ -55,6 +55,7 @@ def routh(coefficients: Sequence[Fraction | int]) -> RouthTable:
     column: list[Fraction] = []
     verdict = Verdict.PROVED
     failing_row = None
+    # The first entry that is not positive decides; what follows would divide by it.
     for row, entry in enumerate(routh_column(monic)):
         column.append(from_fmpq(entry))
         if entry <= 0:
@@ -252,6 +253,7 @@ def has_root_up_to_zero(coefficients: Sequence[Fraction]) -> bool:
     """Return whether a polynomial has a real root x <= 0 (Sturm).  Raises: SpecError for the zero
     polynomial."""
     polynomial = _flint(_monic(coefficients))
+    # Sturm counts between points that are no roots.
     if polynomial[0] == 0:
         return True
     chain = _sturm_chain(polynomial, polynomial.derivative())

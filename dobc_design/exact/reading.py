@@ -96,6 +96,7 @@ def read_vector(value: Any, key: str, *, length: int, because: str) -> Vector:
 def shown(value: object) -> str:
     """Show what was given, cut to a length that fits in a sentence; nothing in it can move a
     cursor."""
+    # A repr of any length would hide the sentence that it stands in.
     try:
         text = _SHORT.repr(value)
     except ValueError:  # a whole number with more digits than Python prints
@@ -149,6 +150,7 @@ def items(value: Any, key: str) -> Iterable[tuple[Any, Any]]:
 def keyed(value: Any, keys: Sequence[str], *, key: str) -> list[Any]:
     """What a table, which may have no other keys than these, or a noun has under them; None where
     it has nothing."""
+    # A noun that was made in Python stands for its table.
     if type(value).__name__.lower() == key:
         return [getattr(value, name) for name in keys]
     for name, _ in items(value, key):

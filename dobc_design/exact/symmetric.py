@@ -326,6 +326,7 @@ class IntegerSymmetric(Shown):
         if self.size != other.size:
             raise ShapeError(f"both matrices must have one size; got {self.size} and {other.size}.")
         more = other if isinstance(other, IntegerSymmetric) else IntegerSymmetric.from_sparse(other)
+        # Numerators over one denominator, so that sums are those of integers.
         common = math.lcm(self.denominator, more.denominator)
         own = _times(self.values, common // self.denominator)
         others = _times(more.values, common // more.denominator)
@@ -409,6 +410,7 @@ def both_triangles(M: IntegerSymmetric) -> Rows | None:
     order = np.argsort(rows, kind="stable")
     rows = rows[order]
     starts = np.searchsorted(rows, np.arange(M.size))
+    # ``reduceat`` knows no empty rows.
     if M.size == 0 or np.bincount(rows, minlength=M.size).min() == 0:
         return None
     columns = np.concatenate((M.columns, M.rows[beside]))[order]
@@ -501,6 +503,7 @@ def _added_up(rows: Places, columns: Places, values: Integers) -> tuple[Places, 
         rows = rows[starts]
         columns = columns[starts]
         most = int(np.diff(starts, append=len(new)).max())  # values at one place
+        # Their sum has to fit into 64 bits, else Python's integers add up.
         if values.dtype == object or most * _magnitude(values) >= _LIMIT:
             values = values.astype(object)
         values = np.add.reduceat(values, starts)

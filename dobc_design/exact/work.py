@@ -74,6 +74,7 @@ def until(seconds: float | None) -> Iterator[None]:
     clock = _CLOCK.get()
     if seconds is not None:
         own = seconds, time.monotonic() + seconds
+        # A limit inside never lengthens the one around it.
         clock = own if clock is None or own[1] < clock[1] else clock
     token = _CLOCK.set(clock)
     try:

@@ -7,9 +7,10 @@ claimed, not by an id: ``case.proved(Separable)``.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TypeVar
 
+from dobc_design._checks import noun
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.domain import Domain
 from dobc_design.exact.matrix import Matrix
@@ -19,7 +20,7 @@ from dobc_design.verdict import Verdict
 Noun = TypeVar("Noun")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Case:
     """The loop, the gain W (q, m) of its observer, the domain of Lemma 1,
     and the ``checks`` that are known beside.

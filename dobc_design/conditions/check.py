@@ -17,6 +17,7 @@ from decimal import Decimal
 from fractions import Fraction
 from typing import Any, Protocol
 
+from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Shown, listed
 from dobc_design._show.text import significant_away_from_zero, significant_towards_zero
 from dobc_design.conditions.domain import EVERYWHERE, Around, Domain, domain_from_json
@@ -62,7 +63,7 @@ class Values:
         return dict(self.values)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class Witness(Shown):
     """Why something is refuted.  ``kind``: "vector" (rational v with v'Mv >= 0), "agents",
     "polynomial" (a factor that does not decay), "routh_row", "farkas", "start".  ``labels`` name
@@ -76,7 +77,7 @@ class Witness(Shown):
         return known_to_json(self, "kind", "labels", "values")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class Fix(Shown):
     """What would cure a refuted or undecided check: keys of the problem file to set, and a
     sentence."""
@@ -89,7 +90,7 @@ class Fix(Shown):
         return fields_to_json(self, "kind", "set", "text")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False, eq=False)
+@noun(eq=False)
 class Check(Shown):
     """One condition, decided.
 

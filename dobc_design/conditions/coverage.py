@@ -6,9 +6,9 @@ A proof covers what is asked if its set of starts holds the region; the two are 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 
+from dobc_design._checks import noun
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.domain import EVERYWHERE, Around, Box, Domain
 from dobc_design.conditions.numbers import claimed, decimal_above
@@ -115,7 +115,7 @@ POINT = 1e-6
 CAP = Fraction(10)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Asked:
     """What is to be covered: |e|_inf <= radius and |eps_i| <= disturbance, by the loop with the
     gain W (q, m).

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Sequence
-from dataclasses import dataclass
 from importlib.resources import files
 from typing import Final, Literal
 
+from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Shown
 
 #: What a proof is worth.  "part": a fact of the network or of the exosystem alone, the same for
@@ -30,7 +30,7 @@ REACHABILITY: Final = "reachability"
 MAX_SEPARABLE: Final = "max-separable"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class Kind(Shown):
     """One kind of check.  ``topic``: its folder in ``conditions/``.  ``name`` and ``decides`` are
     the words of reports, the fields from ``title`` to ``source`` those of `dobc explain`;

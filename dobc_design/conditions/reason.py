@@ -6,15 +6,16 @@ The text is made here, and a text of a stored certificate is taken apart here, n
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
+from dobc_design._checks import noun
 from dobc_design.loop.loop import Loop
 
 OPEN = "Undecided: "
 HELP = " What would help: "
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Reason:
     """Sentences that say why, and where something is known to help, the ``advice``; ``is_open``:
     nothing was decided, which the text says first."""

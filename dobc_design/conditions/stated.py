@@ -12,9 +12,9 @@ max-separable, whose rows ``tolerance`` has proved.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 
+from dobc_design._checks import noun
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.coverage import holds_region, is_box_near
 from dobc_design.conditions.domain import EVERYWHERE, NEAR_TARGET, Around
@@ -28,7 +28,7 @@ LIMIT, TOLERANCE, ACCURACY = "actuators", "tolerance", "accuracy"
 NO_ROOM = "so that no region and no gain would do."
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Stated:
     """Whether the file states a limit of an input, relative errors of weights or gains, and
     something that acts on the plant and that no exosystem generates (a drift is one only where
@@ -49,7 +49,7 @@ class Stated:
         return (*((LIMIT,) if self.limit else ()), *answers)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Gap:
     """A table without an answer: the check that would be one, the table in words, and why there is
     none."""

@@ -4,15 +4,16 @@ that show it."""
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import partial
 from typing import Any
 
+from dobc_design._checks import noun
 from dobc_design._show.cards import Shown
 from dobc_design.verdict import Verdict
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class Statement(Shown):
     """What was decided, and how.  ``kind``: "detectable", "hurwitz", "rate", "region", "gain",
     "noise", "lyapunov", "peak", "sampled" or a reason for impossibility.  ``text`` is a sentence;

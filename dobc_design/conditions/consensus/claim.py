@@ -18,13 +18,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from fractions import Fraction
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dobc_design._checks import noun
 from dobc_design.conditions.check import Check, Claim
 from dobc_design.conditions.domain import EVERYWHERE, NEAR_TARGET, Domain
 from dobc_design.conditions.numbers import (
@@ -63,7 +64,7 @@ LARGE_ROWS: Final = 2000
 LARGE_ENTRIES: Final = 20_000
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class ModeJacobian:
     """dh/de of one mode: J has +gain at block (listener, speaker) and -gain at (listener,
     listener). ``gains[kind[a]]`` is the m x m gain of arc a, weight included; arcs that are alike
@@ -99,7 +100,7 @@ class ModeJacobian:
         return True
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Jacobians:
     """The Jacobians of every mode on one domain ("consensus", or "global" for linear couplings)."""
 
@@ -137,7 +138,7 @@ def _mode_jacobian(loop: Loop, name: str, slopes: Sequence[Gain]) -> ModeJacobia
     return ModeJacobian(name=name, arcs=arcs, kind=kinds, gains=tuple(gains))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Deviations(Sequence[Deviation]):
     """Deviations of very many arcs: number a stands at rows[a], speakers[a], listeners[a] and has
     sizes[kinds[a]]."""
@@ -427,7 +428,7 @@ def with_gain(pencil: Pencil, W: Matrix) -> Pencil:
     return replace(pencil, unknowns=(P,), coefficients=coefficients)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Shown:
     """lambda_max(Lambda) <= bound, proved by the vector v > 0 (n m,) of floats; 1/s."""
 
@@ -439,7 +440,7 @@ class Shown:
         return {"v": doubles_to_json(self.vector)}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Unstable:
     """Of a refuted Lemma 1: a lower bound of the eigenvalues of J - K with positive real part, and
     perhaps v'Lambda v.  ``value``: a lower bound of v'Lambda v for the vector v of the witness;
@@ -453,7 +454,7 @@ class Unstable:
         return known_to_json(self, "value") | {"unstable_roots": str(self.roots)}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Pair:
     """A proposed pair (P, Q) with W = P^-1 Q.  Shapes: P (q, q) symmetric, Q (q, m).  Where agents
     have different exosystems, here and below: block diagonal, for the joint one
@@ -463,7 +464,7 @@ class Pair:
     Q: Matrix
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class PairFacts:
     """What a decided pair says exactly, with S = C (-Omega0)^-1 C' (m, m), and the ``mode`` in
     which it fails."""
@@ -497,7 +498,7 @@ def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Claim | None:
     return check.claim
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Statements:
     """The conditions of one problem.  ``lambdas``: mode -> Lambda(J), without unknowns; empty where
     the couplings are ``inapplicable``, not C1, for that reason.  ``shown``: what a vector has

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from functools import lru_cache, partial
 from typing import Any
@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
+from dobc_design._checks import noun
 from dobc_design.conditions import numbers
 from dobc_design.conditions.consensus import pinning
 from dobc_design.conditions.consensus.pinning import (
@@ -51,7 +52,7 @@ STEPS = 80  # of a bisection
 Progress = Callable[[str], None]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class PinProposal:
     """Gains by agent index, about; which agents are new; the ``rivals`` of a single new one.
     ``keeps``: the present gains stay.  ``smallest``: the least that can do; else the least for half

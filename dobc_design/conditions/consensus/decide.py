@@ -8,13 +8,14 @@ section 2): given Omega0 < 0 and S = C (-Omega0)^-1 C', Psi(J) < 0 iff Lambda(J)
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dobc_design._checks import noun
 from dobc_design.conditions import numbers
 from dobc_design.conditions.check import Check, Values, Witness, agrees, differs, same_witness
 from dobc_design.conditions.consensus import claim, network
@@ -63,7 +64,7 @@ OTHER_VALUES = "exact values are not what they say"
 MOST_COUNTING = 2_000_000
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Proposal:
     """Numbers from floating point, to be proved: a margin, a rate (1/s), vectors worth trying as
     witnesses."""
@@ -273,7 +274,7 @@ def _failing_block(id: str, statements: Statements, pair: Pair) -> Check | None:
     return None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class _Theorem:
     """Theorem 1 or 2 for one pair with P > 0 and Omega0 < 0: Lambda + I (x) S < 0 in every mode."""
 

@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dobc_design._checks import noun
 from dobc_design.conditions.check import Check, Witness
 from dobc_design.conditions.consensus.claim import Deviations
 from dobc_design.conditions.domain import EVERYWHERE
@@ -45,7 +46,7 @@ MOST_GROUPS = 8  # closed groups whose directions are tried as witnesses
 Directions = Sequence[Sequence[float]]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Enclosed:
     """middle + a block for each agent (one for all, or those that ``owners`` says) + deviations,
     each with any |t| <= size. ``bound``: a number that is proved to be at least the largest

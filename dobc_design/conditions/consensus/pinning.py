@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -25,6 +25,7 @@ from scipy import linalg, optimize, sparse
 from scipy.sparse import csgraph
 from scipy.sparse.linalg import cg, eigs
 
+from dobc_design._checks import noun
 from dobc_design.conditions.consensus.propose import (
     dominating_vector,
     float_lambda,
@@ -73,7 +74,7 @@ SYMMETRIC: Any = {
 }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Blocks:
     """S = -(J + J') - 2 beta I of every mode (by component with ``width`` 1), equal ones once: S +
     2 k_i on the rows of agent i is to be >= 0.  ``z``: no entry off the diagonal is > 0;
@@ -89,7 +90,7 @@ class Blocks:
     weighted: bool = False
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Shared:
     """Gains k (n,) that serve all blocks, and the vectors v of every block that show how good they
     are: sum v v'/2 is its multiplier (of one Z-matrix, v_i^2 >= c_i at a cap, <= c_i at 0); with
@@ -536,7 +537,7 @@ def solve_program(
     return Shared(gains=gains, vectors=[_factors(smat(part), z=blocks.z) for part in parts])
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class _Block:
     """One matrix, split into pinned rows and others; ``factor`` is that of the others, None if
     there are none."""
@@ -599,7 +600,7 @@ def _uncapped_shared(tables: Sequence[Any], chosen: Any, costs: Array) -> Shared
     return Shared(gains=raised, vectors=vectors, bound=-float(np.sum(shares * flows)) / 2)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class _Dual:
     """How the cost of every pin is shared among the matrices: v_r on the pins, sum over r of
     v_r,i^2 <= c_i, ``root`` = sqrt(c)."""

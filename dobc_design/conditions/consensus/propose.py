@@ -18,6 +18,7 @@ import numpy as np
 from scipy import linalg, sparse
 from scipy.sparse import csgraph
 
+from dobc_design._checks import noun
 from dobc_design.conditions.consensus.claim import Statements
 from dobc_design.conditions.numbers import bisected
 from dobc_design.exact.interval import Interval
@@ -89,7 +90,7 @@ FLOOR: Final = 0.1  # the right side of inverse iteration is at least this part 
 _FLAT: Final = 1e-15
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Dominating:
     """v > 0 (n m,) and about min (M v)_i / v_i; or a direction p with p'Mp about <= 0 (``least`` <=
     0), or neither, which says nothing unless M ``is_z``: minus signs beside its diagonal.
@@ -244,7 +245,7 @@ LANCZOS = ((20, 1e-9), (80, 1e-7))
 RESTARTS = 300  # rings hold it up for ever: their eigenvalues crowd at the top
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Top:
     """Largest eigenvalue of a symmetric matrix, about, and its direction; nan and zeros if it
     cannot be had."""

@@ -10,12 +10,12 @@ for is the start of a motion that never reaches the target.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, Final
 
 import numpy as np
 
+from dobc_design._checks import noun
 from dobc_design.conditions.check import Check, Witness, read_object
 from dobc_design.conditions.domain import EVERYWHERE, NEAR_TARGET, Domain
 from dobc_design.conditions.numbers import (
@@ -44,7 +44,7 @@ NOTHING: Final = Interval.point(0)
 SHOWN: Final = 6  # components of an equilibrium that a sentence names
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Equilibrium:
     """A claim: the box, n m intervals for e, agent by agent, holds an equilibrium of h(e) - K e in
     ``mode`` and not 0. A box of points is one itself: then others may lie beside it.  Raises:

@@ -12,7 +12,6 @@ import math
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from fractions import Fraction
 from itertools import product
 from random import Random
@@ -21,6 +20,7 @@ from typing import Any
 import numpy as np
 from scipy import linalg
 
+from dobc_design._checks import noun
 from dobc_design.conditions.consensus.claim import reduced, with_gain
 from dobc_design.conditions.observer.decide import error_matrix, hurwitz_with_rate, too_large
 from dobc_design.exact import observability
@@ -63,7 +63,7 @@ SAMPLES = 400  # points of t
 AROUND = (0.3, 0.7, 1.0, 1.4, 3.0, 10.0)  # frequencies tried, in parts of the size of each pole
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Scaled:
     """An exosystem in other units: ``time`` (1/s) is worth 1 there, and ``gain`` turns its W into
     the real one."""
@@ -309,7 +309,7 @@ def _square(exosystem: Exosystem) -> Fraction:
     return sum((x * x for row in exosystem.C for x in row), Fraction(0))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class GainDesign:
     """A designed W (q, m), or None; the proved decay rate (1/s) it was designed for; and how it
     came about."""

@@ -17,11 +17,12 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from fractions import Fraction
 from types import MappingProxyType
 from typing import Any, Final, Literal
 
+from dobc_design._checks import noun
 from dobc_design.conditions.consensus.claim import Entries
 from dobc_design.conditions.consensus.claim import add_to as add
 from dobc_design.conditions.numbers import as_json, fields_to_json, known_to_json
@@ -39,7 +40,7 @@ MOST_VERTICES: Final = 12  # channels with a range of their own up to which corn
 ZERO: Final = Fraction(0)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Lure:
     """A claim: {V <= level} is invariant and V' <= -2 rate V in it, V = e'P_e e + sum eps_i'P
     eps_i, in every mode.

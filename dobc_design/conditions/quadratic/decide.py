@@ -10,13 +10,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
 from typing import Any, Final
 
 import numpy as np
 
+from dobc_design._checks import noun
 from dobc_design.conditions import numbers
 from dobc_design.conditions.check import (
     Check,
@@ -77,7 +77,7 @@ _DEVICES: Final = {
 _LURE: Final = ("method", "P_e", "level", "radius", "ranges", "multipliers", "rate")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class LureDecision:
     """The verdict and, unless proved, the ``step`` that fails: "gains", "P_e", "observer",
     "inequality" (of ``mode``), "region".  ``witness``: a direction in which a matrix of that step

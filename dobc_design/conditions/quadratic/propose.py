@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 from itertools import islice
@@ -18,6 +18,7 @@ from typing import Final
 import numpy as np
 from scipy import linalg, optimize
 
+from dobc_design._checks import noun
 from dobc_design.conditions.consensus.claim import omega
 from dobc_design.conditions.numbers import (
     bisected,
@@ -125,7 +126,7 @@ def fast_lures(
         yield from there.roundings(point)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Wanted:
     """What a certificate has to cover: |e| <= ball, |eps_i| <= disturbance, with the gain W (q, m)
     of the observer."""
@@ -173,7 +174,7 @@ def sooner_lures(
             yield from islice(filter(holds, flat.search.roundings(flat.point)), 1)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class _Flat:
     """A point with a flat P_e, and the time to one percent (s) that it promises, about."""
 
@@ -328,7 +329,7 @@ def linear_rate(loop: Loop, W: Matrix | None) -> float:
     return max(0.0, -max(float(np.max(np.linalg.eigvals(A).real)) for A in blocks))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class ScaledPair:
     """The observer's P before scaling, S of all agents (n m, n m), and n lambda_max(P) s^2, for
     kappa = 1."""
@@ -380,7 +381,7 @@ def _border(loop: Loop, P: Matrix, Q: Matrix, *, rate: float) -> Array | None:
     return np.asarray((whole + whole.T) / 2)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class _Point:
     """A point inside at a radius (None: couplings are linear); ``value``: the ball it covers, where
     that was sought."""
@@ -405,7 +406,7 @@ class _Point:
         return _Point(radius=self.radius, Y=size * self.Y, t=size * self.t, kappa=kappa)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class _Search:
     """A design in progress: what stays the same over all radii.  ``sampled``: gains in floats, not
     enclosed."""

@@ -15,12 +15,12 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import Final, NamedTuple
 
 import numpy as np
 
+from dobc_design._checks import noun
 from dobc_design.conditions.quadratic.sectors import GainRange, is_sum_of_curves
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.expression import variables_used
@@ -42,7 +42,7 @@ _STEP: Final = 1e-6  # of a central difference, relative to the radius
 _NARROW: Final = 1e-9
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class _Template:
     """What does not depend on the radius in one mode: (3, channels) ``place``, coupling, row and
     column of the gain, and ``where``, target, plus and minus; ``curved``: whether it may have a
@@ -71,7 +71,7 @@ class _Gain(NamedTuple):
     known: float
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Templates:
     """All modes, and the pins K (n m, n m)."""
 
@@ -80,7 +80,7 @@ class Templates:
     modes: tuple[_Template, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class FloatMode:
     """One mode in floats: A0 (n m, n m); of every channel with a range its target, plus and minus
     (3, k), and d."""
@@ -91,7 +91,7 @@ class FloatMode:
     d: Array
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class FloatSystem:
     """All modes at one radius, the borders S (n m, n m) of the observers or None, and the rate
     beta.  ``ends`` (pairs, 2) and ``reach`` (pairs,): |e_i - e_j| <= reach, each pair once."""

@@ -13,11 +13,11 @@ import heapq
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
 from typing import Any, Final
 
+from dobc_design._checks import noun
 from dobc_design.conditions.check import read_object
 from dobc_design.conditions.numbers import as_json, read_rational
 from dobc_design.coupling.coupling import Coupling
@@ -48,7 +48,7 @@ _ANY: Final = Fraction(10**9)  # where a bound may be as wide as it is
 _ZERO: Final = Interval.point(0)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class GainRange:
     """A claim about one coupling (its place in loop.functions): its gains on |y_c| <= radius lie
     in ``entries``. ``radius`` None: for every y.  The weight of an arc is not included."""
@@ -62,7 +62,7 @@ class GainRange:
         return {"coupling": self.coupling, "gains": as_json(self.entries)}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Channel:
     """g (e[plus] - e[minus]) acts on row ``target`` of e', low <= g <= high, weight included;
     indices of stacked e, and after the last the target, whose error is 0."""
@@ -83,7 +83,7 @@ class Channel:
         return (self.high - self.low) / 2
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Sectors:
     """The channels of every mode, for ``size`` = n m rows; the pins of ``problem`` complete the
     loop."""

@@ -8,8 +8,6 @@ from dataclasses import replace
 from fractions import Fraction
 from typing import Any, Final
 
-import numpy as np
-
 from dobc_design.conditions.check import (
     Check,
     Values,
@@ -18,8 +16,6 @@ from dobc_design.conditions.check import (
     read_object,
     undecided_check,
 )
-from dobc_design.conditions.consensus.claim import state_theorems
-from dobc_design.conditions.consensus.decide import linear_part
 from dobc_design.conditions.coverage import Asked as Region
 from dobc_design.conditions.domain import EVERYWHERE, Box, Domain
 from dobc_design.conditions.numbers import (
@@ -37,7 +33,6 @@ from dobc_design.conditions.schedule.claim import (
     QUADRATIC,
     SCHEDULE,
     SEPARABLE,
-    ZERO,
     Cycles,
     Descent,
     Last,
@@ -48,21 +43,15 @@ from dobc_design.conditions.schedule.claim import (
 from dobc_design.conditions.schedule.cycles import holds_starts
 from dobc_design.conditions.schedule.cycles import why_not as why_not_cycles
 from dobc_design.conditions.schedule.decide import why_not
+from dobc_design.conditions.schedule.rounds import confirm_growth
 from dobc_design.conditions.schedule.settling import Settling, guarantee_of, proved_reason
 from dobc_design.conditions.separable.checks import obstacle
 from dobc_design.conditions.separable.claim import error_from_json, observed_in, separable_from_json
-from dobc_design.exact.exponential import expanding_product
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
 
 MOST_TIMES: Final = 2000
-# Of rounds whose errors are shown to grow:
-POWERS: Final = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)  # that are tried
-MOST_POWER: Final = 64
-MOST_ROWS: Final = 20  # n m
-MOST_PHASES: Final = 200
-MOST_GROWTH: Final = 1000  # the sum of |J_p - K| T_p over the phases, in the largest row sum
 
 
 def settling_check(loop: Loop, W: Matrix | None, settling: Settling, *, domain: Domain) -> Check:
@@ -240,78 +229,3 @@ def settling_of(loop: Loop, claim: Descent, reason: str) -> Settling:
         claim=claim,
         guarantee=guarantee_of(loop, claim),
     )
-
-
-def growth_check(loop: Loop, domain: Domain) -> Check | None:
-    """REFUTED, if errors grow from round to round and one of POWERS shows it; None if none does."""
-    for power in POWERS:
-        factor = growth(loop, power)
-        if factor is not None:
-            return Check(
-                id="schedule",
-                verdict=Verdict.REFUTED,
-                domain=domain,
-                reason=f"errors grow by a factor of about {factor:.4g} in every round of "
-                f"{loop.guarantee.in_words()} (the spectral radius of the linear map of a round).",
-                claim=Values({"power": str(power)}),
-            )
-    return None
-
-
-def growth(loop: Loop, power: int) -> float | None:
-    """About the spectral radius of M, the linear map of a round of errors, where |tr M^power| > n m
-    is proved; None elsewhere.
-
-    M is the product of exp((J_p - K) T_p) over the phases, the last one on the left; J_p - K
-    includes the dynamics of the agents.  If |tr M^k| > n m then an eigenvalue of M is larger than 1
-    in size, because tr M^k is the sum of the n m k-th powers of eigenvalues.  With eps = 0 errors
-    along its eigenvector grow without bound from every neighbourhood of the target, whatever the
-    observer.  Balls of python-flint enclose every exponential, product and trace.
-    """
-    parts = _parts(loop)
-    if parts is None or not 1 <= power <= MOST_POWER:
-        return None
-    whole = expanding_product(parts, power)
-    return None if whole is None else float(np.abs(np.linalg.eigvals(np.array(whole))).max())
-
-
-def _parts(loop: Loop) -> list[tuple[Matrix, Fraction]] | None:
-    """J_p - K and the length of every phase; None where the question is another one, or takes
-    long."""
-    phases = loop.guarantee.phases
-    in_turn = all(p.longest == p.shortest and len(p.successors) == 1 for p in phases)
-    is_small = 0 < len(phases) <= MOST_PHASES and loop.size <= MOST_ROWS
-    if not (loop.is_linear and in_turn and is_small) or loop.loose is not None:
-        return None
-    if sum(phase.first for phase in phases) != 1:
-        return None
-    statements = state_theorems(loop)
-    modes = {phase.mode for phase in phases}
-    known = {mode: linear_part(statements, mode) for mode in modes}
-    parts = list[tuple[Matrix, Fraction]]()
-    total = ZERO
-    for phase in phases:
-        A = known[phase.mode]
-        if A is None:
-            return None
-        parts.append((A, phase.shortest))
-        total += max(sum(map(abs, row), ZERO) for row in A) * phase.shortest
-    return parts if total <= MOST_GROWTH else None
-
-
-def confirm_growth(check: Check, loop: Loop, domain: Domain) -> str | None:
-    """None if a refuted check of the schedule is confirmed, else what is not."""
-    exact = check.exact or {}
-    if (
-        set(exact) != {"power"}
-        or check.rate is not None
-        or check.witness is not None
-        or check.domain != domain
-    ):
-        return "it is refuted by the power of a trace, and by nothing else"
-    power = read_rational(exact["power"])
-    if power.denominator != 1 or not 1 <= power <= MOST_POWER:
-        return f"power must be a whole number from 1 to {MOST_POWER}"
-    if growth(loop, int(power)) is None:
-        return "the trace of that power does not show that errors grow"
-    return None

@@ -33,11 +33,11 @@ where a phase begins; without weights W = N + kappa E, v = 1, stays.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from fractions import Fraction
 from itertools import chain, pairwise
 from typing import Any, Final
 
+from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Shown
 from dobc_design.conditions.numbers import fields_to_json
 from dobc_design.conditions.quadratic.claim import Lure
@@ -82,7 +82,7 @@ def _rise_from_zero(times: Vector) -> bool:
     return all(before < after for before, after in pairwise(times))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class Weights(Shown):
     """Weights of one phase at ``times`` (s) from its beginning, linear in between: one entry > 0
     per agent, or per component of z."""
@@ -94,7 +94,7 @@ class Weights(Shown):
         return fields_to_json(self, "times", "v")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Cycles:
     """A claim as above: weights phase by phase, ``rate`` (1/s), ``rho`` (None: linear couplings,
     every rho), the observer's ``error`` (None without an exosystem); by the graphs alone without
@@ -184,7 +184,7 @@ class Cycles:
 Last = Separable | Lure | Cycles  # what may take over from a box that moves
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class Tube(Shown):
     """Boxes -lower <= e <= upper at ``times`` (s) from 0 on, linear in between; one entry > 0 per
     agent, for each of its components.  ``error``: P, beta and size of the observer (kappa is not
@@ -241,7 +241,7 @@ class Tube(Shown):
         return values
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Descent:
     """A claim: from |e|_inf <= radius, |eps_i| <= disturbance, |e(t)|_inf <= tolerance for all t >=
     time (s): by a tube, and from its end on by a ``certificate`` with ``level``, ``height`` and

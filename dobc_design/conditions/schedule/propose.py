@@ -18,6 +18,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from dobc_design._checks import noun
 from dobc_design.conditions.consensus.propose import decay_rate
 from dobc_design.conditions.numbers import rounded_down
 from dobc_design.conditions.quadratic.claim import Lure
@@ -73,7 +74,7 @@ MOST_ROWS: Final = 24
 MOST_BLOCK: Final = 90
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Asked:
     """Starts |e|_inf <= radius, |eps_i| <= disturbance, and the tolerance to be kept from some time
     on."""
@@ -132,7 +133,7 @@ def approach(
             yield path.tube(until), certificate
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class _Certificates:
     """What may take over near the target, and the fastest rate (1/s) known there, about."""
 
@@ -264,7 +265,7 @@ class _Path:
         )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class _Handover:
     """A certificate at every box of a path, in floats: its size there, and up to which size it
     holds; ``may_begin`` there; the rate (1/s) of its size after ``wait`` (s); |e|_inf <= ``height``

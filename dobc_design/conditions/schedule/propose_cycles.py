@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from fractions import Fraction
 from functools import partial
 from itertools import accumulate
@@ -19,6 +19,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy.linalg import expm
 
+from dobc_design._checks import noun
 from dobc_design.conditions.numbers import rounded_up
 from dobc_design.conditions.schedule.chords import Chords
 from dobc_design.conditions.schedule.claim import ONE, ZERO, Cycles, Weights
@@ -96,7 +97,7 @@ def _steepest(rho: Fraction | None) -> float:
     return STEEPEST if rho is None else max(FAR, FAR / float(rho))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class _Turned:
     """Rows of a mode in coordinates z = T e, for fixed gains."""
 
@@ -138,7 +139,7 @@ class _Beginning(NamedTuple):
     start: bytes
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class _Flow:
     """How the weights of a phase fall."""
 
@@ -284,7 +285,7 @@ def _share(error: ErrorBound | None) -> Fraction:
     return ZERO if error is None else error.kappa * root_above(error.size, unit=10**6)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class _Search:
     """What weights are looked for: the rows of each mode, for s times the weights, s in ``sizes``;
     rho and the observer's part of the claim."""
@@ -402,7 +403,7 @@ class _Maps(NamedTuple):
     maps: Array
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class _Linear:
     """The same for the linearisation at the target: products of matrices, for phases of finite and
     of any length."""

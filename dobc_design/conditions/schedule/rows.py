@@ -21,6 +21,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from dobc_design._checks import noun
 from dobc_design.conditions.separable.claim import FACES, holding_gains
 from dobc_design.conditions.separable.large import (
     ArcRows,
@@ -61,7 +62,7 @@ def _sum(a: Array, b: Array) -> Array:
     return np.where(a + b == 0, 0.0, down(a + b))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Box:
     """Boxes -lower <= e <= upper, (count, 2 faces, n): lower and upper bounds of what is meant;
     faces as in FACES. Where ``same`` is alike and not 0 so are the numbers."""
@@ -123,7 +124,7 @@ def _exact_at_ends(part: Array, start: Array, between: Array | int, end: Array) 
     return np.where(part == 0, start, np.where(part == 1, end, between))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Motion:
     """What rows are asked about: ``boxes``, one after the other, and between each and the next, a
     segment, the ``slopes`` (segments, 2, n) of its faces, rounded down.
@@ -139,7 +140,7 @@ class Motion:
     high: float = 1.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class _Parts:
     """Parts of segments: of which, where it begins, and how wide all are, as parts of the length of
     a segment."""
@@ -168,7 +169,7 @@ class _Parts:
         return sorted(set(self.segments.tolist()))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class MovingRows:
     """The rows of all modes of a problem, for boxes whose numbers are bounded by ``most``."""
 

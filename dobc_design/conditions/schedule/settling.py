@@ -8,13 +8,13 @@ from __future__ import annotations
 import bisect
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import Final, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Shown
 from dobc_design._show.text import significant_away_from_zero, significant_towards_zero
 from dobc_design.conditions.schedule.claim import (
@@ -61,7 +61,7 @@ def proved_reason(loop: Loop, claim: Descent) -> str:
     return f"{about}|e(t)|_inf <= {tolerance} for all t >= {float(claim.time):.6g} s, {how}"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class Stage(Shown):
     """A part of the way: its ``kind``, from ``start`` (s) on, the ``bound`` of |e|_inf there, its
     rate (1/s)."""
@@ -79,7 +79,7 @@ class Stage(Shown):
         return (self.kind, start, bound, rate)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class Settling(Shown):
     """A settling time: |e(t)|_inf <= tolerance for all t >= time, from |e(0)|_inf <= radius,
     |eps_i(0)| <= disturbance.

@@ -25,7 +25,7 @@ from dobc_design.conditions.numbers import claimed, decimal_above, rounded_up
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import diagonal_of_inverse
 from dobc_design.conditions.schedule import decide, propose, propose_cycles
-from dobc_design.conditions.schedule.checks import cycles_check, growth_check, settling_check
+from dobc_design.conditions.schedule.checks import cycles_check, settling_check
 from dobc_design.conditions.schedule.claim import (
     ONE,
     SETTLED,
@@ -38,6 +38,7 @@ from dobc_design.conditions.schedule.claim import (
 from dobc_design.conditions.schedule.cycles import holds_starts, unreached_in_words
 from dobc_design.conditions.schedule.cycles import why_not as why_not_cycles
 from dobc_design.conditions.schedule.propose import Asked
+from dobc_design.conditions.schedule.rounds import growth_check
 from dobc_design.conditions.schedule.settling import Settling, guarantee_of, proved_reason
 from dobc_design.conditions.separable.checks import obstacle
 from dobc_design.conditions.separable.claim import ErrorBound, Separable, acts_by_component

@@ -18,9 +18,9 @@ from dobc_design.certification.recheck import recheck, verify_twice
 from dobc_design.checker import cycles as checker_cycles
 from dobc_design.conditions.domain import EVERYWHERE
 from dobc_design.conditions.schedule import propose_cycles
-from dobc_design.conditions.schedule.checks import growth_check
 from dobc_design.conditions.schedule.claim import Cycles, Weights
 from dobc_design.conditions.schedule.cycles import holds_starts, unreached_cycles, why_not
+from dobc_design.conditions.schedule.rounds import growth_check
 from dobc_design.conditions.schedule.rows import Box, moving_rows
 from dobc_design.conditions.schedule.stage import schedule_stage
 from dobc_design.conditions.separable.stage import separable_stage

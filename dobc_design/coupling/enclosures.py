@@ -14,7 +14,6 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import lru_cache
 from itertools import groupby, pairwise
-from typing import Final
 
 from dobc_design.coupling.expression import Expression
 from dobc_design.coupling.tree import (
@@ -35,29 +34,29 @@ from dobc_design.exact.work import spend
 
 #: How much wider than the truth a range may be at each end (relative to the value where that is
 #: above 1).
-TOLERANCE: Final = Fraction(1, 10**6)
+TOLERANCE = Fraction(1, 10**6)
 # Pieces looked at before a range is returned as tight as it is; halvings before "undefined" is
 # believed.
-_MOST_PIECES: Final = 4000
-_MOST_HALVINGS: Final = 40
-_NARROWEST: Final = Fraction(1, 2**30)
+_MOST_PIECES = 4000
+_MOST_HALVINGS = 40
+_NARROWEST = Fraction(1, 2**30)
 # Enclosures that are remembered, since searches come back to the same intervals.
-_REMEMBERED: Final = 1 << 12
+_REMEMBERED = 1 << 12
 
-_LARGEST: Final = Fraction(2**990)
-_LONG: Final = 9  # bits of the length of an end point from which on a step costs as many times more
-_CALL: Final = 8  # steps that a function takes, in units of a sum
+_LARGEST = Fraction(2**990)
+_LONG = 9  # bits of the length of an end point from which on a step costs as many times more
+_CALL = 8  # steps that a function takes, in units of a sum
 
 # The narrowest cell, as a part of the radius, and the most cells looked at.
-_NARROWEST_CELL: Final = Fraction(1, 2**24)
-_MOST_CELLS: Final = 20_000
+_NARROWEST_CELL = Fraction(1, 2**24)
+_MOST_CELLS = 20_000
 # as a part of its size, how close to one sign a slope is looked at exactly
-_NEARLY: Final = Fraction(1, 10**6)
+_NEARLY = Fraction(1, 10**6)
 
-_VALUES: Final = IntervalAlgebra()
-_JETS: Final = GradientAlgebra(1, second=True)
-_RESTRICTED: Final = GradientAlgebra(1, second=True, restricted=True)
-_UNIT: Final = (ONE,)
+_VALUES = IntervalAlgebra()
+_JETS = GradientAlgebra(1, second=True)
+_RESTRICTED = GradientAlgebra(1, second=True, restricted=True)
+_UNIT = (ONE,)
 
 Form = Callable[[Interval], Interval]
 

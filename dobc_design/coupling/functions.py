@@ -13,7 +13,7 @@ from fractions import Fraction
 from functools import reduce
 from math import inf
 from operator import methodcaller
-from typing import Any, Final, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,7 +89,7 @@ def _clip(algebra: Any, x: T, low: T, high: T) -> Any:
     return algebra.call("min", (above, high))
 
 
-_ROWS: Final = (
+_ROWS = (
     Function(
         name="exp",
         interval=interval.exp,
@@ -219,9 +219,9 @@ _ROWS: Final = (
         others="sat saturate",
     ),
 )
-FUNCTIONS: Final = {row.name: row for row in _ROWS}
-NONSMOOTH: Final = tuple(row.name for row in _ROWS if row.curvature is None)
-OTHER_NAMES: Final = {other: row.name for row in _ROWS for other in row.others.split()}
+FUNCTIONS = {row.name: row for row in _ROWS}
+NONSMOOTH = tuple(row.name for row in _ROWS if row.curvature is None)
+OTHER_NAMES = {other: row.name for row in _ROWS for other in row.others.split()}
 
 
 def applied(name: str, arguments: tuple[T, ...], algebra: Any, call: Callable[..., T]) -> T:
@@ -241,7 +241,7 @@ _ONLY_INVERSES = f"the only inverse functions are {' and '.join(_INVERSES)}"
 _INVERSES_ELSEWHERE = "atan2 asin acos acosh atanh arcsin arccos arccosh arctanh"
 _STEEP = "a coupling must be continuous; a steep one is tanh(100*y)"
 # Names of other languages, and what to write here.
-FOREIGN: Final = {
+FOREIGN = {
     "e": "the number e is written exp(1), and e**y is exp(y)",
     "log10": "write log(y)/log(10) for log10(y)",
     "log2": "write log(y)/log(2) for log2(y)",

@@ -12,7 +12,7 @@ import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any, Final, NamedTuple, Protocol, TypeVar
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
@@ -173,8 +173,8 @@ def _signature(node: Node) -> tuple[object, ...]:
     return tuple(signature)
 
 
-ZERO: Final = Interval.point(0)
-ONE: Final = Interval.point(1)
+ZERO = Interval.point(0)
+ONE = Interval.point(1)
 
 
 class NumpyAlgebra(Operators):

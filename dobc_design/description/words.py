@@ -13,7 +13,7 @@ from typing import Any
 from dobc_design.description.contradictions import warnings
 from dobc_design.description.meaning import disturbance_words, remarks, time_words
 from dobc_design.exact.number import decimal_text
-from dobc_design.exact.reading import counted, named, some
+from dobc_design.exact.reading import Document, Names, counted, named, some
 from dobc_design.loop.arcs import unreached
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.leader import enclosed, enclosure, not_enclosed
@@ -78,7 +78,7 @@ def _mode_lines(problem: Problem, mode: str, arcs: Arcs) -> list[str]:
     return [f'Mode "{mode}": {counted(len(arcs), "arc")}{loose}.', *listening, reached]
 
 
-def _listening(labels: Sequence[str], arcs: Arcs) -> list[str]:
+def _listening(labels: Names, arcs: Arcs) -> list[str]:
     """Whom each agent hears, of the first agents."""
     heard: dict[int, list[str]] = defaultdict(list)
     # Large networks are not gone through: the first agents say what the arrow means.
@@ -199,14 +199,14 @@ def caution_lines(problem: Problem) -> list[str]:
     return lines + [f"Look at this: {remark}" for remark in remarks(problem)]
 
 
-def facts(problem: Problem) -> dict[str, Any]:
+def facts(problem: Problem) -> Document:
     """The same for a program: JSON types only."""
     labels, switching = problem.network.labels, problem.switching
     modes = {}
     for mode, arcs in problem.network.modes.items():
         missing = [labels[i] for i in _unreached(problem, arcs)]
         modes[mode] = {"arcs": len(arcs), "unreached": missing}
-    found: dict[str, Any] = {
+    found: Document = {
         "name": problem.name,
         "agents": problem.n,
         "dimension": problem.m,

@@ -18,6 +18,10 @@ from dobc_design.errors import ShapeError, wrong
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.number import number_text, parse_number
 
+Names = Sequence[str]  # labels of agents, names of modes
+Table = Mapping[str, Any]
+Document = dict[str, Any]  # of JSON or TOML
+
 LONGEST_SHOWN = 60
 
 _SHORT = reprlib.Repr()

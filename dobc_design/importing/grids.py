@@ -23,7 +23,7 @@ from scipy.sparse.csgraph import connected_components
 from dobc_design._checks import noun
 from dobc_design.errors import SpecError, wrong
 from dobc_design.exact.number import parse_number
-from dobc_design.exact.reading import named, shown, some
+from dobc_design.exact.reading import Names, Table, named, shown, some
 from dobc_design.problem.exosystems import constant
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
@@ -135,7 +135,7 @@ def _weights(grid: Grid, becomes: Mapping[str, str]) -> dict[tuple[str, str], Fr
     return {ends: weight for ends, weight in weights.items() if weight}
 
 
-def _filled(note: str, grid: Grid, generators: Sequence[str], gain: Any) -> str:
+def _filled(note: str, grid: Grid, generators: Names, gain: Any) -> str:
     return note.format(
         source=grid.source,
         buses=len(grid.buses),
@@ -145,7 +145,7 @@ def _filled(note: str, grid: Grid, generators: Sequence[str], gain: Any) -> str:
     )
 
 
-def merged(labels: Sequence[str], pairs: Sequence[tuple[str, str]]) -> dict[str, str]:
+def merged(labels: Names, pairs: Sequence[tuple[str, str]]) -> dict[str, str]:
     """Label -> the label it becomes when these pairs are joined (closed bus couplers): the first of
     its group."""
     if not labels:
@@ -272,7 +272,7 @@ def _rows(body: str, table: str, line: int, name: str) -> list[_Row]:
     return rows
 
 
-def _check_cells(cells: Sequence[str], table: str, place: str, row: int) -> None:
+def _check_cells(cells: Names, table: str, place: str, row: int) -> None:
     """Raise SpecError for a row that is too short, or that holds anything but numbers."""
     least = USED[table][-1]
     if len(cells) < least:
@@ -321,7 +321,7 @@ def _decimal(text: str, key: str) -> Fraction:
     return parse_number(re.sub(r"(?<=[0-9])\.(?![0-9])", "", trimmed), key)
 
 
-Row = Mapping[str, Any]
+Row = Table
 Tables = Mapping[str, list[Row]]
 BRANCHES = (
     ("line", "from_bus", "to_bus"),

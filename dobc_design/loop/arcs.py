@@ -11,8 +11,8 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from dobc_design._checks import noun
-from dobc_design.loop.loop import Arc, Loop, Pins
-from dobc_design.problem.network import Arcs, IndexArray, distinct_weights
+from dobc_design.loop.loop import Loop, Pins
+from dobc_design.problem.network import Arc, Arcs, IndexArray, distinct_weights
 
 
 @noun(eq=False)

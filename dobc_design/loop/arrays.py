@@ -16,12 +16,12 @@ from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.tree import postorder
 from dobc_design.errors import wrong
 from dobc_design.exact.matrix import Matrix, matrix, to_float
-from dobc_design.exact.reading import shown
+from dobc_design.exact.reading import Names, shown
 from dobc_design.loop.arcs import places_at, split_by
-from dobc_design.loop.loop import Arc, Loop
+from dobc_design.loop.loop import Loop
 from dobc_design.loop.matrices import Array, block_sparse
 from dobc_design.problem.groups import gains_of, group_numbers
-from dobc_design.problem.network import Arcs, BoolArray, IndexArray, distinct_weights
+from dobc_design.problem.network import Arc, Arcs, BoolArray, IndexArray, distinct_weights
 from dobc_design.problem.problem import Problem
 
 LARGEST_FLOAT = Fraction(np.finfo(np.float64).max.item())
@@ -164,7 +164,7 @@ def chosen_mode(problem: Problem, mode: str | None) -> str:
     return names[0 if mode is None else mode_index(mode, names)]
 
 
-def mode_index(mode: str, names: Sequence[str]) -> int:
+def mode_index(mode: str, names: Names) -> int:
     """The index of a mode.  Raises: SpecError if there is no such mode."""
     if mode not in names:
         known = ", ".join(names[:6]) + (", ..." if len(names) > 6 else "")

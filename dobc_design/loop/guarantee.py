@@ -16,6 +16,7 @@ from typing import NamedTuple
 from dobc_design._checks import noun
 from dobc_design._show.cards import Shown
 from dobc_design.exact.matrix import Matrix
+from dobc_design.exact.reading import Names
 from dobc_design.problem.switching import Switching
 from dobc_design.problem.tables import lasting
 
@@ -89,7 +90,7 @@ class Guarantee:
             modes.append(turns.phases[turn.place].mode if after <= turn.ends else None)
         return modes
 
-    def may_stay(self, mode: str, modes: Sequence[str]) -> bool:
+    def may_stay(self, mode: str, modes: Names) -> bool:
         """Whether a signal that keeps the guarantee may stay in this one of the modes for ever."""
         if self.kind == "markov" and self.generator is not None:
             place = list(modes).index(mode)
@@ -126,7 +127,7 @@ class Round:
         return Turn(place, begun, ends)
 
 
-def guarantee_of(stated: Switching | None, modes: Sequence[str]) -> Guarantee:
+def guarantee_of(stated: Switching | None, modes: Names) -> Guarantee:
     """The guarantee of [switching].  A sequence that repeats a shorter one has the phases of the
     shorter one."""
     if stated is None:
@@ -150,7 +151,7 @@ def guarantee_of(stated: Switching | None, modes: Sequence[str]) -> Guarantee:
     )
 
 
-def _dwelling(stated: Switching, modes: Sequence[str]) -> tuple[Phase, ...]:
+def _dwelling(stated: Switching, modes: Names) -> tuple[Phase, ...]:
     """A phase for each mode, with all others after it."""
     every = range(len(modes))
     return tuple(
@@ -165,7 +166,7 @@ def _dwelling(stated: Switching, modes: Sequence[str]) -> tuple[Phase, ...]:
     )
 
 
-def _turns(stated: Switching, modes: Sequence[str]) -> list[tuple[str, Fraction]]:
+def _turns(stated: Switching, modes: Names) -> list[tuple[str, Fraction]]:
     """The modes of one round, with how long each is on (s)."""
     if stated.schedule is None:
         order = list(stated.sequence or modes)

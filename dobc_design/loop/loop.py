@@ -30,10 +30,9 @@ from dobc_design.problem.groups import (
     joint_exosystem,
     joint_observer,
 )
-from dobc_design.problem.network import Arcs
+from dobc_design.problem.network import Arc, Arcs
 from dobc_design.problem.uncertainty import Actuators, Uncertainty
 
-Arc = tuple[int, int]
 Pair = tuple[Fraction, Fraction]
 
 

@@ -14,7 +14,7 @@ is f(target + e) - f(target).  With a leader s the target is 0, and the errors o
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
@@ -26,13 +26,14 @@ from dobc_design.coupling.expression import LONGEST_MADE
 from dobc_design.exact.interval import Interval
 from dobc_design.exact.matrix import Matrix, multiply, subtract, zeros
 from dobc_design.exact.number import number_text
-from dobc_design.exact.reading import is_scalar_matrix
+from dobc_design.exact.reading import Names, is_scalar_matrix
 from dobc_design.loop.guarantee import guarantee_of
-from dobc_design.loop.loop import Arc, Drift, Goals, Loop, Pins, Starts, pins_of
+from dobc_design.loop.loop import Drift, Goals, Loop, Pins, Starts, pins_of
 from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group, Observer
 from dobc_design.problem.leader import enclosure, not_enclosed
+from dobc_design.problem.network import Arc
 from dobc_design.problem.problem import Problem
 
 
@@ -214,6 +215,6 @@ def _times(B: Matrix, coupling: Coupling, m: int) -> Coupling:
     return _made(rows, m)
 
 
-def _made(h: str | Sequence[str], m: int) -> Coupling:
+def _made(h: str | Names, m: int) -> Coupling:
     """A coupling made of one of the file, and longer."""
     return make_coupling(h, dimension=m, longest=LONGEST_MADE)

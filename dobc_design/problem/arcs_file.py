@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 from array import array
-from collections.abc import Mapping
 from fractions import Fraction
 from pathlib import Path
 from typing import NamedTuple
@@ -41,6 +40,7 @@ from dobc_design.problem.network import (
     ONE,
     WANTED,
     Arcs,
+    Index,
     check_repairs,
     directed,
     is_label,
@@ -88,7 +88,7 @@ class _File:
             return None
         return edge_list_table(self.text)
 
-    def graph(self, known: Mapping[str, int]) -> Graph:
+    def graph(self, known: Index) -> Graph:
         """What the file holds."""
         table = self.table()
         if table is not None:
@@ -103,7 +103,7 @@ def read_arcs_file(
     folder: Path | None,
     arrow: str,
     key: str,
-    index: Mapping[str, int] | None = None,
+    index: Index | None = None,
     merge: str | None = None,
     drop_loops: bool = False,
 ) -> FileArcs:
@@ -186,9 +186,9 @@ class _Repairs:
 
 def _arcs(
     file: _File,
-    known: Mapping[str, int],
+    known: Index,
     *,
-    index: Mapping[str, int],
+    index: Index,
     arrow: str,
     repairs: _Repairs,
 ) -> Arcs:

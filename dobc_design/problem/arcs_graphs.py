@@ -13,7 +13,7 @@ from xml.etree import ElementTree
 
 from dobc_design._checks import noun
 from dobc_design.errors import reason_of
-from dobc_design.exact.reading import named, shown
+from dobc_design.exact.reading import Names, named, shown
 from dobc_design.problem.arcs_text import WEIGHTS, Row, Unfit
 from dobc_design.problem.network import MOST_AGENTS
 
@@ -103,7 +103,7 @@ def _tag(node: ElementTree.Element) -> str:
     return str(node.tag).rsplit("}", 1)[-1]
 
 
-def _edge(number: int, a: str, b: str, weight: Sequence[str], *, both: bool) -> Iterator[Row]:
+def _edge(number: int, a: str, b: str, weight: Names, *, both: bool) -> Iterator[Row]:
     """One edge as one arc, or as both."""
     yield number, [a, b, *weight]
     if both:
@@ -185,7 +185,7 @@ def _gml_rows(
         yield from _edge(number, labels[edge["source"]], labels[edge["target"]], weight, both=both)
 
 
-def _different(labels: Sequence[str]) -> None:
+def _different(labels: Names) -> None:
     """Refuse two nodes of one name.  Raises: SpecError."""
     seen = set[str]()
     for label in labels:
@@ -235,7 +235,7 @@ def pajek(text: str) -> Graph:
     return Graph(labels=tuple(labels.values()), rows=iter(rows))
 
 
-def _no_more_vertices(labels: Mapping[str, str], cells: Sequence[str], row: int) -> None:
+def _no_more_vertices(labels: Mapping[str, str], cells: Names, row: int) -> None:
     """Refuse a second *Vertices, and two kinds of vertices.  Raises: SpecError."""
     if labels:
         raise Unfit(row, "begins a second network", "Save each mode in a file of its own.")
@@ -247,7 +247,7 @@ def _no_more_vertices(labels: Mapping[str, str], cells: Sequence[str], row: int)
         )
 
 
-def _count(cells: Sequence[str], row: int) -> int:
+def _count(cells: Names, row: int) -> int:
     """How many nodes a file announces.  Raises: SpecError."""
     text = cells[0] if cells else ""
     if not re.fullmatch("[0-9]{1,8}", text) or not 1 <= int(text) <= MOST_AGENTS:
@@ -259,9 +259,7 @@ def _count(cells: Sequence[str], row: int) -> int:
     return int(text)
 
 
-def _pajek_rows(
-    cells: Sequence[str], part: str, labels: Mapping[str, str], row: int
-) -> Iterator[Row]:
+def _pajek_rows(cells: Names, part: str, labels: Mapping[str, str], row: int) -> Iterator[Row]:
     """The arcs of one line: i j and perhaps a weight, or i and all that it leads to."""
     lists = part.endswith("list")
     ends = cells if lists else cells[:2]
@@ -304,7 +302,7 @@ def matrix_market(text: str) -> Graph:
     return Graph(labels=tuple(map(str, range(1, n + 1))), rows=_all_there(rows, sizes[2]))
 
 
-def _matrix_kind(head: Sequence[str]) -> tuple[str, str]:
+def _matrix_kind(head: Names) -> tuple[str, str]:
     """What the first line says of the values, and whether the matrix is symmetric.  Raises:
     SpecError."""
     kinds = [cell.lower() for cell in head]

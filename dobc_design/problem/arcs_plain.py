@@ -8,13 +8,13 @@ and names the line that it refuses. Nothing is rounded here: labels and weights 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
 import numpy as np
 
 from dobc_design._checks import noun
 from dobc_design.problem.arcs_text import Table, find_columns
-from dobc_design.problem.network import IndexArray
+from dobc_design.problem.network import Index, IndexArray
 
 PIECE = 1 << 20  # characters that are split at once: a list of all cells would take too much memory
 _UNUSUAL = re.compile(r'[\x00-\x09\x0b-\x20"#%{]')
@@ -34,9 +34,7 @@ class PlainColumns:
     line: int
 
 
-def plain_columns(
-    text: str, table: Table, index: Mapping[str, int], known: Mapping[str, int]
-) -> PlainColumns | None:
+def plain_columns(text: str, table: Table, index: Index, known: Index) -> PlainColumns | None:
     """The arcs of a plain table; None if it is not one.  ``index``: label to place; ``known``:
     those that were there before the file was read, and are no header."""
     sign = table.separator or " "

@@ -8,11 +8,11 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import chain
 
 from dobc_design._checks import noun
-from dobc_design.exact.reading import named, shown
+from dobc_design.exact.reading import Names, named, shown
 
 Row = tuple[int, list[str]]  # number of the line or edge, [a, b] or [a, b, weight]
 Rows = Callable[[], Iterator[Row]]  # begins at the top of the file whenever it is called
@@ -299,7 +299,7 @@ def _in_order(number: int, cells: list[str], columns: Columns) -> Iterator[Row]:
         yield number, [b, a, *weight]
 
 
-def _is_undirected(cells: Sequence[str], place: int, row: int) -> bool:
+def _is_undirected(cells: Names, place: int, row: int) -> bool:
     """What the column of types says of a row."""
     text = cells[place].lower() if place < len(cells) else ""
     found = (BOTH | ONE_WAY).get(text)
@@ -339,9 +339,7 @@ def find_columns(first: Row, rows: Rows, index: Mapping[str, int]) -> Columns:
     )
 
 
-def _named_columns(
-    names: Sequence[str], cells: Sequence[str], ends: tuple[int, int], row: int
-) -> Columns:
+def _named_columns(names: Names, cells: Names, ends: tuple[int, int], row: int) -> Columns:
     """The columns of a header that names both ends."""
     weights = [place for place, name in enumerate(names) if name in WEIGHTS]
     kinds = [place for place, name in enumerate(names) if name in KINDS]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import fields
 from fractions import Fraction
 from typing import Any
@@ -21,14 +21,16 @@ from dobc_design.coupling.coupling import Coupling
 from dobc_design.errors import SpecError, reason_of, wrong
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import number_text
-from dobc_design.exact.reading import named, shown
+from dobc_design.exact.reading import Document, Names, Table, named, shown
 from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.foreign_json import PROBLEM, not_a
 from dobc_design.problem.groups import Group, Observer, group_key, renamed
 from dobc_design.problem.leader import Leader, enclosed
 from dobc_design.problem.network import (
+    Arc,
     Arcs,
+    Index,
     Network,
     directed,
     distinct_weights,
@@ -86,7 +88,7 @@ def matrix_text(matrix: Matrix) -> list[list[str]]:
     return [[number_text(entry) for entry in row] for row in matrix]
 
 
-def canonical_document(problem: Problem) -> dict[str, Any]:
+def canonical_document(problem: Problem) -> Document:
     """The document behind problem.json: JSON types only."""
     exceptions = []
     for arc, coupling in sorted(problem.exceptions.items()):
@@ -106,12 +108,12 @@ def canonical_document(problem: Problem) -> dict[str, Any]:
     return {**document, "version": _version_of(document)}
 
 
-def texts_of(problem: Problem) -> dict[str, Any]:
+def texts_of(problem: Problem) -> Document:
     """What stands at the top of a problem file and is text."""
     return {"name": problem.name, "notes": list(problem.notes)}
 
 
-def _mode(name: str, arcs: Arcs) -> dict[str, Any]:
+def _mode(name: str, arcs: Arcs) -> Document:
     """A mode; its optional arcs, which are the last, have a list of their own."""
     rows = _arc_rows(arcs)
     sure = len(rows) - arcs.optional
@@ -131,10 +133,10 @@ def _arc_rows(arcs: Arcs) -> list[list[Any]]:
     return [list(row) for row in rows]
 
 
-def settings_of(problem: Problem) -> dict[str, Any]:
+def settings_of(problem: Problem) -> Document:
     """Exosystem, observer, region, switching and simulation as tables, and the later tables where
     there are any; their numbers are exact, agents are indices."""
-    found: dict[str, Any] = {}
+    found: Document = {}
     if problem.is_grouped:
         index = problem.network.index
         found["exosystem"] = {"groups": [_group_table(each, index) for each in problem.groups]}
@@ -153,16 +155,16 @@ def settings_of(problem: Problem) -> dict[str, Any]:
     return found
 
 
-def _group_table(group: Group, index: Mapping[str, int]) -> dict[str, Any]:
+def _group_table(group: Group, index: Index) -> Document:
     """A group as a table: its agents by index, A, C, W and P."""
-    table: dict[str, Any] = {"agents": [index[label] for label in group.agents]}
+    table: Document = {"agents": [index[label] for label in group.agents]}
     for noun in (group.exosystem, group.observer):
         table |= _table_of(noun) or {}
     del table["rate"]  # that of all groups, which stands in observer
     return table
 
 
-def _table_of(noun: Any) -> dict[str, Any] | None:
+def _table_of(noun: Any) -> Document | None:
     """A noun as a table; of its later keys those that were given."""
     if noun is None:
         return None
@@ -204,7 +206,7 @@ def problem_from_canonical(data: bytes, *, name: str = "problem.json") -> Proble
     return problem
 
 
-def _load(data: bytes, name: str) -> dict[str, Any]:
+def _load(data: bytes, name: str) -> Document:
     """The JSON document, of a version that is known.  Raises: SpecError."""
     try:
         document = json.loads(data.decode("utf-8"), object_pairs_hook=_no_duplicates)
@@ -225,7 +227,7 @@ def _load(data: bytes, name: str) -> dict[str, Any]:
     return document
 
 
-def _version_of(document: Mapping[str, Any]) -> int:
+def _version_of(document: Table) -> int:
     """The first version that knows all that the document has."""
     if _leaves_agents_undisturbed(document):
         return VERSION_UNDISTURBED
@@ -237,7 +239,7 @@ def _version_of(document: Mapping[str, Any]) -> int:
     return VERSION_DYNAMICS if "dynamics" in document else VERSION
 
 
-def _leaves_agents_undisturbed(document: Mapping[str, Any]) -> bool:
+def _leaves_agents_undisturbed(document: Table) -> bool:
     """Whether there are groups, and agents in none of them."""
     exosystem, labels = document.get("exosystem"), document.get("labels")
     groups = exosystem.get("groups") if isinstance(exosystem, dict) else None
@@ -247,7 +249,7 @@ def _leaves_agents_undisturbed(document: Mapping[str, Any]) -> bool:
     return sum(len(agents) for agents in lists if isinstance(agents, list)) < len(labels)
 
 
-def _no_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def _no_duplicates(pairs: list[tuple[str, Any]]) -> Document:
     """Refuse an object that has a key twice, of which JSON would keep the last."""
     result = dict(pairs)
     if len(result) != len(pairs):
@@ -258,7 +260,7 @@ def _no_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 class _Reader:
     """Reads the document strictly: every key, no other, and no value of another kind."""
 
-    def __init__(self, document: Mapping[str, Any]) -> None:
+    def __init__(self, document: Table) -> None:
         self.document = _object(document, "problem.json", *_KEYS, *_TABLES, later=_LATER_TABLES)
         labels = _list(document["labels"], "labels")
         self.labels = [_text(label, "labels") for label in labels]
@@ -294,7 +296,7 @@ class _Reader:
             leader=self.table(Leader, "leader"),
         )
 
-    def table(self, noun: Any, key: str) -> dict[str, Any] | None:
+    def table(self, noun: Any, key: str) -> Document | None:
         """A table with the keys of this noun; None where there is none, and need not be."""
         value = self.document.get(key)
         if value is None and key not in _ALWAYS:
@@ -343,8 +345,8 @@ class _Reader:
             result[name] = arcs
         return result
 
-    def exceptions(self, items: Any) -> dict[tuple[int, int], Any]:
-        result: dict[tuple[int, int], Any] = {}
+    def exceptions(self, items: Any) -> dict[Arc, Any]:
+        result: dict[Arc, Any] = {}
         for position, item in enumerate(_list(items, "coupling.exceptions")):
             key = f"coupling.exceptions[{position}]"
             table = _object(item, key, "arc", "h")
@@ -355,9 +357,9 @@ class _Reader:
             result[listener, speaker] = table["h"]
         return result
 
-    def by_label(self, name: str) -> dict[str, Any]:
+    def by_label(self, name: str) -> Document:
         """A list of [index, value] as a mapping of label to value."""
-        result: dict[str, Any] = {}
+        result: Document = {}
         for position, pair in enumerate(_list(self.document[name], name)):
             key = f"{name}[{position}]"
             place, value = _list(pair, key, length=2)
@@ -373,13 +375,13 @@ class _Reader:
         return value
 
 
-def _object(value: Any, key: str, *keys: str, later: Sequence[str] = ()) -> dict[str, Any]:
+def _object(value: Any, key: str, *keys: str, later: Names = ()) -> Document:
     """An object with all of ``keys``, and some of ``later``, which are not null where they
     stand."""
     known = isinstance(value, dict) and set(keys) <= set(value) <= {*keys, *later}
     if not known or any(value[name] is None for name in later if name in value):
         raise _wrong(key, f"an object with the keys {', '.join(keys)}", value)
-    found: dict[str, Any] = value
+    found: Document = value
     return found
 
 

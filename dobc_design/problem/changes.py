@@ -23,7 +23,7 @@ from tomlkit.exceptions import TOMLKitError
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import nearest, number_text
-from dobc_design.exact.reading import is_scalar_matrix, shown
+from dobc_design.exact.reading import Document, Names, is_scalar_matrix, shown
 from dobc_design.problem.canonical import (
     canonical_bytes,
     converted,
@@ -54,9 +54,9 @@ def typed_matrix(matrix: Sequence[Sequence[Fraction]]) -> list[list[int | float 
     return [[typed_number(x) for x in row] for row in matrix]
 
 
-def gain_table(gains: Mapping[int, Matrix], labels: Sequence[str]) -> dict[str, Any]:
+def gain_table(gains: Mapping[int, Matrix], labels: Names) -> Document:
     """Gains by agent index as they stand in a file: label -> number, or rows."""
-    table: dict[str, Any] = {}
+    table: Document = {}
     for i, gain in gains.items():
         scalar = is_scalar_matrix(gain)
         table[labels[i]] = typed_number(gain[0][0]) if scalar else typed_matrix(gain)
@@ -115,7 +115,7 @@ _OF_NETWORK = ("target", "coupling.h", "coupling.exceptions", "pinning.gains")
 CHANGEABLE = (*_OF_NETWORK, *_OF_ALL, "region.initial_disturbance", "simulation.xi0", GROUP_GAINS)
 
 
-def gain_changes(problem: Problem, W: Matrix | None) -> dict[str, Any]:
+def gain_changes(problem: Problem, W: Matrix | None) -> Document:
     """The changes that make W (of groups: block diagonal) the observer gain, None: a designed one;
     P is removed."""
     if not problem.is_grouped:
@@ -136,7 +136,7 @@ def changed_problem(problem: Problem, changes: Mapping[str, Any]) -> Problem:
                 key=key,
                 cure=f"One of {', '.join(CHANGEABLE)}.",
             )
-    given: dict[str, Any] = {
+    given: Document = {
         "target": changes.get("target", problem.target),
         "coupling": changes.get("coupling.h", problem.coupling),
         "gains": changes.get("pinning.gains", problem.pinning),
@@ -163,7 +163,7 @@ def _changed(noun: Any, table: str, changes: Mapping[str, Any]) -> Any:
     return replace(noun, **_below(table, changes))
 
 
-def _changed_groups(problem: Problem, changes: Mapping[str, Any]) -> dict[str, Any]:
+def _changed_groups(problem: Problem, changes: Mapping[str, Any]) -> Document:
     """The groups with other gains.  Raises: SpecError for a change of all agents."""
     if any(key in _OF_ALL for key in changes):
         raise SpecError(
@@ -181,7 +181,7 @@ def _changed_groups(problem: Problem, changes: Mapping[str, Any]) -> dict[str, A
     return {"groups": groups}
 
 
-def _below(table: str, changes: Mapping[str, Any]) -> dict[str, Any]:
+def _below(table: str, changes: Mapping[str, Any]) -> Document:
     """The keys of a table, without its name."""
     own = {}
     for key, value in changes.items():
@@ -356,7 +356,7 @@ def problem_text(problem: Problem) -> str:
     return tomlkit.dumps(document)
 
 
-def _arcs(arcs: Arcs, labels: Sequence[str]) -> Any:
+def _arcs(arcs: Arcs, labels: Names) -> Any:
     """The arcs of a mode; optional ones, which are the last, have a list of their own."""
     rows: list[list[Any]] = []
     for i, j, w in arcs:
@@ -368,9 +368,9 @@ def _arcs(arcs: Arcs, labels: Sequence[str]) -> Any:
     return {"arcs": rows[:sure], "optional": rows[sure:]}
 
 
-def _coupling(problem: Problem, labels: Sequence[str]) -> dict[str, Any]:
+def _coupling(problem: Problem, labels: Names) -> Document:
     """[coupling]: h, and the exceptions arc by arc."""
-    table: dict[str, Any] = {"h": coupling_text(problem.coupling)}
+    table: Document = {"h": coupling_text(problem.coupling)}
     exceptions = []
     for (i, j), coupling in sorted(problem.exceptions.items()):
         exceptions.append({"arcs": [[labels[i], labels[j]]], "h": coupling_text(coupling)})
@@ -379,7 +379,7 @@ def _coupling(problem: Problem, labels: Sequence[str]) -> dict[str, Any]:
     return table
 
 
-def _settings(problem: Problem, labels: Sequence[str]) -> dict[str, dict[str, Any]]:
+def _settings(problem: Problem, labels: Names) -> dict[str, Document]:
     """The tables after [coupling], those that say something, with the keys that say something."""
     tables = converted(settings_of(problem), typed_number)
     for group in (tables["exosystem"] or {}).get("groups", ()):
@@ -397,7 +397,7 @@ def _settings(problem: Problem, labels: Sequence[str]) -> dict[str, dict[str, An
     return {name: table for name, table in kept.items() if table}
 
 
-def _given(table: Mapping[str, Any]) -> dict[str, Any]:
+def _given(table: Mapping[str, Any]) -> Document:
     """A table without the keys that say nothing."""
     return {key: value for key, value in table.items() if value is not None}
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from dobc_design._checks import noun
 from dobc_design.errors import Mistakes, SpecError, about, wrong
-from dobc_design.exact.reading import is_list, is_text, shown
+from dobc_design.exact.reading import Names, is_list, is_text, shown
 from dobc_design.problem import exosystems
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group, Observer, check_observer, group_key, renamed
@@ -34,9 +34,7 @@ class Disturbances:
             return self.groups[0].exosystem
         return self.exosystem
 
-    def divided(
-        self, labels: Sequence[str], observer: Observer | None, states: int | None
-    ) -> Disturbances:
+    def divided(self, labels: Names, observer: Observer | None, states: int | None) -> Disturbances:
         """The exosystem and the groups of a Problem, in which agents in no group have no
         disturbance where there is no exosystem: agents that share it then are a group like others.
         ``states``: how many an agent with [dynamics] has.  Raises: SpecError, also for agents
@@ -55,11 +53,11 @@ class Disturbances:
                 "Remove A and C (or kind) from [exosystem].",
             )
         own = Observer() if observer is None else Observer(W=observer.W, P=observer.P)
-        check_observer(own, q=self.exosystem.order, m=self.exosystem.outputs, states=states)
+        check_observer(own, self.exosystem, states)
         group = Group(agents=rest, exosystem=self.exosystem, observer=own)
         return Disturbances(groups=(*self.groups, group))
 
-    def _check_without(self, labels: Sequence[str]) -> None:
+    def _check_without(self, labels: Names) -> None:
         owner: dict[str, str] = {}
         for number, group in enumerate(self.groups):
             owner |= dict.fromkeys(group.agents, group_key(number))
@@ -169,7 +167,7 @@ def _explicit(table: ExosystemTable | GroupTable, place: str, errors: Mistakes) 
         return None
 
 
-def _check_none(table: GroupTable, place: str, given: Sequence[str], errors: Mistakes) -> None:
+def _check_none(table: GroupTable, place: str, given: Names, errors: Mistakes) -> None:
     """``none`` is true, and says all that there is to say of the disturbance of its agents."""
     key = f"{place}.none"
     observed = [name for name in ("W", "P") if getattr(table, name) is not None]

@@ -8,7 +8,6 @@ A = 0 and B = I.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from dataclasses import field
 from fractions import Fraction
 from typing import Any
@@ -36,7 +35,7 @@ from dobc_design.exact.matrix import (
     transpose,
 )
 from dobc_design.exact.number import number_text
-from dobc_design.exact.reading import counted, is_list, read_matrix, shown
+from dobc_design.exact.reading import Names, counted, is_list, read_matrix, shown
 
 NEAR = Fraction(1, 2**40)  # of a goal, where slopes of f have to be bounded
 _EXAMPLE = 'For example f = ["x2", "-sin(x1)"].'
@@ -281,7 +280,7 @@ def _variables(m: int) -> list[str]:
     return ["x"] if m == 1 else [f"x{c + 1}" for c in range(m)]
 
 
-def _renamed(text: str, names: Sequence[str]) -> str:
+def _renamed(text: str, names: Names) -> str:
     """The text with other names in place of x1..xm (or x)."""
     return re.sub(r"\bx([0-9]*)\b", lambda found: names[int(found[1] or 1) - 1], text)
 

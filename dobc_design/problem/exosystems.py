@@ -211,7 +211,7 @@ def ramp() -> Exosystem:
 def polynomial(degree: Any) -> Exosystem:
     """An unknown polynomial in time; the state holds the disturbance and its derivatives.  Raises:
     SpecError unless ``degree`` is an integer from 0 to 20."""
-    if isinstance(degree, bool) or not isinstance(degree, int) or not 0 <= degree <= LARGEST_DEGREE:
+    if type(degree) is not int or not 0 <= degree <= LARGEST_DEGREE:
         raise wrong(
             "degree",
             f"must be an integer from 0 to {LARGEST_DEGREE}; got {shown(degree)}.",
@@ -245,7 +245,7 @@ def periodic(fundamental: Any, *, harmonics_kept: Any, mean: bool = True) -> Exo
     harmonics_kept is an integer >= 1."""
     w = parse_number(fundamental, "fundamental")
     kept = harmonics_kept
-    if isinstance(kept, bool) or not isinstance(kept, int) or kept < 1:
+    if type(kept) is not int or kept < 1:
         raise wrong(
             "harmonics_kept",
             f"must be an integer >= 1; got {shown(kept)}.",

@@ -20,6 +20,7 @@ from dobc_design.errors import Mistakes, ShapeError, SpecError, about, wrong
 from dobc_design.exact.matrix import Matrix, zeros
 from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import (
+    Names,
     counted,
     is_list,
     named,
@@ -89,11 +90,12 @@ def _check_symmetric(P: Matrix) -> None:
                 )
 
 
-def check_observer(observer: Observer, *, q: int, m: int, states: int | None = None) -> None:
-    """Check the shapes of W and P against the exosystem with m outputs; W may also act on all
-    ``states``.  Raises ShapeError."""
+def check_observer(observer: Observer, exosystem: Exosystem, states: int | None = None) -> None:
+    """Check the shapes of W and P against the exosystem (q states, m outputs); W may also act on
+    all ``states``.  Raises ShapeError."""
+    q = exosystem.order
     of_w = "one row per exosystem state, one column per state component"
-    _check_shape("W", observer.W, (q, m), of_w, also=(q, states))
+    _check_shape("W", observer.W, (q, exosystem.outputs), of_w, also=(q, states))
     _check_shape("P", observer.P, (q, q), "one row and column per exosystem state")
 
 
@@ -191,7 +193,7 @@ def read_groups(
             kind=ShapeError,
         )
     if not groups and exosystem is not None:
-        check_observer(common, q=exosystem.order, m=exosystem.outputs, states=states)
+        check_observer(common, exosystem, states)
         return (Group(agents=labels, exosystem=exosystem, observer=common),)
     if not groups and observer is not None:
         what = "has no meaning without an [exosystem]: there is no disturbance to estimate."
@@ -300,14 +302,14 @@ def _check_group(
             )
         )
     try:
-        check_observer(group.observer, q=group.exosystem.order, m=m, states=states)
+        check_observer(group.observer, group.exosystem, states)
     except SpecError as error:
         errors.append(renamed(error, key))
     errors.raise_all()
 
 
 def _check_rest(
-    rest: Sequence[str], exosystem: Exosystem | None, common: Observer, states: int | None
+    rest: Names, exosystem: Exosystem | None, common: Observer, states: int | None
 ) -> None:
     """Those in no group have [exosystem]'s own A and C, or no disturbance; of nobody nothing may be
     said."""
@@ -320,7 +322,7 @@ def _check_rest(
             "exosystem.A", f"and exosystem.C {nobody}", "Remove A and C (or kind) from [exosystem]."
         )
     if exosystem is not None:
-        check_observer(common, q=exosystem.order, m=exosystem.outputs, states=states)
+        check_observer(common, exosystem, states)
     elif common.W is not None or common.P is not None:
         raise wrong("observer.W", f"and observer.P {nobody}", "Give W and P in the groups.")
 
@@ -339,7 +341,7 @@ def _check_all_have_p(groups: Sequence[Group]) -> None:
         )
 
 
-def name_some(agents: Sequence[str]) -> str:
+def name_some(agents: Names) -> str:
     """Some agents in words."""
     return f"agent{'' if len(agents) == 1 else 's'} {some([*map(named, agents)], _SHOWN)}"
 
@@ -413,14 +415,14 @@ def gains_of(groups: Sequence[Group], W: Matrix) -> tuple[Matrix, ...]:
     return found
 
 
-def group_numbers(groups: Sequence[Group], labels: Sequence[str]) -> list[int]:
+def group_numbers(groups: Sequence[Group], labels: Names) -> list[int]:
     """For each agent the number of its group; ``len(groups)`` for an agent without a
     disturbance."""
     number = {label: place for place, group in enumerate(groups) for label in group.agents}
     return [number.get(label, len(groups)) for label in labels]
 
 
-def agent_blocks(S: Matrix, groups: Sequence[Group], labels: Sequence[str]) -> list[Matrix]:
+def agent_blocks(S: Matrix, groups: Sequence[Group], labels: Names) -> list[Matrix]:
     """For each agent the block (m, m) of its group, 0 without a disturbance: S (G m, G m), or (m,
     m) for one group or none."""
     blocks = group_blocks(S, max(1, len(groups)))

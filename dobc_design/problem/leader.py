@@ -13,7 +13,7 @@ from dataclasses import field
 from fractions import Fraction
 from functools import lru_cache
 from math import ceil, floor, log10
-from typing import Any, Final
+from typing import Any
 
 from dobc_design._checks import LATER, noun
 from dobc_design._show.cards import Shown
@@ -27,9 +27,9 @@ from dobc_design.problem.region import Pair, read_pairs
 
 Box = tuple[Interval, ...]
 
-_MOST_PIECES: Final = 1000  # of a face, on which the sign of a component of f is decided
-_MOST_MOVES: Final = 80  # of the faces, each by an eighth of the width
-_PART: Final = 8
+_MOST_PIECES = 1000  # of a face, on which the sign of a component of f is decided
+_MOST_MOVES = 80  # of the faces, each by an eighth of the width
+_PART = 8
 
 
 @noun

@@ -12,7 +12,7 @@ import os
 import re
 import stat
 import tomllib
-from collections.abc import Callable, Mapping, Set
+from collections.abc import Callable, Set
 from difflib import get_close_matches
 from functools import partial
 from importlib.resources import files
@@ -25,7 +25,7 @@ from pydantic import BaseModel, ValidationError
 
 from dobc_design.coupling.coupling import Coupling, make_coupling
 from dobc_design.errors import Mistakes, SpecError, about, wrong
-from dobc_design.exact.reading import NumberText, is_list, is_text, named, shown
+from dobc_design.exact.reading import Document, NumberText, Table, is_list, is_text, named, shown
 from dobc_design.problem import arcs_file
 from dobc_design.problem.canonical import problem_from_canonical
 from dobc_design.problem.disturbances import read_exosystem
@@ -33,7 +33,9 @@ from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Observer
 from dobc_design.problem.network import (
+    Arc,
     Arcs,
+    Index,
     Network,
     arcs_from_pairs,
     check_arrow,
@@ -91,7 +93,7 @@ def read_bytes(path: Path, *, limit: int = MAX_BYTES, what: str = PROBLEM) -> by
     return data
 
 
-def parse_toml(data: bytes) -> dict[str, Any]:
+def parse_toml(data: bytes) -> Document:
     """Parse TOML; numbers with a point or an exponent stay text.  Raises SpecError."""
     if len(data) > MAX_BYTES:
         raise _too_large(MAX_BYTES)
@@ -139,7 +141,7 @@ def _check_nesting(data: bytes) -> None:
         raise _too_deep()
 
 
-def _check_depth(document: Mapping[str, Any]) -> None:
+def _check_depth(document: Table) -> None:
     """Refuse tables that are nested too deeply, however they were written."""
     level: list[Any] = [document]
     for _ in range(MAX_NESTING + 1):
@@ -193,9 +195,7 @@ def read_problem_text(
     return read_problem_tables(parse_toml(data), folder=folder, default_name=default_name)
 
 
-def read_problem_tables(
-    document: Mapping[str, Any], *, folder: Path | None, default_name: str
-) -> Problem:
+def read_problem_tables(document: Table, *, folder: Path | None, default_name: str) -> Problem:
     """Read a problem from the tables of a TOML file, as ``parse_toml`` gives them."""
     _check_version(document)
     try:
@@ -208,10 +208,10 @@ def read_problem_tables(
     return _build(tables, folder=folder, name=name)
 
 
-def _check_version(document: Mapping[str, Any]) -> None:
+def _check_version(document: Table) -> None:
     """Refuse a file that a later version of the program wrote."""
     version = document.get("schema", SCHEMA_VERSION)
-    if isinstance(version, bool) or not isinstance(version, int) or version < 1:
+    if type(version) is not int or version < 1:
         raise wrong(
             "schema",
             f"must be the whole number {SCHEMA_VERSION}; got {shown(version)}.",
@@ -344,9 +344,7 @@ def _with_optional(value: Any, read: Callable[..., Arcs], *, key: str) -> Arcs:
     return joined(always, read(value["optional"], key=f"{key}.optional"))
 
 
-def _mode(
-    value: Any, *, index: Mapping[str, int], arrow: str, key: str, folder: Path | None
-) -> Arcs:
+def _mode(value: Any, *, index: Index, arrow: str, key: str, folder: Path | None) -> Arcs:
     """The arcs of one list, or of the file that is named in its place."""
     if is_list(value):
         return arcs_from_pairs(value, index=index, arrow=arrow, key=key)
@@ -368,22 +366,22 @@ def _mode(
 
 def _exceptions(
     tables: ProblemFile, network: Network, made: Callable[..., Coupling]
-) -> dict[tuple[int, int], Coupling]:
+) -> dict[Arc, Coupling]:
     """The couplings of single arcs; ``made`` makes one of its text."""
     given = tables.coupling.exceptions
     if not given:
         return {}
     codes, index = network.arc_codes(), network.index
-    result: dict[tuple[int, int], Coupling] = {}
+    result: dict[Arc, Coupling] = {}
     errors = Mistakes()
     for position, table in errors.few(enumerate(given)):
         key = f"coupling.exceptions[{position}]"
-        pairs: list[tuple[int, int]] = []
+        pairs: list[Arc] = []
         with errors:
             pairs = _exception_arcs(
                 table.arcs, key=f"{key}.arcs", index=index, arrow=tables.network.arrow
             )
-            seen: set[tuple[int, int]] = set()
+            seen: set[Arc] = set()
             for place, arc in enumerate(pairs):
                 taken = arc in result or arc in seen
                 _check_exception(arc, network, codes, taken=taken, key=f"{key}.arcs[{place}]")
@@ -394,9 +392,7 @@ def _exceptions(
     return result
 
 
-def _check_exception(
-    arc: tuple[int, int], network: Network, codes: Set[int], *, taken: bool, key: str
-) -> None:
+def _check_exception(arc: Arc, network: Network, codes: Set[int], *, taken: bool, key: str) -> None:
     """Refuse an arc that is not there, or is taken: it has an exception.  Raises: SpecError."""
     listener, speaker = arc
     names = f"{named(network.labels[listener])} listens to {named(network.labels[speaker])}"
@@ -412,9 +408,7 @@ def _check_exception(
         raise about(key, f"the arc in which {names} has an exception already.", "Keep one of them.")
 
 
-def _exception_arcs(
-    value: Any, *, key: str, index: Mapping[str, int], arrow: str
-) -> list[tuple[int, int]]:
+def _exception_arcs(value: Any, *, key: str, index: Index, arrow: str) -> list[Arc]:
     """The arcs of [[coupling.exceptions]] as pairs (listener, speaker)."""
     if not is_list(value) or not value:
         raise wrong(

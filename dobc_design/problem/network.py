@@ -23,6 +23,8 @@ from dobc_design._show.cards import MOST_ITEMS, MOST_ROWS, Card, Shown, cut, lis
 from dobc_design.errors import Mistakes, SpecError, about, wrong
 from dobc_design.exact.number import number_key, parse_number
 from dobc_design.exact.reading import (
+    Document,
+    Names,
     NumberText,
     counted,
     is_list,
@@ -109,6 +111,8 @@ _ADD_UP = (
 ONE = Fraction(1)
 IndexArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
+Index = Mapping[str, int]  # of every label
+Arc = tuple[int, int]  # the indices of a listener and a speaker
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -181,9 +185,7 @@ def parse_weights(values: Sequence[Any], *, key: str) -> tuple[Fraction, ...]:
     return tuple(result)
 
 
-def arcs_from_pairs(
-    pairs: Sequence[Sequence[Any]], *, index: Mapping[str, int], arrow: str, key: str
-) -> Arcs:
+def arcs_from_pairs(pairs: Sequence[Sequence[Any]], *, index: Index, arrow: str, key: str) -> Arcs:
     """Turn [a, b] and [a, b, w] of labels into arcs; every wrong arc is reported, up to twenty."""
     errors = Mistakes()
     found: list[tuple[int, int, Any]] = []
@@ -238,7 +240,7 @@ def repeated(first: IndexArray, second: IndexArray) -> IndexArray:
 
 def summed(arcs: Arcs) -> Arcs:
     """The arcs with the weights of parallel ones added, each at its first place."""
-    total: dict[tuple[int, int], Fraction] = {}
+    total: dict[Arc, Fraction] = {}
     for listener, speaker, weight in arcs:
         ends = listener, speaker
         total[ends] = total[ends] + weight if ends in total else weight
@@ -267,7 +269,7 @@ def check_arrow(arrow: object) -> None:
         )
 
 
-def check_arcs(modes: Mapping[str, Arcs], labels: Sequence[str], *, mode: str) -> None:
+def check_arcs(modes: Mapping[str, Arcs], labels: Names, *, mode: str) -> None:
     """Refuse arcs of a mode that leave the graph, self-arcs, duplicates and weights that are not
     positive, with the first offender."""
     arcs = modes[mode]
@@ -316,7 +318,7 @@ def check_arcs(modes: Mapping[str, Arcs], labels: Sequence[str], *, mode: str) -
 
 
 def negative_weight(
-    modes: Mapping[str, Arcs], labels: Sequence[str], *, mode: str, place: int
+    modes: Mapping[str, Arcs], labels: Names, *, mode: str, place: int
 ) -> SpecError:
     """Says what a negative weight may mean, and how that is written; the signs of all modes
     count."""
@@ -344,13 +346,13 @@ def place_of(arcs: Arcs, place: int) -> str:
     return f".arcs[{place}]" if arcs.optional else f"[{place}]"
 
 
-def _sentence(arcs: Arcs, position: int, labels: Sequence[str]) -> str:
+def _sentence(arcs: Arcs, position: int, labels: Names) -> str:
     """ "a listens to b", of one arc."""
     listener, speaker = labels[int(arcs.listeners[position])], labels[int(arcs.speakers[position])]
     return f"{named(listener)} listens to {named(speaker)}"
 
 
-def _read_pair(pair: Sequence[Any], index: Mapping[str, int], *, key: str) -> tuple[int, int, Any]:
+def _read_pair(pair: Sequence[Any], index: Index, *, key: str) -> tuple[int, int, Any]:
     """One arc as it is written: the indices of both agents, and the weight.  Raises: SpecError."""
     if not isinstance(pair, (list, tuple)) or len(pair) not in (2, 3):
         raise wrong(
@@ -372,7 +374,7 @@ def _read_pair(pair: Sequence[Any], index: Mapping[str, int], *, key: str) -> tu
     return ends[0], ends[1], pair[2] if len(pair) == 3 else 1
 
 
-def _range(index: Mapping[str, int]) -> str:
+def _range(index: Index) -> str:
     """Which labels there are, for a message."""
     # Labels that count are shown as a range, others by the first few.
     names = list(index)
@@ -627,7 +629,7 @@ class Network(Shown):
         return cls(labels=labels_of(size) if names is None else names, modes=modes)
 
 
-def _check_different(labels: Sequence[str]) -> None:
+def _check_different(labels: Names) -> None:
     """Refuse labels of which two are equal.  Raises: SpecError."""
     if len(set(labels)) == len(labels):
         return
@@ -664,7 +666,7 @@ def _listening(labels: tuple[str, ...], arcs: Arcs) -> str:
     return "; ".join(few)
 
 
-def _modes(value: Any, several: bool) -> dict[str, Any]:
+def _modes(value: Any, several: bool) -> Document:
     """What is given for each mode; a single one is called G."""
     if not several:
         return {"G": value}

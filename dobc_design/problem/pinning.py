@@ -5,7 +5,7 @@ u_i = -k_i (x_i - xbar) pulls a pinned agent to the target; zero gains are left 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from difflib import get_close_matches
 from fractions import Fraction
 from itertools import islice
@@ -21,6 +21,7 @@ from dobc_design.exact.definite import decide_positive_semidefinite
 from dobc_design.exact.matrix import Matrix, add, identity, scale, transpose, zeros
 from dobc_design.exact.number import number_key, parse_number
 from dobc_design.exact.reading import (
+    Names,
     counted,
     is_list,
     is_scalar_matrix,
@@ -187,7 +188,7 @@ def read_pinning(gains: Any, *, network: Network, form: GainForm) -> Pinning:
 
 
 def _pins_of_modes(
-    gains: Mapping[Any, Any], modes: Sequence[str], network: Network, form: GainForm
+    gains: Mapping[Any, Any], modes: Names, network: Network, form: GainForm
 ) -> SpecError:
     """Says how pins of single modes are written today: as arcs to an agent that stands for the
     target."""
@@ -218,9 +219,7 @@ def _as_arcs(pins: Any) -> str:
     return ", ".join(each)
 
 
-def by_label(
-    value: Any, read: Callable[[Any, str], T], *, labels: Sequence[str], key: str
-) -> dict[int, T]:
+def by_label(value: Any, read: Callable[[Any, str], T], *, labels: Names, key: str) -> dict[int, T]:
     """Agent index -> what ``read(value, key)`` makes of a table by label; every wrong entry is
     named."""
     index = {label: i for i, label in enumerate(labels)}
@@ -239,7 +238,7 @@ def by_label(
     return result
 
 
-def _no_agent(label: object, labels: Sequence[str], *, key: str) -> SpecError:
+def _no_agent(label: object, labels: Names, *, key: str) -> SpecError:
     # Bounded, because the search takes the product of both lengths.
     near = get_close_matches(str(label)[:100], labels[:1000], n=1)
     cure = f'Did you mean "{near[0]}"?' if near else "Use the label of an agent."

@@ -22,6 +22,9 @@ from dobc_design.errors import Mistakes, ShapeError, SpecError, about, wrong
 from dobc_design.exact import reading
 from dobc_design.exact.matrix import Vector
 from dobc_design.exact.reading import (
+    Document,
+    Names,
+    Table,
     counted,
     is_list,
     is_scalar_matrix,
@@ -43,7 +46,7 @@ from dobc_design.problem.groups import (
     read_groups,
 )
 from dobc_design.problem.leader import Leader, read_leader
-from dobc_design.problem.network import Network
+from dobc_design.problem.network import Arc, Network
 from dobc_design.problem.pinning import GainForm, Pinning, by_label, read_pinning
 from dobc_design.problem.region import Pair, Region, read_region
 from dobc_design.problem.simulation import Simulation, read_simulation
@@ -63,7 +66,6 @@ from dobc_design.problem.tables import (
 )
 from dobc_design.problem.uncertainty import Actuators, Uncertainty, read_actuators, read_uncertainty
 
-Arc = tuple[int, int]
 LARGEST_DIMENSION = 100  # every gain is an m x m matrix
 
 
@@ -126,23 +128,23 @@ class Problem(Shown):
         self,
         *,
         network: Network,
-        coupling: str | Sequence[str] | Coupling,
-        exceptions: Mapping[Arc, str | Sequence[str] | Coupling] | None = None,
+        coupling: str | Names | Coupling,
+        exceptions: Mapping[Arc, str | Names | Coupling] | None = None,
         target: Any = 0,
         gains: Any = None,
         exosystem: Exosystem | None = None,
         observer: Observer | None = None,
         groups: Sequence[Group] | None = None,
         offsets: Mapping[Any, Any] | None = None,
-        region: Region | Mapping[str, Any] | None = None,
+        region: Region | Table | None = None,
         switching: Switching | None = None,
-        simulation: Simulation | Mapping[str, Any] | None = None,
-        uncertainty: Uncertainty | Mapping[str, Any] | None = None,
-        actuators: Actuators | Mapping[str, Any] | None = None,
-        dynamics: Dynamics | Mapping[str, Any] | None = None,
-        leader: Leader | Mapping[str, Any] | None = None,
+        simulation: Simulation | Table | None = None,
+        uncertainty: Uncertainty | Table | None = None,
+        actuators: Actuators | Table | None = None,
+        dynamics: Dynamics | Table | None = None,
+        leader: Leader | Table | None = None,
         name: str = "problem",
-        notes: Sequence[str] = (),
+        notes: Names = (),
     ) -> None:
         _check_kinds(network=network, exosystem=exosystem, observer=observer, switching=switching)
         _check_groups(groups)
@@ -270,7 +272,7 @@ class Problem(Shown):
             changes[name] = given | changes[name]
         return Problem(**self._arguments() | changes)
 
-    def _check_same_agents(self, changes: Mapping[str, Any]) -> None:
+    def _check_same_agents(self, changes: Table) -> None:
         """What belongs to agents has to be given anew for others.  Raises: SpecError."""
         network = changes.get("network")
         if not isinstance(network, Network) or network.labels == self.network.labels:
@@ -292,7 +294,7 @@ class Problem(Shown):
     def __reduce__(self) -> tuple[Any, ...]:
         return partial(Problem, **self._arguments()), ()  # the read-only mappings cannot be pickled
 
-    def _arguments(self) -> dict[str, Any]:
+    def _arguments(self) -> Document:
         """The arguments that make this problem; most are attributes of the same name."""
         labels = self.network.labels
         found = {
@@ -687,7 +689,7 @@ def _is_arc(arc: Any, n: int) -> bool:
     return all(type(i) is int and 0 <= i < n for i in arc)
 
 
-def _read_offsets(value: Any, *, labels: Sequence[str], dimension: int) -> Mapping[int, Vector]:
+def _read_offsets(value: Any, *, labels: Names, dimension: int) -> Mapping[int, Vector]:
     """Where agents go from the target, by index; 0 is left out."""
 
     def read(offset: Any, key: str) -> Vector:
@@ -700,7 +702,7 @@ def _read_offsets(value: Any, *, labels: Sequence[str], dimension: int) -> Mappi
 
 
 def _orders(
-    groups: tuple[Group, ...] | None, labels: Sequence[str], exosystem: Exosystem | None
+    groups: tuple[Group, ...] | None, labels: Names, exosystem: Exosystem | None
 ) -> tuple[int, ...]:
     """The order of every agent's exosystem; one number if it is the same for all."""
     if groups is None:

@@ -13,7 +13,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from dobc_design.errors import MOST_ERRORS, SpecError, wrong
-from dobc_design.exact.reading import named, shown
+from dobc_design.exact.reading import Document, named, shown
 from dobc_design.problem.schema import RESERVED, ProblemFile
 
 Location = tuple[int | str, ...]
@@ -106,7 +106,7 @@ def _tables() -> dict[str, tuple[str, ...]]:
     schema = ProblemFile.model_json_schema(by_alias=True)
     tables: dict[str, tuple[str, ...]] = {}
 
-    def walk(name: str, properties: dict[str, Any]) -> None:
+    def walk(name: str, properties: Document) -> None:
         tables[name] = tuple(properties)
         for key, node in properties.items():
             items = node.get("items", {})

@@ -42,9 +42,9 @@ def read_simulation(value: Any, *, n: int, orders: tuple[int, ...], m: int = 1) 
     t_final, seed, xi0, x0 = keyed(table, ("t_final", "seed", "xi0", "x0"), key="simulation")
     time = Fraction(20)
     if t_final is not None:
-        time = positive_number(t_final, "simulation.t_final", unit="s")
+        time = positive_number(t_final, "simulation.t_final", "s")
     seed = 0 if seed is None else seed
-    if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 2**63:
+    if type(seed) is not int or not 0 <= seed < 2**63:
         raise wrong(
             "simulation.seed",
             f"must be a whole number from 0 to 2^63 - 1; got {shown(seed)}.",

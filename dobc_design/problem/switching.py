@@ -5,7 +5,7 @@ What a proof makes of a guarantee is in ``loop/guarantee.py``.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import field, fields
 from fractions import Fraction
 from itertools import accumulate, pairwise
@@ -17,6 +17,7 @@ from dobc_design.errors import Mistakes, ShapeError, SpecError, wrong
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import MAX_CHARACTERS, number_text, parse_number
 from dobc_design.exact.reading import (
+    Names,
     counted,
     is_list,
     is_text,
@@ -160,7 +161,7 @@ class Switching(Shown):
         return self.guarantee not in (None, "arbitrary")
 
 
-def check_switching(switching: Switching | None, modes: Sequence[str]) -> Switching | None:
+def check_switching(switching: Switching | None, modes: Names) -> Switching | None:
     """Check what refers to the network's modes.  Raises: SpecError that names every wrong entry."""
     if switching is None:
         return None
@@ -207,9 +208,9 @@ def _read(signal: str, name: str, value: Any) -> Any:
             f"Remove it, or write signal = {owners[-1]}.",
         )
     if name == "radius":
-        return positive_number(value, key, unit="a distance in the unit of x")
+        return positive_number(value, key, "a distance in the unit of x")
     if name in ("dwell", "longest", "period"):
-        return positive_number(value, key, unit="s")
+        return positive_number(value, key, "s")
     if name == "hysteresis":
         number = parse_number(value, key)
         if number < 0:
@@ -220,7 +221,7 @@ def _read(signal: str, name: str, value: Any) -> Any:
             )
         return number
     if name == "neighbours":
-        if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value < 2**31:
+        if type(value) is not int or not 1 <= value < 2**31:
             raise wrong(
                 key,
                 f"must be a whole number >= 1; got {shown(value)}.",
@@ -321,7 +322,7 @@ def _instants(sequence: Any, dwell: Any) -> tuple[Any, Any]:
         )
     lengths: list[Fraction] = []
     for k, x in enumerate(dwell):
-        lengths.append(positive_number(x, f"switching.dwell[{k}]", unit="s"))
+        lengths.append(positive_number(x, f"switching.dwell[{k}]", "s"))
     # Sums of allowed numbers may be too long to be written down again.
     begins = [Fraction(0), *accumulate(lengths)]
     if any(len(number_text(begin)) > MAX_CHARACTERS for begin in begins):

@@ -14,7 +14,7 @@ from typing import Any
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import decimal_text
-from dobc_design.exact.reading import counted, is_scalar_matrix, some
+from dobc_design.exact.reading import Names, counted, is_scalar_matrix, some
 from dobc_design.problem.groups import Observer
 from dobc_design.problem.region import Region
 from dobc_design.problem.simulation import Simulation
@@ -40,7 +40,7 @@ def gain_text(gain: Matrix) -> str:
     return "matrix"
 
 
-def exception_words(exceptions: Mapping[tuple[int, int], Coupling], labels: Sequence[str]) -> str:
+def exception_words(exceptions: Mapping[tuple[int, int], Coupling], labels: Names) -> str:
     """Which arcs have a coupling of their own, coupling by coupling."""
     arcs: dict[Coupling, list[str]] = defaultdict(list)
     for (listener, speaker), coupling in exceptions.items():
@@ -54,7 +54,7 @@ def exception_words(exceptions: Mapping[tuple[int, int], Coupling], labels: Sequ
     return "; ".join(said)
 
 
-def offset_words(offsets: Mapping[int, Sequence[Any]], labels: Sequence[str]) -> str:
+def offset_words(offsets: Mapping[int, Sequence[Any]], labels: Names) -> str:
     """Where the agents of a formation go, from the target."""
     return some([f"{labels[i]}: {vector_text(x)}" for i, x in offsets.items()], LISTED)
 
@@ -136,7 +136,7 @@ def simulation_words(table: Simulation) -> str:
     return "; ".join(said)
 
 
-def guarantee_words(switching: Switching | None, modes: Sequence[str]) -> str:
+def guarantee_words(switching: Switching | None, modes: Names) -> str:
     """What proofs may assume of the signal; "" for one mode, where there is nothing to say."""
     guarantee = None if switching is None else switching.guarantee
     if guarantee == "sequence":
@@ -158,7 +158,7 @@ def lasting(dwell: Fraction, longest: Fraction | None) -> str:
     return least if longest is None else f"{least} and at most {float(longest):.6g} s"
 
 
-def switching_words(own: Switching, modes: Sequence[str]) -> str:
+def switching_words(own: Switching, modes: Names) -> str:
     """What [switching] asks of simulations."""
     dwell = None if own.dwell is None else f"{decimal_text(own.dwell)} s"
     if own.signal == "mobile":
@@ -198,7 +198,7 @@ def _schedule_words(own: Switching) -> str:
     return f"{said}, and so again every {decimal_text(own.period)} s"
 
 
-def _stays(generator: Matrix, modes: Sequence[str]) -> str:
+def _stays(generator: Matrix, modes: Names) -> str:
     """How long a Markov chain stays in each mode, on average."""
     stays = []
     for k, (mode, row) in enumerate(zip(modes, generator, strict=True)):

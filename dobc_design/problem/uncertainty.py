@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import field
 from fractions import Fraction
 from types import MappingProxyType
@@ -13,7 +13,7 @@ from dobc_design._checks import noun, put
 from dobc_design._show.cards import Card, Shown
 from dobc_design.errors import Mistakes, wrong
 from dobc_design.exact.number import parse_number
-from dobc_design.exact.reading import items, positive_number, shown, shown_number
+from dobc_design.exact.reading import Document, Names, items, positive_number, shown, shown_number
 
 RELATIVE = ("weights", "gains")
 ABSOLUTE = ("disturbance", "drift", "measurement")
@@ -82,10 +82,10 @@ class Actuators(Shown):
             if isinstance(self.limit, Mapping):
                 limits = {}
                 for x, u in self.limit.items():
-                    limits[str(x)] = _limit(u, key=f"actuators.limit.{x}")
+                    limits[str(x)] = positive_number(u, f"actuators.limit.{x}", "unit of u")
                 put(self, limit=MappingProxyType(limits))
             elif self.limit is not None:
-                put(self, limit=_limit(self.limit, key="actuators.limit"))
+                put(self, limit=positive_number(self.limit, "actuators.limit", "unit of u"))
         with errors:
             if self.amplitude is not None:
                 put(self, amplitude=_bound(self.amplitude, "actuators.amplitude"))
@@ -116,7 +116,7 @@ def read_uncertainty(value: Any) -> Uncertainty | None:
     return Uncertainty(**_known(value, Uncertainty))
 
 
-def read_actuators(value: Any, *, labels: Sequence[str]) -> Actuators | None:
+def read_actuators(value: Any, *, labels: Names) -> Actuators | None:
     """Read the [actuators] table.  Raises: SpecError that names every wrong key and every unknown
     agent."""
     if value is None:
@@ -137,17 +137,13 @@ def read_actuators(value: Any, *, labels: Sequence[str]) -> Actuators | None:
     return found
 
 
-def _known(value: Any, noun: Any) -> dict[str, Any]:
+def _known(value: Any, noun: Any) -> Document:
     """The keys of a table that say something; no other may stand there."""
     key, names = noun.__name__.lower(), noun.__dataclass_fields__
     for name, _ in items(value, key):
         if name not in names:
             raise wrong(f"{key}.{name}", "is an unknown key.", f"Known keys: {', '.join(names)}.")
     return {name: each for name, each in value.items() if each is not None}
-
-
-def _limit(value: Any, *, key: str) -> Fraction:
-    return positive_number(value, key, unit="unit of u")
 
 
 def _bound(value: Any, key: str, *, below: bool = False) -> Fraction:

@@ -166,6 +166,7 @@ class Fact(NamedTuple):
 
 def observable(residual: Residual) -> tuple[Matrix, list[int]]:
     """T, a basis of what is seen of the exosystem, and the columns of its leading ones."""
+    # C, C A, C A^2, ...: what is never seen is where all of them are 0
     rows = Matrix()
     part = residual.C
     for _ in residual.A:
@@ -490,6 +491,7 @@ def spend(left: Any, w: Any, arc: tuple[int, int], slope: Any) -> None:
     """Add to N w what an arc [i, j] has in it, with the worse end of its slope (times D_i)."""
     i, j = arc
     lo, hi = slope
+    # its own row has the slope twice (D M + M'D), that of the neighbour once
     pull = 2 * w[i] - w[j]
     left[i] += pull * (lo if pull > 0 else hi)
     left[j] -= hi * w[i]
@@ -522,6 +524,7 @@ def multiple(X: Matrix, G: Matrix) -> Fraction:
     pairs: list[Any] = []
     for rows in paired(X, G):
         pairs += paired(*rows)
+    # any entry that is not 0 gives g; all others have to agree
     g = next((x / y for x, y in pairs if y), ZERO)
     need(
         g >= 0 and all(x == g * y for x, y in pairs),
@@ -619,6 +622,7 @@ def theorem_refuted(case: Case, check: Any) -> None:
 def pair_refuted(case: Case, check: Any) -> None:
     """The pair of the problem does not do: P > 0, Omega < 0 or, in a mode, Lambda + the blocks of S
     < 0 fails."""
+    # the parts in the order in which they are needed: P > 0, Omega < 0, then the modes
     exact = check.exact or {}
     P = case.given_P or []
     if exact == {"block": "P"}:

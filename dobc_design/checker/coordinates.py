@@ -68,6 +68,7 @@ def far(loop: Loop, S: Matrix, claim: Any) -> dict[Coupling, Any]:
         return dict.fromkeys(loop.functions)
     reach = list(sizes(S, claim.v))
     found = {h: [ZERO] * loop.m for h in loop.functions}
+    # |e_j - e_i| is at most the sum of both
     for arc in loop.arcs:
         both = combined(reach[arc.i], 1, reach[arc.j])
         found[arc.coupling] = list(map(max, found[arc.coupling], both))
@@ -90,6 +91,7 @@ def inverse(T: Matrix) -> Matrix:
 def shown(case: Case, claim: Any, S: Matrix, load: Vector | None = None) -> None:
     """The gains are those of the couplings, and the rows hold at the rate alpha with ``load`` (n
     m,) added."""
+    # a box that shrinks at the rate alpha: its faces move inwards by alpha v
     outward = [claim.alpha * x for x in claim.v]
     if load:
         outward = combined(outward, 1, load)
@@ -171,6 +173,7 @@ class RowsOfCoordinates:
                 alone = load[i * m + c] * bottom + self.by_itself(i, c, x)
                 for mode in modes:
                     left = alone
+                    # every arc at its own worst corner: they vary independently
                     for arc in loop.heard[mode][i]:
                         left += arc.w * heard(arc, c, x)
                     need(left <= 0, f"the row of agent {loop.labels[i]} is not shown")

@@ -98,7 +98,7 @@ class Curve:
     def cells(self, pieces: list[Floats], finest: float) -> Iterator[Cell]:
         """Cells of these pieces, halved until the sign of the slope is known; the widest first, if
         that is hopeless."""
-        for a, b in pieces:  # it grows
+        for a, b in pieces:  # the list grows while it is read
             value, slope = self.at((a, b))
             way = 0
             if slope[0] >= 0:

@@ -42,6 +42,7 @@ def schedule(case: Case, check: Any) -> Any:
     claims_rate(check, exact)
     keeps(case, exact)
     begun = []
+    # a claim about the graphs alone has no phases
     for turn, each in zip(case.guarantee.phases, exact.phases, strict=False):
         if turn.first:
             begun.append(spread(frame(exact), each.v[0]))
@@ -294,6 +295,7 @@ class MovingRow(NamedTuple):
                 step = max(ZERO, step)
             both = paired(face.own, face.other)
             reach = max(other[arc.j] + own[i] for own, other in both)
+            # a linear one is largest at an end, with the slope at one of its ends
             most = max(g * x for g in arc.coupling.slope(0, 0) for x in (step, -reach))
             slopes += arc.w * most
             low = enclosed(max(reach, -step))[1]
@@ -344,6 +346,7 @@ def grows(loop: Loop, check: Any) -> None:
     steps: dict[tuple[str, Fraction], Matrix] = {}
     for mode, time in set(parts):
         steps[mode, time] = [[x * time for x in row] for row in jacobian(loop, mode)]
+    # what rounding errors may grow to, as a power of e
     grown = sum(norm(steps[part]) for part in parts)
     need(grown <= GROWTH, "a round is too long")
     known = {part: exponential(X) for part, X in steps.items()}

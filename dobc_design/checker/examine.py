@@ -107,6 +107,7 @@ def belonging(case: Case) -> None:
 
 def completeness(case: Case) -> None:
     """Every check that has to be there is there, once, and none that is not known."""
+    # what the problem asks for, whatever became of it
     wanted: list[Any] = [
         (id, mode, None) for mode in case.modes for id in ("reachability", "lemma1")
     ]

@@ -146,6 +146,7 @@ class Problem:
             own = {"agents": list(range(self.n)), "W": observer.W, "P": observer.P}
             return [self.read_group(exosystem | own)]
 
+        # a group is read once its size is known
         values = read(exosystem, {"groups": [an_object]}).groups
         groups = [self.read_group(value) for value in values]
         some = bool(groups) and len(groups[0].agents) < self.n

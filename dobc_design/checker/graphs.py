@@ -46,6 +46,7 @@ def absorbing(loop: Loop) -> list[list[str]]:
     edges = [[q for q, rate in enumerate(row) if q != k and rate > 0] for k, row in enumerate(G)]
     sets = [reach([k], edges) for k in range(len(G))]
     found = []
+    # where all members reach the same set it is never left, and no smaller one is in it
     for each in sets:
         if all(sets[q] == each for q in each):
             found.append([mode for q, mode in enumerate(loop.modes) if q in each])
@@ -117,6 +118,7 @@ def on_average(case: Case, check: Any, chain: Matrix, linear: bool) -> Any:
         case.q == 0 or stable(closed(case, rate)),
         "the estimation error does not decay at the rate",
     )
+    # one inequality for each mode; a chain adds what the others hand over
     for mode, rates in paired(case.modes, chain):
         if linear:
             mean(case, mode, parts, [*rates, rate])

@@ -85,6 +85,7 @@ class Guarantee:
             each = number["dwell"] if "dwell" in number else number["period"] / len(order)
             lengths = [each] * len(order)
         need(set(order) <= set(self.modes) and min(lengths) > 0, "the sequence is none of modes")
+        # a list that repeats itself has fewer phases than entries
         turns = shortest_round(list(paired(order, lengths)))
         found = []
         for k, (mode, time) in enumerate(turns):

@@ -130,6 +130,7 @@ def of_proof(case: Case, check: Any, rho: Fraction) -> Any:
     """The max-separable beside, whose box of size rho holds the starts."""
     proof = case.proved("max-separable")
     need(proof is not None, "there is no proof")
+    # its own check decides that it decreases there
     claim = read_separable(case, proof.exact)
     need(0 < rho <= (claim.rho or rho), "rho is not that of the proof")
     holds_box(claim, check.domain.radius, check.domain.disturbance, rho)
@@ -188,6 +189,7 @@ def amplitude(case: Case, i: int) -> Fraction:
     z = [row[k] for k, row in enumerate(square)]
     slopes = product(residual.A, x)
     sums = [ZERO] * case.m
+    # A^2 = -w on the components of one frequency: each is a sine of size sqrt(x^2 + x'^2 / w)
     for w in {-entry for entry in z}:
         for c, row in enumerate(residual.C):
             part = [[y if z[k] == -w else ZERO for k, y in enumerate(row)]]

@@ -61,6 +61,7 @@ def lure(case: Case, check: Any) -> Any:
         return claim
     ball = check.domain
     starts(case, ball, "ball")
+    # the largest V at a start: both parts at their largest eigenvalue
     most = largest(claim.P_e) * ball.radius**2
     if ball.disturbance:
         most += case.n * ball.disturbance**2 * largest(claim.P)
@@ -226,6 +227,7 @@ def gains_hold(h: Coupling, gains: Any, far: Vector | None) -> bool:
             return False
         return all(secants_inside(h, gains[c][c], sides[c]) for c in range(m))
     rest = []
+    # a sum of functions of one variable has gains component by component
     for c, expression in enumerate(h.h):
         if not sum_of_curves(expression):
             rest.append((h.parts[c], gains[c]))
@@ -420,6 +422,7 @@ def by_multipliers(gains: list[Channel], taus: Vector, costs: Matrix) -> tuple[M
         need(tau > 0 if D else tau == 0, "a multiplier is not positive")
         if not D:
             continue
+        # 2 p q <= p^2 / (2 tau) + 2 tau q^2 for every p and q
         M[b][b] += 1 / (2 * tau)
         square = 2 * tau * D**2
         extra[own][own] += square

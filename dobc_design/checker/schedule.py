@@ -36,6 +36,7 @@ def settling(case: Case, check: Any) -> None:
     exact = read(check.exact, shape)
     moves(case, exact.tube, check.domain)
 
+    # from the end of the tube on another function decays
     elapsed = exact.time - exact.tube.times[-1]
     after = exact.last
     need(elapsed >= 0, "the time is before the end of the tube")
@@ -183,6 +184,7 @@ def form_takes_over(
     if case.q:
         gap = [[last.stretch**2 * x for x in row] for row in tube.P]
         need(nonnegative(plus(gap, -1, claim.P)), "P' <= stretch^2 P is not shown")
+    # V is at most its value with all entries of P_e and of e taken by their sizes
     wide = [x for x in widths for _ in range(case.m)]
     square = case.n * (last.stretch * left) ** 2
     for a, row in enumerate(P_e):

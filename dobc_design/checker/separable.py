@@ -280,6 +280,7 @@ def linear_row(row: Row, errors: Errors, local: bool = False) -> bool:
         return False
     left = errors.load
     for arc in row.arcs:
+        # a linear function is largest at an end of what y may be
         sides = (row.step(arc), -arc.top - row.own)
         most = max(g * y for g in arc.h.slope(0, 0) for y in sides)
         # a supremum may have any sign: either end of the weight may be the worse one
@@ -389,6 +390,7 @@ def mean_slope(curve: Curve, rho: float, v: tuple[int, int, int], closely: bool)
     def scaled(y: int, unit: int) -> Floats:
         return times((rho, rho), enclosed(Fraction(y, unit)))
 
+    # |y| is at most rho (v_i + v_j)
     farthest = scaled(own + other, bottom)[1]
     rises = all(cell.way == 1 for cell in curve.between(-farthest, farthest))
     left = min(scaled(other - own, bottom)[0], 0.0) if rises else -farthest
@@ -444,6 +446,7 @@ def is_rest(loop: Loop, mode: str, box: Matrix) -> bool:
 def krawczyk(loop: Loop, mode: str, box: Matrix, middle: Vector) -> Iterator[Floats]:
     """The image c - Y f(c) + (I - Y F'(X)) (X - c) of a box X with the middle c."""
     size = len(box)
+    # slopes on the whole box, values in its middle
     _, slopes = forces(loop, mode, box)
     values, _ = forces(loop, mode, [[x, x] for x in middle])
     # about the inverse of the middle slopes: any Y is allowed, so that it may be cut off

@@ -62,27 +62,23 @@ def test_the_scaled_form_holds_the_matrix_to_its_last_bit():
     r = np.random.default_rng(5)
     n = 6
     size = [Fraction(10) ** int(k) for k in r.integers(-200, 200, n)]
-    numbers = [
-        [Fraction(int(r.integers(1, 99) if i == j else r.integers(-9, 9)), 101) for j in range(n)]
-        for i in range(n)
-    ]
-    M = SparseSymmetric(
-        n, {(i, j): size[i] * size[j] * numbers[i][j] for i in range(n) for j in range(i, n)}
-    )
+    entries = {}
+    for i in range(n):
+        for j in range(i, n):
+            number = r.integers(1, 99) if i == j else r.integers(-9, 9)
+            entries[i, j] = size[i] * size[j] * Fraction(int(number), 101)
+    M = SparseSymmetric(n, entries)
     S = form(M)
     bits = 2 * (HIGH_BITS + S.low_bits)
     for i in range(n):
         for j in range(n):
-            whole = (
-                (int(S.high[i, j]) << 2 * S.low_bits)
-                + (int(S.middle[i, j]) << S.low_bits)
-                + int(S.low[i, j])
-            )
+            high = int(S.high[i, j]) << 2 * S.low_bits
+            middle = int(S.middle[i, j]) << S.low_bits
+            whole = high + middle + int(S.low[i, j])
             entry = M.to_dense()[i][j] / Fraction(2) ** int(S.exponents[i] + S.exponents[j])
             assert 0 <= entry * 2**bits - whole < 1
-            assert abs(Fraction(S.floats[i, j]) - entry) <= Fraction(
-                abs(S.floats[i, j])
-            ) / 2**53 + Fraction(1, 2**bits)
+            nearest = Fraction(S.floats[i, j])
+            assert abs(nearest - entry) <= abs(nearest) / 2**53 + Fraction(1, 2**bits)
         assert Fraction(1, 8) <= Fraction(S.floats[i, i]) < 1
 
 

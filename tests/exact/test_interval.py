@@ -13,6 +13,7 @@ import pytest
 from flint import arb
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from texts import exact_matrix
 
 from dobc_design.coupling.functions import FUNCTIONS
 from dobc_design.errors import SpecError
@@ -87,20 +88,20 @@ def test_function_values_inside_an_interval_are_enclosed(name, x, share):
 
 def test_ranges_are_as_narrow_as_the_function():
     """Closed forms: monotone ones take their end points, cos and sin their extremes."""
-    x = Interval(Fraction(-2), Fraction(2))
+    x = Interval(-2, 2)
     for name in ("exp", "tanh", "atan", "sinh"):
         found = FUNCTIONS[name].interval(x)
         for end, value in ((found.lo, true_value(name, x.lo)), (found.hi, true_value(name, x.hi))):
             assert abs(end - value) < Fraction(1, 2**115)
     assert interval.cosh(x).lo == 1
     assert interval.cos(x).hi == 1
-    assert interval.cos(Interval(Fraction(3), Fraction(4))).lo == -1
-    assert interval.sin(Interval(Fraction(1), Fraction(2))).hi == 1
-    assert interval.sin(Interval(Fraction(4), Fraction(5))).lo == -1
-    assert interval.sin(Interval(Fraction(0), Fraction(5))) == Interval(-1, 1)
+    assert interval.cos(Interval(3, 4)).lo == -1
+    assert interval.sin(Interval(1, 2)).hi == 1
+    assert interval.sin(Interval(4, 5)).lo == -1
+    assert interval.sin(Interval(0, 5)) == Interval(-1, 1)
     assert interval.sin(x) == Interval(-1, 1)
-    assert interval.sin(Interval(Fraction(0), Fraction(3, 2))).lo == 0
-    assert interval.sin(Interval(Fraction(0), Fraction(3, 2))).hi < 1
+    assert interval.sin(Interval(0, Fraction(3, 2))).lo == 0
+    assert interval.sin(Interval(0, Fraction(3, 2))).hi < 1
 
 
 @pytest.mark.parametrize("name", ["sin", "cos"])
@@ -154,10 +155,10 @@ def test_functions_refuse_where_they_are_not_defined(name, x):
 def test_tan_is_defined_right_up_to_its_poles():
     """The twin of the refusals: 10^-30 beside the pole."""
     half_pi = interval.pi().hi / 2
-    beside = Interval(half_pi + Fraction(1, 10**30), Fraction(2))
+    beside = Interval(half_pi + Fraction(1, 10**30), 2)
     assert interval.tan(beside).lo < -(10**29)
     with pytest.raises(UndefinedError, match="tan"):
-        interval.tan(Interval(half_pi - Fraction(1, 10**30), Fraction(2)))
+        interval.tan(Interval(half_pi - Fraction(1, 10**30), 2))
 
 
 def test_pi_is_enclosed_narrowly():
@@ -402,7 +403,7 @@ def overlap(x: Interval, y: Interval) -> bool:
 def test_discretisation_has_its_closed_forms():
     """exp([[0, w], [-w, 0]] T) = [[cos wT, sin wT], [-sin wT, cos wT]]; the mean of cos is
     sin(wT)/(wT)."""
-    w, T = Fraction(2), Fraction(1, 10)
+    w, T = 2, Fraction(1, 10)
     found = discretise(matrix([[0, w], [-w, 0]]), T)
     angle = Interval.point(w * T)
     expected = ((cos(angle), sin(angle)), (-sin(angle), cos(angle)))
@@ -413,17 +414,17 @@ def test_discretisation_has_its_closed_forms():
     assert overlap(found.mean[0][0], sin(angle) * (1 / (w * T)))
     # exp([[0, 1], [0, 0]] T) = [[1, T], [0, 1]], mean [[1, T/2], [0, 1]].
     T = Fraction(3, 7)
-    found = discretise(matrix([[0, 1], [0, 0]]), T)
+    found = discretise(exact_matrix("0 1; 0 0"), T)
     entries = (*found.transition[0], *found.transition[1], *found.mean[0], *found.mean[1])
     for got, want in zip(entries, (1, T, 0, 1, 1, T / 2, 0, 1), strict=True):
         assert got.contains(Fraction(want))
         assert got.width < Fraction(1, 2**120)
-    found = discretise(matrix([["-7/2"]]), Fraction(2))
+    found = discretise(exact_matrix("-7/2"), Fraction(2))
     assert overlap(found.transition[0][0], exp(Interval.point(-7)))
     assert float(found.mean[0][0].midpoint) == pytest.approx((1 - math.exp(-7)) / 7)
     for period in (0, -1):
         with pytest.raises(SpecError, match="period must be > 0"):
-            discretise(matrix([[0]]), Fraction(period))
+            discretise(exact_matrix("0"), Fraction(period))
 
 
 @pytest.mark.parametrize("seed", range(10))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from texts import exact_matrix
 
 from dobc_design import exact
 from dobc_design.errors import ShapeError
@@ -13,15 +14,15 @@ from dobc_design.exact.matrix import matrix
 from dobc_design.verdict import Verdict
 
 PROVED, REFUTED = Verdict.PROVED, Verdict.REFUTED
-PAPER = matrix([[0, 2], [-2, 0]]), matrix([[1, 0]])
-TWINS = (matrix([[0, 2, 0, 0], [-2, 0, 0, 0], [0, 0, 0, 2], [0, 0, -2, 0]]), matrix([[1, 0, 1, 0]]))
+PAPER = exact_matrix("0 2; -2 0"), exact_matrix("1 0")
+TWINS = (exact_matrix("0 2 0 0; -2 0 0 0; 0 0 0 2; 0 0 -2 0"), exact_matrix("1 0 1 0"))
 
 
 def test_the_papers_pair_is_observable():
     """Theory, section 9: paper pair yes."""
     result = exact.decide_observable(*PAPER)
     assert (result.rank, result.size, result.verdict, result.unobservable) == (2, 2, PROVED, ())
-    assert exact.observability_matrix(*PAPER) == matrix([[1, 0], [0, 2]])
+    assert exact.observability_matrix(*PAPER) == exact_matrix("1 0; 0 2")
     detectable = exact.decide_detectable(*PAPER)
     assert (detectable.verdict, detectable.unobservable_polynomial) == (PROVED, (1,))
     assert detectable.unobservable_text == "1"
@@ -29,14 +30,14 @@ def test_the_papers_pair_is_observable():
 
 def test_what_is_not_seen_is_detectable_iff_it_dies_out():
     """Theory, section 9: A = [0], C = [0] no (mode 0)."""
-    result = exact.decide_detectable(matrix([[0]]), matrix([[0]]))
+    result = exact.decide_detectable(exact_matrix("0"), exact_matrix("0"))
     assert (result.verdict, result.unobservable_text) == (REFUTED, "s")
-    assert exact.decide_detectable(matrix([[0]]), matrix([["1e-300"]])).verdict is PROVED
-    assert exact.decide_detectable(matrix([["-1e-300"]]), matrix([[0]])).verdict is PROVED
-    A = matrix([[0, 1], [0, -3]])
-    pair = A, matrix([[0, 0]])
+    assert exact.decide_detectable(exact_matrix("0"), exact_matrix("1e-300")).verdict is PROVED
+    assert exact.decide_detectable(exact_matrix("-1e-300"), exact_matrix("0")).verdict is PROVED
+    A = exact_matrix("0 1; 0 -3")
+    pair = A, exact_matrix("0 0")
     assert exact.decide_detectable(*pair).verdict is REFUTED
-    unseen = matrix([[0, 0], [1, -3]]), matrix([[1, 0]])
+    unseen = exact_matrix("0 0; 1 -3"), exact_matrix("1 0")
     assert exact.decide_observable(*unseen).verdict is REFUTED
     assert exact.decide_observable(*unseen).unobservable == ((0, 1),)
     assert exact.decide_detectable(*unseen).verdict is PROVED
@@ -51,24 +52,23 @@ def test_two_equal_oscillators_seen_as_one_are_not_detectable_and_different_ones
     assert exact.decide_observable(*TWINS).rank == 2
     # The twin: a frequency of 2 + 10^-30 tells them apart, which no rank in floats can.
     A, C = TWINS
-    near = (*A[:2], (0, 0, 0, 2 + Fraction(1, 10**30)), (0, 0, -2 - Fraction(1, 10**30), 0))
-    assert exact.decide_observable(matrix(near), C).verdict is PROVED
-    assert np.linalg.matrix_rank(exact.to_float(exact.observability_matrix(matrix(near), C))) == 2
+    faster = 2 + Fraction(1, 10**30)
+    near = matrix((*A[:2], (0, 0, 0, faster), (0, 0, -faster, 0)))
+    assert exact.decide_observable(near, C).verdict is PROVED
+    in_floats = exact.to_float(exact.observability_matrix(near, C))
+    assert np.linalg.matrix_rank(in_floats) == 2
 
 
 def test_reductions_of_the_theory_and_of_nothing():
     assert exact.observable_reduction(*PAPER) == (*PAPER, exact.identity(2))
     # Theory, section 2: the reduced exosystem is the fix.
     A_o, C_o, T = exact.observable_reduction(*TWINS)
-    assert matrix([[1, 0, 1, 0], [0, 1, 0, 1]]) == T
+    assert exact_matrix("1 0 1 0; 0 1 0 1") == T
     assert (A_o, C_o) == PAPER
     # r = 0: A_o and T have no rows, C_o empty ones.
-    assert exact.observable_reduction(exact.identity(2), exact.zeros(3, 2)) == (
-        (),
-        ((), (), ()),
-        (),
-    )
-    assert exact.decide_observable(exact.identity(2), exact.zeros(3, 2)).rank == 0
+    blind = exact.identity(2), exact.zeros(3, 2)
+    assert exact.observable_reduction(*blind) == ((), ((), (), ()), ())
+    assert exact.decide_observable(*blind).rank == 0
     assert exact.decide_observable(exact.identity(2), ()).unobservable == exact.identity(2)
     assert exact.decide_observable((), ()).verdict is PROVED
     assert exact.decide_detectable((), ()).verdict is PROVED
@@ -106,14 +106,16 @@ def test_a_hidden_block_shows_its_polynomial_in_any_coordinates(A1, A2, coupling
     A1."""
     if exact.rank(S) < 4:
         return
-    block = tuple(a + z for a, z in zip(A1, exact.zeros(2, 2), strict=True)) + tuple(
-        c + a for c, a in zip(coupling, A2, strict=True)
-    )
+    seen = [(*row, 0, 0) for row in A1]
+    hidden = [c + a for c, a in zip(coupling, A2, strict=True)]
+    block = matrix([*seen, *hidden])
     A = exact.multiply(exact.inverse(S), exact.multiply(block, S))
-    C = exact.multiply((C1[0] + (Fraction(0), Fraction(0)),), S)
+    C = exact.multiply(matrix([(*C1[0], 0, 0)]), S)
     found = exact.decide_detectable(A, C)
     if exact.decide_observable(A1, C1).verdict is PROVED:
-        trace, det = A2[0][0] + A2[1][1], A2[0][0] * A2[1][1] - A2[0][1] * A2[1][0]
+        (a, b), (c, d) = A2
+        trace = a + d
+        det = a * d - b * c
         assert found.unobservable_polynomial == (1, -trace, det)
         assert (found.verdict is PROVED) == (trace < 0 < det)
 

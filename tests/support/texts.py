@@ -1,5 +1,7 @@
 """Vectors and matrices of exact numbers, written as text: ``matrix("1 0; 0 1/2")``."""
 
+from dobc_design.exact import matrix as exact
+
 
 def vector(text: str) -> list[str]:
     """The numbers between blanks."""
@@ -17,3 +19,8 @@ def ranges(text: str, coupling: int = 0) -> list[dict[str, object]]:
     for row in text.split(";"):
         gains.append([vector(interval) for interval in row.split(",")])
     return [{"coupling": coupling, "gains": gains}]
+
+
+def exact_matrix(text: str) -> exact.Matrix:
+    """A matrix of Fractions."""
+    return exact.matrix(matrix(text))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import ClassVar, ParamSpec, TypeVar
+from typing import ParamSpec, TypeVar
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -26,7 +26,7 @@ class DobcError(Exception):
     user typed it, or None; ``cure`` is the remedy, or None; ``kind`` is the word used in JSON.
     """
 
-    kind: ClassVar[str] = "error"
+    kind = "error"
 
     def __init__(self, message: str, *, key: str | None = None, cure: str | None = None) -> None:
         super().__init__(message)
@@ -61,7 +61,7 @@ def reason_of(error: Exception) -> str:
 class SpecError(DobcError, ValueError):
     """The problem as given cannot be used: the caller's mistake."""
 
-    kind: ClassVar[str] = "spec"
+    kind = "spec"
 
     _parts: tuple[SpecError, ...] = ()
 
@@ -89,13 +89,13 @@ class SpecError(DobcError, ValueError):
 class ShapeError(SpecError):
     """A matrix or vector has the wrong shape, or is not symmetric where it must be."""
 
-    kind: ClassVar[str] = "shape"
+    kind = "shape"
 
 
 class ExpressionError(SpecError):
     """A coupling expression cannot be read, or does not mean what a coupling must mean."""
 
-    kind: ClassVar[str] = "expression"
+    kind = "expression"
 
 
 def wrong(
@@ -152,10 +152,10 @@ class Mistakes(list[SpecError]):
 class SolverError(DobcError, RuntimeError):
     """A numerical solver broke down; this says nothing about the problem."""
 
-    kind: ClassVar[str] = "solver"
+    kind = "solver"
 
 
 class CertificateError(DobcError, RuntimeError):
     """A certificate cannot be made, read or trusted."""
 
-    kind: ClassVar[str] = "certificate"
+    kind = "certificate"

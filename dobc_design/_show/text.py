@@ -9,7 +9,7 @@ import decimal
 import html
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from fractions import Fraction
 
 MAX_SHOWN = 12
@@ -128,8 +128,13 @@ def latex_matrix(matrix: Sequence[Sequence[Fraction | float]]) -> str | None:
     """LaTeX of a matrix, or None above 12 x 12."""
     if len(matrix) > MAX_SHOWN or (matrix and len(matrix[0]) > MAX_SHOWN):
         return None
-    rows = r" \\ ".join(" & ".join(map(_entry, row)) for row in matrix)
-    return rf"\begin{{pmatrix}} {rows} \end{{pmatrix}}"
+    return latex_rows(" & ".join(map(_entry, row)) for row in matrix)
+
+
+def latex_rows(rows: Iterable[str]) -> str:
+    """LaTeX of a matrix, or of a column of functions, from its rows."""
+    inside = r" \\ ".join(rows)
+    return rf"\begin{{pmatrix}} {inside} \end{{pmatrix}}"
 
 
 def _entry(x: Fraction | float) -> str:

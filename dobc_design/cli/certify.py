@@ -12,7 +12,42 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Exit, Option
 
-from dobc_design.cli import output
+from dobc_design.cli.output import (
+    EXIT,
+    PIPED,
+    CertificateFolder,
+    Document,
+    File,
+    Json,
+    Progress,
+    Quiet,
+    Search,
+    Stage,
+    TimeLimit,
+    Tolerance,
+    Verbose,
+    certificate_folder,
+    certify_it,
+    check_target,
+    document_table,
+    folder_name,
+    ids,
+    json_bytes,
+    load_problem,
+    make_console,
+    make_table,
+    naming_options,
+    print_json,
+    remark_lines,
+    require_toml,
+    say,
+    search_parts,
+    settling_parts,
+    show,
+    verdict_line,
+    verdict_text,
+    write_file,
+)
 from dobc_design.errors import refused, wrong
 
 if TYPE_CHECKING:
@@ -35,16 +70,16 @@ MOST_MODES = 4  # that are named in one row
 
 
 def certify(
-    file: output.File,
-    out: output.CertificateFolder = None,
+    file: File,
+    out: CertificateFolder = None,
     everything: Annotated[
         bool, Option("--all", help="Run every condition, also when one suffices.")
     ] = False,
     theorem: Annotated[
         str | None,
-        Option(help="Show and judge only this condition, e.g. lemma1.", autocompletion=output.ids),
+        Option(help="Show and judge only this condition, e.g. lemma1.", autocompletion=ids),
     ] = None,
-    settling: output.Tolerance = None,
+    settling: Tolerance = None,
     settling_radius: Annotated[
         str | None,
         Option(metavar="R", help="That time from all |e_i(0)| <= R; default: the [region]."),
@@ -59,8 +94,8 @@ def certify(
             help="Look for proofs with at least this rate, 1/s; default: the least time to 1 %."
         ),
     ] = None,
-    time_limit: output.TimeLimit = None,
-    search: output.Search = False,
+    time_limit: TimeLimit = None,
+    search: Search = False,
     report: Annotated[
         bool, Option("--report/--no-report", help="Write report.html and report.md.")
     ] = True,
@@ -71,25 +106,21 @@ def certify(
     force: Annotated[
         bool, Option("--force", help="Replace the cured file, or another problem's folder.")
     ] = False,
-    quiet: output.Quiet = False,
-    verbose: output.Verbose = False,
-    as_json: output.Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+    as_json: Json = False,
 ) -> None:
     """Decide every condition exactly; write certificate.json, problem.json and the report."""
     from dobc_design.exact.work import read_time_limit, until
 
     seconds = None if time_limit is None else read_time_limit(time_limit, key="--time-limit")
     with until(None if seconds is None else float(seconds)):  # what is imported and read counts
-        from dobc_design.certificate.files import require_own
         from dobc_design.certification import certify as certification
-        from dobc_design.problem.load import load_problem
-        from dobc_design.report.write import PAGE
 
-        stages = output.Progress(quiet=quiet, verbose=verbose)
+        stages = Progress(quiet=quiet, verbose=verbose)
         _require_known(theorem)
-        output.refuse_option(out, key="--out")
         if apply_fix is not None:
-            output.check_target(apply_fix, force=force, key="--apply-fix")
+            check_target(apply_fix, force=force, key="--apply-fix")
         for key, start in (
             ("--settling-radius", settling_radius),
             ("--settling-disturbance", settling_disturbance),
@@ -97,8 +128,8 @@ def certify(
             if start is not None and settling is None:
                 raise wrong(key, "has no meaning without --settling.", "Give the tolerance, too.")
         problem = load_problem(file)
-        folder = require_own(output.results_folder(out, problem.name), problem.name, force=force)
-        with stages as progress, output.naming_options():
+        folder = certificate_folder(out, problem, force=force)
+        with stages as progress, naming_options():
             certificate = certification.certify(
                 problem,
                 everything=everything,
@@ -118,11 +149,11 @@ def certify(
             # Certificate, problem and pages change together, or none of them does.
             path, own, *_ = certificate.save(folder, beside=pages, force=force)
             if apply_fix is not None and cured is not None:
-                output.write_file(apply_fix, cured, key="--apply-fix")
+                write_file(apply_fix, cured, key="--apply-fix")
     written = _Written(
         certificate=path,
         problem=own,
-        report=folder / PAGE if pages else None,
+        report=folder / next(iter(pages)) if pages else None,
         cured=apply_fix,
     )
     # The certificate holds every condition; --theorem chooses what is shown and returned.
@@ -133,14 +164,14 @@ def certify(
             document["searches"] = [each.to_json() for each in found.searches]
         if theorem is not None:
             document |= _about_one(judged, theorem)
-        output.print_json(document)
+        print_json(document)
     elif not quiet:
-        output.show(output.remark_lines(problem))
+        show(remark_lines(problem))
         _show(judged, certificate, file=None if apply_fix else file)
         settled = certificate.settling if theorem is None else None
-        output.show([*output.settling_parts(settled), *output.search_parts(found.searches)])
-        output.say("\n" + "\n".join(_places(written, file, problem)))
-    raise Exit(output.EXIT[judged.verdict])
+        show([*settling_parts(settled), *search_parts(found.searches)])
+        say("\n" + "\n".join(_places(written, file, problem)))
+    raise Exit(EXIT[judged.verdict])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -169,9 +200,7 @@ def _require_known(theorem: str | None) -> None:
         raise refused("--theorem", f"{theorem!r} is not known.", f"One of {', '.join(KINDS)}.")
 
 
-def _pages(
-    found: Searched, folder: Path, progress: output.Stage, *, force: bool
-) -> dict[str, bytes]:
+def _pages(found: Searched, folder: Path, progress: Stage, *, force: bool) -> dict[str, bytes]:
     from dobc_design.report.write import render_report
 
     certificate = found.certificate
@@ -202,7 +231,7 @@ def _judged(certificate: Certificate, theorem: str | None) -> _Judged:
     return _Judged(checks=checks, verdict=verdict, why=Reason(head=reason))
 
 
-def _document(found: Searched, judged: _Judged, written: _Written) -> output.Document:
+def _document(found: Searched, judged: _Judged, written: _Written) -> Document:
     """What --json prints of a certificate."""
     from dobc_design.report.words import shown_notes
 
@@ -217,7 +246,7 @@ def _document(found: Searched, judged: _Judged, written: _Written) -> output.Doc
     return document
 
 
-def _about_one(judged: _Judged, theorem: str) -> output.Document:
+def _about_one(judged: _Judged, theorem: str) -> Document:
     """What --json says of one condition: of its modes the slowest rate, with the largest
     factor."""
     rates = [each.rate for each in judged.checks if each.rate is not None]
@@ -247,34 +276,32 @@ def _places(written: _Written, file: str, problem: Problem) -> Iterator[str]:
         yield f"report       {written.report}"
     yield f"re-check     {shlex.join(['dobc', 'verify', path, '--problem', file])}"
     if written.cured is not None:
-        yield f"cured        {output.certify_it(str(written.cured), problem.notes)}"
+        yield f"cured        {certify_it(str(written.cured), problem.notes)}"
 
 
 def region(
-    file: output.File,
-    out: output.CertificateFolder = None,
+    file: File,
+    out: CertificateFolder = None,
     everything: Annotated[
         bool, Option("--all", help="Try every method, even if one suffices.")
     ] = False,
-    settling: output.Tolerance = None,
-    search: output.Search = False,
+    settling: Tolerance = None,
+    search: Search = False,
     force: Annotated[
         bool, Option("--force", help="Replace files in the folder of another problem.")
     ] = False,
-    quiet: output.Quiet = False,
-    verbose: output.Verbose = False,
-    as_json: output.Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+    as_json: Json = False,
 ) -> None:
     """Say from which starts consensus is proved: numbers and a picture, without a report."""
-    from dobc_design.certificate.files import require_own, write_folder
+    from dobc_design.certificate.files import write_folder
     from dobc_design.certification import certify as certification
-    from dobc_design.problem.load import load_problem
 
-    stages = output.Progress(quiet=quiet, verbose=verbose)
-    output.refuse_option(out, key="--out")
+    stages = Progress(quiet=quiet, verbose=verbose)
     problem = load_problem(file)
-    folder = require_own(output.results_folder(out, problem.name), problem.name, force=force)
-    with stages as progress, output.naming_options():
+    folder = certificate_folder(out, problem, force=force)
+    with stages as progress, naming_options():
         everything = everything or problem.region is None
         certificate = certification.certify(
             problem, everything=everything, settling=settling, progress=progress
@@ -288,19 +315,19 @@ def region(
         files = write_folder(folder, _drawn(found, document))
     written = [str(path) for path in files]
     if as_json:
-        output.print_json(document | {"files": written})
+        print_json(document | {"files": written})
     elif not quiet:
-        output.show(output.remark_lines(problem))
-        output.show(_shown(found, wide=output.make_console().width >= WIDE))
-        output.say("\n" + "\n".join(f"wrote {path}" for path in written))
-    raise Exit(output.EXIT[certificate.verdict.value])
+        show(remark_lines(problem))
+        show(_shown(found, wide=make_console().width >= WIDE))
+        say("\n" + "\n".join(f"wrote {path}" for path in written))
+    raise Exit(EXIT[certificate.verdict.value])
 
 
-def _drawn(found: Searched, document: output.Document) -> dict[str, bytes]:
+def _drawn(found: Searched, document: Document) -> dict[str, bytes]:
     """The files of ``dobc region`` by name: its document and its pictures."""
     from dobc_design.report.pictures import search_sheet
 
-    files = {"region.json": output.json_bytes(document)}
+    files = {"region.json": json_bytes(document)}
     pictures = (("region", found.certificate.plot()), ("search", search_sheet(found.searches)))
     for name, picture in pictures:
         if picture is not None:
@@ -309,7 +336,7 @@ def _drawn(found: Searched, document: output.Document) -> dict[str, bytes]:
     return files
 
 
-def _searched(certificate: Certificate, progress: output.Stage, *, wanted: bool) -> Searched:
+def _searched(certificate: Certificate, progress: Stage, *, wanted: bool) -> Searched:
     """The certificate, and where it is wanted what a search for starts that do not converge
     found."""
     from dobc_design.falsification import falsify as falsification
@@ -320,7 +347,7 @@ def _searched(certificate: Certificate, progress: output.Stage, *, wanted: bool)
     return falsification.falsify(certificate, progress=progress)
 
 
-def _head(certificate: Certificate) -> output.Document:
+def _head(certificate: Certificate) -> Document:
     """What both documents begin with."""
     from dobc_design.description.contradictions import warnings
     from dobc_design.description.meaning import remarks
@@ -346,7 +373,7 @@ def _cured_file(certificate: Certificate, source: str, target: Path) -> bytes:
     from dobc_design.problem.load import source_text
 
     check = main_cure(certificate.checks)
-    output.require_toml(target, key="--apply-fix")
+    require_toml(target, key="--apply-fix")
     if check is None or check.fix is None:
         message = "no cure is known for this problem."
         cure = "The reasons of the checks say what fails."
@@ -368,19 +395,19 @@ def _show(judged: _Judged, certificate: Certificate, *, file: str | None) -> Non
     from dobc_design.report.words import shown_notes
 
     problem, checks = certificate.problem, judged.checks
-    output.show([output.verdict_line(problem.name, judged.verdict, judged.why.told)])
+    show([verdict_line(problem.name, judged.verdict, judged.why.told)])
     if checks:
-        width = output.make_console().width
-        output.show([Text(""), *_check_parts(_rows(checks), width)], wrapped=True)
-        output.show([Text(f"\n{COLUMNS}", style="dim")])
+        width = make_console().width
+        show([Text(""), *_check_parts(_rows(checks), width)], wrapped=True)
+        show([Text(f"\n{COLUMNS}", style="dim")])
     # A local statement beside a proof for a region needs no cure where no region is asked for.
     covering = [check for check in checks if check.id == certificate.covered_by]
     regional = any(check.kind.role == "region" for check in covering)
     if not regional or problem.region is not None:
-        output.show(_cures(checks, certificate, file=file))
+        show(_cures(checks, certificate, file=file))
     notes = [f"Note: {note}" for note in shown_notes(certificate)]
     if notes:
-        output.show(map(Text, [f"\n{notes[0]}", *notes[1:]]))
+        show(map(Text, [f"\n{notes[0]}", *notes[1:]]))
 
 
 def _check_parts(rows: Sequence[tuple[str, Check]], width: int) -> Iterator[RenderableType]:
@@ -395,7 +422,7 @@ def _check_parts(rows: Sequence[tuple[str, Check]], width: int) -> Iterator[Rend
     )
 
     beside = width >= REASONS_BESIDE
-    table = output.make_table(["condition"])
+    table = make_table(["condition"])
     for name in ("result", "rate (1/s)", "factor", "margin"):
         table.add_column(name, no_wrap=True)
     if beside:
@@ -409,7 +436,7 @@ def _check_parts(rows: Sequence[tuple[str, Check]], width: int) -> Iterator[Rend
         texts = [number.strip("–") for number in numbers]  # nothing where there is none
         if beside:
             texts.append(capitalize_first(check.reason))
-        verdict = output.verdict_text(check.verdict.value)
+        verdict = verdict_text(check.verdict.value)
         table.add_row(Text(title), verdict, *map(Text, texts))
     yield table
     if beside:
@@ -460,15 +487,15 @@ def _cures(checks: Sequence[Check], certificate: Certificate, *, file: str | Non
         lines = [f"    {line}" for line in change_lines(check.fix.set)]
         yield "\n".join(["", *_wrapped(words), *lines])
         if check is main and file is not None:
-            cured = f"{output.folder_name(certificate.problem.name)}-cured.toml"
+            cured = f"{folder_name(certificate.problem.name)}-cured.toml"
             command = shlex.join(["dobc", "certify", file, "--apply-fix", cured])
             yield f"  To write the cured problem to a new file:\n    {command}"
 
 
 def _wrapped(text: str) -> list[str]:
     """As wide as the terminal; one line where there is none."""
-    width = output.make_console().width
-    return [text] if width == output.PIPED else textwrap.wrap(text, width, subsequent_indent="  ")
+    width = make_console().width
+    return [text] if width == PIPED else textwrap.wrap(text, width, subsequent_indent="  ")
 
 
 def _shown(found: Searched, *, wide: bool) -> Iterator[RenderableType]:
@@ -481,7 +508,7 @@ def _shown(found: Searched, *, wide: bool) -> Iterator[RenderableType]:
     certificate = found.certificate
     regions = certificate.regions
     reason = certificate.claims.why.told
-    yield output.verdict_line(certificate.problem.name, certificate.verdict.value, reason)
+    yield verdict_line(certificate.problem.name, certificate.verdict.value, reason)
     yield Text("")
     if not regions.claims:
         yield Text("Nothing is said about starts: no condition applies.")
@@ -490,9 +517,9 @@ def _shown(found: Searched, *, wide: bool) -> Iterator[RenderableType]:
     yield Text(f"{told.asked_sentence(regions)} {norms}\n")
     table = told.regions_table(regions, disturbed=False)
     if wide:
-        yield output.document_table(table, leave_out=["certified"])
+        yield document_table(table, leave_out=["certified"])
     else:
-        yield output.document_table(table, leave_out=["certified", "|e|₂ ≤", "why not further"])
+        yield document_table(table, leave_out=["certified", "|e|₂ ≤", "why not further"])
         for claim in regions.claims:  # the last column stands below the table
             yield Text(f"\n{claim.method}", style="bold")
             yield Padding(Text(told.limit_words(claim)), (0, 0, 0, 2))
@@ -501,5 +528,5 @@ def _shown(found: Searched, *, wide: bool) -> Iterator[RenderableType]:
         yield Text(f"\n{rest}")
     for sentence in told.timing_sentences(regions):
         yield Text(f"\n{sentence}")
-    yield from output.settling_parts(certificate.settling)
-    yield from output.search_parts(found.searches)
+    yield from settling_parts(certificate.settling)
+    yield from search_parts(found.searches)

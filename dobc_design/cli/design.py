@@ -64,13 +64,12 @@ def design(
 ) -> None:
     """Design observer gain, pinned agents and gains with a proof, or prove that the request is
     impossible."""
-    from dobc_design.problem.load import load_problem
     from dobc_design.synthesis import designs
 
     stages = output.Progress(quiet=quiet, verbose=verbose)
     output.check_target(out, force=force, key="--out")
     output.require_toml(out, key="--out")
-    problem = load_problem(file)
+    problem = output.load_problem(file)
     with stages as progress:
         found = designs.design(
             problem,

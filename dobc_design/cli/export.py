@@ -88,12 +88,8 @@ class Asked:
                 raise refused(key, f"{key} has no meaning with {target}.", cure)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Exported:
-    """What was written: as the document of --json, and in words."""
-
-    document: output.Document
-    words: str
+#: What was written: as the document of --json, and in words.
+Exported = tuple[output.Document, str]
 
 
 @in_groups
@@ -125,20 +121,19 @@ def export(
             output.refuse_option(path, key=key)
         else:
             output.check_target(path, force=asked.force, key=key)
-        found = write(file, path, asked, progress)
+        document, words = write(file, path, asked, progress)
     if as_json:
-        output.print_json(found.document)
+        output.print_json(document)
     else:
-        output.say(found.words)
+        output.say(words)
 
 
-def _c(file: str, folder: Path, asked: Asked, progress: output.Stage) -> _Exported:
+def _c(file: str, folder: Path, asked: Asked, progress: output.Stage) -> Exported:
     from dobc_design.export import to_c
     from dobc_design.export.c_folder import COMPILE, check_free
-    from dobc_design.problem.load import load_problem
 
     check_free(folder, force=asked.force)
-    problem = load_problem(file)
+    problem = output.load_problem(file)
     claims = None
     if asked.certificate is not None:
         progress("verifying the certificate")
@@ -164,53 +159,50 @@ def _c(file: str, folder: Path, asked: Asked, progress: output.Stage) -> _Export
     }
     lines = [str(found), *(f"wrote {path}" for path in written)]
     lines.append(f"compile and test it: cd {shlex.quote(str(folder))} && {COMPILE}")
-    return _Exported(document=document, words="\n".join(lines))
+    return document, "\n".join(lines)
 
 
-def _fmu(file: str, target: Path, asked: Asked, progress: output.Stage) -> _Exported:
+def _fmu(file: str, target: Path, asked: Asked, progress: output.Stage) -> Exported:
     from dobc_design.export import to_fmu
-    from dobc_design.problem.load import load_problem
 
-    problem = load_problem(file)
     progress("discretising and compiling")
-    found = to_fmu(problem, period=asked.period, agent=asked.agent)
+    found = to_fmu(file, period=asked.period, agent=asked.agent)
     output.write_file(target, found.data, key="--fmu")
     what = "with sources only: no C compiler was found, so the importer has to compile them"
     if found.platform:
         what = f"with a library for {found.platform}"
     document = {"fmu": str(target), "platform": found.platform}
-    return _Exported(document=document, words=f"wrote {target}, {what}")
+    return document, f"wrote {target}, {what}"
 
 
-def _sdpa(file: str, target: Path, asked: Asked, progress: output.Stage) -> _Exported:
+def _sdpa(file: str, target: Path, asked: Asked, progress: output.Stage) -> Exported:
     from dobc_design.export import to_sdpa
-    from dobc_design.problem.load import load_problem
 
-    problem = load_problem(file)
     progress("deciding the theorem")
-    output.write_file(target, to_sdpa(problem).encode("ascii"), key="--sdpa")
+    output.write_file(target, to_sdpa(file).encode("ascii"), key="--sdpa")
     solve = shlex.join(["csdp", str(target)])
     words = f"wrote {target}\nsolve it with, say: {solve}"
-    return _Exported(document={"sdpa": str(target)}, words=words)
+    return {"sdpa": str(target)}, words
 
 
-def _python(file: str, target: Path, asked: Asked, progress: output.Stage) -> _Exported:
+def _python(file: str, target: Path, asked: Asked, progress: output.Stage) -> Exported:
     from dobc_design.export import python_script
 
     output.write_file(target, python_script(file).encode("utf-8"), key="--python-control")
-    return _Exported(document={"python_control": str(target)}, words=f"wrote {target}")
+    return {"python_control": str(target)}, f"wrote {target}"
 
 
-def _rocq(file: str, target: Path, asked: Asked, progress: output.Stage) -> _Exported:
+def _rocq(file: str, target: Path, asked: Asked, progress: output.Stage) -> Exported:
     from dobc_design.certificate.certificate import Certificate
     from dobc_design.export.rocq.matrices import rocq_proof
     from dobc_design.export.rocq.motions import motions_proof, proved_in_states
-    from dobc_design.problem.load import load_problem
 
     certificate = Path(file)
     claims = output.read_claims(certificate)
     folder = certificate if certificate.is_dir() else certificate.parent
-    trusted = load_problem(str(folder / "problem.json") if asked.problem is None else asked.problem)
+    trusted = output.load_problem(
+        str(folder / "problem.json") if asked.problem is None else asked.problem
+    )
     own = Certificate(problem=trusted, claims=claims)
     progress("looking at the rows piece by piece")
     motions = proved_in_states(own) is not None and not (asked.theorem or asked.rate)
@@ -221,4 +213,4 @@ def _rocq(file: str, target: Path, asked: Asked, progress: output.Stage) -> _Exp
     text = motions_proof(own) if motions else rocq_proof(own, rate=asked.rate)
     output.write_file(target, text.encode("ascii"), key="--rocq")
     words = f"wrote {target}\ncheck it with: {shlex.join(['coqc', str(target)])}"
-    return _Exported(document={"rocq": str(target)}, words=words)
+    return {"rocq": str(target)}, words

@@ -17,7 +17,6 @@ import sys
 import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
@@ -144,11 +143,10 @@ def check(
     """Validate a problem and say in words what it means."""
     from dobc_design.description.words import describe, facts
     from dobc_design.problem.canonical import canonical_bytes, problem_sha256
-    from dobc_design.problem.load import load_problem
 
     if canonical is not None:
         output.check_target(canonical, force=force, key="--canonical")
-    problem = load_problem(file)
+    problem = output.load_problem(file)
     if canonical is not None:
         output.write_file(canonical, canonical_bytes(problem), key="--canonical")
     if as_json:
@@ -175,16 +173,14 @@ def verify(
 ) -> None:
     """Check every claim of a certificate against the trusted problem, exactly."""
     from dobc_design.certification.certify import verify as run
-    from dobc_design.problem.load import load_problem
 
     data = output.read_certificate(certificate)
-    trusted = load_problem(problem)
+    trusted = output.load_problem(problem)
     try:
         found = run(data, trusted)
     except CertificateError as error:
         # Unreadable: what was handed in is wrong, not the machine.
-        bodies = output.error_bodies(error)
-        raise Exit(output.fail(bodies, output.MISTAKE, as_json=as_json)) from error
+        raise Exit(output.fail(error, output.MISTAKE, as_json=as_json)) from error
     kernel = _let_coq_check(certificate, trusted) if rocq and found.holds else None
     if as_json:
         document: output.Document = {
@@ -307,14 +303,13 @@ def _guarded(run: Callable[[], Any], *, as_json: bool) -> int:
         raise
     except DobcError as error:
         status = output.MISTAKE if isinstance(error, SpecError) else output.MACHINE
-        return output.fail(output.error_bodies(error), status, as_json=as_json)
+        return output.fail(error, status, as_json=as_json)
     except TyperException as error:  # a wrong option or a missing argument
         failure = _wrong_usage(error)
     except KeyboardInterrupt:
         failure = _INTERRUPTED
     except MemoryError:
-        message, cure = "The machine ran out of memory.", "Try a smaller problem."
-        failure = _Failure(kind="memory", message=message, cure=cure)
+        failure = _Failure("memory", "The machine ran out of memory.", "Try a smaller problem.")
     except OSError as error:
         failure = _failed_file(error)
     except Exception as error:  # noqa: BLE001 - the last line of defence: no traceback reaches a user
@@ -323,26 +318,27 @@ def _guarded(run: Callable[[], Any], *, as_json: bool) -> int:
         if code != output.INTERRUPTED:  # typer turns the interrupt into this
             return code if isinstance(code, int) else 0
         failure = _INTERRUPTED
-    return output.fail([failure.body], failure.code, as_json=as_json)
+    return output.fail(failure, failure.code, as_json=as_json)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Failure:
-    """What went wrong, as --json has it, and the exit code."""
+class _Failure(DobcError):
+    """What went wrong beside the toolbox, with its exit code."""
 
-    kind: str
-    message: str
-    cure: str | None = None
-    key: str | None = None
-    code: int = output.MACHINE
+    def __init__(
+        self,
+        kind: str,
+        message: str,
+        cure: str | None = None,
+        *,
+        key: str | None = None,
+        code: int = output.MACHINE,
+    ) -> None:
+        super().__init__(message, key=key, cure=cure)
+        self.kind = kind
+        self.code = code
 
-    @property
-    def body(self) -> output.Document:
-        """The object under "error"."""
-        return {"kind": self.kind, "key": self.key, "message": self.message, "cure": self.cure}
 
-
-_INTERRUPTED = _Failure(kind="interrupted", message=SENTENCE, code=output.INTERRUPTED)
+_INTERRUPTED = _Failure("interrupted", SENTENCE, code=output.INTERRUPTED)
 
 
 def _wrong_usage(error: TyperException) -> _Failure:
@@ -358,7 +354,7 @@ def _wrong_usage(error: TyperException) -> _Failure:
         )
         cure = f"Write `{stress.MOVED[option]}`."
         key = option
-    return _Failure(kind="usage", message=message, cure=cure, key=key, code=output.MISTAKE)
+    return _Failure("usage", message, cure, key=key, code=output.MISTAKE)
 
 
 def _failed_file(error: OSError) -> _Failure:
@@ -372,9 +368,9 @@ def _failed_file(error: OSError) -> _Failure:
         place = str(error.filename)
         message = f"{message} ({place})"
     return _Failure(
-        kind="io",
-        message=f"{message}.",
-        cure="Check disk, paths and permissions.",
+        "io",
+        f"{message}.",
+        "Check disk, paths and permissions.",
         key=place,
         code=output.MISTAKE if error.errno == errno.ENAMETOOLONG else output.MACHINE,
     )
@@ -385,9 +381,11 @@ def _internal(error: Exception) -> _Failure:
         import traceback
 
         traceback.print_exception(error)
-    message = f"Internal error ({type(error).__name__}: {str(error)[:200]})."
-    cure = "Set DOBC_TRACEBACK=1 to see where, and report it."
-    return _Failure(kind="internal", message=message, cure=cure)
+    return _Failure(
+        "internal",
+        f"Internal error ({type(error).__name__}: {str(error)[:200]}).",
+        "Set DOBC_TRACEBACK=1 to see where, and report it.",
+    )
 
 
 @cache

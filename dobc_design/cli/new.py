@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
-from dobc_design.cli.output import Json, print_json, refuse_option, require_folder, say
+from dobc_design.cli.output import Json, print_json, require_folder, say
 from dobc_design.errors import refused
 
 if TYPE_CHECKING:
@@ -59,7 +59,6 @@ def new(
     from dobc_design.certificate.files import write_folder
 
     _require_name(name)
-    refuse_option(out, key="--out")
     given = {"--arrow": arrow, "--merge": merge, "--drop-loops": drop_loops}
     for option, value in given.items():
         if value and source is None:

@@ -163,28 +163,22 @@ def complain(text: str) -> None:
         return
 
 
-def error_bodies(error: DobcError) -> list[Document]:
-    """An error of the toolbox, or all that it consists of, as JSON objects."""
+def fail(error: DobcError, code: int, *, as_json: bool) -> int:
+    """Say what went wrong, an error or all that it consists of, and return the exit code."""
     parts = error.errors if isinstance(error, SpecError) else (error,)
-    return [
-        {"kind": each.kind, "key": each.key, "message": each.message, "cure": each.cure}
-        for each in parts
-    ]
-
-
-def fail(bodies: Sequence[Document], code: int, *, as_json: bool) -> int:
-    """Say what went wrong and return the exit code."""
     if as_json:
-        error = dict(bodies[0])
-        if len(bodies) > 1:
-            error["all"] = [*bodies]
-        print_json({"error": error})
+        bodies: list[Document] = [
+            {"kind": each.kind, "key": each.key, "message": each.message, "cure": each.cure}
+            for each in parts
+        ]
+        more = {"all": bodies} if len(bodies) > 1 else {}
+        print_json({"error": bodies[0] | more})
         return code
-    for each in bodies:
-        cure = f"\n       {each['cure']}" if each["cure"] else ""
-        complain(f"error: {each['message']}{cure}")
-    if len(bodies) > 1:
-        complain(f"{len(bodies)} errors; nothing was written.")
+    for each in parts:
+        cure = f"\n       {each.cure}" if each.cure else ""
+        complain(f"error: {each.message}{cure}")
+    if len(parts) > 1:
+        complain(f"{len(parts)} errors; nothing was written.")
     return code
 
 
@@ -357,11 +351,20 @@ def folder_name(name: str) -> str:
 
 def results_folder(out: Path | None, name: str, *, suffix: str = "certificate") -> Path:
     """The folder for what is found: ``out``, else ./NAME-SUFFIX.  Raises: SpecError."""
-    return require_folder(out if out is not None else Path(f"{folder_name(name)}-{suffix}"))
+    return require_folder(out or Path(f"{folder_name(name)}-{suffix}"))
+
+
+def certificate_folder(out: Path | None, problem: Problem, *, force: bool) -> Path:
+    """The folder for a certificate; that of another problem only with ``force``."""
+    from dobc_design.certificate.files import require_own
+
+    name = problem.name
+    return require_own(results_folder(out, name), name, force=force)
 
 
 def require_folder(folder: Path, *, key: str = "--out") -> Path:
-    """Refuse a folder that is something else already.  Raises: SpecError."""
+    """Refuse a folder that is something else already, or an option.  Raises: SpecError."""
+    refuse_option(folder, key=key)
     if os.path.lexists(folder) and not folder.is_dir():  # a link to nowhere counts
         raise refused(key, f"{str(folder)!r} is not a folder.", f"Choose another with {key}.")
     return folder
@@ -392,8 +395,7 @@ def check_target(path: Path, *, force: bool, key: str) -> None:
     refuse_option(path, key=key)
     if path.is_dir():
         raise refused(key, f"{str(path)!r} is a folder.", "Name a file in it.")
-    if path.exists() and not force:
-        raise refused(key, f"{str(path)!r} exists already.", "Add --force to replace it.")
+    require_free(path.parent, [path.name], force=force, key=key)
 
 
 def require_toml(path: Path, *, key: str) -> None:
@@ -414,6 +416,13 @@ def write_file(path: Path, data: bytes, *, key: str) -> None:
         write_atomically(path, data)
     except CertificateError as error:
         raise CertificateError(error.message, key=key, cure="Choose another place.") from error
+
+
+def load_problem(file: str) -> Problem:
+    """A problem file, or a built-in problem by its name."""
+    from dobc_design.problem.load import load_problem as load
+
+    return load(file)
 
 
 def read_claims(certificate: Path, problem: Problem | None = None) -> Claims:

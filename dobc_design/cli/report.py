@@ -98,8 +98,7 @@ def report(
             sides = _sides(certificates, asked.problem, progress)
         # unreadable: what was handed in is wrong, not the machine
         except CertificateError as error:
-            bodies = output.error_bodies(error)
-            raise Exit(output.fail(bodies, output.MISTAKE, as_json=as_json)) from error
+            raise Exit(output.fail(error, output.MISTAKE, as_json=as_json)) from error
         pages = _pages(sides, asked, progress)
     folder = output.require_folder(asked.out or _folder(sides, certificates))
     # Beside its certificate a report may replace itself; anywhere else files are somebody's.
@@ -209,7 +208,6 @@ def _checked(path: Path, problem: str | None, letter: str, progress: output.Stag
     from dobc_design.certificate.text import read_claims
     from dobc_design.certification.certify import verify
     from dobc_design.problem.canonical import problem_sha256
-    from dobc_design.problem.load import load_problem
     from dobc_design.report.refusal import Checked
 
     data = output.read_certificate(path)
@@ -222,7 +220,7 @@ def _checked(path: Path, problem: str | None, letter: str, progress: output.Stag
             f"unverified, {claims.verdict.value}, and no report is written.",
             "Name the problem that it was made for with --problem FILE.",
         )
-    own = load_problem(str(beside) if problem is None else problem)
+    own = output.load_problem(str(beside) if problem is None else problem)
     if problem_sha256(own) != claims.problem_sha256:
         raise refused(
             "--problem",

@@ -83,9 +83,6 @@ class Answer:
     verbose: output.Verbose = False
     as_json: output.Json = False
 
-    def __post_init__(self) -> None:
-        output.refuse_option(self.out, key="--out")
-
     def progress(self) -> output.Progress:
         """Names the stages."""
         return output.Progress(quiet=self.quiet, verbose=self.verbose)
@@ -140,11 +137,10 @@ def make_runs(
     file: str, runs: Runs, answer: Answer, *, stress: Stress | Literal["worst"] | None = None
 ) -> None:
     """Make the runs, write their files, and say what came of them."""
-    from dobc_design.problem.load import load_problem
     from dobc_design.simulation import runs as simulation
 
     with answer.progress() as progress:
-        problem = load_problem(file)
+        problem = output.load_problem(file)
         names = [TRAJECTORY if runs.single else ENSEMBLE, SUMMARY, FIGURE]
         if runs.single and problem.m > 1 and problem.n <= MOST_MOVING:
             names.append(NETWORK)

@@ -85,7 +85,6 @@ def stress(file: output.File, stresses: Stresses, runs: Runs, answer: Answer) ->
 
 def _break(file: str, runs: Runs, answer: Answer) -> None:
     """Make every stress worse until the loop no longer converges."""
-    from dobc_design.problem.load import load_problem
     from dobc_design.simulation.breaking import what_breaks_first
     from dobc_design.simulation.signals import Fixed
 
@@ -95,7 +94,7 @@ def _break(file: str, runs: Runs, answer: Answer) -> None:
         raise _needs_a_stress("--runs")
     names = (BREAKING, SUMMARY)
     with answer.progress() as progress:
-        problem = load_problem(file)
+        problem = output.load_problem(file)
         answer.require_free()
         proof = answer.proof(problem, progress)
         progress("what breaks first")

@@ -63,12 +63,10 @@ def sweep(
 ) -> None:
     """Certify or simulate a problem for many values of some keys; a stopped sweep can be
     continued."""
-    from dobc_design.problem.load import load_problem
     from dobc_design.sweeps import running
 
     stages = _Bar(quiet=quiet, verbose=verbose)
-    output.refuse_option(out, key="--out")
-    name = "" if out is not None else load_problem(file).name
+    name = "" if out is not None else output.load_problem(file).name
     folder = output.results_folder(out, name, suffix="sweep")
     command = shlex.join(["dobc", *sys.argv[1:]])
     # Whoever stops a sweep of hours wants to know that nothing is lost.

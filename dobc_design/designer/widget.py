@@ -351,7 +351,7 @@ def _response(problem: Problem, radius: float, t_final: float) -> Preview:
         )
     except DobcError as error:
         return Preview(note=str(error))
-    errors = np.abs(run.x - goals).max(axis=2)  # (times, agents)
+    errors = abs(run.x - goals).max(axis=2)  # (times, agents)
     rows = [[float(f"{value:.4g}") for value in row] for row in errors.T]
     times = [float(f"{t:.4g}") for t in run.times]
     return Preview(times=times, errors=rows, note=run.reason if run.diverged else "")

@@ -58,9 +58,8 @@ def to_c(
         >>> "dobc_agent.c" in code.files, code.tolerance < 1e-9
         (True, True)
     """
-    from dobc_design.export.c_controller import certified_sampling, make_controller
+    from dobc_design.export.c_controller import certified_sampling
     from dobc_design.export.c_folder import Recorder, c_code
-    from dobc_design.simulation.signals import signal_of
 
     problem = _loaded(problem)
     problem.require_no_leader("C code")
@@ -73,16 +72,9 @@ def to_c(
             "Certify this problem.",
         )
     gain = observer_gain(loop_of(problem)) if claims is None else claims.W
-    recorder = Recorder(gain=gain, sampled_gain=sampled_gain, signal=signal_of(problem)[0])
-    controller = make_controller(
-        problem,
-        period=period,
-        precision=precision,
-        agents=[agents] if isinstance(agents, (str, int)) else agents,
-        gain=gain,
-        sampled_gain=sampled_gain,
-        objection=recorder.objection,
-    )
+    recorder = Recorder(problem, gain=gain, sampled_gain=sampled_gain)
+    wanted = [agents] if isinstance(agents, (str, int)) else agents
+    controller = recorder.controller(period, agents=wanted, precision=precision)
     certified = None if claims is None else certified_sampling(problem, claims, controller.period)
     return c_code(controller, recorder.recorded(controller), certified=certified)
 
@@ -94,10 +86,8 @@ def to_fmu(problem: Source, *, period: Any, agent: Any = None, sampled_gain: Any
     ``to_c``.  Inputs: mode, x, heard[LABEL]; outputs: u, v, dhat and the packet y.
     Returns: an Fmu.  Raises: as ``to_c``; SolverError if the C compiler refuses.
     """
-    from dobc_design.export.c_controller import make_controller
     from dobc_design.export.c_folder import Recorder
     from dobc_design.export.fmu import make_fmu
-    from dobc_design.simulation.signals import signal_of
 
     problem = _loaded(problem)
     problem.require_no_leader("an FMU")
@@ -105,16 +95,8 @@ def to_fmu(problem: Source, *, period: Any, agent: Any = None, sampled_gain: Any
         pinned = problem.pinning.agents
         agent = problem.network.labels[pinned[0] if pinned else 0]
     gain = observer_gain(loop_of(problem))
-    recorder = Recorder(gain=gain, sampled_gain=sampled_gain, signal=signal_of(problem)[0])
-    controller = make_controller(
-        problem,
-        period=period,
-        agents=[str(agent)],
-        gain=gain,
-        sampled_gain=sampled_gain,
-        objection=recorder.objection,
-    )
-    return make_fmu(controller)
+    recorder = Recorder(problem, gain=gain, sampled_gain=sampled_gain)
+    return make_fmu(recorder.controller(period, agents=[str(agent)]))
 
 
 def to_sdpa(problem: Source) -> str:

@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from typing import Any
 
 from dobc_design.certificate.claims import Claims, certified_period
@@ -75,16 +76,21 @@ def certified_sampling(problem: Problem, claims: Claims, period: Fraction) -> St
             limit += f" and |eps_i| <= {domain.disturbance:g}"
     if period > longest:
         verdict = Verdict.UNDECIDED
-        text = f"the certificate's check `sampling` proves periods up to {limit};"
-        text += f" {float(period):.4g} s is longer."
+        text = (
+            f"the certificate's check `sampling` proves periods up to {limit};"
+            f" {float(period):.4g} s is longer."
+        )
     else:
         verdict = Verdict.PROVED
         text = (
             "the certificate's check `sampling` covers this period: couplings and pinning may be "
+            f"held for {limit} (observer and estimate: those of (13), in continuous time)."
         )
-        text += f"held for {limit} (observer and estimate: those of (13), in continuous time)."
-    exact = {"period": number_text(longest)}
-    return Statement(kind="certified-sampling", verdict=verdict, text=text, exact=exact)
+    return _about("certified-sampling", longest, verdict, text)
+
+
+def _about(kind: str, period: Fraction, verdict: Verdict, text: str) -> Statement:
+    return Statement(kind=kind, verdict=verdict, text=text, exact={"period": number_text(period)})
 
 
 MOST_ROWS = 40  # n m up to which a sampled network is decided by its characteristic polynomial
@@ -110,8 +116,7 @@ def sampled_observer_statement(Ad: Matrix, Cd: Matrix, L: Matrix, *, period: Fra
     ``period`` in s, for the text."""
     verdict = _in_unit_disk(subtract(Ad, multiply(L, Cd)))
     text = f"{OBSERVER_WORDS[verdict]} (period {float(period):.4g} s)."
-    exact = {"period": number_text(period)}
-    return Statement(kind="sampled", verdict=verdict, text=text, exact=exact)
+    return _about("sampled", period, verdict, text)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -130,38 +135,38 @@ def sampled_network_statement(
     UNDECIDED for n m > 40 (200 where J - K is symmetric), for slopes that are not rational, and
     where an agent that nothing pins keeps its error.  ``written``: how agents with [dynamics] move,
     with the numbers of the code."""
-    verdict, text = _network_verdict(problem, period, written)
-    exact = {"period": number_text(period)}
-    return Statement(kind="sampled-network", verdict=verdict, text=text, exact=exact)
-
-
-def _network_verdict(
-    problem: Problem, period: Fraction, written: Step | None
-) -> tuple[Verdict, str]:
+    said = partial(_about, "sampled-network", period)
     if problem.n * problem.m > MOST_SYMMETRIC:
         text = f"the sampled network is not decided for more than {MOST_SYMMETRIC} rows."
-        return Verdict.UNDECIDED, text
+        return said(Verdict.UNDECIDED, text)
     try:
         modes = jacobians_at_consensus(loop_of(problem)).modes
     except UndefinedError:
-        return Verdict.UNDECIDED, "the coupling has no derivative at the consensus."
+        text = "the coupling has no derivative at the consensus."
+        return said(Verdict.UNDECIDED, text)
     found = {mode.name: _mode_verdict(problem, mode, period, written) for mode in modes}
     bad = [name for name, verdict in found.items() if verdict is Verdict.REFUTED]
     unknown = [name for name, verdict in found.items() if verdict is Verdict.UNDECIDED]
     which = "I + T (J - K)" if written is None else "its matrix (with the numbers as written)"
     if bad:
-        text = f"held over {float(period):.4g} s, couplings and pinning drive the agents apart in "
-        text += f'mode "{bad[0]}": an eigenvalue of {which} lies outside the unit disk.'
-        return Verdict.REFUTED, text
+        text = (
+            f"held over {float(period):.4g} s, couplings and pinning drive the agents apart in "
+            f'mode "{bad[0]}": an eigenvalue of {which} lies outside the unit disk.'
+        )
+        return said(Verdict.REFUTED, text)
     if unknown:
-        text = f'in mode "{unknown[0]}" it stays open whether the sampled network converges at '
-        text += "the consensus: an agent that nothing reaches keeps its error, a slope is not "
-        text += f"rational, or there are more than {MOST_ROWS} rows."
-        return Verdict.UNDECIDED, text
-    text = "" if written is None else "without a disturbance "
-    text += "in every mode the sampled network converges near the consensus: all eigenvalues of "
-    text += f"{which} lie inside the unit disk (period {float(period):.4g} s)."
-    return Verdict.PROVED, text
+        text = (
+            f'in mode "{unknown[0]}" it stays open whether the sampled network converges at '
+            "the consensus: an agent that nothing reaches keeps its error, a slope is not "
+            f"rational, or there are more than {MOST_ROWS} rows."
+        )
+        return said(Verdict.UNDECIDED, text)
+    under = "" if written is None else "without a disturbance "
+    text = (
+        f"{under}in every mode the sampled network converges near the consensus: all eigenvalues "
+        f"of {which} lie inside the unit disk (period {float(period):.4g} s)."
+    )
+    return said(Verdict.PROVED, text)
 
 
 def longest_period(works: Callable[[Fraction], bool], asked: Fraction) -> Fraction | None:
@@ -335,7 +340,12 @@ def make_controller(
     numbers = tuple(_numbers(problem, agent) for agent in chosen)
     observed = _observed(problem, W, chosen)
     plan = _Plan(
-        problem=problem, precision=precision, agents=numbers, observed=observed, sampled_gain=L
+        problem=problem,
+        plant=problem.dynamics or Dynamics(A=zeros(problem.m, problem.m)),
+        precision=precision,
+        agents=numbers,
+        observed=observed,
+        sampled_gain=L,
     )
     # What is wrong with the arguments is said before anything is discretised or simulated.
     controller = plan.at(asked)
@@ -387,9 +397,11 @@ def _observed(problem: Problem, W: Matrix | None, agents: Sequence[int]) -> _Obs
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Plan:
-    """What a controller is at every period: whose it is, and what its numbers come from."""
+    """What a controller is at every period: whose it is, and what its numbers come from; the
+    ``plant`` of integrators has A = 0 and B = I."""
 
     problem: Problem
+    plant: Dynamics
     precision: str
     agents: tuple[AgentNumbers, ...]
     observed: _Observed
@@ -399,15 +411,15 @@ class _Plan:
         """The controller of this period, with what is decided about it."""
         problem, A = self.problem, self._generator()
         m, own = problem.m, 2 * problem.m
-        B, left = self._inputs()
+        left = self.plant.left_inverse
         # Of a state x, its speed that is held, and xi, over one period.
         flow = _middle(discretise(self._held_motion(), period).transition)
         hold = tuple(row[m:own] for row in flow[:m])
-        exact_push = multiply(hold, B)
+        exact_push = multiply(hold, self.plant.B)
         # What the disturbance did is read off the state: the left inverse of how inputs move it.
         exact_watch = multiply(inverse(multiply(left, exact_push)), left)
         # Of an f the code computes f(x) itself and holds it for a period, as a speed.
-        motion = self._rounded(hold if self._bends() else self._moved(flow))
+        motion = self._rounded(self._moved(flow) if self.plant.f is None else hold)
         push = self._rounded(exact_push)
         watch = self._rounded(exact_watch)
         Ad: Matrix = ()
@@ -441,24 +453,9 @@ class _Plan:
         exosystem = self.observed.exosystem
         return () if exosystem is None or self.observed.W is None else exosystem.A
 
-    def _bends(self) -> bool:
-        """Whether the agents' own motion is an f and not a matrix."""
-        dynamics = self.problem.dynamics
-        return dynamics is not None and dynamics.f is not None
-
     def _slopes(self) -> Matrix:
-        """A of [dynamics], or the slopes of f at the target; 0 of integrators, (m, m)."""
-        dynamics = self.problem.dynamics
-        if dynamics is None:
-            return zeros(self.problem.m, self.problem.m)
-        return dynamics.about(self.problem.target)[0]
-
-    def _inputs(self) -> tuple[Matrix, Matrix]:
-        """B (m, p) and its left inverse."""
-        dynamics = self.problem.dynamics
-        if dynamics is None:
-            return identity(self.problem.m), identity(self.problem.m)
-        return dynamics.B, dynamics.left_inverse
+        """A of the plant, or the slopes of f at the target, (m, m)."""
+        return self.plant.about(self.problem.target)[0]
 
     def _held_motion(self) -> Matrix:
         """x' = A x + v + B C xi, v' = 0, xi' = A_xi xi, as one matrix."""
@@ -466,7 +463,7 @@ class _Plan:
         exosystem = self.observed.exosystem
         felt: Matrix = ((),) * m
         if exosystem is not None and A:
-            felt = multiply(self._inputs()[0], exosystem.C)
+            felt = multiply(self.plant.B, exosystem.C)
         moved = zip(self._slopes(), identity(m), felt, strict=True)
         rows = [slopes + speeds + disturbance for slopes, speeds, disturbance in moved]
         rows += zeros(m, 2 * m + len(A))
@@ -485,7 +482,7 @@ class _Plan:
         if self.sampled_gain is not None or exosystem is None or W is None:
             return self.sampled_gain or ()
         # W corrects from states; from what the inputs explain of them it is W B.
-        gain = multiply(W, self._inputs()[0])
+        gain = multiply(W, self.plant.B)
         error = discretise(error_matrix(exosystem, gain), period).mean
         return multiply(scale(period, _middle(error)), gain)
 
@@ -494,7 +491,7 @@ class _Plan:
         if self.problem.dynamics is None:
             return None
         # Of an f, ``motion`` is what it is multiplied with: at the target it has these slopes.
-        near = multiply(motion, self._slopes()) if self._bends() else motion
+        near = motion if self.plant.f is None else multiply(motion, self._slopes())
         return Step(motion=near, push=push)
 
     def _rounded(self, exact: Matrix) -> Matrix:

@@ -14,6 +14,7 @@ from fractions import Fraction
 from functools import partial
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +25,12 @@ from dobc_design._show.text import significant
 from dobc_design.certificate.files import write_folder
 from dobc_design.conditions.statement import Statement
 from dobc_design.errors import refused
-from dobc_design.export.c_controller import AgentNumbers, Controller, Hearing
+from dobc_design.export.c_controller import (
+    AgentNumbers,
+    Controller,
+    Hearing,
+    make_controller,
+)
 from dobc_design.export.c_text import (
     CAlgebra,
     array,
@@ -40,9 +46,10 @@ from dobc_design.export.c_text import literal as c_literal
 from dobc_design.export.rounding_bound import Array, Recorded, felt_with_error, rounding_bound
 from dobc_design.loop.arrays import Gain
 from dobc_design.problem.dynamics import expressions_of
+from dobc_design.problem.problem import Problem
 from dobc_design.simulation.execution import run_once
 from dobc_design.simulation.setting import make_setting
-from dobc_design.simulation.signals import Mobile, Signal
+from dobc_design.simulation.signals import Mobile, signal_of
 from dobc_design.simulation.stress import Stress
 from dobc_design.simulation.trajectory import Trajectory
 from dobc_design.verdict import Verdict
@@ -55,23 +62,36 @@ COARSE = 1e-6
 
 class Recorder:
     """Simulates the sampled loop of a controller over 10 s (at most 400 samples), and remembers the
-    last one.  ``gain`` and ``sampled_gain`` as in ``make_controller``.  A ``signal`` that depends
+    last one.  ``gain`` and ``sampled_gain`` as in ``make_controller``.  A signal that depends
     on the states is left out: the first mode then holds.  Where the agent whose samples are
     recorded has a limit, all inputs are cut off there."""
 
     def __init__(
-        self,
-        *,
-        gain: Gain | None = None,
-        sampled_gain: Gain | None = None,
-        signal: Signal | None = None,
+        self, problem: Problem, *, gain: Gain | None = None, sampled_gain: Gain | None = None
     ) -> None:
+        self.problem = problem
         self.gain = gain
+        self.sampled_gain = sampled_gain
+        signal = signal_of(problem)[0]
         self.signal = None if isinstance(signal, Mobile) else signal
         self.sampled = None
         if sampled_gain is not None:
             self.sampled = tuple(tuple(map(float, row)) for row in sampled_gain)
         self.last: tuple[Fraction, Trajectory] | None = None
+
+    def controller(
+        self, period: Any, *, agents: Sequence[Any] | None, precision: str = "double"
+    ) -> Controller:
+        """The controller of these agents, of whose simulation nothing speaks against the period."""
+        return make_controller(
+            self.problem,
+            period=period,
+            precision=precision,
+            agents=agents,
+            gain=self.gain,
+            sampled_gain=self.sampled_gain,
+            objection=self.objection,
+        )
 
     def objection(self, controller: Controller) -> str:
         """Why this period does not do in a simulation, or "".  Raises: SpecError where none
@@ -409,7 +429,7 @@ def c_code(
         "README.txt": readme(controller, recorded, statements),
     }
     return CCode(
-        files={name: texts[name].encode("utf-8") for name in FILES},
+        files={name: text.encode("utf-8") for name, text in texts.items()},
         controller=controller,
         statements=statements,
         tolerance=rounding_bound(controller, recorded),

@@ -192,20 +192,16 @@ def _compiled(files: Mapping[str, bytes]) -> _Library | None:
             (Path(folder) / Path(name).name).write_bytes(data)
         library = Path(folder) / f"{MODEL}{suffix}"
         command = [compiler, *OPTIONS, *SOURCES, "-o", library.name, "-lm"]
-        done = _run(command, folder)
+        try:
+            done = subprocess.run(
+                command, cwd=folder, capture_output=True, check=False, text=True, timeout=TIME_LIMIT
+            )
+        except (OSError, subprocess.TimeoutExpired) as error:
+            message = f"the C compiler could not be run: {error}."
+            raise SolverError(message, key="--fmu", cure=CURE) from error
         if done.returncode != 0 or not library.exists():
             said = done.stderr.strip().splitlines() or ["no message"]
             message = f"the C compiler refused the FMU's code: {said[0][:200]}."
             raise SolverError(message, key="--fmu", cure=CURE)
         machine = MACHINES.get(platform.machine(), platform.machine())
         return _Library(f"{machine}-{system}", library.name, library.read_bytes())
-
-
-def _run(command: list[str], folder: str) -> subprocess.CompletedProcess[str]:
-    try:
-        return subprocess.run(
-            command, cwd=folder, capture_output=True, check=False, text=True, timeout=TIME_LIMIT
-        )
-    except (OSError, subprocess.TimeoutExpired) as error:
-        message = f"the C compiler could not be run: {error}."
-        raise SolverError(message, key="--fmu", cure=CURE) from error

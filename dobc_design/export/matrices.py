@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from dobc_design import __version__
-from dobc_design._show.text import latex_matrix, latex_text
+from dobc_design._show.text import latex_matrix, latex_rows, latex_text
 from dobc_design.conditions.consensus.claim import Statements, state_theorems
 from dobc_design.errors import SpecError, refused
 from dobc_design.exact.matrix import Matrix, to_float
@@ -115,9 +115,7 @@ def latex_of(found: Mapping[str, Matrix], problem: Problem) -> str:
     """h and the matrices as displayed LaTeX equations, one after the other; above 12 rows only
     their size.  Rationals of more than 12 digits are rounded to four."""
     h = problem.coupling.latex
-    column = h[0]
-    if not problem.coupling.by_component:
-        column = r"\begin{pmatrix} " + r" \\ ".join(h) + r" \end{pmatrix}"
+    column = h[0] if problem.coupling.by_component else latex_rows(h)
     lines = [f"h(y) = {column}"]
     for name, each in found.items():
         head, _, mode = name.partition("_")

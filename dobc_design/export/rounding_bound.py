@@ -58,21 +58,21 @@ class ErringAlgebra:
         return self.add(left, self.negate(right))
 
     def multiply(self, left: Erring, right: Erring) -> Erring:
-        carried = np.abs(left.value) * right.error
-        carried = carried + np.abs(right.value) * left.error
+        carried = abs(left.value) * right.error
+        carried = carried + abs(right.value) * left.error
         carried = carried + left.error * right.error
         return self._made(left.value * right.value, carried)
 
     def divide(self, left: Erring, right: Erring) -> Erring:
         value = left.value / right.value
-        room = np.abs(right.value) - right.error
+        room = abs(right.value) - right.error
         safe = room > 0  # else the divisor may be 0
-        carried = (left.error + np.abs(value) * right.error) / np.where(safe, room, 1)
+        carried = (left.error + abs(value) * right.error) / np.where(safe, room, 1)
         return self._made(value, np.where(safe, carried, np.inf))
 
     def power(self, base: Erring, exponent: int) -> Erring:
         count = abs(exponent)
-        largest = (np.abs(base.value) + base.error) ** max(0, count - 1)
+        largest = (abs(base.value) + base.error) ** max(0, count - 1)
         carried = count * largest * base.error
         positive = self._made(base.value**count, carried, times=count)
         if exponent >= 0:
@@ -93,12 +93,12 @@ class ErringAlgebra:
         # An error grows by the steepest slope within reach of it.
         slope = 1.0
         if row.steepest is not None:
-            slope = row.steepest(inner.value, np.abs(inner.value) + inner.error)
+            slope = row.steepest(inner.value, abs(inner.value) + inner.error)
         value = np.asarray(of(inner.value))
         return self._made(value, np.asarray(slope * inner.error), times=LIBRARY)
 
     def _made(self, value: Array, carried: Array, *, times: float = 1.0) -> Erring:
-        rounding = times * self.u * np.abs(value)
+        rounding = times * self.u * abs(value)
         return Erring(np.asarray(value), np.asarray(carried + rounding))
 
 
@@ -131,32 +131,32 @@ def _bound(controller: Controller, recorded: Recorded, u: float) -> float:
     agent, q = recorded.agent, controller.q
     m = controller.problem.m
     goal = to_float((agent.goal,))[0]
-    gain = np.abs(to_float(agent.gain))
+    gain = abs(to_float(agent.gain))
     e = recorded.x - goal
     # of e: its input, the goal, the difference
-    size_of_e = np.abs(e)
-    own = u * (np.abs(recorded.x) + np.abs(goal) + size_of_e)
+    size_of_e = abs(e)
+    own = u * (abs(recorded.x) + abs(goal) + size_of_e)
     # Every operation below adds one u of its result; a product of a row and a column one for each.
     felt = felt_with_error(controller, recorded, e, own, u)
     pull = own @ gain.T + (m + 2) * u * size_of_e @ gain.T
-    sized = np.abs(felt.value) + size_of_e @ gain.T
+    sized = abs(felt.value) + size_of_e @ gain.T
     if agent.rest is not None:
-        sized = sized + np.abs(to_float((agent.rest,))[0])
+        sized = sized + abs(to_float((agent.rest,))[0])
     # Without an observer u and v are all there is, and nothing is carried on.
     if q == 0:
         return float(np.max(felt.error + pull + 3 * u * sized))
     Ad = to_float(controller.Ad)
-    Cd = np.abs(to_float(controller.Cd))
-    L = np.abs(to_float(controller.L))
-    size = np.abs(recorded.xihat) @ Cd.T
+    Cd = abs(to_float(controller.Cd))
+    L = abs(to_float(controller.L))
+    size = abs(recorded.xihat) @ Cd.T
     held = felt.error + pull + (q + 2) * u * size + 3 * u * (sized + size)
     surprise = _innovation(controller, recorded, held, u)
     local = surprise.error + (q + 2) * u * size[:-1]
-    moved = np.abs(recorded.xihat[:-1]) @ np.abs(Ad).T + surprise.value @ L.T
+    moved = abs(recorded.xihat[:-1]) @ abs(Ad).T + surprise.value @ L.T
     estimate = (q + m + 3) * u * moved + local @ L.T
     # What every sample adds to the error of the estimate lives on, with the powers of Ad.
     powers = accumulate(repeat(Ad, len(recorded.x) - 2), np.matmul, initial=np.eye(q))
-    carried = sum(map(np.abs, powers), np.zeros((q, q))) @ np.max(estimate, axis=0, initial=0.0)
+    carried = sum(map(abs, powers), np.zeros((q, q))) @ np.max(estimate, axis=0, initial=0.0)
     return float(np.max(held) + np.max(Cd @ carried))
 
 
@@ -172,17 +172,17 @@ def _innovation(controller: Controller, recorded: Recorded, held: Array, u: floa
     own = Erring(before, np.zeros_like(before))
     dynamics = controller.problem.dynamics
     if dynamics is not None and dynamics.f is not None:
-        measured = Erring(before, u * np.abs(before))
+        measured = Erring(before, u * abs(before))
         own = with_errors(expressions_of(dynamics), measured, ErringAlgebra(u))
     apart = x - before - own.value @ motion.T - v @ push.T
-    moved = np.abs(x) + np.abs(before)
-    moved = moved + np.abs(own.value) @ np.abs(motion).T + np.abs(v) @ np.abs(push).T
+    moved = abs(x) + abs(before)
+    moved = moved + abs(own.value) @ abs(motion).T + abs(v) @ abs(push).T
     terms = np.count_nonzero(motion) + np.count_nonzero(push)
     rounding = (terms + 3) * u * moved
-    error = held[:-1] @ np.abs(push).T + rounding + (len(motion) + 2) * u * np.abs(apart)
-    error += own.error @ np.abs(motion).T
-    size = np.abs(apart @ watch.T - recorded.dhat[:-1])
-    return Erring(size, error @ np.abs(watch).T)
+    error = held[:-1] @ abs(push).T + rounding + (len(motion) + 2) * u * abs(apart)
+    error += own.error @ abs(motion).T
+    size = abs(apart @ watch.T - recorded.dhat[:-1])
+    return Erring(size, error @ abs(watch).T)
 
 
 def felt_with_error(
@@ -199,11 +199,11 @@ def felt_with_error(
         for arc in hearings:
             heard = recorded.heard[here, arc.neighbour]
             y = heard - e[here]
-            difference = Erring(y, own[here] + u * (np.abs(heard) + np.abs(y)))
+            difference = Erring(y, own[here] + u * (abs(heard) + abs(y)))
             h = with_errors(couplings[arc.coupling].components, difference, algebra)
             weight = float(arc.weight)
             total[here] += weight * h.value
-            size[here] += np.abs(weight * h.value)
+            size[here] += abs(weight * h.value)
             error[here] += weight * h.error
     # Sums of so many terms, each rounded once more.
     most = max((len(each) for each in recorded.agent.modes), default=0)

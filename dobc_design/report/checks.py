@@ -4,7 +4,7 @@ decide it once more."""
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any, Final
+from typing import Any
 
 from dobc_design._show.text import capitalize_first, upper
 from dobc_design._show.text import significant_towards_zero as _below
@@ -56,17 +56,17 @@ _EXACT = {
     "value": "v′Λv",
     "routh": "first column of Routh’s table",
 }
-_READING: Final = """\
+_READING = """\
 “Proved” and “refuted” rest on exact arithmetic alone.
 Margins and rates are in 1/s and rounded towards zero, factors up: they hold as printed.
 Rate and factor: |e(t)| ≤ factor · |e(0)| · exp(−rate t) + what the estimation error adds."""
 #: Options of `dobc certify` that change a certificate or its report; what a file says beside them
 #: is not repeated.
-SWITCHES: Final = ("--all", "--search")
-SETTLING: Final = "--settling "
-TIMED: Final = "--time-limit "
-VERIFY: Final = "dobc verify certificate.json --problem problem.json"
-ALONE: Final = "python -I -S dobc_design/checker certificate.json problem.json"
+SWITCHES = ("--all", "--search")
+SETTLING = "--settling "
+TIMED = "--time-limit "
+VERIFY = "dobc verify certificate.json --problem problem.json"
+ALONE = "python -I -S dobc_design/checker certificate.json problem.json"
 
 
 def cure_section(found: Findings) -> Iterator[Section]:

@@ -118,7 +118,7 @@ def _run_words(run: Trajectory) -> str:
     """Which run it was, and what became of its error."""
     error = run.error()
     first, last = float(error[0]), float(error[-1])
-    end = number(float(run.times[-1]))
+    end = number(run.times[-1])
     moves = "falls" if last < first else "grows"
     told = [
         "An illustration, not a proof.",
@@ -136,6 +136,6 @@ def _samples(run: Trajectory) -> Table:
     return table_of(
         "Largest error over time",
         thinned_rows(len(times), MOST_SAMPLES).tolist(),
-        Column("time in s", lambda i: number(float(times[i]))),
-        Column("largest error", lambda i: number(float(error[i]))),
+        Column("time in s", lambda i: number(times[i])),
+        Column("largest error", lambda i: number(error[i])),
     )

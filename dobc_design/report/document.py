@@ -140,13 +140,14 @@ class Matrices(Block):
     items: Sequence[ShownMatrix]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Picture:
     """A figure still to be drawn, with caption and text alternative; inches.  ``name`` begins the
     SVG identifiers."""
 
     name: str
     title: str
+    _: KW_ONLY
     caption: str = ""
     alt: str
     draw: Callable[[Axes], object]

@@ -10,7 +10,8 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from typing import Any, Final
+from os.path import commonprefix
+from typing import Any
 
 import networkx as nx
 import numpy as np
@@ -42,8 +43,8 @@ from dobc_design.report.words import common_offsets
 Positions = NDArray[np.float64]
 Pair = tuple[int, int]
 DASHES = {"dashed": DASHED, "dotted": DOTTED}  # of bounds, in their order
-ENVELOPE_SAMPLES: Final = 201
-BELOW: Final = 0.5  # of the least bound, at the foot of its picture
+ENVELOPE_SAMPLES = 201
+BELOW = 0.5  # of the least bound, at the foot of its picture
 LEGEND = "An arrow from j to i: i listens to j, so information runs along the arrow."
 MOST_LABELLED = 60
 LARGEST_BY_DISTANCE = 150  # Kamada and Kawai's method takes all pairs
@@ -66,7 +67,7 @@ def plot_spectrum(ax: Axes, spectra: Mapping[str, ArrayLike]) -> Axes:
     known = {name: np.atleast_1d(np.asarray(each, dtype=complex)) for name, each in spectra.items()}
     everything = np.concatenate(list(known.values()))
     real = everything.real
-    reach = max(float(np.abs(real).max(initial=0.0)), 1e-3)
+    reach = max(float(abs(real).max(initial=0.0)), 1e-3)
     left = min(float(real.min(initial=0.0)), 0.0)
     right = max(float(real.max(initial=0.0)), 0.0)
     ax.set_xlim(left - 0.12 * reach, right + 0.2 * reach)
@@ -86,7 +87,7 @@ def plot_spectrum(ax: Axes, spectra: Mapping[str, ArrayLike]) -> Axes:
             label=short(name),
         )
     # Real eigenvalues only: the vertical axis has nothing to say.
-    if float(np.abs(everything.imag).max(initial=0.0)) < 1e-9:
+    if float(abs(everything.imag).max(initial=0.0)) < 1e-9:
         ax.set_ylim(-1, 1)
         ax.set_yticks([0])
     else:
@@ -225,22 +226,13 @@ def drawn_labels(labels: Sequence[str]) -> tuple[list[str], str]:
     if all(len(label) <= _INSIDE for label in labels):
         return list(labels), ""
     # Digits belong to the number of an agent, even where all numbers begin with the same one.
-    alike = _beginning(labels).rstrip("0123456789")
+    alike = ""
+    if len(labels) > 1:
+        alike = commonprefix(list(labels)).rstrip("0123456789")  # noqa: RUF071 - no paths
     rest = [label.removeprefix(alike) for label in labels]
     if alike and all(1 <= len(each) <= _INSIDE for each in rest):
         return rest, alike
     return [short(label, 14) for label in labels], ""
-
-
-def _beginning(labels: Sequence[str]) -> str:
-    """What all labels begin with; nothing where there is only one."""
-    first, last = min(labels), max(labels)
-    if first == last:
-        return ""
-    for place, letter in enumerate(first):
-        if last[place] != letter:
-            return first[:place]
-    return first
 
 
 def proportions(places: Positions) -> float:

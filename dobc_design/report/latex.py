@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from collections.abc import Sequence
 from functools import cache
-from typing import Final
 
 from jinja2 import Template
 
@@ -20,8 +20,8 @@ from dobc_design.report import document as doc
 from dobc_design.report.pages import environment_of
 
 MAIN, BIBLIOGRAPHY = "main.tex", "references.bib"
-PACKAGES: Final = "amsmath,amssymb,array,booktabs,graphicx,longtable"
-_SPECIAL: Final = {each: rf"\{each}" for each in "{}$&#%_"} | {
+PACKAGES = "amsmath,amssymb,array,booktabs,graphicx,longtable"
+_SPECIAL = {each: rf"\{each}" for each in "{}$&#%_"} | {
     "\\": r"\textbackslash{}",
     "^": r"\textasciicircum{}",
     "~": r"\textasciitilde{}",
@@ -37,21 +37,35 @@ _SPECIAL: Final = {each: rf"\{each}" for each in "{}$&#%_"} | {
     "\u00a0": "~",
     "\u200b": "",
 }
-_LETTERS: Final = "≤≥≈±·×⊗√→∞∈✓✗αβεκλμξρτΛΨΩΣ"
-_COMMANDS: Final = (
+_LETTERS = "≤≥≈±·×⊗√→∞∈✓✗αβεκλμξρτΛΨΩΣ"
+_COMMANDS = (
     "le ge approx pm cdot times otimes surd to infty in checkmark times alpha beta varepsilon "
     "kappa lambda mu xi rho tau Lambda Psi Omega Sigma"
 )
-_SIGNS: Final = (
+_SIGNS = (
     {"<": "<", ">": ">", "−": "-", "′": "'"}
     | {sign: rf"\{name}" for sign, name in zip(_LETTERS, _COMMANDS.split(), strict=True)}
     | {high: f"^{{{x}}}" for high, x in zip("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-", strict=True)}
     | {low: f"_{{{x}}}" for low, x in zip("₀₁₂₃₄₅₆₇₈₉ᵢⱼₑ", "0123456789ije", strict=True)}
 )
-_ACCENTS: Final = {"\u0302": "hat", "\u0304": "bar"}  # combining ones, as in an estimate
+_ACCENTS = {"\u0302": "hat", "\u0304": "bar"}  # combining ones, as in an estimate
 _ACCENTED = re.compile("[A-Za-zα-ωΑ-Ω][\u0302\u0304]|.", re.DOTALL)
-AUTOMATIC: Final = 0.9  # what a column without a width of its own is compared as
-FILLED: Final = 0.9  # of the line, by all columns of a table
+#: The fragments, the sections of the report that they show, and what is said of them.
+FRAGMENTS = (
+    ("verdict", "meaning", "The verdict and what it says."),
+    ("model", "problem", "The equations with the paper's numbers, couplings, target and pins."),
+    ("condition", "condition", "The condition that is decided."),
+    ("matrices", "matrices", "The matrices; entries with a decimal point are rounded."),
+    ("checks", "checks", "Every condition that was decided; numbers hold as printed."),
+    ("regions", "region", "From which starts consensus is proved."),
+    (
+        "traceability",
+        "traceability",
+        "Where each condition stands and which module decided it.",
+    ),
+)
+AUTOMATIC = 0.9  # what a column without a width of its own is compared as
+FILLED = 0.9  # of the line, by all columns of a table
 _LATIN = 0x180  # letters below are set by every engine
 _LONG_WORD = 14  # letters; longer ones may be broken, first of all after punctuation
 _PIECES = re.compile(r"[^/_.,;:@-]{1,12}[/_.,;:@-]?|.")
@@ -70,27 +84,9 @@ def latex_fragments(document: doc.Document, version: str) -> dict[str, bytes]:
     matrices = [block for block in condition if isinstance(block, doc.Matrices)]
     formulas = [block for block in condition if not isinstance(block, doc.Matrices)]
     kept: dict[str, str] = {}
-    for name, what, blocks in (
-        ("verdict", "The verdict and what it says.", report.section("meaning")),
-        (
-            "model",
-            "The equations with the paper's numbers, couplings, target and pins.",
-            report.section("problem"),
-        ),
-        ("condition", "The condition that is decided.", formulas),
-        ("matrices", "The matrices; entries with a decimal point are rounded.", matrices),
-        (
-            "checks",
-            "Every condition that was decided; numbers hold as printed.",
-            report.section("checks"),
-        ),
-        ("regions", "From which starts consensus is proved.", report.section("region")),
-        (
-            "traceability",
-            "Where each condition stands and which module decided it.",
-            report.section("traceability"),
-        ),
-    ):
+    sections: dict[str, Sequence[doc.Block]] = {"condition": formulas, "matrices": matrices}
+    for name, section, what in FRAGMENTS:
+        blocks = sections.get(section, report.section(section))
         if blocks:
             kept[f"{name}.tex"] = _template("fragment.tex.j2").render(
                 report=report,

@@ -29,20 +29,20 @@ from dobc_design.report.pictures import svg_of
 
 STANDARD: Final[Literal["ua-1"]] = "ua-1"  # PDF/UA-1: readable by assistive technology
 #: Names of matrices in the template, by their LaTeX; the others have the same.
-MATRIX_NAMES: Final = {
+MATRIX_NAMES = {
     r"P_{\text{given}}": "P given",
     r"S_{\text{given}}": "S given",
     r"\Lambda": "Lambda",
     "A_x": "A x",
 }
-PRINTED: Final = ("recheck", "signatures")  # the details that belong to every printed report
+PRINTED = ("recheck", "signatures")  # the details that belong to every printed report
 # digits of numerator and denominator that are still printed as a fraction
-LONGEST_NUMBER: Final = 12
-LONGEST_WORD: Final = 16  # in a cell; longer ones may be broken anywhere
+LONGEST_NUMBER = 12
+LONGEST_WORD = 16  # in a cell; longer ones may be broken anywhere
 Shown = dict[str, Any]  # a block as JSON; its "kind" is what the template calls it
 
 _SOFT = "\u200b"  # a place where a line may break
-_INVISIBLE: Final = f"{_SOFT}\n"
+_INVISIBLE = f"{_SOFT}\n"
 _VARIABLE = re.compile(r"var\(--[\w-]+, *(#[0-9a-f]{6})\)")
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 _JOINT = re.compile(r"([/_.,;:@-])")

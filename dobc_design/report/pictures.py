@@ -40,9 +40,9 @@ from dobc_design.problem.problem import Problem
 from dobc_design.report import figures, region_words
 from dobc_design.report.document import Picture
 from dobc_design.report.words import (
+    agents_in_words,
     bounds_of,
     eigenvalues,
-    names_in_words,
     number,
     unreached_agents,
 )
@@ -88,10 +88,10 @@ def network_pictures(certificate: Certificate) -> tuple[list[Picture], str]:
     lost_in = {name: unreached_agents(certificate, name) for name in pairs}
     for place, (name, arcs) in enumerate(pairs.items(), 1):
         lost = lost_in[name]
-        pins = names_in_words([labels[i] for i in pinned])
+        pins = agents_in_words(problem, pinned)
         alt = f"Network of mode {name}: {problem.n} agents, {len(arcs)} arcs, pinned: {pins}"
         if lost:
-            alt += f"; not reached: {names_in_words([labels[i] for i in sorted(lost)])}"
+            alt += f"; not reached: {agents_in_words(problem, sorted(lost))}"
         draw = partial(
             figures.draw_network,
             labels=labels,
@@ -101,8 +101,8 @@ def network_pictures(certificate: Certificate) -> tuple[list[Picture], str]:
             unreached=lost,
         )
         picture = Picture(
-            name=f"network-{place}",
-            title=f"Mode {name}",
+            f"network-{place}",
+            f"Mode {name}",
             alt=f"{alt}.",
             draw=draw,
             width=3.4,
@@ -147,8 +147,8 @@ def _observer_picture(spectrum: SpectrumResult) -> Picture:
     values = np.array(spectrum.eigenvalues)
     told = eigenvalues(values.tolist())
     return Picture(
-        name="spectrum-observer",
-        title="Observer: eigenvalues of A − WC",
+        "spectrum-observer",
+        "Observer: eigenvalues of A − WC",
         caption="The estimation error decays when all lie left of the line; the slowest gives"
         f" {number(spectrum.rate)} 1/s.",
         alt=f"Eigenvalues of A minus W C in the complex plane: {told}, in 1/s.",
@@ -160,8 +160,8 @@ def _observer_picture(spectrum: SpectrumResult) -> Picture:
 def _loop_picture(loops: Mapping[str, Values]) -> Picture:
     rightmost = _by_mode({name: values.real for name, values in loops.items()})
     return Picture(
-        name="spectrum-loop",
-        title="Network: eigenvalues of J − K at the target",
+        "spectrum-loop",
+        "Network: eigenvalues of J − K at the target",
         caption="Small errors decay, with the disturbance known, when all lie left of the line."
         " This says more than Λ about one mode, and nothing about switching.",
         alt="Eigenvalues of J minus K in the complex plane; the rightmost real parts are "
@@ -181,8 +181,8 @@ def _lambda_picture(certificate: Certificate, lambdas: Mapping[str, Values]) -> 
         bounds = ", for ".join(told)
         caption += f" It must stay below a bound that depends on P: for {bounds}."
     return Picture(
-        name="spectrum-lambda",
-        title="Network: eigenvalues of Λ(J) at the target",
+        "spectrum-lambda",
+        "Network: eigenvalues of Λ(J) at the target",
         caption=caption,
         alt=f"Eigenvalues of Lambda; the largest are {_by_mode(lambdas)} 1/s.",
         draw=lambda ax: figures.plot_lambda(ax, lambdas, bounds=known),
@@ -192,12 +192,12 @@ def _lambda_picture(certificate: Certificate, lambdas: Mapping[str, Values]) -> 
 
 def _by_mode(values: Mapping[str, Values]) -> str:
     """The largest value of each mode."""
-    return "; ".join(f"mode {name}: {number(float(v.max()))}" for name, v in values.items())
+    return "; ".join(f"mode {name}: {number(v.max())}" for name, v in values.items())
 
 
 def _spectrum_height(*spectra: Values) -> float:
     """Inches; a row of real eigenvalues needs little."""
-    return 2.9 if any(np.abs(values.imag).max(initial=0.0) > 1e-9 for values in spectra) else 2.1
+    return 2.9 if any(abs(values.imag).max(initial=0.0) > 1e-9 for values in spectra) else 2.1
 
 
 def simulation_pictures(certificate: Certificate, trajectory: Trajectory) -> Iterator[Picture]:
@@ -218,7 +218,7 @@ def _state_picture(problem: Problem, trajectory: Trajectory, component: int) -> 
         title = f"States, component {component + 1} of {problem.m}"
     if problem.n > look.MOST_AGENTS:
         who = f"{look.MOST_AGENTS} of the {problem.n} agents"
-    end, least, most = (number(float(value)) for value in (times[-1], last.min(), last.max()))
+    end, least, most = (number(value) for value in (times[-1], last.min(), last.max()))
 
     def draw(ax: Axes) -> object:
         pinned = problem.pinning.agents
@@ -226,8 +226,8 @@ def _state_picture(problem: Problem, trajectory: Trajectory, component: int) -> 
         return runs.in_time(drawn, times)
 
     return Picture(
-        name=f"states-{component + 1}",
-        title=title,
+        f"states-{component + 1}",
+        title,
         caption=f"{runs.state_symbol(component, problem.m)}(t) of {who}; goals dashed.",
         alt=f"States over {end} s: at the end between {least} and {most}.",
         draw=draw,
@@ -238,10 +238,10 @@ def _estimate_picture(trajectory: Trajectory) -> Picture:
     d, dhat = trajectory.d, trajectory.dhat
     agents = min(len(trajectory.labels), runs.MOST_ESTIMATES)
     which = "" if d.shape[2] == 1 else ", first component"
-    left = number(float(np.abs(d[-1] - dhat[-1]).max()))
+    left = number(abs(d[-1] - dhat[-1]).max())
     return Picture(
-        name="estimates",
-        title="Disturbance and estimate",
+        "estimates",
+        "Disturbance and estimate",
         caption=f"Disturbance d (dotted) and its estimate d̂ of {agents} agents{which}.",
         alt=f"Disturbance and estimate over time; they differ at the end by at most {left} "
         "over all agents.",
@@ -255,7 +255,7 @@ def error_picture(
     """The error with what is proved about it, bound or slope; beside it that of ``worst``, with a
     slow signal."""
     times, error = trajectory.times, trajectory.error()
-    first, last = number(float(error[0])), number(float(error[-1]))
+    first, last = number(error[0]), number(error[-1])
     alt = f"Largest error over time: {first} at the start, {last} at the end"
     caption = "Solid: |e|∞, the largest |xᵢ − goal| of all agents in one simulated run."
     errors, switches = {"|e|∞": error}, trajectory.switches
@@ -266,14 +266,14 @@ def error_picture(
         errors = {"|e|∞, drawn signal": error, "|e|∞, slow signal": slow}
         switches = worst.switches
         caption = SLOW
-        alt += f", with the slow signal {number(float(slow[-1]))}"
+        alt += f", with the slow signal {number(slow[-1])}"
     proved, envelope = certificate.envelope(trajectory), None
     if proved.sources:
         bound = proved(times)
         envelope = np.stack([times, bound], axis=1)
         sources = " and ".join(proved.sources)
         caption += f" Dashed: certified upper bound for this start ({sources})."
-        alt += f"; proved to be at most {number(float(bound[-1]))} there"
+        alt += f"; proved to be at most {number(bound[-1])} there"
     elif certificate.rate:
         caption += " Dashed: the slope of the certified rate, for comparison."
 
@@ -283,8 +283,8 @@ def error_picture(
         return draw_band(runs.in_time(ax, times), switches, float(times[-1]))
 
     return Picture(
-        name="error",
-        title="Largest distance to the goals over time",
+        "error",
+        "Largest distance to the goals over time",
         caption=caption,
         alt=f"{alt}.",
         draw=draw,
@@ -303,8 +303,8 @@ def region_pictures(regions: Regions) -> Iterator[Picture]:
         sentence = region_words.agents_sentence(regions, drawn=some)
         asked = "" if regions.asked is None else " Dashed: the starts asked for."
         yield Picture(
-            name="region-agents",
-            title="From where each agent may start",
+            "region-agents",
+            "From where each agent may start",
             caption=sentence + asked,
             alt=sentence,
             draw=lambda ax: plot_starts(ax, regions),
@@ -325,8 +325,8 @@ def _methods_picture(regions: Regions) -> Picture:
         bars.append("Dotted: another equilibrium.")
     told = " ".join(f"{_told(claim)}." for claim in claims)
     return Picture(
-        name="region-methods",
-        title="How far each proof reaches",
+        "region-methods",
+        "How far each proof reaches",
         caption=" ".join(bars),
         alt=f"Certified distance from the goals. {told}",
         draw=lambda ax: plot_regions(ax, regions),
@@ -346,8 +346,8 @@ def envelope_pictures(settling: Settling | None) -> Iterator[Picture]:
     """The certified bound of |e|_inf over time; nothing without a proved settling time."""
     if settling is not None and settling.time is not None:
         yield Picture(
-            name="region-envelope",
-            title="How fast the error falls, proved",
+            "region-envelope",
+            "How fast the error falls, proved",
             caption="Every start of the box stays below the curve. Marks: another certificate "
             "takes over.",
             alt=region_words.envelope_alt(settling),
@@ -364,8 +364,8 @@ def weight_pictures(certificate: Certificate) -> Iterator[Picture]:
     sizes = [float(x) for _, phase in weights for v in phase.v for x in v]
     least, most = number(min(sizes)), number(max(sizes))
     yield Picture(
-        name="weights",
-        title="Weights of the agents that prove it",
+        "weights",
+        "Weights of the agents that prove it",
         caption="The largest |eᵢ|/vᵢ(t) of all agents grows at most by estimation errors. Where "
         "the mode changes (dotted: it may) the next weights are larger by at least the factor of "
         "the certified rate.",
@@ -380,8 +380,8 @@ def search_picture(search: Falsification, place: int) -> Picture | None:
     if not search.suspects:
         return None
     return Picture(
-        name=f"search-{place + 1}",
-        title="What the search found",
+        f"search-{place + 1}",
+        "What the search found",
         caption="Solid: the agents rest there, which is proved. Dashed: simulated runs, which "
         "refute nothing.",
         alt=region_words.search_alt(search),

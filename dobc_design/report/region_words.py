@@ -43,13 +43,13 @@ from dobc_design.report.document import (
 from dobc_design.report.words import FIXED, mark_of, names_in_words, number, sentence
 from dobc_design.verdict import Verdict
 
-NONE: Final = "–"
-MOST_SUSPECTS: Final = 8
-MOST_STATES: Final = 6  # agents whose states a sentence tells
-_SEVERAL: Final = 3  # modes that are named
-_FAST: Final = 100  # samples a second from which a certified period is called pessimistic
+NONE = "–"
+MOST_SUSPECTS = 8
+MOST_STATES = 6  # agents whose states a sentence tells
+_SEVERAL = 3  # modes that are named
+_FAST = 100  # samples a second from which a certified period is called pessimistic
 WARNING: Final[str] = FIXED["suspects"]
-_WHAT: Final = {
+_WHAT = {
     STAYS_AWAY: "does not converge",
     LEAVES: "leaves the certified set",
     RESTS: "rests there (proved)",
@@ -89,9 +89,6 @@ def regions_table(regions: Regions, *, disturbed: bool) -> Table:
     if regions.tolerance is not None:
         settled = f"|e|∞ ≤ {lower(regions.tolerance)} after"
 
-    def time(claim: RegionClaim) -> str:
-        return NONE if claim.time is None else f"{upper(claim.time)} s"
-
     def covers(claim: RegionClaim) -> str:
         if regions.asked is None:
             return NONE
@@ -111,11 +108,15 @@ def regions_table(regions: Regions, *, disturbed: bool) -> Table:
         Column("certified starts", starts_words, 1.3, only=("html", "pdf", "latex")),
         Column("rate in 1/s", lambda claim: lower(claim.rate), 0.8, style="number"),
         Column("factor", lambda claim: upper(claim.factor), 0.8, style="number"),
-        Column(settled, time, 0.8, style="number"),
+        Column(settled, lambda claim: _in_seconds(claim.time), 0.8, style="number"),
         Column("covers it", covers, 0.7),
         Column("why not further", limit_words, 1.7, style="why", only=READ),
         cards=True,
     )
+
+
+def _in_seconds(time: float | None) -> str:
+    return NONE if time is None else f"{upper(time)} s"
 
 
 def starts_words(claim: RegionClaim) -> str:
@@ -253,12 +254,6 @@ def settling_section(settling: Settling | None, pictures: Sequence[Picture]) -> 
 def stages_table(settling: Settling) -> Table:
     """What proves the settling time, in the order in which it takes over."""
 
-    def start(stage: Stage) -> str:
-        return f"{upper(float_above(stage.start))} s"
-
-    def bound(stage: Stage) -> str:
-        return upper(float_above(stage.bound))
-
     def rate(stage: Stage) -> str:
         return NONE if stage.rate is None else lower(float_below(stage.rate))
 
@@ -266,8 +261,8 @@ def stages_table(settling: Settling) -> Table:
         "What proves the settling time",
         settling.stages,
         Column("proof", lambda stage: stage.kind),
-        Column("from t =", start, style="number"),
-        Column("where |e|∞ ≤", bound, style="number"),
+        Column("from t =", lambda stage: _in_seconds(float_above(stage.start)), style="number"),
+        Column("where |e|∞ ≤", lambda stage: upper(float_above(stage.bound)), style="number"),
         Column("rate in 1/s", rate, style="number"),
     )
 
@@ -379,14 +374,14 @@ def suspects_table(search: Falsification) -> Table:
         Column("what", lambda each: _WHAT[each.kind]),
         Column("|e|∞ at the start", _first_error),
         Column("|e|∞ at the end", lambda each: _last_error(each, "unbounded")),
-        Column("after", lambda each: f"{number(float(each.times[-1]))} s"),
+        Column("after", lambda each: f"{number(each.times[-1])} s"),
         Column("farthest from the target", lambda each: names_in_words(list(each.labels), 6)),
         Column("mode", _modes),
     )
 
 
 def _first_error(suspect: Suspect) -> str:
-    return number(float(suspect.error[0]))
+    return number(suspect.error[0])
 
 
 def _last_error(suspect: Suspect, unbounded: str) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from dobc_design._show.text import latex_matrix, latex_number
+from dobc_design._show.text import latex_matrix, latex_number, latex_rows
 from dobc_design.description.words import caution_lines
 from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.problem import Problem
@@ -142,10 +142,7 @@ def _functions(problem: Problem) -> Iterator[Formula]:
 
 def _column(latex: Sequence[str], *, alone: bool) -> str:
     """A function, or a column of functions."""
-    if alone:
-        return latex[0]
-    rows = r" \\ ".join(latex)
-    return rf"\begin{{pmatrix}} {rows} \end{{pmatrix}}"
+    return latex[0] if alone else latex_rows(latex)
 
 
 def _plain_functions(problem: Problem) -> Iterator[tuple[str, str]]:

@@ -579,7 +579,7 @@ def pin_sentence(problem: Problem) -> str:
         return "No agent is pinned."
     if len(pinned) == problem.n:
         return "Every agent is pinned." if problem.n > 1 else "The agent is pinned."
-    names = names_in_words([problem.network.labels[i] for i in pinned])
+    names = agents_in_words(problem, pinned)
     are = "is" if len(pinned) == 1 else "are"
     return f"{len(pinned)} of {problem.n} agents {are} pinned: {names}."
 
@@ -630,6 +630,11 @@ def names_in_words(names: Sequence[str], most: int = MOST_NAMES) -> str:
         return some(names, most)
     *first, last = names
     return f"{', '.join(first)} and {last}" if first else last
+
+
+def agents_in_words(problem: Problem, agents: Iterable[int]) -> str:
+    """List agents by their labels."""
+    return names_in_words([problem.network.labels[i] for i in agents])
 
 
 def target_words(problem: Problem) -> str:

@@ -8,29 +8,35 @@ from contextlib import suppress
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from dobc_design._show.progress import Reports, report_to, shows_progress
+from dobc_design.analysis.analysis import analyse
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.files import make_folder, write_folder
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.work import out_of_time
+from dobc_design.falsification.suspect import Falsification
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.problem import Problem
-
-if TYPE_CHECKING:
-    from dobc_design.falsification.suspect import Falsification
-    from dobc_design.report.document import Document
-    from dobc_design.report.findings import Findings
-    from dobc_design.report.refusal import Checked
-    from dobc_design.simulation.trajectory import Trajectory
+from dobc_design.report.comparison import comparison_document
+from dobc_design.report.content import report_document
+from dobc_design.report.document import Document
+from dobc_design.report.findings import Findings
+from dobc_design.report.latex import latex_fragments
+from dobc_design.report.pages import html_page, markdown_page
+from dobc_design.report.refusal import Checked, refusal_document
+from dobc_design.simulation.execution import run_once
+from dobc_design.simulation.runs import fingerprint
+from dobc_design.simulation.setting import make_setting
+from dobc_design.simulation.signals import signal_of
+from dobc_design.simulation.trajectory import Trajectory
+from dobc_design.simulation.worst import worst_signal
 
 DRAWN = 2000  # rows (n m) up to which diagnostics and a simulation go into the report
 DRAWN_ORDER = 100  # of the exosystem, likewise
-PAGE = "report.html"
 SHOWN = 12  # rows up to which Lambda is printed
 
 
@@ -72,7 +78,6 @@ def render_report(
     details are open on the page and printed in the PDF.  ``kernel``: what Coq says of proof.v,
     where it was asked.  Diagnostics and one simulation are computed here and handed to the report,
     which computes nothing."""
-    from dobc_design.report.content import report_document
     from dobc_design.report.pdf import require_typst
 
     if pdf:
@@ -89,19 +94,17 @@ def render_report(
 
 def _computed(certificate: Certificate, say: Callable[[str], None]) -> Findings:
     """A certificate with its diagnostics and one simulation, or two, where it is not too large."""
-    from dobc_design.report.findings import Findings
 
     problem = certificate.problem
     found = Findings(certificate=certificate, lambdas=_shown_lambdas(loop_of(problem)))
     if problem.n * problem.m > DRAWN or problem.q > DRAWN_ORDER:
         return found
-    from dobc_design.analysis.analysis import analyse as run_analysis
 
     gain = certificate.claims.W
     # Numbers beyond the floats, or too long for the integrator, are no reason for no report.
     with suppress(SpecError):
         say("computing diagnostics")
-        found = replace(found, analysis=run_analysis(problem, gain=gain))
+        found = replace(found, analysis=analyse(problem, gain=gain))
         if (not problem.groups or gain is not None) and out_of_time() is None:
             say("simulating")
             found = replace(found, trajectory=_drawn_run(problem, gain))
@@ -111,10 +114,6 @@ def _computed(certificate: Certificate, say: Callable[[str], None]) -> Findings:
 
 def _drawn_run(problem: Problem, gain: Matrix | None) -> Trajectory:
     """One run with the signal of the problem; without a guarantee in the first mode."""
-    from dobc_design.simulation.execution import run_once
-    from dobc_design.simulation.runs import fingerprint
-    from dobc_design.simulation.setting import make_setting
-    from dobc_design.simulation.signals import signal_of
 
     signal = signal_of(problem)[0] if loop_of(problem).guarantee.phases else None
     run = run_once(make_setting(problem, gain=gain, signal=signal))
@@ -123,16 +122,12 @@ def _drawn_run(problem: Problem, gain: Matrix | None) -> Trajectory:
 
 def _slow_run(problem: Problem, gain: Matrix | None) -> Trajectory | None:
     """One run with a slow signal that keeps the guarantee; None without a guarantee."""
-    from dobc_design.simulation.execution import run_once
-    from dobc_design.simulation.setting import make_setting
-    from dobc_design.simulation.worst import worst_signal
 
     signal = worst_signal(problem)
     return None if signal is None else run_once(make_setting(problem, gain=gain, signal=signal))
 
 
 def _pages(document: Document, name: str, *, pdf: bool, full: bool = False) -> dict[str, bytes]:
-    from dobc_design.report.pages import html_page, markdown_page
     from dobc_design.report.pdf import pdf_page
 
     pages = {
@@ -162,7 +157,6 @@ def render_comparison(
 ) -> dict[str, bytes]:
     """The bytes of comparison.html and comparison.md by name, and with ``pdf`` of
     comparison.pdf."""
-    from dobc_design.report.comparison import comparison_document
 
     return _pages(comparison_document(first, second), "comparison", pdf=pdf)
 
@@ -170,7 +164,6 @@ def render_comparison(
 def render_refusal(sides: Sequence[Checked], *, pdf: bool = False) -> dict[str, bytes]:
     """The pages of certificates of which at least one does not hold, under the names of their
     report or comparison."""
-    from dobc_design.report.refusal import refusal_document
 
     name = "report" if len(sides) == 1 else "comparison"
     return _pages(refusal_document(sides), name, pdf=pdf)
@@ -179,9 +172,6 @@ def render_refusal(sides: Sequence[Checked], *, pdf: bool = False) -> dict[str, 
 def render_latex(certificate: Certificate) -> dict[str, bytes]:
     """The bytes of the report's LaTeX fragments by name, with references.bib and a main.tex that
     inputs them all."""
-    from dobc_design.report.content import report_document
-    from dobc_design.report.findings import Findings
-    from dobc_design.report.latex import latex_fragments
 
     lambdas = _shown_lambdas(loop_of(certificate.problem))
     document = report_document(Findings(certificate=certificate, lambdas=lambdas))

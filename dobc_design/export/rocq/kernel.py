@@ -13,14 +13,14 @@ import time
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from dobc_design.errors import SolverError, refused
 
-THEOREM: Final = "every_motion_converges"
-FILE: Final = "proof.v"
+THEOREM = "every_motion_converges"
+FILE = "proof.v"
 MINUTES, GIBIBYTES = 30, 8  # after which, and beyond which, coqc is ended
-CURE: Final = "On Debian or Ubuntu: apt install coq libcoq-coquelicot libcoq-interval."
+CURE = "On Debian or Ubuntu: apt install coq libcoq-coquelicot libcoq-interval."
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

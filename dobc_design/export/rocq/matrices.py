@@ -9,7 +9,7 @@ refuses.  Coq does not see h: h'(0) enter as numbers.
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -53,9 +53,9 @@ def number(x: Fraction) -> str:
     return f"({x.numerator} # {x.denominator})"
 
 
-def matrix(M: Matrix) -> str:
-    """A matrix by its rows."""
-    rows = ["; ".join(number(x) for x in row) for row in M]
+def matrix(M: Matrix, number: Callable[[Fraction], str] = number) -> str:
+    """A matrix by its rows; ``number``: how Coq writes an entry."""
+    rows = ["; ".join(map(number, row)) for row in M]
     return "matrix [" + "; ".join(f"[{row}]" for row in rows) + "]"
 
 

@@ -15,10 +15,9 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from functools import cached_property
+from functools import cached_property, partial
 from importlib.resources import files
 from itertools import pairwise, product
-from typing import Final
 
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.claims import claim_of, reading_claims
@@ -40,21 +39,21 @@ from dobc_design.exact.matrix import Matrix, add, identity, multiply, scale, sub
 from dobc_design.exact.number import root_above
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.export.c_text import template
-from dobc_design.export.rocq.matrices import comment, require_own
+from dobc_design.export.rocq.matrices import comment, matrix, require_own
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.groups import gains_of
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
-THEORY: Final = ("Statement", "Comparison", "Consensus", "Rows")
+THEORY = ("Statement", "Comparison", "Consensus", "Rows")
 MOST_ARCS, MOST_STATES = 400, 6  # of all modes together, and of one exosystem
-DEEPEST: Final = 12  # halvings of a piece, until a row is seen to hold
-MOST_PARTS: Final = 200  # of one row
-VERIFY: Final = "`dobc verify` checks the certificate."
-CUTS: Final = 64  # of a range of arguments, where a turn is looked for
+DEEPEST = 12  # halvings of a piece, until a row is seen to hold
+MOST_PARTS = 200  # of one row
+VERIFY = "`dobc verify` checks the certificate."
+CUTS = 64  # of a range of arguments, where a turn is looked for
 #: Functions of the expression language in Coq; {0} is the argument, in brackets where it needs
 #: them.
-CALLS: Final = {name: f"{name} {{0}}" for name in ("exp", "sin", "cos", "atan", "sqrt")} | {
+CALLS = {name: f"{name} {{0}}" for name in ("exp", "sin", "cos", "atan", "sqrt")} | {
     "log": "ln {0}",
     "tan": "(sin {0} / cos {0})",
     "tanh": "(1 - 2 / (exp (2 * {0}) + 1))",
@@ -77,12 +76,6 @@ def real(x: Fraction | int) -> str:
     if value < 0:
         return f"(- ({text}))"
     return text if value.denominator == 1 else f"({text})"
-
-
-def matrix(M: Matrix) -> str:
-    """A matrix by its rows."""
-    rows = ["; ".join(map(real, row)) for row in M]
-    return "matrix [" + "; ".join(f"[{row}]" for row in rows) + "]"
 
 
 class RocqAlgebra(Infix):
@@ -420,7 +413,7 @@ def motions_proof(certificate: Certificate) -> str:
         far=rows.far,
         rising=rows.rising,
         comment=comment,
-        matrix=matrix,
+        matrix=partial(matrix, number=real),
         real=real,
         theory=[_theory(name) for name in THEORY],
         laws=[_law(h) for h in problem.couplings],

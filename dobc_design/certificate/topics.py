@@ -8,7 +8,7 @@ solvers.  Their order stands in ``certification/certify.py``.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Protocol
 
 from dobc_design.conditions.accuracy import decide as accuracy
@@ -123,20 +123,21 @@ def _linearisation(check: Check, trusted: Trusted) -> str | None:
     return linearisation.confirm(check, trusted.statements, trusted.W)
 
 
-def _separable(check: Check, trusted: Trusted) -> str | None:
-    loop, W, proof = trusted.loop, trusted.W, trusted.named(MAX_SEPARABLE)
-    return separable.confirm(check, loop, W, domain=trusted.domain, proof=proof)
+def _beside(confirm: Callable[[Check, Case], str | None], *ids: str) -> Confirm:
+    """Confirms a check that rests on proofs with these ids, which are read for the loop."""
 
+    def confirmed(check: Check, trusted: Trusted) -> str | None:
+        proofs = []
+        for id in ids:
+            proof = trusted.named(id)
+            if proof is None or id == check.id or proof.verdict is not Verdict.PROVED:
+                continue
+            read = TOPICS[proof.kind.topic].read
+            if read is not None:
+                proofs.append(replace(proof, claim=read(proof, trusted.loop, trusted.W)))
+        return confirm(check, replace(trusted, checks=tuple(proofs)))
 
-def _margins(check: Check, trusted: Trusted) -> str | None:
-    return margins.confirm(
-        check,
-        trusted.loop,
-        trusted.W,
-        domain=trusted.domain,
-        proof=trusted.named(MAX_SEPARABLE),
-        final=trusted.named(ACCURACY),
-    )
+    return confirmed
 
 
 TOPICS: Final[Mapping[str, Topic]] = {
@@ -144,11 +145,13 @@ TOPICS: Final[Mapping[str, Topic]] = {
     "consensus": Topic(confirm=_consensus, read=theorems.read_claim),
     "weighted": Topic(confirm=_weighted, read=weighted.read_claim),
     "linearisation": Topic(confirm=_linearisation),
-    "separable": Topic(confirm=_separable, read=rows.read_claim),
-    "margins": Topic(confirm=_margins, read=margins.read_claim),
+    "separable": Topic(confirm=_beside(separable.confirm, MAX_SEPARABLE), read=rows.read_claim),
+    "margins": Topic(
+        confirm=_beside(margins.confirm, MAX_SEPARABLE, ACCURACY), read=margins.read_claim
+    ),
     "quadratic": Topic(confirm=_alone(quadratic.confirm), read=quadratic.read_claim),
     "schedule": Topic(confirm=_alone(schedule.confirm), read=schedule.read_claim),
     "graphs": Topic(confirm=_alone(graphs.confirm), read=graphs_claimed.read_claim),
-    "accuracy": Topic(confirm=_alone(accuracy.confirm), read=accuracy.read_claim),
+    "accuracy": Topic(confirm=accuracy.confirm, read=accuracy.read_claim),
     "equilibrium": Topic(confirm=_alone(equilibrium.confirm), read=equilibrium.read_claim),
 }

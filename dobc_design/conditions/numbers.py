@@ -293,6 +293,11 @@ def rational_or_none(data: object) -> Fraction | None:
     return None if data is None else read_rational(data)
 
 
+def read_rationals(values: Mapping[str, Any], *names: str) -> list[Fraction]:
+    """The rationals by these names.  Raises: as ``read_rational``."""
+    return [read_rational(values[name]) for name in names]
+
+
 def matrix_from_json(rows: Any) -> Matrix:
     """Read rows of rationals.  Raises: KeyError, TypeError or ValueError for anything else."""
     return tuple(tuple(read_rational(entry) for entry in row) for row in rows)

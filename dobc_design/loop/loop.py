@@ -12,9 +12,10 @@ proof looks at how agents, leaders or goals are stated.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from fractions import Fraction
 from types import MappingProxyType
+from typing import TypeVar
 
 from dobc_design._checks import noun
 from dobc_design.coupling.coupling import Coupling
@@ -34,6 +35,7 @@ from dobc_design.problem.network import Arc, Arcs
 from dobc_design.problem.uncertainty import Actuators, Uncertainty
 
 Pair = tuple[Fraction, Fraction]
+Made = TypeVar("Made")
 
 
 @noun(eq=False)
@@ -51,6 +53,15 @@ class Pins:
     def nodes(self) -> tuple[int, ...]:
         """The nodes that hear the fixed node, rising."""
         return tuple(sorted({*self.gains, *self.curved}))
+
+    def each(self, made: Callable[[Matrix], Made]) -> dict[int, Made]:
+        """What ``made`` makes of every gain; nodes often share one matrix, which is looked at
+        once."""
+        known: dict[int, Made] = {}
+        for gain in self.gains.values():
+            if id(gain) not in known:
+                known[id(gain)] = made(gain)
+        return {node: known[id(gain)] for node, gain in self.gains.items()}
 
     @property
     def is_scalar(self) -> bool:

@@ -16,7 +16,7 @@ from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.propose import design_lure, raise_rate
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.propose import (
-    design_separable,
+    Cover,
     first_certificate,
     propose_separable,
     rounded_vectors,
@@ -99,7 +99,8 @@ def _observed(seed: int) -> tuple[Problem, Separable | None]:
         exosystem=regional_problems.HARMONIC,
         observer=Observer(W=W),
     )
-    plan = design_separable(loop_of(problem), radius=Fraction(1), disturbance=Fraction(1, 2), W=W)
+    cover = Cover(loop=loop_of(problem), radius=Fraction(1), disturbance=Fraction(1, 2), W=W)
+    plan = cover.fastest()
     return problem, None if plan is None else first_certificate(loop_of(problem), W, plan)
 
 

@@ -33,20 +33,23 @@ gain, which some w attains without eps.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cache, partial
 from itertools import pairwise
 from typing import Any, Final
 
+from dobc_design.conditions.case import Case
 from dobc_design.conditions.check import Check, read_domain, read_object, undecided_check
 from dobc_design.conditions.consensus.claim import jacobians_at_consensus, linearisation
 from dobc_design.conditions.domain import EVERYWHERE, Around, Box, Domain
 from dobc_design.conditions.numbers import (
     as_json,
+    fields_to_json,
     form_from_json,
     read_rational,
+    read_rationals,
     rounded_up,
     vector_from_json,
     vector_to_json,
@@ -57,9 +60,11 @@ from dobc_design.conditions.reason import pins_obstacle
 from dobc_design.conditions.separable import claim as separable
 from dobc_design.conditions.separable.checks import obstacle as not_applicable
 from dobc_design.conditions.separable.claim import (
+    EXACT,
     FACES,
     OBSERVED,
     ErrorBound,
+    Errors,
     Row,
     Separable,
     Term,
@@ -67,13 +72,13 @@ from dobc_design.conditions.separable.claim import (
     error_sizes,
     stated_errors,
 )
-from dobc_design.conditions.separable.coordinates import rows_obstacle, seen_through
+from dobc_design.conditions.separable.coordinates import rows_obstacle
 from dobc_design.conditions.separable.decide import (
     coupling_profiles,
     covers,
     decide_row,
-    error_bound_obstacle,
     linear_bound,
+    observer_obstacle,
 )
 from dobc_design.coupling.enclosures import Profile, jet, secant_range
 from dobc_design.coupling.tree import ZERO
@@ -89,6 +94,7 @@ from dobc_design.problem.uncertainty import Uncertainty
 from dobc_design.verdict import Verdict
 
 MOST_STAGES: Final = 30
+INPUTS: Final = ("disturbance", "drift", "measurement")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -106,12 +112,7 @@ class Level:
 
     def to_json(self) -> dict[str, Any]:
         """The exact values as text."""
-        values: dict[str, Any] = {
-            "v": vector_to_json(self.v),
-            "alpha": number_text(self.alpha),
-            "level": number_text(self.level),
-            "rho": None if self.rho is None else number_text(self.rho),
-        }
+        values = {"v": vector_to_json(self.v), **fields_to_json(self, "alpha", "level", "rho")}
         if self.ranges:
             values["ranges"] = as_json(self.ranges)
         return values
@@ -132,13 +133,7 @@ class Peaks:
 
     def to_json(self) -> dict[str, Any]:
         """The exact values as text."""
-        return {
-            "disturbance": number_text(self.disturbance),
-            "drift": number_text(self.drift),
-            "measurement": number_text(self.measurement),
-            "step": number_text(self.step),
-            "steps": self.steps,
-        }
+        return {**fields_to_json(self, *INPUTS, "step"), "steps": self.steps}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -150,7 +145,7 @@ class Response:
 
     def to_json(self) -> dict[str, Any]:
         """The exact values."""
-        return {"step": number_text(self.step), "steps": self.steps}
+        return {**fields_to_json(self, "step"), "steps": self.steps}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -204,37 +199,40 @@ class Accuracy:
             values["stages"] = [stage.to_json() for stage in self.stages]
         else:
             values["response"] = self.response.to_json()
-        texts = {label: [number_text(x) for x in each] for label, each in self.listed.items()}
-        if self.by_component:
-            values["bounds"] = texts
-        else:
-            values["bounds"] = {label: each[0] for label, each in texts.items()}
+        bounds: dict[str, Any] = {}
+        for label, each in self.listed.items():
+            texts = [number_text(x) for x in each]
+            bounds[label] = texts if self.by_component else texts[0]
+        values["bounds"] = bounds
         if self.T is not None:
             values["T"] = matrix_text(self.T)
         if self.peaks is not None:
             values["peaks"] = self.peaks.to_json()
-        return values if self.error is None else values | self.error.to_json()
+        if self.error is not None:
+            values |= self.error.to_json()
+        return values
 
 
 def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Accuracy:
     """What a proved check of this topic claims, for this problem."""
-    curved = bool(loop.groups) and not loop.is_linear
     given = check.exact or {}
-    turned, linear = "T" in given, "response" in given
-    observed = ("peaks",) if loop.groups else ()
-    if linear:
-        values = read_object(check.exact, ("response", "bounds", *observed))
-    else:
-        names = ("stages", "bounds", *observed, *(OBSERVED if curved else ()))
-        values = read_object(check.exact, (*names, "T") if turned else names)
+    linear = "response" in given
+    turned = not linear and "T" in given
+    curved = not linear and bool(loop.groups) and not loop.is_linear
+    names = ["response" if linear else "stages", "bounds"]
+    if loop.groups:
+        names.append("peaks")
+    if curved:
+        names += OBSERVED
+    if turned:
+        names.append("T")
+    values = read_object(check.exact, names)
     bounds = read_object(values["bounds"], loop.labels)
     entries = loop.m if turned or linear else None
     read = {label: _read_bounds(bounds[label], entries) for label in loop.labels}
     peaks = None
     if loop.groups:
-        peaks = Peaks(
-            **_read_steps(values["peaks"], ("disturbance", "drift", "measurement", "step"))
-        )
+        peaks = Peaks(**_read_steps(values["peaks"], (*INPUTS, "step")))
     if linear:
         response = Response(**_read_steps(values["response"], ("step",)))
         return Accuracy(stages=(), bounds=read, peaks=peaks, response=response)
@@ -267,24 +265,32 @@ def _read_bounds(data: Any, m: int | None) -> Fraction | Vector:
 
 
 def _read_level(data: object, loop: Loop, turned: bool) -> Level:
-    values = read_object(data, ("v", "alpha", "level", "rho", *(("ranges",) if turned else ())))
+    names = ["v", "alpha", "level", "rho"]
+    if turned:
+        names.append("ranges")
+    values = read_object(data, names)
     if (values["rho"] is None) != loop.is_linear:
         raise ValueError("rho must be null exactly where every coupling is linear")
     rho = None if values["rho"] is None else read_rational(values["rho"])
-    v = vector_from_json(values["v"], loop.n * loop.m if turned else loop.n)
-    ranges = ranges_from_json(values["ranges"], loop, rho) if turned else ()
-    alpha, level = (read_rational(values[name]) for name in ("alpha", "level"))
-    stage = Level(v=v, alpha=alpha, level=level, rho=rho, ranges=ranges)
-    if min(stage.alpha, stage.level, least(v)) <= 0 or (rho is not None and rho < stage.level):
+    level = level_from_json(values, loop.size if turned else loop.n, rho)
+    if turned:
+        return replace(level, ranges=ranges_from_json(values["ranges"], loop, rho))
+    return level
+
+
+def level_from_json(values: Mapping[str, Any], size: int, rho: Fraction | None) -> Level:
+    """Read v (``size`` entries), alpha and level."""
+    v = vector_from_json(values["v"], size)
+    alpha, level = read_rationals(values, "alpha", "level")
+    if min(alpha, level, least(v)) <= 0 or (rho is not None and rho < level):
         raise ValueError("v, alpha and level must be > 0, and rho at least level")
-    return stage
+    return Level(v=v, alpha=alpha, level=level, rho=rho)
 
 
 ID: Final = "accuracy"
 MOST_AGENTS: Final = 500
 MOST_ROWS: Final = 60  # n m of a loop whose response is followed
 MOST_PRODUCTS: Final = 20_000_000  # of numbers, along all steps of a response
-INPUTS: Final = ("disturbance", "drift", "measurement")
 _SHOWN: Final = 6  # bounds told in the reason
 _NO_HANDOVER: Final = "a stage does not hold the box in which the one before ends."
 
@@ -294,21 +300,20 @@ def obstacle(loop: Loop, W: Matrix | None, *, turned: bool = False) -> str | Non
     ``turned``: in coordinates."""
     if loop.n > MOST_AGENTS:
         return f"does not apply: final bounds are decided for at most {MOST_AGENTS} agents."
-    plant = loop.uncertainty
-    if turned and plant is not None and plant.measurement:
+    plant = loop.uncertainty or Uncertainty()
+    if turned and plant.measurement:
         return (
             "does not apply: measurement noise is known for couplings that act by component only."
         )
-    if turned and plant is not None and (plant.weights or plant.gains):
+    if turned and (plant.weights or plant.gains):
         return (
             "does not apply: with a disturbance, errors of weights and gains are known for "
             "couplings by component only."
         )
-    if (reason := pins_obstacle(loop)) is not None:
-        return reason
-    if not turned and loop.drift is not None:
+    reason = pins_obstacle(loop)
+    if reason is None and not turned and loop.drift is not None:
         return "does not apply: bounds for agents with [dynamics] are made in coordinates."
-    return not_applicable(loop, W, turned=turned)
+    return reason or not_applicable(loop, W, turned=turned)
 
 
 def response_obstacle(loop: Loop) -> str | None:
@@ -324,7 +329,7 @@ def response_obstacle(loop: Loop) -> str | None:
             "noise and errors of weights and gains are not known where the response of the "
             "whole loop is followed."
         )
-    if loop.n * loop.m > MOST_ROWS:
+    if loop.size > MOST_ROWS:
         return (
             f"the response of the whole loop is followed for at most {MOST_ROWS} states of agents."
         )
@@ -337,32 +342,16 @@ def loop_matrix(loop: Loop) -> Matrix | None:
     if not jacobian.is_point:
         return None
     entries = linearisation(jacobian, loop.pulls, loop.m)
-    size = range(loop.n * loop.m)
+    size = range(loop.size)
     return tuple(tuple(entries.get((a, b), Fraction(0)) for b in size) for a in size)
 
 
 def most_steps(loop: Loop) -> int:
     """Steps in which a response may be followed."""
-    size, own = loop.n * loop.m, loop.drift
-    columns = size + (0 if own is None else loop.n * own.inputs)
-    return min(MOST_STEPS, MOST_PRODUCTS // (size**2 * columns))
-
-
-def response_bounds(
-    loop: Loop, peaks: Peaks | None, response: Response
-) -> dict[str, Vector] | None:
-    """Label -> what is left of every |e_ic|: b times the peak gains of a linear loop in one mode;
-    None where they are not shown with these steps."""
-    M, own = loop_matrix(loop), loop.drift
-    if M is None or response.steps > most_steps(loop):
-        return None
-    inputs = [] if own is None else [kronecker(identity(loop.n), own.B)]
-    found = peak_gains_by_row(M, identity(len(M)), inputs, step=response.step, steps=response.steps)
-    if found is None:
-        return None
-    b, m = input_of(loop, peaks), loop.m
-    ends = [b * row[-1] for row in found]
-    return {label: tuple(ends[i * m : (i + 1) * m]) for i, label in enumerate(loop.labels)}
+    columns = loop.size
+    if loop.drift is not None:
+        columns += loop.n * loop.drift.inputs
+    return min(MOST_STEPS, MOST_PRODUCTS // (loop.size**2 * columns))
 
 
 def observer_peaks(loop: Loop, W: Matrix, *, step: Fraction, steps: int) -> Peaks | None:
@@ -386,22 +375,6 @@ def observer_peaks(loop: Loop, W: Matrix, *, step: Fraction, steps: int) -> Peak
     return Peaks(**worst, step=step, steps=steps)
 
 
-def input_of(loop: Loop, peaks: Peaks | None) -> Fraction:
-    """b = omega (1 + peak of W) + gamma (peak of I): what acts on the inputs of every agent in the
-    end."""
-    plant = loop.uncertainty or Uncertainty()
-    if not peaks:
-        return plant.disturbance
-    return plant.disturbance + (plant.disturbance * peaks.disturbance + plant.drift * peaks.drift)
-
-
-def load_in_coordinates(loop: Loop, peaks: Peaks | None, T: Matrix) -> Vector:
-    """|T B| b by agent and component of z, (n m,): what acts on every agent."""
-    b = input_of(loop, peaks)
-    acts = T if loop.drift is None else multiply(T, loop.drift.B)
-    return tuple(b * sum(map(abs, row)) for row in acts) * loop.n
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Load:
     """What acts on one agent in one mode besides its row: b_i, and eta_i s, what observers that do
@@ -421,34 +394,107 @@ class Load:
         return replace(self.row, pull=self.row.pull - self.growing / self.row.own)
 
 
-def loads(
-    loop: Loop, peaks: Peaks | None, stage: Level, *, room: Fraction = Fraction(0)
-) -> Iterator[Load]:
-    """Every row of a stage with what acts besides, eta_i larger by the part ``room``.  What an
-    observer passes on it has seen in any mode: there the largest over the modes counts.  Raises:
-    UndefinedError where a slope has no bound as far out."""
-    plant = loop.uncertainty or Uncertainty()
-    errors, noise = stated_errors(loop), plant.measurement
-    slopes = _Slopes(loop, stage, noise)
-    passed = Fraction(0) if peaks is None else peaks.disturbance
-    unknown = Fraction(0) if plant.known_to_agents else errors.weights * passed * (1 + room)
-    # of all sums of slopes: neighbours' noise, and their own
-    twice = 2 * noise * (1 + errors.weights)
-    by_model = plant.disturbance * passed
-    if peaks is not None:
-        by_model += plant.drift * peaks.drift + noise * peaks.measurement
-    for agent in range(loop.n):
-        steepest = {mode: slopes.at_noise(mode, agent) for mode in loop.modes}
-        eta = Fraction(0)
-        if unknown:
-            eta = unknown * max(slopes.in_box(mode, agent) for mode in loop.modes)
-        k = loop.pulls.gains.get(agent)
-        pinned = Fraction(0) if k is None else (1 + errors.gains) * row_norm(k)
-        b = by_model + noise * pinned + twice * passed * max(steepest.values())
-        for mode in loop.modes:
-            ((row, _),) = separable.rows(loop, stage.v, modes=[mode], agents=[agent], errors=errors)
-            own = b + plant.disturbance + twice * steepest[mode]
-            yield Load(mode=mode, agent=agent, row=row, constant=own, growing=eta, by_input=b)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Plant:
+    """A loop under all that [uncertainty] states; ``peaks``: how far its observer passes that on,
+    None without an exosystem.  ``room``: the part by which eta_i is taken larger."""
+
+    loop: Loop
+    peaks: Peaks | None
+    room: Fraction = Fraction(0)
+
+    @property
+    def stated(self) -> Uncertainty:
+        """What the problem states."""
+        return self.loop.uncertainty or Uncertainty()
+
+    @property
+    def input(self) -> Fraction:
+        """b = omega (1 + peak of W) + gamma (peak of I): what acts on the inputs of every agent in
+        the end."""
+        omega, peaks = self.stated.disturbance, self.peaks
+        if peaks is None:
+            return omega
+        return omega + (omega * peaks.disturbance + self.stated.drift * peaks.drift)
+
+    def load_in(self, T: Matrix) -> Vector:
+        """|T B| b by agent and component of z = T e, (n m,): what acts on every agent."""
+        acts = T if self.loop.drift is None else multiply(T, self.loop.drift.B)
+        b = self.input
+        return tuple(b * sum(map(abs, row)) for row in acts) * self.loop.n
+
+    def response_bounds(self, response: Response) -> dict[str, Vector] | None:
+        """Label -> what is left of every |e_ic|: b times the peak gains of a linear loop in one
+        mode; None where they are not shown with these steps."""
+        loop = self.loop
+        M = loop_matrix(loop)
+        if M is None or response.steps > most_steps(loop):
+            return None
+        inputs = []
+        if loop.drift is not None:
+            inputs.append(kronecker(identity(loop.n), loop.drift.B))
+        found = peak_gains_by_row(
+            M, identity(len(M)), inputs, step=response.step, steps=response.steps
+        )
+        if found is None:
+            return None
+        b, m = self.input, loop.m
+        ends = [b * row[-1] for row in found]
+        return {label: tuple(ends[i * m : (i + 1) * m]) for i, label in enumerate(loop.labels)}
+
+    def loads(self, stage: Level) -> Iterator[Load]:
+        """Every row of a stage with what acts besides.  What an observer passes on it has seen in
+        any mode: there the largest over the modes counts.  Raises: UndefinedError where a slope has
+        no bound as far out."""
+        loop, plant, peaks = self.loop, self.stated, self.peaks
+        errors, noise = stated_errors(loop), plant.measurement
+        slopes = _Slopes(loop, stage, noise)
+        passed = unknown = Fraction(0)
+        by_model = Fraction(0)
+        if peaks is not None:
+            passed = peaks.disturbance
+            by_model = plant.disturbance * passed
+            by_model += plant.drift * peaks.drift + noise * peaks.measurement
+        if not plant.known_to_agents:
+            unknown = errors.weights * passed * (1 + self.room)
+        # of all sums of slopes: neighbours' noise, and their own
+        twice = 2 * noise * (1 + errors.weights)
+        for agent in range(loop.n):
+            steepest = {mode: slopes.at_noise(mode, agent) for mode in loop.modes}
+            eta = pinned = Fraction(0)
+            if unknown:
+                eta = unknown * max(slopes.in_box(mode, agent) for mode in loop.modes)
+            if agent in loop.pulls.gains:
+                pinned = (1 + errors.gains) * row_norm(loop.pulls.gains[agent])
+            b = by_model + noise * pinned + twice * passed * max(steepest.values())
+            for mode, steep in steepest.items():
+                row = _row_of(loop, stage, mode, agent, errors)
+                own = b + plant.disturbance + twice * steep
+                yield Load(mode=mode, agent=agent, row=row, constant=own, growing=eta, by_input=b)
+
+    def not_shrinking(self, stage: Level) -> str | None:
+        """Which row of a stage is not proved for all s in [level, rho], in words; None if all
+        are."""
+        loop = self.loop
+        try:
+            profiles = coupling_profiles(loop, stage.v, rho=stage.rho)
+            holds = cache(partial(_row_holds, profiles=profiles, stage=stage))
+            for load in self.loads(stage):
+                row = load.held
+                for face, name in FACES.items():
+                    if not holds(row, load.constant, face):
+                        return (
+                            f"the {name} row of agent {loop.labels[load.agent]} in mode "
+                            f"{load.mode} is not shown for all s from {float(stage.level):.6g} on."
+                        )
+        except UndefinedError as error:
+            return f"does not apply: {error}"
+        return None
+
+
+def _row_of(loop: Loop, stage: Level, mode: str, agent: int, errors: Errors = EXACT) -> Row:
+    ((row, _),) = separable.rows(loop, stage.v, modes=[mode], agents=[agent], errors=errors)
+    return row
 
 
 class _Slopes:
@@ -480,8 +526,7 @@ class _Slopes:
 
     def _heard(self, mode: str, agent: int) -> tuple[Term, ...]:
         """The arcs of an agent as the file states them."""
-        ((row, _),) = separable.rows(self.loop, self.stage.v, modes=[mode], agents=[agent])
-        return row.terms
+        return _row_of(self.loop, self.stage, mode, agent).terms
 
     def _steepest(self, coupling: int, reach: Fraction) -> Fraction:
         """A bound of |h'| as far as noise takes an argument."""
@@ -498,56 +543,29 @@ class _Slopes:
         return secant_range(self.curves[coupling].curve, Interval(-far, far)).magnitude
 
 
-def not_shrinking(
-    loop: Loop, peaks: Peaks | None, stage: Level, *, room: Fraction = Fraction(0)
-) -> str | None:
-    """Which row of a stage is not proved for all s in [level, rho], in words; None if all are.
-    ``room``: as in ``loads``."""
-    try:
-        profiles = coupling_profiles(loop, stage.v, rho=stage.rho)
-        holds = cache(partial(_row_holds, profiles=profiles, stage=stage))
-        for load in loads(loop, peaks, stage, room=room):
-            row = load.held
-            for face in FACES:
-                if not holds(row, load.constant, face):
-                    who = f"agent {loop.labels[load.agent]} in mode {load.mode}"
-                    return (
-                        f"the {FACES[face]} row of {who} is not shown for all s from "
-                        f"{float(stage.level):.6g} on."
-                    )
-    except UndefinedError as error:
-        return f"does not apply: {error}"
-    return None
-
-
 def _row_holds(
     row: Row, load: Fraction, face: int, *, profiles: tuple[Profile, ...], stage: Level
 ) -> bool:
     if stage.rho is None:
-        return (
-            linear_bound(row, face, profiles) + load / stage.level
-            <= (row.pull - stage.alpha) * row.own
-        )
+        limit = (row.pull - stage.alpha) * row.own
+        return linear_bound(row, face, profiles) + load / stage.level <= limit
     verdict, _ = decide_row(
         row, face, profiles, alpha=stage.alpha, rho=stage.rho, start=stage.level, load=load
     )
     return verdict is Verdict.PROVED
 
 
-def accuracy_check(
-    loop: Loop, W: Matrix | None, claim: Accuracy, *, domain: Domain, local: Domain
-) -> Check:
-    """Decide ``claim`` for the starts of ``domain``: PROVED or UNDECIDED; ``local`` is the domain
-    of Lemma 1."""
+def accuracy_check(case: Case, claim: Accuracy, starts: Domain) -> Check:
+    """Decide ``claim`` for these starts: PROVED or UNDECIDED."""
     check = Check(
         id=ID,
         verdict=Verdict.PROVED,
-        domain=domain,
+        domain=starts,
         claim=claim,
-        reason=_told(loop, claim, domain),
+        reason=_told(case.loop, claim, starts),
     )
-    wrong = confirm(check, loop, W, domain=local)
-    return check if wrong is None else undecided_check(ID, local, wrong)
+    wrong = confirm(check, case)
+    return check if wrong is None else undecided_check(ID, case.domain, wrong)
 
 
 def _told(loop: Loop, claim: Accuracy, domain: Domain) -> str:
@@ -579,11 +597,13 @@ def _told(loop: Loop, claim: Accuracy, domain: Domain) -> str:
     )
 
 
-def confirm(check: Check, loop: Loop, W: Matrix | None, *, domain: Domain) -> str | None:
+def confirm(check: Check, case: Case) -> str | None:
     """None if everything that a proved check of this topic claims is confirmed, else what is
     not."""
+    loop, W = case.loop, case.W
     claim = check.claim if isinstance(check.claim, Accuracy) else read_claim(check, loop, W)
-    if (reason := obstacle(loop, W, turned=claim.by_component)) is not None:
+    reason = obstacle(loop, W, turned=claim.by_component)
+    if reason is not None:
         return reason
     if check.verdict is not Verdict.PROVED or check.witness is not None or check.rate is not None:
         return "it can only be proved or undecided, and has no witness and no rate"
@@ -591,16 +611,13 @@ def confirm(check: Check, loop: Loop, W: Matrix | None, *, domain: Domain) -> st
         return "the problem has no [uncertainty]"
     if claim.response is None and not 1 <= len(claim.stages) <= MOST_STAGES:
         return f"it needs between 1 and {MOST_STAGES} stages"
+    wrong = None
     if claim.peaks is not None and W is not None:
         wrong = _wrong_peaks(loop, W, claim.peaks)
-        if wrong is not None:
-            return wrong
+    plant = Plant(loop=loop, peaks=claim.peaks)
     if claim.response is not None:
-        return _wrong_response(check, loop, claim, claim.response, domain)
-    wrong = _wrong_starts(check, loop, W, claim, domain)
-    if wrong is not None:
-        return wrong
-    return _wrong_stages(loop, claim)
+        return wrong or _wrong_response(check, case, claim, plant, claim.response)
+    return wrong or _wrong_starts(check, case, claim) or _wrong_stages(claim, plant)
 
 
 def _wrong_peaks(loop: Loop, W: Matrix, peaks: Peaks) -> str | None:
@@ -615,7 +632,7 @@ def _wrong_peaks(loop: Loop, W: Matrix, peaks: Peaks) -> str | None:
     return None
 
 
-def _wrong_stages(loop: Loop, claim: Accuracy) -> str | None:
+def _wrong_stages(claim: Accuracy, plant: Plant) -> str | None:
     """None if the stages hand over to each other, all shrink, and the last leaves no more than the
     bounds."""
     for before, stage in pairwise(claim.stages):
@@ -625,64 +642,61 @@ def _wrong_stages(loop: Loop, claim: Accuracy) -> str | None:
         if any(before.level * x >= stage.rho * y for x, y in sizes):
             return _NO_HANDOVER
     for bounds, ends in zip(claim.listed.values(), claim.ends, strict=True):
-        if any(bound < end for bound, end in zip(bounds, ends, strict=True)):
+        if _are_below(bounds, ends):
             return "a bound is below that of the last stage."
     for stage in claim.stages:
         if claim.T is None:
-            wrong = not_shrinking(loop, claim.peaks, stage)
+            wrong = plant.not_shrinking(stage)
         else:
-            load = load_in_coordinates(loop, claim.peaks, claim.T)
-            at_level = tuple(b / stage.level for b in load)
-            wrong = rows_obstacle(loop, claim.in_stage(stage), load=at_level)
+            at_level = tuple(b / stage.level for b in plant.load_in(claim.T))
+            wrong = rows_obstacle(plant.loop, claim.in_stage(stage), load=at_level)
         if wrong is not None:
             return wrong
     return None
 
 
+def _are_below(bounds: Vector, ends: Sequence[Fraction]) -> bool:
+    """Whether a bound is smaller than what it has to bound."""
+    return any(bound < end for bound, end in zip(bounds, ends, strict=True))
+
+
 def _wrong_response(
-    check: Check, loop: Loop, claim: Accuracy, response: Response, domain: Domain
+    check: Check, case: Case, claim: Accuracy, plant: Plant, response: Response
 ) -> str | None:
     """None if a linear loop is shown to pass on no more than the bounds."""
+    loop = case.loop
     if claim.stages or claim.T is not None or claim.error is not None:
         return "beside a response there are no stages and no coordinates."
     if loop.groups and claim.peaks is None:
         return "with an [exosystem] it needs peaks."
-    if not check.domain == EVERYWHERE == domain:
+    if not check.domain == EVERYWHERE == case.domain:
         return "the bounds of a response are global."
-    if (reason := response_obstacle(loop)) is not None:
+    reason = response_obstacle(loop)
+    if reason is not None:
         return reason
-    if not input_of(loop, claim.peaks) > 0:
+    if not plant.input > 0:
         return "nothing acts on the loop."
-    found = response_bounds(loop, claim.peaks, response)
+    found = plant.response_bounds(response)
     if found is None:
         return "the response of the loop is not shown to decay in these steps."
-    listed = claim.listed
     for label, ends in found.items():
-        if any(bound < end for bound, end in zip(listed[label], ends, strict=True)):
+        if _are_below(claim.listed[label], ends):
             return f"a bound of agent {label} is below what the response of the loop reaches."
     return None
 
 
-def _wrong_starts(
-    check: Check, loop: Loop, W: Matrix | None, claim: Accuracy, domain: Domain
-) -> str | None:
+def _wrong_starts(check: Check, case: Case, claim: Accuracy) -> str | None:
     """Whether the first stage holds all starts of the domain until their estimates are right."""
-    first, error = claim.stages[0], claim.error
+    first = claim.stages[0]
     if first.rho is None:
-        is_global = check.domain == EVERYWHERE == domain
+        is_global = check.domain == EVERYWHERE == case.domain
         return None if is_global else "without rho the domain must be global"
-    radius, disturbance = read_domain(check.domain, loop, kind=Box)
-    as_separable, exosystem = claim.in_stage(first), loop.joint_exosystem
-    if claim.T is not None:
-        exosystem, W = seen_through(loop, claim.T, W)
-    if exosystem is not None:
-        if error is None or W is None:
-            return "with an [exosystem] it needs P, beta, kappa and size."
-        if (why := error_bound_obstacle(exosystem, W, error)) is not None:
-            return why
-        if not error.kappa * error.beta * as_separable.least > 1:
-            return "kappa must exceed 1/(beta min v), or the observer error can raise V."
-    start = max(radius, first.level / as_separable.spread)
-    if not covers(as_separable, radius=start, disturbance=disturbance):
+    radius, disturbance = read_domain(check.domain, case.loop, kind=Box)
+    box = claim.in_stage(first)
+    wrong = observer_obstacle(case.loop, case.W, box)
+    if wrong is not None:
+        return wrong
+    start = max(radius, first.level / box.spread)
+    if not covers(box, radius=start, disturbance=disturbance):
         return "the box of starts, or the level, is not inside the invariant set."
     return None

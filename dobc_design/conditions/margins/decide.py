@@ -26,14 +26,21 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import Any
+from typing import Any, NamedTuple
 
-from dobc_design.conditions.accuracy.decide import Accuracy, Level, Peaks, loads, not_shrinking
+from dobc_design.conditions.accuracy.decide import Accuracy, Level, Plant, level_from_json
 from dobc_design.conditions.accuracy.decide import obstacle as not_final
-from dobc_design.conditions.accuracy.decide import read_claim as read_accuracy
+from dobc_design.conditions.case import Case
 from dobc_design.conditions.check import Check, Claim, read_domain, read_object
-from dobc_design.conditions.domain import Box, Domain
-from dobc_design.conditions.numbers import follows, read_rational, vector_from_json, vector_to_json
+from dobc_design.conditions.domain import Box
+from dobc_design.conditions.numbers import (
+    fields_to_json,
+    follows,
+    read_rational,
+    read_rationals,
+    vector_from_json,
+    vector_to_json,
+)
 from dobc_design.conditions.reason import pins_obstacle
 from dobc_design.conditions.separable import claim as claims
 from dobc_design.conditions.separable.claim import (
@@ -42,14 +49,15 @@ from dobc_design.conditions.separable.claim import (
     Separable,
     error_from_json,
     observed_in,
+    stated_errors,
 )
 from dobc_design.conditions.separable.decide import (
     NOT_BY_COMPONENT,
     composite_rate,
     coupling_profiles,
     covers,
-    error_bound_obstacle,
     linear_bound,
+    observer_obstacle,
     verify_separable,
 )
 from dobc_design.conditions.stated import stated_in
@@ -57,6 +65,7 @@ from dobc_design.coupling.enclosures import Curve, secant_range
 from dobc_design.exact.interval import Interval
 from dobc_design.exact.matrix import Matrix, Vector, multiply, transpose
 from dobc_design.exact.number import number_text, root_above
+from dobc_design.exact.peaks import row_norm
 from dobc_design.exact.symmetric import Doubles, least
 from dobc_design.loop.loop import Loop
 from dobc_design.problem.exosystems import Exosystem
@@ -77,16 +86,12 @@ class Tolerance:
 
     def to_json(self) -> dict[str, Any]:
         """The exact values of a proved check."""
-        numbers = {
-            "weights": self.errors.weights,
-            "gains": self.errors.gains,
-            "alpha": self.alpha,
-            "eta": self.eta,
-        }
-        values: dict[str, Any] = {
-            name: number_text(x) for name, x in numbers.items() if x is not None
-        }
-        return values if self.v is None else {**values, "v": vector_to_json(self.v)}
+        values = {**fields_to_json(self.errors, "weights", "gains"), **fields_to_json(self, "alpha")}
+        if self.eta is not None:
+            values["eta"] = number_text(self.eta)
+        if self.v is not None:
+            values["v"] = vector_to_json(self.v)
+        return values
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -106,9 +111,10 @@ class Inputs:
         inputs = {label: number_text(most) for label, most in self.inputs.items()}
         values: dict[str, Any] = {"rho": number_text(self.rho), "inputs": inputs}
         if self.stage is not None:
-            values |= {"v": vector_to_json(self.stage.v)}
-            values |= {name: number_text(getattr(self.stage, name)) for name in ("alpha", "level")}
-        return values if self.error is None else values | self.error.to_json()
+            values |= {"v": vector_to_json(self.stage.v), **fields_to_json(self.stage, "alpha", "level")}
+        if self.error is not None:
+            values |= self.error.to_json()
+        return values
 
 
 def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Claim:
@@ -117,7 +123,7 @@ def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Claim:
         return _read_inputs(check, loop)
     optional = [name for name in ("eta", "v") if name in (check.exact or {})]
     values = read_object(check.exact, ("weights", "gains", "alpha", *optional))
-    weights, gains, alpha = (read_rational(values[name]) for name in ("weights", "gains", "alpha"))
+    weights, gains, alpha = read_rationals(values, "weights", "gains", "alpha")
     if not (0 <= weights < 1 and 0 <= gains < 1 and alpha > 0):
         raise ValueError("errors must be >= 0 and < 1, alpha > 0")
     eta = read_rational(values["eta"]) if "eta" in optional else None
@@ -135,13 +141,9 @@ def _read_inputs(check: Check, loop: Loop) -> Inputs:
     rho = read_rational(values["rho"])
     if not has_own_box:
         return Inputs(rho=rho, inputs=inputs)
-    v, alpha, level = (
-        vector_from_json(values["v"], loop.n),
-        *map(read_rational, (values["alpha"], values["level"])),
-    )
-    if min(alpha, level, least(v)) <= 0 or rho < level:
-        raise ValueError("v, alpha and level must be > 0, and rho at least level")
-    stage = Level(v=v, alpha=alpha, level=level, rho=None if loop.is_linear else rho)
+    stage = level_from_json(values, loop.n, rho)
+    if loop.is_linear:
+        stage = replace(stage, rho=None)
     return Inputs(rho=rho, inputs=inputs, stage=stage, error=error_from_json(values, loop))
 
 
@@ -149,78 +151,66 @@ ROOTS = 10**15  # roots are rounded up to multiples of 1/ROOTS
 _ZERO, _ONE = Fraction(0), Fraction(1)
 
 
-def confirm(
-    check: Check,
-    loop: Loop,
-    W: Matrix | None,
-    *,
-    domain: Domain,
-    proof: Check | None,
-    final: Check | None = None,
-) -> str | None:
-    """None if everything that a proved check claims is confirmed; ``proof`` and ``final``: the
-    checks max-separable and accuracy beside it."""
+def confirm(check: Check, case: Case) -> str | None:
+    """None if everything that a proved check claims is confirmed, beside the proofs max-separable
+    and accuracy of the case."""
+    loop, W = case.loop, case.W
     if check.verdict is not Verdict.PROVED or check.witness is not None:
         return "it can only be proved or undecided, and has no witness"
     if loop.drift is not None:
         return "errors of gains, and inputs, are not known for agents with [dynamics]"
-    if (reason := pins_obstacle(loop)) is not None:
+    reason = pins_obstacle(loop)
+    if reason is not None:
         return reason
-    base, claim = None, read_claim(check, loop, W)
-    if proof is not None and proof.verdict is Verdict.PROVED:
-        base = claims.separable_from_json(proof.exact, loop)
+    claim = read_claim(check, loop, W)
+    base = case.proved(Separable)
+    if base is not None and base.T is not None:
+        base = None  # in coordinates
     if isinstance(claim, Inputs):
         if claim.stage is not None:
-            return _not_held(check, loop, W, claim, claim.stage, final)
+            return _not_held(check, case, claim, claim.stage)
         if base is None:
             return "it needs a proved max-separable check"
         return _not_inputs(check, loop, base, claim)
     if not isinstance(claim, Tolerance):
         return "it is not known here"
-    table, errors = loop.uncertainty, claim.errors
-    if table is not None and (errors.weights < table.weights or errors.gains < table.gains):
+    stated = stated_errors(loop)
+    if claim.errors.weights < stated.weights or claim.errors.gains < stated.gains:
         return "the errors of [uncertainty] are larger"
     if (claim.eta is None) is not agents_know(loop):
         return "eta belongs to observers that do not know the weights, and to no others"
     if claim.v is not None:
-        return _not_tolerated_at_target(check, loop, W, claim, claim.v, domain)
+        return _not_tolerated_at_target(check, case, claim, claim.v)
+    proof = case.proof(Separable)
     if base is None or proof is None or proof.domain != check.domain:
         return "it needs a proved max-separable check with its domain"
-    return _not_tolerated(check, loop, W, claim, base)
+    return _not_tolerated(check, case, claim, base)
 
 
 def _not_tolerated_at_target(
-    check: Check,
-    loop: Loop,
-    W: Matrix | None,
-    claim: Tolerance,
-    v: Vector | Doubles,
-    domain: Domain,
+    check: Check, case: Case, claim: Tolerance, v: Vector | Doubles
 ) -> str | None:
     """None if the rows at the target hold for all errors of the claim."""
-    if check.domain != domain or (loop.groups and (W is None or check.rate is not None)):
+    loop = case.loop
+    if check.domain != case.domain or (loop.groups and (case.W is None or check.rate is not None)):
         return (
-            f"the domain must be '{domain}'; with an observer, which is needed, rows give no rate "
-            "of the loop"
+            f"the domain must be '{case.domain}'; with an observer, which is needed, rows give no "
+            "rate of the loop"
         )
     wrong = _not_local(loop, claim, v)
+    # with an observer the rows say nothing about the rate of the whole loop
+    if wrong is None and not loop.groups and not follows(check.rate, claim.alpha):
+        return "the rate does not follow"
+    return wrong
+
+
+def _not_tolerated(check: Check, case: Case, claim: Tolerance, base: Separable) -> str | None:
+    """None if the rows of ``base`` hold for all errors of the claim, and V falls."""
+    loop, errors = case.loop, claim.errors
+    wrong = verify_separable(loop, replace(base, alpha=claim.alpha), errors=errors).wrong
     if wrong is not None:
         return wrong
-    # with an observer the rows say nothing about the rate of the whole loop
-    if not loop.groups and not follows(check.rate, claim.alpha):
-        return "the rate does not follow"
-    return None
-
-
-def _not_tolerated(
-    check: Check, loop: Loop, W: Matrix | None, claim: Tolerance, base: Separable
-) -> str | None:
-    """None if the rows of ``base`` hold for all errors of the claim, and V falls."""
-    errors = claim.errors
-    answer = verify_separable(loop, replace(base, alpha=claim.alpha), errors=errors)
-    if answer.verdict is not Verdict.PROVED:
-        return answer.reason
-    if claim.eta is not None and errors.weights * observer_pull(loop, W, base) > claim.eta:
+    if claim.eta is not None and errors.weights * observer_pull(loop, case.W, base) > claim.eta:
         return (
             "eta is not shown to bound what the errors of the weights add to the estimation error"
         )
@@ -265,31 +255,36 @@ def observer_pull(loop: Loop, W: Matrix | None, base: Separable) -> Fraction:
 
 def why_not_local(loop: Loop) -> str | None:
     """Why the rows at the target say nothing; None if they do."""
-    if (reason := pins_obstacle(loop)) is not None:
+    reason = pins_obstacle(loop)
+    if reason is not None:
         return reason
     if not claims.acts_by_component(loop):
         return NOT_BY_COMPONENT
     if any(coupling.nonsmooth for coupling in loop.functions):
         return "does not apply: a coupling may have a kink at the target."
-    known = (
+    if agents_know(loop):
+        return None
+    return (
         "does not apply: observers that do not know the weights need a max-separable "
         "certificate ([region])."
     )
-    return None if agents_know(loop) else known
 
 
 def _not_local(loop: Loop, claim: Tolerance, v: Vector | Doubles) -> str | None:
     """The rows for the slopes at the target: sum w h'(0) (v_j - v_i) <= (k_i - alpha) v_i."""
     if least(v) <= 0:
         return "v must be > 0"
-    reason, profiles = why_not_local(loop), coupling_profiles(loop, v, rho=None)
-    for row, place in claims.rows(loop, v, errors=claim.errors) if reason is None else ():
+    reason = why_not_local(loop)
+    if reason is not None:
+        return reason
+    profiles = coupling_profiles(loop, v, rho=None)
+    for row, place in claims.rows(loop, v, errors=claim.errors):
         if linear_bound(row, 1, profiles) > (row.pull - claim.alpha) * row.own:
             return (
                 f"the row of agent {loop.labels[place.agent]} in mode {place.mode} "
                 "fails at the target"
             )
-    return reason
+    return None
 
 
 def largest_disturbance(loop: Loop) -> tuple[Fraction, ...] | None:
@@ -298,9 +293,7 @@ def largest_disturbance(loop: Loop) -> tuple[Fraction, ...] | None:
     given = None if loop.actuators is None else loop.actuators.amplitude
     if given is not None or not loop.groups:
         return (given or _ZERO,) * loop.n
-    if loop.uncertainty is not None and loop.uncertainty.drift:
-        return None
-    if not loop.xi0:
+    if not loop.xi0 or (loop.uncertainty is not None and loop.uncertainty.drift):
         return None
     starts = loop.xi0 if len(loop.xi0) > 1 else loop.xi0 * loop.n
     known: dict[tuple[int, Vector], Fraction | None] = {}  # agents often start alike
@@ -354,11 +347,16 @@ def limit_of(loop: Loop, label: str) -> Fraction | None:
 
 def pin_sizes(loop: Loop) -> tuple[Fraction, ...]:
     """|k_i|_1, the largest row sum of sizes, of each agent, with the errors of gains."""
-    more = 1 + (loop.uncertainty.gains if loop.uncertainty is not None else _ZERO)
-    sizes = {
-        i: more * max(sum(map(abs, row), _ZERO) for row in k) for i, k in loop.pulls.gains.items()
-    }
+    more = 1 + stated_errors(loop).gains
+    sizes = loop.pulls.each(lambda k: more * row_norm(k))
     return tuple(sizes.get(i, _ZERO) for i in range(loop.n))
+
+
+class Part(NamedTuple):
+    """|u_i - d_i| <= ``per_rho`` rho + ``rest`` on {V <= rho}."""
+
+    per_rho: Fraction
+    rest: Fraction
 
 
 def input_parts(
@@ -368,35 +366,28 @@ def input_parts(
     disturbance: Fraction,
     *,
     own_box: bool = False,
-) -> tuple[tuple[Fraction, Fraction], ...]:
-    """For each agent a and b with |u_i - d_i| <= a rho + b on {V <= rho}, from |eps_i| <=
-    ``disturbance``."""
+) -> tuple[Part, ...]:
+    """What inputs take of each agent, from |eps_i| <= ``disturbance``."""
     sizes = [k * x for k, x in zip(pin_sizes(loop), v, strict=True)]
     if error is None:
-        return tuple((size, _ZERO) for size in sizes)
+        return tuple(Part(size, _ZERO) for size in sizes)
     if not own_box and not agents_know(loop):  # errors of the weights act on E
-        return tuple((max(size, 1 / error.kappa), _ZERO) for size in sizes)
+        return tuple(Part(max(size, 1 / error.kappa), _ZERO) for size in sizes)
     first = root_above(error.size * disturbance**2, unit=ROOTS)
-    return tuple((size, max(_ZERO, 1 - error.kappa * size) * first) for size in sizes)
+    return tuple(Part(size, max(_ZERO, 1 - error.kappa * size) * first) for size in sizes)
 
 
 def loaded_inputs(
-    loop: Loop,
-    peaks: Peaks | None,
-    stage: Level,
-    error: ErrorBound | None,
-    disturbance: Fraction,
-    *,
-    room: Fraction = _ZERO,
-) -> tuple[tuple[Fraction, Fraction], ...]:
-    """The same under a disturbance, drift and noise, in the box of a stage of ``accuracy``;
-    ``room``: as in ``loads``.
+    plant: Plant, stage: Level, error: ErrorBound | None, disturbance: Fraction
+) -> tuple[Part, ...]:
+    """The same under a disturbance, drift and noise, in the box of a stage of ``accuracy``.
     Raises: UndefinedError."""
-    added = {
-        load.agent: (load.growing, load.by_input) for load in loads(loop, peaks, stage, room=room)
-    }
-    parts = enumerate(input_parts(loop, stage.v, error, disturbance, own_box=True))
-    return tuple((a + added[agent][0], b + added[agent][1]) for agent, (a, b) in parts)
+    parts = list(input_parts(plant.loop, stage.v, error, disturbance, own_box=True))
+    added = {load.agent: load for load in plant.loads(stage)}
+    for agent, (per_rho, rest) in enumerate(parts):
+        load = added[agent]
+        parts[agent] = Part(per_rho + load.growing, rest + load.by_input)
+    return tuple(parts)
 
 
 def _not_inputs(check: Check, loop: Loop, base: Separable, claim: Inputs) -> str | None:
@@ -412,59 +403,48 @@ def _not_inputs(check: Check, loop: Loop, base: Separable, claim: Inputs) -> str
 
 
 def _too_small(
-    loop: Loop,
-    claim: Inputs,
-    parts: Sequence[tuple[Fraction, Fraction]],
-    found: Sequence[Fraction],
+    loop: Loop, claim: Inputs, parts: Sequence[Part], found: Sequence[Fraction]
 ) -> str | None:
     """None if no input is larger than ``claim`` says, nor a bound above its limit."""
-    for label, (a, b), largest in zip(loop.labels, parts, found, strict=True):
+    for label, part, largest in zip(loop.labels, parts, found, strict=True):
         limit = limit_of(loop, label)
         most = claim.inputs[label]
         is_below = limit is None or most <= limit
-        if not is_below or a * claim.rho + b + largest > most:
+        if not is_below or part.per_rho * claim.rho + part.rest + largest > most:
             return f"the input of agent {label} may be larger, or exceed its limit"
     return None
 
 
-def _not_held(
-    check: Check,
-    loop: Loop,
-    W: Matrix | None,
-    claim: Inputs,
-    stage: Level,
-    final: Check | None,
-) -> str | None:
+def _not_held(check: Check, case: Case, claim: Inputs, stage: Level) -> str | None:
     """None if, under everything that [uncertainty] states, no start leaves the box and no input
     exceeds its bound."""
+    loop = case.loop
     found = largest_disturbance(loop)
     if loop.actuators is None or found is None or check.rate is not None:
         return (
             "it needs [actuators], a bound of the disturbance (with a drift: amplitude), and "
             "no rate"
         )
-    if (reason := not_final(loop, W)) is not None:
+    reason = not_final(loop, case.W)
+    if reason is not None:
         return reason
     peaks = None
     if stated_in(loop).absolute:
-        if final is None or final.verdict is not Verdict.PROVED:
+        final = case.proved(Accuracy)
+        if final is None:
             return "it needs a proved check of accuracy"
-        peaks = (
-            final.claim if isinstance(final.claim, Accuracy) else read_accuracy(final, loop, W)
-        ).peaks
+        peaks = final.peaks
     elif blind(loop):
         return "observers that do not know the weights need the box of max-separable"
     radius, noise = read_domain(check.domain, loop, kind=Box)
     box = Separable(v=stage.v, alpha=stage.alpha, rho=claim.rho, error=claim.error)
-    if (exosystem := loop.joint_exosystem) is not None:
-        if W is None or claim.error is None:
-            return "with an [exosystem] it needs P, beta, kappa and size"
-        if (why := error_bound_obstacle(exosystem, W, claim.error)) is not None:
-            return why
-        if not claim.error.kappa * claim.error.beta * box.least > 1:
-            return "kappa must exceed 1/(beta min v), or the observer error can raise V"
+    wrong = observer_obstacle(loop, case.W, box)
+    if wrong is not None:
+        return wrong
     if not covers(box, radius=max(radius, stage.level * box.least), disturbance=noise):
         return "its box, or the level, is not inside {V <= rho}"
-    if (why := not_shrinking(loop, peaks, stage)) is not None:
-        return why
-    return _too_small(loop, claim, loaded_inputs(loop, peaks, stage, claim.error, noise), found)
+    plant = Plant(loop=loop, peaks=peaks)
+    wrong = plant.not_shrinking(stage)
+    if wrong is not None:
+        return wrong
+    return _too_small(loop, claim, loaded_inputs(plant, stage, claim.error, noise), found)

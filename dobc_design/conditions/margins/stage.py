@@ -13,14 +13,14 @@ from itertools import chain
 import numpy as np
 from scipy import sparse
 
-from dobc_design.conditions.accuracy.decide import Accuracy, Level, Peaks, not_shrinking
+from dobc_design.conditions.accuracy.decide import Accuracy, Level, Plant
 from dobc_design.conditions.accuracy.stage import ROOM, covering_boxes
 from dobc_design.conditions.case import Case
 from dobc_design.conditions.check import Check, limited, undecided_check
 from dobc_design.conditions.coverage import NEAR, Asked, Progress
 from dobc_design.conditions.domain import EVERYWHERE, Around, Box, Domain
 from dobc_design.conditions.margins import decide
-from dobc_design.conditions.margins.decide import Inputs, Tolerance
+from dobc_design.conditions.margins.decide import Inputs, Part, Tolerance
 from dobc_design.conditions.numbers import (
     claimed,
     decimal_below,
@@ -35,6 +35,7 @@ from dobc_design.conditions.separable.claim import (
     Separable,
     acts_by_component,
     holding_gains,
+    stated_errors,
 )
 from dobc_design.conditions.separable.decide import NOT_BY_COMPONENT, verify_separable
 from dobc_design.conditions.separable.propose_limits import largest_rate
@@ -104,7 +105,7 @@ NOT_FINAL = (
 NO_BOX = "no box is found that holds the starts and is not left under what the file states."
 SLOWLY = (0.01, 0.1)  # parts of the largest rate that weights of their own are made for
 NO_PROOF = "there is no proved max-separable certificate that it could rest on."
-_ZERO = Fraction(0)
+_ZERO, ONE = Fraction(0), Fraction(1)
 
 
 def is_asked(asked: Asked) -> bool:
@@ -113,18 +114,22 @@ def is_asked(asked: Asked) -> bool:
     return asked.loop.actuators is not None or unknown
 
 
+def _case(asked: Asked, checks: Iterable[Check]) -> Case:
+    return Case(loop=asked.loop, W=asked.W, domain=asked.domain, checks=tuple(checks))
+
+
 def margins_stage(asked: Asked, checks: Sequence[Check], report: Progress) -> list[Check]:
     """The tolerance beside ``checks``, where there is one."""
     if asked.loop.drift is not None:
         return []
-    proof = None
-    for check in checks:
-        is_plain = isinstance(check.claim, Separable) and check.claim.T is None
-        if is_plain and check.verdict is Verdict.PROVED:
-            proof = check
-            break
     report("deciding the tolerance")
-    found = limited("tolerance", asked.domain, lambda: _tolerance(asked, proof))
+    # Rows in coordinates say nothing about errors of weights.
+    beside = []
+    for check in checks:
+        if isinstance(check.claim, Separable) and check.claim.T is None:
+            beside.append(check)
+    case = _case(asked, beside)
+    found = limited("tolerance", asked.domain, lambda: _tolerance(asked, case))
     if found.verdict is not Verdict.PROVED and _given(asked) is None:
         return []  # nobody asked for it
     return [found]
@@ -132,43 +137,41 @@ def margins_stage(asked: Asked, checks: Sequence[Check], report: Progress) -> li
 
 def _given(asked: Asked) -> Errors | None:
     """The errors of [uncertainty]; None without any."""
-    table = asked.loop.uncertainty
-    if table is None or not (table.weights or table.gains):
-        return None
-    return Errors(table.weights, table.gains)
+    errors = stated_errors(asked.loop)
+    return errors if any(errors) else None
 
 
-def _tolerance(asked: Asked, proof: Check | None) -> Check:
+def _tolerance(asked: Asked, case: Case) -> Check:
     """The errors of [uncertainty] if these are tolerated, else about the largest that are; beside
-    ``proof``, a max-separable check, or at the target."""
+    the max-separable proof of the case, or at the target."""
     loop, given = asked.loop, _given(asked)
-    why = decide.why_not_local(loop)
+    proof, base = case.proof(Separable), case.proved(Separable)
     undecided = partial(undecided_check, "tolerance", asked.domain)
     is_large = sum(map(len, loop.modes.values())) > TIMED_ARCS
     if is_large and given is None:
         return undecided(
             f"left out: the network is large; tolerances are examined up to {TIMED_ARCS} arcs."
         )
-    if given is not None and (apart := why_no_weights(loop)) is not None:
+    apart = None if given is None else why_no_weights(loop)
+    if apart is not None:
         return undecided(apart)
+    why = decide.why_not_local(loop)
     is_local = why is None and (not loop.groups or asked.W is not None)
     if (not asked.wanted or proof is None) and is_local:
         # without a region the question is about the target, not about the box that was found
-        proof = None
+        proof = base = None
         if asked.wanted and asked.domain != EVERYWHERE:
             return undecided(NO_PROOF)
     elif proof is None:
         return undecided(why or NO_PROOF, applies=why is None)
-    base = proof.claim if proof is not None and isinstance(proof.claim, Separable) else None
     try:
         find = _at_target(asked) if base is None else _in_region(asked, base)
     except UndefinedError as error:
         return undecided(f"the slopes of the coupling are not bounded: {error}")
-    claim, part = None, _ZERO
-    if given is not None:
-        claim = find(given)
+    part = _ZERO
+    claim = None if given is None else find(given)
     if claim is None and not is_large:
-        direction = given or Errors(Fraction(1), Fraction(1))
+        direction = given or Errors(ONE, ONE)
         part, claim = _largest(lambda part: find(Errors(*(part * x for x in direction))))
     if claim is None:
         return undecided("the errors are too large for the certificate.")
@@ -187,7 +190,7 @@ def _tolerance(asked: Asked, proof: Check | None) -> Check:
         claim=claim,
         reason=_tolerated(claim, is_largest=bool(part), needs_hurwitz=not has_rate),
     )
-    return _confirmed(asked, check, proof)
+    return _confirmed(check, case)
 
 
 def _tolerated(claim: Tolerance, *, is_largest: bool, needs_hurwitz: bool) -> str:
@@ -203,52 +206,51 @@ def _tolerated(claim: Tolerance, *, is_largest: bool, needs_hurwitz: bool) -> st
     return reason
 
 
-def _confirmed(asked: Asked, check: Check, proof: Check | None) -> Check:
-    wrong = decide.confirm(check, asked.loop, asked.W, domain=asked.domain, proof=proof)
-    return check if wrong is None else undecided_check(check.id, asked.domain, wrong)
+def _confirmed(check: Check, case: Case) -> Check:
+    wrong = decide.confirm(check, case)
+    return check if wrong is None else undecided_check(check.id, case.domain, wrong)
 
 
 def _largest(find: Callable[[Fraction], Tolerance | None]) -> tuple[Fraction, Tolerance | None]:
     """About the largest part <= LARGEST (three digits) for which something is found, and that."""
     low = high = LARGEST
-    for _ in range(HALVINGS):
-        best = find(low)
+    best = find(low)
+    for _ in range(HALVINGS - 1):
         if best is not None:
             break
         low, high = rounded_down(low / 2, digits=3), low
+        best = find(low)
     if best is None:
-        return low, None
+        return _ZERO, None
 
     def middle(low: Fraction, high: Fraction) -> Fraction:
         return rounded_down((low + high) / 2, digits=3)
 
+    def close(low: Fraction, high: Fraction) -> bool:
+        return not low < middle(low, high) < high
+
     return last_found(
-        lambda part, _: find(part),
-        best,
-        low,
-        high,
-        steps=STEPS,
-        middle=middle,
-        close=lambda low, high: not low < middle(low, high) < high,
+        lambda part, _: find(part), best, low, high, steps=STEPS, middle=middle, close=close
     )
 
 
 def _in_region(asked: Asked, base: Separable) -> Callable[[Errors], Tolerance | None]:
     """The rows of ``base``: for the errors that are given at nearly the largest rate, else at a
     small part of its."""
-    loop, kappa = asked.loop, _ZERO if base.error is None else base.error.kappa
+    loop, given = asked.loop, _given(asked)
+    kappa = _ZERO if base.error is None else base.error.kappa
     known = decide.agents_know(loop)
     pull = _ZERO if known else decide.observer_pull(loop, asked.W, base)
+    kept = base.alpha * (KEPT if given is None else LEAST_KEPT)
 
     def find(errors: Errors) -> Tolerance | None:
-        kept = base.alpha * (KEPT if _given(asked) is None else LEAST_KEPT)
         eta = None if known else rounded_up(errors.weights * pull * WIDER, digits=6)
         alpha = kappa * (eta or _ZERO) + kept
-        answer = verify_separable(loop, replace(base, alpha=alpha), errors=errors)
-        if answer.verdict is not Verdict.PROVED:
+        slower = replace(base, alpha=alpha)
+        if verify_separable(loop, slower, errors=errors).wrong is not None:
             return None
         alpha -= kept / 2
-        if errors == _given(asked):
+        if errors == given:
             best = largest_rate(loop, base.v, rho=base.rho, errors=errors) or _ZERO
             alpha = max(alpha, best * (1 - IN_HAND))
         return Tolerance(errors=errors, alpha=alpha, eta=eta)
@@ -282,74 +284,107 @@ def inputs_stage(asked: Asked, checks: Sequence[Check], report: Progress) -> lis
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Plan:
-    """A box that is not left, {V <= rho} with room for ``starts``, and a, b of every agent: |u_i -
-    d_i| <= a rho + b. ``starts``: |e_i| and |eps_i| at most."""
+    """A box that is not left, {V <= rho} with room for ``starts``, and what the inputs of every
+    agent take of it.  ``starts``: |e_i| and |eps_i| at most; ``disturbances``: |d_i| at most."""
 
+    loop: Loop
     starts: tuple[float, float]
     rho: Fraction
-    parts: Sequence[tuple[Fraction, Fraction]]
+    parts: Sequence[Part]
+    disturbances: Sequence[Fraction]
     v: Sequence[Fraction]
     stage: Level | None = None
     error: ErrorBound | None = None
 
-    def inputs(self, found: Sequence[Fraction]) -> list[Fraction]:
-        """The largest inputs, with d_i at most ``found``."""
-        pairs = zip(self.parts, found, strict=True)
-        return [rounded_up((a * self.rho + b + d) * MORE, digits=6) for (a, b), d in pairs]
+    @property
+    def inputs(self) -> list[Fraction]:
+        """The largest inputs."""
+        found = []
+        for (a, b), d in zip(self.parts, self.disturbances, strict=True):
+            found.append(rounded_up((a * self.rho + b + d) * MORE, digits=6))
+        return found
+
+    @property
+    def limits(self) -> list[Fraction | None]:
+        """The limits of the agents."""
+        return [decide.limit_of(self.loop, label) for label in self.loop.labels]
+
+    @property
+    def worst(self) -> Fraction:
+        """The largest input as a part of its limit; 0 without limits."""
+        worst = _ZERO
+        for most, limit in zip(self.inputs, self.limits, strict=True):
+            if limit is not None:
+                worst = max(worst, most / limit)
+        return worst
+
+    def smaller_starts(self) -> tuple[float, float]:
+        """Starts so much smaller that no input exceeds its limit, if the disturbance leaves
+        room."""
+        part = ONE
+        for (a, b), d, limit in zip(self.parts, self.disturbances, self.limits, strict=True):
+            taken = a * self.rho + b
+            if limit is not None and taken > 0:
+                part = min(part, (limit - d) / taken / 2)
+        part = max(part, Fraction(1, 10**9))
+        radius, disturbance = (decimal_below(claimed(x) * part) for x in self.starts)
+        return radius, disturbance
+
+    def least_rho(self, level: Fraction) -> Fraction:
+        """The least rho, about, with the starts of the errors' estimates and the level in
+        {V <= rho}."""
+        return _level_of(self.v, self.error, (0.0, self.starts[1]), level)
 
 
 def _actuators(asked: Asked, checks: Sequence[Check]) -> Check:
     loop = asked.loop
-    case = Case(loop=loop, W=asked.W, domain=asked.domain, checks=tuple(checks))
+    case = _case(asked, checks)
+    undecided = partial(undecided_check, "actuators", asked.domain)
     found = decide.largest_disturbance(loop)
-    proof, final = case.proof(Separable), case.proof(Accuracy)
     if found is None:
         why = "simulation.xi0 gives no sum of constants and sines"
         if loop.uncertainty is not None and loop.uncertainty.drift:
             why = "with a drift of the amplitudes simulation.xi0 bounds nothing"
         reason = f"does not apply: {why}: give actuators.amplitude."
-        return undecided_check("actuators", asked.domain, reason, applies=False)
+        return undecided(reason, applies=False)
     if not acts_by_component(loop):
-        return undecided_check("actuators", asked.domain, NOT_BY_COMPONENT, applies=False)
-    if (apart := why_no_weights(loop)) is not None:
-        return undecided_check("actuators", asked.domain, apart)
+        return undecided(NOT_BY_COMPONENT, applies=False)
+    apart = why_no_weights(loop)
+    if apart is not None:
+        return undecided(apart)
     stated, tolerated = stated_in(loop), case.proved(Tolerance)
-    if stated.absolute and final is None:
-        return undecided_check("actuators", asked.domain, NOT_FINAL)
-    base = proof.claim if proof is not None and isinstance(proof.claim, Separable) else None
-    base = None if base is None or base.T is not None else base
+    if stated.absolute and case.proof(Accuracy) is None:
+        return undecided(NOT_FINAL)
+    base = case.proved(Separable)
+    if base is not None and base.T is not None:
+        base = None
     if base is not None and base.rho is None and not (asked.wanted or stated.limit):
         reason = "does not apply: inputs have no bound from every start: give a [region]."
-        return undecided_check("actuators", asked.domain, reason, applies=False)
+        return undecided(reason, applies=False)
     # The rows of max-separable count errors where the tolerance has shown that they do.
     at_target = stated.relative and tolerated is not None and tolerated.v is not None
     plans: Iterable[_Plan] = ()
-    if proof is not None and base is not None and not stated.absolute and not at_target:
-        plans = _box_of_proof(asked, proof, base, found)
-    plan, least = None, _ZERO
-    for each in chain(plans, _boxes_of_their_own(asked, base, final)):
-        worst = _worst(loop, each.inputs(found))
+    if base is not None and not stated.absolute and not at_target:
+        plans = _box_of_proof(asked, case, base, found)
+    plan = None
+    least = _ZERO
+    for each in chain(plans, _boxes_of_their_own(asked, case, base, found)):
+        worst = each.worst
         if plan is None or worst < least:
             plan, least = each, worst
         if least <= 1:
             break
     if plan is None:
-        return undecided_check("actuators", asked.domain, NO_BOX)
+        return undecided(NO_BOX)
     if least > 1:
-        return undecided_check("actuators", asked.domain, _too_large(asked, plan, found))
-    return _bounded(asked, plan, found, proof, final)
+        return undecided(_too_large(asked, plan))
+    return _bounded(case, plan)
 
 
-def _bounded(
-    asked: Asked,
-    plan: _Plan,
-    found: Sequence[Fraction],
-    proof: Check | None,
-    final: Check | None,
-) -> Check:
+def _bounded(case: Case, plan: _Plan) -> Check:
     """The check of a plan whose inputs keep their limits, if it is confirmed."""
-    loop = asked.loop
-    most = dict(zip(loop.labels, plan.inputs(found), strict=True))
+    loop = case.loop
+    most = dict(zip(loop.labels, plan.inputs, strict=True))
     worst = max(most, key=lambda label: most[label])
     reason = (
         f"from these starts no component of an input exceeds {float(most[worst]):.6g} (agent "
@@ -361,29 +396,17 @@ def _bounded(
     claim = Inputs(rho=plan.rho, inputs=most, stage=plan.stage, error=error)
     domain = Box(*plan.starts)
     check = Check(id="actuators", verdict=Verdict.PROVED, domain=domain, claim=claim, reason=reason)
-    wrong = decide.confirm(check, loop, asked.W, domain=asked.domain, proof=proof, final=final)
-    return check if wrong is None else undecided_check("actuators", asked.domain, wrong)
-
-
-def _worst(loop: Loop, inputs: Sequence[Fraction]) -> Fraction:
-    """The largest input as a part of its limit; 0 without limits."""
-    worst = _ZERO
-    for label, most in zip(loop.labels, inputs, strict=True):
-        limit = decide.limit_of(loop, label)
-        if limit is not None:
-            worst = max(worst, most / limit)
-    return worst
+    return _confirmed(check, case)
 
 
 def _starts(asked: Asked, domain: Domain) -> tuple[float, float]:
     """The starts asked for, if a domain holds them, else its own; without a region the largest that
     are tried."""
+    own = asked.radius, asked.disturbance
     if not isinstance(domain, Around):
-        return asked.radius, asked.disturbance
+        return own
     holds = domain.radius >= asked.radius and domain.disturbance >= asked.disturbance
-    if asked.wanted and holds:
-        return asked.radius, asked.disturbance
-    return domain.radius, domain.disturbance
+    return own if asked.wanted and holds else (domain.radius, domain.disturbance)
 
 
 def _level_of(
@@ -398,49 +421,47 @@ def _level_of(
 
 
 def _box_of_proof(
-    asked: Asked, proof: Check, base: Separable, found: Sequence[Fraction]
+    asked: Asked, case: Case, base: Separable, found: Sequence[Fraction]
 ) -> Iterator[_Plan]:
     """The box of max-separable that holds the starts; without a region a smaller one, where a limit
     asks for it."""
     loop, v = asked.loop, tuple(base.v)
-    starts = _starts(asked, proof.domain)
+    proof = case.proof(Separable)
+    starts = _starts(asked, asked.domain if proof is None else proof.domain)
     for _ in range(2):
         rho = _level_of(v, base.error, starts, _ZERO)
-        rho = rho if base.rho is None else min(rho, base.rho)
+        if base.rho is not None:
+            rho = min(rho, base.rho)
         parts = decide.input_parts(loop, v, base.error, claimed(starts[1]))
-        plan = _Plan(starts=starts, rho=rho, parts=parts, v=v, error=base.error)
+        plan = _Plan(
+            loop=loop,
+            starts=starts,
+            rho=rho,
+            parts=parts,
+            disturbances=found,
+            v=v,
+            error=base.error,
+        )
         yield plan
         if asked.wanted:
             return
-        starts = _smaller(loop, plan, starts, found)
-
-
-def _smaller(
-    loop: Loop, plan: _Plan, starts: tuple[float, float], found: Sequence[Fraction]
-) -> tuple[float, float]:
-    """Starts so much smaller that no input exceeds its limit, if the disturbance leaves room."""
-    part = Fraction(1)
-    for label, (a, b), d in zip(loop.labels, plan.parts, found, strict=True):
-        limit = decide.limit_of(loop, label)
-        if limit is not None and a * plan.rho + b > 0:
-            part = min(part, (limit - d) / (a * plan.rho + b) / 2)
-    part = max(part, Fraction(1, 10**9))
-    radius = decimal_below(claimed(starts[0]) * part)
-    disturbance = decimal_below(claimed(starts[1]) * part) if starts[1] else 0.0
-    return radius, disturbance
+        starts = plan.smaller_starts()
 
 
 def _boxes_of_their_own(
-    asked: Asked, base: Separable | None, final: Check | None
+    asked: Asked, case: Case, base: Separable | None, found: Sequence[Fraction]
 ) -> Iterator[_Plan]:
     """Boxes that hold the starts under all that [uncertainty] states: that of ``accuracy``, and
     those with the least weights, which want the least inputs."""
-    loop, peaks, error = asked.loop, None, None if base is None else base.error
+    loop = asked.loop
+    error = None if base is None else base.error
     levels: list[tuple[Level, ErrorBound | None]] = []
     domain: Domain = Box(asked.radius, asked.disturbance)
-    if final is not None and isinstance(final.claim, Accuracy):
-        peaks, error, domain = final.claim.peaks, final.claim.error or error, final.domain
-        levels += [(stage, error) for stage in final.claim.stages[:1]]
+    peaks = None
+    proof, final = case.proof(Accuracy), case.proved(Accuracy)
+    if proof is not None and final is not None:
+        peaks, error, domain = final.peaks, final.error or error, proof.domain
+        levels = [(stage, error) for stage in final.stages[:1]]
     elif decide.blind(loop):
         return
     exosystem = loop.joint_exosystem
@@ -449,77 +470,81 @@ def _boxes_of_their_own(
     if exosystem is not None and error is None:
         return
     starts = _starts(asked, domain) if asked.wanted else (NEAR, NEAR * bool(loop.groups))
+    box = claimed(starts[0]), claimed(starts[1])
+    plant = Plant(loop=loop, peaks=peaks, room=ROOM)
     for part in SLOWLY:
-        held = covering_boxes(
-            loop, peaks, error, (claimed(starts[0]), claimed(starts[1])), slowly=part
-        )
-        for level, own in chain(levels, held):
+        for level, own in chain(levels, covering_boxes(plant, error, box, slowly=part)):
             levels = []
-            yield from _plan_of(loop, peaks, level, own, starts)
+            plan = _plan_of(plant, level, own, starts, found)
+            if plan is not None:
+                yield plan
 
 
 def _plan_of(
-    loop: Loop,
-    peaks: Peaks | None,
+    plant: Plant,
     level: Level,
     error: ErrorBound | None,
     starts: tuple[float, float],
-) -> Iterator[_Plan]:
+    found: Sequence[Fraction],
+) -> _Plan | None:
     """The plan of a stage, if its rows hold in a box with these starts."""
-    v, linear = tuple(level.v), loop.is_linear
+    v, linear = tuple(level.v), plant.loop.is_linear
     if error is not None and (linear or error.kappa * error.beta * min(v) <= 1):
-        error = replace(error, kappa=_kappa(error, v))
+        # the least kappa, about, for these weights
+        kappa = rounded_up(1 / (error.beta * min(v)) * (1 + Fraction(1, 10**5)), digits=9)
+        error = replace(error, kappa=kappa)
     rho = _level_of(v, error, starts, level.level)
-    rho = rho if level.rho is None else min(rho, level.rho)
+    if level.rho is not None:
+        rho = min(rho, level.rho)
     if rho < level.level:
-        return
+        return None
     stage = replace(level, rho=None if linear else rho)
-    if not_shrinking(loop, peaks, stage, room=ROOM) is None:
-        parts = decide.loaded_inputs(loop, peaks, stage, error, claimed(starts[1]), room=ROOM)
-        yield _Plan(starts=starts, rho=rho, parts=parts, v=v, stage=stage, error=error)
+    if plant.not_shrinking(stage) is not None:
+        return None
+    return _Plan(
+        loop=plant.loop,
+        starts=starts,
+        rho=rho,
+        parts=decide.loaded_inputs(plant, stage, error, claimed(starts[1])),
+        disturbances=found,
+        v=v,
+        stage=stage,
+        error=error,
+    )
 
 
-def _kappa(error: ErrorBound, v: Sequence[Fraction]) -> Fraction:
-    """The least kappa, about, for these weights."""
-    return rounded_up(1 / (error.beta * min(v)) * (1 + Fraction(1, 10**5)), digits=9)
-
-
-def _too_large(asked: Asked, plan: _Plan, found: Sequence[Fraction]) -> str:
+def _too_large(asked: Asked, plan: _Plan) -> str:
     """Which input may exceed its limit, and what would keep it below."""
-    loop = asked.loop
-    inputs = plan.inputs(found)
+    loop, inputs, limits = plan.loop, plan.inputs, plan.limits
     over: list[tuple[Fraction, str]] = []  # the rho at which an input keeps its limit
-    for label, (a, b), d, most in zip(loop.labels, plan.parts, found, inputs, strict=True):
-        limit = decide.limit_of(loop, label)
+    for place, (limit, most) in enumerate(zip(limits, inputs, strict=True)):
         if limit is not None and most > limit:
-            over.append(((limit - b - d) / a if a else _ZERO, label))
+            per_rho, rest = plan.parts[place]
+            left = limit - rest - plan.disturbances[place]
+            over.append((left / per_rho if per_rho else _ZERO, loop.labels[place]))
     lower, label = min(over)
-    from_target = (0.0, plan.starts[1])
-    level = plan.stage.level if plan.stage else _ZERO
-    least = _level_of(plan.v, plan.error, from_target, level)
     place = loop.index[label]
-    allowed = decide.limit_of(loop, label) or _ZERO
+    allowed, alone = limits[place] or _ZERO, plan.disturbances[place]
     per_rho, rest = plan.parts[place]
-    most = inputs[place]
     reason = (
-        f"the input of agent {label} may reach {float(most):.6g}, more than its limit of "
+        f"the input of agent {label} may reach {float(inputs[place]):.6g}, more than its limit of "
         f"{float(allowed):.6g}."
     )
-    if allowed <= found[place]:
-        alone = float(found[place])
-        return f"{reason} The disturbance alone may need {alone:.6g}, {NO_ROOM}"
-    if allowed - rest - found[place] <= 0:
+    if allowed <= alone:
+        return f"{reason} The disturbance alone may need {float(alone):.6g}, {NO_ROOM}"
+    if allowed - rest - alone <= 0:
         return (
-            f"{reason} The disturbance may need {float(found[place]):.6g}, errors of estimates "
+            f"{reason} The disturbance may need {float(alone):.6g}, errors of estimates "
             f"and noise {float(rest):.6g}."
         )
+    least = plan.least_rho(plan.stage.level if plan.stage else _ZERO)
     if plan.stage is not None and lower < least:  # no smaller box is known to be kept
         if not stated_in(loop).absolute:
             return reason
-        alone = float(per_rho * least + rest + found[place])
-        reason += f" From starts at the target its bound is still {alone:.6g}:"
+        bound = float(per_rho * least + rest + alone)
+        reason += f" From starts at the target its bound is still {bound:.6g}:"
         return f"{reason} what [uncertainty] states brings it there."
-    box = (lower - _level_of(plan.v, plan.error, from_target, _ZERO)) * min(plan.v)
+    box = (lower - plan.least_rho(_ZERO)) * min(plan.v)
     if box > 0:
         when = f"from starts with |e_i| <= {_told(box)}"
         when += " and the same |eps_i|" if loop.groups else ""

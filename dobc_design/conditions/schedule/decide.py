@@ -201,8 +201,8 @@ def _takes_over(loop: Loop, W: Matrix | None, claim: Descent) -> Iterator[Need]:
     else:
         yield claim.stretch == 1, "stretch is 1 unless the certificate is quadratic."
         if isinstance(own, Separable):
-            answer = verify_composite(loop, W, own)
-            yield answer.verdict is Verdict.PROVED, answer.reason
+            wrong = verify_composite(loop, W, own).wrong
+            yield wrong is None, str(wrong)
         else:
             yield from _cycles_hold(loop, W, claim, own)
         yield from _weights_hold(claim, own)

@@ -30,6 +30,7 @@ from dobc_design.conditions.separable.coordinates import enclosed_ranges
 from dobc_design.conditions.separable.propose_coordinates import (
     Agents,
     Gains,
+    Rows,
     candidates,
     in_floats,
 )
@@ -101,31 +102,27 @@ def _steepest(rho: Fraction | None) -> float:
 class _Turned:
     """Rows of a mode in coordinates z = T e, for fixed gains."""
 
-    agents: Agents
-    T: Array
-    gains: Gains
+    rows: Rows
 
     @classmethod
     def of(cls, loop: Loop, T: Matrix, gains: Gains) -> dict[str, _Turned]:
         """By mode."""
         agents = Agents.of(loop, most=loop.n)
-        in_floats = to_float(T)
+        turned = to_float(T)
         found = dict[str, _Turned]()
         for mode, arcs in zip(loop.modes, agents.modes, strict=True):
             alone = replace(agents, modes=(arcs,))
-            found[mode] = cls(agents=alone, T=in_floats, gains=gains)
+            found[mode] = cls(rows=Rows.of(alone, turned, gains))
         return found
 
     def matrix(self) -> Array:
         """What the slopes are for weights of 1, as a matrix."""
-        ones = np.ones((self.agents.size, len(self.T)))
-        _, sparse = self.agents.rows(self.T, self.gains, ones)
+        _, sparse = self.rows.chosen(self.rows.agents.ones)
         return np.asarray(sparse.toarray())
 
     def pull(self, v: Array, _: Sequence[float]) -> Array:
         """The slopes (count, n m) that the rows ask of weights v (count, n m)."""
-        by_agent = v.reshape(len(v), -1, len(self.T))
-        found = self.agents.largest(self.T, self.gains, by_agent)
+        found = self.rows.largest(v.reshape(len(v), -1, len(self.rows.T)))
         return np.asarray(found.reshape(v.shape))
 
 
@@ -220,9 +217,7 @@ def propose_in_coordinates(
     """The same in coordinates z = T e, for starts |e|_inf, |eps_i| <= those of ``box``; None:
     linear couplings."""
     agents = Agents.of(loop, most=loop.n)
-    ones = np.ones((loop.n, loop.m))
-    reach = float(box[0] if box else 1)
-    near = agents.gains_at(np.eye(loop.m), ones, reach)
+    near = agents.gains_near(float(box[0] if box else 1))
     if near is None:
         return None
     for T in _fastest_coordinates(loop, agents, near):
@@ -245,9 +240,8 @@ def _fastest_coordinates(loop: Loop, agents: Agents, near: Gains) -> list[Matrix
     phases = loop.guarantee.phases
     rates = dict[Matrix, float]()
     for T in candidates(agents, near):
-        if T is not None and T not in rates:
-            linear = _Linear.of(phases, _Turned.of(loop, T, near))
-            rates[T] = linear.estimate()
+        linear = _Linear.of(phases, _Turned.of(loop, T, near))
+        rates[T] = linear.estimate()
     falling = [T for T, rate in rates.items() if rate > 0]
     return sorted(falling, key=lambda T: -rates[T])[:MOST_COORDINATES]
 

@@ -43,7 +43,7 @@ from dobc_design.conditions.schedule.settling import Settling, guarantee_of, pro
 from dobc_design.conditions.separable.checks import obstacle
 from dobc_design.conditions.separable.claim import ErrorBound, Separable, acts_by_component
 from dobc_design.conditions.separable.propose import (
-    design_separable,
+    Cover,
     first_certificate,
     flatter_plans,
 )
@@ -188,7 +188,7 @@ def settle(loop: Loop, W: Matrix | None, asked: Asked, *, progress: Progress) ->
 
 def _by_one_certificate(loop: Loop, W: Matrix | None, asked: Asked) -> Descent | None:
     """A proved claim by a max-separable certificate that holds all starts."""
-    plan = design_separable(loop, radius=asked.radius, disturbance=asked.disturbance, W=W)
+    plan = Cover(loop=loop, radius=asked.radius, disturbance=asked.disturbance, W=W).fastest()
     if plan is None:
         return None
     for each in chain((plan,), flatter_plans(loop, plan)):

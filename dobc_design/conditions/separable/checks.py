@@ -8,11 +8,15 @@ it shows.
 from __future__ import annotations
 
 from fractions import Fraction
+from functools import partial
 from typing import Final
 
+from dobc_design.conditions.case import Case
 from dobc_design.conditions.check import Check, Witness, read_domain, undecided_check
 from dobc_design.conditions.consensus.network import name_agents
+from dobc_design.conditions.coverage import Asked
 from dobc_design.conditions.domain import EVERYWHERE, Box, Domain
+from dobc_design.conditions.kinds import MAX_SEPARABLE
 from dobc_design.conditions.numbers import (
     claimed,
     decimal_below,
@@ -46,54 +50,49 @@ def obstacle(loop: Loop, W: Matrix | None, *, turned: bool = False) -> str | Non
     with the gain W (q, m); None if it does."""
     if not turned and not claims.acts_by_component(loop):
         return NOT_BY_COMPONENT
-    if turned and (reason := pins_obstacle(loop)) is not None:
-        return reason
-    if loop.groups and W is None:
+    reason = pins_obstacle(loop) if turned else None
+    if reason is None and loop.groups and W is None:
         return (
             "does not apply: there is no observer gain W, and without one the estimation error "
             "is not bounded."
         )
-    return None
+    return reason
 
 
 def max_separable_check(
-    loop: Loop,
-    W: Matrix | None,
-    claim: Separable,
-    *,
-    radius: float,
-    disturbance: float,
-    domain: Domain,
-    remark: str = "",
+    asked: Asked, claim: Separable, *, radius: float, remark: str = ""
 ) -> Check:
-    """Decide ``claim`` as a proof for every start with |e|_inf <= radius and |eps_i| <=
-    disturbance.  ``domain``: that of Lemma 1, for a claim that is not proved.  A claim without rho
-    is about all starts.  ``remark`` is added to the reason. Returns: a Check, PROVED or UNDECIDED;
-    that one claim fails says nothing against the others."""
-    if (reason := obstacle(loop, W, turned=claim.T is not None)) is not None:
-        return undecided_check("max-separable", domain, reason, applies=False)
-    answer = verify_composite(loop, W, claim)
-    if answer.verdict is not Verdict.PROVED:
-        return undecided_check("max-separable", domain, answer.reason)
-    if not covers(claim, radius=claimed(radius), disturbance=claimed(disturbance)):
-        return undecided_check(
-            "max-separable", domain, "the box asked for is not inside the invariant set."
-        )
+    """Decide ``claim`` as a proof for every start with |e|_inf <= radius and |eps_i| as asked.  A
+    claim without rho is about all starts.  ``remark`` is added to the reason.  Returns: a Check,
+    PROVED or UNDECIDED; that one claim fails says nothing against the others."""
+    loop = asked.loop
+    undecided = partial(undecided_check, MAX_SEPARABLE, asked.domain)
+    reason = obstacle(loop, asked.W, turned=claim.T is not None)
+    if reason is not None:
+        return undecided(reason, applies=False)
+    wrong = verify_composite(loop, asked.W, claim).wrong
+    if wrong is not None:
+        return undecided(wrong)
+    if not covers(claim, radius=claimed(radius), disturbance=claimed(asked.disturbance)):
+        return undecided("the box asked for is not inside the invariant set.")
     rate = decimal_below(composite_rate(claim))
     if not rate:
-        return undecided_check(
-            "max-separable", domain, "the rate of the whole loop is not shown to be positive."
-        )
-    starts = "every start" if claim.rho is None else f"every start with |e_i| <= {radius:.6g}"
-    if loop.groups and claim.rho is not None:
-        starts += f" and |eps_i| <= {disturbance:.6g}"
+        return undecided("the rate of the whole loop is not shown to be positive.")
+    domain: Domain = EVERYWHERE
+    starts = "every start"
+    if claim.rho is not None:
+        domain = Box(radius, asked.disturbance)
+        starts += f" with |e_i| <= {radius:.6g}"
+        if loop.groups:
+            starts += f" and |eps_i| <= {asked.disturbance:.6g}"
     measure = "max_i |e_i|/v_i" if claim.T is None else "max_ic |(T e_i)_c|/v_ic"
-    measure += "" if claim.error is None else f" + {float(claim.error.kappa):.4g} max_i |eps_i|_P"
+    if claim.error is not None:
+        measure += f" + {float(claim.error.kappa):.4g} max_i |eps_i|_P"
     everywhere = ", in every mode" if len(loop.modes) > 1 else ""
     return Check(
-        id="max-separable",
+        id=MAX_SEPARABLE,
         verdict=Verdict.PROVED,
-        domain=EVERYWHERE if claim.rho is None else Box(radius, disturbance),
+        domain=domain,
         rate=rate,
         claim=claim,
         reason=f"{starts} reaches the target: V = {measure} decays at least like "
@@ -117,24 +116,22 @@ def stuck_check(loop: Loop, W: Matrix | None, *, domain: Domain) -> Check | None
     stuck = claims.stuck_agents(loop)
     if obstacle(loop, W) is not None or not stuck:
         return None
-    labels = tuple(loop.labels[agent] for agent in stuck)
+    labels = tuple(loop.named(stuck))
     held = "pinned" if loop.m == 1 else "held by a pin in every component"
     reason = (
         f"no weights v exist because of {name_agents(labels)}: each agent named has a mode in "
-        "which it is not"
+        f"which it is not {held} and hears nobody outside this group."
     )
-    reason += f" {held} and hears nobody outside this group."
     if len(loop.modes) > 1 and len(labels) <= _SHOWN:
-        told = ", ".join(
-            f"{label} in {mode}" for label, mode in zip(labels, stuck.values(), strict=True)
-        )
+        modes = zip(labels, stuck.values(), strict=True)
+        told = ", ".join(f"{label} in {mode}" for label, mode in modes)
         reason = (
             f"no common weights v exist: these agents are not {held} and hear only each other: "
             f"{told}."
         )
     witness = Witness(kind="agents", labels=labels)
     return Check(
-        id="max-separable", verdict=Verdict.REFUTED, domain=domain, reason=reason, witness=witness
+        id=MAX_SEPARABLE, verdict=Verdict.REFUTED, domain=domain, reason=reason, witness=witness
     )
 
 
@@ -145,7 +142,7 @@ def delay_check(
     ``bound.delay`` (s)."""
     answer = verify_delay(loop, claim, bound)
     rate = decimal_below(bound.rate)
-    if answer.verdict is not Verdict.PROVED or not rate:
+    if answer.wrong is not None or not rate:
         return undecided_check("delay", domain, answer.reason)
     reason = (
         "stable for every bounded communication delay; for delays up to "
@@ -163,126 +160,109 @@ def delay_check(
 
 
 def sampling_check(
-    loop: Loop,
-    claim: Separable,
-    beside: Check,
-    *,
-    domain: Domain,
-    W: Matrix | None = None,
-    own: Separable | None = None,
+    case: Case, claim: Separable, beside: Check, *, own: Separable | None = None
 ) -> Check:
     """Decide how long couplings and pinning may be held, for the ``claim`` of ``beside``, or its
     ``own`` for other v."""
-    if own is not None and _not_proved(own, beside, loop, W, domain) is not None:
+    loop = case.loop
+    if own is not None and _not_proved(own, beside, case) is not None:
         own = None
     claim = own or claim
     longest = largest_period(loop, claim)
     if longest is None or longest.period < SHORTEST:
         reason = "the slopes of the coupling are too steep in the box for a sampling period."
-        return undecided_check("sampling", domain, reason)
+        return undecided_check("sampling", case.domain, reason)
     # what is proved holds for shorter ones
     period = rounded_down(longest.period * (1 - IN_HAND), digits=4)
     bound = SamplingBound(period=period, factor=1 - period * claim.alpha, own=own)
     fall = shorten(100 * (1 - bound.factor), digits=4)
-    held, left = (
-        ("; dhat acts continuously", ", up to what the estimation error adds")
-        if loop.groups
-        else ("", "")
-    )
+    held = left = ""
+    if loop.groups:
+        held = "; dhat acts continuously"
+        left = ", up to what the estimation error adds"
     reason = (
         f"stable with couplings and pinning held for up to {float(period):.4g} s (zero-order "
-        f"hold{held});"
-    )
-    reason += (
-        f" at that period the largest weighted error falls by at least {fall:.4g} % a sample{left}."
+        f"hold{held}); at that period the largest weighted error falls by at least {fall:.4g} % "
+        f"a sample{left}."
     )
     return Check(
         id="sampling", verdict=Verdict.PROVED, domain=beside.domain, claim=bound, reason=reason
     )
 
 
-def confirm(
-    check: Check, loop: Loop, W: Matrix | None, *, domain: Domain, proof: Check | None
-) -> str | None:
+def confirm(check: Check, case: Case) -> str | None:
     """None if everything that a proved or refuted check claims is confirmed, else what is not.
-    ``W`` (q, m): the gain of the loop; ``domain``: that of Lemma 1; ``proof``: the max-separable
-    check of the same certificate.  Rows, observer and box are decided again from the problem.
-    Raises what a malformed claim raises."""
-    turned = check.id == "max-separable" and "T" in (check.exact or ())
-    if (reason := obstacle(loop, W, turned=turned)) is not None:
+    Rows, observer and box are decided again from the loop; delays and sampling rest on the
+    max-separable proof of the case.  Raises what a malformed claim raises."""
+    loop = case.loop
+    is_main = check.id == MAX_SEPARABLE
+    turned = is_main and "T" in (check.exact or ())
+    reason = obstacle(loop, case.W, turned=turned)
+    if reason is not None:
         return reason
-    if check.id != "max-separable":
-        return _not_timed(check, loop, W, domain, proof)
-    witness = check.witness
-    if check.verdict is Verdict.REFUTED:  # some agents that no common v can hold
-        if check.rate is not None or check.exact is not None:
-            return "a refuted check must claim no rate and no exact values"
-        if (
-            witness is None
-            or witness.kind != "agents"
-            or witness.values is not None
-            or not witness.labels
-        ):
-            return "it needs agents as its witness"
-        places = loop.index
-        agents = [places[label] for label in witness.labels if label in places]
-        if len(agents) != len(witness.labels) or len(set(agents)) != len(agents):
-            return "the witness must name different agents of the problem"
-        stuck = claims.is_stuck(loop, agents)
-        return None if stuck else "one of the agents is pinned or hears another agent in every mode"
+    if not is_main:
+        return _not_timed(check, case)
+    if check.verdict is Verdict.REFUTED:
+        return _not_stuck(check, loop)
     claim = claims.separable_from_json(check.exact, loop, turned=turned)
-    if witness is not None:
+    if check.witness is not None:
         return "a proof has no witness"
-    if (wrong := _not_proved(claim, check, loop, W, domain)) is not None:
-        return wrong
-    return (
-        None
-        if follows(check.rate, composite_rate(claim))
-        else f"the rate {check.rate} does not follow"
-    )
+    return _not_proved(claim, check, case) or _too_fast(check, composite_rate(claim))
 
 
-def _not_proved(
-    claim: Separable, check: Check, loop: Loop, W: Matrix | None, domain: Domain
-) -> str | None:
+def _too_fast(check: Check, proved: Fraction) -> str | None:
+    return None if follows(check.rate, proved) else f"the rate {check.rate} does not follow"
+
+
+def _not_stuck(check: Check, loop: Loop) -> str | None:
+    """None if no common v can hold the agents that a refutation names."""
+    if check.rate is not None or check.exact is not None:
+        return "a refuted check must claim no rate and no exact values"
+    witness = check.witness or Witness(kind="")
+    if witness.kind != "agents" or witness.values is not None or not witness.labels:
+        return "it needs agents as its witness"
+    places = loop.index
+    agents = {places[label] for label in witness.labels if label in places}
+    if len(agents) != len(witness.labels):
+        return "the witness must name different agents of the problem"
+    if not claims.is_stuck(loop, agents):
+        return "one of the agents is pinned or hears another agent in every mode"
+    return None
+
+
+def _not_proved(claim: Separable, check: Check, case: Case) -> str | None:
     """None if the claim is proved and holds all starts of the domain of the check, else what is
     wrong."""
     if claim.rho is None:
-        if check.domain != EVERYWHERE or domain != EVERYWHERE:
+        if not check.domain == EVERYWHERE == case.domain:
             return "without rho the domain must be global, and every coupling linear"
     else:
-        radius, disturbance = read_domain(check.domain, loop, kind=Box)
+        radius, disturbance = read_domain(check.domain, case.loop, kind=Box)
         if not covers(claim, radius=radius, disturbance=disturbance):
             return "the box is not inside the invariant set"
-    answer = verify_composite(loop, W, claim)
-    return None if answer.verdict is Verdict.PROVED else answer.reason
+    return verify_composite(case.loop, case.W, claim).wrong
 
 
-def _not_timed(
-    check: Check, loop: Loop, W: Matrix | None, domain: Domain, proof: Check | None
-) -> str | None:
+def _not_timed(check: Check, case: Case) -> str | None:
     """Delays and sampling, beside the proof that they rest on."""
+    loop = case.loop
     if check.verdict is not Verdict.PROVED or check.witness is not None:
         return "it can only be proved or undecided, and has no witness"
-    if proof is None or proof.verdict is not Verdict.PROVED or proof.domain != check.domain:
+    proof = case.proof(Separable)
+    claim = case.proved(Separable)
+    # rows in coordinates say nothing about delays and sampling
+    if proof is None or claim is None or claim.T is not None or proof.domain != check.domain:
         return "it needs a proved max-separable check with its domain"
     if check.domain != EVERYWHERE:
         read_domain(check.domain, loop, kind=Box)  # true equals 1 and is no number
-    claim, bound = (
-        claims.separable_from_json(proof.exact, loop),
-        claims.read_claim(check, loop, W),
-    )
+    bound = claims.read_claim(check, loop, case.W)
     if isinstance(bound, DelayBound):
-        answer = verify_delay(loop, claim, bound)
-        if answer.verdict is Verdict.PROVED and not follows(check.rate, bound.rate):
-            return f"the rate {check.rate} does not follow"
-    elif isinstance(bound, SamplingBound):
-        if check.rate is not None:
-            return "it claims a number that this check does not have"
-        wrong = None if bound.own is None else _not_proved(bound.own, check, loop, W, domain)
-        if wrong is not None:
-            return f"its own certificate: {wrong}"
-        answer = verify_sampling(loop, bound.own or claim, bound)
-    else:
+        return verify_delay(loop, claim, bound).wrong or _too_fast(check, bound.rate)
+    if not isinstance(bound, SamplingBound):
         return "it is not known here"
-    return None if answer.verdict is Verdict.PROVED else answer.reason
+    if check.rate is not None:
+        return "it claims a number that this check does not have"
+    wrong = None if bound.own is None else _not_proved(bound.own, check, case)
+    if wrong is not None:
+        return f"its own certificate: {wrong}"
+    return verify_sampling(loop, bound.own or claim, bound).wrong

@@ -30,15 +30,17 @@ import numpy as np
 from dobc_design.conditions.check import Check, Claim, read_object
 from dobc_design.conditions.numbers import (
     as_json,
+    fields_to_json,
     form_from_json,
     read_rational,
+    read_rationals,
     vector_from_json,
     vector_to_json,
 )
 from dobc_design.conditions.quadratic.sectors import GainRange, ranges_from_json
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.matrix import Matrix, Vector, inverse, rank
-from dobc_design.exact.number import float_above, number_text
+from dobc_design.exact.number import float_above
 from dobc_design.exact.symmetric import Doubles, largest, least
 from dobc_design.loop.arcs import coupling_places
 from dobc_design.loop.loop import Loop
@@ -65,12 +67,7 @@ class ErrorBound:
 
     def to_json(self) -> dict[str, Any]:
         """The exact values of the observer's part, by the keys ``OBSERVED``."""
-        return {
-            "P": matrix_text(self.P),
-            "beta": number_text(self.beta),
-            "kappa": number_text(self.kappa),
-            "size": number_text(self.size),
-        }
+        return {"P": matrix_text(self.P), **fields_to_json(self, "beta", "kappa", "size")}
 
 
 def observed_in(loop: Loop) -> tuple[str, ...]:
@@ -82,7 +79,7 @@ def error_from_json(values: Mapping[str, Any], loop: Loop) -> ErrorBound | None:
     """Read ``ErrorBound.to_json`` back; None without an exosystem.  Raises as ``read_claim``."""
     if not loop.groups:
         return None
-    beta, kappa, size = (read_rational(values[name]) for name in OBSERVED[1:])
+    beta, kappa, size = read_rationals(values, "beta", "kappa", "size")
     if min(beta, kappa, size) <= 0:
         raise ValueError("beta, kappa and size must be > 0")
     return ErrorBound(P=form_from_json(values["P"]), beta=beta, kappa=kappa, size=size)
@@ -138,15 +135,13 @@ class Separable:
 
     def to_json(self) -> dict[str, Any]:
         """The exact values of a proved max-separable check."""
-        values: dict[str, Any] = {
-            "v": vector_to_json(self.v),
-            "alpha": number_text(self.alpha),
-            "rho": None if self.rho is None else number_text(self.rho),
-        }
+        values = {"v": vector_to_json(self.v), **fields_to_json(self, "alpha", "rho")}
         if self.T is not None:
             values["T"] = matrix_text(self.T)
             values["ranges"] = as_json(self.ranges)
-        return values if self.error is None else values | self.error.to_json()
+        if self.error is not None:
+            values |= self.error.to_json()
+        return values
 
 
 def require_coordinates(T: Matrix | None) -> None:
@@ -195,7 +190,7 @@ class DelayBound:
 
     def to_json(self) -> dict[str, Any]:
         """The exact values of a proved check of delays."""
-        return {"delay": number_text(self.delay), "rate": number_text(self.rate)}
+        return fields_to_json(self, "delay", "rate")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -209,10 +204,7 @@ class SamplingBound:
 
     def to_json(self) -> dict[str, Any]:
         """The exact values of a proved check of sampling."""
-        values: dict[str, Any] = {
-            "period": number_text(self.period),
-            "factor": number_text(self.factor),
-        }
+        values = fields_to_json(self, "period", "factor")
         if self.own is not None:
             values[OWN] = self.own.to_json()
         return values
@@ -222,34 +214,35 @@ def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Claim:
     """What a proved check of this topic claims, for this problem."""
     exact = check.exact
     if check.id == "delay":
-        values = read_object(exact, ("delay", "rate"))
-        return DelayBound(delay=read_rational(values["delay"]), rate=read_rational(values["rate"]))
+        delay, rate = read_rationals(read_object(exact, ("delay", "rate")), "delay", "rate")
+        return DelayBound(delay=delay, rate=rate)
     if check.id == "sampling":
         own = None
         if exact is not None and OWN in exact:
             own = separable_from_json(exact.pop(OWN), loop)
         values = read_object(exact, ("period", "factor"))
-        return SamplingBound(
-            period=read_rational(values["period"]), factor=read_rational(values["factor"]), own=own
-        )
+        period, factor = read_rationals(values, "period", "factor")
+        return SamplingBound(period=period, factor=factor, own=own)
     return separable_from_json(exact, loop, turned="T" in (exact or ()))
 
 
 def separable_from_json(exact: object, loop: Loop, *, turned: bool = False) -> Separable:
     """Read the values of ``Separable.to_json`` back for this problem, ``turned`` with T; raises as
     ``read_claim``."""
-    own, m = ("T", "ranges") if turned else (), loop.m if turned else 1
-    values = read_object(exact, ("v", "alpha", "rho", *own, *observed_in(loop)))
+    names = ["v", "alpha", "rho", *observed_in(loop)]
+    if turned:
+        names += ["T", "ranges"]
+    values = read_object(exact, names)
     rho = None if values["rho"] is None else read_rational(values["rho"])
     found = Separable(
-        v=vector_from_json(values["v"], loop.n * m),
+        v=vector_from_json(values["v"], loop.size if turned else loop.n),
         alpha=read_rational(values["alpha"]),
         rho=rho,
         error=error_from_json(values, loop),
         T=form_from_json(values["T"]) if turned else None,
         ranges=ranges_from_json(values["ranges"], loop, rho) if turned else (),
     )
-    if len(found.T or (1,)) != m:
+    if found.T is not None and len(found.T) != loop.m:
         raise ValueError("T needs one row and one column per state component")
     return found
 
@@ -327,13 +320,8 @@ def held_gains(loop: Loop) -> tuple[Fraction, ...]:
 
 def _by_agent(loop: Loop, number: Callable[[Matrix], Fraction]) -> tuple[Fraction, ...]:
     """A number of the linear pin of every agent, 0 for agents without one."""
-    found = [Fraction(0)] * loop.n
-    known: dict[int, Fraction] = {}  # agents often share one matrix
-    for agent, k in loop.pulls.gains.items():
-        if id(k) not in known:
-            known[id(k)] = number(k)
-        found[agent] = known[id(k)]
-    return tuple(found)
+    known = loop.pulls.each(number)
+    return tuple(known.get(agent, _NONE) for agent in range(loop.n))
 
 
 def acts_by_component(loop: Loop) -> bool:
@@ -507,7 +495,7 @@ def stuck_agents(loop: Loop) -> dict[int, str]:
     }
 
 
-def is_stuck(loop: Loop, agents: Sequence[int]) -> bool:
+def is_stuck(loop: Loop, agents: Collection[int]) -> bool:
     """Whether every one of these agents has a mode in which it is not pinned and hears nobody
     outside them."""
     group = set(agents)

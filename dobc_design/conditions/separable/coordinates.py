@@ -137,13 +137,17 @@ def gains_obstacle(
         return "the gains of a coupling are missing."
     for each in ranges:
         place, entries = each.coupling, each.entries
-        varying = sum(not x.is_point for row in entries for x in row)
         # those of the nodes are no corners: each of their entries is taken at its worse end
-        if place != loop.drift_place and varying > MOST_FREE:
+        if place != loop.drift_place and varying(entries) > MOST_FREE:
             return f"more than {MOST_FREE} gains of a coupling vary."
         if (reason := left_open(loop, place, entries, far[place])) is not None:
             return reason
     return None
+
+
+def varying(entries: Entries) -> int:
+    """How many gains are no single numbers."""
+    return sum(not x.is_point for row in entries for x in row)
 
 
 def slowest_row(
@@ -162,7 +166,7 @@ def slowest_row(
     weights, bottom = _integers(v)
     own = [weights[first : first + m] for first in range(0, len(weights), m)]
     added = [x * bottom for x in load] or [Fraction(0)] * len(weights)
-    signs = _signs(m)
+    signs = faces(m)
     corners = _corners(loop, T, table)
     sums = _ArcSums(corners, own, signs)
     alone = _rows_alone(loop, T, own, signs, table)
@@ -180,7 +184,7 @@ def slowest_row(
     return slowest[0]
 
 
-def _signs(m: int) -> list[list[tuple[int, ...]]]:
+def faces(m: int) -> list[list[tuple[int, ...]]]:
     """For every component c the signs of the corners of |x_c'| <= 1 on the face x_c = 1."""
     corners = list(product((1, -1), repeat=m))
     return [[corner for corner in corners if corner[c] > 0] for c in range(m)]
@@ -286,9 +290,7 @@ def _rows_alone(
 ) -> list[list[list[Fraction]]]:
     """For every agent what gains and nodes add to its rows, by component and signs."""
     S, none = inverse(T), zeros(loop.m, loop.m)
-    # agents often share one matrix
-    different = {id(k): k for k in (none, *loop.pulls.gains.values())}
-    pulls = {key: multiply(multiply(T, k), S) for key, k in different.items()}
+    pulls = loop.pulls.each(lambda k: multiply(multiply(T, k), S))
     F: list[list[Interval]] = []
     if loop.drift_place is not None:
         # the slopes A are in the pulls already
@@ -297,7 +299,7 @@ def _rows_alone(
 
     def row(i: int, c: int, sign: Sequence[int]) -> Fraction:
         x = list(map(mul, sign, own[i]))
-        pull = pulls[id(loop.pulls.gains.get(i, none))][c]
+        pull = pulls.get(i, none)[c]
         found = -sum(map(mul, pull, x), Fraction(0))
         if F:
             e = [sum(map(mul, each, x)) for each in S]

@@ -77,6 +77,26 @@ class SeparableAnswer:
     face: str | None = None
     s: Fraction | None = None
 
+    @property
+    def wrong(self) -> str | None:
+        """What is not proved; None if it is."""
+        return None if self.verdict is Verdict.PROVED else self.reason
+
+
+def proved(reason: str) -> SeparableAnswer:
+    """It holds."""
+    return SeparableAnswer(verdict=Verdict.PROVED, reason=reason)
+
+
+def refuted(reason: str) -> SeparableAnswer:
+    """These numbers fail, which says nothing against others."""
+    return SeparableAnswer(verdict=Verdict.REFUTED, reason=reason)
+
+
+def undecided(reason: str) -> SeparableAnswer:
+    """It is not known whether it holds."""
+    return SeparableAnswer(verdict=Verdict.UNDECIDED, reason=reason)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Question:
@@ -110,7 +130,7 @@ def verify_separable(
     much.  Raises: ShapeError, as ``rows``."""
     question = ask(loop, claim.v, rho=claim.rho, stretch=stretch, errors=errors)
     if isinstance(question, str):
-        return SeparableAnswer(verdict=Verdict.UNDECIDED, reason=question)
+        return undecided(question)
     left = None
     many = in_arrays(question)
     if many is not None:
@@ -119,12 +139,9 @@ def verify_separable(
     if answer is not None:
         return answer
     where = "everywhere" if claim.rho is None else f"while it is at most {float(claim.rho):.6g}"
-    return SeparableAnswer(
-        verdict=Verdict.PROVED,
-        reason="every box |e_i| <= s v_i is invariant and shrinks: max_i |e_i|/v_i decays at "
-        "least like"
-        f" exp(-{text_below(claim.alpha)} t) {where}, up to what the observer "
-        "error adds.",
+    return proved(
+        "every box |e_i| <= s v_i is invariant and shrinks: max_i |e_i|/v_i decays at least like "
+        f"exp(-{text_below(claim.alpha)} t) {where}, up to what the observer error adds."
     )
 
 
@@ -511,28 +528,36 @@ def verify_composite(loop: Loop, W: Matrix | None, claim: Separable) -> Separabl
     """Decide a whole certificate: its rows and, with an exosystem, the observer's part for the gain
     W (q, m).  PROVED: V = N + kappa E (V = N without an exosystem) decays at least at
     ``composite_rate`` from every start with V <= rho, for arbitrary switching."""
-    exosystem = loop.joint_exosystem
-    if claim.T is not None:
-        exosystem, W = seen_through(loop, claim.T, W)
-    if exosystem is not None:
-        if W is None or claim.error is None:
-            reason = (
-                "with an [exosystem] the certificate needs an observer gain W and P, beta and "
-                "kappa."
-            )
-            return SeparableAnswer(verdict=Verdict.UNDECIDED, reason=reason)
-        obstacle = error_bound_obstacle(exosystem, W, claim.error)
-        if obstacle is None and not (
-            claim.error.beta > 0 and claim.error.kappa * claim.error.beta * claim.least > 1
-        ):
-            obstacle = "kappa must exceed 1/(beta min v), or the observer error can raise V."
-        if obstacle is not None:
-            return SeparableAnswer(verdict=Verdict.REFUTED, reason=obstacle)
+    if loop.groups and (W is None or claim.error is None):
+        return undecided(
+            "with an [exosystem] the certificate needs an observer gain W and P, beta and kappa."
+        )
+    wrong = observer_obstacle(loop, W, claim)
+    if wrong is not None:
+        return refuted(wrong)
     if claim.T is None:
         return verify_separable(loop, claim)
     wrong = rows_obstacle(loop, claim)
-    told = wrong or "every set |(T e_i)_c| <= s v_ic is invariant and shrinks."
-    return SeparableAnswer(verdict=Verdict.UNDECIDED if wrong else Verdict.PROVED, reason=told)
+    if wrong is not None:
+        return undecided(wrong)
+    return proved("every set |(T e_i)_c| <= s v_ic is invariant and shrinks.")
+
+
+def observer_obstacle(loop: Loop, W: Matrix | None, claim: Separable) -> str | None:
+    """Why the observer's part of a claim does not hold with the gain W (q, m); None if it is
+    proved, and without an exosystem."""
+    exosystem = loop.joint_exosystem
+    if claim.T is not None:
+        exosystem, W = seen_through(loop, claim.T, W)
+    if exosystem is None:
+        return None
+    error = claim.error
+    if W is None or error is None:
+        return "with an [exosystem] it needs P, beta, kappa and size."
+    wrong = error_bound_obstacle(exosystem, W, error)
+    if wrong is None and not (error.beta > 0 and error.kappa * error.beta * claim.least > 1):
+        return "kappa must exceed 1/(beta min v), or the observer error can raise V."
+    return wrong
 
 
 def error_bound_obstacle(exosystem: Exosystem, W: Matrix, error: ErrorBound) -> str | None:

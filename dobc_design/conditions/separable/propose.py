@@ -44,7 +44,6 @@ from dobc_design.exact.work import spend
 from dobc_design.loop.arcs import coupling_places, split_by
 from dobc_design.loop.loop import Loop
 from dobc_design.solvers.program import Array, factored
-from dobc_design.verdict import Verdict
 
 logger = logging.getLogger("dobc_design")
 
@@ -313,7 +312,7 @@ def least_solution(
         if step is None:
             return None
         proposed = np.maximum(lower, v + step)
-        if np.any(proposed[raised] < v[raised] * (1 - drop)) and np.any(step[~raised] < 0):
+        if _falls(proposed, v, raised, drop) and np.any(step[~raised] < 0):
             # Curved rows overshoot: a neighbour that falls back takes a row down with it. That it
             # stays will do.
             step = solved(jacobian, residual, raised)
@@ -322,7 +321,7 @@ def least_solution(
             proposed = np.maximum(lower, v + step)
         # A solution lies above: where a row fails, v has to rise; a step down there means there is
         # none.
-        if np.any(proposed[raised] < v[raised] * (1 - drop)) or not np.all(np.isfinite(proposed)):
+        if _falls(proposed, v, raised, drop) or not np.all(np.isfinite(proposed)):
             return None
         proposed = np.minimum(proposed, 2 * v)
         if np.max(proposed) > LARGEST_V:
@@ -331,6 +330,11 @@ def least_solution(
             return v if np.all(residual <= 1e3 * close * scale) else None
         v = proposed
     return None
+
+
+def _falls(proposed: Array, v: Array, raised: Any, drop: float) -> bool:
+    """Whether a row that fails would get a smaller v."""
+    return bool(np.any(proposed[raised] < v[raised] * (1 - drop)))
 
 
 def rough_solution(
@@ -350,7 +354,7 @@ def rough_solution(
         if step is None:
             return None
         proposed = np.maximum(1.0, v + step)
-        if np.any(proposed[raised] < v[raised] * (1 - FALLEN)) or not np.all(np.isfinite(proposed)):
+        if _falls(proposed, v, raised, FALLEN) or not np.all(np.isfinite(proposed)):
             return None
         v = np.minimum(proposed, 2 * v)
         if np.max(v) > LARGEST_V:
@@ -467,15 +471,14 @@ def propose_separable(
             found = rough_rates(field, first=first)
             if not found:
                 return None
-            (rate, best), slower = found[-1], tuple(found[:-1])
-            return SeparablePlan(v=best, rate=rate, rho=Fraction(rho), slower=slower)
-        if (whole := least_solution(field, alpha=high, start=best)) is not None:
-            rate, best = high, whole
-        else:
-            rate, best = _fastest(
-                field, best, close=next(part for size, part in CLOSE if loop.n <= size)
-            )
-    return SeparablePlan(v=best, rate=rate, rho=Fraction(rho)) if rate else None
+            *slower, (rate, best) = found
+            return SeparablePlan(v=best, rate=rate, rho=Fraction(rho), slower=tuple(slower))
+        rate = high
+        whole = least_solution(field, alpha=high, start=best)
+        if whole is None:
+            close = next(part for size, part in CLOSE if loop.n <= size)
+            rate, whole = _fastest(field, best, close=close)
+    return SeparablePlan(v=whole, rate=rate, rho=Fraction(rho)) if rate else None
 
 
 def rough_rates(field: Field, *, first: float) -> list[tuple[float, Array]]:
@@ -530,99 +533,72 @@ def _fastest(field: Field, best: Array, *, close: float) -> tuple[float, Array]:
     return last_found(find, best, 0.0, top, middle=quickly_down(8), close=enough)
 
 
-def propose_vectors(loop: Loop, *, rho: float, parts: Sequence[float]) -> Iterator[Array]:
-    """Least v with min v = 1 for ``parts`` of the largest rate; quicker and coarser than
-    ``propose_separable``."""
-    field = field_of(loop, rho=rho)
-    field = replace(field, grid=field.grid[:: max(1, len(field.grid) // COARSE)])
-    best = least_solution(field, alpha=0.0, start=np.ones(loop.n))
-    if best is None or float(np.max(field.gains, initial=0.0)) <= 0:
-        return
-    rate, best = _fastest(field, best, close=CLOSE_ENOUGH)
-    for part in parts if rate else ():
-        v = best if part == 1.0 else least_solution(field, alpha=part * rate, start=np.ones(loop.n))
-        if v is not None:
-            yield v
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cover:
+    """What a plan has to cover: every start with |e|_inf <= ``radius`` and |eps_i| <=
+    ``disturbance``, by the loop with the gain W (q, m).  ``errors``: as in ``propose_separable``.
+    """
 
+    loop: Loop
+    radius: Fraction
+    disturbance: Fraction = Fraction(0)
+    W: Matrix | None = None
+    errors: Errors = EXACT
 
-def design_separable(
-    loop: Loop,
-    *,
-    radius: Fraction,
-    disturbance: Fraction = Fraction(0),
-    W: Matrix | None = None,
-    errors: Errors = EXACT,
-) -> SeparablePlan | None:
-    """Plan a certificate for every start with |e|_inf <= radius and |eps_i| <= disturbance; None if
-    none is found. With an exosystem the observer's part is chosen for the gain W (q, m), so that V
-    = N + kappa E is about as fast as N.  ``errors``: as in ``propose_separable``."""
-    exosystem = loop.joint_exosystem
-    if exosystem is None:
-        return propose_separable(loop, rho=radius, errors=errors)
-    if W is None:
-        return None
-
-    def planned(rate: float, near: float | None = None) -> SeparablePlan | None:
-        """A plan whose observer part decays with ``rate``; None if it is slower, or leaves no room
-        for a v."""
-        error = propose_error_bound(exosystem, W, rate=rate)
-        if error is None:
+    def fastest(self) -> SeparablePlan | None:
+        """The plan with the largest rate; None if none is found.  With an exosystem the observer's
+        part is chosen so that V = N + kappa E is about as fast as N."""
+        exosystem = self.loop.joint_exosystem
+        if exosystem is None:
+            return propose_separable(self.loop, rho=self.radius, errors=self.errors)
+        if self.W is None:
             return None
-        rho = radius_needed(radius, error, disturbance)
-        proposal = propose_separable(loop, rho=rho, near=near, errors=errors)
-        return None if proposal is None else replace(proposal, error=error)
-
-    # One v for many agents takes long, so that the first one is for a kappa that is seldom too
-    # small.
-    first = 0.0 if loop.n <= FEW_AGENTS else SHARE * decay_rate(exosystem, W)
-    best = planned(first)
-    if best is None or best.rate <= first:
+        first = 0.0
+        rounds = ROUNDS
+        if self.loop.n > FEW_AGENTS:
+            # One v takes long, so that the first one is for a kappa that is seldom too small.
+            first = SHARE * decay_rate(exosystem, self.W)
+            rounds = 1
+        best = self._beside(first)
+        if best is None or best.rate <= first:
+            return best
+        gained, low, high = first, 0.0, 2 * best.rate * ABOVE
+        for _ in range(rounds):
+            rate = (low + high) / 2
+            plan = self._beside(rate, near=best.rate)
+            reached = 0.0 if plan is None else min(rate, plan.rate)
+            if plan is not None and reached > gained:
+                best, gained = plan, reached
+            if reached > rate * ENOUGH and not low:
+                break
+            if reached == rate:
+                low = rate
+            else:
+                high = rate
         return best
-    gained, low, high = first, 0.0, 2 * best.rate * ABOVE
-    for _ in range(ROUNDS if loop.n <= FEW_AGENTS else 1):
-        rate = (low + high) / 2
-        plan = planned(rate, near=best.rate)
-        reached = 0.0 if plan is None else min(rate, plan.rate)
-        if plan is not None and reached > gained:
-            best, gained = plan, reached
-        if reached > rate * ENOUGH and not low:
-            break
-        low, high = (rate, high) if reached == rate else (low, rate)
-    return best
 
+    def sooner(self, plan: SeparablePlan, *, least: float = 0.0) -> SeparablePlan:
+        """The plan with a rate of at least ``least`` (1/s) that promises the least time to one
+        percent, ln(100 max v / min v) / rate; ``plan`` itself, which has the largest rate, where
+        none is earlier.
 
-def sooner_plan(
-    loop: Loop,
-    plan: SeparablePlan,
-    *,
-    radius: Fraction,
-    disturbance: Fraction,
-    W: Matrix | None,
-    least: float = 0.0,
-    errors: Errors = EXACT,
-) -> SeparablePlan:
-    """The plan for the same starts with a rate of at least ``least`` (1/s) that promises the least
-    time to one percent, ln(100 max v / min v) / rate; ``plan`` itself, which has the largest rate,
-    where none is earlier.
-
-    The least v >= 1 of a rate has the least max v as well, so that one search over the rate
-    does."""
-    longest = plan.whole_rate
-    # Slower ones than that are later even with v = 1.
-    shortest = max(longest * math.log(100) / math.log(100 * plan.factor), least * (1 + KEPT))
-    if plan.factor < FLAT or longest <= shortest:
-        return plan
-    if loop.n > FEW_AGENTS:  # another v takes long
-        met = (replace(plan, v=v, rate=rate) for rate, v in plan.slower if rate >= shortest)
-        best = min(met, key=lambda each: each.time, default=plan)
-        return best if best.time <= plan.time * EARLIER else plan
-    best = plan
-    with np.errstate(all="ignore"):
-        field = field_of(loop, rho=float(plan.rho), errors=errors)
+        The least v >= 1 of a rate has the least max v as well, so that one search over the rate
+        does."""
+        longest = plan.whole_rate
+        # Slower ones than that are later even with v = 1.
+        shortest = max(longest * math.log(100) / math.log(100 * plan.factor), least * (1 + KEPT))
+        if plan.factor < FLAT or longest <= shortest:
+            return plan
+        if self.loop.n > FEW_AGENTS:  # another v takes long
+            met = (replace(plan, v=v, rate=rate) for rate, v in plan.slower if rate >= shortest)
+            best = min(met, key=lambda each: each.time, default=plan)
+            return best if best.time <= plan.time * EARLIER else plan
+        best = plan
+        field = self._field(plan.rho)
 
         def at(rate: float) -> float:
             nonlocal best
-            v = least_solution(field, alpha=rate, start=np.ones(loop.n))
+            v = _flattest(field, rate)
             if v is None:
                 return math.inf
             found = replace(plan, v=v, rate=rate)
@@ -632,35 +608,47 @@ def sooner_plan(
         golden_section(at, shortest, longest, steps=SOONER)
         if best.time > plan.time * EARLIER:
             return plan
-        if best.error is None or loop.joint_exosystem is None or W is None:
-            return best
         # A slower V leaves kappa less to do, and then rho is smaller.
-        error = propose_error_bound(loop.joint_exosystem, W, rate=best.whole_rate)
-        if error is None:
+        nearer = None if best.error is None else self.flat(best.whole_rate)
+        if nearer is None:
             return best
-        rho = radius_needed(radius, error, disturbance)
-        field = field_of(loop, rho=float(rho), errors=errors)
-        v = least_solution(field, alpha=best.whole_rate, start=np.ones(loop.n))
-    if v is None:
-        return best
-    nearer = SeparablePlan(v=v, rate=best.whole_rate, rho=rho, error=error)
-    return min(best, nearer, key=lambda each: each.time)
+        return min(best, nearer, key=lambda each: each.time)
 
+    def flat(self, rate: float) -> SeparablePlan | None:
+        """The plan with the flattest v for about this rate (1/s); None if there is none."""
+        error = self._observer(rate)
+        if error is None and self.loop.groups:
+            return None
+        rho = radius_needed(self.radius, error, self.disturbance)
+        v = _flattest(self._field(rho), rate)
+        return None if v is None else SeparablePlan(v=v, rate=rate, rho=rho, error=error)
 
-def flat_separable(
-    loop: Loop, *, radius: Fraction, disturbance: Fraction, W: Matrix | None, rate: float
-) -> SeparablePlan | None:
-    """A plan like that of ``design_separable`` with the flattest v for about ``rate`` (1/s); None
-    if there is none."""
-    exosystem, error = loop.joint_exosystem, None
-    if exosystem is not None:
-        error = None if W is None else propose_error_bound(exosystem, W, rate=rate)
+    def _field(self, rho: Fraction) -> Field:
+        with np.errstate(all="ignore"):  # as in propose_separable
+            return field_of(self.loop, rho=float(rho), errors=self.errors)
+
+    def _observer(self, rate: float) -> ErrorBound | None:
+        """The observer's part of a V with this rate; None where none is as fast."""
+        exosystem = self.loop.joint_exosystem
+        if exosystem is None or self.W is None:
+            return None
+        return propose_error_bound(exosystem, self.W, rate=rate)
+
+    def _beside(self, rate: float, near: float | None = None) -> SeparablePlan | None:
+        """A plan whose observer part decays with ``rate``; None if it is slower, or leaves no room
+        for a v."""
+        error = self._observer(rate)
         if error is None:
             return None
-    rho = radius_needed(radius, error, disturbance)
-    with np.errstate(all="ignore"):  # as in propose_separable
-        v = least_solution(field_of(loop, rho=float(rho)), alpha=rate, start=np.ones(loop.n))
-    return None if v is None else SeparablePlan(v=v, rate=rate, rho=rho, error=error)
+        rho = radius_needed(self.radius, error, self.disturbance)
+        proposal = propose_separable(self.loop, rho=rho, near=near, errors=self.errors)
+        return None if proposal is None else replace(proposal, error=error)
+
+
+def _flattest(field: Field, rate: float) -> Array | None:
+    """The least v >= 1 for a rate, whatever overflows on the way."""
+    with np.errstate(all="ignore"):
+        return least_solution(field, alpha=rate, start=np.ones(field.size))
 
 
 def flatter_plans(loop: Loop, plan: SeparablePlan) -> Iterator[SeparablePlan]:
@@ -673,9 +661,17 @@ def flatter_plans(loop: Loop, plan: SeparablePlan) -> Iterator[SeparablePlan]:
         ]
     if (float(plan.v.max()) <= STEEP and np.isfinite(ends).all()) or len(plan.v) > FEW_AGENTS:
         return
-    found = propose_vectors(loop, rho=float(plan.rho), parts=FLATTER)
-    for part, each in zip(FLATTER, found, strict=False):
-        yield replace(plan, v=each, rate=part * plan.rate)
+    field = field_of(loop, rho=float(plan.rho))
+    field = replace(field, grid=field.grid[:: max(1, len(field.grid) // COARSE)])
+    ones = np.ones(loop.n)
+    best = least_solution(field, alpha=0.0, start=ones)
+    if best is None or float(np.max(field.gains, initial=0.0)) <= 0:
+        return
+    rate, _ = _fastest(field, best, close=CLOSE_ENOUGH)
+    for part in FLATTER if rate else ():
+        v = least_solution(field, alpha=part * rate, start=ones)
+        if v is not None:
+            yield replace(plan, v=v, rate=part * plan.rate)
 
 
 def rounded_vectors(plan: SeparablePlan) -> Iterator[Vector | Doubles]:
@@ -702,7 +698,7 @@ def first_certificate(
         if alpha is None or (best is not None and alpha <= best.alpha):
             continue
         claim = Separable(v=v, alpha=alpha, rho=rho, error=plan.error)
-        if verify_composite(loop, W, claim).verdict is Verdict.PROVED:
+        if verify_composite(loop, W, claim).wrong is None:
             best = claim
             if alpha >= plan.rate * NEARLY:
                 break

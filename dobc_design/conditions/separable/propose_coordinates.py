@@ -30,14 +30,17 @@ from dobc_design.conditions.separable.claim import MOST_COMPONENTS, ErrorBound, 
 from dobc_design.conditions.separable.coordinates import (
     MOST_FREE,
     enclosed_ranges,
+    faces,
     seen_through,
     slowest_row,
+    varying,
 )
 from dobc_design.conditions.separable.decide import composite_rate, error_bound_obstacle
 from dobc_design.conditions.separable.propose import (
     EARLIER,
     KEPT,
     LARGE,
+    Cover,
     SeparablePlan,
     least_solution,
     rounded_vectors,
@@ -82,18 +85,6 @@ class Group(NamedTuple):
     sure: Any
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Turned:
-    """The parts of rows that coordinates change: S = T^-1, T K S of every agent (n, m, m), T J S at
-    the corners J of each coupling (corners, m, m), and the ends of what the drift of a node adds to
-    the slopes in its gain (2, m, m), None without."""
-
-    S: Array
-    pulls: Array
-    corners: Mapping[int, Array]
-    drift: Array | None
-
-
 @dataclass(frozen=True, eq=False)
 class Agents:
     """The rows of ``size`` agents in floats: their gains (size, m, m), the slopes that nodes have
@@ -111,111 +102,17 @@ class Agents:
         """The first ``most`` agents of a loop."""
         size, m = min(loop.n, most), loop.m
         gains = np.zeros((size, m, m))
-        known: dict[int, Array] = {}  # agents often share one matrix
-        for i, k in loop.pulls.gains.items():
+        for i, k in loop.pulls.each(to_float).items():
             if i < size:
-                if id(k) not in known:
-                    known[id(k)] = to_float(k)
-                gains[i] = known[id(k)]
+                gains[i] = k
         slopes = to_float(loop.slopes) if loop.slopes else np.zeros((m, m))
         modes = tuple(tuple(_groups(loop, arcs, size)) for arcs in loop.modes.values())
         return cls(loop, size, gains, slopes, modes)
 
-    def turned(self, T: Array, gains: Gains) -> Turned:
-        """What coordinates make of gains."""
-        S = np.asarray(np.linalg.inv(T), dtype=float)
-        node = self.loop.drift_place
-        return Turned(
-            S=S,
-            pulls=T @ self.gains @ S,
-            corners={k: _corners(T, S, ends) for k, ends in gains.items() if k != node},
-            drift=None if node is None else gains[node] - self.slopes,
-        )
-
-    def rows(self, T: Array, gains: Gains, v: Array) -> tuple[Array, Any]:
-        """The largest row of every component at v (n, m), and the sparse matrix whose product with
-        v it is."""
-        n, m = v.shape
-        turned = self.turned(T, gains)
-        agents = np.arange(self.size)
-        everybody = np.vstack([v, np.zeros((1, m))])  # and the target
-
-        def row(groups: Sequence[Group], c: int, sign: Array) -> Any:
-            """Component c of every agent, where x has these signs."""
-            x = v * sign
-            own = -turned.pulls[:, c, :]
-            if turned.drift is not None:
-                low, high = turned.drift
-                is_outward = T[c][:, None] * (x @ turned.S.T)[:, None, :] >= 0
-                own = own + T[c] @ np.where(is_outward, high, low) @ turned.S
-            parts = [(agents, agents, own * sign)]
-            for place, i, j, w, sure in groups:
-                G = turned.corners[place][:, c, :]
-                value = everybody[j] @ np.abs(G).T - x[i] @ G.T
-                worst = G[np.argmax(value, axis=1)]
-                # an arc that comes and goes counts where it pulls outwards
-                there = sure | (np.max(value, axis=1) > 0)
-                g = (w * there)[:, None] * worst
-                parts += [(i, j, np.abs(g)), (i, i, -g * sign)]
-            i, j, entries = map(np.concatenate, zip(*parts, strict=True))
-            places = np.repeat(i, m), (j[:, None] * m + np.arange(m)).ravel()
-            return sparse.csr_array((entries.ravel(), places), shape=(n, n * m + m))
-
-        best, chosen = [], []
-        corners = list(product((1.0, -1.0), repeat=m))
-        for c in range(m):
-            signs = [np.array(corner) for corner in corners if corner[c] > 0]
-            listed = [row(groups, c, sign) for groups in self.modes for sign in signs]
-            M = sparse.vstack(listed, format="csr")
-            values = (M @ everybody.ravel()).reshape(-1, n)
-            best.append(values.max(axis=0))
-            chosen.append(M[values.argmax(axis=0) * n + agents])
-        # chosen is by component, then agent
-        by_agent = np.arange(n * m).reshape(m, n).T.ravel()
-        return np.array(best).T, sparse.vstack(chosen, format="csr")[by_agent][:, : n * m]
-
-    def largest(self, T: Array, gains: Gains, v: Array) -> Array:
-        """The largest row of every component at many v (count, n, m), as in ``rows``."""
-        spend(8 + v.size // 20)
-        turned = self.turned(T, gains)
-        found = np.empty_like(v)
-        everybody = np.pad(v, ((0, 0), (0, 1), (0, 0)))  # and the target
-        corners = np.array(list(product((1.0, -1.0), repeat=len(T))))
-        for c in range(len(T)):
-            signs = corners[corners[:, c] > 0]
-            x = v * signs[:, None, None, :]  # (signs, count, n, m)
-            alone = -np.sum(turned.pulls[:, c, :] * x, axis=-1)
-            if turned.drift is not None:
-                pulled = T[c][:, None] * (x @ turned.S.T)[..., None, :]
-                outward = np.max([pulled * ends for ends in turned.drift], axis=0)
-                alone += outward.sum(axis=(-2, -1))
-            best: Any = -np.inf
-            for groups in self.modes:
-                total = alone
-                for place, i, j, w, sure in groups:
-                    G = turned.corners[place][:, c, :]
-                    value = np.max(everybody[:, j] @ np.abs(G).T - x[..., i, :] @ G.T, axis=-1)
-                    value = np.where(sure, value, np.maximum(value, 0.0))
-                    total = total + value * w @ np.eye(self.size)[i]
-                best = np.maximum(best, total.max(axis=0))
-            found[..., c] = best
-        return found
-
-    def vectors(self, T: Array, gains: Gains) -> list[tuple[float, Array]]:
-        """Rates > 0 with their v (n, m), min v = 1: the flattest v first, the fastest last."""
-        v = np.ones((self.size, self.loop.m))
-        found: list[tuple[float, Array]] = []
-        best, M = self.rows(T, gains, v)
-        for _ in range(STEPS):
-            rate = float(np.min(-best / v))
-            if rate > 0 and (not found or rate > found[-1][0]):
-                found.append((rate, v))
-            u = solved(M, v.ravel(), np.ones(v.size, dtype=bool))
-            if u is None or not np.all(u > 0):
-                break
-            v = (u / u.min()).reshape(v.shape)
-            best, M = self.rows(T, gains, v)
-        return found
+    @property
+    def ones(self) -> Array:
+        """The weights 1, (n, m)."""
+        return np.ones((self.size, self.loop.m))
 
     def gains_at(self, T: Array, v: Array, rho: float) -> Gains | None:
         """The gains where N <= rho, three digits further; None where a coupling is not defined, or
@@ -236,11 +133,14 @@ class Agents:
                 entries = gains_at(self.loop, place, sides, tolerance=ROUGHLY)
             except UndefinedError:
                 return None
-            varying = sum(not x.is_point for row in entries for x in row)
-            if place != node and varying > MOST_FREE:
+            if place != node and varying(entries) > MOST_FREE:
                 return None
             found.append(GainRange(coupling=place, radius=None, entries=entries))
         return in_floats(found)
+
+    def gains_near(self, reach: float) -> Gains | None:
+        """The gains where |e|_inf <= reach."""
+        return self.gains_at(np.eye(self.loop.m), self.ones, reach)
 
 
 def _groups(loop: Loop, arcs: Arcs, size: int) -> Iterator[Group]:
@@ -255,13 +155,27 @@ def _groups(loop: Loop, arcs: Arcs, size: int) -> Iterator[Group]:
         yield Group(place, arcs.listeners[own], speakers[own], weights[own], sure[own])
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Rows:
-    """The rows of all components for fixed gains, as ``least_solution`` takes them."""
+    """The rows of all components in coordinates z = T e, for fixed gains: S = T^-1, T K S of every
+    agent (n, m, m), T J S at the corners J of each coupling (corners, m, m), and the ends of what
+    the drift of a node adds to the slopes in its gain (2, m, m), None without."""
 
     agents: Agents
     T: Array
-    gains: Gains
+    S: Array
+    pulls: Array
+    corners: Mapping[int, Array]
+    drift: Array | None
+
+    @classmethod
+    def of(cls, agents: Agents, T: Array, gains: Gains) -> Rows:
+        """What coordinates make of gains."""
+        S = np.asarray(np.linalg.inv(T), dtype=float)
+        node = agents.loop.drift_place
+        corners = {k: _corners(T, S, ends) for k, ends in gains.items() if k != node}
+        drift = None if node is None else gains[node] - agents.slopes
+        return cls(agents, T, S, T @ agents.gains @ S, corners, drift)
 
     @property
     def size(self) -> int:
@@ -270,9 +184,107 @@ class Rows:
     def rows(self, v: Array, *, alpha: float) -> tuple[Array, Any, Array]:
         """The largest row of every component at v (n m,) with the rate alpha, its Jacobian, the
         size of its terms."""
-        best, M = self.agents.rows(self.T, self.gains, v.reshape(-1, len(self.T)))
+        best, M = self.chosen(v.reshape(-1, len(self.T)))
         jacobian = sparse.csr_array(M + alpha * sparse.eye_array(self.size))
         return best.ravel() + alpha * v, jacobian, abs(M) @ v + alpha * v
+
+    def chosen(self, v: Array) -> tuple[Array, Any]:
+        """The largest row of every component at v (n, m), and the sparse matrix whose product with
+        v it is."""
+        n, m = v.shape
+        agents = np.arange(n)
+        everybody = np.vstack([v, np.zeros((1, m))])  # and the target
+        best, chosen = [], []
+        for c, signs in enumerate(faces(m)):
+            listed = []
+            for groups in self.agents.modes:
+                listed += [self._row(groups, c, np.array(sign), everybody) for sign in signs]
+            M = sparse.vstack(listed, format="csr")
+            values = (M @ everybody.ravel()).reshape(-1, n)
+            best.append(values.max(axis=0))
+            chosen.append(M[values.argmax(axis=0) * n + agents])
+        # chosen is by component, then agent
+        by_agent = np.arange(n * m).reshape(m, n).T.ravel()
+        return np.array(best).T, sparse.vstack(chosen, format="csr")[by_agent][:, : n * m]
+
+    def _row(self, groups: Sequence[Group], c: int, sign: Array, everybody: Array) -> Any:
+        """Component c of every agent in one mode, where x has these signs, as a matrix that acts on
+        ``everybody``."""
+        v = everybody[:-1]
+        n, m = v.shape
+        agents = np.arange(n)
+        x = v * sign
+        own = -self.pulls[:, c, :]
+        if self.drift is not None:
+            low, high = self.drift
+            is_outward = self.T[c][:, None] * (x @ self.S.T)[:, None, :] >= 0
+            own = own + self.T[c] @ np.where(is_outward, high, low) @ self.S
+        parts = [(agents, agents, own * sign)]
+        for place, i, j, w, sure in groups:
+            G = self.corners[place][:, c, :]
+            value = everybody[j] @ np.abs(G).T - x[i] @ G.T
+            worst = G[np.argmax(value, axis=1)]
+            # an arc that comes and goes counts where it pulls outwards
+            there = sure | (np.max(value, axis=1) > 0)
+            g = (w * there)[:, None] * worst
+            parts += [(i, j, np.abs(g)), (i, i, -g * sign)]
+        i, j, entries = map(np.concatenate, zip(*parts, strict=True))
+        places = np.repeat(i, m), (j[:, None] * m + np.arange(m)).ravel()
+        return sparse.csr_array((entries.ravel(), places), shape=(n, n * m + m))
+
+    def largest(self, v: Array) -> Array:
+        """The largest row of every component at many v (count, n, m), as in ``chosen``."""
+        spend(8 + v.size // 20)
+        found = np.empty_like(v)
+        everybody = np.pad(v, ((0, 0), (0, 1), (0, 0)))  # and the target
+        for c, signs in enumerate(faces(len(self.T))):
+            x = v * np.array(signs)[:, None, None, :]  # (signs, count, n, m)
+            alone = -np.sum(self.pulls[:, c, :] * x, axis=-1)
+            if self.drift is not None:
+                pulled = self.T[c][:, None] * (x @ self.S.T)[..., None, :]
+                outward = np.max([pulled * ends for ends in self.drift], axis=0)
+                alone += outward.sum(axis=(-2, -1))
+            best: Any = -np.inf
+            for groups in self.agents.modes:
+                total = alone
+                for place, i, j, w, sure in groups:
+                    G = self.corners[place][:, c, :]
+                    value = np.max(everybody[:, j] @ np.abs(G).T - x[..., i, :] @ G.T, axis=-1)
+                    value = np.where(sure, value, np.maximum(value, 0.0))
+                    total = total + value * w @ np.eye(self.agents.size)[i]
+                best = np.maximum(best, total.max(axis=0))
+            found[..., c] = best
+        return found
+
+    def vectors(self) -> list[tuple[float, Array]]:
+        """Rates > 0 with their v (n, m), min v = 1: the flattest v first, the fastest last."""
+        v = self.agents.ones
+        found: list[tuple[float, Array]] = []
+        best, M = self.chosen(v)
+        for _ in range(STEPS):
+            rate = float(np.min(-best / v))
+            if rate > 0 and (not found or rate > found[-1][0]):
+                found.append((rate, v))
+            u = solved_whole(M, v)
+            if u is None:
+                break
+            v = u / u.min()
+            best, M = self.chosen(v)
+        return found
+
+    def least(self, alpha: float) -> Array | None:
+        """The least v >= 1 (n, m) with the rate alpha, about; None if none is found."""
+        with np.errstate(all="ignore"):
+            v = least_solution(self, alpha=alpha, start=np.ones(self.size))
+        return None if v is None else v.reshape(-1, len(self.T))
+
+
+def solved_whole(M: Any, acts: Array) -> Array | None:
+    """The v > 0 (n, m) with M v = -acts (n, m), or None."""
+    v = solved(M, acts.ravel(), np.ones(acts.size, dtype=bool))
+    if v is None or not np.all(v > 0):
+        return None
+    return v.reshape(acts.shape)
 
 
 def _spread(T: Array, v: Array) -> float:
@@ -304,8 +316,13 @@ def _corners(T: Array, S: Array, ends: Array) -> Array:
     return np.asarray(T @ found @ S)
 
 
-def candidates(agents: Agents, gains: Gains) -> Iterator[Matrix | None]:
-    """T worth trying; None where rows are dependent."""
+def candidates(agents: Agents, gains: Gains) -> list[Matrix]:
+    """T worth trying, each once."""
+    return list(dict.fromkeys(filter(None, _candidates(agents, gains))))
+
+
+def _candidates(agents: Agents, gains: Gains) -> Iterator[Matrix | None]:
+    """The same; None where rows are dependent."""
     m, A = agents.loop.m, -agents.gains.mean(axis=0)
     pull = np.zeros((m, m))
     for group in agents.modes[0]:
@@ -349,32 +366,27 @@ def _rounded(T: Array) -> Matrix | None:
 
 
 def propose_coordinates(
-    loop: Loop,
-    W: Matrix | None,
-    radius: Fraction,
-    disturbance: Fraction,
-    *,
-    everywhere: bool = False,
-    least: float = 0.0,
+    cover: Cover, *, everywhere: bool = False, least: float = 0.0
 ) -> Separable | None:
-    """A claim of every start with |e|_inf <= radius and |eps_i| <= disturbance, or ``everywhere``,
-    whose rows hold; or None.  ``least``: the rate (1/s) that it should have."""
+    """A claim of the starts that are to be covered, or of all (``everywhere``), whose rows hold; or
+    None.  ``least``: the rate (1/s) that it should have."""
+    loop = cover.loop
     if loop.m > MOST_COMPONENTS:
         return None
-    agents = Agents.of(loop, most=loop.n)
     part = Agents.of(loop, most=LARGE)
-    gains = part.gains_at(np.eye(loop.m), np.ones((part.size, loop.m)), float(radius))
+    gains = part.gains_near(float(cover.radius))
     if gains is None:
         return None
     found: dict[Matrix, Promise] = {}
     for T in candidates(part, gains):
-        if T is not None and T not in found:
-            found[T] = Search(part, W, T, radius, disturbance, everywhere).promise()
-    able = [T for T in found if found[T].rate > 0]
-    soonest = sorted(able, key=lambda T: found[T])[:SOONEST]
-    fastest = sorted(able, key=lambda T: -found[T].rate)[:BEST]
+        promise = Search(part, cover, T).promise()
+        if promise.rate > 0:
+            found[T] = promise
+    soonest = sorted(found, key=lambda T: found[T])[:SOONEST]
+    fastest = sorted(found, key=lambda T: -found[T].rate)[:BEST]
+    agents = Agents.of(loop, most=loop.n)
     for T in dict.fromkeys([*soonest, *fastest]):  # the fastest reach farthest
-        search = Search(agents, W, T, radius, disturbance, everywhere, least)
+        search = Search(agents, cover, T, everywhere, least)
         claim = next(search.claims(found[T].rate), None)
         if claim is not None:
             return claim
@@ -394,11 +406,9 @@ class Search:
     """Weights for these coordinates."""
 
     agents: Agents
-    W: Matrix | None
+    cover: Cover
     T: Matrix
-    radius: Fraction
-    disturbance: Fraction
-    everywhere: bool
+    everywhere: bool = False
     least: float = 0.0
 
     def claims(self, rate: float) -> Iterator[Separable]:
@@ -420,7 +430,7 @@ class Search:
     def errors(self, rate: float) -> Iterator[ErrorBound | None]:
         """Observer's parts whose V keeps a share of ``rate``, large shares first; None without an
         exosystem."""
-        exosystem, gain = seen_through(self.agents.loop, self.T, self.W)
+        exosystem, gain = seen_through(self.agents.loop, self.T, self.cover.W)
         if exosystem is None or gain is None:
             yield None
             return
@@ -437,50 +447,48 @@ class Search:
             return Promise(math.inf, 0.0)
         T = to_float(self.T)
         time = time_to_one_percent(rate, _factor(T, v))
-        gains = self.agents.gains_at(T, v, float(self.radius) * _spread(T, v))
-        if gains is None:
-            return Promise(time, rate)
-        rows = Rows(self.agents, T, gains)
-        with np.errstate(all="ignore"):
-            w = least_solution(rows, alpha=PROMISED * rate, start=np.ones(v.size))
-        if w is not None:
-            flat = w.reshape(v.shape)
+        rows = self.rows(v, None)
+        flat = None if rows is None else rows.least(PROMISED * rate)
+        if flat is not None:
             time = min(time, time_to_one_percent(PROMISED * rate, _factor(T, flat)))
         return Promise(time, rate)
+
+    def rows(self, v: Array, error: ErrorBound | None) -> Rows | None:
+        """The rows for the gains that go with v (n, m); None where these are not known."""
+        T = to_float(self.T)
+        rho = float(self.cover.radius) * _spread(T, v) + float(self.offset(error))
+        gains = self.agents.gains_at(T, v, rho)
+        return None if gains is None else Rows.of(self.agents, T, gains)
 
     def fastest_claim(self, v: Array, rate: float, error: ErrorBound | None) -> Separable | None:
         """The claim with one of the roundings of v (n, m) that has the largest rate; None if none
         holds."""
-        vectors = rounded_vectors(SeparablePlan(v=v.ravel(), rate=rate, rho=self.radius))
+        plan = SeparablePlan(v=v.ravel(), rate=rate, rho=self.cover.radius)
         tried = 1 if self.agents.loop.n > LARGE else 3
-        claims = [self.claim(each, error) for each in islice(vectors, tried)]
+        claims = [self.claim(each, error) for each in islice(rounded_vectors(plan), tried)]
         held = [claim for claim in claims if claim is not None]
         return max(held, key=lambda claim: claim.alpha, default=None)
 
     def sooner(self, v: Array, rate: float, error: ErrorBound | None) -> Array | None:
         """The v (n, m) of a smaller rate that promises the least time to one percent, for the gains
         that go with ``v``, whose rate is given; None if none is earlier."""
-        agents, T = self.agents, to_float(self.T)
-        rho = float(self.radius) * _spread(T, v) + float(self.offset(error))
-        gains = agents.gains_at(T, v, rho)
+        T = to_float(self.T)
         # V is no faster than that, whatever the rows allow
         limit = math.inf if error is None else float(error.beta - 1 / error.kappa)
         longest = min(rate, limit)
         first = time_to_one_percent(longest, _factor(T, v))
-        if gains is None or not 0 < first * longest < math.inf or agents.size > LARGE:
+        if not 0 < first * longest < math.inf or self.agents.size > LARGE:
             return None
         shortest = max(math.log(100) / first, self.least * (1 + KEPT))
-        if longest <= shortest:
+        rows = self.rows(v, error)
+        if rows is None or longest <= shortest:
             return None
-        rows = Rows(agents, T, gains)
         found: list[tuple[float, Array]] = []
 
         def at(alpha: float) -> float:
-            with np.errstate(all="ignore"):
-                w = least_solution(rows, alpha=alpha, start=np.ones(v.size))
-            if w is None:
+            flat = rows.least(alpha)
+            if flat is None:
                 return math.inf
-            flat = w.reshape(v.shape)
             time = time_to_one_percent(min(alpha, limit), _factor(T, flat))
             found.append((time, flat))
             return time
@@ -494,14 +502,11 @@ class Search:
     def weights(self, error: ErrorBound | None, enough: float) -> tuple[float, Array | None]:
         """v (n, m) with min v = 1 that goes with the gains where it is used, and its rate; the
         flattest v that keeps ``enough`` of the best rate."""
-        agents, T = self.agents, to_float(self.T)
-        v: Array = np.ones((agents.size, agents.loop.m))
+        v = self.agents.ones
         rate, best = 0.0, None
-        for _ in range(1 if agents.loop.is_linear else ROUNDS):
-            spread = float(np.max(np.abs(T).sum(axis=1) / v))
-            rho = float(self.radius) * spread + float(self.offset(error))
-            gains = agents.gains_at(T, v, rho)
-            found = [] if gains is None else agents.vectors(T, gains)
+        for _ in range(1 if self.agents.loop.is_linear else ROUNDS):
+            rows = self.rows(v, error)
+            found = [] if rows is None else rows.vectors()
             if not found:
                 break
             rate, best = next(each for each in found if each[0] >= enough * found[-1][0])
@@ -514,7 +519,7 @@ class Search:
         """What the estimation error adds to rho."""
         if error is None:
             return Fraction(0)
-        return error.kappa * self.disturbance * root_above(error.size, unit=10**6)
+        return error.kappa * self.cover.disturbance * root_above(error.size, unit=10**6)
 
     def claim(self, v: Any, error: ErrorBound | None) -> Separable | None:
         """The claim with these weights at the largest rate; None if its rows do not hold, or V does
@@ -522,7 +527,7 @@ class Search:
         loop, T = self.agents.loop, self.T
         rho = None
         if not self.everywhere:
-            rho = rounded_up(self.radius * spread(T, v) + self.offset(error), digits=6)
+            rho = rounded_up(self.cover.radius * spread(T, v) + self.offset(error), digits=6)
         try:
             ranges = enclosed_ranges(loop, T, v, rho)
         except (UndefinedError, SpecError):

@@ -48,7 +48,6 @@ from dobc_design.exact.matrix import Vector
 from dobc_design.exact.symmetric import Doubles
 from dobc_design.exact.work import spend
 from dobc_design.loop.loop import Loop
-from dobc_design.verdict import Verdict
 
 # how far below the largest rate ``largest_rate`` may stop, as a part of it
 TOLERANCE: Final = Fraction(1, 10**5)
@@ -174,8 +173,6 @@ def longest_delay(loop: Loop, claim: Separable, *, rate: Fraction) -> DelayBound
         delays.append(rounded_down(delays[-1] / 2, digits=1))
     bounds = [DelayBound(delay=delay, rate=rate) for delay in delays]
     first = bisect_left(
-        bounds,
-        True,
-        key=lambda bound: verify_delay(loop, claim, bound).verdict is Verdict.PROVED,
+        bounds, True, key=lambda bound: verify_delay(loop, claim, bound).wrong is None
     )
     return bounds[first] if first < len(bounds) else None

@@ -27,6 +27,9 @@ from dobc_design.conditions.separable.claim import FACES, DelayBound, SamplingBo
 from dobc_design.conditions.separable.decide import (
     SeparableAnswer,
     coupling_profiles,
+    proved,
+    refuted,
+    undecided,
     verify_separable,
 )
 from dobc_design.conditions.separable.large import SLICES, arc_rows, stiffest_row
@@ -35,7 +38,6 @@ from dobc_design.errors import SpecError
 from dobc_design.exact.floats import Floats
 from dobc_design.exact.interval import Interval, UndefinedError, exp
 from dobc_design.loop.loop import Loop
-from dobc_design.verdict import Verdict
 
 _CLOSE = Fraction(1, 1000)
 # How much larger than the truth floats may make a sum of slopes: for nine digits of a period, and
@@ -57,10 +59,9 @@ def verify_delay(loop: Loop, claim: Separable, bound: DelayBound) -> SeparableAn
         key = "delay" if bound.delay < 0 else "rate"
         raise SpecError("a delay must be >= 0 and its rate > 0.", key=key)
     if claim.error is not None and bound.rate > claim.error.beta:
-        reason = "the rate exceeds beta, at which the observer error decays."
-        return SeparableAnswer(verdict=Verdict.REFUTED, reason=reason)
+        return refuted("the rate exceeds beta, at which the observer error decays.")
     if loop.goals.moves:
-        return SeparableAnswer(verdict=Verdict.UNDECIDED, reason=LEADER_GOES_ON)
+        return undecided(LEADER_GOES_ON)
     slower = Separable(v=claim.v, alpha=bound.rate, rho=claim.rho, error=claim.error)
     stretch = exp(Interval.point(bound.rate * bound.delay)).hi
     return verify_separable(loop, slower, stretch=stretch)
@@ -92,20 +93,16 @@ def verify_sampling(loop: Loop, claim: Separable, bound: SamplingBound) -> Separ
     if bound.period <= 0:
         raise SpecError("a sampling period must be > 0.", key="period")
     if bound.factor >= 1 or bound.factor < 1 - bound.period * claim.alpha:
-        return SeparableAnswer(
-            verdict=Verdict.REFUTED, reason="the factor must be < 1 and at least 1 - T alpha."
-        )
+        return refuted("the factor must be < 1 and at least 1 - T alpha.")
     stiffest = _stiffest(loop, claim, enough=lambda x: not 1 < bound.period * x <= 1 + _NEAR)
     if isinstance(stiffest, str):
-        return SeparableAnswer(verdict=Verdict.UNDECIDED, reason=stiffest)
+        return undecided(stiffest)
     if bound.period * stiffest > 1:
-        reason = "one step may overshoot a face of the box: try a shorter period."
-        return SeparableAnswer(verdict=Verdict.UNDECIDED, reason=reason)
-    reason = (
+        return undecided("one step may overshoot a face of the box: try a shorter period.")
+    return proved(
         "no step of this length overshoots a face of the box, so that N falls from sample to "
         "sample."
     )
-    return SeparableAnswer(verdict=Verdict.PROVED, reason=reason)
 
 
 def _stiffest(

@@ -219,7 +219,7 @@ def _on(task: Task, agents: Sequence[int]) -> PinningDesign:
         return task.fails(undecided("method", f"does not apply: {error}"))
     for claim, gains in _proposed(task, agents):
         held = holding(bare, gains)
-        if gains and separable.verify_separable(loop_of(held), claim).verdict is Verdict.PROVED:
+        if gains and separable.verify_separable(loop_of(held), claim).wrong is None:
             return _covered(task, gains, held, replace(claim, error=task.region.error))
     where = "" if rho is None else f" over |e_i| <= {shown_number(rho)}"
     none = f"no gains on the allowed agents were found with which {REACHES}"
@@ -247,9 +247,8 @@ def _covered(task: Task, gains: Gains, held: Problem, claim: Separable) -> Pinni
     region = task.region
     wrong = ""
     if region.error is not None:
-        decided = separable.verify_composite(loop_of(held), region.W, claim)
-        if decided.verdict is not Verdict.PROVED:
-            wrong = f": {decided.reason}"
+        why = separable.verify_composite(loop_of(held), region.W, claim).wrong
+        wrong = "" if why is None else f": {why}"
     # The box of the rows has to hold the region together with the observer's part.
     reaches = separable.covers(claim, radius=region.radius, disturbance=region.disturbance)
     if wrong or not reaches or separable.composite_rate(claim) < request.rate:

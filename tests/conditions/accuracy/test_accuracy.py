@@ -21,6 +21,7 @@ from dobc_design.certification.recheck import recheck
 from dobc_design.checker.examine import examine
 from dobc_design.conditions.accuracy import decide, stage
 from dobc_design.conditions.accuracy.decide import Accuracy, confirm
+from dobc_design.conditions.case import Case
 from dobc_design.conditions.check import Check, Values
 from dobc_design.conditions.domain import EVERYWHERE
 from dobc_design.exact.matrix import matrix, multiply
@@ -342,12 +343,12 @@ def test_larger_inputs_are_not_covered():
     claim = row(LINEAR).claim
     check = Check(id="accuracy", verdict=Verdict.PROVED, domain=EVERYWHERE, reason="", claim=claim)
     assert claim is not None
-    W = certify(LINEAR).claims.W
-    assert confirm(check, loop_of(LINEAR), W, domain=EVERYWHERE) is None
+    case = Case(loop=loop_of(LINEAR), W=certify(LINEAR).claims.W, domain=EVERYWHERE)
+    assert confirm(check, case) is None
     louder = LINEAR.replace(uncertainty={"disturbance": "0.1001"})
-    assert "row of agent" in str(confirm(check, loop_of(louder), W, domain=EVERYWHERE))
+    assert "row of agent" in str(confirm(check, replace(case, loop=loop_of(louder))))
     read = replace(check, claim=Values(claim.to_json()))
-    assert confirm(read, loop_of(LINEAR), W, domain=EVERYWHERE) is None
+    assert confirm(read, case) is None
 
 
 @pytest.mark.parametrize("seed", [0, 2, 25])
@@ -379,9 +380,8 @@ def test_boxes_inside_are_found_where_a_newton_step_overshoots():
 
 def shown_bounds(problem: Problem, *, steps: int, step: str = "1/200") -> np.ndarray:
     """What the response of a whole loop shows, by agent and component."""
-    found = decide.response_bounds(
-        loop_of(problem), None, decide.Response(step=Fraction(step), steps=steps)
-    )
+    plant = decide.Plant(loop=loop_of(problem), peaks=None)
+    found = plant.response_bounds(decide.Response(step=Fraction(step), steps=steps))
     assert found is not None
     return np.array([[float(x) for x in found[label]] for label in problem.network.labels])
 

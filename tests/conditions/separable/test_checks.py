@@ -11,7 +11,9 @@ import pytest
 from networks import fractions, listening, pair
 
 from dobc_design import Exosystem, Observer, Problem, Verdict
+from dobc_design.conditions.case import Case
 from dobc_design.conditions.check import Values
+from dobc_design.conditions.coverage import read_region
 from dobc_design.conditions.domain import EVERYWHERE, NEAR_TARGET, Box, domain_from_json
 from dobc_design.conditions.numbers import vector_from_json, vector_to_json
 from dobc_design.conditions.separable.checks import (
@@ -41,9 +43,13 @@ BOX = Box(2.0, 0.0)
 
 
 def proved(claim=CLAIM, radius=2.0, problem=CUBIC, W=None, disturbance=0.0):
-    return max_separable_check(
-        loop_of(problem), W, claim, radius=radius, disturbance=disturbance, domain=NEAR_TARGET
-    )
+    asked = read_region(loop_of(problem), W, domain=NEAR_TARGET, everything=False)
+    return max_separable_check(replace(asked, disturbance=disturbance), claim, radius=radius)
+
+
+def sampled(problem, claim, proof):
+    case = Case(loop=loop_of(problem), W=None, domain=NEAR_TARGET)
+    return sampling_check(case, claim, proof)
 
 
 def confirmed(check, problem=CUBIC, **settings):
@@ -188,7 +194,7 @@ def test_a_sampling_period_is_the_inverse_of_the_stiffest_row():
     hand."""
     problem, claim = pair("y"), Separable(v=V, alpha=F(1, 3), rho=F(2))
     proof = proved(claim, problem=problem)
-    check = sampling_check(loop_of(problem), claim, proof, domain=NEAR_TARGET)
+    check = sampled(problem, claim, proof)
     assert check.exact == {"period": "999/5000", "factor": "4667/5000"}
     assert confirmed(check, problem, beside=proof) is None
     assert confirmed(bent(check, period="1/5", factor="14/15"), problem, beside=proof) is None
@@ -205,16 +211,12 @@ def test_a_sampling_period_is_for_an_estimate_that_is_not_held():
     """k = 1, T = 1: with eps = 0 and dhat(t) the error is gone after a step; dhat held for d = sin
     2t leaves some."""
     proof = composite(COMPOSITE, radius=0.5, disturbance=0.1)
-    with_estimate = sampling_check(loop_of(OBSERVED), COMPOSITE, proof, domain=NEAR_TARGET)
+    with_estimate = sampled(OBSERVED, COMPOSITE, proof)
     assert with_estimate.verdict is PROVED
     assert "dhat acts continuously" in with_estimate.reason
-    claim = Separable(v=V, alpha=F(1, 3), rho=F(2))
-    assert (
-        "dhat"
-        not in sampling_check(
-            loop_of(pair("y")), claim, proved(claim, problem=pair("y")), domain=NEAR_TARGET
-        ).reason
-    )
+    problem, claim = pair("y"), Separable(v=V, alpha=F(1, 3), rho=F(2))
+    without = sampled(problem, claim, proved(claim, problem=problem))
+    assert "dhat" not in without.reason
     T, e, held = 1.0, 1.0, []
     for t in np.arange(30.0):
         e += T * -e + (np.cos(2 * t) - np.cos(2 * (t + T))) / 2 - T * np.sin(2 * t)

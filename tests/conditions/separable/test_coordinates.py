@@ -16,7 +16,7 @@ from dobc_design.conditions.domain import EVERYWHERE, NEAR_TARGET
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.coordinates import enclosed_ranges, reaches, slowest_row
 from dobc_design.conditions.separable.decide import covers, verify_composite
-from dobc_design.conditions.separable.propose_coordinates import Agents, _rounded
+from dobc_design.conditions.separable.propose_coordinates import Agents, Rows, _rounded
 from dobc_design.conditions.separable.stage import separable_stage
 from dobc_design.errors import ShapeError
 from dobc_design.exact.matrix import to_float
@@ -144,8 +144,9 @@ def test_rows_of_many_weights_at_once_are_those_of_one_at_a_time():
     T, v = r.normal(size=(2, 2)), r.uniform(0.5, 2, (5, 3, 2))
     gains = known.gains_at(T, v[0], 0.3)
     assert gains is not None
-    each = [known.rows(T, gains, one)[0] for one in v]
-    np.testing.assert_allclose(known.largest(T, gains, v), each, rtol=1e-12, atol=1e-12)
+    rows = Rows.of(known, T, gains)
+    each = [rows.chosen(one)[0] for one in v]
+    np.testing.assert_allclose(rows.largest(v), each, rtol=1e-12, atol=1e-12)
 
 
 def test_differences_reach_as_far_as_the_weights_say():

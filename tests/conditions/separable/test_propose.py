@@ -26,8 +26,8 @@ from dobc_design.conditions.separable.decide import (
     verify_composite,
 )
 from dobc_design.conditions.separable.propose import (
+    Cover,
     SeparablePlan,
-    design_separable,
     field_of,
     first_certificate,
     propose_separable,
@@ -96,7 +96,7 @@ def test_a_single_linear_mode_has_the_spectral_abscissa_as_rate(seed: int):
 
 def test_nothing_is_proposed_where_an_agent_is_not_held():
     assert propose_separable(loop_of(cycle(gains={})), rho=1.0) is None
-    assert design_separable(loop_of(cycle(gains={})), radius=F(1)) is None
+    assert Cover(loop=loop_of(cycle(gains={})), radius=F(1)).fastest() is None
     assert propose_separable(loop_of(pair("-y", k=5)), rho=1.0) is None
 
 
@@ -153,7 +153,7 @@ def test_example_2_is_proved_from_the_papers_own_starts():
 def test_a_claim_has_the_rate_that_is_planned():
     """The whole way: P, beta, kappa, rho, v, alpha; for two agents that hear each other."""
     problem = cycle(2, exosystem=SWITCHING.exosystem)
-    plan = design_separable(loop_of(problem), radius=F(4), disturbance=F(1, 2), W=W)
+    plan = Cover(loop=loop_of(problem), radius=F(4), disturbance=F(1, 2), W=W).fastest()
     claim = first_certificate(loop_of(problem), W, plan)
     assert holds_starts_of_the_paper(problem, claim)
     assert 0.997 * plan.rate <= claim.alpha <= plan.rate * 1.0001
@@ -166,7 +166,8 @@ def test_no_certificate_comes_out_of_vectors_that_do_not_hold():
             is None
         )
     # An exosystem without a gain has no plan.
-    assert design_separable(loop_of(SWITCHING), radius=F(4), disturbance=F(1, 2)) is None
+    cover = Cover(loop=loop_of(SWITCHING), radius=F(4), disturbance=F(1, 2))
+    assert cover.fastest() is None
 
 
 @pytest.mark.parametrize("h", [pytest.param(PAPER, marks=pytest.mark.slow), "sin(y)"])

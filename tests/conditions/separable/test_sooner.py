@@ -14,10 +14,9 @@ from dobc_design import Network, Problem, load_problem, verify
 from dobc_design.conditions.domain import Box
 from dobc_design.conditions.numbers import golden_section, time_to_one_percent
 from dobc_design.conditions.separable.propose import (
-    design_separable,
+    Cover,
     field_of,
     least_solution,
-    sooner_plan,
 )
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.load import read_problem_text
@@ -77,9 +76,10 @@ def test_the_least_weights_have_the_least_largest_one(rate: float):
 
 def test_no_other_rate_of_a_chain_settles_earlier():
     """By the linear program on a fine grid of rates: v_1 = 1, v_(i + 1) = 2 v_i / (2 - rate)."""
-    plan = design_separable(loop_of(CHAIN), radius=Fraction(1))
+    cover = Cover(loop=loop_of(CHAIN), radius=Fraction(1))
+    plan = cover.fastest()
     assert plan is not None
-    sooner = sooner_plan(loop_of(CHAIN), plan, radius=Fraction(1), disturbance=Fraction(0), W=None)
+    sooner = cover.sooner(plan)
     grid = (
         time_to_one_percent(rate, (2 / (2 - rate)) ** 4) for rate in np.linspace(0.01, 1.99, 2000)
     )
@@ -90,12 +90,10 @@ def test_no_other_rate_of_a_chain_settles_earlier():
 
 def test_a_flat_plan_is_left_as_it_is():
     alike = Problem(network=CHAIN.network, coupling="2*y", gains=3)
-    plan = design_separable(loop_of(alike), radius=Fraction(1))
+    cover = Cover(loop=loop_of(alike), radius=Fraction(1))
+    plan = cover.fastest()
     assert plan is not None
-    assert (
-        sooner_plan(loop_of(alike), plan, radius=Fraction(1), disturbance=Fraction(0), W=None)
-        is plan
-    )
+    assert cover.sooner(plan) is plan
 
 
 def test_a_golden_section_closes_in_on_the_minimum():

@@ -17,7 +17,7 @@ from dobc_design.conditions.check import Values
 from dobc_design.conditions.coverage import read_region
 from dobc_design.conditions.domain import EVERYWHERE, NEAR_TARGET
 from dobc_design.conditions.separable.claim import separable_from_json
-from dobc_design.conditions.separable.propose import design_separable, flatter_plans
+from dobc_design.conditions.separable.propose import Cover, flatter_plans
 from dobc_design.conditions.separable.stage import separable_stage
 from dobc_design.conditions.separable.timing import largest_period
 from dobc_design.loop.make import loop_of
@@ -249,7 +249,7 @@ def test_a_chain_whose_fastest_v_is_too_steep_is_proved_with_a_flatter_one():
     problem = listening(
         [[i + 1, i] for i in range(1, 5)], "exp(y) - 1 + y", n=5, gains={1: 2}, region=side(1)
     )
-    steep = design_separable(loop_of(problem), radius=Fraction(1))
+    steep = Cover(loop=loop_of(problem), radius=Fraction(1)).fastest()
     assert steep.v.max() > 1e5
     check = stage(problem)["max-separable"]
     assert (check.verdict, check.domain.radius) == (PROVED, 1.0)
@@ -258,7 +258,9 @@ def test_a_chain_whose_fastest_v_is_too_steep_is_proved_with_a_flatter_one():
     problem = cycle(4, gains=5)  # a flat v is not flattened
     assert (
         list(
-            flatter_plans(loop_of(problem), design_separable(loop_of(problem), radius=Fraction(1)))
+            flatter_plans(
+                loop_of(problem), Cover(loop=loop_of(problem), radius=Fraction(1)).fastest()
+            )
         )
         == []
     )

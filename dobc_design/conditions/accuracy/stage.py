@@ -548,7 +548,8 @@ def _least_weights(rows: Rows, acts: Array) -> Array | None:
     rows fall, as ones often do, and as the v with the best rate does where there is one.
     """
     starts = [rows.agents.ones, *(v for _, v in rows.vectors()[-1:])]
-    for v in starts:
+    for start in starts:
+        v = start
         for _ in range(CHOICES):
             u = solved_whole(rows.chosen(v)[1], acts)
             if u is None:

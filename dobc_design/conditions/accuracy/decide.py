@@ -45,9 +45,9 @@ from dobc_design.conditions.check import Check, read_domain, read_object, undeci
 from dobc_design.conditions.consensus.claim import jacobians_at_consensus, linearisation
 from dobc_design.conditions.domain import EVERYWHERE, Around, Box, Domain
 from dobc_design.conditions.numbers import (
-    as_json,
     fields_to_json,
     form_from_json,
+    rational_or_none,
     read_rational,
     read_rationals,
     rounded_up,
@@ -74,21 +74,18 @@ from dobc_design.conditions.separable.claim import (
 )
 from dobc_design.conditions.separable.coordinates import rows_obstacle
 from dobc_design.conditions.separable.decide import (
+    FaceRow,
     coupling_profiles,
     covers,
-    decide_row,
-    linear_bound,
     observer_obstacle,
 )
 from dobc_design.coupling.enclosures import Profile, jet, secant_range
 from dobc_design.coupling.tree import ZERO
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import Matrix, Vector, identity, kronecker, multiply
-from dobc_design.exact.number import number_text
 from dobc_design.exact.peaks import MOST_STEPS, peak_gains, peak_gains_by_row, row_norm
 from dobc_design.exact.symmetric import Doubles, least
 from dobc_design.loop.loop import Loop
-from dobc_design.problem.canonical import matrix_text
 from dobc_design.problem.groups import gains_of
 from dobc_design.problem.uncertainty import Uncertainty
 from dobc_design.verdict import Verdict
@@ -114,7 +111,7 @@ class Level:
         """The exact values as text."""
         values = {"v": vector_to_json(self.v), **fields_to_json(self, "alpha", "level", "rho")}
         if self.ranges:
-            values["ranges"] = as_json(self.ranges)
+            values |= fields_to_json(self, "ranges")
         return values
 
 
@@ -133,7 +130,7 @@ class Peaks:
 
     def to_json(self) -> dict[str, Any]:
         """The exact values as text."""
-        return {**fields_to_json(self, *INPUTS, "step"), "steps": self.steps}
+        return fields_to_json(self, *INPUTS, "step", "steps")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -145,7 +142,7 @@ class Response:
 
     def to_json(self) -> dict[str, Any]:
         """The exact values."""
-        return {**fields_to_json(self, "step"), "steps": self.steps}
+        return fields_to_json(self, "step", "steps")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -194,20 +191,9 @@ class Accuracy:
 
     def to_json(self) -> dict[str, Any]:
         """The exact values of a proved check."""
-        values: dict[str, Any] = {}
-        if self.response is None:
-            values["stages"] = [stage.to_json() for stage in self.stages]
-        else:
-            values["response"] = self.response.to_json()
-        bounds: dict[str, Any] = {}
-        for label, each in self.listed.items():
-            texts = [number_text(x) for x in each]
-            bounds[label] = texts if self.by_component else texts[0]
-        values["bounds"] = bounds
-        if self.T is not None:
-            values["T"] = matrix_text(self.T)
-        if self.peaks is not None:
-            values["peaks"] = self.peaks.to_json()
+        first = "stages" if self.response is None else "response"
+        beside = [name for name in ("T", "peaks") if getattr(self, name) is not None]
+        values = fields_to_json(self, first, "bounds", *beside)
         if self.error is not None:
             values |= self.error.to_json()
         return values
@@ -271,7 +257,7 @@ def _read_level(data: object, loop: Loop, turned: bool) -> Level:
     values = read_object(data, names)
     if (values["rho"] is None) != loop.is_linear:
         raise ValueError("rho must be null exactly where every coupling is linear")
-    rho = None if values["rho"] is None else read_rational(values["rho"])
+    rho = rational_or_none(values["rho"])
     level = level_from_json(values, loop.size if turned else loop.n, rho)
     if turned:
         return replace(level, ranges=ranges_from_json(values["ranges"], loop, rho))
@@ -546,12 +532,11 @@ class _Slopes:
 def _row_holds(
     row: Row, load: Fraction, face: int, *, profiles: tuple[Profile, ...], stage: Level
 ) -> bool:
+    on_face = FaceRow(row, face, profiles)
     if stage.rho is None:
         limit = (row.pull - stage.alpha) * row.own
-        return linear_bound(row, face, profiles) + load / stage.level <= limit
-    verdict, _ = decide_row(
-        row, face, profiles, alpha=stage.alpha, rho=stage.rho, start=stage.level, load=load
-    )
+        return on_face.linear_bound() + load / stage.level <= limit
+    verdict, _ = on_face.decide(alpha=stage.alpha, rho=stage.rho, start=stage.level, load=load)
     return verdict is Verdict.PROVED
 
 

@@ -24,7 +24,9 @@ from typing import Any, Final
 
 from dobc_design.conditions.check import Check, Values, read_object
 from dobc_design.conditions.numbers import (
+    fields_to_json,
     form_from_json,
+    rational_or_none,
     read_rational,
     vector_from_json,
     vector_to_json,
@@ -33,10 +35,8 @@ from dobc_design.conditions.schedule.checks import cycles_from_json
 from dobc_design.conditions.schedule.claim import Cycles
 from dobc_design.conditions.separable.claim import observed_in
 from dobc_design.exact.matrix import Matrix, Vector
-from dobc_design.exact.number import number_text
 from dobc_design.exact.symmetric import Doubles
 from dobc_design.loop.loop import Loop
-from dobc_design.problem.canonical import matrix_text
 from dobc_design.verdict import Verdict
 
 SURE: Final = "almost sure"
@@ -66,11 +66,11 @@ class Kept:
             del values["phases"]
             del values["rate"]
         if self.kind != SURE:
-            values["rate"] = None if self.rate is None else number_text(self.rate)
+            values |= fields_to_json(self, "rate")
         if self.w is not None:
             values["w"] = {mode: vector_to_json(v) for mode, v in self.w.items()}
         if self.P is not None:
-            values["P"] = {mode: matrix_text(P) for mode, P in self.P.items()}
+            values |= fields_to_json(self, "P")
         return values
 
 
@@ -98,11 +98,10 @@ def _box_from_json(data: object, kind: str, loop: Loop) -> Kept:
     """A claim with v = 1, which has a rate only for safety."""
     own = "kind" if kind else "rate"
     values = read_object(data, ("rho", own, *observed_in(loop)))
-    rate = values.get("rate")
     as_weights = {**values, "rate": None, "phases": []}
     as_weights.pop("kind", None)
     box = cycles_from_json(as_weights, loop)
-    return Kept(kind=kind, rate=None if rate is None else read_rational(rate), box=box)
+    return Kept(kind=kind, rate=rational_or_none(values.get("rate")), box=box)
 
 
 def signals_in_words(loop: Loop, check: Check) -> str:

@@ -53,10 +53,10 @@ from dobc_design.conditions.separable.claim import (
 )
 from dobc_design.conditions.separable.decide import (
     NOT_BY_COMPONENT,
+    FaceRow,
     composite_rate,
     coupling_profiles,
     covers,
-    linear_bound,
     observer_obstacle,
     verify_separable,
 )
@@ -64,7 +64,7 @@ from dobc_design.conditions.stated import stated_in
 from dobc_design.coupling.enclosures import Curve, secant_range
 from dobc_design.exact.interval import Interval
 from dobc_design.exact.matrix import Matrix, Vector, multiply, transpose
-from dobc_design.exact.number import number_text, root_above
+from dobc_design.exact.number import root_above
 from dobc_design.exact.peaks import row_norm
 from dobc_design.exact.symmetric import Doubles, least
 from dobc_design.loop.loop import Loop
@@ -86,9 +86,10 @@ class Tolerance:
 
     def to_json(self) -> dict[str, Any]:
         """The exact values of a proved check."""
-        values = {**fields_to_json(self.errors, "weights", "gains"), **fields_to_json(self, "alpha")}
+        values = fields_to_json(self.errors, "weights", "gains")
+        values |= fields_to_json(self, "alpha")
         if self.eta is not None:
-            values["eta"] = number_text(self.eta)
+            values |= fields_to_json(self, "eta")
         if self.v is not None:
             values["v"] = vector_to_json(self.v)
         return values
@@ -108,10 +109,10 @@ class Inputs:
 
     def to_json(self) -> dict[str, Any]:
         """The exact values of a proved check."""
-        inputs = {label: number_text(most) for label, most in self.inputs.items()}
-        values: dict[str, Any] = {"rho": number_text(self.rho), "inputs": inputs}
+        values = fields_to_json(self, "rho", "inputs")
         if self.stage is not None:
-            values |= {"v": vector_to_json(self.stage.v), **fields_to_json(self.stage, "alpha", "level")}
+            values["v"] = vector_to_json(self.stage.v)
+            values |= fields_to_json(self.stage, "alpha", "level")
         if self.error is not None:
             values |= self.error.to_json()
         return values
@@ -279,7 +280,7 @@ def _not_local(loop: Loop, claim: Tolerance, v: Vector | Doubles) -> str | None:
         return reason
     profiles = coupling_profiles(loop, v, rho=None)
     for row, place in claims.rows(loop, v, errors=claim.errors):
-        if linear_bound(row, 1, profiles) > (row.pull - claim.alpha) * row.own:
+        if FaceRow(row, 1, profiles).linear_bound() > (row.pull - claim.alpha) * row.own:
             return (
                 f"the row of agent {loop.labels[place.agent]} in mode {place.mode} "
                 "fails at the target"

@@ -29,9 +29,9 @@ import numpy as np
 
 from dobc_design.conditions.check import Check, Claim, read_object
 from dobc_design.conditions.numbers import (
-    as_json,
     fields_to_json,
     form_from_json,
+    rational_or_none,
     read_rational,
     read_rationals,
     vector_from_json,
@@ -44,7 +44,6 @@ from dobc_design.exact.number import float_above
 from dobc_design.exact.symmetric import Doubles, largest, least
 from dobc_design.loop.arcs import coupling_places
 from dobc_design.loop.loop import Loop
-from dobc_design.problem.canonical import matrix_text
 
 FACES = {1: "upper", -1: "lower"}
 OBSERVED: Final = ("P", "beta", "kappa", "size")
@@ -67,7 +66,7 @@ class ErrorBound:
 
     def to_json(self) -> dict[str, Any]:
         """The exact values of the observer's part, by the keys ``OBSERVED``."""
-        return {"P": matrix_text(self.P), **fields_to_json(self, "beta", "kappa", "size")}
+        return fields_to_json(self, *OBSERVED)
 
 
 def observed_in(loop: Loop) -> tuple[str, ...]:
@@ -137,8 +136,7 @@ class Separable:
         """The exact values of a proved max-separable check."""
         values = {"v": vector_to_json(self.v), **fields_to_json(self, "alpha", "rho")}
         if self.T is not None:
-            values["T"] = matrix_text(self.T)
-            values["ranges"] = as_json(self.ranges)
+            values |= fields_to_json(self, "T", "ranges")
         if self.error is not None:
             values |= self.error.to_json()
         return values
@@ -233,7 +231,7 @@ def separable_from_json(exact: object, loop: Loop, *, turned: bool = False) -> S
     if turned:
         names += ["T", "ranges"]
     values = read_object(exact, names)
-    rho = None if values["rho"] is None else read_rational(values["rho"])
+    rho = rational_or_none(values["rho"])
     found = Separable(
         v=vector_from_json(values["v"], loop.size if turned else loop.n),
         alpha=read_rational(values["alpha"]),

@@ -260,13 +260,14 @@ def _decide(
 ) -> SeparableAnswer | None:
     """None if the row is proved."""
     s = None
+    on_face = FaceRow(row, face, question.profiles)
     if claim.rho is None:
-        if linear_bound(row, face, question.profiles) <= (row.pull - claim.alpha) * row.own:
+        if on_face.linear_bound() <= (row.pull - claim.alpha) * row.own:
             return None
         # a slope that is enclosed only leaves open whether the row fails
         verdict = Verdict.REFUTED if _slopes_are_exact(question.loop) else Verdict.UNDECIDED
     else:
-        verdict, s = decide_row(row, face, question.profiles, alpha=claim.alpha, rho=claim.rho)
+        verdict, s = on_face.decide(alpha=claim.alpha, rho=claim.rho)
         if verdict is Verdict.PROVED:
             return None
     if verdict is Verdict.REFUTED:
@@ -297,96 +298,106 @@ def _slopes_are_exact(loop: Loop) -> bool:
     return True
 
 
-def decide_row(
-    row: Row,
-    face: int,
-    profiles: Sequence[Profile],
-    *,
-    alpha: Fraction,
-    rho: Fraction,
-    start: Fraction = _ZERO,
-    load: Fraction = _ZERO,
-) -> tuple[Verdict, Fraction | None]:
-    """Decide the row for all s in (0, rho]: proved, refuted or undecided at one s.  Floats prove
-    what they can.  With a ``load`` >= 0, which is added to the row before it is divided by s: for
-    all s in [start, rho], start > 0."""
-    limit = (row.pull - alpha) * row.own
-    whole = Interval(start, rho)
-    if _by_floats(row, face, profiles, limit=limit, whole=whole, load=load):
+@dataclass(frozen=True, slots=True)
+class FaceRow:
+    """A row on one face, with how its couplings rise and fall."""
+
+    row: Row
+    face: int
+    profiles: Sequence[Profile]
+
+    @property
+    def price(self) -> int:
+        """Steps of work that one piece takes, about."""
+        return sum(self.profiles[term.coupling].curve.programs.cost for term in self.row.terms)
+
+    def decide(
+        self, *, alpha: Fraction, rho: Fraction, start: Fraction = _ZERO, load: Fraction = _ZERO
+    ) -> tuple[Verdict, Fraction | None]:
+        """Decide the row for all s in (0, rho]: proved, refuted or undecided at one s.  Floats
+        prove what they can.  With a ``load`` >= 0, which is added to the row before it is divided
+        by s: for all s in [start, rho], start > 0."""
+        limit = (self.row.pull - alpha) * self.row.own
+        whole = Interval(start, rho)
+        if self._by_floats(limit, whole, load):
+            return Verdict.PROVED, None
+        sides = self.sides(whole)
+        price = self.price
+        waiting = [whole]
+        count = 0
+        while waiting:
+            S = waiting.pop()
+            spend(price)
+            count += 1
+            if _with_load(sides, S, load).hi <= limit:
+                continue
+            first, last = S.ends()
+            # without a load the first end may be s = 0, where nothing is divided by s
+            for s in (first, last, S.middle()) if load else (last, S.middle()):
+                added = load / s.lo if load else 0
+                if lower_bound(sides, s) + added > limit:
+                    return Verdict.REFUTED, s.lo
+            if count >= MOST_PIECES:
+                return Verdict.UNDECIDED, S.midpoint
+            waiting += S.halves()
         return Verdict.PROVED, None
-    sides = sides_of(row, face, profiles, whole)
-    price = price_of(row, profiles)
-    waiting = [whole]
-    count = 0
-    while waiting:
-        S = waiting.pop()
-        spend(price)
-        count += 1
-        if _with_load(sides, S, load).hi <= limit:
-            continue
-        first, last = S.ends()
-        # without a load the first end may be s = 0, where nothing is divided by s
-        for s in (first, last, S.middle()) if load else (last, S.middle()):
-            added = load / s.lo if load else 0
-            if lower_bound(sides, s) + added > limit:
-                return Verdict.REFUTED, s.lo
-        if count >= MOST_PIECES:
-            return Verdict.UNDECIDED, S.midpoint
-        waiting += S.halves()
-    return Verdict.PROVED, None
+
+    def _by_floats(self, limit: Fraction, whole: Interval, load: Fraction) -> bool:
+        """Whether intervals of floats prove the row; where its sides are nearly equal the exact
+        ones are left to decide."""
+        try:
+            price = self.price
+            waiting = [Floats.around(whole)]
+            count = 0
+            most = float_below(limit)
+            # what is closer than that at one s is not told from the limit by smaller pieces
+            near = float_below(limit - abs(limit) / 10**9)
+            sides = self.sides(waiting[0])
+            while waiting:
+                S = waiting.pop()
+                spend(price)
+                if _with_load(sides, S, load).top <= most:
+                    continue
+                count += 1
+                if count >= MOST_PIECES or _with_load(sides, S.middle(), load).top > near:
+                    return False
+                waiting += S.halves()
+        except UndefinedError:
+            return False
+        return True
+
+    def linear_bound(self) -> Fraction:
+        """An upper bound of sum w phi for linear couplings, where phi does not depend on s; exact
+        if slopes are."""
+        spend(LINEAR)
+        total = _ZERO
+        for term in self.row.terms:
+            slope = jet(self.profiles[term.coupling].curve, ZERO).slope
+            total += term.weight * max((slope * term.step).hi, (slope * -term.reach).hi)
+        return total
+
+    def sides(self, S: Interval) -> list[Side]:
+        """The terms, in the arithmetic of S."""
+        found = []
+        for term in self.row.terms:
+            whole = Interval(-term.reach, term.step)
+            side = Side(
+                term=term,
+                kind=self.profiles[term.coupling],
+                face=self.face,
+                weight=S.like(term.weight),
+                left=S.like(-term.reach),
+                right=S.like(term.step),
+                weighted=S.like(term.weight * term.step),
+                whole=S.like(whole * self.face),
+                bend=S.like(self.face * term.weight * term.step**2),
+            )
+            found.append(side)
+        return found
 
 
 def _with_load(sides: Sequence[Side], S: Interval, load: Fraction) -> Interval:
     return upper_bound(sides, S) + S.like(load) / S if load else upper_bound(sides, S)
-
-
-def _by_floats(
-    row: Row,
-    face: int,
-    profiles: Sequence[Profile],
-    *,
-    limit: Fraction,
-    whole: Interval,
-    load: Fraction,
-) -> bool:
-    """Whether intervals of floats prove the row; where its sides are nearly equal the exact ones
-    are left to decide."""
-    try:
-        price = price_of(row, profiles)
-        waiting = [Floats.around(whole)]
-        count = 0
-        most = float_below(limit)
-        # what is closer than that at one s is not told from the limit by smaller pieces
-        near = float_below(limit - abs(limit) / 10**9)
-        sides = sides_of(row, face, profiles, waiting[0])
-        while waiting:
-            S = waiting.pop()
-            spend(price)
-            if _with_load(sides, S, load).top <= most:
-                continue
-            count += 1
-            if count >= MOST_PIECES or _with_load(sides, S.middle(), load).top > near:
-                return False
-            waiting += S.halves()
-    except UndefinedError:
-        return False
-    return True
-
-
-def price_of(row: Row, profiles: Sequence[Profile]) -> int:
-    """Steps that one piece of a row takes, about."""
-    return sum(profiles[term.coupling].curve.programs.cost for term in row.terms)
-
-
-def linear_bound(row: Row, face: int, profiles: Sequence[Profile]) -> Fraction:
-    """An upper bound of sum w phi for linear couplings, where phi does not depend on s; exact if
-    slopes are."""
-    spend(LINEAR)
-    total = _ZERO
-    for term in row.terms:
-        slope = jet(profiles[term.coupling].curve, ZERO).slope
-        total += term.weight * max((slope * term.step).hi, (slope * -term.reach).hi)
-    return total
 
 
 class Side(NamedTuple):
@@ -410,24 +421,6 @@ class Side(NamedTuple):
     def turns(self) -> tuple[Cell, ...]:
         """Where phi may have a maximum."""
         return self.kind.tops if self.face > 0 else self.kind.bottoms
-
-
-def sides_of(row: Row, face: int, profiles: Sequence[Profile], S: Interval) -> list[Side]:
-    """The terms of a row on one face, in the arithmetic of S."""
-    return [
-        Side(
-            term=term,
-            kind=profiles[term.coupling],
-            face=face,
-            weight=S.like(term.weight),
-            left=S.like(-term.reach),
-            right=S.like(term.step),
-            weighted=S.like(term.weight * term.step),
-            whole=S.like(Interval(-term.reach, term.step) * face),
-            bend=S.like(face * term.weight * term.step**2),
-        )
-        for term in row.terms
-    ]
 
 
 def upper_bound(sides: Sequence[Side], S: Interval) -> Interval:

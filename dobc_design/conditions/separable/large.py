@@ -58,8 +58,7 @@ def down(x: Array) -> Array:
 
 
 class Ranges(NamedTuple):
-    """Least g, most g, least g', most g' over 1, 2, 4, ... cells from each on; shape (levels,
-    cells) each."""
+    """Least g, most g, least g', most g'."""
 
     least: Array
     most: Array
@@ -73,7 +72,8 @@ class GainTable:
 
     ``low`` and ``high`` bound g in the middle of each cell, slack for misplaced positions included;
     ``falls`` and ``rises`` bound g' on it (0 where g' is not bounded: low and high then hold on the
-    whole cell).  ``ranges``: over several cells at once.
+    whole cell).  ``ranges`` (4, levels, cells): the most of -g, g, -g', g' over 1, 2, 4, ... cells
+    from each on.
     """
 
     radius: float
@@ -82,7 +82,7 @@ class GainTable:
     high: Array
     falls: Array
     rises: Array
-    ranges: Ranges
+    ranges: Array
 
     def cell(self, y: Array) -> Any:
         """The cell of each y, up to the overlap."""
@@ -107,13 +107,8 @@ class GainTable:
         """Bounds of g and of g' between y and z."""
         first = self.cell(np.minimum(y, z))
         level, second = _span(first, self.cell(np.maximum(y, z)))
-        least, most, falls, rises = self.ranges
-        return Ranges(
-            np.minimum(least[level, first], least[level, second]),
-            np.maximum(most[level, first], most[level, second]),
-            np.minimum(falls[level, first], falls[level, second]),
-            np.maximum(rises[level, first], rises[level, second]),
-        )
+        ends = np.maximum(self.ranges[:, level, first], self.ranges[:, level, second])
+        return Ranges(-ends[0], ends[1], -ends[2], ends[3])
 
 
 @lru_cache(maxsize=_KEPT)
@@ -132,16 +127,11 @@ def gain_table(expression: Expression, radius: Fraction, *, cells: int = CELLS) 
     low, high, least, highest, falls, rises = (
         np.array(column) for column in zip(*found, strict=True)
     )
-    ranges = Ranges(
-        _spans(least, np.minimum),
-        _spans(highest, np.maximum),
-        _spans(falls, np.minimum),
-        _spans(rises, np.maximum),
-    )
+    ranges = _spans(np.stack([-least, highest, -falls, rises]))
     bounded = np.isfinite(falls) & np.isfinite(rises)
     falls = np.where(bounded, falls, 0.0)
     rises = np.where(bounded, rises, 0.0)
-    for array in (low, high, falls, rises, *ranges):
+    for array in (low, high, falls, rises, ranges):
         array.setflags(write=False)
     return GainTable(
         radius=float(most * width),
@@ -154,16 +144,16 @@ def gain_table(expression: Expression, radius: Fraction, *, cells: int = CELLS) 
     )
 
 
-def _spans(values: Array, choose: Any) -> Array:
-    """The least or the most over 1, 2, 4, ... cells from each on, near the right end over those
-    that are left."""
+def _spans(values: Array) -> Array:
+    """The most over 1, 2, 4, ... cells from each on, near the right end over those that are left;
+    by level, in the last axis but one."""
     levels, span = [values], 1
-    while 2 * span <= len(values):
+    while 2 * span <= values.shape[-1]:
         last = levels[-1]
-        beside = np.concatenate([last[span:], np.repeat(last[-1:], span)])
-        levels.append(choose(last, beside))
+        beside = np.concatenate([last[..., span:], np.repeat(last[..., -1:], span, -1)], axis=-1)
+        levels.append(np.maximum(last, beside))
         span *= 2
-    return np.stack(levels)
+    return np.stack(levels, axis=-2)
 
 
 def _span(first: Any, last: Any) -> tuple[Any, Any]:
@@ -566,7 +556,7 @@ def _slopes(curve: Curve, radius: Fraction) -> Array:
         except UndefinedError:
             slope = slope_bound(curve, place, tolerance=_STEEP)
         found.append(max(float_above(slope), 0.0))
-    return _spans(np.array(found), np.maximum)
+    return _spans(np.array(found))
 
 
 def open_within(
@@ -665,14 +655,18 @@ class Piece:
 
     def at(self, s: float) -> Array:
         """Upper bounds at one s."""
-        low, high = self._bounds(lambda table, b: table.at(self.face * s * b), 2)
+        low, high = self._gains_at(s)
         return self._total(self._largest(low, high, s, s)[0])
+
+    def _gains_at(self, s: float) -> tuple[Array, Array]:
+        """Bounds of g at the right ends, at one s."""
+        low, high = self._bounds(lambda table, b: table.at(self.face * s * b), 2)
+        return low, high
 
     def _at(self, s: float, most: Array, smooth: Any) -> Array:
         """Upper bounds at one s where phi is the right end; elsewhere ``most``, which holds on a
         piece."""
-        low, high = self._bounds(lambda table, b: table.at(self.face * s * b), 2)
-        right = self._right(low, high)[1]
+        right = self._right(*self._gains_at(s))[1]
         return self._total(right if smooth is None else np.where(smooth, right, most))
 
     def _bounds(self, look: Callable[[GainTable, Array], Any], width: int) -> Any:

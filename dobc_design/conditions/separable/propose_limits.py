@@ -9,7 +9,7 @@ from __future__ import annotations
 import heapq
 import math
 from bisect import bisect_left
-from collections.abc import Sequence
+from contextlib import suppress
 from fractions import Fraction
 from typing import Final
 
@@ -22,26 +22,23 @@ from dobc_design.conditions.separable.claim import (
     FACES,
     DelayBound,
     Errors,
-    Row,
     Separable,
 )
 from dobc_design.conditions.separable.decide import (
     MOST_LEFT,
     MOST_PIECES,
+    FaceRow,
     Many,
     Question,
     ask,
     first_failure,
     in_arrays,
-    linear_bound,
     lower_bound,
-    price_of,
-    sides_of,
     upper_bound,
 )
 from dobc_design.conditions.separable.large import Piece, open_rows
 from dobc_design.conditions.separable.timing import verify_delay
-from dobc_design.coupling.enclosures import Profile, slope_bound
+from dobc_design.coupling.enclosures import slope_bound
 from dobc_design.exact.floats import Floats
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import Vector
@@ -71,10 +68,11 @@ def largest_rate(
     rate = _rate_limit(question)
     for row, _ in claims.rows(loop, v, errors=errors):
         for face in FACES:
+            on_face = FaceRow(row, face, question.profiles)
             if rho is None:
-                found = row.pull - linear_bound(row, face, question.profiles) / row.own
+                found = row.pull - on_face.linear_bound() / row.own
             else:
-                found = _row_rate(row, face, question.profiles, rho=rho, enough=rate)
+                found = _row_rate(on_face, rho=rho, enough=rate)
             rate = min(rate, found)
             if rate <= 0:
                 return None
@@ -123,31 +121,27 @@ def estimated_rate(question: Question, many: Many) -> float:
     return least
 
 
-def _row_rate(
-    row: Row, face: int, profiles: Sequence[Profile], *, rho: Fraction, enough: Fraction
-) -> Fraction:
+def _row_rate(on_face: FaceRow, *, rho: Fraction, enough: Fraction) -> Fraction:
     """A rate alpha for which the row holds, about the part TOLERANCE below the largest; or one
     above ``enough``."""
+    row = on_face.row
     whole = Interval(Fraction(0), rho)
     steepest = sum(term.weight * term.reach for term in row.terms) / row.own
     unsure = (row.pull + steepest) / 10**12
-    try:
-        rate = _rate_on(Floats.around(whole), row, face, profiles, enough=enough)
+    # beyond the floats, or nearer to a number of nine digits than they can tell: exactly
+    with suppress(UndefinedError):
+        rate = _rate_on(Floats.around(whole), on_face, enough=enough)
         if rate >= enough or rounded_down(rate) == rounded_down(rate + unsure):
             return rate
-    # beyond the floats, or nearer to a number of nine digits than they can tell
-    except UndefinedError:
-        pass
-    return _rate_on(whole, row, face, profiles, enough=enough)
+    return _rate_on(whole, on_face, enough=enough)
 
 
-def _rate_on(
-    S: Interval, row: Row, face: int, profiles: Sequence[Profile], *, enough: Fraction
-) -> Fraction:
+def _rate_on(S: Interval, on_face: FaceRow, *, enough: Fraction) -> Fraction:
     """The same with the arithmetic of S: the piece with the largest bound is halved until that is
     about attained at some s."""
-    sides = sides_of(row, face, profiles, S)
-    price = price_of(row, profiles)
+    row = on_face.row
+    sides = on_face.sides(S)
+    price = on_face.price
     count = 0  # which also tells pieces with the same bound apart
     heap = [(-upper_bound(sides, S).hi, count, S)]
     attained = lower_bound(sides, S.ends()[1])

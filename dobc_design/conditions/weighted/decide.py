@@ -24,17 +24,13 @@ from numpy.typing import NDArray
 
 from dobc_design.conditions.consensus.claim import ModeJacobian, Pair, Statements
 from dobc_design.conditions.consensus.decide import schur_block
-from dobc_design.conditions.numbers import (
-    MANY_AGENTS,
-    vector_to_json,
-)
+from dobc_design.conditions.numbers import MANY_AGENTS, fields_to_json, vector_to_json
 from dobc_design.errors import ShapeError
 from dobc_design.exact.definite import decide_positive_definite
 from dobc_design.exact.matrix import Matrix, Vector, is_symmetric, multiply
 from dobc_design.exact.number import float_above, float_below
 from dobc_design.exact.symmetric import Doubles, SparseSymmetric, least
 from dobc_design.loop.loop import Loop
-from dobc_design.problem.canonical import matrix_text
 from dobc_design.problem.groups import blocks_of, group_blocks, group_numbers
 from dobc_design.verdict import Verdict
 
@@ -61,7 +57,7 @@ class Weighted:
             "w": {mode: vector_to_json(vector) for mode, vector in self.w.items()},
         }
         if self.P is not None:
-            values["P"] = matrix_text(self.P)
+            values |= fields_to_json(self, "P")
         return values
 
 

@@ -21,6 +21,7 @@ from fractions import Fraction
 from typing import Any
 
 from dobc_design.conditions.consensus.claim import Statements, state_theorems
+from dobc_design.conditions.numbers import fields_to_json
 from dobc_design.conditions.observer.decide import error_matrix, hurwitz_with_rate
 from dobc_design.conditions.weighted.decide import Weighted, network_holds
 from dobc_design.coupling.coupling import make_coupling
@@ -30,7 +31,6 @@ from dobc_design.exact.number import number_text
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.loop.guarantee import Guarantee
 from dobc_design.loop.loop import Loop, pins_of, zero_goals
-from dobc_design.problem.canonical import matrix_text
 from dobc_design.verdict import Verdict
 
 ZERO = Fraction(0)
@@ -47,7 +47,8 @@ class Alike:
 
     def to_json(self) -> dict[str, Any]:
         """The exact values of a proved check."""
-        return {**self.weights.to_json(), "c": number_text(self.strength), "R": matrix_text(self.R)}
+        own = {"c": number_text(self.strength), **fields_to_json(self, "R")}
+        return {**self.weights.to_json(), **own}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -32,13 +32,12 @@ from dobc_design.conditions.separable.claim import (
     stuck_agents,
 )
 from dobc_design.conditions.separable.decide import (
+    FaceRow,
     composite_rate,
     coupling_profiles,
     covers,
-    decide_row,
     error_bound_obstacle,
     lower_bound,
-    sides_of,
     upper_bound,
     verify_composite,
     verify_separable,
@@ -177,7 +176,7 @@ def test_a_coupling_that_turns_within_one_step_counts_with_its_maximum(lo: str):
     ]
     row = Row((Term(0, F(1), F(3), F(1)), Term(1, F(1), F(3), F(1))), F(0), F(1))
     for S in (Interval(F(lo), F(6, 5)), Floats.around(Interval(F(lo), F(6, 5)))):
-        sides = sides_of(row, 1, kinds, S)
+        sides = FaceRow(row, 1, kinds).sides(S)
         assert upper_bound(sides, S).hi >= F(457, 3)
         assert lower_bound(sides, S.ends()[1]) <= F(457, 3) + F(1, 10**9)
 
@@ -320,7 +319,7 @@ def test_the_fast_rows_prove_nothing_that_the_exact_ones_do_not(seed: int, dyadi
     ]
     for alpha in (F(1, 10), F(1)):
         answers = {
-            (i, f): decide_row(row, f, kinds, alpha=alpha, rho=rho)[0]
+            (i, f): FaceRow(row, f, kinds).decide(alpha=alpha, rho=rho)[0]
             for i, row in agents
             for f in FACES
         }

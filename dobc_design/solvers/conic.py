@@ -45,6 +45,13 @@ class Cone:
     right: Array
 
 
+def affine_cone(units: Sequence[Array], right: Array) -> Cone:
+    """The sum of x_k units_k, and ``right``, is >= 0: of units that are not symmetric the symmetric
+    part."""
+    even = [(each + each.T) / 2 for each in units]
+    return Cone("semidefinite", np.column_stack([-svec(each) for each in even]), svec(right))
+
+
 def solve_cones(
     cost: Array,
     cones: Sequence[Cone],

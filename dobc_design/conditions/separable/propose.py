@@ -14,6 +14,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from itertools import product
 from typing import Any, Protocol
 
 import numpy as np
@@ -88,17 +89,13 @@ class Field:
         worst = np.full(self.size, -np.inf)
         scale = (np.abs(self.gains) + alpha) * v
         chosen = np.zeros(self.size, dtype=np.int64)
-        choices = [
-            (m, f, k)
-            for m in range(len(self.modes))
-            for f in (1, -1)
-            for k in range(len(self.grid))
-        ]
-        sums = (self.values(m, f, v) for m in range(len(self.modes)) for f in (1, -1))
-        for number, row in enumerate(row for each in sums for row in each):
-            chosen[row > worst] = number
-            worst = np.fmax(worst, row)  # a row that is no number is left out
-            scale = np.maximum(scale, np.abs(row))
+        choices: list[tuple[int, int, int]] = []
+        for mode, face in product(range(len(self.modes)), (1, -1)):
+            for place, row in enumerate(self.values(mode, face, v)):
+                chosen[row > worst] = len(choices)
+                choices.append((mode, face, place))
+                worst = np.fmax(worst, row)  # a row that is no number is left out
+                scale = np.maximum(scale, np.abs(row))
         residual = worst + self.load - (self.gains - alpha) * v
         jacobian = self._jacobian(chosen, choices, v, alpha)
         if self.extra is not None:
@@ -115,13 +112,16 @@ class Field:
             together = max(1, AT_ONCE // max(1, len(own)))
             for first in range(0, len(self.grid), together):
                 values, _ = _sup(group, face, self.grid[first : first + together, None], own, other)
-                if self.off:
-                    values = values * np.where(values > 0, 1 + self.off, 1 - self.off)
+                values = values * self._worse(values)
                 for k, value in enumerate(values, start=first):
                     total[k] += np.bincount(
                         group.listeners, weights=group.weights * value, minlength=self.size
                     )
         return total
+
+    def _worse(self, values: Array) -> Array | float:
+        """The ends of weights, as parts of them, at which these sums are largest."""
+        return np.where(values > 0, 1 + self.off, 1 - self.off) if self.off else 1.0
 
     def slopes(self, mode: int, face: int, places: Any, v: Array) -> Any:
         """The derivatives in v, (n, n), of these sums, each agent at its own place (n,) of the
@@ -133,26 +133,21 @@ class Field:
         self, chosen: Any, choices: Sequence[tuple[int, int, int]], v: Array, alpha: float
     ) -> Any:
         """Each agent has the choice (mode, face, place in the grid) of its own number."""
-        parts_i, parts_j, parts_x = (
-            [np.arange(self.size)],
-            [np.arange(self.size)],
-            [alpha - self.gains],
-        )
+        everyone = np.arange(self.size)
+        parts = [(everyone, everyone, alpha - self.gains)]
         for number in np.unique(chosen).tolist():
             mode, face, k = choices[number]
+            s = float(self.grid[k])
             mine = chosen == number
             for group in self.modes[mode]:
                 here = mine[group.listeners]
                 i, j, w = group.listeners[here], group.speakers[here], group.weights[here]
-                own, other = _derivatives(group, face, float(self.grid[k]), v[i], v[j])
+                own, other = _derivatives(group, face, s, v[i], v[j])
                 if self.off:
-                    value, _ = _sup(group, face, float(self.grid[k]), v[i], v[j])
-                    w = w * np.where(value > 0, 1 + self.off, 1 - self.off)
-                parts_i += [i, i]
-                parts_j += [i, j]
-                parts_x += [w * own, w * other]
-        entries = (np.concatenate(parts_x), (np.concatenate(parts_i), np.concatenate(parts_j)))
-        return sparse.csr_array(sparse.coo_array(entries, shape=(self.size, self.size)))
+                    w = w * self._worse(_sup(group, face, s, v[i], v[j])[0])
+                parts += [(i, i, w * own), (i, j, w * other)]
+        i, j, entries = map(np.concatenate, zip(*parts, strict=True))
+        return sparse.csr_array(sparse.coo_array((entries, (i, j)), shape=(self.size, self.size)))
 
 
 def field_of(loop: Loop, *, rho: float, errors: Errors = EXACT) -> Field:
@@ -162,16 +157,20 @@ def field_of(loop: Loop, *, rho: float, errors: Errors = EXACT) -> Field:
     shapes = [(h, *_extremes(h, radius=8.0 * rho)) for h in functions]
     modes = []
     for arcs in loop.modes.values():
-        i, j, w = (
-            arcs.listeners,
-            arcs.speakers,
-            np.array([float(weight) for weight in arcs.weights]),
-        )
-        parts = split_by(2 * coupling_places(loop, arcs) + arcs.uncertain)
-        groups = (
-            Group(i[own], j[own], w[own], *shapes[kind // 2], loose=kind % 2 > 0)
-            for kind, own in parts
-        )
+        weights = np.array([float(weight) for weight in arcs.weights])
+        groups = []
+        for kind, own in split_by(2 * coupling_places(loop, arcs) + arcs.uncertain):
+            h, tops, bottoms = shapes[kind // 2]
+            group = Group(
+                listeners=arcs.listeners[own],
+                speakers=arcs.speakers[own],
+                weights=weights[own],
+                h=h,
+                tops=tops,
+                bottoms=bottoms,
+                loose=kind % 2 > 0,
+            )
+            groups.append(group)
         modes.append(tuple(groups))
     total = 1 + sum(map(len, loop.modes.values()))
     count = int(np.clip(WORK // total, COARSEST, FINEST))
@@ -192,24 +191,23 @@ def _extremes(
     y = np.linspace(-radius, radius, SAMPLES)
     values = h(y)
     change = np.diff(np.where(np.isfinite(values), values, 0.0))
-    places = [
-        np.flatnonzero((sign * change[:-1] > 0) & (sign * change[1:] < 0)) + 1
-        for sign in (1.0, -1.0)
-    ]
+    places = []
+    for sign in (1.0, -1.0):
+        turns = (sign * change[:-1] > 0) & (sign * change[1:] < 0)
+        places.append(np.flatnonzero(turns) + 1)
     if sum(map(len, places)) > MOST_TURNS:
         raise ArithmeticError(
             f"the coupling has more than {MOST_TURNS} turning points within {radius:g}"
         )
     extremes = []
     for sign, found in zip((1.0, -1.0), places, strict=True):
-        pairs = []
-        for place in found.tolist():  # by a finer sample around each
+        pairs = np.zeros((len(found), 2))
+        for number, place in enumerate(found.tolist()):  # by a finer sample around each
             near = np.linspace(y[place - 1], y[place + 1], 2001)
             heights = h(near)
             best = int(np.argmax(sign * heights))
-            pairs.append((near[best], heights[best]))
-        both = np.array(pairs, dtype=float).reshape(-1, 2)
-        extremes.append((both[:, 0], both[:, 1]))
+            pairs[number] = near[best], heights[best]
+        extremes.append((pairs[:, 0], pairs[:, 1]))
     return extremes[0], extremes[1]
 
 

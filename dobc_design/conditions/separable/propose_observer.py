@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import NamedTuple
 
 import numpy as np
 from scipy import linalg
@@ -20,7 +19,7 @@ from dobc_design.conditions.separable.claim import ErrorBound
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.exact.number import float_above
 from dobc_design.problem.exosystems import Exosystem
-from dobc_design.solvers.conic import Cone, solve_cones, svec, symmetric_basis
+from dobc_design.solvers.conic import affine_cone, solve_cones, symmetric_basis
 from dobc_design.solvers.program import Array, round_matrix
 
 GRID = 24  # values of beta that are tried at a time
@@ -106,36 +105,23 @@ def _rounded(bound: _Bound, *, rate: float, slack: float) -> ErrorBound | None:
     return ErrorBound(P=P, beta=beta, kappa=kappa, size=size)
 
 
-class _Side(NamedTuple):
-    """What a constraint wants to be >= 0: the coefficient of each entry of P, that of t, and the
-    constant."""
-
-    entries: list[Array]
-    t: Array
-    constant: Array
-
-    def cone(self) -> Cone:
-        """The constraint as the solver takes it."""
-        columns = [*(-svec(M) for M in self.entries), -svec(self.t)]
-        return Cone("semidefinite", np.column_stack(columns), svec(self.constant))
-
-
 def _least_bound(error: Array, C: Array, beta: float) -> _Bound | None:
     """Minimise t subject to P <= t I, c'c <= P, error' P + P error <= -2 beta P, by Clarabel."""
     q = len(error)
     unit = float(np.max(np.abs(C), initial=0.0)) or 1.0
     C = C / unit  # so that P is about 1
     basis = symmetric_basis(q)
-    none = np.zeros((q, q))
+    none, eye = np.zeros((q, q)), np.eye(q)
     decay = [-(error.T @ M + M @ error) - 2 * beta * M for M in basis]
+    # The unknowns are the entries of P, and t.
     sides = [
-        _Side([-M for M in basis], np.eye(q), none),
-        _Side(basis, none, -FLOOR * np.eye(q)),
-        _Side(decay, none, none),
-        *(_Side(basis, none, -np.outer(c, c)) for c in C),
+        affine_cone([*(-M for M in basis), eye], none),
+        affine_cone([*basis, none], -FLOOR * eye),
+        affine_cone([*decay, none], none),
+        *(affine_cone([*basis, none], -np.outer(c, c)) for c in C),
     ]
     cost = np.append(np.zeros(len(basis)), 1.0)
-    answer = solve_cones(cost, [side.cone() for side in sides])
+    answer = solve_cones(cost, sides)
     P = np.zeros((q, q))
     for x, M in zip(answer.x.tolist(), basis, strict=False):
         P = P + x * M

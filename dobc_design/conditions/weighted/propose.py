@@ -39,7 +39,7 @@ from dobc_design.loop.loop import Loop
 from dobc_design.loop.matrices import consensus_jacobian, pull_matrix
 from dobc_design.problem.exosystems import block_diagonal
 from dobc_design.problem.groups import gains_of, group_numbers
-from dobc_design.solvers.conic import Cone, solve_cones, svec
+from dobc_design.solvers.conic import Cone, affine_cone, solve_cones
 from dobc_design.solvers.program import Array, factored, round_matrix
 
 # of the rate that is thought possible
@@ -427,10 +427,8 @@ def _program(tables: Mapping[str, Any], rate: float) -> Iterator[Array]:
     for M in tables.values():
         rows = M.toarray() - rate * eye
         units = [np.outer(e, row) + np.outer(row, e) for e, row in zip(eye, rows, strict=True)]
-        nothing = np.zeros(size * (size + 1) // 2)
-        columns = np.column_stack([*(-svec(unit) for unit in units), nothing])
         room = MARGIN * float(np.abs(rows).max())
-        cones.append(Cone("semidefinite", columns, -svec(room * eye)))
+        cones.append(affine_cone([*units, 0 * eye], -room * eye))
     answer = solve_cones(np.append(np.zeros(size), 1.0), cones, time_limit=LONGEST)
     found = answer.x[:size] if answer.found else np.zeros(0)
     if len(found) and found.min() > 0:

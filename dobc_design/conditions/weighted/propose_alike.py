@@ -38,7 +38,7 @@ from dobc_design.exact.matrix import (
 from dobc_design.exact.work import spend
 from dobc_design.loop.loop import Loop
 from dobc_design.solvers import conic
-from dobc_design.solvers.conic import Cone, solve_cones, svec
+from dobc_design.solvers.conic import Cone, affine_cone, solve_cones
 from dobc_design.solvers.program import Array
 
 MOST_STATES = 20  # m, up to which an R is looked for: it has m (m + 1)/2 unknowns
@@ -244,9 +244,3 @@ def _with_column(cone: Cone) -> Cone:
 def seems_to_do(basis: tuple[Matrix, ...], network: Network, strength: float, rate: float) -> bool:
     """Whether there seems to be an R for a network of that strength and that rate (1/s)."""
     return _found(basis, network, strength, rate) is not None
-
-
-def affine_cone(units: list[Array], right: Array) -> Cone:
-    """sum of x_k units_k + right >= 0."""
-    even = [(each + each.T) / 2 for each in units]
-    return Cone("semidefinite", np.column_stack([-svec(each) for each in even]), svec(right))

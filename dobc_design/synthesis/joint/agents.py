@@ -24,7 +24,7 @@ from dobc_design.conditions.numbers import bisected
 from dobc_design.conditions.statement import Statement, refuted, undecided
 from dobc_design.conditions.weighted.network import Network, network_of
 from dobc_design.conditions.weighted.propose import GIVEN_UP, proposals, stiffness
-from dobc_design.conditions.weighted.propose_alike import affine_cone, seems_to_do, symmetric_basis
+from dobc_design.conditions.weighted.propose_alike import seems_to_do, symmetric_basis
 from dobc_design.coupling.coupling import make_coupling
 from dobc_design.exact.matrix import Matrix, multiply, scale, to_float, transpose
 from dobc_design.exact.observability import decide_detectable
@@ -266,8 +266,8 @@ def _by_program(a: Array, b: Array) -> Array | None:
     falling = [-(a @ Y + Y @ a.T) for Y in units]
     room = -1e-6 * (1 + np.abs(a).max()) * np.eye(m)
     cones = [
-        affine_cone([*units, 0 * a], -np.eye(m)),
-        affine_cone([*falling, 2 * b @ b.T], room),
+        conic.affine_cone([*units, 0 * a], -np.eye(m)),
+        conic.affine_cone([*falling, 2 * b @ b.T], room),
         conic.Cone("nonnegative", -np.eye(1, len(units) + 1, len(units)), np.array([-LEAST])),
     ]
     linear = np.array([*(1e-6 * np.trace(Y) for Y in units), 1.0])

@@ -28,6 +28,7 @@ from dobc_design.problem.groups import (
     Group,
     Observer,
     are_different,
+    gains_of,
     joint_exosystem,
     joint_observer,
 )
@@ -258,6 +259,10 @@ class Loop:
     def joint_observer(self) -> Observer:
         """W (q, G m) and P (q, q) of all groups, block diagonal; None where a group lacks it."""
         return joint_observer(self.groups)
+
+    def observed(self, W: Matrix) -> Iterator[tuple[Group, Matrix]]:
+        """Every group with its block of the gain W (q, G m)."""
+        return zip(self.groups, gains_of(self.groups, W), strict=True)
 
     def place_of(self, listener: int, speaker: int) -> int:
         """The place in ``functions`` of one arc."""

@@ -41,12 +41,13 @@ from itertools import pairwise
 from typing import Any, Final
 
 from dobc_design.conditions.case import Case
-from dobc_design.conditions.check import Check, read_domain, read_object, undecided_check
+from dobc_design.conditions.check import Check, read_domain, read_object
 from dobc_design.conditions.consensus.claim import jacobians_at_consensus, linearisation
 from dobc_design.conditions.domain import EVERYWHERE, Around, Box, Domain
 from dobc_design.conditions.numbers import (
     fields_to_json,
     form_from_json,
+    known_to_json,
     rational_or_none,
     read_rational,
     read_rationals,
@@ -86,7 +87,6 @@ from dobc_design.exact.matrix import Matrix, Vector, identity, kronecker, multip
 from dobc_design.exact.peaks import MOST_STEPS, peak_gains, peak_gains_by_row, row_norm
 from dobc_design.exact.symmetric import Doubles, least
 from dobc_design.loop.loop import Loop
-from dobc_design.problem.groups import gains_of
 from dobc_design.problem.uncertainty import Uncertainty
 from dobc_design.verdict import Verdict
 
@@ -192,8 +192,7 @@ class Accuracy:
     def to_json(self) -> dict[str, Any]:
         """The exact values of a proved check."""
         first = "stages" if self.response is None else "response"
-        beside = [name for name in ("T", "peaks") if getattr(self, name) is not None]
-        values = fields_to_json(self, first, "bounds", *beside)
+        values = fields_to_json(self, first, "bounds") | known_to_json(self, "T", "peaks")
         if self.error is not None:
             values |= self.error.to_json()
         return values
@@ -345,7 +344,7 @@ def observer_peaks(loop: Loop, W: Matrix, *, step: Fraction, steps: int) -> Peak
     shown."""
     worst = dict.fromkeys(INPUTS, Fraction(0))
     own = loop.drift
-    for group, gain in zip(loop.groups, gains_of(loop.groups, W), strict=True):
+    for group, gain in loop.observed(W):
         F, C = error_matrix(group.exosystem, gain), group.exosystem.C
         entering = gain
         if own is not None:  # w acts on the inputs, and what is asked is C eps in the inputs
@@ -549,8 +548,7 @@ def accuracy_check(case: Case, claim: Accuracy, starts: Domain) -> Check:
         claim=claim,
         reason=_told(case.loop, claim, starts),
     )
-    wrong = confirm(check, case)
-    return check if wrong is None else undecided_check(ID, case.domain, wrong)
+    return check.unless(confirm(check, case), case.domain)
 
 
 def _told(loop: Loop, claim: Accuracy, domain: Domain) -> str:

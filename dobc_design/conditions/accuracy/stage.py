@@ -71,7 +71,6 @@ from dobc_design.exact.peaks import MOST_GROWTH, MOST_STEPS, row_norm
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, out_of_time
 from dobc_design.loop.arcs import coupling_places
 from dobc_design.loop.loop import Loop
-from dobc_design.problem.groups import gains_of
 from dobc_design.solvers.program import Array
 from dobc_design.verdict import Verdict
 
@@ -107,8 +106,7 @@ TIGHTER: Final = 1 + 1e-6  # what is left to rounding
 
 def propose_peaks(loop: Loop, W: Matrix) -> Peaks | None:
     """Proved upper bounds of the peak gains, a little above; None where none are found."""
-    parts = zip(loop.groups, gains_of(loop.groups, W), strict=True)
-    matrices = [to_float(error_matrix(group.exosystem, gain)) for group, gain in parts]
+    matrices = [to_float(error_matrix(group.exosystem, k)) for group, k in loop.observed(W)]
     decay = min(float(-np.max(np.linalg.eigvals(F).real)) for F in matrices)
     size = max(map(_row_norm, matrices))
     if not (decay > 0 and np.isfinite(size)):
@@ -536,7 +534,7 @@ def _near(plant: Plant) -> list[tuple[Matrix, Vector]]:
 
 def _acting(plant: Plant, T: Matrix) -> Array:
     """What acts on every component, (n, m), with a little where nothing does."""
-    acts = np.array([float(x) for x in plant.load_in(T)])
+    acts: Array = np.array([float(x) for x in plant.load_in(T)])
     return (acts + np.max(acts) * SLACK).reshape(-1, len(T))
 
 

@@ -180,10 +180,10 @@ def confirm(check: Check, loop: Loop, W: Matrix | None, *, domain: Domain) -> st
     """None if everything that a proved or refuted check of this topic claims is confirmed, else
     what is not."""
     if check.verdict is Verdict.REFUTED:
-        own = None
-        if check.id == "markov" and check.rate is None:
-            own = apart_check(loop, domain)
-        return "the chain leaves no agents apart" if own is None else differs(check, own)
+        own = apart_check(loop, domain)
+        if own is None or check.id != own.id or check.rate is not None:
+            return "the chain leaves no agents apart"
+        return differs(check, own)
     claim = read_claim(check, loop, W)
     if not isinstance(claim, Kept) or check.witness is not None:
         return "a proof has no witness"

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 from typing import Final
 
-from dobc_design.conditions.check import Check, limited, undecided_check
+from dobc_design.conditions.check import Check, limited, surviving, undecided_check
 from dobc_design.conditions.consensus.network import name_agents
 from dobc_design.conditions.consensus.propose import decay_rate
 from dobc_design.conditions.coverage import Asked, Progress
@@ -32,8 +31,6 @@ from dobc_design.conditions.separable.propose_observer import propose_error_boun
 from dobc_design.exact.number import root_above
 from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
-
-logger = logging.getLogger("dobc_design")
 
 SMALLER: Final = 12  # halvings of a box that is too large
 DIGITS: Final = 9
@@ -61,19 +58,17 @@ def _limited(id: str, asked: Asked, decide: Callable[[Asked], Check]) -> Check:
     reason = obstacle(asked.loop, asked.W)
     if reason is not None and (id == "safety" or acts_by_component(asked.loop)):
         return undecided_check(id, asked.domain, reason, applies=False)
-    try:
+    with surviving(f"no {id}"):
         return limited(id, asked.domain, partial(decide, asked))
-    except (ArithmeticError, RuntimeError, ValueError) as error:
-        logger.warning("no %s: %s", id, error)
-        words = "no proof is found: a numerical library broke down."
-        return undecided_check(id, asked.domain, words)
+    words = "no proof is found: a numerical library broke down."
+    return undecided_check(id, asked.domain, words)
 
 
 def _boxes(asked: Asked, kind: str, rate: Fraction | None) -> Iterator[tuple[Asked, Kept]]:
     """Claims with v = 1 for the box of starts, or a smaller one."""
     loop = asked.loop
     exosystem = loop.joint_exosystem
-    error: ErrorBound | None = None
+    error = None
     if exosystem is not None and asked.W is not None:
         if rate is not None:
             rate = min(rate, rounded_down(decay_rate(exosystem, asked.W) / 2))
@@ -87,9 +82,8 @@ def _boxes(asked: Asked, kind: str, rate: Fraction | None) -> Iterator[tuple[Ask
         yield asked, Kept(kind=kind, rate=rate, box=everywhere)
         return
     for k in range(SMALLER + 1):
-        smaller = replace(
-            asked, radius=_halved(asked.radius, k), disturbance=_halved(asked.disturbance, k)
-        )
+        radius, disturbance = (_halved(x, k) for x in (asked.radius, asked.disturbance))
+        smaller = replace(asked, radius=radius, disturbance=disturbance)
         box = Cycles(phases=(), rate=None, rho=_reach(smaller, error), error=error)
         yield smaller, Kept(kind=kind, rate=rate, box=box)
 
@@ -159,7 +153,7 @@ def _random(asked: Asked) -> Check:
     signal = "for the Markov signal, whatever its first mode, every error decays"
     claim = _linear_claim(asked)
     if claim is not None:
-        pace = f"at least like exp(-{text_below(claim.rate or Fraction(0))} t)"
+        pace = f"at least like exp(-{text_below(claim.rate or 0)} t)"
         return _check("markov", asked, claim, f"{signal} {HOW[claim.kind]}, {pace}.")
     found = apart_check(loop, asked.domain)
     if found is not None:
@@ -203,4 +197,4 @@ def _check(id: str, asked: Asked, claim: Kept, reason: str) -> Check:
         claim=claim,
     )
     wrong = confirm(check, asked.loop, asked.W, domain=asked.domain)
-    return check if wrong is None else undecided_check(id, asked.domain, wrong)
+    return check.unless(wrong, asked.domain)

@@ -31,11 +31,12 @@ from typing import Any, NamedTuple
 from dobc_design.conditions.accuracy.decide import Accuracy, Level, Plant, level_from_json
 from dobc_design.conditions.accuracy.decide import obstacle as not_final
 from dobc_design.conditions.case import Case
-from dobc_design.conditions.check import Check, Claim, read_domain, read_object
+from dobc_design.conditions.check import Check, Claim, not_a_proof, read_domain, read_object
 from dobc_design.conditions.domain import Box
 from dobc_design.conditions.numbers import (
     fields_to_json,
     follows,
+    known_to_json,
     read_rational,
     read_rationals,
     vector_from_json,
@@ -70,7 +71,6 @@ from dobc_design.exact.symmetric import Doubles, least
 from dobc_design.loop.loop import Loop
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import group_numbers
-from dobc_design.verdict import Verdict
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,9 +87,7 @@ class Tolerance:
     def to_json(self) -> dict[str, Any]:
         """The exact values of a proved check."""
         values = fields_to_json(self.errors, "weights", "gains")
-        values |= fields_to_json(self, "alpha")
-        if self.eta is not None:
-            values |= fields_to_json(self, "eta")
+        values |= known_to_json(self, "alpha", "eta")
         if self.v is not None:
             values["v"] = vector_to_json(self.v)
         return values
@@ -156,11 +154,10 @@ def confirm(check: Check, case: Case) -> str | None:
     """None if everything that a proved check claims is confirmed, beside the proofs max-separable
     and accuracy of the case."""
     loop, W = case.loop, case.W
-    if check.verdict is not Verdict.PROVED or check.witness is not None:
-        return "it can only be proved or undecided, and has no witness"
-    if loop.drift is not None:
+    reason = not_a_proof(check)
+    if reason is None and loop.drift is not None:
         return "errors of gains, and inputs, are not known for agents with [dynamics]"
-    reason = pins_obstacle(loop)
+    reason = reason or pins_obstacle(loop)
     if reason is not None:
         return reason
     claim = read_claim(check, loop, W)

@@ -190,7 +190,7 @@ def _tolerance(asked: Asked, case: Case) -> Check:
         claim=claim,
         reason=_tolerated(claim, is_largest=bool(part), needs_hurwitz=not has_rate),
     )
-    return _confirmed(check, case)
+    return check.unless(decide.confirm(check, case), case.domain)
 
 
 def _tolerated(claim: Tolerance, *, is_largest: bool, needs_hurwitz: bool) -> str:
@@ -204,11 +204,6 @@ def _tolerated(claim: Tolerance, *, is_largest: bool, needs_hurwitz: bool) -> st
     if is_largest:
         reason += " These are about the largest common errors that it allows."
     return reason
-
-
-def _confirmed(check: Check, case: Case) -> Check:
-    wrong = decide.confirm(check, case)
-    return check if wrong is None else undecided_check(check.id, case.domain, wrong)
 
 
 def _largest(find: Callable[[Fraction], Tolerance | None]) -> tuple[Fraction, Tolerance | None]:
@@ -396,7 +391,7 @@ def _bounded(case: Case, plan: _Plan) -> Check:
     claim = Inputs(rho=plan.rho, inputs=most, stage=plan.stage, error=error)
     domain = Box(*plan.starts)
     check = Check(id="actuators", verdict=Verdict.PROVED, domain=domain, claim=claim, reason=reason)
-    return _confirmed(check, case)
+    return check.unless(decide.confirm(check, case), case.domain)
 
 
 def _starts(asked: Asked, domain: Domain) -> tuple[float, float]:

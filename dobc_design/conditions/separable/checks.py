@@ -12,7 +12,7 @@ from functools import partial
 from typing import Final
 
 from dobc_design.conditions.case import Case
-from dobc_design.conditions.check import Check, Witness, read_domain, undecided_check
+from dobc_design.conditions.check import Check, Witness, not_a_proof, read_domain, undecided_check
 from dobc_design.conditions.consensus.network import name_agents
 from dobc_design.conditions.coverage import Asked
 from dobc_design.conditions.domain import EVERYWHERE, Box, Domain
@@ -246,8 +246,9 @@ def _not_proved(claim: Separable, check: Check, case: Case) -> str | None:
 def _not_timed(check: Check, case: Case) -> str | None:
     """Delays and sampling, beside the proof that they rest on."""
     loop = case.loop
-    if check.verdict is not Verdict.PROVED or check.witness is not None:
-        return "it can only be proved or undecided, and has no witness"
+    wrong = not_a_proof(check)
+    if wrong is not None:
+        return wrong
     proof = case.proof(Separable)
     claim = case.proved(Separable)
     # rows in coordinates say nothing about delays and sampling

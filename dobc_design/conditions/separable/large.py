@@ -390,7 +390,7 @@ def _weights(graphs: Sequence[Arcs], order: Any, error: Fraction) -> tuple[Array
     ``error``; None if all are 1."""
     if not error and all(w is ONE for arcs in graphs for w in arcs.weights):
         return None
-    bounds = [_floats(arcs.weights) for arcs in graphs]
+    bounds = [floats_around(arcs.weights) for arcs in graphs]
     below = _stacked([low for low, _ in bounds])[order]
     above = _stacked([high for _, high in bounds])[order]
     if not error:
@@ -411,8 +411,8 @@ def arc_rows(
     in ``rows``.  Arcs to the fixed node have to be linear."""
     modes = len(loop.modes)
     layout = arc_layout(loop, errors=errors)
-    low, high = _floats(v)
-    stretched = high if stretch == 1 else _floats([stretch * x for x in v])[1]
+    low, high = floats_around(v)
+    stretched = high if stretch == 1 else floats_around([stretch * x for x in v])[1]
     low, high = _stacked([low] * modes), _stacked([high] * modes)
     own, other = low[layout.rows], stretched[layout.speakers]
     steps = other - own
@@ -479,7 +479,7 @@ def open_rows(
     arcs: ArcRows, kinds: Kinds, *, alpha: Fraction, rho: Fraction
 ) -> list[tuple[int, int]]:
     """The (row, face) that is not proved for all s in (0, rho]; the tables reach that far."""
-    rates = _floats(arcs.pulls, less=alpha)[0]
+    rates = floats_around(arcs.pulls, less=alpha)[0]
     limits = np.where(rates >= 0, rates * arcs.own[0], rates * arcs.own[1])
     limits = np.where(rates == 0, 0.0, down(limits))
     above = float_above(rho)
@@ -497,7 +497,7 @@ def stiffest_row(arcs: ArcRows, profiles: Sequence[Profile], *, rho: Fraction) -
     Raises: UndefinedError."""
     counts = np.diff(arcs.start)
     rows = np.repeat(np.arange(len(counts)), counts)
-    pulls = _floats(arcs.pulls)[1]
+    pulls = floats_around(arcs.pulls)[1]
     own = arcs.own[1][rows]
     mean = np.zeros(len(rows))
     largest = Fraction(0)
@@ -721,7 +721,9 @@ def _sums(values: Array, rows: Any, counts: Any) -> Array:
     return np.where(sizes == 0, 0.0, up(total + up(sizes * (2 * (counts + 2) * _UNIT))))
 
 
-def _floats(values: Sequence[Fraction], *, less: Fraction | None = None) -> tuple[Array, Array]:
+def floats_around(
+    values: Sequence[Fraction], *, less: Fraction | None = None
+) -> tuple[Array, Array]:
     """Floats below and above the numbers, or these ``less`` something; equal objects are converted
     once."""
     if isinstance(values, Doubles) and less is None:

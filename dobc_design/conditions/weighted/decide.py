@@ -25,10 +25,10 @@ from numpy.typing import NDArray
 from dobc_design.conditions.consensus.claim import ModeJacobian, Pair, Statements
 from dobc_design.conditions.consensus.decide import schur_block
 from dobc_design.conditions.numbers import MANY_AGENTS, fields_to_json, vector_to_json
+from dobc_design.conditions.separable.large import floats_around
 from dobc_design.errors import ShapeError
 from dobc_design.exact.definite import decide_positive_definite
 from dobc_design.exact.matrix import Matrix, Vector, is_symmetric, multiply
-from dobc_design.exact.number import float_above, float_below
 from dobc_design.exact.symmetric import Doubles, SparseSymmetric, least
 from dobc_design.loop.loop import Loop
 from dobc_design.problem.groups import blocks_of, group_blocks, group_numbers
@@ -175,17 +175,16 @@ def rows_hold(
     m = loop.m
     size = loop.n * m
     exact = size <= MANY_AGENTS or not (isinstance(D, Doubles) and isinstance(w, Doubles))
-    ends = _Ends(exact=exact)
     d = _entries(D, exact=exact)
     v = _entries(w, exact=exact)
-    slow = ends.above([2 * rate])
+    _, slow = _ends([2 * rate], exact=exact)
     # An agent of no group has the number after the last one, and nothing from an observer.
-    of_groups = ends.above([*sigma, ZERO])
+    _, of_groups = _ends([*sigma, ZERO], exact=exact)
     owners = np.array(group_numbers(loop.groups, loop.labels), dtype=np.int64)
     weights = of_groups[np.repeat(owners, m)]
     pulls = loop.pulls.gains
     pins = np.array([i * m + c for i in pulls for c in range(m)], dtype=np.int64)
-    gains = ends.below([2 * k[c][c] for k in pulls.values() for c in range(m)])
+    gains, _ = _ends([2 * k[c][c] for k in pulls.values() for c in range(m)], exact=exact)
     if not exact and not _keeps_digits(d, v, weights, gains, slow):
         return False
     # Row by row: -2 rate d w - sigma d^2 w + 2 k d w, and what every arc adds to its two rows.
@@ -196,8 +195,8 @@ def rows_hold(
         sums.add(everyone, -weights * d * d * v)
         sums.add(pins, gains * d[pins] * v[pins])
         for c in range(m):
-            low = ends.below([gain[c][c].lo for gain in mode.gains])
-            high = ends.above([gain[c][c].hi for gain in mode.gains])
+            low, _ = _ends([gain[c][c].lo for gain in mode.gains], exact=exact)
+            _, high = _ends([gain[c][c].hi for gain in mode.gains], exact=exact)
             if not exact and not _keeps_digits(low, high):
                 return False
             i = mode.arcs.listeners * m + c
@@ -210,23 +209,12 @@ def rows_hold(
     return sums.are_positive()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Ends:
-    """Numbers as they enter the sums: themselves, or the next float on the side that is asked."""
-
-    exact: bool
-
-    def below(self, numbers: Sequence[Fraction]) -> NDArray[Any]:
-        """The numbers, or floats at most as large."""
-        if self.exact:
-            return np.array(numbers, dtype=object)
-        return np.array([float_below(x) for x in numbers], dtype=np.float64)
-
-    def above(self, numbers: Sequence[Fraction]) -> NDArray[Any]:
-        """The numbers, or floats at least as large."""
-        if self.exact:
-            return np.array(numbers, dtype=object)
-        return np.array([float_above(x) for x in numbers], dtype=np.float64)
+def _ends(numbers: Sequence[Fraction], *, exact: bool) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Numbers as they enter the sums, from below and from above: themselves, or floats."""
+    if not exact:
+        return floats_around(numbers)
+    entries = np.array(numbers, dtype=object)
+    return entries, entries
 
 
 def _entries(vector: Vector | Doubles, *, exact: bool) -> NDArray[Any]:

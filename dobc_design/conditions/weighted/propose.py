@@ -38,7 +38,7 @@ from dobc_design.exact.work import spend
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.matrices import consensus_jacobian, pull_matrix
 from dobc_design.problem.exosystems import block_diagonal
-from dobc_design.problem.groups import gains_of, group_numbers
+from dobc_design.problem.groups import group_numbers
 from dobc_design.solvers.conic import Cone, affine_cone, solve_cones
 from dobc_design.solvers.program import Array, factored, round_matrix
 
@@ -80,15 +80,15 @@ def proposals(
     """Claims with their rates (1/s): if ``sooner``, of those with at least ``least`` the one with
     the least time to one percent; then the fastest first."""
     loop = statements.loop
-    tables = {mode: stiffness(loop, mode) for mode in loop.modes}
-    if any(table is None for table in tables.values()) or (loop.groups and W is None):
+    tables = stiffnesses(loop)
+    if tables is None or (loop.groups and W is None):
         return
     pairs = _perron_pairs(tables)
     if not pairs:
         return
     most = SAFE * min(pair.rate for pair in pairs)
     if W is not None and loop.groups:
-        decays = [decay_rate(group.exosystem, gain) for group, gain in _gains(loop, W)]
+        decays = [decay_rate(group.exosystem, gain) for group, gain in loop.observed(W)]
         most = min(most, 0.9995 * min(decays))
     # Of one mode the pair gives weights for every rate below its own.
     alone = pairs[0] if len(pairs) == 1 else None
@@ -217,12 +217,18 @@ def _pairs(table: Any, first: Perron | None, rate: float) -> Iterator[Perron | N
 def disagreeing(loop: Loop) -> tuple[str, str] | None:
     """Two modes that seem to have no weights in common; None if none of the first ones do."""
     tables = {mode: stiffness(loop, mode) for mode in islice(loop.modes, COMPARED)}
+    known = {mode: table for mode, table in tables.items() if table is not None}
     with suppress(*GIVEN_UP):
-        for pair in combinations(tables, 2):
-            own = {mode: tables[mode] for mode in pair}
-            if all(table is not None for table in own.values()) and _weights(own, 0.0) is None:
+        for pair in combinations(known, 2):
+            if _weights({mode: known[mode] for mode in pair}, 0.0) is None:
                 return pair
     return None
+
+
+def stiffnesses(loop: Loop) -> dict[str, Any] | None:
+    """M of every mode; None where one cannot be had."""
+    tables = {mode: stiffness(loop, mode) for mode in loop.modes}
+    return None if any(table is None for table in tables.values()) else tables
 
 
 def stiffness(loop: Loop, mode: str) -> Any:
@@ -459,18 +465,18 @@ def _height(
 def network_claim(loop: Loop, rate: float) -> Weighted | None:
     """Weights of the network alone (eps = 0) for a rate (1/s), common to all modes; None if none
     are seen."""
-    tables = {mode: stiffness(loop, mode) for mode in loop.modes}
-    if any(table is None for table in tables.values()):
-        return None
-    with suppress(*GIVEN_UP):
-        return _scaled(loop, tables, _alone(loop, rate))
-    return None
+    tables = stiffnesses(loop)
+    return None if tables is None else weights_claim(loop, tables, rate)
 
 
-def weights_claim(loop: Loop, tables: Mapping[str, Any], rate: float, D: Array) -> Weighted | None:
-    """The same with these weights."""
+def weights_claim(
+    loop: Loop, tables: Mapping[str, Any], rate: float, D: Array | None = None
+) -> Weighted | None:
+    """The same, with these weights if they are given."""
+    # without errors of observers
+    sigma = (Fraction(0),) * max(1, len(loop.groups))
     with suppress(*GIVEN_UP):
-        return _scaled(loop, tables, _alone(loop, rate), D=D)
+        return _scaled(loop, tables, _Aim(rate=rate, sigma=sigma, P=None), D=D)
     return None
 
 
@@ -489,11 +495,6 @@ def _aim(loop: Loop, W: Matrix | None, rate: float) -> _Aim | None:
     P = _lyapunov(loop, W, rate) if loop.groups and W is not None else None
     sigma = observer_bounds(loop, P, W, rate=Fraction(repr(rate)))
     return None if sigma is None else _Aim(rate=rate, sigma=sigma, P=P)
-
-
-def _alone(loop: Loop, rate: float) -> _Aim:
-    """The network without errors of observers."""
-    return _Aim(rate=rate, sigma=(Fraction(0),) * max(1, len(loop.groups)), P=None)
 
 
 def _scaled(
@@ -537,14 +538,10 @@ def rounded(x: Array) -> Vector | Doubles:
     return tuple(Fraction(f"{value:.8g}") for value in x.tolist())
 
 
-def _gains(loop: Loop, W: Matrix) -> Iterator[tuple[Any, Matrix]]:
-    return zip(loop.groups, gains_of(loop.groups, W), strict=True)
-
-
 def _lyapunov(loop: Loop, W: Matrix, rate: float) -> Matrix | None:
     """P with (A - WC)'P + P(A - WC) + 2 rate P about -I, for each group."""
     blocks = []
-    for group, gain in _gains(loop, W):
+    for group, gain in loop.observed(W):
         A = to_float(group.exosystem.A)
         C = to_float(group.exosystem.C)
         eye = np.eye(len(A))

@@ -16,12 +16,13 @@ import numpy as np
 
 from dobc_design.conditions.consensus.propose import DENSE, decay_rate
 from dobc_design.conditions.numbers import bisected, golden_section, shorten, time_to_one_percent
+from dobc_design.conditions.weighted.decide import Weighted
 from dobc_design.conditions.weighted.network import Alike, Network, holds_of_agents
 from dobc_design.conditions.weighted.propose import (
     GIVEN_UP,
     even_weights,
     proposals,
-    stiffness,
+    stiffnesses,
     weights_claim,
 )
 from dobc_design.exact.matrix import (
@@ -55,39 +56,99 @@ PARTS = (0.9995, 0.99, 0.9, 0.5, 0.1, 0.01, 0.0)  # of the rate that is thought 
 DIGITS = 9
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Forms:
+    """The R that may do for a network: symmetric ones with R G symmetric, by a ``basis`` of
+    them."""
+
+    network: Network
+    basis: tuple[Matrix, ...]
+
+    @classmethod
+    def of(cls, network: Network) -> Forms:
+        return cls(network, symmetric_basis(network.G))
+
+    def found(self, strength: float, rate: float, *, even: bool = False) -> Matrix | None:
+        """The R >= I with the least trace that seems to do for a network of that strength (1/s) and
+        that rate (1/s); ``even``: with the least largest eigenvalue.  None if none is seen."""
+        A = to_float(self.network.A)
+        G = to_float(self.network.G)
+        units = [to_float(each) for each in self.basis]
+        m = len(A)
+        # beyond the range of G' nothing can be > 0
+        _, _, directions = np.linalg.svd(G)
+        seen = directions[: np.linalg.matrix_rank(G)].T
+
+        def pulled(R: Array) -> Array:
+            return np.asarray(R @ A + A.T @ R - 2 * strength * R @ G + 2 * rate * R)
+
+        size = 1 + float(np.abs(A).max()) + rate + strength * float(np.abs(G).max())
+        least = -1e-9 * (G @ seen).T @ G @ seen
+        cones = [
+            affine_cone(units, -np.eye(m)),
+            affine_cone([-pulled(each) for each in units], -1e-6 * size * np.eye(m)),
+            affine_cone([seen.T @ each @ G @ seen for each in units], least),
+        ]
+        spend(len(units) ** 2 // 4)
+        cost = [float(np.trace(each)) for each in units]
+        if even:  # t I - R >= 0
+            cones = [_with_column(each) for each in cones]
+            cones.append(affine_cone([*(-each for each in units), np.eye(m)], np.zeros((m, m))))
+            cost = [0.0] * len(units) + [1.0]
+        with suppress(*GIVEN_UP):
+            answer = solve_cones(np.array(cost), cones)
+            if answer.found and answer.status in ("Solved", "AlmostSolved"):
+                numbers = answer.x[: len(units)].tolist()  # t comes last
+                decimals = [Fraction(f"{x:.{DIGITS}g}") for x in numbers]
+                return _combined(decimals, self.basis, m)
+        return None
+
+    def seems_to_do(self, strength: float, rate: float) -> bool:
+        """Whether there seems to be an R."""
+        return self.found(strength, rate) is not None
+
+    def fastest(self, strength: float, *, steps: int) -> float:
+        """The largest rate (1/s) for which there seems to be an R, about, by so many
+        bisections."""
+        A = float(np.abs(to_float(self.network.A)).sum())
+        G = float(np.abs(to_float(self.network.G)).sum())
+        top = 1.0 + A + strength * G  # no R does beyond
+        rate, _ = bisected(partial(self.seems_to_do, strength), 0.0, top, steps=steps)
+        return rate
+
+    def claim(
+        self, weights: Weighted, strength: float, R: Matrix | None, rate: float
+    ) -> Alike | None:
+        """The claim with this R, if its conditions hold."""
+        c = Fraction(repr(strength))
+        if R is None or not holds_of_agents(R, self.network, c, Fraction(repr(rate))):
+            return None
+        return Alike(weights=weights, strength=c, R=R)
+
+
 def alike_proposals(
     loop: Loop, network: Network, W: Matrix | None, *, least: float = 0.0
 ) -> Iterator[tuple[Alike, float]]:
     """Claims with their rates (1/s): of those with at least ``least`` the one with the least time
     to one percent, then the fastest first."""
-    basis = symmetric_basis(network.G)
-    if not basis:
+    forms = Forms.of(network)
+    if not forms.basis:
         return
     # The errors of the observers die out by themselves, and nothing is faster.
-    slowest = float("inf")
+    slowest = math.inf
     exosystem = loop.joint_exosystem
     if exosystem is not None and W is not None:
         slowest = decay_rate(exosystem, W)
-    yield from _soonest(basis, network, slowest, least)
+    yield from _soonest(forms, slowest, least)
     for weights, strength in islice(proposals(network.statements, None, sooner=False), STRENGTHS):
-        if _found(basis, network, strength, 0.0) is None:
+        if not forms.seems_to_do(strength, 0.0):
             continue
-        best = _fastest(basis, network, strength, steps=BISECTIONS)
+        best = forms.fastest(strength, steps=BISECTIONS)
         for part in PARTS:
             rate = shorten(part * min(best, slowest), digits=6)
-            R = _found(basis, network, strength, rate)
-            c = Fraction(repr(strength))
-            if R is not None and holds_of_agents(R, network, c, Fraction(repr(rate))):
-                yield Alike(weights=weights, strength=c, R=R), rate
-
-
-def _fastest(basis: tuple[Matrix, ...], network: Network, strength: float, *, steps: int) -> float:
-    """The largest rate (1/s) for which there seems to be an R, about, by so many bisections."""
-    A = float(np.abs(to_float(network.A)).sum())
-    G = float(np.abs(to_float(network.G)).sum())
-    top = 1.0 + A + strength * G  # no R does beyond
-    rate, _ = bisected(partial(seems_to_do, basis, network, strength), 0.0, top, steps=steps)
-    return rate
+            claim = forms.claim(weights, strength, forms.found(strength, rate), rate)
+            if claim is not None:
+                yield claim, rate
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,23 +163,19 @@ class _Plan:
     R: Matrix
 
 
-def _soonest(
-    basis: tuple[Matrix, ...], network: Network, slowest: float, least: float
-) -> Iterator[tuple[Alike, float]]:
+def _soonest(forms: Forms, slowest: float, least: float) -> Iterator[tuple[Alike, float]]:
     """The claim with a rate from ``least`` to ``slowest`` (1/s) and the least ln(100 factor) /
     rate.
 
     factor^2 = max D / min D times the condition of R: the weights are flatter for a smaller
     strength of the network, and R for a smaller rate."""
-    alone = network.statements.loop
-    tables = {mode: stiffness(alone, mode) for mode in alone.modes}
-    if any(table is None or table.shape[0] > DENSE for table in tables.values()):
+    statements = forms.network.statements
+    tables = stiffnesses(statements.loop)
+    if tables is None or any(table.shape[0] > DENSE for table in tables.values()):
         return
-    first = next(proposals(network.statements, None, sooner=False), None)
+    first = next(proposals(statements, None, sooner=False), None)
     strongest = 0.0 if first is None else first[1]
-    search = _Search(
-        basis=basis, network=network, tables=tables, slowest=slowest, least=least, plans=[]
-    )
+    search = _Search(forms=forms, tables=tables, slowest=slowest, least=least, plans=[])
     if strongest > 0:  # the time may have several valleys
         times = [search.time_at(part * strongest) for part in GRID]
         place = times.index(min(times))
@@ -128,10 +185,10 @@ def _soonest(
     for plan in sorted(search.plans, key=lambda each: each.time)[:TRIED]:
         strength = shorten(plan.strength, digits=6)
         rate = shorten(plan.rate * SAFE, digits=6)
-        weights = weights_claim(alone, tables, strength, plan.D)
-        c = Fraction(repr(strength))
-        if weights is not None and holds_of_agents(plan.R, network, c, Fraction(repr(rate))):
-            yield Alike(weights=weights, strength=c, R=plan.R), rate
+        weights = weights_claim(statements.loop, tables, strength, plan.D)
+        claim = None if weights is None else forms.claim(weights, strength, plan.R, rate)
+        if claim is not None:
+            yield claim, rate
             return
 
 
@@ -140,8 +197,7 @@ class _Search:
     """Plans with rates between ``least`` and ``slowest`` (1/s); ``plans`` are those found so
     far."""
 
-    basis: tuple[Matrix, ...]
-    network: Network
+    forms: Forms
     tables: Mapping[str, Any]
     slowest: float
     least: float
@@ -151,10 +207,9 @@ class _Search:
         """The least time to one percent with this strength of the network; inf without a plan."""
         with suppress(*GIVEN_UP):
             D = even_weights(self.tables, strength)
-            if D is None or _found(self.basis, self.network, strength, 0.0) is None:
+            if D is None or not self.forms.seems_to_do(strength, 0.0):
                 return math.inf
-            most = _fastest(self.basis, self.network, strength, steps=COARSE)
-            most = min(most, SAFE * self.slowest)
+            most = min(self.forms.fastest(strength, steps=COARSE), SAFE * self.slowest)
             shortest = max(most / 4, self.least / SAFE)
             before = len(self.plans)
             if shortest < most:
@@ -164,7 +219,7 @@ class _Search:
         return math.inf
 
     def _time_with(self, strength: float, D: Array, rate: float) -> float:
-        R = _found(self.basis, self.network, strength, rate, even=True)
+        R = self.forms.found(strength, rate, even=True)
         if R is None:
             return math.inf
         condition = np.linalg.cond(to_float(R)) * D.max() / D.min()
@@ -199,48 +254,6 @@ def _combined(numbers: Iterable[Fraction], matrices: Iterable[Matrix], m: int) -
     return total
 
 
-def _found(
-    basis: tuple[Matrix, ...], network: Network, strength: float, rate: float, *, even: bool = False
-) -> Matrix | None:
-    """The R >= I with the least trace that seems to do, in the basis; ``even``: with the least
-    largest eigenvalue. None if none is seen."""
-    A = to_float(network.A)
-    G = to_float(network.G)
-    units = [to_float(each) for each in basis]
-    m = len(A)
-    # beyond the range of G' nothing can be > 0
-    _, _, directions = np.linalg.svd(G)
-    seen = directions[: np.linalg.matrix_rank(G)].T
-
-    def pulled(R: Array) -> Array:
-        return np.asarray(R @ A + A.T @ R - 2 * strength * R @ G + 2 * rate * R)
-
-    room = 1e-6 * (1 + float(np.abs(A).max()) + rate + strength * float(np.abs(G).max()))
-    cones = [
-        affine_cone(units, -np.eye(m)),
-        affine_cone([-pulled(each) for each in units], -room * np.eye(m)),
-        affine_cone([seen.T @ each @ G @ seen for each in units], -1e-9 * (G @ seen).T @ G @ seen),
-    ]
-    spend(len(units) ** 2 // 4)
-    cost = [float(np.trace(each)) for each in units]
-    if even:  # t I - R >= 0
-        cones = [_with_column(each) for each in cones]
-        cones.append(affine_cone([*(-each for each in units), np.eye(m)], np.zeros((m, m))))
-        cost = [0.0] * len(units) + [1.0]
-    with suppress(*GIVEN_UP):
-        answer = solve_cones(np.array(cost), cones)
-        if answer.found and answer.status in ("Solved", "AlmostSolved"):
-            numbers = answer.x[: len(basis)].tolist()  # t comes last
-            decimals = [Fraction(f"{x:.{DIGITS}g}") for x in numbers]
-            return _combined(decimals, basis, m)
-    return None
-
-
 def _with_column(cone: Cone) -> Cone:
     """The same condition beside one more unknown, which does not occur in it."""
     return replace(cone, rows=np.column_stack([cone.rows, np.zeros(len(cone.right))]))
-
-
-def seems_to_do(basis: tuple[Matrix, ...], network: Network, strength: float, rate: float) -> bool:
-    """Whether there seems to be an R for a network of that strength and that rate (1/s)."""
-    return _found(basis, network, strength, rate) is not None

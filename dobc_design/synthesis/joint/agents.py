@@ -24,7 +24,7 @@ from dobc_design.conditions.numbers import bisected
 from dobc_design.conditions.statement import Statement, refuted, undecided
 from dobc_design.conditions.weighted.network import Network, network_of
 from dobc_design.conditions.weighted.propose import GIVEN_UP, proposals, stiffness
-from dobc_design.conditions.weighted.propose_alike import seems_to_do, symmetric_basis
+from dobc_design.conditions.weighted.propose_alike import Forms
 from dobc_design.coupling.coupling import make_coupling
 from dobc_design.exact.matrix import Matrix, multiply, scale, to_float, transpose
 from dobc_design.exact.observability import decide_detectable
@@ -155,7 +155,7 @@ def _with_strengths(
     if isinstance(network, str):
         return
     rate = float(request.rate or 0)
-    does = partial(seems_to_do, symmetric_basis(network.G), network, rate=FASTER * rate)
+    does = partial(Forms.of(network).seems_to_do, rate=FASTER * rate)
     high = next(filter(does, STRENGTHS), None)
     if high is None:
         return

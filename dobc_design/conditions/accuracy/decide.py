@@ -38,7 +38,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cache, partial
 from itertools import pairwise
-from typing import Any, Final
+from typing import Any
 
 from dobc_design.conditions.case import Case
 from dobc_design.conditions.check import Check, read_domain, read_object
@@ -90,8 +90,8 @@ from dobc_design.loop.loop import Loop
 from dobc_design.problem.uncertainty import Uncertainty
 from dobc_design.verdict import Verdict
 
-MOST_STAGES: Final = 30
-INPUTS: Final = ("disturbance", "drift", "measurement")
+MOST_STAGES = 30
+INPUTS = ("disturbance", "drift", "measurement")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -272,12 +272,12 @@ def level_from_json(values: Mapping[str, Any], size: int, rho: Fraction | None) 
     return Level(v=v, alpha=alpha, level=level, rho=rho)
 
 
-ID: Final = "accuracy"
-MOST_AGENTS: Final = 500
-MOST_ROWS: Final = 60  # n m of a loop whose response is followed
-MOST_PRODUCTS: Final = 20_000_000  # of numbers, along all steps of a response
-_SHOWN: Final = 6  # bounds told in the reason
-_NO_HANDOVER: Final = "a stage does not hold the box in which the one before ends."
+ID = "accuracy"
+MOST_AGENTS = 500
+MOST_ROWS = 60  # n m of a loop whose response is followed
+MOST_PRODUCTS = 20_000_000  # of numbers, along all steps of a response
+_SHOWN = 6  # bounds told in the reason
+_NO_HANDOVER = "a stage does not hold the box in which the one before ends."
 
 
 def obstacle(loop: Loop, W: Matrix | None, *, turned: bool = False) -> str | None:

@@ -9,7 +9,7 @@ from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 from itertools import chain, islice
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import linalg, sparse
@@ -74,34 +74,34 @@ from dobc_design.loop.loop import Loop
 from dobc_design.solvers.program import Array
 from dobc_design.verdict import Verdict
 
-DECAYED: Final = 12.0  # exponents of the slowest mode that the steps follow
-FINEST: Final = 0.012  # |F| h of a step
-COARSEST: Final = 0.3  # the same, where there are not enough finer ones
-LEFT: Final = 1e-4  # of the response of a whole loop, after the steps that follow it
-FINE: Final = 0.08  # |M| h of a step
-COARSE: Final = 0.4  # the same, where there are not enough finer ones
+DECAYED = 12.0  # exponents of the slowest mode that the steps follow
+FINEST = 0.012  # |F| h of a step
+COARSEST = 0.3  # the same, where there are not enough finer ones
+LEFT = 1e-4  # of the response of a whole loop, after the steps that follow it
+FINE = 0.08  # |M| h of a step
+COARSE = 0.4  # the same, where there are not enough finer ones
 #: How much more than b_i v is made for, where it has to reach further out.
-SPREADS: Final = (1.0, 1.1, 1.2, 1.4, 1.7, 2.2, 3.0, 5.0, 8.0, 20.0, 60.0, 200.0)
-ONE: Final = Fraction(1)
-ABOVE: Final = Fraction(1, 50_000)  # of a level, left to two programs that round apart
-MORE: Final = Fraction(1, 10**6)  # the same, of a peak gain
-WORTH: Final = Fraction(998, 1000)  # what a stage has to leave of the largest bound, or less
-HALVINGS: Final = 10
-DEEPEST: Final = 1e-4  # part of rho down to which the lowest level is looked for
-HIGHEST: Final = 0.98  # part of rho at which a stage has to hold
-SLOW: Final = Fraction(1, 10**7)  # the rate of a stage, as a part of b_i/(level v_i)
-LEAST: Final = 1e-3  # the first guess of v, as a part of what b_i does to an agent alone
-NEAR: Final = 1e-6  # where slopes are taken
-V_DIGITS: Final = 12
-CHOICES: Final = 30  # of rows, one after the other
-SETTLED: Final = 1e-9  # of v, when none of them changes any more
-SLACK: Final = 1e-5  # of the largest input, for rows in which nothing acts
-MOST_COORDINATES: Final = 3  # in which rows are decided
-FROM: Final = (0.9, 0.5, 0.98)  # parts of rho from which the first stage is looked for
-ROOM: Final = Fraction(1, 100)  # of eta, for a second program with wider enclosures
-POINTS: Final = 9  # of s
-SAMPLES: Final = 500  # of h
-TIGHTER: Final = 1 + 1e-6  # what is left to rounding
+SPREADS = (1.0, 1.1, 1.2, 1.4, 1.7, 2.2, 3.0, 5.0, 8.0, 20.0, 60.0, 200.0)
+ONE = Fraction(1)
+ABOVE = Fraction(1, 50_000)  # of a level, left to two programs that round apart
+MORE = Fraction(1, 10**6)  # the same, of a peak gain
+WORTH = Fraction(998, 1000)  # what a stage has to leave of the largest bound, or less
+HALVINGS = 10
+DEEPEST = 1e-4  # part of rho down to which the lowest level is looked for
+HIGHEST = 0.98  # part of rho at which a stage has to hold
+SLOW = Fraction(1, 10**7)  # the rate of a stage, as a part of b_i/(level v_i)
+LEAST = 1e-3  # the first guess of v, as a part of what b_i does to an agent alone
+NEAR = 1e-6  # where slopes are taken
+V_DIGITS = 12
+CHOICES = 30  # of rows, one after the other
+SETTLED = 1e-9  # of v, when none of them changes any more
+SLACK = 1e-5  # of the largest input, for rows in which nothing acts
+MOST_COORDINATES = 3  # in which rows are decided
+FROM = (0.9, 0.5, 0.98)  # parts of rho from which the first stage is looked for
+ROOM = Fraction(1, 100)  # of eta, for a second program with wider enclosures
+POINTS = 9  # of s
+SAMPLES = 500  # of h
+TIGHTER = 1 + 1e-6  # what is left to rounding
 
 
 def propose_peaks(loop: Loop, W: Matrix) -> Peaks | None:
@@ -219,7 +219,7 @@ def _pulls(plant: Plant, reach: float) -> Any:
     passed = float(stated.weights * peaks.disturbance * (1 + ROOM) * (1 + ABOVE))
     total = sparse.csr_array((loop.n, loop.n))
     for arcs in loop.modes.values():
-        w = np.array([float(x) for x in arcs.weights]) * steepest[coupling_places(loop, arcs)]
+        w = np.array(arcs.weights, dtype=float) * steepest[coupling_places(loop, arcs)]
         w *= passed
         rows = np.concatenate([arcs.listeners, arcs.listeners])
         columns = np.concatenate([arcs.listeners, arcs.speakers])
@@ -304,7 +304,7 @@ def _lowest(plant: Plant, stage: Level) -> Level | None:
 
 def _with_rate(plant: Plant, stage: Level) -> Level:
     """The stage with a small rate, which makes its rows strict."""
-    v = np.array([float(x) for x in stage.v])
+    v = np.array(stage.v, dtype=float)
     least = float(np.min(_loads(plant, stage) / v)) / float(stage.level)
     return replace(stage, alpha=rounded_down(Fraction(least) * SLOW, digits=2) or SLOW)
 
@@ -526,7 +526,7 @@ def _near(plant: Plant) -> list[tuple[Matrix, Vector]]:
         v = _least_weights(Rows.of(agents, to_float(T), gains), _acting(plant, T))
         if v is not None:
             weights = _raised_weights(v)
-            sizes = np.array([[float(x) for x in each] for each in error_sizes(T, weights)])
+            sizes = np.array(list(error_sizes(T, weights)), dtype=float)
             found.append((float(np.sum(np.log(sizes))), T, weights))
     found.sort(key=lambda each: each[0])
     return [(T, weights) for _, T, weights in found]
@@ -534,7 +534,7 @@ def _near(plant: Plant) -> list[tuple[Matrix, Vector]]:
 
 def _acting(plant: Plant, T: Matrix) -> Array:
     """What acts on every component, (n, m), with a little where nothing does."""
-    acts: Array = np.array([float(x) for x in plant.load_in(T)])
+    acts: Array = np.array(plant.load_in(T), dtype=float)
     return (acts + np.max(acts) * SLACK).reshape(-1, len(T))
 
 
@@ -585,12 +585,12 @@ def _stage_in(
     loop = plant.loop
     ranges = enclosed_ranges(loop, T, v, rho)
     rows = Rows.of(agents, to_float(T), in_floats(ranges))
-    best, M = rows.chosen(np.array([float(x) for x in v]).reshape(-1, loop.m))
+    best, M = rows.chosen(np.array(v, dtype=float).reshape(-1, loop.m))
     better = solved_whole(M, _acting(plant, T))
     if not np.all(best < 0):
         return None, better
     load = plant.load_in(T)
-    acts = np.array([float(x) for x in load])
+    acts = np.array(load, dtype=float)
     lowest = Fraction(float(np.max(acts / -best.ravel())))
     level = rounded_up(lowest * (1 + ABOVE), digits=9)
     if level <= 0 or (rho is not None and level > rho):

@@ -20,7 +20,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any, Final
+from typing import Any
 
 from dobc_design.conditions.check import Check, Values, read_object
 from dobc_design.conditions.numbers import (
@@ -39,10 +39,10 @@ from dobc_design.exact.symmetric import Doubles
 from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
 
-SURE: Final = "almost sure"
-MEAN: Final = "mean"
-SQUARE: Final = "mean square"
-HOW: Final = {SURE: "almost surely", MEAN: "in the mean", SQUARE: "in mean square"}
+SURE = "almost sure"
+MEAN = "mean"
+SQUARE = "mean square"
+HOW = {SURE: "almost surely", MEAN: "in the mean", SQUARE: "in mean square"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

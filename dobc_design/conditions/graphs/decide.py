@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from fractions import Fraction
-from typing import Final
 
 import numpy as np
 
@@ -29,8 +28,8 @@ from dobc_design.loop.arcs import unreached
 from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
 
-MOST_MODES: Final = 300  # of a chain, of which both programs say where it ends
-ZERO: Final = Fraction(0)
+MOST_MODES = 300  # of a chain, of which both programs say where it ends
+ZERO = Fraction(0)
 
 
 def closed_classes(generator: Matrix) -> list[tuple[int, ...]]:

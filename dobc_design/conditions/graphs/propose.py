@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from fractions import Fraction
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,14 +23,14 @@ from dobc_design.loop.arcs import arc_table
 from dobc_design.loop.loop import Loop
 from dobc_design.solvers.program import factored, round_matrix
 
-BISECTIONS: Final = 14
-SMALLEST: Final = 1e-9  # rate that counts (1/s)
-SAFE: Final = 1 - 1e-6  # of a rate that floats show
-STEADY: Final = 0.999  # of the best rate
-MOST_ROWS: Final = 12  # n m, for the mean square
-MOST_UNKNOWNS: Final = 1000
-WEIGHT_DIGITS: Final = 15
-FORM_DIGITS: Final = 12
+BISECTIONS = 14
+SMALLEST = 1e-9  # rate that counts (1/s)
+SAFE = 1 - 1e-6  # of a rate that floats show
+STEADY = 0.999  # of the best rate
+MOST_ROWS = 12  # n m, for the mean square
+MOST_UNKNOWNS = 1000
+WEIGHT_DIGITS = 15
+FORM_DIGITS = 12
 
 
 def mean_claim(loop: Loop, W: Matrix | None, generator: Matrix) -> Kept | None:

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from fractions import Fraction
 from functools import partial
-from typing import Final
 
 from dobc_design.conditions.check import Check, limited, surviving, undecided_check
 from dobc_design.conditions.consensus.network import name_agents
@@ -32,10 +31,10 @@ from dobc_design.exact.number import root_above
 from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
 
-SMALLER: Final = 12  # halvings of a box that is too large
-DIGITS: Final = 9
-EXTRA: Final = Fraction(1, 10**9)
-NO_BOUND: Final = "no bound of the estimation error is found."
+SMALLER = 12  # halvings of a box that is too large
+DIGITS = 9
+EXTRA = Fraction(1, 10**9)
+NO_BOUND = "no bound of the estimation error is found."
 
 
 def safety_stage(asked: Asked, report: Progress) -> list[Check]:

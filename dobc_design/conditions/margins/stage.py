@@ -62,10 +62,10 @@ def common_vector(loop: Loop, errors: Errors) -> Array | None:
     Raises: OverflowError beyond the floats."""
     n, spread = loop.n, float(errors.weights)
     slopes = np.array([float(each.jacobian_at_zero()[0][0].midpoint) for each in loop.functions])
-    gains = np.array([float(k) for k in holding_gains(loop, error=errors.gains)])
+    gains = np.array(holding_gains(loop, error=errors.gains), dtype=float)
     modes = []
     for arcs in loop.modes.values():
-        weights = np.array([float(w) for w in arcs.weights]) * slopes[coupling_places(loop, arcs)]
+        weights = np.array(arcs.weights, dtype=float) * slopes[coupling_places(loop, arcs)]
         modes.append(sparse.csr_array((weights, (arcs.listeners, arcs.speakers)), shape=(n, n)))
     v = np.ones(n)
     for _ in range(ROUNDS):

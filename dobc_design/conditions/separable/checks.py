@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from fractions import Fraction
 from functools import partial
-from typing import Final
 
 from dobc_design.conditions.case import Case
 from dobc_design.conditions.check import Check, Witness, not_a_proof, read_domain, undecided_check
@@ -39,10 +38,10 @@ from dobc_design.exact.matrix import Matrix
 from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
 
-SHORTEST: Final = Fraction(1, 10**30)  # sampling periods below are no use to anybody (s)
+SHORTEST = Fraction(1, 10**30)  # sampling periods below are no use to anybody (s)
 # of a sampling period, for a second program with wider enclosures
-IN_HAND: Final = Fraction(1, 1000)
-_SHOWN: Final = 6  # stuck agents that a sentence tells with the mode that blocks them
+IN_HAND = Fraction(1, 1000)
+_SHOWN = 6  # stuck agents that a sentence tells with the mode that blocks them
 
 
 def obstacle(loop: Loop, W: Matrix | None, *, turned: bool = False) -> str | None:

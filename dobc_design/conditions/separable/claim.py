@@ -23,7 +23,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from operator import mul
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -46,10 +46,10 @@ from dobc_design.loop.arcs import coupling_places
 from dobc_design.loop.loop import Loop
 
 FACES = {1: "upper", -1: "lower"}
-OBSERVED: Final = ("P", "beta", "kappa", "size")
-MOST_COMPONENTS: Final = 6  # of an agent, for T
+OBSERVED = ("P", "beta", "kappa", "size")
+MOST_COMPONENTS = 6  # of an agent, for T
 # the key under which a check of sampling holds one of its own, where it has one
-OWN: Final = "certificate"
+OWN = "certificate"
 _NONE, _ONE = Fraction(0), Fraction(1)
 
 
@@ -253,7 +253,7 @@ class Errors(NamedTuple):
     gains: Fraction = Fraction(0)
 
 
-EXACT: Final = Errors()
+EXACT = Errors()
 
 
 def stated_errors(loop: Loop) -> Errors:

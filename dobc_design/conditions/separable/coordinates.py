@@ -21,7 +21,7 @@ from fractions import Fraction
 from functools import cache
 from itertools import product
 from operator import mul, sub
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 from dobc_design.conditions.numbers import VECTOR_BITS, rounded_up
 from dobc_design.conditions.quadratic.sectors import (
@@ -42,9 +42,9 @@ from dobc_design.loop.arcs import coupling_places
 from dobc_design.loop.loop import Loop
 from dobc_design.problem.exosystems import Exosystem
 
-MOST_FREE: Final = 6  # gains of one coupling that are no single numbers: 2^6 corners
-_DIGITS: Final = 6  # of the differences up to which gains are enclosed
-_A_STEP: Final = 50  # corners of arcs that are looked at in one step of work
+MOST_FREE = 6  # gains of one coupling that are no single numbers: 2^6 corners
+_DIGITS = 6  # of the differences up to which gains are enclosed
+_A_STEP = 50  # corners of arcs that are looked at in one step of work
 
 
 class Slowest(NamedTuple):

@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 from dobc_design.conditions.numbers import text_below
 from dobc_design.conditions.separable import claim as claims
@@ -56,12 +56,12 @@ from dobc_design.verdict import Verdict
 
 #: From this many arcs on, floats with outward bounds go first (fewer where a coupling falls, whose
 #: exact rows take longer); and how many rows they may leave.
-MANY_ARCS: Final = 1000
-MANY_FALLING: Final = 200
-MOST_LEFT: Final = 200
+MANY_ARCS = 1000
+MANY_FALLING = 200
+MOST_LEFT = 200
 _FOR = "couplings that act on each state component by itself"
-NOT_BY_COMPONENT: Final = f"does not apply: the max-separable certificate is for {_FOR}."
-MOST_PIECES: Final = 3000  # of (0, rho] looked at per row before the answer is "undecided"
+NOT_BY_COMPONENT = f"does not apply: the max-separable certificate is for {_FOR}."
+MOST_PIECES = 3000  # of (0, rho] looked at per row before the answer is "undecided"
 _ZERO, _ONE = Fraction(0), Fraction(1)
 
 
@@ -117,8 +117,8 @@ class Question:
         return self.rho or _ONE
 
 
-LINEAR: Final = 2  # steps of work for a row of linear couplings, and
-BATCH: Final = 20  # for the rows of a mode
+LINEAR = 2  # steps of work for a row of linear couplings, and
+BATCH = 20  # for the rows of a mode
 
 
 def verify_separable(

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,14 +37,14 @@ from dobc_design.problem.network import ONE, Arcs
 
 Array = NDArray[np.float64]
 
-CELLS: Final = 512  # of a table
-_KEPT: Final = 16  # tables
+CELLS = 512  # of a table
+_KEPT = 16  # tables
 # by which cells overlap, far more than a float position can be wrong
-_BEYOND: Final = Fraction(1, 2**20)
-_CLOSE: Final = Fraction(1, 2**40)  # as a part of it, how far from g floats may be
+_BEYOND = Fraction(1, 2**20)
+_CLOSE = Fraction(1, 2**40)  # as a part of it, how far from g floats may be
 # A result of one operation is within 2^-53 of itself of the truth (2^-1074 near 0).
-_RELATIVE: Final = 2.0**-51
-_TINY: Final = 2.0**-1060
+_RELATIVE = 2.0**-51
+_TINY = 2.0**-1060
 
 
 def up(x: Array) -> Array:
@@ -188,7 +188,7 @@ def _cell(curve: Curve, k: int, width: Fraction) -> tuple[float, ...]:
 
 
 #: A coupling that turns more often is left to the exact rows.
-MOST_TURNS: Final = 40
+MOST_TURNS = 40
 
 
 class Top(NamedTuple):
@@ -313,15 +313,15 @@ def _joined(places: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
     return joined
 
 
-_MOST_PIECES: Final = 600  # of (0, rho], looked at before the remaining rows are given back
-_NARROWEST: Final = 2.0**-30  # piece, as a part of rho
-_SURE: Final = 1e-6  # as a part of its limit, by how much a row fails for certain
-_UNIT: Final = 2.0**-52
+_MOST_PIECES = 600  # of (0, rho], looked at before the remaining rows are given back
+_NARROWEST = 2.0**-30  # piece, as a part of rho
+_SURE = 1e-6  # as a part of its limit, by how much a row fails for certain
+_UNIT = 2.0**-52
 # integers up to that long are floats, and so are they over a power of two as long
-_FLOAT_BITS: Final = 53
-SLICES: Final = 8  # of the way of a held step
-SLOPES: Final = 256  # parts of [0, radius] on which slopes are bounded, and how close
-_STEEP: Final = Fraction(1, 1000)
+_FLOAT_BITS = 53
+SLICES = 8  # of the way of a held step
+SLOPES = 256  # parts of [0, radius] on which slopes are bounded, and how close
+_STEEP = Fraction(1, 1000)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -157,7 +157,7 @@ def field_of(loop: Loop, *, rho: float, errors: Errors = EXACT) -> Field:
     shapes = [(h, *_extremes(h, radius=8.0 * rho)) for h in functions]
     modes = []
     for arcs in loop.modes.values():
-        weights = np.array([float(weight) for weight in arcs.weights])
+        weights = np.array(arcs.weights, dtype=float)
         groups = []
         for kind, own in split_by(2 * coupling_places(loop, arcs) + arcs.uncertain):
             h, tops, bottoms = shapes[kind // 2]
@@ -176,7 +176,7 @@ def field_of(loop: Loop, *, rho: float, errors: Errors = EXACT) -> Field:
     count = int(np.clip(WORK // total, COARSEST, FINEST))
     return Field(
         size=loop.n,
-        gains=np.array([float(k) for k in holding_gains(loop, error=errors.gains)]),
+        gains=np.array(holding_gains(loop, error=errors.gains), dtype=float),
         modes=tuple(modes),
         off=float(errors.weights),
         grid=rho * np.concatenate([[NEAREST], np.linspace(0, 1, count)[1:]]),

@@ -145,7 +145,7 @@ class Agents:
 
 def _groups(loop: Loop, arcs: Arcs, size: int) -> Iterator[Group]:
     """The arcs of a mode that the first ``size`` agents listen to, by coupling."""
-    weights = np.array([float(x) for x in arcs.weights])
+    weights = np.array(arcs.weights, dtype=float)
     places = coupling_places(loop, arcs)
     here = np.flatnonzero(arcs.listeners < size)
     # who is left out is at the target

@@ -11,7 +11,6 @@ import math
 from bisect import bisect_left
 from contextlib import suppress
 from fractions import Fraction
-from typing import Final
 
 import numpy as np
 
@@ -47,11 +46,11 @@ from dobc_design.exact.work import spend
 from dobc_design.loop.loop import Loop
 
 # how far below the largest rate ``largest_rate`` may stop, as a part of it
-TOLERANCE: Final = Fraction(1, 10**5)
+TOLERANCE = Fraction(1, 10**5)
 # below an estimate, where the proof is tried
-_PARTS: Final = (1e-8, 1e-6, 1e-5, 1e-4, 3e-4, 1e-3, 1e-2, 0.1, 0.5)
-_SAMPLES: Final = (0.0, 0.125, 0.25, 0.5, 0.75, 1.0)  # parts of rho at which a rate is estimated
-_SHORTER: Final = 60  # delays that are tried, each half of the one before
+_PARTS = (1e-8, 1e-6, 1e-5, 1e-4, 3e-4, 1e-3, 1e-2, 0.1, 0.5)
+_SAMPLES = (0.0, 0.125, 0.25, 0.5, 0.75, 1.0)  # parts of rho at which a rate is estimated
+_SHORTER = 60  # delays that are tried, each half of the one before
 
 
 def largest_rate(
@@ -110,7 +109,7 @@ def _rate_of_many(question: Question, many: Many) -> Fraction | None:
 def estimated_rate(question: Question, many: Many) -> float:
     """The least rate that a few values of s show: an estimate of the largest that can be proved."""
     arcs, rho = many.arcs, float(question.radius)
-    pulls = np.array([float(pull) for pull in arcs.pulls])
+    pulls = np.array(arcs.pulls, dtype=float)
     least = np.inf
     with np.errstate(invalid="ignore", over="ignore"):
         for face in FACES:

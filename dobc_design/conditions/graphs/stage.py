@@ -57,10 +57,11 @@ def _limited(id: str, asked: Asked, decide: Callable[[Asked], Check]) -> Check:
     reason = obstacle(asked.loop, asked.W)
     if reason is not None and (id == "safety" or acts_by_component(asked.loop)):
         return undecided_check(id, asked.domain, reason, applies=False)
-    with surviving(f"no {id}"):
-        return limited(id, asked.domain, partial(decide, asked))
     words = "no proof is found: a numerical library broke down."
-    return undecided_check(id, asked.domain, words)
+    found = undecided_check(id, asked.domain, words)
+    with surviving(f"no {id}"):
+        found = limited(id, asked.domain, partial(decide, asked))
+    return found
 
 
 def _boxes(asked: Asked, kind: str, rate: Fraction | None) -> Iterator[tuple[Asked, Kept]]:

@@ -34,12 +34,13 @@ gain, which some w attains without eps.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from functools import cache, partial
 from itertools import pairwise
 from typing import Any
 
+from dobc_design._checks import noun
 from dobc_design.conditions.case import Case
 from dobc_design.conditions.check import Check, read_domain, read_object
 from dobc_design.conditions.consensus.claim import jacobians_at_consensus, linearisation
@@ -94,7 +95,7 @@ MOST_STAGES = 30
 INPUTS = ("disturbance", "drift", "measurement")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Level:
     """One stage: for all s in [level, rho] the box |e_i| <= s v_i shrinks, N = max |e_i|/v_i
     falling at least at the rate alpha.  ``rho`` None: for all s >= level (linear couplings).  All
@@ -115,7 +116,7 @@ class Level:
         return values
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Peaks:
     """How far the observer passes on what the model leaves out, F = A - WC: upper bounds of the
     integrals of |C exp(F t) W| (``disturbance``), |C exp(F t)| (``drift``), and of |C exp(F t) F
@@ -133,7 +134,7 @@ class Peaks:
         return fields_to_json(self, *INPUTS, "step", "steps")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Response:
     """Steps in which the response of a linear loop is followed: ``steps`` of ``step`` (s)."""
 
@@ -145,7 +146,7 @@ class Response:
         return fields_to_json(self, "step", "steps")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Accuracy:
     """Stages from the outside inwards, or the ``response`` of a linear loop and no stage, and
     ``bounds``: label -> final bound of |e_i|, in coordinates z = T e and with a response one for
@@ -360,7 +361,7 @@ def observer_peaks(loop: Loop, W: Matrix, *, step: Fraction, steps: int) -> Peak
     return Peaks(**worst, step=step, steps=steps)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Load:
     """What acts on one agent in one mode besides its row: b_i, and eta_i s, what observers that do
     not know the errors of the weights pass on while N is at most s.  ``by_input`` is the part of
@@ -379,7 +380,7 @@ class Load:
         return replace(self.row, pull=self.row.pull - self.growing / self.row.own)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Plant:
     """A loop under all that [uncertainty] states; ``peaks``: how far its observer passes that on,
     None without an exosystem.  ``room``: the part by which eta_i is taken larger."""

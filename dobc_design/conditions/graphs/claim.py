@@ -18,10 +18,10 @@ mean square   P_p > 0 for every mode, A_p'P_p + P_p A_p + sum_q g_pq P_q + 2 rat
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
+from dobc_design._checks import noun
 from dobc_design.conditions.check import Check, Values, read_object
 from dobc_design.conditions.numbers import (
     fields_to_json,
@@ -45,7 +45,7 @@ SQUARE = "mean square"
 HOW = {SURE: "almost surely", MEAN: "in the mean", SQUARE: "in mean square"}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Kept:
     """A claim as above: ``kind`` "" for safety; ``box`` has rho and the observer's part; ``w`` or
     ``P`` by mode."""

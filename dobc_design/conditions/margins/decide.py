@@ -24,10 +24,11 @@ box of its own may stand there without them, too.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from typing import Any, NamedTuple
 
+from dobc_design._checks import noun
 from dobc_design.conditions.accuracy.decide import Accuracy, Level, Plant, level_from_json
 from dobc_design.conditions.accuracy.decide import obstacle as not_final
 from dobc_design.conditions.case import Case
@@ -73,7 +74,7 @@ from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import group_numbers
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Tolerance:
     """The rows hold at the rate ``alpha`` (1/s) for all ``errors``.  ``v``: one entry per agent,
     for the slopes at the target; None for the rows of the certificate beside it.  ``eta`` (1/s):
@@ -93,7 +94,7 @@ class Tolerance:
         return values
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Inputs:
     """On {V <= rho}, which holds all starts of the check, every component of u_i is at most
     ``inputs[label]``. ``stage``: a box of its own that is not left, with ``error``, the observer's

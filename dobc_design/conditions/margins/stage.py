@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 from itertools import chain
@@ -13,6 +13,7 @@ from itertools import chain
 import numpy as np
 from scipy import sparse
 
+from dobc_design._checks import noun
 from dobc_design.conditions.accuracy.decide import Accuracy, Level, Plant
 from dobc_design.conditions.accuracy.stage import ROOM, covering_boxes
 from dobc_design.conditions.case import Case
@@ -277,7 +278,7 @@ def inputs_stage(asked: Asked, checks: Sequence[Check], report: Progress) -> lis
     return [limited("actuators", asked.domain, lambda: _actuators(asked, checks))]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class _Plan:
     """A box that is not left, {V <= rho} with room for ``starts``, and what the inputs of every
     agent take of it.  ``starts``: |e_i| and |eps_i| at most; ``disturbances``: |d_i| at most."""

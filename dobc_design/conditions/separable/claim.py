@@ -27,6 +27,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from dobc_design._checks import noun
 from dobc_design.conditions.check import Check, Claim, read_object
 from dobc_design.conditions.numbers import (
     fields_to_json,
@@ -53,7 +54,7 @@ OWN = "certificate"
 _NONE, _ONE = Fraction(0), Fraction(1)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class ErrorBound:
     """The observer's part of V = N + kappa E, E = max_i sqrt(eps_i' P eps_i).  P (q, q) symmetric
     with (A-WC)'P + P(A-WC) <= -2 beta P, c'c <= P for each row c of C and P <= size I; beta in 1/s,
@@ -84,7 +85,7 @@ def error_from_json(values: Mapping[str, Any], loop: Loop) -> ErrorBound | None:
     return ErrorBound(P=form_from_json(values["P"]), beta=beta, kappa=kappa, size=size)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Separable:
     """A claim: the rows hold for v (one entry per agent), alpha (1/s) and all s in (0, rho].
     ``rho`` None: for every s > 0.  ``error``: the observer's part, None without an exosystem.  With
@@ -178,7 +179,7 @@ def error_sizes(T: Matrix, v: Sequence[Fraction]) -> Iterator[list[Fraction]]:
         yield [sum(map(mul, row, own), Fraction(0)) for row in S]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class DelayBound:
     """For all delays up to ``delay`` (s) the error decays at ``rate`` (1/s); with an observer at
     every smaller rate."""
@@ -191,7 +192,7 @@ class DelayBound:
         return fields_to_json(self, "delay", "rate")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class SamplingBound:
     """A certified sampling period (s), and by how much N falls from one sample to the next at
     least.  ``own``: the certificate whose N that is, where it is not the one beside it."""

@@ -16,13 +16,13 @@ assumed.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache
 from itertools import product
 from operator import mul, sub
 from typing import Any, NamedTuple
 
+from dobc_design._checks import noun
 from dobc_design.conditions.numbers import VECTOR_BITS, rounded_up
 from dobc_design.conditions.quadratic.sectors import (
     Entries,
@@ -190,7 +190,7 @@ def faces(m: int) -> list[list[tuple[int, ...]]]:
     return [[corner for corner in corners if corner[c] > 0] for c in range(m)]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@noun(eq=False)
 class _Corners:
     """The rows of G = T J S times ``unit`` at all corners J of the gains: by the place of the
     coupling, by component, by corner; rows that are always 0 are left out.  ``most``: corners of

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import NamedTuple
 
+from dobc_design._checks import noun
 from dobc_design.conditions.numbers import text_below
 from dobc_design.conditions.separable import claim as claims
 from dobc_design.conditions.separable.claim import (
@@ -65,7 +66,7 @@ MOST_PIECES = 3000  # of (0, rho] looked at per row before the answer is "undeci
 _ZERO, _ONE = Fraction(0), Fraction(1)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class SeparableAnswer:
     """Whether a Separable holds, and why; where it fails: agent (index), mode, face ("upper",
     "lower") and s."""
@@ -98,7 +99,7 @@ def undecided(reason: str) -> SeparableAnswer:
     return SeparableAnswer(verdict=Verdict.UNDECIDED, reason=reason)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Question:
     """Rows to be decided: the loop, v, rho (None: linear couplings), the stretch of v_j, the
     errors of weights."""

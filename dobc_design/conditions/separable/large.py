@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dobc_design._checks import noun
 from dobc_design.conditions.separable.claim import (
     EXACT,
     FACES,
@@ -66,7 +67,7 @@ class Ranges(NamedTuple):
     rises: Array
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@noun(eq=False)
 class GainTable:
     """Bounds of g and g' on [-radius, radius] in cells of equal width.
 
@@ -200,7 +201,7 @@ class Top(NamedTuple):
     value: float
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@noun(eq=False)
 class Turning:
     """One coupling that is not nondecreasing, for one face (the lower one has -h(-y) in place of
     h).  ``table`` reaches to the left ends.  ``falls``: where h is not shown to rise."""
@@ -324,7 +325,7 @@ SLOPES = 256  # parts of [0, radius] on which slopes are bounded, and how close
 _STEEP = Fraction(1, 1000)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@noun(eq=False)
 class ArcRows:
     """The arcs by row, mode after mode: those of row i are start[i]:start[i + 1].  ``steps`` are at
     least v_j - v_i, ``reaches`` at least v_i + v_j; ``kinds`` are the places of couplings;
@@ -349,7 +350,7 @@ class Kinds:
     turning: Mapping[tuple[int, int], Turning]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@noun(eq=False)
 class Layout:
     """All arcs by rows; agent i of the k-th mode has row k n + i.  ``start`` and ``weights`` as in
     ArcRows.  ``floor``: the least step of each arc: 0 of those that come and go (``claim.rows``),

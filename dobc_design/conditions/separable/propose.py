@@ -12,7 +12,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from itertools import product
 from typing import Any, Protocol
@@ -20,6 +20,7 @@ from typing import Any, Protocol
 import numpy as np
 from scipy import sparse
 
+from dobc_design._checks import noun
 from dobc_design.conditions.consensus.propose import decay_rate
 from dobc_design.conditions.numbers import (
     golden_section,
@@ -58,7 +59,7 @@ STEP = 1e-6  # of central differences
 VALUES = 8  # steps of work for one face of one mode
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@noun(eq=False)
 class Group:
     """The arcs of one mode with one coupling h, and places and values of its maxima and minima on
     the sampled range."""
@@ -72,7 +73,7 @@ class Group:
     loose: bool = False  # they come and go
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@noun(eq=False)
 class Field:
     """All rows: ``modes`` holds the groups of every mode, ``grid`` the values of s."""
 
@@ -416,7 +417,7 @@ EARLIER = 0.95
 KEPT = 0.005  # how much faster than wanted a plan is to be, of which rounding may take some
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class SeparablePlan:
     """v (n,), min v = 1, the rate (1/s) that floating point sees for s in (0, rho], and the
     observer's part."""
@@ -531,7 +532,7 @@ def _fastest(field: Field, best: Array, *, close: float) -> tuple[float, Array]:
     return last_found(find, best, 0.0, top, middle=quickly_down(8), close=enough)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Cover:
     """What a plan has to cover: every start with |e|_inf <= ``radius`` and |eps_i| <=
     ``disturbance``, by the loop with the gain W (q, m).  ``errors``: as in ``propose_separable``.

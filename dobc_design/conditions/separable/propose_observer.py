@@ -9,12 +9,13 @@ kappa sqrt(lambda_max).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
 from scipy import linalg
 
+from dobc_design._checks import noun
 from dobc_design.conditions.separable.claim import ErrorBound
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.exact.number import float_above
@@ -45,7 +46,7 @@ def with_kappa(
     return replace(error, kappa=Fraction(math.ceil(UNIT * kappa), UNIT))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class _Bound:
     beta: float
     P: Array

@@ -15,13 +15,13 @@ of its own. The rows are decided exactly for few agents, else in floats rounded 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dobc_design._checks import noun
 from dobc_design.conditions.consensus.claim import ModeJacobian, Pair, Statements
 from dobc_design.conditions.consensus.decide import schur_block
 from dobc_design.conditions.numbers import MANY_AGENTS, fields_to_json, vector_to_json
@@ -35,7 +35,7 @@ from dobc_design.problem.groups import blocks_of, group_blocks, group_numbers
 from dobc_design.verdict import Verdict
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Weighted:
     """A claim: N w > 0 in every mode.  ``D`` and ``w[mode]`` (n m,), all > 0, entry i m + c for
     component c of agent i; ``P`` (q, q) symmetric, None without an exosystem.  Raises: ShapeError
@@ -131,7 +131,7 @@ def _largest_row_sum(block: Matrix) -> Fraction:
     return max(sum((abs(x) for x in row), ZERO) for row in block)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class _Sums:
     """Sums by row of exact terms, or of floats with what rounding may have taken or added."""
 

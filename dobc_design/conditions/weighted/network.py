@@ -16,10 +16,11 @@ eps_i'P eps_i falls for a large enough.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
+from dobc_design._checks import noun
 from dobc_design.conditions.consensus.claim import Statements, state_theorems
 from dobc_design.conditions.numbers import fields_to_json
 from dobc_design.conditions.observer.decide import error_matrix, hurwitz_with_rate
@@ -36,7 +37,7 @@ from dobc_design.verdict import Verdict
 ZERO = Fraction(0)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Alike:
     """A claim as above: ``weights`` D and w of the network alone, whose rate is ``strength`` c; R
     (m, m)."""
@@ -51,7 +52,7 @@ class Alike:
         return {**self.weights.to_json(), **own}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Network:
     """M of every mode as the ``statements`` of a problem with one component; A and G (m, m)."""
 

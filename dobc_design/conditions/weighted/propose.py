@@ -20,6 +20,7 @@ import numpy as np
 from scipy import linalg, sparse
 from scipy.sparse import csgraph
 
+from dobc_design._checks import noun
 from dobc_design.conditions.consensus.claim import Statements
 from dobc_design.conditions.consensus.propose import DENSE, decay_rate, is_symmetric
 from dobc_design.conditions.numbers import (
@@ -480,7 +481,7 @@ def weights_claim(
     return None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class _Aim:
     """A rate (1/s), and the observers beside it: P, and of each group a bound ``sigma`` of what its
     errors take."""

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from dobc_design._checks import noun
 from dobc_design.conditions.consensus.propose import DENSE, decay_rate
 from dobc_design.conditions.numbers import bisected, golden_section, shorten, time_to_one_percent
 from dobc_design.conditions.weighted.decide import Weighted
@@ -192,7 +193,7 @@ def _soonest(forms: Forms, slowest: float, least: float) -> Iterator[tuple[Alike
             return
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class _Search:
     """Plans with rates between ``least`` and ``slowest`` (1/s); ``plans`` are those found so
     far."""

@@ -97,7 +97,7 @@ def _in_coordinates(asked: Asked) -> tuple[dict[float, Separable], str | None]:
         radius = _short(asked.radius / 2**halvings) if halvings else asked.radius
         with surviving(f"no coordinates for radius {radius}", WorkLimitError):
             claim = propose_coordinates(
-                _cover(asked, radius), everywhere=everywhere, least=asked.rate
+                _Box(asked, radius).cover, everywhere=everywhere, least=asked.rate
             )
             if claim is not None:
                 claims[radius] = claim
@@ -109,17 +109,6 @@ def _in_coordinates(asked: Asked) -> tuple[dict[float, Separable], str | None]:
             bisected(holds, float(HALVINGS), 0.0, steps=steps)
         cut = exhausted()
     return claims, cut
-
-
-def _cover(asked: Asked, radius: float, errors: Errors = EXACT) -> Cover:
-    """The box of this radius as a plan has to cover it."""
-    return Cover(
-        loop=asked.loop,
-        W=asked.W,
-        radius=claimed(radius),
-        disturbance=claimed(asked.disturbance),
-        errors=errors,
-    )
 
 
 def _by_component(asked: Asked, report: Progress) -> list[Check]:
@@ -183,14 +172,16 @@ def largest_claim(asked: Asked) -> Found | None:
     loop = asked.loop
     errors = stated_errors(loop)
     if any(errors):
-        found = _claim(asked, asked.radius, _plan(asked, asked.radius, errors), errors)
+        box = _Box(asked, asked.radius, errors)
+        found = box.claim(box.plan())
         if found is not None:
             slow = replace(found.claim, alpha=found.claim.alpha / SLOWER_WITH_ERRORS)
             if verify_separable(loop, slow, errors=errors).wrong is None:
                 return found
 
     def at(radius: float) -> Found | None:
-        return _claim(asked, radius, _plan(asked, radius))
+        box = _Box(asked, radius)
+        return box.claim(box.plan())
 
     found = at(asked.radius)
     if found is not None or asked.domain == EVERYWHERE:
@@ -206,91 +197,105 @@ def largest_claim(asked: Asked) -> Found | None:
             nearest, low = found, radius
             break
         high = radius
-    plans: list[tuple[float, SeparablePlan]] = []  # that floating point covers, increasing
+    plans: list[tuple[_Box, SeparablePlan]] = []  # that floating point covers, increasing
     close = next(part for size, part in CLOSE if loop.n <= size)
     while high - low > close * high:
         radius = _short((low + high) / 2)
         if not low < radius < high:
             break
-        plan = _plan(asked, radius)
+        box = _Box(asked, radius)
+        plan = box.plan()
         if plan is None:
             high = radius
         else:
-            plans.append((radius, plan))
+            plans.append((box, plan))
             low = radius
-    for radius, plan in reversed(plans):
-        found = _claim(asked, radius, plan)
+    for box, plan in reversed(plans):
+        found = box.claim(plan)
         if found is not None:
             return found
     return nearest
 
 
-def _starts(asked: Asked, radius: float, errors: Errors) -> Cover:
-    """What a plan has to cover; for linear couplings all boxes are alike."""
-    cover = _cover(asked, radius, errors)
-    if asked.domain == EVERYWHERE:
-        return replace(cover, radius=Fraction(1), disturbance=Fraction(0))
-    return cover
+@dataclass(frozen=True, slots=True)
+class _Box:
+    """A box of starts to be covered.  ``errors``: weights and gains take their worse ends."""
 
+    asked: Asked
+    radius: float
+    errors: Errors = EXACT
 
-def _plan(asked: Asked, radius: float, errors: Errors = EXACT) -> SeparablePlan | None:
-    """What floating point proposes for a box, with the largest rate."""
-    plan = None
-    with surviving(f"no max-separable proposal for radius {radius}", WorkLimitError):
-        plan = _starts(asked, radius, errors).fastest()
-    return plan
+    @property
+    def cover(self) -> Cover:
+        """What a plan has to cover; for linear couplings all boxes are alike."""
+        whole = Cover(
+            loop=self.asked.loop,
+            W=self.asked.W,
+            radius=claimed(self.radius),
+            disturbance=claimed(self.asked.disturbance),
+            errors=self.errors,
+        )
+        if self.asked.domain == EVERYWHERE:
+            return replace(whole, radius=Fraction(1), disturbance=Fraction(0))
+        return whole
 
+    def plan(self) -> SeparablePlan | None:
+        """What floating point proposes, with the largest rate."""
+        plan = None
+        with surviving(f"no max-separable proposal for radius {self.radius}", WorkLimitError):
+            plan = self.cover.fastest()
+        return plan
 
-def _claim(
-    asked: Asked, radius: float, plan: SeparablePlan | None, errors: Errors = EXACT
-) -> Found | None:
-    """The plan as a certificate that covers the box, proved, with a little of its rate in hand;
-    None if none is.  Where a slower rate reaches one percent earlier, that one."""
-    if plan is None:
-        return None
-    sooner = _sooner(asked, radius, plan, errors)
-    first = None
-    try:
-        if sooner is not plan:
-            first = _covering(asked, radius, sooner)
-        if first is not None and composite_rate(first) >= sooner.whole_rate * AS_PLANNED:
-            return Found(first, radius, fastest=plan)
-        claim = _covering(asked, radius, plan)
-        if claim is None and asked.domain != EVERYWHERE:
-            # A steep v compares agents so far apart that a coupling may leave every range there.
-            flatter = propose.flatter_plans(asked.loop, plan)
-            covering = (_covering(asked, radius, each) for each in flatter)
-            claim = next(filter(None, covering), None)
-    except WorkLimitError:  # the boxes proved so far remain
-        return None
-    claims = [each for each in (first, claim) if each is not None]
-    return Found(min(claims, key=_time), radius) if claims else None
+    def sooner(self, plan: SeparablePlan) -> SeparablePlan:
+        """The plan that promises the least time to one percent."""
+        # errors take of the rate, of which little would be left
+        if any(stated_errors(self.asked.loop)) and not any(self.errors):
+            return plan
+        sooner = plan
+        with surviving(
+            f"no earlier max-separable proposal for radius {self.radius}", WorkLimitError
+        ):
+            sooner = self.cover.sooner(plan, least=self.asked.rate)
+        return sooner
+
+    def covering(self, plan: SeparablePlan) -> Separable | None:
+        """A proved certificate with the v of the plan that covers the box; None if there is
+        none."""
+        asked = self.asked
+        everywhere = asked.domain == EVERYWHERE
+        claim = propose.first_certificate(asked.loop, asked.W, plan, everywhere=everywhere)
+        disturbance = claimed(asked.disturbance)
+        if claim is None or not covers(claim, radius=claimed(self.radius), disturbance=disturbance):
+            return None
+        return replace(claim, alpha=rounded_down(claim.alpha * (1 - IN_HAND), digits=6))
+
+    def claim(self, plan: SeparablePlan | None) -> Found | None:
+        """The plan as a certificate that covers the box, proved, with a little of its rate in hand;
+        None if none is.  Where a slower rate reaches one percent earlier, that one."""
+        if plan is None:
+            return None
+        sooner = self.sooner(plan)
+        first = None
+        try:
+            if sooner is not plan:
+                first = self.covering(sooner)
+            if first is not None and composite_rate(first) >= sooner.whole_rate * AS_PLANNED:
+                return Found(first, self.radius, fastest=plan)
+            claim = self.covering(plan)
+            if claim is None and self.asked.domain != EVERYWHERE:
+                # A steep v compares agents so far apart that a coupling may leave every range
+                # there.
+                flatter = propose.flatter_plans(self.asked.loop, plan)
+                claim = next(filter(None, map(self.covering, flatter)), None)
+        except WorkLimitError:  # the boxes proved so far remain
+            return None
+        claims = [each for each in (first, claim) if each is not None]
+        return Found(min(claims, key=_time), self.radius) if claims else None
 
 
 def _time(claim: Separable) -> float:
     """The time to one percent (s) that a claim proves."""
     return time_to_one_percent(float(composite_rate(claim)), float(claim.factor))
-
-
-def _sooner(asked: Asked, radius: float, plan: SeparablePlan, errors: Errors) -> SeparablePlan:
-    """The plan for the same box that promises the least time to one percent."""
-    # these take of the rate, of which little would be left
-    if any(stated_errors(asked.loop)) and not any(errors):
-        return plan
-    sooner = plan
-    with surviving(f"no earlier max-separable proposal for radius {radius}", WorkLimitError):
-        sooner = _starts(asked, radius, errors).sooner(plan, least=asked.rate)
-    return sooner
-
-
-def _covering(asked: Asked, radius: float, plan: SeparablePlan) -> Separable | None:
-    """A proved certificate with the v of the plan that covers the box; None if there is none."""
-    everywhere = asked.domain == EVERYWHERE
-    claim = propose.first_certificate(asked.loop, asked.W, plan, everywhere=everywhere)
-    disturbance = claimed(asked.disturbance)
-    if claim is None or not covers(claim, radius=claimed(radius), disturbance=disturbance):
-        return None
-    return replace(claim, alpha=rounded_down(claim.alpha * (1 - IN_HAND), digits=6))
 
 
 def _timing(asked: Asked, claim: Separable, check: Check, report: Progress) -> list[Check]:
@@ -337,11 +342,11 @@ def _flatter_claim(asked: Asked, claim: Separable, check: Check) -> Separable | 
     if steepest < WORTH * _steepness(asked.loop, twice * float(claim.least)):
         return None
     own = replace(asked, disturbance=check.domain.disturbance)
-    radius = check.domain.radius
+    box = _Box(own, check.domain.radius)
     plan = None
     with surviving("no flatter v for sampling"):
-        plan = _cover(own, radius).flat(float(claim.alpha) * SLOWER)
-    return None if plan is None else _covering(own, radius, plan)
+        plan = box.cover.flat(float(claim.alpha) * SLOWER)
+    return None if plan is None else box.covering(plan)
 
 
 def _steepness(loop: Loop, reach: float) -> float:

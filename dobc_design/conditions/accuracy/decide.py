@@ -59,7 +59,6 @@ from dobc_design.conditions.numbers import (
 from dobc_design.conditions.observer.decide import error_matrix
 from dobc_design.conditions.quadratic.sectors import GainRange, ranges_from_json
 from dobc_design.conditions.reason import pins_obstacle
-from dobc_design.conditions.separable import claim as separable
 from dobc_design.conditions.separable.checks import obstacle as not_applicable
 from dobc_design.conditions.separable.claim import (
     EXACT,
@@ -72,6 +71,7 @@ from dobc_design.conditions.separable.claim import (
     Term,
     error_from_json,
     error_sizes,
+    rows,
     stated_errors,
 )
 from dobc_design.conditions.separable.coordinates import rows_obstacle
@@ -479,7 +479,7 @@ class Plant:
 
 
 def _row_of(loop: Loop, stage: Level, mode: str, agent: int, errors: Errors = EXACT) -> Row:
-    ((row, _),) = separable.rows(loop, stage.v, modes=[mode], agents=[agent], errors=errors)
+    ((row, _),) = rows(loop, stage.v, modes=[mode], agents=[agent], errors=errors)
     return row
 
 

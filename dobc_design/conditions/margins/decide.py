@@ -44,13 +44,15 @@ from dobc_design.conditions.numbers import (
     vector_to_json,
 )
 from dobc_design.conditions.reason import pins_obstacle
-from dobc_design.conditions.separable import claim as claims
 from dobc_design.conditions.separable.claim import (
     ErrorBound,
     Errors,
     Separable,
+    acts_by_component,
     error_from_json,
+    largest_reach,
     observed_in,
+    rows,
     stated_errors,
 )
 from dobc_design.conditions.separable.decide import (
@@ -241,13 +243,13 @@ def observer_pull(loop: Loop, W: Matrix | None, base: Separable) -> Fraction:
     m, rho = loop.m, base.rho or _ONE
     norm = max(sum(roots[k : k + m], _ZERO) for k in range(0, len(roots), m))  # of every group
     steepest = []
-    for coupling, reach in zip(loop.functions, claims.largest_reach(loop, base.v), strict=True):
+    for coupling, reach in zip(loop.functions, largest_reach(loop, base.v), strict=True):
         y = rho * reach
         curve = Curve(coupling.components[0])
         steepest.append(secant_range(curve, Interval(-y, y)).magnitude)
     sums = (
         sum(x.weight * x.reach * steepest[x.coupling] for x in row.terms)
-        for row, _ in claims.rows(loop, base.v)
+        for row, _ in rows(loop, base.v)
     )
     return norm * max(sums, default=_ZERO)
 
@@ -257,7 +259,7 @@ def why_not_local(loop: Loop) -> str | None:
     reason = pins_obstacle(loop)
     if reason is not None:
         return reason
-    if not claims.acts_by_component(loop):
+    if not acts_by_component(loop):
         return NOT_BY_COMPONENT
     if any(coupling.nonsmooth for coupling in loop.functions):
         return "does not apply: a coupling may have a kink at the target."
@@ -277,7 +279,7 @@ def _not_local(loop: Loop, claim: Tolerance, v: Vector | Doubles) -> str | None:
     if reason is not None:
         return reason
     profiles = coupling_profiles(loop, v, rho=None)
-    for row, place in claims.rows(loop, v, errors=claim.errors):
+    for row, place in rows(loop, v, errors=claim.errors):
         if FaceRow(row, 1, profiles).linear_bound() > (row.pull - claim.alpha) * row.own:
             return (
                 f"the row of agent {loop.labels[place.agent]} in mode {place.mode} "

@@ -25,8 +25,16 @@ from dobc_design.conditions.numbers import (
     text_below,
 )
 from dobc_design.conditions.reason import pins_obstacle
-from dobc_design.conditions.separable import claim as claims
-from dobc_design.conditions.separable.claim import DelayBound, SamplingBound, Separable
+from dobc_design.conditions.separable.claim import (
+    DelayBound,
+    SamplingBound,
+    Separable,
+    acts_by_component,
+    is_stuck,
+    read_claim,
+    separable_from_json,
+    stuck_agents,
+)
 from dobc_design.conditions.separable.decide import (
     NOT_BY_COMPONENT,
     composite_rate,
@@ -47,7 +55,7 @@ _SHOWN = 6  # stuck agents that a sentence tells with the mode that blocks them
 def obstacle(loop: Loop, W: Matrix | None, *, turned: bool = False) -> str | None:
     """Why the max-separable certificate (``turned``: in coordinates) does not apply to the loop
     with the gain W (q, m); None if it does."""
-    if not turned and not claims.acts_by_component(loop):
+    if not turned and not acts_by_component(loop):
         return NOT_BY_COMPONENT
     reason = pins_obstacle(loop) if turned else None
     if reason is None and loop.groups and W is None:
@@ -103,7 +111,7 @@ def max_separable_check(
 def why_no_weights(loop: Loop) -> str | None:
     """Why no weights v exist whatever the couplings, the gains and the errors are; None if nothing
     speaks against them."""
-    if not claims.acts_by_component(loop) or not claims.stuck_agents(loop):
+    if not acts_by_component(loop) or not stuck_agents(loop):
         return None
     if len(loop.modes) == 1:
         return "no weights v exist, because no pinned agent reaches every other one."
@@ -112,7 +120,7 @@ def why_no_weights(loop: Loop) -> str | None:
 
 def stuck_check(loop: Loop, W: Matrix | None, *, domain: Domain) -> Check | None:
     """REFUTED, with the agents that no common v can hold, if there are such agents; else None."""
-    stuck = claims.stuck_agents(loop)
+    stuck = stuck_agents(loop)
     if obstacle(loop, W) is not None or not stuck:
         return None
     labels = tuple(loop.named(stuck))
@@ -203,7 +211,7 @@ def confirm(check: Check, case: Case) -> str | None:
         return _not_timed(check, case)
     if check.verdict is Verdict.REFUTED:
         return _not_stuck(check, loop)
-    claim = claims.separable_from_json(check.exact, loop, turned=turned)
+    claim = separable_from_json(check.exact, loop, turned=turned)
     if check.witness is not None:
         return "a proof has no witness"
     return _not_proved(claim, check, case) or _too_fast(check, composite_rate(claim))
@@ -224,7 +232,7 @@ def _not_stuck(check: Check, loop: Loop) -> str | None:
     agents = {places[label] for label in witness.labels if label in places}
     if len(agents) != len(witness.labels):
         return "the witness must name different agents of the problem"
-    if not claims.is_stuck(loop, agents):
+    if not is_stuck(loop, agents):
         return "one of the agents is pinned or hears another agent in every mode"
     return None
 
@@ -255,7 +263,7 @@ def _not_timed(check: Check, case: Case) -> str | None:
         return "it needs a proved max-separable check with its domain"
     if check.domain != EVERYWHERE:
         read_domain(check.domain, loop, kind=Box)  # true equals 1 and is no number
-    bound = claims.read_claim(check, loop, case.W)
+    bound = read_claim(check, loop, case.W)
     if isinstance(bound, DelayBound):
         return verify_delay(loop, claim, bound).wrong or _too_fast(check, bound.rate)
     if not isinstance(bound, SamplingBound):

@@ -21,7 +21,6 @@ from typing import NamedTuple
 
 from dobc_design._checks import noun
 from dobc_design.conditions.numbers import text_below
-from dobc_design.conditions.separable import claim as claims
 from dobc_design.conditions.separable.claim import (
     EXACT,
     FACES,
@@ -31,6 +30,9 @@ from dobc_design.conditions.separable.claim import (
     Row,
     Separable,
     Term,
+    acts_by_component,
+    largest_reach,
+    rows,
 )
 from dobc_design.conditions.separable.coordinates import rows_obstacle, seen_through
 from dobc_design.conditions.separable.large import (
@@ -151,7 +153,7 @@ def coupling_profiles(
 ) -> tuple[Profile, ...]:
     """Where each coupling rises and falls, as far out as the rows look.  Raises: UndefinedError
     naming the interval."""
-    reach = claims.largest_reach(loop, v, stretch=stretch)
+    reach = largest_reach(loop, v, stretch=stretch)
     return tuple(
         profile(Curve(coupling.components[0]), _ZERO if rho is None else rho * most)
         for coupling, most in zip(loop.functions, reach, strict=True)
@@ -167,7 +169,7 @@ def ask(
     errors: Errors = EXACT,
 ) -> Question | str:
     """The question, or why the certificate does not apply."""
-    if not claims.acts_by_component(loop):
+    if not acts_by_component(loop):
         return NOT_BY_COMPONENT
     if rho is None and not loop.is_linear:
         return (
@@ -240,7 +242,7 @@ def first_failure(
     """Decide rows exactly: all, or the (row, face) that floats left; None if they are proved."""
     for batch in _batches(question.loop, left):
         spend(BATCH)
-        found = claims.rows(
+        found = rows(
             question.loop,
             question.v,
             modes=[batch.mode],

@@ -15,13 +15,14 @@ from fractions import Fraction
 import numpy as np
 
 from dobc_design.conditions.numbers import rounded_down
-from dobc_design.conditions.separable import claim as claims
 from dobc_design.conditions.separable.claim import (
     EXACT,
     FACES,
     DelayBound,
     Errors,
     Separable,
+    holding_gains,
+    rows,
 )
 from dobc_design.conditions.separable.decide import (
     MOST_LEFT,
@@ -65,7 +66,7 @@ def largest_rate(
     if many is not None:
         return _rate_of_many(question, many)
     rate = _rate_limit(question)
-    for row, _ in claims.rows(loop, v, errors=errors):
+    for row, _ in rows(loop, v, errors=errors):
         for face in FACES:
             on_face = FaceRow(row, face, question.profiles)
             if rho is None:
@@ -82,7 +83,7 @@ def _rate_limit(question: Question) -> Fraction:
     """A number that no rate exceeds: the agent with the least v has no more than what its pin is
     worth, since the others pull it outward or not at all."""
     loop = question.loop
-    worth = list(claims.holding_gains(loop))
+    worth = list(holding_gains(loop))
     for agent, place in loop.pins.curved.items():
         kind = question.profiles[place]
         worth[agent] += slope_bound(kind.curve, Interval(-kind.radius, kind.radius))

@@ -22,8 +22,15 @@ from fractions import Fraction
 from functools import cache
 
 from dobc_design.conditions.numbers import rounded_down
-from dobc_design.conditions.separable import claim as claims
-from dobc_design.conditions.separable.claim import FACES, DelayBound, SamplingBound, Separable, Term
+from dobc_design.conditions.separable.claim import (
+    FACES,
+    DelayBound,
+    SamplingBound,
+    Separable,
+    Term,
+    acts_by_component,
+    rows,
+)
 from dobc_design.conditions.separable.decide import (
     SeparableAnswer,
     coupling_profiles,
@@ -112,25 +119,27 @@ def _stiffest(
     else exactly."""
     if loop.drift is not None:
         return "does not apply: dynamics of the agents themselves are not held between samples."
-    if not claims.acts_by_component(loop) or (claim.rho is None and not loop.is_linear):
+    if not acts_by_component(loop) or (claim.rho is None and not loop.is_linear):
         return (
             "does not apply: the rows of the max-separable certificate say nothing for this "
             "coupling."
         )
     try:
-        profiles, rho = coupling_profiles(loop, claim.v, rho=claim.rho), claim.rho or _ZERO
+        profiles = coupling_profiles(loop, claim.v, rho=claim.rho)
+        rho = claim.rho or _ZERO
         arcs = sum(map(len, loop.modes.values()))
         if rho and arcs > _MANY_ARCS and not loop.pins.curved:
             return stiffest_row(arc_rows(loop, claim.v, held=True), profiles, rho=rho)
-        listed = claims.rows(loop, claim.v, held=True)
-        rows = [(row, face) for row, _ in listed for face in FACES]
+        listed = list(rows(loop, claim.v, held=True))
 
         def largest(around: Callable[[Interval], Interval]) -> Fraction:
             mean = _Steepest(profiles, rho, around)
-            return max(
-                row.pull + sum(x.weight * mean(x, row.own, face) for x in row.terms)
-                for row, face in rows
-            )
+            sums = []
+            for row, _ in listed:
+                for face in FACES:
+                    slopes = (x.weight * mean(x, row.own, face) for x in row.terms)
+                    sums.append(row.pull + sum(slopes))
+            return max(sums)
 
         with suppress(UndefinedError):
             found = largest(Floats.around)

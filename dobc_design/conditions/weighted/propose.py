@@ -72,6 +72,8 @@ LEFT = 0.25
 ROUNDED = 1e-9
 CLOSE = (1e-2, 1e-5)  # where iterations stop
 QUICK = 400  # steps of an iteration
+#: M of every mode.
+Tables = Mapping[str, Any]
 GIVEN_UP = (ArithmeticError, RuntimeError, ValueError, MemoryError, np.linalg.LinAlgError)
 
 
@@ -119,7 +121,7 @@ def proposals(
                     yield found, rate
 
 
-def _perron_pairs(tables: Mapping[str, Any]) -> list[Perron]:
+def _perron_pairs(tables: Tables) -> list[Perron]:
     """The pair of every mode; empty if one of them has none."""
     pairs = []
     with suppress(*GIVEN_UP):
@@ -139,7 +141,7 @@ class Sooner:
 
 
 def soonest_weights(
-    tables: Mapping[str, Any], most: float, fastest: Array | None, least: float = 0.0
+    tables: Tables, most: float, fastest: Array | None, least: float = 0.0
 ) -> Sooner | None:
     """The weights and the rate from ``least`` to ``most`` (1/s) with the least ln(100 sqrt(max D /
     min D)) / rate.
@@ -177,7 +179,7 @@ def _promised_time(rate: float, D: Array) -> float:
     return time_to_one_percent(rate, math.sqrt(D.max() / D.min()))
 
 
-def _rows(tables: Mapping[str, Any]) -> int:
+def _rows(tables: Tables) -> int:
     """The rows n m, which all modes share."""
     return int(next(iter(tables.values())).shape[0])
 
@@ -191,7 +193,7 @@ def promised_factor(claim: Weighted | Alike) -> float:
     return math.sqrt(ratio * float(np.linalg.cond(to_float(claim.R))))
 
 
-def even_weights(tables: Mapping[str, Any], rate: float) -> Array | None:
+def even_weights(tables: Tables, rate: float) -> Array | None:
     """Weights for this rate, as even as is seen."""
     D = _weights(tables, rate)
     if D is None or D.max() <= D.min() * FLAT or _rows(tables) ** 3 * len(tables) > EVEN_PROGRAM:
@@ -200,7 +202,7 @@ def even_weights(tables: Mapping[str, Any], rate: float) -> Array | None:
     return min((D, *even), key=lambda each: float(each.max() / each.min()))
 
 
-def _do(tables: Mapping[str, Any], D: Array, rate: float) -> bool:
+def _do(tables: Tables, D: Array, rate: float) -> bool:
     """Whether these weights seem to do in every mode."""
     return all(_height(M, D, rate) is not None for M in tables.values())
 
@@ -391,7 +393,7 @@ class _Solver:
         return self.factor
 
 
-def _weights(tables: Mapping[str, Any], rate: float) -> Array | None:
+def _weights(tables: Tables, rate: float) -> Array | None:
     """Weights D (n m,) that seem to do for this rate in every mode, the largest 1; None if none are
     seen."""
     (first, *others) = tables.values()
@@ -419,7 +421,7 @@ def _largest_one(logarithms: Array) -> Array:
     return np.asarray(np.exp(logarithms - logarithms.max()))
 
 
-def _program(tables: Mapping[str, Any], rate: float) -> Iterator[Array]:
+def _program(tables: Tables, rate: float) -> Iterator[Array]:
     """The most even D >= 1 with D (M - rate I) + (M - rate I)'D > 0, by a semidefinite program;
     none for large ones."""
     size = _rows(tables)
@@ -471,7 +473,7 @@ def network_claim(loop: Loop, rate: float) -> Weighted | None:
 
 
 def weights_claim(
-    loop: Loop, tables: Mapping[str, Any], rate: float, D: Array | None = None
+    loop: Loop, tables: Tables, rate: float, D: Array | None = None
 ) -> Weighted | None:
     """The same, with these weights if they are given."""
     # without errors of observers
@@ -500,7 +502,7 @@ def _aim(loop: Loop, W: Matrix | None, rate: float) -> _Aim | None:
 
 def _scaled(
     loop: Loop,
-    tables: Mapping[str, Any],
+    tables: Tables,
     aim: _Aim,
     *,
     pair: Perron | None = None,

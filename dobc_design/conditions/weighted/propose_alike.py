@@ -4,13 +4,12 @@ program; no proofs."""
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import partial
 from itertools import islice
-from typing import Any
 
 import numpy as np
 
@@ -21,6 +20,7 @@ from dobc_design.conditions.weighted.decide import Weighted
 from dobc_design.conditions.weighted.network import Alike, Network, holds_of_agents
 from dobc_design.conditions.weighted.propose import (
     GIVEN_UP,
+    Tables,
     even_weights,
     proposals,
     stiffnesses,
@@ -199,7 +199,7 @@ class _Search:
     far."""
 
     forms: Forms
-    tables: Mapping[str, Any]
+    tables: Tables
     slowest: float
     least: float
     plans: list[_Plan]

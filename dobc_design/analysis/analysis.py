@@ -19,6 +19,7 @@ from scipy.sparse.csgraph import connected_components
 from dobc_design._checks import require_shape, require_square
 from dobc_design._show.cards import Card, Headed
 from dobc_design.conditions.consensus.claim import state_theorems
+from dobc_design.conditions.reason import Reason
 from dobc_design.conditions.weighted.network import Network as Alike
 from dobc_design.conditions.weighted.network import network_of
 from dobc_design.exact.matrix import Matrix, multiply, subtract, to_float
@@ -96,8 +97,13 @@ def check_observability(A: Matrix, C: Matrix) -> ObservabilityResult:
     dynamics, output = to_float(A), to_float(C)
     rank: int | None = None
     values: tuple[float, ...] = ()
+    # C, C A, ..., C A^(q-1), one below the other: what `control.obsv` gives, whose import takes
+    # half a second.
+    blocks = [output]
     with np.errstate(all="ignore"):
-        matrix = _observability_matrix(dynamics, output)
+        for _ in range(1, q):
+            blocks.append(blocks[-1] @ dynamics)
+    matrix = np.vstack(blocks)
     if np.isfinite(matrix).all():  # powers of A may overflow; the margins do not need them
         rank = int(np.linalg.matrix_rank(matrix))
         values = tuple(np.linalg.svd(matrix, compute_uv=False).tolist())
@@ -108,15 +114,6 @@ def check_observability(A: Matrix, C: Matrix) -> ObservabilityResult:
         smallest = np.linalg.svd(pencil, compute_uv=False)[-1]
         modes.append(ModeMargin(eigenvalue=s, margin=float(smallest)))
     return ObservabilityResult(order=q, rank=rank, singular_values=values, modes=tuple(modes))
-
-
-def _observability_matrix(A: NDArray[np.float64], C: NDArray[np.float64]) -> NDArray[np.float64]:
-    """C, C A, ..., C A^(q-1), one below the other: what `control.obsv` gives, whose import takes
-    half a second."""
-    blocks = [C]
-    for _ in range(1, len(A)):
-        blocks.append(blocks[-1] @ A)
-    return np.vstack(blocks)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -282,7 +279,7 @@ def analyse(problem: Problem, *, gain: Gain | None = None) -> Analysis:
     )
 
 
-def mode_spectrum(loop: Loop, mode: str, alike: Alike | str | None = None) -> ModeSpectrum:
+def mode_spectrum(loop: Loop, mode: str, alike: Alike | Reason | None = None) -> ModeSpectrum:
     """Compute the eigenvalues of Lambda(J(0)) and of J(0) - K of one mode, up to 2000 rows; up to
     2000 agents that feel their neighbours ``alike``: then those are of A - mu G, with mu of the
     network alone."""
@@ -293,8 +290,12 @@ def mode_spectrum(loop: Loop, mode: str, alike: Alike | str | None = None) -> Mo
             found = (jacobian - pull_matrix(loop)).toarray()
             ascending = tuple(np.linalg.eigvalsh(found + found.T).tolist())
     if isinstance(alike, Alike):
-        mu = _of_network(alike, mode)
-        if mu is not None:
+        alone = alike.statements.loop
+        jacobian = consensus_jacobian(alone, mode)
+        # None where couplings of the network have a kink
+        if jacobian is not None:
+            # The eigenvalues of L + K of the network alone.
+            mu = np.linalg.eigvals((pull_matrix(alone) - jacobian).toarray())
             A, G = to_float(alike.A), to_float(alike.G)
             found = A - mu[:, None, None] * G
             second_order = _second_order(A, G, mu)
@@ -304,15 +305,6 @@ def mode_spectrum(loop: Loop, mode: str, alike: Alike | str | None = None) -> Mo
         loop_eigenvalues=None if found is None else _slowest_first(np.linalg.eigvals(found)),
         second_order=second_order,
     )
-
-
-def _of_network(alike: Alike, mode: str) -> NDArray[np.complex128] | None:
-    """The eigenvalues of L + K of the network alone; None where its couplings have a kink."""
-    alone = alike.statements.loop
-    jacobian = consensus_jacobian(alone, mode)
-    if jacobian is None:
-        return None
-    return np.linalg.eigvals((pull_matrix(alone) - jacobian).toarray())
 
 
 def _second_order(

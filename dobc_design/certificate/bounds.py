@@ -19,13 +19,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dobc_design._show.cards import Card, Shown, listed
-from dobc_design.certificate.claims import Claims, claim_of, reading_claims
+from dobc_design.certificate.claims import Claims, box_of, claim_of, reading_claims
 from dobc_design.conditions.check import Check, Claim
 from dobc_design.conditions.consensus.claim import PairFacts
 from dobc_design.conditions.coverage import asked_radius
 from dobc_design.conditions.domain import EVERYWHERE, Around, Box
 from dobc_design.conditions.graphs.claim import Kept
-from dobc_design.conditions.kinds import LEMMA, MAX_SEPARABLE
+from dobc_design.conditions.kinds import LEMMA
 from dobc_design.conditions.margins.decide import Tolerance
 from dobc_design.conditions.numbers import claimed
 from dobc_design.conditions.quadratic.claim import Lure
@@ -55,7 +55,7 @@ Array = NDArray[np.float64]
 MOST_INVERTED: Final = 40
 #: Starts count as inside a region when they exceed it by rounding only; floats of a run are what
 #: they are.
-ROUNDING: Final = Fraction(1, 10**12)
+ROOM: Final = 1 + Fraction(1, 10**12)
 #: Of the floats that evaluate height exp(-rate t): a thousand times what they can be off.
 IN_HAND: Final = 1e-12
 _root = partial(root_above, unit=10**18)
@@ -169,11 +169,10 @@ def is_inside(domain: object, starts: Starts) -> bool:
     target only."""
     if not isinstance(domain, Around):
         return domain == EVERYWHERE
-    room = 1 + ROUNDING
     reach = starts.box if domain.kind == "box" else starts.ball
-    if reach > claimed(domain.radius) * room:
+    if reach > claimed(domain.radius) * ROOM:
         return False
-    return starts.disturbance <= claimed(domain.disturbance) * room
+    return starts.disturbance <= claimed(domain.disturbance) * ROOM
 
 
 def envelope_of(loop: Loop, check: Check, claim: Claim | None, starts: Starts) -> Envelope | None:
@@ -182,13 +181,15 @@ def envelope_of(loop: Loop, check: Check, claim: Claim | None, starts: Starts) -
     disturbance = starts.disturbance
     radius = starts.box if isinstance(claim, Separable | Cycles | Kept) else starts.ball
     if isinstance(domain, Around):  # of a run that exceeds the region by rounding
-        radius *= 1 + ROUNDING
-        disturbance *= 1 + ROUNDING
+        radius *= ROOM
+        disturbance *= ROOM
     if isinstance(claim, Separable):
-        first = radius * claim.spread + error_share(claim, disturbance, unit=10**18)
+        first = radius * claim.spread + error_share(claim, disturbance)
         return Envelope(id=check.id, height=first * claim.reach, rate=composite_rate(claim))
     if isinstance(claim, Cycles) and claim.rate is not None:
-        return _bound_of_weights(loop, claim, radius, disturbance)
+        # V falls at the rate from one phase to the next, and never rises in between.
+        first = radius * claim.spread(loop) + error_share(claim, disturbance)
+        return Envelope(id="schedule", height=first * claim.height, rate=claim.rate)
     if isinstance(claim, Lure):
         first = eigenvalue_bound(claim.P_e) * radius**2 + _errors(loop, claim.P, disturbance)
         if claim.level is not None and isinstance(domain, Around):  # the level is a bound as well
@@ -197,7 +198,7 @@ def envelope_of(loop: Loop, check: Check, claim: Claim | None, starts: Starts) -
     if isinstance(claim, Kept):
         if claim.kind or claim.rate is None or claim.box is None:
             return None
-        height = radius + error_share(claim.box, disturbance, unit=10**18)
+        height = radius + error_share(claim.box, disturbance)
         return Envelope(id=check.id, height=height, rate=claim.rate)
     if check.rate is None:
         return None
@@ -225,23 +226,15 @@ def _square_of_forms(
     return None
 
 
-def error_share(claim: Separable | Cycles, disturbance: Fraction, *, unit: int) -> Fraction:
+def error_share(
+    claim: Separable | Cycles, disturbance: Fraction, *, unit: int = 10**18
+) -> Fraction:
     """What |eps_i| <= disturbance may take of V of weights: kappa s sqrt(size), rounded up to
     1/unit."""
     if claim.error is None:
         return Fraction(0)
     square = (claim.error.kappa * disturbance) ** 2 * claim.error.size
     return root_above(square, unit=unit)
-
-
-def _bound_of_weights(
-    loop: Loop, claim: Cycles, radius: Fraction, disturbance: Fraction
-) -> Envelope:
-    """V falls at the rate from the beginning of one phase to the next, and never rises; |e_i| <=
-    v_i V in between."""
-    rate = claim.rate or Fraction(0)
-    first = radius * claim.spread(loop) + error_share(claim, disturbance, unit=10**18)
-    return Envelope(id="schedule", height=first * claim.height, rate=rate)
 
 
 def _errors(loop: Loop, P: Matrix | None, disturbance: Fraction) -> Fraction:
@@ -301,9 +294,8 @@ def bound_from(loop: Loop, claims: Claims, starts: Starts) -> CertifiedBound:
     starts."""
     settling = certified_settling(loop, claims)
     if settling is not None:  # it is about its own box of starts
-        room = 1 + ROUNDING
-        outside = starts.box > settling.radius * room
-        if outside or starts.disturbance > settling.disturbance * room:
+        outside = starts.box > settling.radius * ROOM
+        if outside or starts.disturbance > settling.disturbance * ROOM:
             settling = None
     with reading_claims():
         found = tuple(envelopes_of(loop, claims, starts))
@@ -352,13 +344,11 @@ def _height_of(loop: Loop, claims: Claims, tolerance: Check, starts: Starts) -> 
         if starts.disturbance:
             return None
         return starts.box * largest(claim.v) / least(claim.v)
-    beside = next((check for check in claims.checks if check.id == MAX_SEPARABLE), None)
-    base = None if beside is None else claim_of(beside, loop, claims.W)
-    if not isinstance(base, Separable):
+    base = box_of(claims.checks, loop, claims.W)
+    if base is None:
         return None
-    room = 1 + ROUNDING
-    error = error_share(base, starts.disturbance * room, unit=10**18)
-    return (starts.box * room * base.spread + error) * base.reach
+    error = error_share(base, starts.disturbance * ROOM)
+    return (starts.box * ROOM * base.spread + error) * base.reach
 
 
 class RunLike(Protocol):

@@ -7,7 +7,7 @@ decided by that.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
@@ -15,8 +15,9 @@ from fractions import Fraction
 from dobc_design._show.text import visible
 from dobc_design.certificate.topics import TOPICS
 from dobc_design.conditions.check import Check, Claim, Values
+from dobc_design.conditions.kinds import MAX_SEPARABLE
 from dobc_design.conditions.reason import Reason
-from dobc_design.conditions.separable.claim import SamplingBound
+from dobc_design.conditions.separable.claim import SamplingBound, Separable
 from dobc_design.errors import CertificateError, reason_of
 from dobc_design.exact.matrix import Matrix
 from dobc_design.loop.loop import Loop
@@ -69,6 +70,16 @@ def claim_of(check: Check, loop: Loop, W: Matrix | None) -> Claim | None:
     if read is None or not isinstance(check.claim, Values):
         return check.claim
     return read(check, loop, W)
+
+
+def box_of(checks: Sequence[Check], loop: Loop, W: Matrix | None) -> Separable | None:
+    """What the proved max-separable certificate claims, on which others rest; None without one.
+    Raises: as ``claim_of``."""
+    for check in checks:
+        if check.id == MAX_SEPARABLE and check.verdict is Verdict.PROVED:
+            claim = claim_of(check, loop, W)
+            return claim if isinstance(claim, Separable) else None
+    return None
 
 
 @contextmanager

@@ -14,10 +14,9 @@ from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 
-from dobc_design.certificate.claims import claim_of
+from dobc_design.certificate.claims import box_of, claim_of
 from dobc_design.conditions.check import Check, Claim
 from dobc_design.conditions.graphs.claim import Kept
-from dobc_design.conditions.kinds import MAX_SEPARABLE
 from dobc_design.conditions.margins.decide import Tolerance
 from dobc_design.conditions.numbers import claimed, decimal_above
 from dobc_design.conditions.quadratic.claim import Lure
@@ -45,7 +44,8 @@ def with_factors(loop: Loop, checks: Sequence[Check], W: Matrix | None) -> tuple
     found: list[Check] = []
     for check in checks:
         factor = factor_of(check, checks, loop, W)
-        found.append(replace(check, factor=_rounded(factor)))
+        known = factor is not None and factor <= MOST
+        found.append(replace(check, factor=decimal_above(factor) if factor and known else None))
     return tuple(found)
 
 
@@ -87,11 +87,9 @@ def _of_claim(claim: Claim | None, loop: Loop) -> Fraction | None:
     if isinstance(claim, Weighted):
         return _root(_ratio(claim.D))
     if isinstance(claim, Alike):
-        condition = condition_bound(SparseSymmetric.from_dense(claim.R))
-        return None if condition is None else _root(_ratio(claim.weights.D) * condition)
+        return _of_form(SparseSymmetric.from_dense(claim.R), _ratio(claim.weights.D))
     if isinstance(claim, Lure):
-        condition = condition_bound(claim.P_e)
-        return None if condition is None else _root(condition)
+        return _of_form(claim.P_e)
     if isinstance(claim, Kept):
         return _of_graphs(claim)
     return None
@@ -102,12 +100,8 @@ def _of_proof_beside(
 ) -> Fraction | None:
     """That of the max-separable certificate on which the claim rests.  With an observer a delayed
     loop keeps every rate below that of the claim, and a bound follows only at rates below beta."""
-    proof = next(
-        (each for each in checks if each.id == MAX_SEPARABLE and each.verdict is Verdict.PROVED),
-        None,
-    )
-    base = None if proof is None else claim_of(proof, loop, W)
-    if not isinstance(base, Separable):
+    base = box_of(checks, loop, W)
+    if base is None:
         return None
     if isinstance(claim, DelayBound) and base.error is not None and claim.rate >= base.error.beta:
         return None
@@ -128,13 +122,14 @@ def _of_graphs(claim: Kept) -> Fraction | None:
     for number, form in enumerate(forms):
         shift = number * form.size
         blocks |= {(i + shift, j + shift): value for (i, j), value in form.entries.items()}
-    condition = condition_bound(SparseSymmetric(len(forms) * forms[0].size, blocks))
-    return None if condition is None else _root(condition)
+    return _of_form(SparseSymmetric(len(forms) * forms[0].size, blocks))
+
+
+def _of_form(form: SparseSymmetric, times: Fraction = ONE) -> Fraction | None:
+    """The root of the condition of a quadratic form; ``times``: of weights beside it."""
+    condition = condition_bound(form)
+    return None if condition is None else _root(times * condition)
 
 
 def _ratio(v: Sequence[Fraction] | Doubles) -> Fraction:
     return largest(v) / least(v)
-
-
-def _rounded(factor: Fraction | None) -> float | None:
-    return None if factor is None or factor > MOST else decimal_above(factor)

@@ -22,7 +22,14 @@ from dobc_design.conditions.check import Check
 from dobc_design.conditions.coverage import asked_radius, covers
 from dobc_design.conditions.domain import EVERYWHERE, Around
 from dobc_design.conditions.kinds import KINDS
-from dobc_design.conditions.numbers import LARGEST, claimed, rounded_down, rounded_up
+from dobc_design.conditions.numbers import (
+    LARGEST,
+    as_json,
+    claimed,
+    fields_to_json,
+    rounded_down,
+    rounded_up,
+)
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.schedule.claim import SETTLED, Descent
 from dobc_design.conditions.separable.claim import Separable, largest_reach
@@ -144,23 +151,16 @@ class Regions(Headed):
 
     def to_json(self) -> dict[str, Any]:
         """JSON object: numbers rounded towards the weaker claim."""
-        asked: dict[str, float] | None = None
+        asked = None
         if self.asked is not None:
-            region = self.asked
-            asked = {"box": region.box, "ball": region.ball, "disturbance": region.disturbance}
-        agents: list[dict[str, Any]] = []
-        for each in self.agents:
-            agents.append({"label": each.label, "bound": each.bound, "pinned": each.pinned})
-        document: dict[str, Any] = {
+            asked = fields_to_json(self.asked, "box", "ball", "disturbance")
+        return {
             "asked": asked,
             "tolerance": self.tolerance,
-            "regions": [claim.to_json() for claim in self.claims],
-            "agents": agents,
+            "regions": as_json(self.claims),
+            "agents": [fields_to_json(each, "label", "bound", "pinned") for each in self.agents],
+            **fields_to_json(self, *BESIDE),
         }
-        for name in BESIDE:
-            check: Check | None = getattr(self, name)
-            document[name] = None if check is None else check.to_json()
-        return document
 
     def _card(self) -> Card:
         rows: list[list[str]] = []

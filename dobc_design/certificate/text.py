@@ -33,13 +33,13 @@ from dobc_design.conditions.domain import Domain
 from dobc_design.conditions.numbers import (
     LONGEST,
     VECTOR_BITS,
+    fields_to_json,
     has_short_denominator,
     read_rational,
 )
 from dobc_design.conditions.reason import read_reason
 from dobc_design.errors import CertificateError, SpecError, reason_of
 from dobc_design.exact.matrix import Matrix
-from dobc_design.problem.canonical import matrix_text
 from dobc_design.problem.foreign_json import CERTIFICATE, not_a
 from dobc_design.verdict import Verdict
 
@@ -53,12 +53,7 @@ def certificate_document(claims: Claims) -> dict[str, Any]:
     program: dict[str, Any] = {"name": "dobc_design", "version": claims.version}
     if claims.options:
         program["options"] = list(claims.options)
-    observer = {
-        "W": _matrix_or_none(claims.W),
-        "source": claims.gain_source,
-        "P": _matrix_or_none(claims.P),
-        "Q": _matrix_or_none(claims.Q),
-    }
+    observer = fields_to_json(claims, "W") | {"source": claims.gain_source}
     return {
         "format": FORMAT,
         "version": VERSION,
@@ -66,18 +61,10 @@ def certificate_document(claims: Claims) -> dict[str, Any]:
         "problem": claims.problem_name,
         "problem_sha256": claims.problem_sha256,
         "verdict": claims.verdict.value,
-        "reason": claims.reason,
-        "rate": claims.rate,
-        "factor": claims.factor,
-        "covered_by": claims.covered_by,
-        "observer": observer,
-        "notes": list(claims.notes),
-        "checks": [check.to_json() for check in claims.checks],
+        **fields_to_json(claims, "reason", "rate", "factor", "covered_by"),
+        "observer": observer | fields_to_json(claims, "P", "Q"),
+        **fields_to_json(claims, "notes", "checks"),
     }
-
-
-def _matrix_or_none(M: Matrix | None) -> list[list[str]] | None:
-    return None if M is None else matrix_text(M)
 
 
 def certificate_bytes(claims: Claims) -> bytes:

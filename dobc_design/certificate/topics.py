@@ -76,10 +76,6 @@ def _alone(confirm: OfLoop) -> Confirm:
     return confirmed
 
 
-def _observer(check: Check, trusted: Trusted) -> str | None:
-    return observer.confirm(check, trusted.loop, trusted.W)
-
-
 def _consensus(check: Check, trusted: Trusted) -> str | None:
     """Reachability, Lemma 1 and the theorems, which an observer that fails refutes as well."""
     is_theorem = check.kind.is_theorem and check.verdict is Verdict.REFUTED
@@ -115,14 +111,6 @@ def _confirm_obstacle(check: Check, trusted: Trusted) -> str | None:
     return None
 
 
-def _weighted(check: Check, trusted: Trusted) -> str | None:
-    return weighted.confirm(check, trusted.loop, trusted.W, statements=trusted.statements)
-
-
-def _linearisation(check: Check, trusted: Trusted) -> str | None:
-    return linearisation.confirm(check, trusted.statements, trusted.W)
-
-
 def _beside(confirm: Callable[[Check, Case], str | None], *ids: str) -> Confirm:
     """Confirms a check that rests on proofs with these ids, which are read for the loop."""
 
@@ -141,10 +129,17 @@ def _beside(confirm: Callable[[Check, Case], str | None], *ids: str) -> Confirm:
 
 
 TOPICS: Final[Mapping[str, Topic]] = {
-    "observer": Topic(confirm=_observer),
+    "observer": Topic(confirm=lambda check, case: observer.confirm(check, case.loop, case.W)),
     "consensus": Topic(confirm=_consensus, read=theorems.read_claim),
-    "weighted": Topic(confirm=_weighted, read=weighted.read_claim),
-    "linearisation": Topic(confirm=_linearisation),
+    "weighted": Topic(
+        confirm=lambda check, case: weighted.confirm(
+            check, case.loop, case.W, statements=case.statements
+        ),
+        read=weighted.read_claim,
+    ),
+    "linearisation": Topic(
+        confirm=lambda check, case: linearisation.confirm(check, case.statements, case.W)
+    ),
     "separable": Topic(confirm=_beside(separable.confirm, MAX_SEPARABLE), read=rows.read_claim),
     "margins": Topic(
         confirm=_beside(margins.confirm, MAX_SEPARABLE, ACCURACY), read=margins.read_claim

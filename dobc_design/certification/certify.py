@@ -21,7 +21,7 @@ from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.claims import Claims
 from dobc_design.certificate.factors import with_factors
 from dobc_design.certificate.text import writable
-from dobc_design.certification.cures import Findings, with_cures
+from dobc_design.certification.cures import Decided, with_cures
 from dobc_design.certification.overall import Overall, decide_overall, refutation
 from dobc_design.certification.recheck import Recheck, agreed, verify_twice
 from dobc_design.conditions.accuracy.stage import accuracy_stage
@@ -33,7 +33,7 @@ from dobc_design.conditions.consensus.claim import Pair, Statements, state_theor
 from dobc_design.conditions.consensus.decide import Proposal
 from dobc_design.conditions.consensus.network import reachability_check
 from dobc_design.conditions.consensus.propose import Top, decay_rate
-from dobc_design.conditions.coverage import NEAR, Asked, Progress, covers, read_region
+from dobc_design.conditions.coverage import NEAR, Asked, Progress, covering, read_region
 from dobc_design.conditions.domain import EVERYWHERE, Domain
 from dobc_design.conditions.graphs.stage import markov_stage, safety_stage
 from dobc_design.conditions.kinds import LEMMA, ids_in
@@ -259,20 +259,16 @@ class _Certification:
         own = tuple(regions(case)) if first else ()
         # Cures name gains of integrators, and take the time of further decisions.
         curable = loop.drift is None and out_of_time() is None
-        if curable and not any(covers(loop, check, own) for check in own):
-            P = None if found.pair is None else found.pair.P
-            findings = Findings(statements=found.statements, directions=found.directions, P=P)
-            checks = with_cures(
-                self.problem, checks, findings, progress=self.report, decide=_decide_quietly
-            )
+        if curable and not covering(loop, own):
+            checks = with_cures(self.problem, found, progress=self.report, decide=_decide_quietly)
         if first:
             return checks + own
         return checks + tuple(regions(replace(case, checks=checks)))
 
 
-def _decide_quietly(problem: Problem) -> tuple[Check, ...]:
-    """The checks of a cured problem."""
-    return decide(loop_of(problem), lambda stage: None).checks
+def _decide_quietly(problem: Problem) -> Decided:
+    """What is decided of a cured problem."""
+    return decide(loop_of(problem), lambda stage: None)
 
 
 def _asked_rate(
@@ -282,9 +278,8 @@ def _asked_rate(
     if wanted is None or claimed(overall.rate or 0.0) >= wanted:
         return
     asked = f"A rate of at least {float(wanted):.6g} 1/s was asked for"
-    for check in checks:
-        is_fast = check.rate is not None and claimed(check.rate) >= wanted
-        if is_fast and covers(loop, check, checks):
+    for check in covering(loop, checks):
+        if check.rate is not None and claimed(check.rate) >= wanted:
             yield f"{asked}: {check.title} proves it. The verdict rests on another condition."
             return
     yield f"{asked} and is not proved. `dobc design FILE --rate` looks for gains that have it."
@@ -329,7 +324,7 @@ def region_checks(
     """
     loop = case.loop
     asked = read_region(loop, case.W, domain=case.domain, everything=everything, rate=rate)
-    known = any(covers(loop, check, case.checks) for check in case.checks)
+    known = bool(covering(loop, case.checks))
     if loop.starts is None and not known:
         # No check at one point speaks of all close starts, where the slopes of f move.
         if loop.slopes_move:
@@ -360,7 +355,7 @@ def _near_the_target(asked: Asked, report: Progress) -> list[Check]:
     dynamics, where no check at the target itself does."""
     asked = replace(asked, radius=NEAR, disturbance=0.0 if asked.W is None else NEAR)
     found = separable_stage(asked, report)
-    if not any(covers(asked.loop, check, found) for check in found):
+    if not covering(asked.loop, found):
         found += schedule_stage(asked, report) + markov_stage(asked, report)
     if stated_in(asked.loop).relative:
         found += margins_stage(asked, found, report)
@@ -373,18 +368,15 @@ def _in_turn(asked: Asked, stages: Sequence[Stage], report: Progress) -> list[Ch
     found: list[Check] = []
     for stage in stages:
         found += stage(asked, report)
-        covering = [check for check in found if covers(loop, check, found)]
+        proofs = covering(loop, found)
         # Boxes in coordinates T x are found fast, but few decay as fast as a ball of a small
         # problem.
         small = stage is separable_stage and loop.size <= SMALL_ROWS
-        slow = small and all(_is_in_coordinates(check) for check in covering)
-        if not asked.everything and covering and not slow:
+        claims = [check.claim for check in proofs]
+        slow = small and all(isinstance(each, Separable) and each.T for each in claims)
+        if not asked.everything and proofs and not slow:
             break
     return found
-
-
-def _is_in_coordinates(check: Check) -> bool:
-    return isinstance(check.claim, Separable) and check.claim.T is not None
 
 
 def _ending(id: str, domain: Domain, stage: Callable[[], list[Check]]) -> list[Check]:
@@ -403,7 +395,7 @@ def other_equilibria(problem: Problem, case: Case, *, report: Progress) -> Itera
     has_loop = case.W is not None or not loop.groups
     if loop.starts is None or not has_loop or out_of_time() is not None:
         return
-    if any(covers(loop, check, checks) for check in checks):
+    if covering(loop, checks):
         return
     if refutation(loop, checks, case.W) is None:
         # It simulates, which nothing else here does.
@@ -413,20 +405,6 @@ def other_equilibria(problem: Problem, case: Case, *, report: Progress) -> Itera
         found = equilibrium_check(problem)
         if found is not None:
             yield found
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Decided:
-    """The checks of one problem and what they are about: W, how it was designed, the pair,
-    directions by mode."""
-
-    checks: tuple[Check, ...]
-    statements: Statements
-    directions: dict[str, list[Sequence[float]]]
-    designs: tuple[GainDesign | None, ...] = ()  # one per group of agents, None where W is given
-    W: Matrix | None = None
-    pair: Pair | None = None
-    how: str = ""  # the pair came about, where not the usual way
 
 
 def decide(loop: Loop, report: Progress, *, rate: float = 0.0) -> Decided:
@@ -481,28 +459,24 @@ class _Run:
         checks = []
         for mode in self.loop.modes:
             late = out_of_time()
-            if late is None:
-                checks.append(self.lemma(mode))
-            else:
+            if late is not None:
                 checks.append(cut_check(LEMMA, self.statements.domain, late, mode=mode))
+                continue
+            top = self.tops.get(mode)
+            # Few agents along which V grows are a witness that a reader can follow.
+            if top is None or not top.value < -DOUBT:
+                self.found[mode] = []
+                with surviving("no small directions"):
+                    if len(self.found) <= MOST_SEARCHED:
+                        self.found[mode] = estimates.witness_directions(self.loop, mode)
+            vectors = [*self.found.get(mode, ())]
+            margin = 0.0
+            if top is not None:
+                vectors.append(top.vector.tolist())
+                margin = -top.value
+            proposal = Proposal(margin=margin, vectors=vectors)
+            checks.append(consensus.lemma1_check(self.statements, mode, proposal))
         return checks
-
-    def lemma(self, mode: str) -> Check:
-        """Lemma 1 in one mode, with directions to try where it looks doubtful."""
-        top = self.tops.get(mode)
-        # Few agents along which V grows are a witness that a reader can follow.
-        if top is None or not top.value < -DOUBT:
-            self.found[mode] = []
-            with surviving("no small directions"):
-                if len(self.found) <= MOST_SEARCHED:
-                    self.found[mode] = estimates.witness_directions(self.loop, mode)
-        vectors = [*self.found.get(mode, ())]
-        margin = 0.0
-        if top is not None:
-            vectors.append(top.vector.tolist())
-            margin = -top.value
-        proposal = Proposal(margin=margin, vectors=vectors)
-        return consensus.lemma1_check(self.statements, mode, proposal)
 
     def observer_checks(self, gains: Sequence[Matrix | None]) -> list[Check]:
         """Observability, detectability, Hurwitz, for every group of agents."""
@@ -537,8 +511,9 @@ class _Run:
         name = "theorem2" if self.loop.switches else "theorem1"
         check = partial(consensus.theorem_check, statements=self.statements, lemmas=lemmas)
         checks = []
-        given = self.printed_pair()
-        if given is not None:
+        own = self.loop.joint_observer
+        if own.P is not None and own.W is not None:
+            given = Pair(P=own.P, Q=multiply(own.P, own.W))
             tried = self.proposal(given, exosystem)
             printed = check(
                 f"{name}-printed", pair=given, proposal=tried, obstacle=None, printed=True
@@ -568,13 +543,6 @@ class _Run:
             if why is not None:
                 theorem = replace(theorem, reason=why, cut=large is None)
         return [*checks, theorem], pair, how
-
-    def printed_pair(self) -> Pair | None:
-        """P and Q = P W of the problem file; None where it lacks one of P and W."""
-        own = self.loop.joint_observer
-        if own.P is None or own.W is None:
-            return None
-        return Pair(P=own.P, Q=multiply(own.P, own.W))
 
     def find_pair(self, exosystem: Exosystem, gains: Sequence[Matrix]) -> tuple[Pair | None, str]:
         """The first proposed pair for which Psi < 0 is proved, and a sentence if it did not come
@@ -654,7 +622,28 @@ def notes_of(problem: Problem, designs: Sequence[GainDesign | None], how: str) -
     yield from _observer_notes(problem, loop, designs)
     if how:
         yield how
-    yield from _loop_notes(loop)
+    if not loop.pulls.nodes:
+        yield "No agent is pinned."
+    own = loop.joint_observer
+    if own.W is not None and own.rate is not None:
+        yield "observer.rate is not used, because W was given."
+    if loop.starts is None and not loop.is_linear:
+        local = "the verdict is about the consensus itself, from close enough starts."
+        yield f"No region was asked for: {local}"
+    if len(loop.modes) > 1 and not loop.guarantee.phases and loop.guarantee.generator is None:
+        yield "The modes may switch in any way, so one V has to serve them all."
+    loose = [name for name, arcs in loop.modes.items() if arcs.optional]
+    if loose:
+        yield (
+            f"The optional arcs of mode {', '.join(loose)} may come and go at any time, "
+            "also while the mode lasts."
+        )
+    if loop.is_linear:
+        yield "Every coupling is exactly linear: what holds near the target holds everywhere."
+    if loop.exceptions:
+        yield f"{counted(len(loop.exceptions), 'arc')} with a coupling of their own."
+    if loop.goals.offsets:
+        yield "Agents go to the target plus their formation offset; couplings act on x - offset."
     why = out_of_time()
     if why is not None:
         yield (
@@ -686,29 +675,3 @@ def _observer_notes(
             yield f"{who}The observer gain W was given."
         else:
             yield f"{who}No W was given. {capitalize_first(design.note)}"
-
-
-def _loop_notes(loop: Loop) -> Iterator[str]:
-    """Of pins, region, modes and couplings."""
-    if not loop.pulls.nodes:
-        yield "No agent is pinned."
-    own = loop.joint_observer
-    if own.W is not None and own.rate is not None:
-        yield "observer.rate is not used, because W was given."
-    if loop.starts is None and not loop.is_linear:
-        local = "the verdict is about the consensus itself, from close enough starts."
-        yield f"No region was asked for: {local}"
-    if len(loop.modes) > 1 and not loop.guarantee.phases and loop.guarantee.generator is None:
-        yield "The modes may switch in any way, so one V has to serve them all."
-    loose = [name for name, arcs in loop.modes.items() if arcs.optional]
-    if loose:
-        yield (
-            f"The optional arcs of mode {', '.join(loose)} may come and go at any time, "
-            "also while the mode lasts."
-        )
-    if loop.is_linear:
-        yield "Every coupling is exactly linear: what holds near the target holds everywhere."
-    if loop.exceptions:
-        yield f"{counted(len(loop.exceptions), 'arc')} with a coupling of their own."
-    if loop.goals.offsets:
-        yield "Agents go to the target plus their formation offset; couplings act on x - offset."

@@ -15,7 +15,7 @@ from typing import Any
 from dobc_design._show.text import capitalize_first
 from dobc_design.conditions.check import Check, Fix
 from dobc_design.conditions.consensus import cures
-from dobc_design.conditions.consensus.claim import PairFacts, Statements, state_theorems
+from dobc_design.conditions.consensus.claim import Pair, PairFacts, Statements, state_theorems
 from dobc_design.conditions.consensus.cures import PinProposal, rounded_up
 from dobc_design.conditions.consensus.decide import enclosed_lambda
 from dobc_design.conditions.consensus.network import (
@@ -28,7 +28,7 @@ from dobc_design.conditions.consensus.network import (
 from dobc_design.conditions.coverage import Progress
 from dobc_design.conditions.numbers import claimed, text_below
 from dobc_design.conditions.observer.decide import detectability_check, hurwitz_check, too_large
-from dobc_design.conditions.observer.propose import design_gain
+from dobc_design.conditions.observer.propose import GainDesign, design_gain
 from dobc_design.conditions.weighted.decide import network_holds, why_not
 from dobc_design.conditions.weighted.propose import network_claim
 from dobc_design.conditions.weighted.stage import weighted_stage
@@ -52,17 +52,19 @@ LARGEST_LOOK = 60  # agents up to which one more pin is tried though the present
 LARGE = 3000  # agents from which a cured problem is not decided as a whole
 CHEAPER = 0.8  # part of the total from which another pin is worth a word
 
-Decide = Callable[[Problem], Sequence[Check]]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Findings:
-    """What the decision of a problem left behind: its conditions, the directions looked at, P if
-    there is one."""
+class Decided:
+    """The checks of one problem and what they are about: W, how it was designed, the pair,
+    directions by mode."""
 
+    checks: tuple[Check, ...]
     statements: Statements
     directions: Mapping[str, Directions]
-    P: Matrix | None
+    designs: tuple[GainDesign | None, ...] = ()  # one per group of agents, None where W is given
+    W: Matrix | None = None
+    pair: Pair | None = None
+    how: str = ""  # the pair came about, where not the usual way
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,27 +81,26 @@ class Accepted:
 
 
 def with_cures(
-    problem: Problem,
-    checks: Sequence[Check],
-    findings: Findings,
-    *,
-    decide: Decide,
-    progress: Progress,
+    problem: Problem, found: Decided, *, decide: Callable[[Problem], Decided], progress: Progress
 ) -> tuple[Check, ...]:
-    """The checks, failed ones with a fix where one is proved: ``decide`` decides all checks of
-    another problem."""
-    if findings.statements.inapplicable is not None:
-        return tuple(checks)
-    found: dict[str, Fix] = {}
+    """The checks, failed ones with a fix where one is proved: ``decide`` decides another
+    problem."""
+    if found.statements.inapplicable is not None:
+        return found.checks
+    cures = _Cures(problem=problem, found=found, decide=decide, progress=progress)
+    searches = [cures.of_model_and_network]
     # Cures of W and P name keys that all agents share; those of the network are the same for
     # groups.
-    for search in (_model_and_network,) if problem.is_grouped else (_model_and_network, _printed):
+    if not problem.is_grouped:
+        searches.append(cures.of_printed)
+    fixes: dict[str, Fix] = {}
+    for search in searches:
         try:
             with at_most(WORK * STAGE):
-                found |= search(problem, checks, findings, decide, progress)
+                fixes |= search()
         except (ArithmeticError, RuntimeError, ValueError, WorkLimitError) as error:
             logger.warning("a search for cures failed: %s", error)
-    return tuple(_cured(check, found.get(check.id)) for check in checks)
+    return tuple(_cured(check, fixes.get(check.id)) for check in found.checks)
 
 
 def _cured(check: Check, fix: Fix | None) -> Check:
@@ -109,35 +110,117 @@ def _cured(check: Check, fix: Fix | None) -> Check:
     return replace(check, fix=fix) if fix is not None and wanted else check
 
 
-def _model_and_network(
-    problem: Problem,
-    checks: Sequence[Check],
-    findings: Findings,
-    decide: Decide,
-    progress: Progress,
-) -> dict[str, Fix]:
-    """Cures of the exosystem, of W and of the network, and all of them together for the theorem."""
-    found: dict[str, Fix] = {}
-    model = _merged(_model_parts(problem))
-    if model is not None:
-        found["hurwitz"] = model
-    network = None
-    # Weights of V hold many networks that V = e'e does not; then no pin is missing.
-    failed = any(check.kind.is_lemma and check.verdict is not Verdict.PROVED for check in checks)
-    if failed and not _has_weights(checks) and not _held_with_weights(problem, findings.statements):
-        progress("looking for a cure")
-        network = _network_fix(problem, findings, progress)
-        if network is not None:
-            found |= {"reachability": network, "lemma1": network}
-    # The theorem needs the model and the network; each alone may leave it open.
-    both = _merged([fix for fix in (model, network) if fix is not None])
-    theorem = next((check for check in checks if check.kind.is_theorem), None)
-    if both is not None and theorem is not None and theorem.verdict is Verdict.REFUTED:
-        progress("deciding the cured problem")
-        cured = changed_problem(problem, both.set)
-        if _weights_do(cured) or _holds(cured, decide(cured)):
-            found[theorem.id] = both
-    return found
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Cures:
+    """The search for what cures one problem, of which ``found`` is known."""
+
+    problem: Problem
+    found: Decided
+    decide: Callable[[Problem], Decided]
+    progress: Progress
+
+    def of_model_and_network(self) -> dict[str, Fix]:
+        """Of the exosystem, of W and of the network, and all of them together for the theorem."""
+        problem = self.problem
+        checks = self.found.checks
+        fixes: dict[str, Fix] = {}
+        model = _merged(_model_parts(problem))
+        if model is not None:
+            fixes["hurwitz"] = model
+        network = None
+        # Weights of V hold many networks that V = e'e does not; then no pin is missing.
+        failed = any(each.kind.is_lemma and each.verdict is not Verdict.PROVED for each in checks)
+        lacking = failed and not _has_weights(checks)
+        if lacking and not _held_with_weights(problem, self.found.statements):
+            self.progress("looking for a cure")
+            network = self._of_network()
+            if network is not None:
+                fixes |= {"reachability": network, "lemma1": network}
+        # The theorem needs the model and the network; each alone may leave it open.
+        both = _merged([fix for fix in (model, network) if fix is not None])
+        theorem = next((check for check in checks if check.kind.is_theorem), None)
+        if both is not None and theorem is not None and theorem.verdict is Verdict.REFUTED:
+            self.progress("deciding the cured problem")
+            cured = changed_problem(problem, both.set)
+            if _weights_do(cured) or _holds(cured, self.decide(cured).checks):
+                fixes[theorem.id] = both
+        return fixes
+
+    def _of_network(self) -> Fix | None:
+        """The cheapest pins and gains proved to hold the network: with weights of V for one mode,
+        else with Lambda < 0."""
+        problem = self.problem
+        loop = loop_of(problem)
+        # Other gains cost less than another agent that has to know the target.
+        present = list(_proved(problem, cures.on_present_pins(loop)))
+        if present:
+            other = None
+            if problem.n <= LARGEST_LOOK and len(problem.pinning.agents) < problem.n:
+                more = _proved(problem, cures.one_more(loop))
+                other = next((each for each in more if not each.proposal.keeps), None)
+            if other is not None and other.total >= CHEAPER * present[0].total:
+                other = None
+            return _pin_fix(problem, present[0], faster=present[1:], other=other)
+        held_back = self._held_back(loop)
+        # Fewer new pins first.
+        for search in (cures.one_more, cures.several_more):
+            proved = _proved(problem, search(loop, progress=self.progress))
+            accepted = next(proved, None)
+            if accepted is None:
+                continue
+            # After the smallest gains may come recommended ones, on the same agents.
+            faster = []
+            if accepted.proposal.smallest:
+                after = next(proved, None)
+                if after is not None and not after.proposal.smallest:
+                    same = after.proposal.added == accepted.proposal.added
+                    if same and after.proposal.keeps == accepted.proposal.keeps:
+                        faster.append(after)
+            several = len(accepted.proposal.added) > 1
+            groups = cures.groups_without_pin(loop) if several else []
+            return _pin_fix(problem, accepted, faster=faster, held_back=held_back, groups=groups)
+        return None
+
+    def _held_back(self, loop: Loop) -> tuple[str, Vector] | None:
+        """A mode and a direction there that no gain on the present pins changes."""
+        if not self.problem.pinning.agents:
+            return None
+        statements = self.found.statements
+        apart = {agent for group in cures.groups_without_pin(loop) for agent in group}
+        # With weights of V in one mode, only agents that no pin reaches can hold it back.
+        if apart and why_not(statements) is None and len(loop.modes) == 1:
+            rows = tuple(Fraction(row // loop.m in apart) for row in range(loop.size))
+            return next(iter(loop.modes)), rows
+        matrices = {mode: enclosed_lambda(statements, mode) for mode in statements.lambdas}
+        return unpinned_witness(loop, matrices, self.found.directions)
+
+    def of_printed(self) -> dict[str, Fix]:
+        """A printed P that fails by its scale, times the smallest factor that does; any other, the
+        P that was found."""
+        problem, checks = self.problem, self.found.checks
+        given = (check for check in checks if check.kind.role == "given")
+        check = next((check for check in given if check.verdict is Verdict.REFUTED), None)
+        own = problem.observer.P
+        if check is None or own is None or not _holds(problem, checks):
+            return {}
+        self.progress("looking for a P")
+        tries: list[tuple[Matrix, str]] = []
+        if isinstance(check.claim, PairFacts):
+            factor = cures.scale_needed(loop_of(problem), check.claim.S)
+            for more in FACTORS if factor else ():
+                a = rounded_up(Fraction(factor or 1) * Fraction(more))
+                why = "only its scale is wrong, and this is the smallest sufficient factor"
+                tries.append((scale(a, own), f"Multiply P by {_short(a)}: {why}, rounded up."))
+        if self.found.pair is not None:
+            text = "Use the P that was found for this W, for which the condition is proved."
+            tries.append((self.found.pair.P, text))
+        for P, text in tries:
+            fix = Fix(kind="pair", set={"observer.P": typed_matrix(P)}, text=text)
+            decided = self.decide(changed_problem(problem, fix.set)).checks
+            cured = next(each for each in decided if each.id == check.id)
+            if cured.verdict is Verdict.PROVED:
+                return {check.id: fix}
+        return {}
 
 
 def _weights_do(problem: Problem) -> bool:
@@ -221,59 +304,6 @@ def _model_parts(problem: Problem) -> list[Fix]:
     return [*parts, Fix(kind="gain", set=changes, text=text)]
 
 
-def _network_fix(problem: Problem, findings: Findings, progress: Progress) -> Fix | None:
-    """The cheapest pins and gains proved to hold the network: with weights of V for one mode, else
-    with Lambda < 0."""
-    loop = loop_of(problem)
-    # Other gains cost less than another agent that has to know the target.
-    present = list(_proved(problem, cures.on_present_pins(loop)))
-    if present:
-        other = None
-        if problem.n <= LARGEST_LOOK and len(problem.pinning.agents) < problem.n:
-            more = _proved(problem, cures.one_more(loop))
-            other = next((each for each in more if not each.proposal.keeps), None)
-        if other is not None and other.total >= CHEAPER * present[0].total:
-            other = None
-        return _pin_fix(problem, present[0], faster=present[1:], other=other)
-    held_back = _held_back(problem, loop, findings)
-    # Fewer new pins first.
-    for search in (cures.one_more, cures.several_more):
-        proved = _proved(problem, search(loop, progress=progress))
-        accepted = next(proved, None)
-        if accepted is None:
-            continue
-        # After the smallest gains may come recommended ones, on the same agents.
-        faster = []
-        if accepted.proposal.smallest:
-            after = next(proved, None)
-            if after is not None and _is_faster(after.proposal, accepted.proposal):
-                faster.append(after)
-        several = len(accepted.proposal.added) > 1
-        groups = cures.groups_without_pin(loop) if several else []
-        return _pin_fix(problem, accepted, faster=faster, held_back=held_back, groups=groups)
-    return None
-
-
-def _is_faster(after: PinProposal, least: PinProposal) -> bool:
-    """Whether a proposal has other gains than the smallest ones, on the same agents."""
-    same = (after.added, after.keeps) == (least.added, least.keeps)
-    return same and not after.smallest
-
-
-def _held_back(problem: Problem, loop: Loop, findings: Findings) -> tuple[str, Vector] | None:
-    """A mode and a direction there that no gain on the present pins changes."""
-    if not problem.pinning.agents:
-        return None
-    statements = findings.statements
-    apart = {agent for group in cures.groups_without_pin(loop) for agent in group}
-    # With weights of V in one mode, only agents that no pin reaches can hold it back.
-    if apart and why_not(statements) is None and len(loop.modes) == 1:
-        rows = tuple(Fraction(row // loop.m in apart) for row in range(loop.size))
-        return next(iter(loop.modes)), rows
-    matrices = {mode: enclosed_lambda(statements, mode) for mode in statements.lambdas}
-    return unpinned_witness(loop, matrices, findings.directions)
-
-
 def _proved(problem: Problem, proposals: Iterable[PinProposal]) -> Iterator[Accepted]:
     """The proposals for which Lambda < 0 is proved in every mode, or weights of V, with the rounded
     gains that do."""
@@ -319,9 +349,11 @@ def _pin_fix(
     parts = [_task(problem, chosen, minimum=accepted if faster else None)]
     if held_back is not None:
         parts.append(_held_back_words(problem, *held_back))
-    least = _smallest_groups(problem, groups)
-    if len(least) > 1:
-        parts.append(_groups_words(problem, least))
+    # Within one mode no group holds another one.
+    if len(problem.network.modes) > 1:
+        groups = [each for each in groups if not any(set(other) < set(each) for other in groups)]
+    if len(groups) > 1:
+        parts.append(_groups_words(problem, groups))
     rivals = _labels(problem, accepted.proposal.rivals)
     if len(rivals) > 1 and len(rivals) + 1 == problem.n - len(set(problem.pinning.agents)):
         parts.append("Any other agent would do as well.")
@@ -344,18 +376,6 @@ def _held_back_words(problem: Problem, mode: str, vector: Vector) -> str:
     pins = name_agents(_labels(problem, problem.pinning.agents))
     where = f" in mode {mode}" if len(problem.network.modes) > 1 else ""
     return f"No gain on {pins} can help: the error of {who} would not decrease{where}."
-
-
-def _smallest_groups(problem: Problem, groups: Sequence[tuple[int, ...]]) -> list[tuple[int, ...]]:
-    """Those that hold no other one; within one mode no group does."""
-    if len(problem.network.modes) == 1:
-        return list(groups)
-    sets = [set(group) for group in groups]
-    least = []
-    for group in groups:
-        if not any(each < set(group) for each in sets):
-            least.append(group)
-    return least
 
 
 def _groups_words(problem: Problem, groups: Sequence[tuple[int, ...]]) -> str:
@@ -435,37 +455,3 @@ def _short(value: Fraction) -> str:
 
 def _labels(problem: Problem, agents: Iterable[int]) -> tuple[str, ...]:
     return tuple(problem.network.labels[i] for i in agents)
-
-
-def _printed(
-    problem: Problem,
-    checks: Sequence[Check],
-    findings: Findings,
-    decide: Decide,
-    progress: Progress,
-) -> dict[str, Fix]:
-    """A printed P that fails by its scale, times the smallest factor that does; any other, the P
-    that was found."""
-    given = (check for check in checks if check.kind.role == "given")
-    check = next((check for check in given if check.verdict is Verdict.REFUTED), None)
-    own = problem.observer.P
-    if check is None or own is None or not _holds(problem, checks):
-        return {}
-    progress("looking for a P")
-    tries: list[tuple[Matrix, str]] = []
-    if isinstance(check.claim, PairFacts):
-        factor = cures.scale_needed(loop_of(problem), check.claim.S)
-        for more in FACTORS if factor else ():
-            a = rounded_up(Fraction(factor or 1) * Fraction(more))
-            why = "only its scale is wrong, and this is the smallest sufficient factor, rounded up."
-            tries.append((scale(a, own), f"Multiply P by {_short(a)}: {why}"))
-    if findings.P is not None:
-        text = "Use the P that was found for this W, for which the condition is proved."
-        tries.append((findings.P, text))
-    for P, text in tries:
-        fix = Fix(kind="pair", set={"observer.P": typed_matrix(P)}, text=text)
-        decided = decide(changed_problem(problem, fix.set))
-        cured = next(each for each in decided if each.id == check.id)
-        if cured.verdict is Verdict.PROVED:
-            return {check.id: fix}
-    return {}

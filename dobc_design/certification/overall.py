@@ -16,7 +16,7 @@ from dobc_design.conditions.check import Check
 from dobc_design.conditions.consensus.agreement import agreement_words
 from dobc_design.conditions.consensus.claim import Unstable
 from dobc_design.conditions.consensus.network import cure_in_words, name_agents, unheld_groups
-from dobc_design.conditions.coverage import asked_radius, covers
+from dobc_design.conditions.coverage import asked_radius, covering
 from dobc_design.conditions.domain import NEAR_TARGET, Around
 from dobc_design.conditions.graphs.claim import signals_in_words
 from dobc_design.conditions.graphs.decide import absorbing
@@ -48,6 +48,10 @@ MOST = Fraction(10) ** 300  # what a sentence can show of a number
 #: Whose reason is given where nothing is proved or refuted, the most telling first.
 SPEAKING = ("detectability", "hurwitz", "theorem2-weighted", "theorem2", "theorem1", "lemma1")
 ALONE = "Without [region] the verdict is about the consensus alone."
+HELD_ALWAYS = (
+    "An arc that is always there would help as well: in this mode or, with a guarantee in "
+    '[switching] on time (such as "dwell"), in another one that comes often enough.'
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,12 +89,11 @@ def decide_overall(loop: Loop, checks: Sequence[Check], W: Matrix | None) -> Ove
     fails says nothing against the problem."""
     stated = stated_in(loop)
     # A proof that covers what is asked ends the question; whatever else fails is only a method.
-    covering = [check for check in checks if covers(loop, check, checks)]
+    proofs = covering(loop, checks)
     if stated:  # the checks of the tables are about the graphs of the modes, not about every graph
-        covering = [check for check in covering if check.kind.role != "safety"]
-    if covering:
-        best = min(covering, key=_preference)
-        return _proved(loop, checks, best) if not stated else _with_tables(loop, checks, best)
+        proofs = [check for check in proofs if check.kind.role != "safety"]
+    if proofs:
+        return _proved(loop, checks, min(proofs, key=_preference))
     refuted = refutation(loop, checks, W)
     if refuted is not None:
         return Overall(verdict=Verdict.REFUTED, why=Reason(head=refuted))
@@ -105,18 +108,6 @@ def refutation(loop: Loop, checks: Sequence[Check], W: Matrix | None) -> str | N
 
 
 def _proved(loop: Loop, checks: Sequence[Check], best: Check) -> Overall:
-    """The verdict that ``best`` carries for the model without tables."""
-    reason = _proved_reason(loop, best) + _moving_words(loop, checks, best)
-    return Overall(
-        verdict=Verdict.PROVED,
-        rate=best.rate,
-        factor=best.factor,
-        covered_by=best.id,
-        why=Reason(head=reason),
-    )
-
-
-def _with_tables(loop: Loop, checks: Sequence[Check], best: Check) -> Overall:
     """The verdict about the plant that the file states, where ``best`` proves what is asked of the
     model alone."""
     stated, open_tables = stated_in(loop), list(gaps(loop, checks))
@@ -198,12 +189,11 @@ def _moving_words(loop: Loop, checks: Sequence[Check], best: Check | None) -> st
                 "from any mode"
             )
         words += ". Graphs that the modes do not list are not covered."
-    safe = [
-        check
-        for check in checks
-        if check.kind.role == "safety" and check.verdict is Verdict.PROVED and check is not best
-    ]
-    return words + "".join(f" {capitalize_first(check.reason)}" for check in safe)
+    for check in checks:
+        is_safe = check.kind.role == "safety" and check.verdict is Verdict.PROVED
+        if is_safe and check is not best:
+            words += f" {capitalize_first(check.reason)}"
+    return words
 
 
 def _refuted_reason(loop: Loop, checks: Sequence[Check], W: Matrix | None) -> str | None:
@@ -387,10 +377,6 @@ def _room(loop: Loop, group: Sequence[int]) -> list[tuple[Fraction, Fraction]]:
     ]
 
 
-def _proved_reason(loop: Loop, check: Check) -> str:
-    return f"{_arrival(loop, check, pace=check)}.{_local_words(check)}"
-
-
 def _local_words(check: Check) -> str:
     return " The proof is local: it states no radius." if check.domain == NEAR_TARGET else ""
 
@@ -527,8 +513,13 @@ def _undecided_reason(loop: Loop, checks: Sequence[Check]) -> Reason:
     somewhere = any(check.kind.role == "region" for check in proved)
     if loop.switches and not somewhere:
         for check in checks:
+            # In one of several modes no pinned agent reaches some agent.
             if check.id == REACHABILITY and check.verdict is Verdict.REFUTED:
-                return _unmet_reason(loop, check)
+                rest = "Consensus may still hold for signals that leave that mode often enough."
+                if loop.modes[str(check.mode)].optional:
+                    rest = HELD_ALWAYS
+                text = f"in mode {check.mode} {check.reason}"
+                return Reason(head=f"{text} {rest}", is_open=True)
     reached = None if loop.starts is None else _reached(loop, checks)
     if reached is not None:
         return reached
@@ -548,14 +539,3 @@ def _undecided_reason(loop: Loop, checks: Sequence[Check]) -> Reason:
     if first is None:
         return Reason(head="no condition that applies covers what is asked.", is_open=True)
     return Reason(head=first.reason, is_open=True)
-
-
-def _unmet_reason(loop: Loop, check: Check) -> Reason:
-    """In one of several modes no pinned agent reaches some agent."""
-    text = f"in mode {check.mode} {check.reason}"
-    rest = "Consensus may still hold for signals that leave that mode often enough."
-    if loop.modes[str(check.mode)].optional:
-        where = 'with a guarantee in [switching] on time (such as "dwell"), in another one'
-        always = "An arc that is always there would help as well"
-        rest = f"{always}: in this mode or, {where} that comes often enough."
-    return Reason(head=f"{text} {rest}", is_open=True)

@@ -139,7 +139,12 @@ def verify_twice(certificate: Claims | bytes, problem: Problem) -> Recheck:
     said = f"it refuses: {refusals[0]}" if refusals else "it accepts every claim"
     if own.holds is not bool(refusals):
         return replace(own, lone_checker=said)
-    return replace(own, failures=(*own.failures, _disagreement(refusals)), lone_checker=said)
+    view = "the package refuses, the second checker accepts"
+    if refusals:
+        view = f"the package accepts, the second checker refuses ({refusals[0]})"
+    told = f"two programs that decide the same claims disagree: {view}."
+    failure = f"{told} {_what_follows(*refusals)}"
+    return replace(own, failures=(*own.failures, failure), lone_checker=said)
 
 
 def _why_not_asked(problem: Problem, data: bytes, document: bytes) -> str | None:
@@ -150,15 +155,6 @@ def _why_not_asked(problem: Problem, data: bytes, document: bytes) -> str | None
     if max(len(data), len(document)) > checker.MAX_BYTES:
         return f"it reads files of at most {checker.MAX_BYTES} bytes, these are larger"
     return None
-
-
-def _disagreement(refusals: Sequence[str]) -> str:
-    """That one program accepts what the other refuses; without ``refusals`` that is the second."""
-    view = "the package refuses, the second checker accepts"
-    if refusals:
-        view = f"the package accepts, the second checker refuses ({refusals[0]})"
-    told = f"two programs that decide the same claims disagree: {view}."
-    return f"{told} {_what_follows(*refusals)}"
 
 
 def _what_follows(*refusals: str) -> str:
@@ -180,7 +176,11 @@ def agreed(claims: Claims, problem: Problem) -> Claims:
         if max(len(data), len(document)) > checker.MAX_BYTES:
             return claims
         found = _second_findings(data, document)
-        said = _said_of_checks(found, len(claims.checks))
+        # What it says of each check, of fewer where its time ran out; where it refuses the files
+        # as a whole, that.
+        whole = _first_refusal(found[:FIRST])
+        count = len(claims.checks)
+        said = [(False, whole)] * count if whole else found[FIRST : FIRST + count]
         checks = _without_refused(claims.checks, said, domain)
         if checks is None:
             break
@@ -190,9 +190,12 @@ def agreed(claims: Claims, problem: Problem) -> Claims:
             claims, checks=checks, P=claims.P if pair else None, Q=claims.Q if pair else None
         )
         claims = with_verdict(claims, decide_overall(loop, checks, claims.W))
-    unasked = claims.checks[len(said) :]
-    if any(check.verdict is not Verdict.UNDECIDED for check in unasked):
-        claims = replace(claims, notes=(*claims.notes, _unasked_words(unasked)))
+    left = [each for each in claims.checks[len(said) :] if each.verdict is not Verdict.UNDECIDED]
+    if left:
+        names = dict.fromkeys(check.id for check in left)
+        told = f"Time ran out before the second checker was asked about {', '.join(names)}"
+        note = f"{told}: `dobc verify` asks it about the whole certificate."
+        claims = replace(claims, notes=(*claims.notes, note))
     # No check is refused by now; what is left is about the file or the verdict as a whole.
     lacking = _first_refusal(found)
     if lacking is None or claims.verdict is Verdict.UNDECIDED:
@@ -212,15 +215,6 @@ def _second_findings(data: bytes, document: bytes) -> list[Finding]:
 def _first_refusal(found: Sequence[Finding]) -> str | None:
     """What the second checker refuses first, in words."""
     return next((text for holds, text in found if not holds), None)
-
-
-def _said_of_checks(found: Sequence[Finding], count: int) -> list[Finding]:
-    """What it says of each of so many checks, of fewer where its time ran out; where it refuses the
-    files as a whole, that."""
-    whole = _first_refusal(found[:FIRST])
-    if whole:
-        return [(False, whole)] * count
-    return list(found[FIRST : FIRST + count])
 
 
 def _without_refused(
@@ -244,12 +238,6 @@ def _disagrees(verdict: Verdict, refusal: str) -> str:
 def _theorem_is_proved(checks: Iterable[Check]) -> bool:
     """Whether the pair (P, Q) of a certificate belongs to a proof."""
     return any(check.kind.is_theorem and check.verdict is Verdict.PROVED for check in checks)
-
-
-def _unasked_words(unasked: Sequence[Check]) -> str:
-    names = dict.fromkeys(check.id for check in unasked if check.verdict is not Verdict.UNDECIDED)
-    told = f"Time ran out before the second checker was asked about {', '.join(names)}"
-    return f"{told}: `dobc verify` asks it about the whole certificate."
 
 
 def recheck(certificate: Claims | bytes, problem: Problem) -> Recheck:

@@ -34,6 +34,11 @@ def covers(loop: Loop, check: Check, checks: Sequence[Check]) -> bool:
     return check.domain == EVERYWHERE or _is_near(loop, check)
 
 
+def covering(loop: Loop, checks: Sequence[Check]) -> list[Check]:
+    """Those of the checks that prove what the problem asks."""
+    return [check for check in checks if covers(loop, check, checks)]
+
+
 def _speaks_for_all_modes(loop: Loop, check: Check, checks: Sequence[Check]) -> bool:
     """Whether Lemma 1 is proved for every mode, and this check is the slowest of them."""
     if loop.groups:

@@ -12,17 +12,20 @@ from dobc_design._checks import noun
 from dobc_design.loop.loop import Loop
 
 OPEN = "Undecided: "
+APART = "does not apply: "
 HELP = " What would help: "
 
 
 @noun
 class Reason:
     """Sentences that say why, and where something is known to help, the ``advice``; ``is_open``:
-    nothing was decided, which the text says first."""
+    nothing was decided, which the text says first; ``applies``: False where a condition is not
+    about such a problem at all."""
 
     head: str
     advice: str = ""
     is_open: bool = False
+    applies: bool = True
 
     def __str__(self) -> str:
         return f"{OPEN}{self.told}" if self.is_open else self.told
@@ -30,7 +33,8 @@ class Reason:
     @property
     def told(self) -> str:
         """The text for a place where the verdict stands already."""
-        return f"{self.head}{HELP}{self.advice}" if self.advice else self.head
+        text = f"{self.head}{HELP}{self.advice}" if self.advice else self.head
+        return text if self.applies else f"{APART}{text}"
 
     def followed_by(self, words: str) -> Reason:
         """The same with more words at its end."""
@@ -57,14 +61,15 @@ def pins_obstacle(loop: Loop) -> str | None:
     if not loop.pins.curved:
         return None
     agent = loop.labels[min(loop.pins.curved)]
-    return f"does not apply: it is for pins with a gain, and that of agent {agent} is not linear."
+    return f"{APART}it is for pins with a gain, and that of agent {agent} is not linear."
 
 
 def read_reason(text: str) -> Reason:
     """The parts of a text; ``str`` of them is the text again."""
     told = text.removeprefix(OPEN)
-    head, _, advice = told.partition(HELP)
-    is_open = told != text
+    said = told.removeprefix(APART)
+    head, _, advice = said.partition(HELP)
+    # Words after which no advice follows belong to the head.
     if not advice:
-        return Reason(head=told, is_open=is_open)
-    return Reason(head=head, advice=advice, is_open=is_open)
+        head = said
+    return Reason(head=head, advice=advice, is_open=told != text, applies=said == told)

@@ -115,9 +115,7 @@ def claimed_afresh(problem: Problem) -> Claims:
             "other_equilibria",
         ):
             patch.setattr(certification, stage, lambda *arguments, **options: [])
-        patch.setattr(
-            certification, "with_cures", lambda problem, checks, *arguments, **options: checks
-        )
+        patch.setattr(certification, "with_cures", lambda problem, found, **options: found.checks)
         patch.setattr(certification, "agreed", lambda claims, problem: claims)
         patch.setattr(certification, "with_factors", lambda problem, checks, W: checks)
         return certify(problem).claims

@@ -14,6 +14,7 @@ from dobc_design.conditions.numbers import (
     text_below,
     vector_from_json,
 )
+from dobc_design.conditions.reason import Reason
 from dobc_design.conditions.weighted import decide
 from dobc_design.conditions.weighted.decide import Weighted, why_not
 from dobc_design.conditions.weighted.network import Alike, alike_holds, network_of
@@ -74,7 +75,7 @@ def weighted_check(
     reason = why_not(statements)
     # Agents with dynamics that feel their neighbours alike may still have the other form.
     alike = isinstance(claim, Alike)
-    if reason is not None and not alike and isinstance(network_of(statements), str):
+    if reason is not None and not alike and isinstance(network_of(statements), Reason):
         return replace(undecided, reason=reason, applies=False)
     if claim is None or not holds(claim, statements, W, rate=claimed(rate)):
         reason = "no weights D were found for which the condition is proved."

@@ -24,6 +24,7 @@ from dobc_design._checks import noun
 from dobc_design.conditions.consensus.claim import Statements, state_theorems
 from dobc_design.conditions.numbers import fields_to_json
 from dobc_design.conditions.observer.decide import error_matrix, hurwitz_with_rate
+from dobc_design.conditions.reason import Reason, read_reason
 from dobc_design.conditions.weighted.decide import Weighted, network_holds
 from dobc_design.coupling.coupling import make_coupling
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
@@ -61,24 +62,28 @@ class Network:
     G: Matrix
 
 
-def network_of(statements: Statements) -> Network | str:
+def network_of(statements: Statements) -> Network | Reason:
     """The network of agents with dynamics, or why they do not feel their neighbours alike."""
     loop = statements.loop
     drift = loop.drift
-    if drift is None or statements.inapplicable is not None:
-        return statements.inapplicable or "does not apply: agents have no dynamics."
+    if statements.inapplicable is not None:
+        return read_reason(statements.inapplicable)
+    if drift is None:
+        return Reason(head="agents have no dynamics.", applies=False)
     slopes = [function.jacobian_at_zero() for function in loop.functions[: drift.place]]
     if not all(x.is_point for each in slopes for row in each for x in row):
-        return "does not apply: a slope of a coupling at the target is not rational."
+        head = "a slope of a coupling at the target is not rational."
+        return Reason(head=head, applies=False)
     # All have to be multiples of the first that is not 0.
     blocks = [tuple(tuple(x.lo for x in row) for row in each) for each in slopes]
     G = next((each for each in blocks if any(map(any, each))), None)
     if G is None:
-        return "does not apply: couplings have no slope at the target."
+        return Reason(head="couplings have no slope at the target.", applies=False)
     parts = [_part(each, G) for each in blocks]
     gains = {i: _part(K, G) for i, K in loop.pins.gains.items()}
     if any(part is None or part < 0 for part in (*parts, *gains.values())):
-        return "does not apply: couplings and gains are not multiples of one matrix."
+        head = "couplings and gains are not multiples of one matrix."
+        return Reason(head=head, applies=False)
     alone = _scalar_loop(loop, parts, gains)
     return Network(statements=state_theorems(alone), A=drift.A, G=G)
 
@@ -122,7 +127,7 @@ def _part(M: Matrix, G: Matrix) -> Fraction | None:
 def alike_holds(claim: Alike, statements: Statements, W: Matrix | None, *, rate: Fraction) -> bool:
     """Whether the claim proves V' < -2 rate V near the target, for the gain W (q, m)."""
     network = network_of(statements)
-    if isinstance(network, str):
+    if isinstance(network, Reason):
         return False
     # Errors of observers that decay faster than the rate are a summand of V (see above).
     exosystem = statements.loop.joint_exosystem

@@ -14,6 +14,7 @@ from dobc_design.conditions.check import (
 )
 from dobc_design.conditions.consensus.claim import Statements
 from dobc_design.conditions.observer.decide import too_large
+from dobc_design.conditions.reason import Reason
 from dobc_design.conditions.weighted.checks import id_for, weighted_check
 from dobc_design.conditions.weighted.decide import Weighted, why_not
 from dobc_design.conditions.weighted.network import Alike, Network, network_of
@@ -49,7 +50,7 @@ def weighted_stage(statements: Statements, W: Matrix | None, *, rate: float = 0.
     id = id_for(loop)
     # Where gains are not diagonal, agents may still feel their neighbours alike.
     network = network_of(statements) if why_not(statements) is not None else None
-    if isinstance(network, str):
+    if isinstance(network, Reason):
         return []
     alone = loop if network is None else network.statements.loop
     if any(unreached(alone, [arcs]) for arcs in modes.values()):

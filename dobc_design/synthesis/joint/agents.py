@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 from itertools import product
@@ -21,8 +21,9 @@ import numpy as np
 
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.numbers import bisected
+from dobc_design.conditions.reason import Reason
 from dobc_design.conditions.statement import Statement, refuted, undecided
-from dobc_design.conditions.weighted.network import Network, network_of
+from dobc_design.conditions.weighted.network import network_of
 from dobc_design.conditions.weighted.propose import GIVEN_UP, proposals, stiffness
 from dobc_design.conditions.weighted.propose_alike import Forms
 from dobc_design.coupling.coupling import make_coupling
@@ -41,7 +42,7 @@ from dobc_design.problem.problem import Problem
 from dobc_design.solvers import conic
 from dobc_design.solvers.program import Array, round_matrix
 from dobc_design.synthesis.joint.claim import DesignRequest
-from dobc_design.synthesis.pinning.claim import Gains, Structure
+from dobc_design.synthesis.pinning.claim import Gains, Structure, holding
 from dobc_design.synthesis.pinning.decide import structural_obstacle
 from dobc_design.verdict import Verdict
 
@@ -76,8 +77,8 @@ def obstacle(problem: Problem, request: DesignRequest, structure: Structure) -> 
         return found
     # Gains are looked for only as multiples of one matrix (theory, section 13).
     network = network_of(state_theorems(loop_of(problem)))
-    if isinstance(network, str) and not request.coupling:
-        why = network.removeprefix("does not apply: ").removesuffix(".")
+    if isinstance(network, Reason) and not request.coupling:
+        why = network.head.removesuffix(".")
         cure = "a coupling can be designed, too (coupling=True, --coupling)"
         return undecided("coupling", f"{why}; {cure}.")
     return None
@@ -108,25 +109,12 @@ def _unreached(A: Matrix, B: Matrix, rate: Fraction, *, bent: bool) -> Statement
     return state("stabilisable", f"{text}.", polynomial=hidden.unobservable_text)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Scaled:
-    """Gains as multiples of the coupling, by agent index, and the ``changes`` of the problem that
-    set them, and on request the coupling."""
-
-    gains: Gains
-    changes: Mapping[str, Any]
+#: Gains as multiples of the coupling, by agent index, and the changes of the problem that set them,
+#: and on request the coupling.
+Scaled = tuple[Gains, Mapping[str, Any]]
 
 
-def designs(
-    problem: Problem, dynamics: Dynamics, request: DesignRequest, networks: Networks
-) -> Iterator[Scaled]:
-    """Gains worth certifying, and on request couplings."""
-    if request.coupling:
-        return _with_couplings(problem, dynamics, request, networks)
-    return _with_strengths(problem, dynamics, request, networks)
-
-
-def _with_couplings(
+def with_couplings(
     problem: Problem, dynamics: Dynamics, request: DesignRequest, networks: Networks
 ) -> Iterator[Scaled]:
     """Couplings B'R y, and gains for the network that holds with the strength R is made for."""
@@ -136,23 +124,23 @@ def _with_couplings(
     if not every:
         return
     alone = Problem(network=problem.network, coupling="y")
-    held = _network(alone, networks)
-    if not held.strength:
+    strength, gains = _network(alone, networks)
+    if not strength:
         return
     for R, more in product(every, MORE_DIGITS):
-        slopes = multiply(transpose(B), round_matrix(R / held.strength, request.digits + more))
+        slopes = multiply(transpose(B), round_matrix(R / strength, request.digits + more))
         numbers = dynamics.inputs < problem.m
-        own = _typed(problem, held.gains, None if numbers else slopes)
+        own = _typed(problem, gains, None if numbers else slopes)
         coupling = {"coupling.h": _texts(slopes), "coupling.exceptions": None}
-        yield Scaled(gains=held.gains, changes=coupling | own)
+        yield gains, coupling | own
 
 
-def _with_strengths(
+def with_strengths(
     problem: Problem, dynamics: Dynamics, request: DesignRequest, networks: Networks
 ) -> Iterator[Scaled]:
     """Gains for the coupling of the problem, so that the network has the strength that it needs."""
     network = network_of(state_theorems(loop_of(problem)))
-    if isinstance(network, str):
+    if isinstance(network, Reason):
         return
     rate = float(request.rate or 0)
     does = partial(Forms.of(network).seems_to_do, rate=FASTER * rate)
@@ -170,10 +158,17 @@ def _with_strengths(
     numbers = dynamics.inputs < problem.m and problem.coupling.is_linear
     # K with B K = G, the gain of one
     slopes = multiply(dynamics.left_inverse, network.G)
+    # The network of agents with one component as a problem, whose gains can be designed.
+    loop = network.statements.loop
+    alone = Problem(
+        network=problem.network,
+        coupling=loop.functions[0],
+        exceptions={arc: loop.functions[place] for arc, place in loop.exceptions.items()},
+        gains={loop.labels[i]: gain for i, gain in loop.pins.gains.items()},
+    )
     for strength in strengths:
-        for gains in networks(_alone(problem, network), strength, ()):
-            changes = _typed(problem, gains, None if numbers else slopes)
-            yield Scaled(gains=gains, changes=changes)
+        for gains in networks(alone, strength, ()):
+            yield gains, _typed(problem, gains, None if numbers else slopes)
 
 
 def _typed(problem: Problem, gains: Gains, slopes: Matrix | None) -> dict[str, Any]:
@@ -186,32 +181,13 @@ def _typed(problem: Problem, gains: Gains, slopes: Matrix | None) -> dict[str, A
     return {"pinning.gains": table}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Held:
-    """Gains of a network of integrators, and its ``strength`` with them; 0 if none was seen."""
-
-    strength: float = 0.0
-    gains: Gains = field(default_factory=dict)
-
-
-def _alone(problem: Problem, network: Network) -> Problem:
-    """The network of agents with one component as a problem, whose gains can be designed."""
-    loop = network.statements.loop
-    return Problem(
-        network=problem.network,
-        coupling=loop.functions[0],
-        exceptions={arc: loop.functions[place] for arc, place in loop.exceptions.items()},
-        gains={loop.labels[i]: gain for i, gain in loop.pins.gains.items()},
-    )
-
-
-def _network(alone: Problem, networks: Networks) -> _Held:
-    """Gains with which h = y over the strength pulls little on every agent."""
+def _network(alone: Problem, networks: Networks) -> tuple[float, Gains]:
+    """The strength of a network of integrators, and gains with which h = y over it pulls little on
+    every agent; strength 0 if none was seen."""
     least = float("inf")
-    best = _Held()
-    while gains := dict(next(networks(alone, STRONGER * best.strength or None, best.gains), {})):
-        labels = alone.network.labels
-        held = alone.replace(gains={labels[i]: k for i, k in gains.items()})
+    best: tuple[float, Gains] = (0.0, {})
+    while gains := dict(next(networks(alone, STRONGER * best[0] or None, best[1]), {})):
+        held = holding(alone, gains)
         strength = next((c for _, c in proposals(state_theorems(loop_of(held)), None)), 0.0)
         diagonals = [stiffness(loop_of(held), mode).diagonal() for mode in held.network.modes]
         pull = max(float(diagonal.max()) for diagonal in diagonals)
@@ -219,7 +195,7 @@ def _network(alone: Problem, networks: Networks) -> _Held:
         if not strength or pull >= least * strength:
             break
         least = pull / strength
-        best = _Held(strength=strength, gains=gains)
+        best = (strength, gains)
     return best
 
 
@@ -295,7 +271,7 @@ def weaker(problem: Problem, rate: float) -> float | None:
     """So many times all couplings and gains would keep this rate (1/s), as the eigenvalues of the
     linearisation say; None where they are not computed."""
     network = network_of(state_theorems(loop_of(problem)))
-    if isinstance(network, str) or problem.n > MOST_AGENTS:
+    if isinstance(network, Reason) or problem.n > MOST_AGENTS:
         return None
     A = to_float(network.A)
     G = to_float(network.G)

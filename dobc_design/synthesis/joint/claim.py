@@ -4,7 +4,7 @@ limit costs."""
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import islice, pairwise
 from typing import TYPE_CHECKING, Any
@@ -13,17 +13,17 @@ from dobc_design._show.cards import MOST_ITEMS, Card, Headed, listed
 from dobc_design._show.text import significant_away_from_zero, significant_towards_zero
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.consensus.network import name_agents
-from dobc_design.conditions.numbers import time_to_one_percent
+from dobc_design.conditions.numbers import fields_to_json, time_to_one_percent
 from dobc_design.errors import Mistakes, SpecError
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import float_above, number_text
 from dobc_design.exact.reading import counted
-from dobc_design.problem.canonical import matrix_text
 from dobc_design.problem.changes import typed_matrix, typed_number, value_text
 from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.observer.claim import Answer, NoiseLimit, ObserverDesign, read_noise
 from dobc_design.synthesis.pinning.claim import (
     AskedGains,
+    Limits,
     PinningDesign,
     Structure,
     check_yes_or_no,
@@ -50,22 +50,16 @@ SAVED = "Gain saved elsewhere (1/s) for each 1/s of gain there"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class DesignRequest:
+class DesignRequest(Limits):
     """What W and the gains k_i have to do together, so that everything the problem asks is proved.
-    ``rate`` (1/s): the certified rate has to be at least that; None leaves it open.  ``allowed``:
-    agent indices, rising.  ``caps``: the largest k_i (1/s) of agents that have one.  ``pins``: at
-    most so many agents, None for as few as it takes. ``noise``: bounds on norms of the observer.
-    ``digits``: significant digits of W and of the gains. ``reduce``: an exosystem that C does not
-    see whole may be replaced by its observable part.  ``coupling``: h is designed, too."""
+    The certified rate has to be at least ``rate``.  ``pins``: None for as few as it takes.
+    ``digits``: those of W as well.  ``noise``: bounds on norms of the observer.  ``reduce``: an
+    exosystem that C does not see whole may be replaced by its observable part.  ``coupling``: h is
+    designed, too."""
 
-    rate: Fraction | None
-    allowed: tuple[int, ...]
-    caps: Mapping[int, Fraction]
     pins: int | None
     noise: tuple[NoiseLimit, ...]
-    digits: int
     reduce: bool
-    conservative: bool = False
     coupling: bool = False
 
     def limits(self, labels: Sequence[str]) -> Iterator[tuple[str, str]]:
@@ -94,31 +88,19 @@ class DesignRequest:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class AskedDesign:
+class AskedDesign(AskedGains):
     """The arguments of ``design`` as they were given, not yet read."""
 
     rate: Any = None
-    pins: Any = None
-    max_gain: Any = None
-    allowed: Any = None
     noise: Any = None
-    digits: Any = 3
     reduce: Any = True
-    conservative: Any = False
     coupling: bool = False
 
 
 def read_design_request(labels: Sequence[str], asked: AskedDesign) -> DesignRequest:
     """Read the arguments of ``design``, exactly.  Raises: SpecError that names every wrong one."""
-    gains = AskedGains(
-        # Gains near the consensus are always for a rate; any number stands in for none.
-        rate=1 if asked.rate is None else asked.rate,
-        allowed=asked.allowed,
-        max_gain=asked.max_gain,
-        pins=asked.pins,
-        digits=asked.digits,
-        conservative=asked.conservative,
-    )
+    # Gains near the consensus are always for a rate; any number stands in for none.
+    gains = replace(asked, rate=1) if asked.rate is None else asked
     # All that is wrong is said at once.
     errors = Mistakes()
     with errors:
@@ -278,12 +260,7 @@ class Design(Answer):
         """JSON object; exact numbers as text, ``cost`` rounded up.  ``problem`` is the name of the
         problem."""
         proof = self.certificate
-        document: dict[str, Any] = {
-            "verdict": self.verdict.value,
-            "W": None if self.W is None else matrix_text(self.W),
-            "P": None if self.P is None else matrix_text(self.P),
-            "gains": {label: number_text(k) for label, k in self.gains.items()},
-        }
+        document = {"verdict": self.verdict.value} | fields_to_json(self, "W", "P", "gains")
         # Only designs that chose a coupling have the key.
         if "coupling.h" in self.changes:
             document["coupling"] = self.changes["coupling.h"]
@@ -294,12 +271,9 @@ class Design(Answer):
             "reason": self.reason,
             "problem": None if self.problem is None else self.problem.name,
             "covered_by": None if proof is None else proof.covered_by,
-            "binding": self.binding,
-            "decisions": list(self.decisions),
-            "prices": list(self.prices),
-            "statements": [statement.to_json() for statement in self.statements],
+            **fields_to_json(self, "binding", "decisions", "prices", "statements"),
             "request": dict(self.request.limits(self.labels)),
-            "nearest": None if self.nearest is None else self.nearest.to_json(),
+            **fields_to_json(self, "nearest"),
         }
 
     def _card(self) -> Card:
@@ -340,7 +314,7 @@ def _decisions(design: Design) -> Iterator[str]:
     pinned = tuple(design.gains)
     why = _why_so_many(design.problem, grounds, len(pinned))
     yield f"Pinned: {name_agents(pinned)}; {why}."
-    yield f"{_gains_words(design, design.problem)}{_meant_for(design, grounds)}"
+    yield _gains_words(design, design.problem, grounds)
     proof = design.certificate
     covered_by = None if proof is None else proof.covered_by
     how = f"Proved by: {covered_by or 'nothing yet'}."
@@ -403,8 +377,8 @@ def _why_least(problem: Problem, groups: Sequence[Sequence[int]]) -> str:
     return f"{who} {listen} to nobody outside, so there has to be a pin"
 
 
-def _gains_words(design: Design, problem: Problem) -> str:
-    """The gains, rounded up."""
+def _gains_words(design: Design, problem: Problem, grounds: Grounds) -> str:
+    """The gains, rounded up; what they are chosen for, and with which coupling."""
     gains = design.gains
     first = islice(gains.items(), SHOWN)
     words = ", ".join(f"k = {typed_number(k)} for agent {label}" for label, k in first)
@@ -414,15 +388,10 @@ def _gains_words(design: Design, problem: Problem) -> str:
         words += f", in total {typed_number(sum(gains.values(), Fraction(0)))}"
     unit = "(1/s)" if problem.dynamics is None else "(times the coupling)"
     digits = counted(design.request.digits, "digit")
-    return f"Gains: {words} {unit}, rounded up to {digits}."
-
-
-def _meant_for(design: Design, grounds: Grounds) -> str:
-    """What the gains are chosen for, and with which coupling; empty over a region at a rate."""
-    words = ""
+    words = f"Gains: {words} {unit}, rounded up to {digits}."
     if grounds.part is not None:
         part = f"{float(grounds.part):.0%} of the fastest rate that pins there allow"
-        words = f" They are meant for {part}."
+        words += f" They are meant for {part}."
     if grounds.near is not None:
         by = "V = e'e."
         if grounds.near.weights is not None:
@@ -493,7 +462,12 @@ class TradeOff(Headed):
     def sensitivity(self) -> tuple[str, ...]:
         """What a further pin buys, or what each limit of the design costs."""
         if self.curve == "pins":
-            return tuple(_largest_step(self.points))
+            if len(self.points) < 2:
+                return ()
+            before, after = max(pairwise(self.points), key=lambda step: step[1].y / step[0].y)
+            new = ", ".join(label for label in after.pinned if label not in before.pinned)
+            times = f"With agent {new} the rate grows {after.y / before.y:.3g} times"
+            return (f"The most useful step: from {before.x:g} to {after.x:g} pins. {times}.",)
         if self.curve != "gain" or self.design is None:
             return ()
         if not self.design.gains:
@@ -548,13 +522,3 @@ class TradeOff(Headed):
             lines=self.sensitivity,
             heads=(self.x_name, self.y_name, "pinned", ""),
         )
-
-
-def _largest_step(points: Sequence[TradePoint]) -> Iterator[str]:
-    """Which further pin buys most."""
-    if len(points) < 2:
-        return
-    before, after = max(pairwise(points), key=lambda step: step[1].y / step[0].y)
-    new = ", ".join(label for label in after.pinned if label not in before.pinned)
-    times = f"With agent {new} the rate grows {after.y / before.y:.3g} times"
-    yield f"The most useful step: from {before.x:g} to {after.x:g} pins. {times}."

@@ -8,11 +8,11 @@ few.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from functools import cache
 
 from dobc_design.conditions.consensus.pinning import fastest_rate, network_blocks
 from dobc_design.loop.make import loop_of
-from dobc_design.synthesis.joint.claim import DesignRequest
 from dobc_design.synthesis.pinning.claim import Structure
 from dobc_design.synthesis.pinning.propose_regions import RegionSearch
 
@@ -24,18 +24,17 @@ ONE_BY_ONE = 4  # pins more than needed that are tried one by one; then twice as
 DECISIVE = 1.02  # rates that are closer than this do not decide
 
 
+@dataclass(kw_only=True, eq=False)
 class PinSets:
-    """Growing sets of allowed agents, each with the one before it, so that the region allows fast
-    rates: every group has a pin, then further agents."""
+    """Growing sets of ``allowed`` agents, each with the one before it, so that the region allows
+    fast rates: every group has a pin, then further agents."""
 
-    def __init__(
-        self, *, structure: Structure, request: DesignRequest, search: RegionSearch
-    ) -> None:
-        self.structure = structure
-        self.allowed = request.allowed
-        self.caps = request.caps
-        self.search = search
-        self.blocks = network_blocks(loop_of(search.problem))
+    structure: Structure
+    allowed: Sequence[int]
+    search: RegionSearch
+
+    def __post_init__(self) -> None:
+        self.blocks = network_blocks(loop_of(self.search.problem))
         # Exchanges and further agents ask for the same sets.
         self.quick = cache(self._quick)
 
@@ -80,7 +79,7 @@ class PinSets:
     def _next(self, chosen: Sequence[int]) -> int:
         """A further agent: whoever is held least has the largest v."""
         left = [i for i in self.allowed if i not in chosen]
-        v = self.search.holds(chosen, self.caps, 0.0, coarse=True)
+        v = self.search.holds(chosen, 0.0, coarse=True)
         if v is not None:
             held = v.tolist()
             left.sort(key=lambda i: (-held[i], i))
@@ -97,7 +96,7 @@ class PinSets:
         found = first
         rate = 0.0
         for agent in close:
-            reached = self.search.fastest([*rest, agent], self.caps, coarse=True)
+            reached = self.search.fastest([*rest, agent], coarse=True)
             # Rates are approximate: a little more decides nothing.
             if reached > rate * DECISIVE:
                 found = agent

@@ -17,7 +17,7 @@ from typing import Any
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certification.certify import certify
 from dobc_design.conditions.consensus.pinning import network_blocks
-from dobc_design.conditions.coverage import Progress, asked_radius, covers
+from dobc_design.conditions.coverage import Progress, asked_radius, covering
 from dobc_design.conditions.numbers import bisected, claimed, shorten
 from dobc_design.conditions.observer.decide import too_large
 from dobc_design.conditions.separable.claim import acts_by_component
@@ -41,7 +41,6 @@ from dobc_design.synthesis.observer.search import search_groups
 from dobc_design.synthesis.pinning.claim import (
     FEWEST,
     Gains,
-    Limits,
     PinningDesign,
     PinningRequest,
     Structure,
@@ -100,7 +99,10 @@ class Ground:
             return
         for place, speed in enumerate(SPEEDS, start=1):
             if place == len(self.observers):
-                self.observers.append(self._faster_observer(_pace(first) * speed))
+                self.progress("designing a faster observer")
+                rate = _three_digits(_pace(first) * speed)
+                found = observer_at(self.problem, self.request, rate) if rate > 0 else None
+                self.observers.append(found)
             faster = self.observers[place]
             if faster is None or faster.W is None:
                 return
@@ -118,11 +120,6 @@ class Ground:
         if fast.W is not None:
             return fast
         return observer_at(self.problem, self.request, asked * Fraction(101, 100))
-
-    def _faster_observer(self, pace: Fraction) -> ObserverDesign | None:
-        rate = _three_digits(pace)
-        self.progress("designing a faster observer")
-        return observer_at(self.problem, self.request, rate) if rate > 0 else None
 
     def pinning(
         self,
@@ -143,14 +140,6 @@ class Ground:
             conservative=conservative or self.request.conservative,
         )
         return search_pinning(self.problem, request, self.progress)
-
-    def too_fast(self) -> Statement | None:
-        """A proof that no gains reach the rate; it is about agents that are integrators."""
-        request = self.request
-        if request.rate is None or self.problem.dynamics is not None:
-            return None
-        limits = Limits(allowed=request.allowed, caps=request.caps, pins=request.pins)
-        return too_fast(self.problem, request.rate, limits, slow_directions)
 
     def fails(self, obstacle: Statement, observer: ObserverDesign | None = None) -> Design:
         """No design, because of the obstacle."""
@@ -175,7 +164,7 @@ class Proposal:
 
     observer: ObserverDesign | None
     gains: Gains
-    pinned: Sequence[int]
+    pinned: Sequence[int] = ()
     aim: float = 0.0
     near: PinningDesign | None = None
     region: RegionPrices | None = None
@@ -218,7 +207,9 @@ def attempt(
     # Exact arithmetic with such an exosystem would take too long, its reduction included.
     large = next(filter(None, reasons), None)
     reduction = Reduction() if large else reduced_exosystem(problem, reduce=request.reduce)
-    bare = _bare(problem, reduction)
+    bare = changed_problem(problem, {"pinning.gains": None, **reduction.changes})
+    if bare.groups:
+        bare = changed_problem(bare, gain_changes(bare, None))
     ground = Ground(
         problem=bare,
         request=request,
@@ -227,9 +218,10 @@ def attempt(
         structure=structure_of(bare, request.allowed),
         part=part,
     )
-    obstacle = (
-        reduction.obstacle or agents.obstacle(bare, request, ground.structure) or ground.too_fast()
-    )
+    obstacle = reduction.obstacle or agents.obstacle(bare, request, ground.structure)
+    # What no gains reach is known of agents that are integrators.
+    if obstacle is None and bare.dynamics is None:
+        obstacle = too_fast(bare, request, slow_directions)
     if obstacle is None and large:
         obstacle = undecided("exosystem", f"what an observer has to do is {large}")
     if obstacle is not None:
@@ -240,14 +232,6 @@ def attempt(
     if observer is not None and observer.W is None:
         return ground.fails(undecided("observer", NO_OBSERVER))
     return _first_proved(ground, slower)
-
-
-def _bare(problem: Problem, reduction: Reduction) -> Problem:
-    """The problem with the reduced exosystem, without gains and without W."""
-    bare = changed_problem(problem, {"pinning.gains": None, **reduction.changes})
-    if bare.groups:
-        bare = changed_problem(bare, gain_changes(bare, None))
-    return bare
 
 
 def _first_proved(ground: Ground, slower: list[Design] | None) -> Design:
@@ -268,19 +252,14 @@ def _first_proved(ground: Ground, slower: list[Design] | None) -> Design:
         last = design
         tries += 1
         # What is proved at a lower rate is a candidate for the nearest request.
-        if slower is not None:
-            slower += _without_rate(design)
+        proof = design.certificate
+        proved = proof is not None and proof.verdict is Verdict.PROVED
+        if slower is not None and proved and design.rate:
+            without = replace(design.request, rate=None)
+            slower.append(replace(design, verdict=Verdict.PROVED, request=without))
     if best is not None:
         return best
     return ground.fails(_none_proved(ground, tries, last))
-
-
-def _without_rate(design: Design) -> Iterator[Design]:
-    """The design as an answer to the request without a rate, where its certificate holds."""
-    proof = design.certificate
-    if proof is not None and proof.verdict is Verdict.PROVED and design.rate:
-        request = replace(design.request, rate=None)
-        yield replace(design, verdict=Verdict.PROVED, request=request)
 
 
 def _none_proved(ground: Ground, tries: int, last: Design | None) -> Statement:
@@ -309,12 +288,13 @@ def _certified(ground: Ground, proposal: Proposal) -> Design:
     if W is not None:
         changes |= gain_changes(problem, W)
     designed = changed_problem(problem, changes)
-    proof = _proof(ground, designed, proposal.aim)
-    certificate = proof.certificate
-    rate = proof.rate
+    certificate, everything = _proof(ground, designed, proposal.aim)
+    rate = _rate_of(certificate)
     holds = certificate.verdict is Verdict.PROVED
     if holds and request.rate is not None:
         holds = claimed(rate or 0.0) >= request.rate
+    count = len(proposal.pinned or proposal.gains)
+    has_dynamics = designed.dynamics is not None
     return Design(
         verdict=Verdict.PROVED if holds else Verdict.UNDECIDED,
         request=request,
@@ -328,56 +308,34 @@ def _certified(ground: Ground, proposal: Proposal) -> Design:
         problem=designed,
         certificate=certificate,
         observer=proposal.observer,
-        grounds=_grounds(ground, proposal, designed, proof),
+        grounds=Grounds(
+            structure=ground.structure,
+            limited=request.pins is not None and count >= request.pins,
+            part=ground.part if request.rate is None and not has_dynamics else None,
+            reduction=ground.reduction.words,
+            everything=everything,
+            near=proposal.near,
+            region=proposal.region,
+            weaker=agents.weaker(designed, rate) if has_dynamics and rate else None,
+        ),
     )
 
 
-def _grounds(ground: Ground, proposal: Proposal, designed: Problem, proof: Proof) -> Grounds:
-    """Why the design is as it is."""
-    request = ground.request
-    has_dynamics = designed.dynamics is not None
-    aims_at_part = request.rate is None and not has_dynamics
-    weaker = None
-    if has_dynamics and proof.rate:
-        weaker = agents.weaker(designed, proof.rate)
-    return Grounds(
-        structure=ground.structure,
-        limited=request.pins is not None and len(proposal.pinned) >= request.pins,
-        part=ground.part if aims_at_part else None,
-        reduction=ground.reduction.words,
-        everything=proof.everything,
-        near=proposal.near,
-        region=proposal.region,
-        weaker=weaker,
-    )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Proof:
-    """A certificate and the largest rate (1/s) that it has; ``everything``: every condition was run
-    for it."""
-
-    certificate: Certificate
-    rate: float | None
-    everything: bool
-
-
-def _proof(ground: Ground, designed: Problem, aim: float) -> Proof:
-    """Certify a design that is meant for the rate ``aim`` (1/s)."""
+def _proof(ground: Ground, designed: Problem, aim: float) -> tuple[Certificate, bool]:
+    """Certify a design that is meant for the rate ``aim`` (1/s); and whether every condition was
+    run for it."""
     request = ground.request
     ground.progress("certifying the design")
     nearly = aim * NEARLY
     # Proofs with at least this rate are looked for.
     least = max(claimed(shorten(nearly, digits=6)), request.rate or Fraction(0)) or None
     first = certify(designed, rate=least, progress=ground.progress)
-    rate = _rate_of(first)
     hoped = nearly if request.rate is not None or ground.part > HALF else 0.0
-    falls_short = first.verdict is Verdict.PROVED and (rate or 0.0) < hoped
+    falls_short = first.verdict is Verdict.PROVED and (_rate_of(first) or 0.0) < hoped
     if not falls_short or not designed.is_linear or not designed.region:
-        return Proof(certificate=first, rate=rate, everything=False)
+        return first, False
     # A proof of every start came first, with a lower rate.
-    whole = certify(designed, rate=least, everything=True, progress=ground.progress)
-    return Proof(certificate=whole, rate=_rate_of(whole), everything=True)
+    return certify(designed, rate=least, everything=True, progress=ground.progress), True
 
 
 def _rate_of(proof: Certificate) -> float | None:
@@ -385,9 +343,8 @@ def _rate_of(proof: Certificate) -> float | None:
     verdict, with the least time to one percent, may have a smaller one."""
     if proof.rate is None:
         return None
-    loop = loop_of(proof.problem)
-    covering = [each for each in proof.checks if covers(loop, each, proof.checks)]
-    return max((each.rate for each in covering if each.rate is not None), default=proof.rate)
+    proofs = covering(loop_of(proof.problem), proof.checks)
+    return max((each.rate for each in proofs if each.rate is not None), default=proof.rate)
 
 
 def _weaker(
@@ -434,17 +391,13 @@ def _tightened(asked: DesignRequest, found: Design) -> Design:
     if asked.pins is not None and request.pins is None:
         request = replace(request, pins=max(asked.pins, len(found.gains)))
     if asked.caps and not request.caps:
-        request = replace(request, caps=_reached_caps(asked.caps, found))
+        reached = {found.labels.index(label): k for label, k in found.gains.items()}
+        # one cap for all was asked for, so one for all is the answer
+        if len(set(asked.caps.values())) == 1:
+            reached = dict.fromkeys(asked.caps, max(reached.values()))
+        caps = {i: max(cap, reached.get(i, cap)) for i, cap in asked.caps.items()}
+        request = replace(request, caps=caps)
     return replace(found, request=request)
-
-
-def _reached_caps(asked: Gains, found: Design) -> dict[int, Fraction]:
-    """The caps asked for, or the gains of the design where these are larger."""
-    reached = {found.labels.index(label): k for label, k in found.gains.items()}
-    # one cap for all was asked for, so one for all is the answer
-    if len(set(asked.values())) == 1:
-        reached = dict.fromkeys(asked, max(reached.values()))
-    return {i: max(cap, reached.get(i, cap)) for i, cap in asked.items()}
 
 
 def observer_at(problem: Problem, request: DesignRequest, rate: Fraction | None) -> ObserverDesign:
@@ -467,13 +420,18 @@ def _three_digits(rate: Fraction) -> Fraction:
     return claimed(float(f"{float(rate):.3g}"))
 
 
-def region_search(problem: Problem, observer: ObserverDesign | None) -> RegionSearch:
+def region_search(
+    problem: Problem, request: DesignRequest, observer: ObserverDesign | None
+) -> RegionSearch:
     """The rows of the region asked for, or next to the consensus, of a problem without gains."""
     region = problem.region
-    radius = Fraction(0) if region is None else max(asked_radius(loop_of(problem)))
-    disturbance = Fraction(0) if region is None else region.initial_disturbance or Fraction(0)
-    W = None if observer is None else observer.W
-    return RegionSearch(problem, W, radius=radius or SMALL, disturbance=disturbance)
+    return RegionSearch(
+        problem=problem,
+        W=None if observer is None else observer.W,
+        caps=request.caps,
+        radius=max(asked_radius(loop_of(problem)), default=SMALL) or SMALL,
+        disturbance=(region and region.initial_disturbance) or Fraction(0),
+    )
 
 
 def of_region(ground: Ground) -> Iterator[Proposal]:
@@ -491,29 +449,25 @@ def of_region(ground: Ground) -> Iterator[Proposal]:
 
     def search_with(observer: ObserverDesign | None) -> RegionSearch:
         if id(observer) not in searches:
-            searches[id(observer)] = region_search(problem, observer)
+            searches[id(observer)] = region_search(problem, request, observer)
         return searches[id(observer)]
 
     most = len(request.allowed) if request.pins is None else request.pins
     first = search_with(next(ground.every_observer()))
-    sets = PinSets(structure=ground.structure, request=request, search=first)
+    sets = PinSets(structure=ground.structure, allowed=request.allowed, search=first)
     # Few pins come first: a set is left when no observer makes it do.
     for pinned in sets.growing(most):
         ground.progress(f"looking for gains on {counted(len(pinned), 'agent')}")
         observers = ground.every_observer()
         if request.rate is None:
             every = list(observers)
-            rates = [search_with(each).fastest(pinned, request.caps, coarse=True) for each in every]
-            observers = iter(every[_fast_enough(rates, ground.part) :])
+            rates = [search_with(each).fastest(pinned, coarse=True) for each in every]
+            # Slower ones hold the network back.
+            least = (ENOUGH if ground.part <= HALF else ALMOST) * max(rates)
+            place = next(place for place, rate in enumerate(rates) if rate >= least)
+            observers = iter(every[place:])
         for observer in observers:
             yield from _over_region(ground, observer, search_with(observer), pinned)
-
-
-def _fast_enough(rates: Sequence[float], part: Fraction) -> int:
-    """The place of the slowest observer that does not hold the network back, by the rates that
-    gains reach."""
-    least = (ENOUGH if part <= HALF else ALMOST) * max(rates)
-    return next(place for place, rate in enumerate(rates) if rate >= least)
 
 
 def of_agents(ground: Ground, dynamics: Dynamics) -> Iterator[Proposal]:
@@ -533,13 +487,9 @@ def of_agents(ground: Ground, dynamics: Dynamics) -> Iterator[Proposal]:
         return (each.gains for each in of_consensus(network))
 
     observer = next(ground.every_observer())
-    for scaled in agents.designs(ground.problem, dynamics, request, networks):
-        yield Proposal(
-            observer=observer,
-            gains=scaled.gains,
-            pinned=tuple(scaled.gains),
-            changes=scaled.changes,
-        )
+    find = agents.with_couplings if request.coupling else agents.with_strengths
+    for gains, changes in find(ground.problem, dynamics, request, networks):
+        yield Proposal(observer=observer, gains=gains, changes=changes)
 
 
 def search_agents(
@@ -587,12 +537,11 @@ def _over_region(
 ) -> Iterator[Proposal]:
     """Gains on these agents for the whole region, for rates that are faster and faster."""
     request = ground.request
-    caps = request.caps
     rate = None if request.rate is None else float(request.rate)
     # Many sets fall here, so that few points of s have to do.
-    if rate is not None and search.holds(pinned, caps, rate, coarse=True) is None:
+    if rate is not None and search.holds(pinned, rate, coarse=True) is None:
         return
-    fastest = search.fastest(pinned, caps)
+    fastest = search.fastest(pinned)
     target = float(ground.part) * fastest if rate is None else rate
     may_grow = request.pins is None and len(pinned) < len(request.allowed)
     most = fastest * (COMFORT if may_grow else 1.0)
@@ -600,12 +549,12 @@ def _over_region(
         return
     # Rounded v and gains may prove a little less than they are meant for.
     for pad in PADS:
-        found = search.smallest(pinned, caps, min(target * float(pad), (target + fastest) / 2))
+        found = search.smallest(pinned, min(target * float(pad), (target + fastest) / 2))
         if found is None:
             return
         yield Proposal(
             observer=observer,
-            gains=typed_gains(found.gains, digits=request.digits, caps=caps),
+            gains=typed_gains(found.gains, request),
             pinned=pinned,
             aim=target,
             region=_region_prices(ground, found),
@@ -624,16 +573,18 @@ def _region_prices(ground: Ground, found: RegionGains) -> RegionPrices | None:
         if i in caps and k >= 0.999 * float(caps[i]):
             capped.append(labels[i])
     others = [i for i in range(ground.problem.n) if i not in found.gains]
+    prices = found.prices.tolist()
     # Prices that differ by less than the solver's accuracy are alike.
-    best = sorted(others, key=lambda i: (-round(float(found.prices[i]), 6), i))[:BUYS]
-    saving = {}
-    if best and found.prices[best[0]] > 1:
-        saving = {i: float(found.prices[i]) for i in best if found.prices[i] > 1}
+    best = sorted(others, key=lambda i: (-round(prices[i], 6), i))[:BUYS]
+    savings = None
+    if others:
+        dear = bool(best) and prices[best[0]] > 1
+        savings = {labels[i]: prices[i] for i in best if dear and prices[i] > 1}
     return RegionPrices(
         rate=found.rate,
         share=found.rate_price * found.rate / total,
         capped=tuple(capped),
-        savings={labels[i]: saved for i, saved in saving.items()} if others else None,
+        savings=savings,
         barred=bool(best) and best[0] not in ground.request.allowed,
     )
 
@@ -641,6 +592,7 @@ def _region_prices(ground: Ground, found: RegionGains) -> RegionPrices | None:
 def of_consensus(ground: Ground) -> Iterator[Proposal]:
     """The cheapest gains near the consensus, by the true rate or by V = e'e."""
     request = ground.request
+    index = ground.problem.network.index
     agents = request.allowed
     if request.rate is None:
         agents, rates = _slow_start(ground)
@@ -654,17 +606,8 @@ def of_consensus(ground: Ground) -> Iterator[Proposal]:
             found = ground.pinning(rate, agents, request.pins or FEWEST)
             if found.verdict is Verdict.PROVED:
                 best = _with_more_pins(ground, found, rate, agents)
-                yield _near_consensus(ground, observer, best, rate)
-
-
-def _near_consensus(
-    ground: Ground, observer: ObserverDesign | None, found: PinningDesign, rate: Fraction
-) -> Proposal:
-    index = ground.problem.network.index
-    gains = {index[label]: k for label, k in found.gains.items()}
-    return Proposal(
-        observer=observer, gains=gains, pinned=tuple(gains), aim=float(rate), near=found
-    )
+                gains = {index[label]: k for label, k in best.gains.items()}
+                yield Proposal(observer=observer, gains=gains, aim=float(rate), near=best)
 
 
 def _with_more_pins(

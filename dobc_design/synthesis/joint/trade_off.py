@@ -118,14 +118,14 @@ class Curve:
             text = "allowed must leave every group that listens to nobody outside an agent to pin."
             cure = "dobc_design.design says which agents are missing."
             raise SpecError(text, key="allowed", cure=cure)
-        search = region_search(self.problem, observer)
+        search = region_search(self.problem, request, observer)
         most = len(request.allowed) if request.pins is None else request.pins
         most = min(most, len(structure.agents) + self.count - 1)
-        sets = PinSets(structure=structure, request=request, search=search)
+        sets = PinSets(structure=structure, allowed=request.allowed, search=search)
         found = list[TradePoint]()
         for pinned in sets.growing(most, one_by_one=True):
             self.progress(f"{len(pinned)} pinned agents")
-            rate = search.fastest(pinned, request.caps)
+            rate = search.fastest(pinned)
             if 0 < rate < math.inf:
                 names = tuple(labels[i] for i in pinned)
                 found.append(TradePoint(x=float(len(pinned)), y=rate, pinned=names))

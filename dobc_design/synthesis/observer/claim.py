@@ -15,6 +15,7 @@ from typing import Any
 
 from dobc_design._checks import put
 from dobc_design._show.cards import Card, Shown, Told, cut
+from dobc_design.conditions.numbers import fields_to_json
 from dobc_design.conditions.statement import Statement
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix
@@ -195,9 +196,15 @@ def read_observer_request(
     """Read the arguments of ``design_observer``; numbers exactly.  Raises: SpecError for a wrong
     one."""
     check_digits(digits)
+    regions = _given(region)
+    for each in regions:
+        if not isinstance(each, SpectralRegion):
+            must = "region must be a HalfPlane, a Disk or a Cone, or a list of them"
+            cure = "For example region=dd.poles.Cone(damping=0.7)."
+            raise SpecError(f"{must}; got {shown(each)}.", key="region", cure=cure)
     request = ObserverRequest(
         rate=None if rate is None else read_positive(rate, "rate"),
-        regions=_read_regions(region),
+        regions=regions,
         noise=read_noise(noise),
         digits=digits,
         period=None if period is None else read_positive(period, "period"),
@@ -251,16 +258,6 @@ def read_noise(value: Any) -> tuple[NoiseLimit, ...]:
         limit = each if isinstance(each, NoiseLimit) else NoiseLimit(bound=each)
         limits.append(limit)
     return tuple(limits)
-
-
-def _read_regions(value: Any) -> tuple[SpectralRegion, ...]:
-    regions = _given(value)
-    for region in regions:
-        if not isinstance(region, SpectralRegion):
-            must = "region must be a HalfPlane, a Disk or a Cone, or a list of them"
-            cure = "For example region=dd.poles.Cone(damping=0.7)."
-            raise SpecError(f"{must}; got {shown(region)}.", key="region", cure=cure)
-    return regions
 
 
 def _given(value: Any) -> tuple[Any, ...]:
@@ -361,22 +358,19 @@ class ObserverDesign(Answer):
     relaxed: bool = False
 
     def _why(self) -> str:
-        if self.groups:
-            return self._why_together()
-        if self.obstacle is not None:
-            return self.obstacle.text
-        if self.verdict is Verdict.PROVED:
-            return "W, with its rounded entries, meets all requirements."
-        return "no W was found that meets all requirements, and no proof that there is none."
-
-    def _why_together(self) -> str:
-        """The reason of the first group that has the verdict of all."""
+        proved = self.verdict is Verdict.PROVED
         if self.relaxed:
             return "every group meets this request."
-        if self.verdict is Verdict.PROVED:
-            return "W of every group, with its rounded entries, meets all requirements."
-        worst = next(name for name, each in self.groups.items() if each.verdict is self.verdict)
-        return f"group of agent {worst}: {self.groups[worst].reason}"
+        if self.groups and not proved:
+            # The first group that has the verdict of all.
+            worst = next(name for name, each in self.groups.items() if each.verdict is self.verdict)
+            return f"group of agent {worst}: {self.groups[worst].reason}"
+        if self.obstacle is not None:
+            return self.obstacle.text
+        if proved:
+            whose = " of every group" if self.groups else ""
+            return f"W{whose}, with its rounded entries, meets all requirements."
+        return "no W was found that meets all requirements, and no proof that there is none."
 
     def __str__(self) -> str:
         lines = [f"{self.verdict.value}: {self.reason}"]
@@ -388,12 +382,9 @@ class ObserverDesign(Answer):
         lines += [f"  {statement}" for statement in self.statements]
         return "\n".join(lines)
 
-    def _matrices(self) -> dict[str, Matrix | None]:
-        return {"W": self.W, "P": self.P, "Q": self.Q}
-
     def _card(self) -> Card:
         facts = list[tuple[str, Any]]()
-        for name, M in self._matrices().items():
+        for name, M in (("W", self.W), ("P", self.P), ("Q", self.Q)):
             if M is not None:
                 facts.append((name, M))
         for name, value in self.measures.items():
@@ -407,18 +398,10 @@ class ObserverDesign(Answer):
         # JSON has no infinite numbers.
         for name, value in self.measures.items():
             measures[name] = value if abs(value) < float("inf") else None
-        document: dict[str, Any] = {
+        return {
             "verdict": self.verdict.value,
-            "reason": self.reason,
-            "source": self.source,
+            **fields_to_json(self, "reason", "source", "W", "P", "Q", "statements"),
+            "measures": measures,
+            # Groups are there only where agents have different exosystems.
+            **fields_to_json(self, "nearest", *(["groups"] if self.groups else [])),
         }
-        for name, M in self._matrices().items():
-            document[name] = None if M is None else matrix_text(M)
-        document["statements"] = [statement.to_json() for statement in self.statements]
-        document["measures"] = measures
-        document["nearest"] = None if self.nearest is None else self.nearest.to_json()
-        # Only where agents have different exosystems.
-        if self.groups:
-            groups = {name: each.to_json() for name, each in self.groups.items()}
-            document["groups"] = groups
-        return document

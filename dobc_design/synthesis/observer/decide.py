@@ -68,10 +68,7 @@ def gain_statements(
     """Everything that the request asks of W (q, m), decided for W exactly."""
     noise = [noise_statement(exosystem, W, limit) for limit in request.noise]
     if request.period is not None:
-        asked = sampled_statements(
-            exosystem, W, period=request.period, rate=request.rate, regions=request.regions
-        )
-        return *asked, *noise
+        return *sampled_statements(exosystem, W, request, request.period), *noise
     F = error_matrix(exosystem, W)
     # Convergence is proved even where a rate or a region implies it: everything else rests on it.
     found = [hurwitz_statement(F)]
@@ -187,12 +184,7 @@ class SampledDisk:
 
 
 def sampled_statements(
-    exosystem: Exosystem,
-    W: Matrix,
-    *,
-    period: Fraction,
-    rate: Fraction | None,
-    regions: Sequence[claim.SpectralRegion],
+    exosystem: Exosystem, W: Matrix, request: claim.ObserverRequest, period: Fraction
 ) -> tuple[Statement, ...]:
     """Schur stability of the sampled error, its rate (|z| <= exp(-rate T)) and disks; UNDECIDED
     close to a border."""
@@ -200,21 +192,20 @@ def sampled_statements(
     polynomial = exponential.interval_characteristic_polynomial(closed)
     widest = max(x.width for x in polynomial)
     shown = {"period": number_text(period), "width": f"{float_above(widest):.1e}"}
-    asked = _sampled_disks(period, rate, regions)
+    asked = _sampled_disks(request, period)
     return tuple(disk.decided(polynomial, **shown) for disk in asked)
 
 
-def _sampled_disks(
-    period: Fraction, rate: Fraction | None, regions: Sequence[claim.SpectralRegion]
-) -> Iterator[SampledDisk]:
+def _sampled_disks(request: claim.ObserverRequest, period: Fraction) -> Iterator[SampledDisk]:
     """The unit disk, that of the rate, and the disks asked for."""
+    rate = request.rate
     text = "the sampled error converges: every eigenvalue lies inside the unit disk"
     yield SampledDisk(kind="sampled", text=text, centre=Fraction(0), radius=Interval.point(1))
     if rate is not None:
         radius = exp(Interval.point(-rate * period))
         text = f"the sampled error decays at the rate {shown_number(rate)} 1/s or faster"
         yield SampledDisk(kind="rate", text=text, centre=Fraction(0), radius=radius)
-    for region in regions:
+    for region in request.regions:
         if isinstance(region, claim.Disk):
             radius = Interval.point(region.radius)
             text = f"every eigenvalue of the sampled error lies in {region.in_letter('z')}"

@@ -17,9 +17,9 @@ for it.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import product
 
@@ -71,25 +71,19 @@ def propose_gains(
     placement."""
     with suppress(*GIVEN_UP):
         plant = make_plant(exosystem, request)
-        if len(plant.A):
-            yield from _rounded_gains(plant, request)
-        else:
+        if not len(plant.A):
             yield zeros(exosystem.order, exosystem.outputs), "nothing to correct"
+        found = list[tuple[Array, str]]()
+        for W, source in _gains(plant, request) if len(plant.A) else ():
+            yield round_matrix(plant.T.T @ W, request.digits), source
+            found.append((W, source))
+        # Rounding may break what holds only just: the first ones with more digits.
+        for digits, (W, source) in product(MORE_DIGITS, found[: 2 * len(SLACKS)]):
+            if digits > request.digits:
+                yield round_matrix(plant.T.T @ W, digits), f"{source}, with {digits} digits"
     if request.period is None:
-        for W in _placed(exosystem, request):
-            yield W, "exact pole placement"
-
-
-def _rounded_gains(plant: Plant, request: claim.ObserverRequest) -> Iterator[tuple[Matrix, str]]:
-    """Gains with the digits asked for; after these the first of them with more digits."""
-    found = list[tuple[Array, str]]()
-    for W, source in _gains(plant, request):
-        yield round_matrix(plant.T.T @ W, request.digits), source
-        found.append((W, source))
-    # Rounding may break what holds only just.
-    for digits, (W, source) in product(MORE_DIGITS, found[: 2 * len(SLACKS)]):
-        if digits > request.digits:
-            yield round_matrix(plant.T.T @ W, digits), f"{source}, with {digits} digits"
+        for placed in _placed(exosystem, request):
+            yield placed, "exact pole placement"
 
 
 def _placed(exosystem: Exosystem, request: claim.ObserverRequest) -> Iterator[Matrix]:
@@ -115,7 +109,12 @@ def make_plant(exosystem: Exosystem, request: claim.ObserverRequest) -> Plant:
     regions = request.all_regions
     if request.period is not None:
         period = float(request.period)
-        disk = _disk_of_rate(A, C, request.rate, period)
+        rate = request.rate
+        # Without a rate half that of the Kalman gain in continuous time.
+        if rate is None:
+            rate = propose.half_rate(A, C, propose.kalman_gain(A, C))
+        radius = Fraction(math.exp(-float(rate) * period))
+        disk = claim.Disk(centre=0, radius=radius.limit_denominator(10**15))
         A, C = _sampled(A, C, period)
         regions = (disk, *request.regions)
     T = np.eye(len(A))
@@ -132,14 +131,6 @@ def _sampled(A: Array, C: Array, period: float) -> tuple[Array, Array]:
     both = np.block([[A, np.eye(q)], [np.zeros((q, 2 * q))]])
     block = linalg.expm(both * period)
     return block[:q, :q], C @ block[:q, q:] / period
-
-
-def _disk_of_rate(A: Array, C: Array, rate: Fraction | None, period: float) -> claim.Disk:
-    """|z| <= exp(-rate T); without a rate half that of the Kalman gain in continuous time."""
-    if rate is None:
-        rate = propose.half_rate(A, C, propose.kalman_gain(A, C))
-    radius = Fraction(math.exp(-float(rate) * period))
-    return claim.Disk(centre=0, radius=radius.limit_denominator(10**15))
 
 
 def _observable_rows(exosystem: Exosystem) -> Array:
@@ -159,22 +150,31 @@ def _gains(plant: Plant, request: claim.ObserverRequest) -> Iterator[tuple[Array
     small = len(plant.A) <= propose.LARGEST_PROGRAM
     slacks = SLACKS if small or request.regions else ()
     for rate in _rates(plant, request):
-        regions = plant.regions
+        own = plant
         if rate:
             # The smallest |W| alone would be too slow to be of use.
-            regions = (claim.HalfPlane(left_of=-rate), *regions)
-        if claim.common_interval(regions) is None:
+            own = replace(plant, regions=(claim.HalfPlane(left_of=-rate), *plant.regions))
+        if claim.common_interval(own.regions) is None:
             continue
         found = list[tuple[Array, str]]()
         for slack in slacks:
-            W = lmi_gain(plant.A, plant.C, regions, slack=slack)
+            W = lmi_gain(own, slack=slack)
             if W is not None:
                 found.append((W, INEQUALITIES))
-        found += kalman_gains(plant.A, plant.C, regions, sampled=plant.sampled)
+        found += _kalman_gains(own)
         # A small W passes on little noise.
         yield from sorted(found, key=lambda each: float(np.linalg.norm(each[0])))
-    if request.noise:
-        yield from _quiet_gains(plant, request.noise)
+    if not request.noise:
+        return
+    for slack in SLACKS:
+        W = lmi_gain(plant, noise=request.noise, slack=slack)
+        if W is not None:
+            yield W, INEQUALITIES
+    # Kalman gains from fast to slow.
+    for ratio in RATIOS:
+        W = propose.kalman_gain(plant.A, plant.C, process=ratio)
+        if W is not None:
+            yield W, f"Kalman gain, process noise {ratio:.3g} times that of the measurement"
 
 
 def _rates(plant: Plant, request: claim.ObserverRequest) -> list[Fraction]:
@@ -188,105 +188,124 @@ def _rates(plant: Plant, request: claim.ObserverRequest) -> list[Fraction]:
     return [*(rate / 2**k for k in range(halvings)), Fraction(0)]
 
 
-def _quiet_gains(plant: Plant, noise: Sequence[claim.NoiseLimit]) -> Iterator[tuple[Array, str]]:
-    """Gains for bounds on noise, by matrix inequalities, then Kalman gains from fast to slow."""
-    for slack in SLACKS:
-        W = lmi_gain(plant.A, plant.C, plant.regions, noise=noise, slack=slack)
-        if W is not None:
-            yield W, INEQUALITIES
-    for ratio in RATIOS:
-        W = propose.kalman_gain(plant.A, plant.C, process=ratio)
-        if W is not None:
-            yield W, f"Kalman gain, process noise {ratio:.3g} times that of the measurement"
-
-
-def lmi_gain(
-    A: Array,
-    C: Array,
-    regions: Sequence[claim.SpectralRegion],
-    *,
-    noise: Sequence[claim.NoiseLimit] = (),
-    slack: float = 1e-6,
-) -> Array | None:
-    """W = P^-1 Q (q, m) with the least tr P + |Q|^2 subject to the inequalities, or None.  Shapes:
-    A (q, q) in 1/s, C (m, q).  ``slack`` keeps the answer inside, relative to P.  Time is in units
-    of the fastest rate in play, so that an H-infinity norm of the exosystem channel is so many
-    times as large."""
-    time = _time_unit(A, regions)
+def lmi_gain(plant: Plant, *, noise: Sequence[claim.NoiseLimit] = (), slack: float) -> Array | None:
+    """W = P^-1 Q (q, m) with the least tr P + |Q|^2 subject to the inequalities, or None.
+    ``slack`` keeps the answer inside, relative to P.  Time is in units of the fastest rate in play,
+    so that an H-infinity norm of the exosystem channel is so many times as large."""
+    asked = _Inequalities(plant=plant, noise=noise, time=_time_unit(plant), slack=slack)
     # A bound on a norm fixes the scale of P; the largest floor of P that has an answer keeps W =
     # P^-1 Q small.
     floors = FLOORS if noise else (Fraction(1),)
-    pencils = _pencils(A / time, C, regions, noise, time=time, slack=slack)
+    pencils = asked.pencils()
     for floor in floors:
         answer = solve_directly(Program(pencils=pencils, floor=floor))
         if answer.found:
-            W: Array = np.asarray(linalg.lstsq(answer.values["P"], time * answer.values["Q"])[0])
+            Q = asked.time * answer.values["Q"]
+            W: Array = np.asarray(linalg.lstsq(answer.values["P"], Q)[0])
             return W if np.all(np.isfinite(W)) else None
     return None
 
 
-def _time_unit(A: Array, regions: Sequence[claim.SpectralRegion]) -> float:
+def _time_unit(plant: Plant) -> float:
     """The fastest rate in play, in 1/s."""
-    fastest = float(np.max(np.abs(np.linalg.eigvals(A)), initial=0.0))
-    for region in regions:
+    fastest = float(np.max(np.abs(np.linalg.eigvals(plant.A)), initial=0.0))
+    for region in plant.regions:
         for end in region.real_ends:
             if end is not None:
                 fastest = max(fastest, abs(float(end)))
     return max(1e-12, fastest)
 
 
-def _pencils(
-    A: Array,
-    C: Array,
-    regions: Sequence[claim.SpectralRegion],
-    noise: Sequence[claim.NoiseLimit],
-    *,
-    time: float,
-    slack: float,
-) -> tuple[Pencil, ...]:
-    """The conditions on (P, Q) as pencils.  They are affine, so that their values at 0 and at unit
-    entries give them."""
-    m, q = C.shape
-    unknowns = (
-        Unknown(name="P", rows=q, columns=q, symmetric=True),
-        Unknown(name="Q", rows=q, columns=m, symmetric=False),
-    )
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Inequalities:
+    """What (P, Q) have to meet (module docstring), with ``time`` (1/s) as the unit of rates."""
 
-    def blocks(P: Array, Q: Array) -> list[Array]:
-        M = P @ A - Q @ C
-        found = [_region_block(M, P, region, time=time, slack=slack) for region in regions]
-        for limit in noise:
-            found += _noise_blocks(M, P, Q, C, limit, time=time)
+    plant: Plant
+    noise: Sequence[claim.NoiseLimit]
+    time: float
+    slack: float
+
+    def pencils(self) -> tuple[Pencil, ...]:
+        """The conditions as pencils.  They are affine, so that their values at 0 and at unit
+        entries give them."""
+        m, q = self.plant.C.shape
+        unknowns = (
+            Unknown(name="P", rows=q, columns=q, symmetric=True),
+            Unknown(name="Q", rows=q, columns=m, symmetric=False),
+        )
+        values = dict(self._at_unit_entries(unknowns))
+        pencils = list[Pencil]()
+        for k, constant in enumerate(self._blocks(np.zeros((q, q)), np.zeros((q, m)))):
+            coefficients = {place: _sparse(value[k] - constant) for place, value in values.items()}
+            pencils.append(
+                Pencil(
+                    name="observer",
+                    constant=_sparse(constant),
+                    unknowns=unknowns,
+                    coefficients=coefficients,
+                )
+            )
+        return tuple(pencils)
+
+    def _at_unit_entries(
+        self, unknowns: tuple[Unknown, ...]
+    ) -> Iterator[tuple[Place, list[Array]]]:
+        """The matrices where one entry of one unknown is 1, by its place."""
+        for number, unknown in enumerate(unknowns):
+            for place in unknown.places():
+                arrays = [np.zeros((u.rows, u.columns)) for u in unknowns]
+                row, column = place[1:]
+                arrays[number][row, column] = 1.0
+                if unknown.symmetric:
+                    arrays[number][column, row] = 1.0
+                yield place, self._blocks(*arrays)
+
+    def _blocks(self, P: Array, Q: Array) -> list[Array]:
+        """The matrices that are negative semidefinite where (P, Q) meet what is asked."""
+        M = P @ (self.plant.A / self.time) - Q @ self.plant.C
+        found = [self._of_region(M, P, region) for region in self.plant.regions]
+        for limit in self.noise:
+            found += self._of_noise(M, P, Q, limit)
         return found
 
-    constants = blocks(np.zeros((q, q)), np.zeros((q, m)))
-    pencils = list[Pencil]()
-    values = dict(_at_unit_entries(blocks, unknowns))
-    for k, constant in enumerate(constants):
-        coefficients = {place: _sparse(value[k] - constant) for place, value in values.items()}
-        pencils.append(
-            Pencil(
-                name="observer",
-                constant=_sparse(constant),
-                unknowns=unknowns,
-                coefficients=coefficients,
-            )
-        )
-    return tuple(pencils)
+    def _of_region(self, M: Array, P: Array, region: claim.SpectralRegion) -> Array:
+        """Of the region, for P^-1 M."""
+        time, slack = self.time, self.slack
+        if isinstance(region, claim.Disk):
+            radius = float(region.radius) / time
+            moved = M - float(region.centre) / time * P
+            corner = (slack - radius) * P
+            return np.block([[corner, moved], [moved.T, corner]])
+        if isinstance(region, claim.Cone):
+            z = float(region.damping)
+            symmetric = math.sqrt(1 - z * z) * (M + M.T) + slack * P
+            skew = z * (M - M.T)
+            return np.block([[symmetric, skew], [skew.T, symmetric]])
+        low, high = region.real_ends
+        if high is not None:
+            return M + M.T + (slack - 2 * float(high) / time) * P
+        return -(M + M.T) + (slack + 2 * float(low or 0) / time) * P
 
-
-def _at_unit_entries(
-    blocks: Callable[..., list[Array]], unknowns: tuple[Unknown, ...]
-) -> Iterator[tuple[Place, list[Array]]]:
-    """The blocks where one entry of one unknown is 1, by its place."""
-    for number, unknown in enumerate(unknowns):
-        for place in unknown.places():
-            arrays = [np.zeros((u.rows, u.columns)) for u in unknowns]
-            row, column = place[1:]
-            arrays[number][row, column] = 1.0
-            if unknown.symmetric:
-                arrays[number][column, row] = 1.0
-            yield place, blocks(*arrays)
+    def _of_noise(self, M: Array, P: Array, Q: Array, limit: claim.NoiseLimit) -> list[Array]:
+        """Of the bound on a norm."""
+        # C (A - W C) is not affine in Q.
+        if limit.channel == "measurement":
+            return []
+        C = self.plant.C
+        bound = float(limit.bound)
+        of_exosystem = limit.channel == "exosystem"
+        if limit.norm == "hinf":
+            border = np.hstack([P if of_exosystem else Q, C.T])
+            if of_exosystem:
+                bound = bound * self.time
+            rest = -bound * np.eye(border.shape[1])
+            return [np.block([[M + M.T, border], [border.T, rest]])]
+        gramian = M + M.T + C.T @ C
+        if of_exosystem:
+            return [gramian, np.array([[np.trace(P) - bound**2 * self.time]])]
+        square = bound**2 * (1 / self.time)
+        m = len(C)
+        return [gramian, -np.block([[square / m * np.eye(m), Q.T], [Q, P]])]
 
 
 def _sparse(matrix: Array) -> SparseSymmetric:
@@ -297,85 +316,33 @@ def _sparse(matrix: Array) -> SparseSymmetric:
     return SparseSymmetric(len(matrix), entries)
 
 
-def _region_block(
-    M: Array, P: Array, region: claim.SpectralRegion, *, time: float, slack: float
-) -> Array:
-    """The matrix that is negative semidefinite where P shows the region for P^-1 M (module
-    docstring)."""
-    if isinstance(region, claim.Disk):
-        radius = float(region.radius) / time
-        moved = M - float(region.centre) / time * P
-        corner = (slack - radius) * P
-        return np.block([[corner, moved], [moved.T, corner]])
-    if isinstance(region, claim.Cone):
-        z = float(region.damping)
-        symmetric = math.sqrt(1 - z * z) * (M + M.T) + slack * P
-        skew = z * (M - M.T)
-        return np.block([[symmetric, skew], [skew.T, symmetric]])
-    low, high = region.real_ends
-    if high is not None:
-        return M + M.T + (slack - 2 * float(high) / time) * P
-    return -(M + M.T) + (slack + 2 * float(low or 0) / time) * P
-
-
-def _noise_blocks(
-    M: Array, P: Array, Q: Array, C: Array, limit: claim.NoiseLimit, *, time: float
-) -> list[Array]:
-    """The matrices that are negative semidefinite where P shows the bound (module docstring)."""
-    # C (A - W C) is not affine in Q.
-    if limit.channel == "measurement":
-        return []
-    bound = float(limit.bound)
-    of_exosystem = limit.channel == "exosystem"
-    if limit.norm == "hinf":
-        border = np.hstack([P if of_exosystem else Q, C.T])
-        if of_exosystem:
-            bound = bound * time
-        rest = -bound * np.eye(border.shape[1])
-        return [np.block([[M + M.T, border], [border.T, rest]])]
-    gramian = M + M.T + C.T @ C
-    if of_exosystem:
-        square = bound**2 * time
-        return [gramian, np.array([[np.trace(P) - square]])]
-    square = bound**2 * (1 / time)
-    m = len(C)
-    return [gramian, -np.block([[square / m * np.eye(m), Q.T], [Q, P]])]
-
-
-def kalman_gains(
-    A: Array, C: Array, regions: Sequence[claim.SpectralRegion], *, sampled: bool
-) -> Iterator[tuple[Array, str]]:
+def _kalman_gains(plant: Plant) -> Iterator[tuple[Array, str]]:
     """The Kalman gain with unit weights, then those of A + shift I, or of A / radius, which decay
     faster."""
-    gain = propose.kalman_gain(A, C, sampled=sampled)
+    gain = propose.kalman_gain(plant.A, plant.C, sampled=plant.sampled)
     if gain is not None:
         yield gain, "Kalman gain with unit weights"
-    faster = _faster_sampled if sampled else _faster
-    yield from faster(A, C, regions)
+    yield from _faster_sampled(plant) if plant.sampled else _faster(plant)
 
 
-def _faster_sampled(
-    A: Array, C: Array, regions: Sequence[claim.SpectralRegion]
-) -> Iterator[tuple[Array, str]]:
+def _faster_sampled(plant: Plant) -> Iterator[tuple[Array, str]]:
     """A / radius has its poles in the unit disk where those of A lie in the disk of the radius."""
-    about_zero = [each for each in regions if isinstance(each, claim.Disk) and not each.centre]
-    radius = min((float(disk.radius) for disk in about_zero), default=1.0)
+    disks = [each for each in plant.regions if isinstance(each, claim.Disk) and not each.centre]
+    radius = min((float(disk.radius) for disk in disks), default=1.0)
     for size in (radius * 1.0, radius * 0.95, radius * 0.7):
-        gain = propose.kalman_gain(A / size, C, sampled=True)
+        gain = propose.kalman_gain(plant.A / size, plant.C, sampled=True)
         if gain is not None:
             yield size * gain, "Kalman gain of A / exp(-rate T)"
 
 
-def _faster(
-    A: Array, C: Array, regions: Sequence[claim.SpectralRegion]
-) -> Iterator[tuple[Array, str]]:
+def _faster(plant: Plant) -> Iterator[tuple[Array, str]]:
     """A + shift I decays where A decays faster than the shift."""
-    common = claim.common_interval(tuple(regions))
+    common = claim.common_interval(plant.regions)
     if common is None or not common[1]:
         return
     rate = -float(common[1])
     for shift in SHIFTS:
-        gain = propose.kalman_gain(A + shift * rate * np.eye(len(A)), C)
+        gain = propose.kalman_gain(plant.A + shift * rate * np.eye(len(plant.A)), plant.C)
         if gain is not None:
             yield 1.0 * gain, f"Kalman gain of A + {shift:g} rate I"
 

@@ -66,7 +66,8 @@ class Choice:
         if self.start is not None:
             self._try_set(self.start)
         self._add(frozenset(), frozenset(), Fraction(0))
-        most = self._affordable()
+        n = self.ground.problem.n
+        most = max(50, WORK // n) if n <= FEW else max(1, MOST_WORK // n**2)
         while self._heap and self._nodes < most:
             node = heapq.heappop(self._heap)[2]
             if self._is_beaten(node):
@@ -76,13 +77,6 @@ class Choice:
         bounds = [node.bound for _, _, node in self._heap] + self._closed
         self.bound = min(bounds, default=Fraction(0))
         self.impossible = not bounds and self.agents is None
-
-    def _affordable(self) -> int:
-        """How many nodes are worth the time."""
-        n = self.ground.problem.n
-        if n <= FEW:
-            return max(50, WORK // n)
-        return max(1, MOST_WORK // n**2)
 
     def _branch(self, node: _Node) -> None:
         """The free agent with the largest gain is pinned, or it is not."""
@@ -97,11 +91,8 @@ class Choice:
     def rivals(self) -> list[tuple[int, ...]]:
         """Other sets that were met and cost the same to six digits."""
         most = self.cost * (1 + SIX_DIGITS)
-        found = list[tuple[int, ...]]()
-        for agents, cost in self._met.items():
-            if agents != self.agents and cost <= most:
-                found.append(agents)
-        return sorted(found)
+        alike = {agents for agents, cost in self._met.items() if cost <= most}
+        return sorted(alike - {self.agents})
 
     def statement(self) -> Statement:
         """What is proved of all sets of so many agents."""
@@ -168,10 +159,10 @@ class Choice:
             left = frozenset(request.allowed) - outside
         gains, vectors = self.proposer.relax(left, float(request.rate))
         if gains is None:
-            if decide.obstacle_to(self.ground, left, request.rate, vectors) is not None:
+            if decide.obstacle_to(self.ground, left, vectors) is not None:
                 return None
             return _Node(inside=inside, outside=outside, bound=above, support=())
-        own = decide.bound_from(self.ground, vectors, left, request.rate)
+        own = decide.bound_from(self.ground, vectors, left)
         kept = [agent for agent in left if gains[agent] > SUPPORT * max(gains)]
         kept.sort(key=lambda agent: (-gains[agent], agent))
         bound = max(above, own.value)

@@ -3,7 +3,7 @@ in words."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
@@ -12,7 +12,13 @@ from typing import Any, Protocol
 
 from dobc_design._show.cards import Card, listed, plain
 from dobc_design.conditions.consensus.network import name_agents
-from dobc_design.conditions.numbers import rounded_up, shorten, text_above, text_below
+from dobc_design.conditions.numbers import (
+    fields_to_json,
+    rounded_up,
+    shorten,
+    text_above,
+    text_below,
+)
 from dobc_design.conditions.separable.claim import ErrorBound, Separable
 from dobc_design.conditions.statement import Statement
 from dobc_design.conditions.weighted.decide import Weighted
@@ -39,33 +45,27 @@ NONE_FOUND = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """What bounds the gains: the ``allowed`` agents, ``caps`` of their gains, how many ``pins``."""
+    """What every request of gains k_i has: the ``rate`` (1/s) to be reached, None leaves it open;
+    ``allowed``: agent indices, rising; ``caps``: the largest k_i (1/s) of agents that have one;
+    ``pins``: at most so many agents; ``digits``: significant digits of the gains."""
 
-    allowed: Sequence[int]
-    caps: Gains
-    pins: int | str | None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PinningRequest:
-    """What gains k_i have to do: every error decays at the ``rate`` (1/s) > 0 near the target, with
-    one V for all modes, at the least sum of cost_i k_i.  ``conservative``: with V = e'e, Lambda(K)
-    < -2 rate I; else V = e'De. ``allowed``: agent indices, rising.  ``costs``: c_i > 0 of every
-    agent.  ``caps``: the largest k_i (1/s) of agents that have one.  ``pins``: at most so many
-    agents, "fewest", or None for any number. ``digits``: significant digits of the gains."""
-
-    rate: Fraction
+    rate: Fraction | None
     allowed: tuple[int, ...]
-    costs: tuple[Fraction, ...]
     caps: Gains
     pins: int | str | None
     digits: int
     conservative: bool = False
 
-    @property
-    def limits(self) -> Limits:
-        """What bounds the gains."""
-        return Limits(allowed=self.allowed, caps=self.caps, pins=self.pins)
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PinningRequest(Limits):
+    """What gains k_i have to do: every error decays at the ``rate`` (1/s) > 0 near the target, with
+    one V for all modes, at the least sum of cost_i k_i.  ``conservative``: with V = e'e, Lambda(K)
+    < -2 rate I; else V = e'De. ``costs``: c_i > 0 of every agent.  ``pins``: also "fewest", or
+    None for any number."""
+
+    rate: Fraction
+    costs: tuple[Fraction, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -171,16 +171,16 @@ def _by_agent(value: Any, index: Mapping[str, int], *, key: str, why: str) -> di
     return found
 
 
-def typed_gains(gains: Mapping[int, float], *, digits: int, caps: Gains) -> dict[int, Fraction]:
-    """Gains rounded up to so many digits, or their caps where those are less; what is nearly 0 is
-    left out."""
+def typed_gains(gains: Mapping[int, float], limits: Limits) -> dict[int, Fraction]:
+    """Gains rounded up to the digits asked for, or their caps where those are less; what is nearly
+    0 is left out."""
     least = max(gains.values(), default=0.0) * NOISE
     typed = dict[int, Fraction]()
     for agent, k in sorted(gains.items()):
         if k > least:
             # down would lose the rate; a cap is a limit even so
-            larger = rounded_up(Fraction(k), digits=digits)
-            typed[agent] = min(larger, caps.get(agent, larger))
+            larger = rounded_up(Fraction(k), digits=limits.digits)
+            typed[agent] = min(larger, limits.caps.get(agent, larger))
     return typed
 
 
@@ -343,30 +343,22 @@ class PinningDesign(Answer):
             return self.obstacle.text
         if self.verdict is not Verdict.PROVED:
             return NONE_FOUND
-        return f"{self._reached()}{self._grounds()}"
-
-    def _reached(self) -> str:
-        """What the gains do, and what they cost."""
         over = ""
+        # What proves it, or what bounds the cost.
+        by = ", by V = e'e."
         if self.region is not None:
             over = f" over {self.region}"
+            by = "."
         elif self.weights is not None:
             over = " near the target"
+            by = ", by V = e'De with a weight for each agent (the true local rate)."
+        elif self.lower_bound is not None:
+            least = shorten(self.lower_bound, digits=6)
+            by = f", and nothing that does costs less than {least:.6g}."
         rate = shown_number(self.rate or Fraction(0))
         cost = float(self.cost or 0)
         who = name_agents(tuple(self.gains))
-        return f"gains on {who} reach the rate {rate}{over} at the cost {cost:.6g}"
-
-    def _grounds(self) -> str:
-        """What proves it, or what bounds the cost."""
-        if self.region is not None:
-            return "."
-        if self.weights is not None:
-            return ", by V = e'De with a weight for each agent (the true local rate)."
-        if self.lower_bound is not None:
-            least = shorten(self.lower_bound, digits=6)
-            return f", and nothing that does costs less than {least:.6g}."
-        return ", by V = e'e."
+        return f"gains on {who} reach the rate {rate}{over} at the cost {cost:.6g}{by}"
 
     def __str__(self) -> str:
         lines = [f"{self.verdict.value}: {self.reason}"]
@@ -380,14 +372,18 @@ class PinningDesign(Answer):
         if self.gains:
             pairs = [f"{label}: {plain(k)}" for label, k in islice(self.gains.items(), 13)]
             facts.append(("gains in 1/s", listed(pairs, count=len(self.gains))))
-        if self.rate is not None:
-            facts.append(("rate in 1/s", _short(self.rate, float_below)))
-        if self.cost is not None:
-            facts.append(("cost at most", _short(self.cost, float_above)))
-        if self.lower_bound is not None:
-            facts.append(("no cheaper than", _short(self.lower_bound, float_below)))
-        if self.radius is not None:
-            facts.append(("radius", _short(self.radius, float_below)))
+        # Each is rounded towards the weaker claim.
+        sizes = (
+            ("rate in 1/s", self.rate, float_below),
+            ("cost at most", self.cost, float_above),
+            ("no cheaper than", self.lower_bound, float_below),
+            ("radius", self.radius, float_below),
+        )
+        for name, value, weaker in sizes:
+            if value is not None:
+                # A rational stands as it is where it is short.
+                text = str(value)
+                facts.append((name, text if len(text) < SHORT else repr(weaker(value))))
         if self.structural_minimum is not None:
             facts.append(("pins needed at least", self.structural_minimum))
         return self._card_of("Pinning design", facts, (*self.prices, *self.ties))
@@ -395,27 +391,22 @@ class PinningDesign(Answer):
     def to_json(self) -> dict[str, Any]:
         """JSON object; exact numbers as text, bounds as numbers rounded towards the weaker
         claim."""
+        names = (
+            "structural_minimum",
+            "method",
+            "radius",
+            "statements",
+            "prices",
+            "ties",
+            "nearest",
+        )
         return {
             "verdict": self.verdict.value,
-            "reason": self.reason,
-            "gains": {label: number_text(k) for label, k in self.gains.items()},
-            "rate": None if self.rate is None else number_text(self.rate),
+            **fields_to_json(self, "reason", "gains", "rate"),
             "cost": None if self.cost is None else float_above(self.cost),
             "lower_bound": None if self.lower_bound is None else float_below(self.lower_bound),
-            "structural_minimum": self.structural_minimum,
-            "method": self.method,
-            "radius": None if self.radius is None else number_text(self.radius),
-            "statements": [statement.to_json() for statement in self.statements],
-            "prices": list(self.prices),
-            "ties": list(self.ties),
-            "nearest": None if self.nearest is None else self.nearest.to_json(),
+            **fields_to_json(self, *names),
         }
-
-
-def _short(value: Fraction, rounded: Callable[[Fraction], float]) -> str:
-    """A rational as it is where it is short, else rounded towards the weaker claim."""
-    text = str(value)
-    return text if len(text) < SHORT else repr(rounded(value))
 
 
 def without_gains(
@@ -459,6 +450,11 @@ def holding(problem: Problem, gains: Gains) -> Problem:
     return changed_problem(problem, {"pinning.gains": named})
 
 
+#: Prices are rounded towards the weaker claim: what costs down, what saves up.
+_down = partial(text_below, digits=6)
+_up = partial(text_above, digits=6)
+
+
 def prices_in_words(
     labels: Sequence[str], request: PinningRequest, bound: Bound, agents: Collection[str]
 ) -> Iterator[str]:
@@ -466,7 +462,6 @@ def prices_in_words(
     in the bound."""
     if not bound.vectors:
         return
-    # Prices are rounded towards the weaker claim: what costs down, what saves up.
     base = number_text(bound.rate)
     line = f"{_down(bound.value)} + {_down(bound.rate_price)} (b - {base})"
     yield f"Rate: a larger rate b costs at least {line} with gains on these agents."
@@ -488,11 +483,3 @@ def prices_in_words(
 def _largest(values: Gains) -> list[int]:
     """Agents, those with the largest values first."""
     return sorted(values, key=lambda i: (-values[i], i))
-
-
-def _down(value: Fraction) -> str:
-    return text_below(value, digits=6)
-
-
-def _up(value: Fraction) -> str:
-    return text_above(value, digits=6)

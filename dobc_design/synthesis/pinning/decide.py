@@ -86,10 +86,11 @@ class Ground:
     lambdas: Mapping[str, Enclosed]
 
 
-def reaches(ground: Ground, gains: Gains, rate: Fraction, *, hints: Vectors = ()) -> bool:
+def reaches(ground: Ground, gains: Gains, *, hints: Vectors = ()) -> bool:
     """Whether Lambda0 - 2 K < -2 rate I is proved in every mode.  ``hints``: v > 0 that may show it
     quickly."""
     m = ground.problem.m
+    rate = ground.request.rate
     held = SparseSymmetric(ground.problem.n * m, _diagonal(gains, m))
     for mode, enclosed in ground.lambdas.items():
         matrix = Enclosed(middle=enclosed.middle + held, deviations=enclosed.deviations)
@@ -124,17 +125,23 @@ def is_undirected(statements: Statements) -> bool:
     return there == back
 
 
-def bound_from(ground: Ground, vectors: Vectors, allowed: Collection[int], rate: Fraction) -> Bound:
+def bound_from(ground: Ground, vectors: Vectors, allowed: Collection[int]) -> Bound:
     """The lower bound that proposed vectors prove, for gains on the ``allowed`` agents; each made
     to fit first."""
     request = ground.request
+    rate = request.rate
     top = max((abs(x) for _, v in vectors for x in v), default=0.0)
-    if not 0 < top < float("inf"):
-        nothing = (ZERO,) * ground.problem.n
-        return Bound(
-            value=ZERO, rate=rate, vectors=(), loads=nothing, cap_prices={}, rate_price=ZERO
-        )
-    multipliers = _rounded(vectors, top, m=ground.problem.m)
+    # Without numbers nothing is proved, as without vectors.
+    rows = list[tuple[str, list[int]]]()
+    unit = Fraction(1)
+    if 0 < top < float("inf"):
+        # Entries of so many bits at most.
+        largest = Fraction(top)
+        bits = largest.numerator.bit_length() - largest.denominator.bit_length()
+        unit = Fraction(2) ** (bits - BITS)
+        for mode, v in vectors:
+            rows.append((mode, [round(Fraction(x) / unit) for x in v]))
+    multipliers = Multipliers(rows=rows, unit=unit, width=ground.problem.m)
     loads = [multipliers.load(i) for i in range(ground.problem.n)]
     prices = dict[int, Fraction]()
     for i in sorted(set(allowed)):
@@ -191,28 +198,9 @@ class Multipliers:
         return range(agent * self.width, (agent + 1) * self.width)
 
 
-def _rounded(vectors: Vectors, top: float, *, m: int) -> Multipliers:
-    """Proposed vectors with entries of so many bits at most; ``top`` is the largest."""
-    largest = Fraction(top)
-    bits = largest.numerator.bit_length() - largest.denominator.bit_length()
-    unit = Fraction(2) ** (bits - BITS)
-    rows = list[tuple[str, list[int]]]()
-    for mode, v in vectors:
-        rows.append((mode, [round(Fraction(x) / unit) for x in v]))
-    return Multipliers(rows=rows, unit=unit, width=m)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Obstacle:
-    """A mode and a direction v (n m,) that no gains make decay at the rate."""
-
-    mode: str
-    v: Vector
-
-
 def obstacle_to(
-    ground: Ground, allowed: Collection[int], rate: Fraction, candidates: Vectors = ()
-) -> Obstacle | None:
+    ground: Ground, allowed: Collection[int], candidates: Vectors
+) -> tuple[str, Vector] | None:
     """A mode and v (n m,), v'(Lambda0 - 2 K + 2 rate I) v >= 0 for all gains on ``allowed``, 0
     where one has no cap."""
     caps = ground.request.caps
@@ -221,7 +209,7 @@ def obstacle_to(
     free = set(allowed) - set(caps)
     rows = [row for row in range(size) if row // m not in free]
     held = _diagonal({i: caps[i] for i in set(allowed) & set(caps)}, m)
-    added = SparseSymmetric(size, held).shifted(2 * rate)
+    added = SparseSymmetric(size, held).shifted(2 * ground.request.rate)
     for mode, enclosed in ground.lambdas.items():
         matrix = Enclosed(middle=enclosed.middle + added, deviations=enclosed.deviations)
         fitting = list[list[float]]()
@@ -229,20 +217,12 @@ def obstacle_to(
             if name == mode and len(v) == size:
                 fitting.append([0.0 if row // m in free else x for row, x in enumerate(v)])
         # Proposals first: elimination costs the third power of the rows.
-        vector = _first_witness(matrix, fitting)
+        tries = (v for each in fitting for v in rounded(each, finest=(10**9,)))
+        vector = next((v for v in tries if refutes(matrix, v)), None)
         if vector is None and len(rows) <= LARGEST:
             vector = find_witness(matrix, fitting, rows=rows)
         if vector is not None:
-            return Obstacle(mode=mode, v=vector)
-    return None
-
-
-def _first_witness(matrix: Enclosed, candidates: Sequence[Sequence[float]]) -> Vector | None:
-    """A rounded candidate with v' M v >= 0, if there is one."""
-    for candidate in candidates:
-        for v in rounded(candidate, finest=(10**9,)):
-            if refutes(matrix, v):
-                return v
+            return mode, vector
     return None
 
 
@@ -257,7 +237,7 @@ def _shown(upper: Symmetric, hints: Sequence[Sequence[float]]) -> bool:
     return proves(upper, [round(x / top * 2**HINT_BITS) for x in total])
 
 
-def pins_needed(ground: Ground, rate: Fraction, directions: Vectors) -> int:
+def pins_needed(ground: Ground, directions: Vectors) -> int:
     """The largest number of pins that the proposed ``directions`` of one mode prove to be needed; 0
     if none."""
     m = ground.problem.m
@@ -266,7 +246,7 @@ def pins_needed(ground: Ground, rate: Fraction, directions: Vectors) -> int:
     least = 0
     for mode, enclosed in ground.lambdas.items():
         vectors = [v for name, v in directions if name == mode]
-        if len(vectors) > least * m and _are_slow(enclosed, rate, vectors):
+        if len(vectors) > least * m and _are_slow(enclosed, ground.request.rate, vectors):
             least = -(-len(vectors) // m)
     return least
 
@@ -274,7 +254,10 @@ def pins_needed(ground: Ground, rate: Fraction, directions: Vectors) -> int:
 def _are_slow(enclosed: Enclosed, rate: Fraction, vectors: list[Any]) -> bool:
     """Whether the directions are independent, and v'(Lambda0 + 2 rate I)v >= 0 for all their
     combinations."""
-    coarse = [_coarse(v) for v in vectors]
+    coarse = list[list[int]]()
+    for v in vectors:
+        top = max(map(abs, v))
+        coarse.append([round(x / top * COARSE) for x in v])
     columns = np.array(coarse, dtype=object).T
     lower = enclosed.middle.shifted(2 * rate - enclosed.radius)
     common = math.lcm(1, *(x.denominator for x in lower.entries.values()))  # integers are quicker
@@ -288,12 +271,6 @@ def _are_slow(enclosed: Enclosed, rate: Fraction, vectors: list[Any]) -> bool:
         return False
     form = _from_integers(columns.T @ (matrix @ columns))
     return decide_positive_semidefinite(form).verdict is Verdict.PROVED
-
-
-def _coarse(v: Sequence[float]) -> list[int]:
-    """A direction as whole numbers."""
-    top = max(map(abs, v))
-    return [round(x / top * COARSE) for x in v]
 
 
 def _from_integers(table: Any) -> SparseSymmetric:
@@ -347,18 +324,14 @@ def structural_obstacle(
     scope = OF_MODES if len(problem.network.modes) > 1 else Scope()
     if structure.unmet is not None:
         group = [labels[i] for i in structure.unmet]
-        return _unmet(group, scope)
+        listen = "listens" if len(group) == 1 else "listen"
+        never = f"consensus{scope.always} is impossible with pins on the allowed agents only"
+        alone = f"{name_agents(group)} {listen} to nobody else{scope.where}, and may not be pinned"
+        stays = f"so a common error of theirs does not decay{scope.lasts}"
+        return refuted("structure", f"{never}: {alone}, {stays}.", group=", ".join(group))
     if isinstance(pins, int) and pins < structure.least:
         return _too_few(pins, structure, labels, scope)
     return None
-
-
-def _unmet(group: Sequence[str], scope: Scope) -> Statement:
-    listen = "listens" if len(group) == 1 else "listen"
-    never = f"consensus{scope.always} is impossible with pins on the allowed agents only"
-    alone = f"{name_agents(group)} {listen} to nobody else{scope.where}, and may not be pinned"
-    stays = f"so a common error of theirs does not decay{scope.lasts}"
-    return refuted("structure", f"{never}: {alone}, {stays}.", group=", ".join(group))
 
 
 def _too_few(pins: int, structure: Structure, labels: Sequence[str], scope: Scope) -> Statement:
@@ -493,13 +466,12 @@ def limit_of(
     return max(Fraction(0), *(value / w[i] for i, value in pull.items()))
 
 
-def too_fast(
-    problem: Problem, rate: Fraction, limits: Limits, propose: Directions
-) -> Statement | None:
-    """A proof that no gains within the limits let every error decay at ``rate`` (1/s). Whatever
+def too_fast(problem: Problem, limits: Limits, propose: Directions) -> Statement | None:
+    """A proof that no gains within the limits let every error decay at their rate (1/s). Whatever
     proves it; None if there is none.  Its kind is "pins" where every set of so many is excluded,
     "max_gain" where gains without caps are not excluded by the same means, else "rate"."""
-    if any(coupling.nonsmooth for coupling in problem.couplings):
+    rate = limits.rate
+    if rate is None or any(coupling.nonsmooth for coupling in problem.couplings):
         return None
     try:
         jacobians = jacobians_at_consensus(loop_of(problem))
@@ -564,6 +536,4 @@ def _too_few_pins(
 
 def _above(limit: Fraction) -> str:
     """At most four digits, not below."""
-    if not limit:
-        return "0"
-    return text_above(limit, digits=4)
+    return text_above(limit, digits=4) if limit else "0"

@@ -61,16 +61,13 @@ class PinningProposer:
         blocks = pinning.for_rate(self.blocks, rate)
         chosen = self._mask(allowed)
         found = None
-        if blocks.z or self._can_hold(blocks, chosen):
+        # Gains without a cap have to hold every direction, as floating point sees it.
+        least = NEARLY_ZERO * blocks.scale
+        if blocks.z or all(value > least for value, _ in self._lowest(blocks, chosen)):
             found = pinning.cheapest_gains(blocks, chosen, self.costs, self.caps)
         if found is None:
             return None, self._loose(blocks, chosen)
         return found.gains.tolist(), self._named(blocks, found.vectors)
-
-    def _can_hold(self, blocks: pinning.Blocks, chosen: Array) -> bool:
-        """Whether gains without a cap hold every direction, as floating point sees it."""
-        least = NEARLY_ZERO * blocks.scale
-        return all(value > least for value, _ in self._lowest(blocks, chosen))
 
     def fastest(self, allowed: Collection[int], factor: float = 1.0) -> float:
         """The rate (1/s) that gains on these agents approach, about, with caps times ``factor``;
@@ -123,9 +120,14 @@ class PinningProposer:
     ) -> int:
         """The further agent, of those where the slowest direction is heaviest, that allows the
         fastest rate."""
-        heavy = self._heaviest(blocks, chosen, left)
+        others = np.setdiff1d(np.arange(blocks.agents), list(chosen))
+        weight = np.zeros(blocks.agents)
+        weight[others] = pinning.slowest_on(blocks, others)
+        order = sorted(left, key=lambda agent: (-round(float(weight[agent]), 9), agent))
+        most = 40 if blocks.agents <= 60 else 8
         return max(
-            heavy, key=lambda agent: (pinning.fastest_rate(blocks, [*chosen, agent]), -agent)
+            order[:most],
+            key=lambda agent: (pinning.fastest_rate(blocks, [*chosen, agent]), -agent),
         )
 
     def _cheapest_with(
@@ -141,12 +143,9 @@ class PinningProposer:
         """The cheapest of all sets of so many agents, where these are few; () if none is found."""
         if comb(len(allowed), pins) > MOST_SETS:
             return ()
-        best, least = tuple[int, ...](), np.inf
-        for each in combinations(allowed, pins):
-            cost = self._cost(each, rate)
-            if cost < least:
-                best, least = each, cost
-        return best
+        costs = {each: self._cost(each, rate) for each in combinations(allowed, pins)}
+        best = min(costs, key=costs.__getitem__, default=())
+        return best if costs.get(best, np.inf) < np.inf else ()
 
     def replaceable(
         self, chosen: Sequence[int], allowed: Sequence[int], rate: float
@@ -157,7 +156,7 @@ class PinningProposer:
             return []
         alike = list[tuple[int, int]]()
         for pinned, other in product(chosen, sorted(set(allowed) - set(chosen))):
-            exchanged = [x for x in chosen if x != pinned] + [other]
+            exchanged = {*chosen, other} - {pinned}
             if abs(self._cost(exchanged, rate) - own) <= 1e-6 * own:
                 alike.append((pinned, other))
         return alike
@@ -207,17 +206,6 @@ class PinningProposer:
         mask = np.zeros(self.blocks.agents, dtype=bool)
         mask[list(agents)] = True
         return mask
-
-    def _heaviest(
-        self, blocks: pinning.Blocks, chosen: Sequence[int], free: Collection[int]
-    ) -> list[int]:
-        """Free agents, the heaviest in the slowest direction first."""
-        others = np.setdiff1d(np.arange(blocks.agents), list(chosen))
-        weight = np.zeros(blocks.agents)
-        weight[others] = pinning.slowest_on(blocks, others)
-        order = sorted(free, key=lambda agent: (-round(float(weight[agent]), 9), agent))
-        most = 40 if blocks.agents <= 60 else 8
-        return order[:most]
 
     def _free_rows(self, blocks: pinning.Blocks, chosen: Array) -> Any:
         """The rows that no gain without a cap holds."""
@@ -310,36 +298,28 @@ def _needed_shift(blocks: pinning.Blocks, pinned: Sequence[int]) -> float:
     return ROOM * blocks.scale * 1e-3 - lowest * (1 + ROOM)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Held:
-    """One matrix S on the agents that are not pinned: how far v is ``above`` sqrt(c) on those that
-    may be, its diagonal there, and what solves with S."""
-
-    above: Array
-    diagonal: Array
-    solve: Any
-
-
 def _best(matrices: Sequence[Any], found: list[int], left: Any, costs: Array) -> int:
     """The agent that saves most, among those whose bound is largest."""
     others = np.setdiff1d(np.arange(len(costs)), found)
     place = np.searchsorted(others, left)
     root = np.sqrt(costs)
-    held = list[_Held]()
+    # Of each S how far v is above sqrt(c) on agents that may be pinned, and what solves with S.
+    held = list[tuple[Array, Any]]()
+    # 1/G_aa <= S_aa bounds what each agent saves (module docstring).
+    bounds = np.zeros(len(left))
     for matrix in matrices:
         rows = matrix[others]
         solve = pinning.factorised(rows[:, others])
         # Where nobody is pinned yet: by how loosely everybody is held.
         v = solve(-(rows[:, found] @ root[found]) if found else np.ones(len(others)))
         above = np.maximum(v[place] - root[left], 0.0)
-        held.append(_Held(above=above, diagonal=matrix.diagonal()[left], solve=solve))
-    # 1/G_aa <= S_aa bounds what each agent saves (module docstring).
-    bounds = np.sum([own.above**2 * own.diagonal for own in held], axis=0)
+        held.append((above, solve))
+        bounds += above**2 * matrix.diagonal()[left]
 
     def saving(candidate: int) -> float:
         at = place[candidate]
         unit = (np.arange(len(others)) == at).astype(float)
-        return sum(float(own.above[candidate]) ** 2 / float(own.solve(unit)[at]) for own in held)
+        return sum(float(above[candidate]) ** 2 / float(solve(unit)[at]) for above, solve in held)
 
     largest = np.argsort(-bounds, kind="stable")[:LOOKED_AT]
     return int(left[max(largest, key=saving)])

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Any
 
@@ -96,7 +96,11 @@ def propose_for_box(
                 return []
             box, v = best
             found = list[tuple[Vector, Array]]()
-            for unit in _units(len(v)):
+            # decimal in small networks, binary in large ones
+            units = [10**digits for digits in DIGITS]
+            if len(v) > LARGE:
+                units = [2**bits for bits in BITS]
+            for unit in units:
                 typed = tuple(Fraction(max(unit, round(float(x) * unit)), unit) for x in v)
                 gains = box.gains(np.array([float(x) for x in typed]))
                 found.append((typed, gains))
@@ -105,13 +109,6 @@ def propose_for_box(
         return []
     *short, last = found
     return [*(each for each in short if box.costs @ each[1] <= most), last]
-
-
-def _units(size: int) -> list[int]:
-    """One over what v is rounded to: decimal in small networks, binary in large ones."""
-    if size > LARGE:
-        return [2**bits for bits in BITS]
-    return [10**digits for digits in DIGITS]
 
 
 def box_of(
@@ -162,8 +159,14 @@ def _improved(box: Box, v: Array, most: int) -> Array:
     for _ in range(most):
         if step < LAST_STEP or not cost > 0:
             break
-        moved = _moved(box, v, step)
-        value = np.inf if moved is None else box.cost(moved)
+        change = _program(box, v, step)
+        moved = None
+        if change is not None:
+            moved = box.follow(np.where(box.allowed, v * np.exp(change), 1.0))
+        value = np.inf
+        if moved is not None:
+            moved = moved / np.min(moved)  # the box shrinks with v: only cheaper
+            value = box.cost(moved)
         if moved is None or not value < cost * (1 - WORTH / 10):
             step *= NARROWER
             continue
@@ -173,17 +176,6 @@ def _improved(box: Box, v: Array, most: int) -> Array:
         cost = value
         step = min(1.0, step * WIDER)
     return v
-
-
-def _moved(box: Box, v: Array, step: float) -> Array | None:
-    """v after one linear program; None where that has no answer."""
-    change = _program(box, v, step)
-    if change is None:
-        return None
-    moved = box.follow(np.where(box.allowed, v * np.exp(change), 1.0))
-    if moved is None:
-        return None
-    return moved / np.min(moved)  # the box shrinks with v: only cheaper
 
 
 def _program(box: Box, v: Array, step: float) -> Array | None:
@@ -261,23 +253,24 @@ class RegionGains:
     rate_price: float
 
 
+@dataclass(kw_only=True, eq=False)
 class RegionSearch:
-    """One problem without its gains, one W (q, m), one region: |e|_inf <= radius, |eps_i| <=
-    disturbance."""
+    """One problem without its gains, one W (q, m), caps of the gains, one region: |e|_inf <=
+    radius, |eps_i| <= disturbance."""
 
-    def __init__(
-        self, problem: Problem, W: Matrix | None, *, radius: Fraction, disturbance: Fraction
-    ) -> None:
-        self.problem = problem
-        self.W = W
-        self.radius = radius
-        self.disturbance = disturbance
-        self.exosystem = problem.joint_exosystem
+    problem: Problem
+    W: Matrix | None
+    caps: Gains
+    radius: Fraction
+    disturbance: Fraction
+    _bounds: dict[float, ErrorBound | None] = field(default_factory=dict)
+    _fields: dict[float, Field] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.exosystem = self.problem.joint_exosystem
         self.decay = math.inf
-        if self.exosystem is not None and W is not None:
-            self.decay = decay_rate(self.exosystem, W)
-        self._bounds: dict[float, ErrorBound | None] = {}
-        self._fields: dict[float, Field] = {}
+        if self.exosystem is not None and self.W is not None:
+            self.decay = decay_rate(self.exosystem, self.W)
 
     def reach(self, rate: float) -> Fraction | None:
         """The rho that the region needs at a rate (1/s); None where the observer is too slow for
@@ -295,7 +288,7 @@ class RegionSearch:
             return None
         return radius_needed(self.radius, bound, self.disturbance)
 
-    def field(self, rate: float, *, coarse: bool = False) -> Field | None:
+    def rows(self, rate: float, *, coarse: bool = False) -> Field | None:
         """All rows without gains, for the rho of a rate; fewer points of s with ``coarse``.  None
         as in ``reach``."""
         rho = self.reach(rate)
@@ -305,15 +298,14 @@ class RegionSearch:
         if size not in self._fields:
             rows = field_of(loop_of(self.problem), rho=size)
             self._fields[size] = replace(rows, gains=np.zeros(self.problem.n))
-        field = self._fields[size]
+        found = self._fields[size]
         if self.problem.is_linear:  # all s say the same
-            return replace(field, grid=field.grid[-1:])
-        return _coarse(field) if coarse else field
+            return replace(found, grid=found.grid[-1:])
+        return _coarse(found) if coarse else found
 
     def holds(
         self,
         pinned: Collection[int],
-        caps: Gains,
         rate: float,
         *,
         coarse: bool = False,
@@ -321,71 +313,71 @@ class RegionSearch:
     ) -> Array | None:
         """The least v >= 1 with the largest gains allowed, or None; ``start``: the answer for a
         lower rate."""
-        field = self.field(rate, coarse=coarse)
-        if field is None:
+        rows = self.rows(rate, coarse=coarse)
+        if rows is None:
             return None
-        limit = HARD * (1.0 + self._size(field))
+        limit = HARD * (1.0 + self._size(rows))
         gains = np.zeros(self.problem.n)
-        gains[list(pinned)] = [float(caps.get(i, limit)) for i in pinned]
-        held = replace(field, gains=gains)
+        gains[list(pinned)] = [float(self.caps.get(i, limit)) for i in pinned]
+        held = replace(rows, gains=gains)
         v = least_above(held, alpha=rate, lower=np.ones(self.problem.n), start=start)
         if v is None or np.max(v) > LARGEST_V:
             return None
         return v
 
-    def fastest(self, pinned: Collection[int], caps: Gains, *, coarse: bool = False) -> float:
+    def fastest(self, pinned: Collection[int], *, coarse: bool = False) -> float:
         """The largest rate (1/s), about, with gains on these agents; 0 if none is possible."""
-        best = self.holds(pinned, caps, 0.0, coarse=coarse) if pinned else None
+        best = self.holds(pinned, 0.0, coarse=coarse) if pinned else None
         if best is None:
             return 0.0
         accuracy = ROUGH if coarse else CLOSE
 
         def find(rate: float, best: Array) -> Array | None:
-            return self.holds(pinned, caps, rate, coarse=coarse, start=best)
+            return self.holds(pinned, rate, coarse=coarse, start=best)
 
         rate, _ = last_found(
             find,
             best,
             0.0,
-            min(self.decay, self._most(pinned, caps)),
+            min(self.decay, self._most(pinned)),
             steps=BISECTIONS,
             middle=quickly_down(4),
             close=lambda low, high: low > 0 and high - low <= accuracy * high,
         )
         return rate
 
-    def _most(self, pinned: Collection[int], caps: Gains) -> float:
+    def _most(self, pinned: Collection[int]) -> float:
         """No rate is larger: an agent with the least v has at most its gain, or it hears others."""
-        if all(i in caps for i in pinned):
-            return max(float(caps[i]) for i in pinned)
-        return 4 * (1.0 + self._size(self.field(0.0)))
+        if all(i in self.caps for i in pinned):
+            return max(float(self.caps[i]) for i in pinned)
+        return 4 * (1.0 + self._size(self.rows(0.0)))
 
-    def smallest(self, pinned: Sequence[int], caps: Gains, rate: float) -> RegionGains | None:
+    def smallest(self, pinned: Sequence[int], rate: float) -> RegionGains | None:
         """The smallest gains found on these agents for a rate (1/s), about; None if the rate is out
         of reach."""
-        field = self.field(rate)
-        if field is None:
+        rows = self.rows(rate)
+        if rows is None:
             return None
         with np.errstate(all="ignore"):
-            found = cheapest(box_of(field, pinned, caps, rate=rate))
+            found = cheapest(box_of(rows, pinned, self.caps, rate=rate))
         if found is None:
             return None
         box, v = found
         gains = box.gains(v)
         agents = np.flatnonzero(gains)
-        prices = _prices(field, v, agents, rate)
+        prices = _prices(rows, v, agents, rate)
         held = dict(zip(agents.tolist(), gains[agents].tolist(), strict=True))
         return RegionGains(gains=held, rate=rate, prices=prices, rate_price=float(np.sum(prices)))
 
-    def _size(self, field: Field | None) -> float:
+    def _size(self, rows: Field | None) -> float:
         """About the largest sum of arc gains of an agent."""
-        if field is None:
+        if rows is None:
             return 0.0
         most = 0.0
         for arcs in self.problem.network.modes.values():
             heard = np.bincount(arcs.listeners, minlength=1)
             most = max(most, float(np.max(heard)))
-        scale = field.rows(np.ones(self.problem.n), alpha=0.0)[2]
+        scale = rows.rows(np.ones(self.problem.n), alpha=0.0)[2]
         return float(np.max(scale, initial=0.0)) + most
 
 

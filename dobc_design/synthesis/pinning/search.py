@@ -11,8 +11,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
-from dobc_design.conditions.consensus.claim import Statements, state_theorems
-from dobc_design.conditions.consensus.network import Enclosed, carriers, name_agents
+from dobc_design.conditions.consensus.claim import state_theorems
+from dobc_design.conditions.consensus.decide import enclosed_lambda
+from dobc_design.conditions.consensus.network import carriers, name_agents
 from dobc_design.conditions.coverage import Progress
 from dobc_design.conditions.numbers import bisected, claimed, rounded_up, shorten
 from dobc_design.conditions.statement import Statement, proved, refuted, undecided
@@ -52,6 +53,8 @@ WEIGHTED_TILTS = (Fraction(1, 10**6), Fraction(1, 10**5), Fraction(1, 1000), Fra
 MIXED = (0.0, 0.1, 0.2, 0.4, 0.6, 0.8)
 MORE = 4  # or to so many times as much
 AS_WRITTEN = "for the gains as they are written."
+#: The agents to pin, and what was proved of the choice; no choice where so few cannot do.
+Chosen = tuple[Choice | None, tuple[Statement, ...]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -106,8 +109,9 @@ def search_pinning(problem: Problem, request: PinningRequest, progress: Progress
         must = "coupling must have a derivative at the consensus that floats can hold"
         text = f"{must}, because gains are designed for the linearisation; {why}"
         raise SpecError(text, key="coupling.h", cure="Use a smooth coupling, such as tanh(y).")
+    lambdas = {mode: enclosed_lambda(statements, mode) for mode in statements.lambdas}
     task = Task(
-        ground=Ground(problem=problem, request=request, lambdas=_without_gains(statements)),
+        ground=Ground(problem=problem, request=request, lambdas=lambdas),
         plain=proposer,
         structure=decide.structure_of(bare, request.allowed),
         progress=progress,
@@ -125,14 +129,6 @@ def search_pinning(problem: Problem, request: PinningRequest, progress: Progress
     return found
 
 
-def _without_gains(statements: Statements) -> dict[str, Enclosed]:
-    """J + J' of every mode, of a problem without gains."""
-    found = dict[str, Enclosed]()
-    for name, pencil in statements.lambdas.items():
-        found[name] = Enclosed(middle=pencil.constant, deviations=pencil.deviations)
-    return found
-
-
 def _attempt(task: Task) -> PinningDesign:
     """Decide by V = e'e, with a proved bound of what is cheaper."""
     request = task.request
@@ -140,16 +136,13 @@ def _attempt(task: Task) -> PinningDesign:
     obstacle = obstacle or _too_fast(task)
     if obstacle is not None:
         return task.fails(obstacle)
-    agents = request.allowed
-    chosen = Chosen()
-    if request.pins is not None:
-        chosen = _chosen(task)
-        if chosen.choice is None or chosen.choice.agents is None:
-            refutations = [each for each in chosen.statements if each.verdict is Verdict.REFUTED]
-            return task.fails(next(iter(refutations), None))
-        agents = chosen.choice.agents
-    task.progress("proving the gains and their bound")
-    return _designed(task, agents, chosen)
+    if request.pins is None:
+        return _designed(task, request.allowed)
+    choice, statements = _chosen(task)
+    if choice is None or choice.agents is None:
+        refutations = [each for each in statements if each.verdict is Verdict.REFUTED]
+        return task.fails(next(iter(refutations), None))
+    return _designed(task, choice.agents, choice, statements)
 
 
 def _weighted_attempt(task: Task) -> PinningDesign:
@@ -157,7 +150,7 @@ def _weighted_attempt(task: Task) -> PinningDesign:
     without their bounds."""
     request = task.request
     obstacle = decide.structural_obstacle(task.bare, request.pins, task.structure)
-    obstacle = obstacle or decide.too_fast(task.bare, request.rate, request.limits, slow_directions)
+    obstacle = obstacle or decide.too_fast(task.bare, request, slow_directions)
     proposer = make_proposer(task.bare, request, weighted=True)
     if obstacle is not None or proposer is None:
         return task.fails(obstacle)
@@ -203,8 +196,8 @@ def _fewest_in(task: Task, pins: int) -> Statement:
     request = task.request
     needed = max(1, task.structure.least)
     if pins > needed:
-        fewer = replace(request.limits, pins=pins - 1)
-        if decide.too_fast(task.bare, request.rate, fewer, slow_directions) is not None:
+        fewer = replace(request, pins=pins - 1)
+        if decide.too_fast(task.bare, fewer, slow_directions) is not None:
             needed = pins
     return _fewest(pins, needed)
 
@@ -241,7 +234,7 @@ def _with_weights(
         # The first that is proved is the cheapest of them.
         for part in MIXED if several else MIXED[:1]:
             mixed = {i: least[i] + part * (most[i] - least[i]) for i in agents}
-            gains = typed_gains(mixed, digits=request.digits, caps=request.caps)
+            gains = typed_gains(mixed, request)
             found = _proved_by_weights(task, gains)
             if found is not None:
                 return found
@@ -270,11 +263,12 @@ def _too_fast(task: Task) -> Statement | None:
     gains, vectors = task.plain.relax(request.allowed, task.rate)
     if gains is not None:
         return None
-    obstacle = decide.obstacle_to(task.ground, request.allowed, request.rate, vectors)
+    obstacle = decide.obstacle_to(task.ground, request.allowed, vectors)
     if obstacle is None:
         return None
+    mode, v = obstacle
     labels = task.bare.network.labels
-    moved = carriers(loop_of(task.bare), obstacle.v)
+    moved = carriers(loop_of(task.bare), v)
     capped = {labels[i] for i in set(request.allowed) & set(request.caps)}
     if capped & set(moved):
         kind = "max_gain"
@@ -283,37 +277,28 @@ def _too_fast(task: Task) -> Statement | None:
         kind = "rate"
         still = "the direction shown moves none of the agents that may be pinned"
         because = f"{still}, and decays more slowly by itself"
-    where = f" in mode {obstacle.mode}" if len(task.ground.lambdas) > 1 else ""
+    where = f" in mode {mode}" if len(task.ground.lambdas) > 1 else ""
     none = f"no gains reach the rate {shown_number(request.rate)}{where}"
     text = f"{none}: {because}. It involves {name_agents(moved)}."
-    if len(obstacle.v) > LONGEST:
-        return refuted(kind, text, mode=obstacle.mode)
-    v = ", ".join(map(number_text, obstacle.v))
-    return refuted(kind, text, mode=obstacle.mode, v=v)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Chosen:
-    """The agents to pin, and what was proved of the choice; no choice where so few cannot do."""
-
-    choice: Choice | None = None
-    statements: tuple[Statement, ...] = ()
+    if len(v) > LONGEST:
+        return refuted(kind, text, mode=mode)
+    return refuted(kind, text, mode=mode, v=", ".join(map(number_text, v)))
 
 
 def _chosen(task: Task) -> Chosen:
     """The agents to pin: at most so many, or the fewest."""
     request = task.request
     slow = task.plain.slow(task.rate)
-    needed = max(task.structure.least, decide.pins_needed(task.ground, request.rate, slow))
+    needed = max(task.structure.least, decide.pins_needed(task.ground, slow))
     if not isinstance(request.pins, int):
         return _fewest_chosen(task, needed)
     if request.pins < needed:
         few = f"{counted(request.pins, 'pin')} cannot do at this rate: at least {needed} are needed"
         why = "So many independent directions are slower than that without gains"
         text = f"{few}. {why}, and each pin holds one of them."
-        return Chosen(statements=(refuted("pins", text, least=str(needed)),))
+        return None, (refuted("pins", text, least=str(needed)),)
     choice = _choice(task, request.pins, start=_greedy(task, request.pins))
-    return Chosen(choice=choice, statements=(choice.statement(),))
+    return choice, (choice.statement(),)
 
 
 def _fewest_chosen(task: Task, needed: int) -> Chosen:
@@ -324,8 +309,7 @@ def _fewest_chosen(task: Task, needed: int) -> Chosen:
         task.progress(f"looking for {counted(number, 'agent')} that will do")
         choice = _choice(task, number)
         if choice.agents is not None:
-            fewest = _fewest(len(choice.agents), needed)
-            return Chosen(choice=choice, statements=(fewest, choice.statement()))
+            return choice, (_fewest(len(choice.agents), needed), choice.statement())
         # Neither found nor excluded: larger sets would say nothing about fewer.
         if not choice.impossible:
             break
@@ -333,8 +317,7 @@ def _fewest_chosen(task: Task, needed: int) -> Chosen:
     if start is None:
         start = _greedy(task, enough)
     choice = _choice(task, enough, start=start)
-    fewest = _fewest(len(choice.agents or ()), needed)
-    return Chosen(choice=choice, statements=(fewest, choice.statement()))
+    return choice, (_fewest(len(choice.agents or ()), needed), choice.statement())
 
 
 def _greedy(task: Task, pins: int | None) -> tuple[int, ...] | None:
@@ -361,31 +344,47 @@ def _fewest(pins: int, needed: int) -> Statement:
     return undecided("pins", text, least=str(needed))
 
 
-def _designed(task: Task, agents: Sequence[int], chosen: Chosen) -> PinningDesign:
-    """The cheapest gains on these agents, proved, with what they cost at least."""
+def _designed(
+    task: Task,
+    agents: Sequence[int],
+    choice: Choice | None = None,
+    chosen: tuple[Statement, ...] = (),
+) -> PinningDesign:
+    """The cheapest gains on these agents, proved, with what they cost at least, and what was proved
+    of the choice of the agents."""
+    task.progress("proving the gains and their bound")
     request = task.request
     structure = task.structure
     gains = _proved_gains(task, agents)
     if gains is None:
         return task.fails(None)
     vectors = task.plain.relax(agents, task.rate)[1]
-    bound = decide.bound_from(task.ground, vectors, agents, request.rate)
-    least = bound.value
+    bound = decide.bound_from(task.ground, vectors, agents)
+    lower_bound = bound.value
     alternatives = None
-    if chosen.choice is not None:
+    if choice is not None:
         # The bound holds for every set of so many agents, not for these alone.
-        least = claimed(shorten(chosen.choice.bound))
-        alternatives = _alternatives(task, tuple(gains), chosen.choice)
-    statements = [_rate_statement(request)]
+        lower_bound = claimed(shorten(choice.bound))
+        alternatives = _alternatives(task, tuple(gains), choice)
+    rate = number_text(request.rate)
+    text = f"Lambda < -2 ({rate}) I in every mode, {AS_WRITTEN}"
+    statements = [proved("rate", text, rate=rate)]
+    labels = task.bare.network.labels
     if structure.exact:
-        statements.append(_structure_statement(structure, task.bare.network.labels))
+        # How many pins the graph alone asks for.
+        least = counted(structure.least, "pin")
+        each = f"{least}, one for each group that listens to nobody outside"
+        example = name_agents([labels[i] for i in structure.agents])
+        modes = f"{len(structure.groups)} over all modes"
+        text = f"Structural minimum: {each} ({modes}); {example} would do for that."
+        statements.append(proved("structure", text, least=str(structure.least)))
     design = with_gains(request, structure, gains, holding(task.ground.problem, gains))
     return replace(
         design,
-        lower_bound=least,
+        lower_bound=lower_bound,
         bound=bound,
-        bound_for=tuple(task.bare.network.labels[i] for i in agents),
-        statements=(*statements, *chosen.statements),
+        bound_for=tuple(labels[i] for i in agents),
+        statements=(*statements, *chosen),
         alternatives=alternatives,
     )
 
@@ -399,25 +398,10 @@ def _proved_gains(task: Task, agents: Sequence[int]) -> Gains | None:
         proposed, vectors = task.plain.relax(agents, speed)
         if proposed is None or not agents:
             continue
-        own = {i: proposed[i] for i in agents}
-        gains = typed_gains(own, digits=request.digits, caps=request.caps)
-        if decide.reaches(task.ground, gains, request.rate, hints=vectors):
+        gains = typed_gains({i: proposed[i] for i in agents}, request)
+        if decide.reaches(task.ground, gains, hints=vectors):
             return gains
     return None
-
-
-def _rate_statement(request: PinningRequest) -> Statement:
-    rate = number_text(request.rate)
-    return proved("rate", f"Lambda < -2 ({rate}) I in every mode, {AS_WRITTEN}", rate=rate)
-
-
-def _structure_statement(structure: Structure, labels: Sequence[str]) -> Statement:
-    """How many pins the graph alone asks for."""
-    least = f"{counted(structure.least, 'pin')}, one for each group that listens to nobody outside"
-    example = name_agents([labels[i] for i in structure.agents])
-    modes = f"{len(structure.groups)} over all modes"
-    text = f"Structural minimum: {least} ({modes}); {example} would do for that."
-    return proved("structure", text, least=str(structure.least))
 
 
 def _alternatives(task: Task, pinned: tuple[int, ...], choice: Choice) -> Alternatives:
@@ -452,7 +436,7 @@ def _weaker(task: Task, obstacle: Statement | None) -> Iterator[PinningRequest]:
         if factor is not None:
             caps = {i: rounded_up(cap * factor, digits=4) for i, cap in request.caps.items()}
             yield replace(request, caps=caps)
-    fastest = task.plain.fastest(request.allowed, 1.0)
+    fastest = task.plain.fastest(request.allowed)
     if 0 < fastest < math.inf:
         # At the fastest rate itself gains grow without bound.
         for part in (0.99, 0.9):

@@ -128,7 +128,7 @@ def _attempt(problem: Problem, request: PinningRequest, region: Region) -> Pinni
     obstacle = (
         decide.structural_obstacle(problem, request.pins, task.structure)
         or _unordered(task)
-        or decide.too_fast(problem, request.rate, request.limits, slow_directions)
+        or decide.too_fast(problem, request, slow_directions)
     )
     if obstacle is not None:
         return task.fails(obstacle)
@@ -235,8 +235,7 @@ def _proposed(task: Task, agents: Sequence[int]) -> Iterator[tuple[Separable, Ga
     for tilt in BOX_TILTS:
         faster = float(request.rate * (1 + tilt))
         for v, proposed in propose_for_box(task.bare, request, rho=rho, rate=faster):
-            own = dict(enumerate(proposed.tolist()))
-            gains = typed_gains(own, digits=request.digits, caps=request.caps)
+            gains = typed_gains(dict(enumerate(proposed.tolist())), request)
             yield Separable(v=v, alpha=request.rate, rho=rho), gains
 
 

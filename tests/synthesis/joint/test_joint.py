@@ -213,8 +213,9 @@ def test_the_smallest_gains_and_the_price_of_the_rate_are_those_of_closed_forms(
         (ring4, 0.1, 0.1 + 0.9**-3 - 1, 1 + 3 * 0.9**-4)
     ]
     for problem, rate, total, slope in known:
-        search = RegionSearch(problem, None, radius=Fraction(1), disturbance=Fraction(0))
-        found = search.smallest([0], {}, rate)
+        zero = Fraction(0)
+        search = RegionSearch(problem=problem, W=None, caps={}, radius=1 + zero, disturbance=zero)
+        found = search.smallest([0], rate)
         assert sum(found.gains.values()) == pytest.approx(total)
         assert found.rate_price == pytest.approx(slope)
 

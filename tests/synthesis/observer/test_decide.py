@@ -123,7 +123,7 @@ def test_the_sampled_error_is_that_of_scipy():
 def test_a_sampled_constant_converges_for_gains_between_zero_and_two(gain, verdict):
     """Ad = 1, Cd = 1: the error is multiplied by 1 - W."""
     W = matrix([[gain]])
-    (found,) = sampled_statements(CONSTANT, W, period=Fraction(1), rate=None, regions=())
+    (found,) = sampled_statements(CONSTANT, W, ObserverRequest(), Fraction(1))
     assert found.verdict is verdict
 
 
@@ -132,8 +132,8 @@ def test_the_sampled_rate_is_decided_to_many_digits():
     edge = Fraction(1 - math.exp(-1))
 
     def decided(gain: Fraction) -> list[Verdict]:
-        asked = {"period": Fraction(1, 2), "rate": Fraction(2)}
-        found = sampled_statements(CONSTANT, ((gain,),), **asked, regions=())
+        asked = ObserverRequest(rate=Fraction(2))
+        found = sampled_statements(CONSTANT, ((gain,),), asked, Fraction(1, 2))
         return [each.verdict for each in found]
 
     assert decided(edge + TINY) == [Verdict.PROVED, Verdict.PROVED]
@@ -143,12 +143,12 @@ def test_the_sampled_rate_is_decided_to_many_digits():
 def test_disks_of_the_sampled_plane_are_decided_and_a_pole_on_the_circle_is_never_proved():
     """W = 0 leaves the harmonic on the unit circle, where an enclosure cannot decide."""
     nothing = matrix([[0], [0]])
-    found = sampled_statements(PAPER, nothing, period=Fraction(1, 10), rate=None, regions=())
+    found = sampled_statements(PAPER, nothing, ObserverRequest(), Fraction(1, 10))
     assert found[0].verdict is not Verdict.PROVED
-    disk = [Disk(centre="1/2", radius="1/4")]
+    asked = ObserverRequest(regions=(Disk(centre="1/2", radius="1/4"),))
     for gain, verdict in (("1/2", Verdict.PROVED), ("0.8", Verdict.REFUTED)):
         W = matrix([[gain]])
-        found = sampled_statements(CONSTANT, W, period=Fraction(1), rate=None, regions=disk)
+        found = sampled_statements(CONSTANT, W, asked, Fraction(1))
         assert found[-1].verdict is verdict
 
 

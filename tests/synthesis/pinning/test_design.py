@@ -151,9 +151,9 @@ def test_gains_on_the_boundary_do_not_reach_the_rate_and_larger_ones_do():
     """All pinned with k on a balanced graph: lambda_max(Lambda) = -2 k."""
     half = Fraction(1, 2)
     ground = ground_of(ring(3), rate=half)
-    assert not reaches(ground, dict.fromkeys(range(3), half), half)
+    assert not reaches(ground, dict.fromkeys(range(3), half))
     more = half + Fraction(1, 10**12)
-    assert reaches(ground, dict.fromkeys(range(3), more), half)
+    assert reaches(ground, dict.fromkeys(range(3), more))
 
 
 def with_modes(graphs) -> Problem:
@@ -506,8 +506,8 @@ def test_two_pins_of_a_star_are_excluded_above_1_and_not_below():
     """Four leaves return at 1 unless held: six sets, all too slow for 1.01; none of them for 1."""
 
     def ask(rate: str):
-        limits = Limits(allowed=range(4), caps={}, pins=2)
-        return too_fast(star(4), Fraction(rate), limits, slow_directions)
+        limits = Limits(rate=Fraction(rate), allowed=(0, 1, 2, 3), caps={}, pins=2, digits=4)
+        return too_fast(star(4), limits, slow_directions)
 
     refuted = ask("1.01")
     assert refuted.exact["sets"] == "6"

@@ -15,6 +15,7 @@ from fractions import Fraction
 from functools import partial
 
 from dobc_design.certificate.claims import box_of, claim_of
+from dobc_design.conditions.case import Case
 from dobc_design.conditions.check import Check, Claim
 from dobc_design.conditions.graphs.claim import Kept
 from dobc_design.conditions.margins.decide import Tolerance
@@ -25,7 +26,6 @@ from dobc_design.conditions.schedule.claim import Cycles
 from dobc_design.conditions.separable.claim import DelayBound, Separable
 from dobc_design.conditions.weighted.decide import Weighted
 from dobc_design.conditions.weighted.network import Alike
-from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import root_above
 from dobc_design.exact.symmetric import Doubles, SparseSymmetric, largest, least
 from dobc_design.loop.loop import Loop
@@ -38,43 +38,38 @@ IN_HAND = Fraction(1, 10**9)
 _root = partial(root_above, unit=10**12)
 
 
-def with_factors(loop: Loop, checks: Sequence[Check], W: Matrix | None) -> tuple[Check, ...]:
-    """The same checks of the loop with the gain W (q, m); proved ones that have a rate with its
-    factor, rounded up."""
+def with_factors(case: Case) -> tuple[Check, ...]:
+    """The checks of the case; proved ones that have a rate with its factor, rounded up."""
     found: list[Check] = []
-    for check in checks:
-        factor = factor_of(check, checks, loop, W)
+    for check in case.checks:
+        factor = factor_of(check, case)
         known = factor is not None and factor <= MOST
         found.append(replace(check, factor=decimal_above(factor) if factor and known else None))
     return tuple(found)
 
 
-def factor_obstacle(
-    check: Check, checks: Sequence[Check], loop: Loop, W: Matrix | None
-) -> str | None:
+def factor_obstacle(check: Check, case: Case) -> str | None:
     """None if the factor of a confirmed check follows from what it claims, or it has none; else
     what is wrong."""
     if check.factor is None:
         return None
-    own = factor_of(check, checks, loop, W)
+    own = factor_of(check, case)
     if own is None:
         return "it claims a factor, and no bound follows from it"
     return None if own <= claimed(check.factor) else f"the factor {check.factor} does not follow"
 
 
-def factor_of(
-    check: Check, checks: Sequence[Check], loop: Loop, W: Matrix | None
-) -> Fraction | None:
-    """The factor of a check among ``checks``; None for one without a rate, and where no bound
-    follows from it."""
+def factor_of(check: Check, case: Case) -> Fraction | None:
+    """The factor of one check of a case; None for one without a rate, and where no bound follows
+    from it."""
     if check.verdict is not Verdict.PROVED or not check.rate:
         return None
     if check.kind.is_of_paper:
         return ONE
-    claim = claim_of(check, loop, W)
+    claim = claim_of(check, case.loop, case.W)
     if isinstance(claim, DelayBound) or (isinstance(claim, Tolerance) and claim.v is None):
-        return _of_proof_beside(claim, checks, loop, W)
-    return _of_claim(claim, loop)
+        return _of_proof_beside(claim, case)
+    return _of_claim(claim, case.loop)
 
 
 def _of_claim(claim: Claim | None, loop: Loop) -> Fraction | None:
@@ -95,12 +90,10 @@ def _of_claim(claim: Claim | None, loop: Loop) -> Fraction | None:
     return None
 
 
-def _of_proof_beside(
-    claim: DelayBound | Tolerance, checks: Sequence[Check], loop: Loop, W: Matrix | None
-) -> Fraction | None:
+def _of_proof_beside(claim: DelayBound | Tolerance, case: Case) -> Fraction | None:
     """That of the max-separable certificate on which the claim rests.  With an observer a delayed
     loop keeps every rate below that of the claim, and a bound follows only at rates below beta."""
-    base = box_of(checks, loop, W)
+    base = box_of(case.checks, case.loop, case.W)
     if base is None:
         return None
     if isinstance(claim, DelayBound) and base.error is not None and claim.rate >= base.error.beta:

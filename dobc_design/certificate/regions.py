@@ -303,7 +303,7 @@ class _Gatherer:
             factor=check.factor,
             time=self._time(check),
             covers=covering,
-            limit=self._limit(check, kind, covering=covering),
+            limit="" if covering else self._limit(check, kind),
         )
 
     def _time(self, check: Check) -> float | None:
@@ -328,10 +328,8 @@ class _Gatherer:
         steps = math.log(bound.height / claimed(self.tolerance)) / float(bound.rate)
         return _up(Fraction(max(0.0, steps) * (1 + 1e-9)), digits=4)
 
-    def _limit(self, check: Check, kind: str, *, covering: bool) -> str:
+    def _limit(self, check: Check, kind: str) -> str:
         """Why it says no more."""
-        if covering:
-            return ""
         if kind in ("box", "ball"):
             return " ".join(filter(None, [check.remark, self._turning(check)]))
         if kind == "near":

@@ -34,7 +34,7 @@ from dobc_design.conditions.consensus.decide import Proposal
 from dobc_design.conditions.consensus.network import reachability_check
 from dobc_design.conditions.consensus.propose import Top, decay_rate
 from dobc_design.conditions.coverage import NEAR, Asked, Progress, covering, read_region
-from dobc_design.conditions.domain import EVERYWHERE, Domain
+from dobc_design.conditions.domain import EVERYWHERE
 from dobc_design.conditions.graphs.stage import markov_stage, safety_stage
 from dobc_design.conditions.kinds import LEMMA, ids_in
 from dobc_design.conditions.linearisation.stage import linearisation_stage
@@ -188,9 +188,9 @@ class _Certification:
         """All checks in their order, what follows from them, and what the second checker says."""
         loop = self.loop
         found = decide(loop, self.report, rate=self.options.least_rate)
-        domain = found.statements.domain
-        written = tuple(writable(check, domain) for check in self._with_stages(found))
-        checks = with_factors(loop, written, found.W)
+        case = self._with_stages(found)
+        written = tuple(writable(check, case.domain) for check in case.checks)
+        checks = with_factors(replace(case, checks=written))
         overall = decide_overall(loop, checks, found.W)
         # With several groups one designed block is enough.
         source = None
@@ -221,7 +221,7 @@ class _Certification:
         self.report("asking the second checker")
         return Certificate(problem=self.problem, claims=agreed(claims, self.problem))
 
-    def _with_stages(self, found: Decided) -> tuple[Check, ...]:
+    def _with_stages(self, found: Decided) -> Case:
         """The checks that are ``found``, with cures, and those of every later stage in turn."""
         loop, report = self.loop, self.report
         everything, tolerance = self.options.everything, self.options.settling
@@ -239,10 +239,10 @@ class _Certification:
             settled = settling_stage(case, tolerance=tolerance, starts=starts, report=report)
             case = case.and_([settled])
         # Inputs may rest on the final box, so they come after it.
-        case = case.and_(_ending(ACCURACY, case.domain, partial(accuracy_stage, case, report)))
+        case = case.and_(_ending(ACCURACY, case, partial(accuracy_stage, case, report)))
         inputs = partial(inputs_stage, asked, case.checks, report)
-        case = case.and_(_ending(LIMIT, case.domain, inputs))
-        return case.and_(other_equilibria(self.problem, case, report=report)).checks
+        case = case.and_(_ending(LIMIT, case, inputs))
+        return case.and_(other_equilibria(self.problem, case, report=report))
 
     def _with_cures_and_regions(self, found: Decided) -> tuple[Check, ...]:
         """Cures of what failed, then the region; under a guarantee the region first, because it may
@@ -339,7 +339,7 @@ def region_checks(
         # What the tables of the file ask may still rest on the box that the first stage finds.
         stages = STAGES[:1] if is_asked(asked) else ()
     found = _in_turn(asked, stages, report)
-    return found + _ending(TOLERANCE, case.domain, partial(margins_stage, asked, found, report))
+    return found + _ending(TOLERANCE, case, partial(margins_stage, asked, found, report))
 
 
 def _near_a_moving_target(asked: Asked, report: Progress) -> list[Check]:
@@ -379,12 +379,12 @@ def _in_turn(asked: Asked, stages: Sequence[Stage], report: Progress) -> list[Ch
     return found
 
 
-def _ending(id: str, domain: Domain, stage: Callable[[], list[Check]]) -> list[Check]:
+def _ending(id: str, case: Case, stage: Callable[[], list[Check]]) -> list[Check]:
     """What a stage finds, or a check that says why it did not end."""
     try:
         return stage()
     except WorkLimitError as limit:
-        return [cut_check(id, domain, str(limit))]
+        return [cut_check(id, case.domain, str(limit))]
 
 
 def other_equilibria(problem: Problem, case: Case, *, report: Progress) -> Iterator[Check]:

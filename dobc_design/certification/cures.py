@@ -348,7 +348,13 @@ def _pin_fix(
     chosen = faster[0] if faster else accepted
     parts = [_task(problem, chosen, minimum=accepted if faster else None)]
     if held_back is not None:
-        parts.append(_held_back_words(problem, *held_back))
+        # Why gains on the present pins do not do.
+        mode, vector = held_back
+        who = name_agents(carriers(loop_of(problem), vector))
+        pins = name_agents(_labels(problem, problem.pinning.agents))
+        where = f" in mode {mode}" if len(problem.network.modes) > 1 else ""
+        none = f"No gain on {pins} can help"
+        parts.append(f"{none}: the error of {who} would not decrease{where}.")
     # Within one mode no group holds another one.
     if len(problem.network.modes) > 1:
         groups = [each for each in groups if not any(set(other) < set(each) for other in groups)]
@@ -368,14 +374,6 @@ def _pin_fix(
             f"{_gains(problem, other.gains)}{total}{_none(problem, other)}."
         )
     return Fix(kind="pinning", set=_gain_changes(problem, chosen), text=" ".join(parts))
-
-
-def _held_back_words(problem: Problem, mode: str, vector: Vector) -> str:
-    """Why gains on the present pins do not do."""
-    who = name_agents(carriers(loop_of(problem), vector))
-    pins = name_agents(_labels(problem, problem.pinning.agents))
-    where = f" in mode {mode}" if len(problem.network.modes) > 1 else ""
-    return f"No gain on {pins} can help: the error of {who} would not decrease{where}."
 
 
 def _groups_words(problem: Problem, groups: Sequence[tuple[int, ...]]) -> str:

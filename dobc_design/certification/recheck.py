@@ -253,9 +253,7 @@ def recheck(certificate: Claims | bytes, problem: Problem) -> Recheck:
         trusted = trust(claims, loop)
         for check in claims.checks:
             try:
-                reason = confirm(check, trusted) or factor_obstacle(
-                    check, claims.checks, loop, claims.W
-                )
+                reason = confirm(check, trusted) or factor_obstacle(check, trusted)
                 if reason is None:
                     confirmed.append(replace(check, claim=claim_of(check, loop, claims.W)))
             except MALFORMED as error:

@@ -13,7 +13,6 @@ from dobc_design.certification.certify import certify
 from dobc_design.conditions.numbers import time_to_one_percent
 from dobc_design.errors import SpecError
 from dobc_design.exact.number import Number
-from dobc_design.loop.make import observed
 from dobc_design.problem.load import Source, load_problem
 from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.joint.claim import (
@@ -135,11 +134,11 @@ def design_observer(
         rate=rate, region=region, noise=noise, digits=digits, period=period
     )
     if problem.dynamics is None:
-        return search_groups(observed(problem), request)
+        return search_groups(problem, request)
     if request.noise or request.period:
         # With dynamics noise passes through x to dhat in another way, and a sampled C depends on A.
         problem.require_integrators("the design of an observer with noise or a period")
-    return search_groups(observed(problem), replace(request, norms=False))
+    return search_groups(problem, replace(request, norms=False))
 
 
 @shows_progress

@@ -16,6 +16,7 @@ from dobc_design.certificate.factors import with_factors
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.checker import quadratic
 from dobc_design.checker.loop import Loop
+from dobc_design.conditions.case import Case
 from dobc_design.conditions.coverage import read_region
 from dobc_design.conditions.domain import NEAR_TARGET
 from dobc_design.conditions.quadratic.stage import quadratic_stage
@@ -98,9 +99,9 @@ def test_what_one_program_refuses_the_other_refuses(s: Fraction | None, count: i
     problem = ring(3, coupling="exp(y) - 1 + y", gains=3, s=s)
     document = json.loads(certificate_bytes(certify(problem).claims))
     asked = read_region(loop_of(problem), problem.observer.W, domain=NEAR_TARGET, everything=False)
-    found = with_factors(
-        loop_of(problem), tuple(quadratic_stage(asked, lambda _: None)[:1]), problem.observer.W
-    )
+    proofs = tuple(quadratic_stage(asked, lambda _: None)[:1])
+    case = Case(loop=asked.loop, W=asked.W, domain=asked.domain, checks=proofs)
+    found = with_factors(case)
     check = json.loads(json.dumps(found[0].to_json()))
     regional = ("max-separable", "delay", "sampling", "lure", "tolerance")
     document["checks"] = [each for each in document["checks"] if each["id"] not in regional]

@@ -117,7 +117,7 @@ def claimed_afresh(problem: Problem) -> Claims:
             patch.setattr(certification, stage, lambda *arguments, **options: [])
         patch.setattr(certification, "with_cures", lambda problem, found, **options: found.checks)
         patch.setattr(certification, "agreed", lambda claims, problem: claims)
-        patch.setattr(certification, "with_factors", lambda problem, checks, W: checks)
+        patch.setattr(certification, "with_factors", lambda case: case.checks)
         return certify(problem).claims
 
 

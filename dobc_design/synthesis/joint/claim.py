@@ -348,17 +348,14 @@ def _observer_words(found: ObserverDesign, whose: str = "") -> Iterator[str]:
 def _why_so_many(problem: Problem, grounds: Grounds, count: int) -> str:
     """Why a design has so many pins."""
     least = grounds.structure.least
-    if count == least:
-        return _why_least(problem, grounds.structure.groups)
-    if grounds.limited:
+    groups = grounds.structure.groups
+    if count != least and grounds.limited:
         return "as many as were allowed"
-    are = "is" if least == 1 else "are"
-    fewer = f"with fewer than {count} very large gains or no proof were left"
-    return f"{least} {are} the least that the arcs allow, but {fewer}"
-
-
-def _why_least(problem: Problem, groups: Sequence[Sequence[int]]) -> str:
-    """Why there cannot be fewer pins than the graph asks for."""
+    if count != least:
+        are = "is" if least == 1 else "are"
+        fewer = f"with fewer than {count} very large gains or no proof were left"
+        return f"{least} {are} the least that the arcs allow, but {fewer}"
+    # There cannot be fewer pins than the graph asks for.
     if problem.dynamics is not None:  # agents that may settle by themselves
         return "the network is held where it listens to nobody outside"
     if len(groups) > 1:

@@ -23,7 +23,7 @@ from dobc_design.conditions.observer.decide import too_large
 from dobc_design.conditions.separable.claim import acts_by_component
 from dobc_design.conditions.statement import Statement, undecided
 from dobc_design.exact.reading import counted
-from dobc_design.loop.make import loop_of, observed
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.changes import changed_problem, gain_changes, typed_number
 from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.problem import Problem
@@ -362,7 +362,7 @@ def _weaker(
         return
     # nor without an agent of every group.
     if kind == "structure":
-        wider = replace(request, allowed=with_lacking(problem, request.allowed))
+        wider = with_lacking(problem, request)
         yield wider, HALF
         yield replace(wider, pins=None), HALF
         return
@@ -409,7 +409,7 @@ def observer_at(problem: Problem, request: DesignRequest, rate: Fraction | None)
         digits=request.digits,
         norms=problem.dynamics is None,
     )
-    return search_groups(observed(problem), asked)
+    return search_groups(problem, asked)
 
 
 def _pace(observer: ObserverDesign) -> Fraction:

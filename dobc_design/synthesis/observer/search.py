@@ -7,15 +7,17 @@ written.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 
 from dobc_design.conditions.numbers import claimed, rounded_up, shorten
 from dobc_design.conditions.statement import Statement
 from dobc_design.exact.matrix import Matrix, multiply
 from dobc_design.exact.observability import decide_detectable
+from dobc_design.loop.make import observed
 from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Group, join
+from dobc_design.problem.groups import join
+from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.observer import decide
 from dobc_design.synthesis.observer.claim import NoiseLimit, ObserverDesign, ObserverRequest
 from dobc_design.synthesis.observer.propose import (
@@ -26,9 +28,10 @@ from dobc_design.synthesis.observer.propose import (
 from dobc_design.verdict import Verdict
 
 
-def search_groups(groups: Sequence[Group], request: ObserverRequest) -> ObserverDesign:
+def search_groups(problem: Problem, request: ObserverRequest) -> ObserverDesign:
     """Decide a request that every group has to meet with its own W: REFUTED if one is; one group as
     it is."""
+    groups = observed(problem)
     found = [search_observer(group.exosystem, request) for group in groups]
     if len(groups) == 1:
         return found[0]

@@ -10,6 +10,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from typing import TypeVar
 
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.consensus.decide import enclosed_lambda
@@ -31,6 +32,7 @@ from dobc_design.synthesis.pinning.claim import (
     FEWEST,
     Alternatives,
     Gains,
+    Limits,
     PinningDesign,
     PinningRequest,
     Structure,
@@ -53,6 +55,7 @@ WEIGHTED_TILTS = (Fraction(1, 10**6), Fraction(1, 10**5), Fraction(1, 1000), Fra
 MIXED = (0.0, 0.1, 0.2, 0.4, 0.6, 0.8)
 MORE = 4  # or to so many times as much
 AS_WRITTEN = "for the gains as they are written."
+Asked = TypeVar("Asked", bound=Limits)
 #: The agents to pin, and what was proved of the choice; no choice where so few cannot do.
 Chosen = tuple[Choice | None, tuple[Statement, ...]]
 
@@ -426,7 +429,7 @@ def _weaker(task: Task, obstacle: Statement | None) -> Iterator[PinningRequest]:
     n = task.bare.n
     kind = None if obstacle is None else obstacle.kind
     if kind == "structure":
-        request = replace(request, allowed=with_lacking(task.bare, request.allowed))
+        request = with_lacking(task.bare, request)
         yield request
         yield replace(request, pins=None if request.pins is None else FEWEST)
     if kind == "pins":
@@ -465,10 +468,10 @@ def _larger_caps(proposer: PinningProposer, request: PinningRequest) -> Fraction
     return Fraction(factor * 1.001)
 
 
-def with_lacking(problem: Problem, allowed: Sequence[int]) -> tuple[int, ...]:
-    """The ``allowed`` agents, and all of every group that has none of them."""
-    agents = set(allowed)
-    for group in decide.structure_of(problem, allowed).groups:
-        if not set(allowed) & set(group):
+def with_lacking(problem: Problem, request: Asked) -> Asked:
+    """The request with its allowed agents, and all of every group that has none of them."""
+    agents = set(request.allowed)
+    for group in decide.structure_of(problem, request.allowed).groups:
+        if not set(request.allowed) & set(group):
             agents |= set(group)
-    return tuple(sorted(agents))
+    return replace(request, allowed=tuple(sorted(agents)))

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import NamedTuple
 
@@ -16,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from dobc_design._checks import require_shape, require_square
+from dobc_design._checks import noun, require_shape, require_square
 from dobc_design._show.cards import Card, Headed
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.reason import Reason
@@ -31,7 +30,7 @@ from dobc_design.loop.matrices import consensus_jacobian, pull_matrix
 from dobc_design.problem.problem import Problem
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class SpectrumResult:
     """Eigenvalues of A - W C, slowest first, and the decay rate they give; both in 1/s."""
 
@@ -60,7 +59,7 @@ def _slowest_first(eigenvalues: ArrayLike) -> tuple[complex, ...]:
     return tuple(sorted(values, key=lambda s: (-s.real, s.imag)))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class ModeMargin:
     """An eigenvalue of A (1/s) and the smallest singular value of [A - eigenvalue I; C]; 0 means
     unseen."""
@@ -69,7 +68,7 @@ class ModeMargin:
     margin: float
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class ObservabilityResult:
     """Rank and singular values of the observability matrix, and the Popov-Belevitch-Hautus margin
     of each mode. ``rank`` is numerical (NumPy's default tolerance), None if the matrix overflows;
@@ -116,7 +115,7 @@ def check_observability(A: Matrix, C: Matrix) -> ObservabilityResult:
     return ObservabilityResult(order=q, rank=rank, singular_values=values, modes=tuple(modes))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class GraphFacts:
     """Facts of one mode, agents by label in the order of the network.  ``unreached``: agents that
     no pinned agent reaches.  ``components``: the strongly connected components, ordered by their
@@ -193,7 +192,7 @@ class SecondOrder(NamedTuple):
         return f"double integrators: beta^2/alpha = {self.ratio:.4g} has to exceed {self.least:.4g}"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class ModeSpectrum:
     """Eigenvalues at the consensus in 1/s: of Lambda(J(0)), ascending, and of J(0) - K, slowest
     first; or None. ``second_order``: of double integrators."""
@@ -227,7 +226,7 @@ class ModeSpectrum:
         return f'mode "{self.mode}": {text}'
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class Analysis(Headed):
     """Diagnostics of a problem, one entry per mode in ``graphs`` and ``modes``.
 

@@ -18,6 +18,7 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Shown, listed
 from dobc_design.certificate.claims import Claims, box_of, claim_of, reading_claims
 from dobc_design.conditions.check import Check, Claim
@@ -71,7 +72,7 @@ class Starts:
     disturbance: Fraction
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Envelope:
     """|e(t)|_inf <= height exp(-rate t) for t >= 0 s, by the check ``id``; height in the unit of x,
     rate in 1/s."""
@@ -81,7 +82,7 @@ class Envelope:
     rate: Fraction
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class CertifiedBound(Shown):
     """The least of several proved bounds of |e(t)|_inf, a function of times in s; without any,
     ``reason`` says why."""

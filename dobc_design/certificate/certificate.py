@@ -6,10 +6,10 @@ It carries no time stamp, so that the same input and versions give the same byte
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Headed
 from dobc_design._show.text import latex_text
 from dobc_design.certificate.bounds import (
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from dobc_design.exact.number import Number
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class Certificate(Headed):
     """A problem and the claims about it; shows itself as text, and as a table in Jupyter.
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from fractions import Fraction
 
+from dobc_design._checks import noun
 from dobc_design._show.text import visible
 from dobc_design.certificate.topics import TOPICS
 from dobc_design.conditions.check import Check, Claim, Values
@@ -24,7 +24,7 @@ from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Claims:
     """Verdict, checks and the matrices they rest on.
 

@@ -14,6 +14,7 @@ from dataclasses import asdict, dataclass, replace
 from fractions import Fraction
 from typing import Any, Final
 
+from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Headed
 from dobc_design._show.text import significant, significant_away_from_zero, significant_towards_zero
 from dobc_design.certificate.bounds import Starts, envelope_of, error_share
@@ -40,7 +41,7 @@ from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Asked:
     """The region of the problem: |e|_inf <= box, which the ball |e| <= ball holds; |eps_i| <=
     disturbance.
@@ -54,7 +55,7 @@ class Asked:
     interval: tuple[float, float] | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class RegionClaim:
     """What one condition says about starts.
 
@@ -93,7 +94,7 @@ class RegionClaim:
         return {**asdict(self), "verdict": self.verdict.value}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class AgentBound:
     """One agent of the max-separable certificate: starts with |e_i| <= bound for all agents at once
     are covered.
@@ -107,7 +108,7 @@ class AgentBound:
     goal: float | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class Regions(Headed):
     """The certified regions of one problem, in the order in which they were tried.
 

@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Final, Protocol
 
+from dobc_design._checks import noun
 from dobc_design.conditions.accuracy import decide as accuracy
 from dobc_design.conditions.case import Case
 from dobc_design.conditions.check import Check, Claim, same_witness
@@ -49,7 +50,7 @@ Confirm = Callable[[Check, Trusted], str | None]
 Read = Callable[[Check, Loop, Matrix | None], Claim | None]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Topic:
     """``confirm`` gives None if a proof or refutation holds, else what does not.  ``read`` turns
     the values of a check into the noun of the topic; None where they stay values.  Both raise

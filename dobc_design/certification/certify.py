@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 from itertools import zip_longest
 
 from dobc_design import __version__
+from dobc_design._checks import noun
 from dobc_design._show.progress import Reports, report_to, shows_progress
 from dobc_design._show.text import capitalize_first
 from dobc_design.certificate.certificate import Certificate
@@ -142,7 +143,7 @@ def certify(
         ).run()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class _Options:
     """What ``certify`` was asked beside the problem; numbers as they were given.
     ``settling_starts``: None unless the settling time is about other starts than the region."""
@@ -175,7 +176,7 @@ class _Options:
         return tuple(typed)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class _Certification:
     """One run of ``certify``: the problem, its loop, and what was asked."""
 
@@ -444,7 +445,7 @@ def decide(loop: Loop, report: Progress, *, rate: float = 0.0) -> Decided:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class _Run:
     """One certification: the problem, its conditions, floating-point estimates to propose from.
     ``found``: directions of few agents, filled in for the modes where Lambda < 0 looks doubtful."""

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
+from dobc_design._checks import noun
 from dobc_design._show.text import capitalize_first
 from dobc_design.conditions.check import Check, Fix
 from dobc_design.conditions.consensus import cures
@@ -53,7 +54,7 @@ LARGE = 3000  # agents from which a cured problem is not decided as a whole
 CHEAPER = 0.8  # part of the total from which another pin is worth a word
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Decided:
     """The checks of one problem and what they are about: W, how it was designed, the pair,
     directions by mode."""
@@ -67,7 +68,7 @@ class Decided:
     how: str = ""  # the pair came about, where not the usual way
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Accepted:
     """A proposal, and its rounded gains, which were proved to do."""
 
@@ -110,7 +111,7 @@ def _cured(check: Check, fix: Fix | None) -> Check:
     return replace(check, fix=fix) if fix is not None and wanted else check
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class _Cures:
     """The search for what cures one problem, of which ``found`` is known."""
 

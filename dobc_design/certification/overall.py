@@ -7,9 +7,10 @@ an unstable linearisation.  A theorem that does not apply never refutes."""
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 
+from dobc_design._checks import noun
 from dobc_design._show.text import capitalize_first, significant_away_from_zero
 from dobc_design.certificate.claims import Claims
 from dobc_design.conditions.check import Check
@@ -54,7 +55,7 @@ HELD_ALWAYS = (
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Overall:
     """The verdict in one word and one sentence, the certified rate (1/s) with its factor, and the
     check that carries it."""

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
+from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Shown
 from dobc_design.certificate.claims import Claims, claim_of
 from dobc_design.certificate.factors import factor_obstacle
@@ -67,7 +68,7 @@ Finding = tuple[bool, str]
 HOW = "python -I -S dobc_design/checker certificate.json problem.json"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class Recheck(Shown):
     """The outcome of checking a certificate.  ``verdict`` is what the certificate claims; it counts
     if it ``holds``: every claim holds and the verdict follows. ``confirmed`` and ``failures`` list

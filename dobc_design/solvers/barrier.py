@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
+from dobc_design._checks import noun
 from dobc_design.exact.work import spend
 from dobc_design.solvers.program import Array
 
@@ -31,7 +32,7 @@ CUBES: Final = 20_000  # and cubed rows for one more
 _RIDGES: Final = (1e-14, 1e-11, 1e-8)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Basis:
     """Which symmetric Y (n, n) are allowed: entries (rows, columns) above; ``tied``: one number for
     the diagonal."""
@@ -114,7 +115,7 @@ def make_basis(n: int, shape: str) -> Basis:
     return Basis(n=n, rows=places, columns=places, tied=shape == "identity")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Block:
     """One matrix inequality F > 0 of N rows; see above.  ``plain``: a multiple of Y that is added
     (then N = n, and Y occurs in no other way). ``sides``: L and R (N, n), or None where Y does not
@@ -141,7 +142,7 @@ class Block:
         return F
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Inequalities:
     """Blocks, and bounds ``limits`` (bounds,) - ``forms`` (bounds, basis.size) y > 0 on Y;
     ``count`` of scalars, of which those at the places ``positive`` are > 0."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from fractions import Fraction
 from typing import Any
 
@@ -15,6 +15,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import structural_rank
 from scipy.sparse.linalg import splu
 
+from dobc_design._checks import noun
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.pencil import Pencil
 from dobc_design.exact.symmetric import Symmetric
@@ -29,7 +30,7 @@ FAILED = "failed: "
 OUT_OF_TIME = "MaxTime"  # Clarabel's word
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Program:
     """The pencils F, all with the same unknowns, and the floor of P."""
 
@@ -37,7 +38,7 @@ class Program:
     floor: Fraction = Fraction(0)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Solution:
     """What a solver answered.  ``status``, its own word ("Solved", "PrimalInfeasible", ...) or one
     that begins with FAILED, never decides anything.  x (k,), multipliers (all rows,), and of a

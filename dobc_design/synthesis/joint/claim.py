@@ -9,6 +9,7 @@ from fractions import Fraction
 from itertools import islice, pairwise
 from typing import TYPE_CHECKING, Any
 
+from dobc_design._checks import noun
 from dobc_design._show.cards import MOST_ITEMS, Card, Headed, listed
 from dobc_design._show.text import significant_away_from_zero, significant_towards_zero
 from dobc_design.certificate.certificate import Certificate
@@ -125,7 +126,7 @@ def read_design_request(labels: Sequence[str], asked: AskedDesign) -> DesignRequ
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class RegionPrices:
     """What the multipliers of gains over a region say.
 
@@ -159,7 +160,7 @@ class RegionPrices:
             yield f"Price of so few pins: {none}."
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Grounds:
     """Why a design has these pins and gains, and what they cost.
 
@@ -182,7 +183,7 @@ class Grounds:
     weaker: float | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class Design(Answer):
     """An observer gain, pinned agents and gains, and what is known of them.
 
@@ -427,7 +428,7 @@ def _time_words(certificate: Certificate) -> str:
     return f"{significant_away_from_zero(time, 3)} s ({rate} 1/s, factor {factor})"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class TradePoint:
     """One design of a curve.  ``pinned``: labels of the agents; ``proved``: whether y is a proved
     bound."""
@@ -438,7 +439,7 @@ class TradePoint:
     proved: bool = False
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class TradeOff(Headed):
     """One limit of a design in terms of another.
 

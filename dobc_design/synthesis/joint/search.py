@@ -9,11 +9,12 @@ given up first is what the refutation names; how far is read off a design withou
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from fractions import Fraction
 from itertools import islice, product
 from typing import Any
 
+from dobc_design._checks import noun
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certification.certify import certify
 from dobc_design.conditions.consensus.pinning import network_blocks
@@ -75,7 +76,7 @@ NO_OBSERVER = (
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Ground:
     """One request and its problem without W and gains; without a rate, ``part`` of the fastest one
     is aimed at.  ``reduction``: what became of the exosystem."""
@@ -156,7 +157,7 @@ class Ground:
         )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Proposal:
     """W and gains (1/s, rounded) on at most the ``pinned`` agents, meant for the rate ``aim``
     (1/s): from a design ``near`` the consensus, from rows over the ``region``, or for agents with

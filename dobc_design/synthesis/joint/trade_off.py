@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 
+from dobc_design._checks import noun
 from dobc_design.conditions.coverage import Progress
 from dobc_design.conditions.numbers import claimed
 from dobc_design.errors import SpecError
@@ -86,7 +87,7 @@ def _chosen(curve: str, design: Design, observer: ObserverDesign | None) -> Trad
     return TradePoint(x=float(len(pinned)), y=design.rate, pinned=pinned, proved=True)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Curve:
     """What the points of a curve share: a problem without gains, the limits, about how many."""
 

@@ -9,11 +9,11 @@ real axis.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from fractions import Fraction
 from typing import Any
 
-from dobc_design._checks import put
+from dobc_design._checks import noun, put
 from dobc_design._show.cards import Card, Shown, Told, cut
 from dobc_design.conditions.numbers import fields_to_json
 from dobc_design.conditions.statement import Statement
@@ -30,7 +30,7 @@ NORMS = {"hinf": "H-infinity", "h2": "H2"}
 Ends = tuple[Fraction | None, Fraction | None]  # on the real axis; None is infinite
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class HalfPlane(Told):
     """Re s <= left_of, or Re s >= right_of (1/s); exactly one of them is given.
 
@@ -73,7 +73,7 @@ def _end(value: Any, key: str) -> Fraction | None:
     return parse_number(value, key)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class Disk(Told):
     """|s - centre| <= radius, with a real centre; both in 1/s."""
 
@@ -100,7 +100,7 @@ class Disk(Told):
         return self.centre - self.radius, self.centre + self.radius
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class Cone(Told):
     """Damping ratio at least ``damping``: Re s <= 0 and -Re s >= damping |s|; 0 < damping < 1."""
 
@@ -126,7 +126,7 @@ class Cone(Told):
 SpectralRegion = HalfPlane | Disk | Cone
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class NoiseLimit(Told):
     """An upper bound on the norm of one transfer function of the observer, with F = A - W C.
 
@@ -162,7 +162,7 @@ def _require_one_of(words: Sequence[str], value: Any, name: str) -> None:
     raise SpecError(text, key=key, cure=f'For example {name}="{words[0]}".')
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class ObserverRequest:
     """What a gain W has to do.  Absent limits are None or empty.  ``rate`` (1/s): every eigenvalue
     has Re <= -rate. ``regions``: where else the spectrum must lie.  ``noise``: bounds on norms.
@@ -281,7 +281,7 @@ def common_interval(regions: tuple[SpectralRegion, ...]) -> Ends | None:
     return low, high
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Envelope:
     """A proposed P (q, q), a rate (1/s) and bounds of P: lower I <= P <= upper I."""
 
@@ -291,7 +291,7 @@ class Envelope:
     upper: Fraction
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class Answer(Shown):
     """What every design on request has: the verdict, and what was decided on the way.
 
@@ -333,7 +333,7 @@ class Answer(Shown):
         return f"<{type(self).__name__} {self.verdict.value}: {cut(self.reason)}>"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class ObserverDesign(Answer):
     """An observer gain and what is known of it.
 

@@ -16,11 +16,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from fractions import Fraction
 from functools import partial
 from typing import Any
 
+from dobc_design._checks import noun
 from dobc_design.conditions.numbers import bisected, claimed, largest_proved
 from dobc_design.conditions.observer.decide import detectability_check, error_matrix
 from dobc_design.conditions.statement import Statement, proved, refuted, undecided
@@ -162,7 +163,7 @@ def sampled_matrix(exosystem: Exosystem, W: Matrix, period: Fraction) -> exponen
     return tuple(closed)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class SampledDisk:
     """Where all eigenvalues of the sampled error are asked to lie; the radius is enclosed."""
 
@@ -212,7 +213,7 @@ def _sampled_disks(request: claim.ObserverRequest, period: Fraction) -> Iterator
             yield SampledDisk(kind="region", text=text, centre=region.centre, radius=radius)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class StateSpace:
     """Exact C (sI - F)^-1 B + D: F (q, q), B (q, u), C (y, q), D (y, u)."""
 
@@ -403,7 +404,7 @@ def why_impossible(exosystem: Exosystem, request: claim.ObserverRequest) -> Stat
     return _too_quiet(exosystem, request)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Reduction:
     """What becomes of an exosystem that C does not see whole: ``changes`` of the problem that leave
     its observable part, and the ``words`` for them; or why there is no W at all."""

@@ -19,13 +19,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from itertools import product
 
 import numpy as np
 from scipy import linalg
 
+from dobc_design._checks import noun
 from dobc_design.conditions.observer import propose
 from dobc_design.conditions.observer.decide import error_matrix
 from dobc_design.exact.matrix import Matrix, scale, to_float, zeros
@@ -52,7 +53,7 @@ PARTS = (1.0, 0.9, 0.5)  # of the rate asked, where the border cannot be reached
 DIGITS = (4, 6, 9, 14)  # of P
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Plant:
     """The observable part of (A, C) in floats, T its orthonormal rows, and the regions: W = T'
     W_o."""
@@ -216,7 +217,7 @@ def _time_unit(plant: Plant) -> float:
     return max(1e-12, fastest)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class _Inequalities:
     """What (P, Q) have to meet (module docstring), with ``time`` (1/s) as the unit of rates."""
 

@@ -12,6 +12,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 
+from dobc_design._checks import noun
 from dobc_design.conditions.coverage import Progress
 from dobc_design.conditions.numbers import claimed, shorten, text_below
 from dobc_design.conditions.statement import Statement, proved, refuted
@@ -30,7 +31,7 @@ SIX_DIGITS = 1e-6  # costs that differ by less (relatively) are alike
 SUPPORT = 1e-7  # gains below this part of the largest pin nobody
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class _Node:
     inside: frozenset[int]
     outside: frozenset[int]

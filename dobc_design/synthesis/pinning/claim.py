@@ -10,6 +10,7 @@ from functools import partial
 from itertools import islice
 from typing import Any, Protocol
 
+from dobc_design._checks import noun
 from dobc_design._show.cards import Card, listed, plain
 from dobc_design.conditions.consensus.network import name_agents
 from dobc_design.conditions.numbers import (
@@ -43,7 +44,7 @@ NONE_FOUND = (
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Limits:
     """What every request of gains k_i has: the ``rate`` (1/s) to be reached, None leaves it open;
     ``allowed``: agent indices, rising; ``caps``: the largest k_i (1/s) of agents that have one;
@@ -68,7 +69,7 @@ class PinningRequest(Limits):
     costs: tuple[Fraction, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class AskedGains:
     """The arguments of ``design_pinning`` as they were given, not yet read."""
 
@@ -184,7 +185,7 @@ def typed_gains(gains: Mapping[int, float], limits: Limits) -> dict[int, Fractio
     return typed
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Bound:
     """A proved lower bound of the cost at a rate, and what shows it: exact, to be multiplied out by
     anybody. ``vectors``: mode and v (n m).  ``loads``: sum_r |v_r,i|^2 of every agent.
@@ -199,7 +200,7 @@ class Bound:
     rate_price: Fraction
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Structure:
     """``groups``: agent indices, each group needs a pin.  ``least``: no fewer allowed agents meet
     all groups. ``exact``: so many do (``agents`` are such); False where the groups overlap in too
@@ -214,7 +215,7 @@ class Structure:
     unmet: tuple[int, ...] | None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Region:
     """Starts |e|_inf <= radius and |eps_i| <= disturbance.
 
@@ -233,7 +234,7 @@ class Region:
         return f"|e_i| <= {shown_number(self.radius)}{errors}"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Alternatives:
     """Agents that are as good: ``others`` by the pinned agent whose place one of them may take, and
     whole sets (``rivals``) that were met on the way."""
@@ -264,7 +265,7 @@ class Whole(Protocol):
     def prices(self) -> tuple[str, ...]: ...
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class PinningDesign(Answer):
     """Pinning gains and what is known of them.
 

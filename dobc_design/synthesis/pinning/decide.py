@@ -16,7 +16,6 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from itertools import combinations
 from math import comb
@@ -24,6 +23,7 @@ from typing import Any
 
 import numpy as np
 
+from dobc_design._checks import noun
 from dobc_design.conditions.consensus.claim import (
     Jacobians,
     ModeJacobian,
@@ -76,7 +76,7 @@ NAMED, WRITTEN = 8, 50  # groups that a sentence names; that exact values list
 Directions = Callable[..., Iterable[Sequence[float]]]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Ground:
     """A request and what decides it: J + J' of every mode (``lambdas``, without any gain), exactly
     enclosed."""
@@ -169,7 +169,7 @@ def bound_from(ground: Ground, vectors: Vectors, allowed: Collection[int]) -> Bo
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Multipliers:
     """Vectors of whole numbers in one ``unit``, with m ``width`` rows for each agent."""
 
@@ -301,7 +301,7 @@ def structure_of(problem: Problem, allowed: Collection[int]) -> Structure:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Scope:
     """In which modes a group listens to nobody, in words that are empty where there is one mode."""
 
@@ -393,7 +393,7 @@ def _of_size(
     return None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class SlowDirection:
     """w (n) >= 0 of one state component in one mode; no gains make the loop decay faster than
     ``limit`` (1/s) there."""

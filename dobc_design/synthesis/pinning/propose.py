@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
 from itertools import combinations, product
 from math import comb
 from typing import Any
@@ -24,6 +23,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
+from dobc_design._checks import noun
 from dobc_design.conditions.consensus import pinning
 from dobc_design.conditions.consensus.claim import ModeJacobian
 from dobc_design.conditions.consensus.propose import rows_of
@@ -46,7 +46,7 @@ DENSE = 400  # agents up to which all eigenvalues are computed
 STEPS = 3000  # of the power method above
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class PinningProposer:
     """The blocks of one problem, its costs and caps (inf where there is none)."""
 

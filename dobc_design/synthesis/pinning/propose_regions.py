@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from scipy import optimize, sparse
 
+from dobc_design._checks import noun
 from dobc_design.conditions.consensus.propose import decay_rate
 from dobc_design.conditions.numbers import last_found, quickly_down
 from dobc_design.conditions.separable.claim import ErrorBound
@@ -50,7 +51,7 @@ PARTS = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
 COARSE = 8
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Box:
     """All rows without gains, and who may have one: ``allowed`` (n,), ``costs`` (n,), ``caps`` (n,)
     in 1/s."""
@@ -201,7 +202,7 @@ def _program(box: Box, v: Array, step: float) -> Array | None:
     return np.asarray(answer.x[:n])
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class _LinearRows:
     """Rows divided by v: their ``agents`` (r,), ``slopes`` (r, n) in log v and ``values`` (r,)."""
 
@@ -241,7 +242,7 @@ def _linear_rows(field: Field, v: Array) -> Iterator[_LinearRows]:
                 yield _LinearRows(agents=agents, slopes=own, values=values)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class RegionGains:
     """Gains (1/s) by agent index that reach ``rate`` (1/s), about.  ``prices``: by agent, what the
     whole sum of gains would fall by for each 1/s of gain there (1 for pinned agents that are at

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from typing import TypeVar
 
+from dobc_design._checks import noun
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.consensus.decide import enclosed_lambda
 from dobc_design.conditions.consensus.network import carriers, name_agents
@@ -60,7 +61,7 @@ Asked = TypeVar("Asked", bound=Limits)
 Chosen = tuple[Choice | None, tuple[Statement, ...]]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Task:
     """One request: what decides it (``ground``), what proposes gains for V = e'e (``plain``, with
     the problem without gains), and which groups of agents need a pin."""

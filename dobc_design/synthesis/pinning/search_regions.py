@@ -6,10 +6,11 @@ Their max-separable certificate is proved by ``conditions.separable``.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
+from dobc_design._checks import noun
 from dobc_design.conditions.consensus.network import name_agents
 from dobc_design.conditions.coverage import asked_radius
 from dobc_design.conditions.numbers import claimed, shorten
@@ -53,7 +54,7 @@ ONLY_BY_COMPONENT = (
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Task:
     """One request over a region, of a problem without gains."""
 

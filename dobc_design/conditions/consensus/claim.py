@@ -20,7 +20,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import field, replace
 from fractions import Fraction
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,10 +58,10 @@ Gain = tuple[tuple[Interval, ...], ...]  # m x m
 Entries = dict[tuple[int, int], Fraction]
 Triplets = tuple[Places, Places, sparse.Integers]
 
-ZERO: Final = Fraction(0)
+ZERO = Fraction(0)
 #: Rows n m, and arcs times m^2, beyond which Lambda is stated in arrays.
-LARGE_ROWS: Final = 2000
-LARGE_ENTRIES: Final = 20_000
+LARGE_ROWS = 2000
+LARGE_ENTRIES = 20_000
 
 
 @noun(eq=False)

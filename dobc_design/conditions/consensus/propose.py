@@ -12,7 +12,7 @@ import math
 from bisect import bisect_left
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from scipy import linalg, sparse
@@ -76,18 +76,18 @@ def rows_of(agents: Any, width: int) -> Any:
 
 #: The bound is sharpened until it is this close to the least eigenvalue, or so many products are
 #: spent; in no case more than MOST_PRODUCTS, unless the first bound took as many.
-CLOSE: Final = 0.01
-ENOUGH: Final = 250
-MOST_PRODUCTS: Final = 450
-SHARPENINGS: Final = 6
+CLOSE = 0.01
+ENOUGH = 250
+MOST_PRODUCTS = 450
+SHARPENINGS = 6
 # Steps before a factorisation is tried where the network is little more than lines and rings; and
 # in the end.
-PATIENCE: Final = 300
-MOST_STEPS: Final = 20_000
-FEW_ENTRIES: Final = 4
-LEFT: Final = 0.25  # a row is met when this part of its right side is left at most
-FLOOR: Final = 0.1  # the right side of inverse iteration is at least this part of its largest entry
-_FLAT: Final = 1e-15
+PATIENCE = 300
+MOST_STEPS = 20_000
+FEW_ENTRIES = 4
+LEFT = 0.25  # a row is met when this part of its right side is left at most
+FLOOR = 0.1  # the right side of inverse iteration is at least this part of its largest entry
+_FLAT = 1e-15
 
 
 @noun(eq=False)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from fractions import Fraction
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -37,11 +37,11 @@ from dobc_design.verdict import Verdict
 Box = tuple[Interval, ...]
 Slopes = Mapping[tuple[int, int], Interval]
 
-LARGEST: Final = 60  # rows n m
-ZERO: Final = Fraction(0)
-ONE: Final = Fraction(1)
-NOTHING: Final = Interval.point(0)
-SHOWN: Final = 6  # components of an equilibrium that a sentence names
+LARGEST = 60  # rows n m
+ZERO = Fraction(0)
+ONE = Fraction(1)
+NOTHING = Interval.point(0)
+SHOWN = 6  # components of an equilibrium that a sentence names
 
 
 @noun

@@ -10,7 +10,6 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from fractions import Fraction
 from functools import partial
-from typing import Final
 
 import numpy as np
 from scipy import optimize
@@ -40,12 +39,12 @@ SAME = 1e-6  # relative distance of roots that are one
 
 # Half widths tried, as powers of ten of the size of the equilibrium, and the digits of the middle
 # beyond them.
-HALF_WIDTHS: Final = (6, 8, 10, 4, 3)
-EXTRA_DIGITS: Final = 4
-BITS: Final = (0, 1, 2, 4, 8, 16)  # of the numbers of a point that is an equilibrium exactly
+HALF_WIDTHS = (6, 8, 10, 4, 3)
+EXTRA_DIGITS = 4
+BITS = (0, 1, 2, 4, 8, 16)  # of the numbers of a point that is an equilibrium exactly
 # of each half width is used by boxes made here: other enclosures may be wider
-IN_HAND: Final = Fraction(9, 10)
-LEAST: Final = 1e-200  # of |e|_inf of an equilibrium that is looked at
+IN_HAND = Fraction(9, 10)
+LEAST = 1e-200  # of |e|_inf of an equilibrium that is looked at
 
 
 def proved_equilibria(

@@ -36,8 +36,8 @@ from dobc_design.problem.groups import agent_blocks
 Method = Literal["lure", "interval", "vertices"]
 Shape = Literal["identity", "diagonal", "full"]
 METHODS: Final[tuple[Method, ...]] = ("lure", "interval", "vertices")
-MOST_VERTICES: Final = 12  # channels with a range of their own up to which corners are enumerated
-ZERO: Final = Fraction(0)
+MOST_VERTICES = 12  # channels with a range of their own up to which corners are enumerated
+ZERO = Fraction(0)
 
 
 @noun

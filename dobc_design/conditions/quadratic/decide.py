@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping
 from fractions import Fraction
 from functools import partial
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -66,15 +66,15 @@ from dobc_design.verdict import Verdict
 ZERO = Fraction(0)
 # How far above its estimate a bound on an eigenvalue is tried, relative to the largest one.
 RISE = (Fraction(1, 10**9), Fraction(1, 10**6), Fraction(1, 1000), Fraction(1))
-IN_HAND: Final = 1e-6  # of a ball, for a second program with its own bounds of eigenvalues
-_DIGITS: Final = 6
-IN_WORDS: Final = {"identity": "P_e = I", "diagonal": "a diagonal P_e", "full": "a full P_e"}
-_DEVICES: Final = {
+IN_HAND = 1e-6  # of a ball, for a second program with its own bounds of eigenvalues
+_DIGITS = 6
+IN_WORDS = {"identity": "P_e = I", "diagonal": "a diagonal P_e", "full": "a full P_e"}
+_DEVICES = {
     "lure": "multipliers",
     "interval": "an interval bound",
     "vertices": "the corners of all gains",
 }
-_LURE: Final = ("method", "P_e", "level", "radius", "ranges", "multipliers", "rate")
+_LURE = ("method", "P_e", "level", "radius", "ranges", "multipliers", "rate")
 
 
 @noun

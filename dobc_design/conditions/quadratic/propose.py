@@ -13,7 +13,6 @@ from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 from itertools import islice
-from typing import Final
 
 import numpy as np
 from scipy import linalg, optimize
@@ -52,26 +51,26 @@ from dobc_design.solvers.program import Array, round_matrix
 
 Holds = Callable[[Lure], bool]
 
-DIGITS: Final = (5, 7, 9, 12)
-BALLS: Final = 4  # points tried, the largest ball first
-HALVINGS: Final = 14
-NEAR: Final = 1e-6  # |e_j - e_i| at which couplings are as good as linear
-FIRST: Final = (1.0, 0.1, 1e-2, 1e-4, 1e-6)  # radii at which the first centre is looked for
-GROWTH: Final = 0.9  # part of the room that is used at every step
-SETTLED: Final = 3e-4  # a radius that grows by a smaller part of itself is as good as the largest
-FASTER: Final = 3e-3  # a rate that grows by a smaller part of itself is as good as the largest
-MOST_CENTRES: Final = 60
-TRIED: Final = (1.0, 0.998, 0.9, 0.6)  # of the largest radius, before the ball is given up
-CONDITION: Final = 100.0  # how far apart the eigenvalues of Y may lie at least
-ZERO: Final = Fraction(0)
-_EDGE: Final = 1e-3  # beside C'C, which need not be definite, in the equation of the observer
+DIGITS = (5, 7, 9, 12)
+BALLS = 4  # points tried, the largest ball first
+HALVINGS = 14
+NEAR = 1e-6  # |e_j - e_i| at which couplings are as good as linear
+FIRST = (1.0, 0.1, 1e-2, 1e-4, 1e-6)  # radii at which the first centre is looked for
+GROWTH = 0.9  # part of the room that is used at every step
+SETTLED = 3e-4  # a radius that grows by a smaller part of itself is as good as the largest
+FASTER = 3e-3  # a rate that grows by a smaller part of itself is as good as the largest
+MOST_CENTRES = 60
+TRIED = (1.0, 0.998, 0.9, 0.6)  # of the largest radius, before the ball is given up
+CONDITION = 100.0  # how far apart the eigenvalues of Y may lie at least
+ZERO = Fraction(0)
+_EDGE = 1e-3  # beside C'C, which need not be definite, in the equation of the observer
 # How far inside of a proved certificate the search for a flatter one begins ...
-_INSIDE: Final = 1e-4
-_EVEN: Final = 1e-2  # ... and how close it comes
-_SHORTFALL: Final = 1e-8  # of the level, for the rounding of its estimate
+_INSIDE = 1e-4
+_EVEN = 1e-2  # ... and how close it comes
+_SHORTFALL = 1e-8  # of the level, for the rounding of its estimate
 # Where no arc needs the radius every level will do: one that holds balls of a hundred times the
 # radius, about.
-_NOT_NEEDED: Final = 1e4
+_NOT_NEEDED = 1e4
 
 
 @np.errstate(all="ignore")  # near the ends of the floats

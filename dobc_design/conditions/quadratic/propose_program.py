@@ -16,7 +16,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from fractions import Fraction
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,13 +33,13 @@ from dobc_design.solvers.program import Array
 
 Gains = tuple[Array, Array]  # lowest and highest, (couplings, m, m)
 
-POINTS: Final = 401  # along each axis
-SCATTERED: Final = 600  # points in a box of several dimensions, besides its corners
-WIDER: Final = 2e-5  # about what enclosures are widened and rounded by
-_STEP: Final = 1e-6  # of a central difference, relative to the radius
+POINTS = 401  # along each axis
+SCATTERED = 600  # points in a box of several dimensions, besides its corners
+WIDER = 2e-5  # about what enclosures are widened and rounded by
+_STEP = 1e-6  # of a central difference, relative to the radius
 # Half-width of a range that is a point at this radius, relative to the gain, so that the unknowns
 # stay the same.
-_NARROW: Final = 1e-9
+_NARROW = 1e-9
 
 
 @noun(eq=False)

@@ -15,7 +15,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
 from functools import lru_cache
-from typing import Any, Final
+from typing import Any
 
 from dobc_design._checks import noun
 from dobc_design.conditions.check import read_object
@@ -37,15 +37,15 @@ from dobc_design.loop.loop import Loop
 Entries = tuple[tuple[Interval, ...], ...]  # m x m
 Box = tuple[Interval, ...]
 
-DIGITS: Final = 6
+DIGITS = 6
 # gains are claimed this much wider, so that a second program can confirm them
-ROOM: Final = Fraction(1, 10**5)
+ROOM = Fraction(1, 10**5)
 # A gain of a coupling of vectors may be this much too wide at each end; so many parts of the box
 # are looked at.
-_TOLERANCE: Final = Fraction(1, 1000)
-_MOST_PIECES: Final = 100
-_ANY: Final = Fraction(10**9)  # where a bound may be as wide as it is
-_ZERO: Final = Interval.point(0)
+_TOLERANCE = Fraction(1, 1000)
+_MOST_PIECES = 100
+_ANY = Fraction(10**9)  # where a bound may be as wide as it is
+_ZERO = Interval.point(0)
 
 
 @noun
@@ -118,9 +118,12 @@ def gains_on(
     hull: Entries | None = None
     for c, component in enumerate(coupling.components):
         if is_sum_of_curves(component.node):
-            # One secant along each axis is sharper than slopes over the whole box.
-            sides = enumerate(box)
-            rows.append(tuple(_secants_along(component, d, side, tolerance) for d, side in sides))
+            # One secant along each axis, where the others are 0, is sharper than slopes over the
+            # whole box.
+            row = [_ZERO] * m
+            for d in variables_used(component.node):
+                row[d] = _secants(_along(component, d), box[d], tolerance)
+            rows.append(tuple(row))
         else:  # one hull for all such components
             hull = hull or _jacobian_hull(coupling, box)
             rows.append(hull[c])
@@ -133,13 +136,6 @@ def _secants(curve: Curve, side: Interval, tolerance: Fraction) -> Interval:
     # it
     slope_bound(curve, side, tolerance=_ANY)
     return gain
-
-
-def _secants_along(component: Expression, d: int, side: Interval, tolerance: Fraction) -> Interval:
-    """The secant gain in y_d of a sum of functions of one variable each: the others are 0 there."""
-    if d not in variables_used(component.node):
-        return _ZERO
-    return _secants(_along(component, d), side, tolerance)
 
 
 @lru_cache(maxsize=256)

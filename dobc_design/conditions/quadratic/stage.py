@@ -13,7 +13,6 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import partial
-from typing import Final
 
 from dobc_design.conditions.check import (
     Check,
@@ -47,21 +46,21 @@ from dobc_design.verdict import Verdict
 
 #: Rows n m up to which quadratic certificates are looked for, and up to which with a full P_e; with
 #: at most ``SMALL_ROWS`` a full one is found so soon that it is looked for beside other proofs.
-MOST_ROWS: Final = 60
+MOST_ROWS = 60
 FULL_ROWS, SMALL_ROWS = 20, 15
-MOST_MODES: Final = 200  # up to which one V is looked for
+MOST_MODES = 200  # up to which one V is looked for
 # of a mode, up to which the corners of all gains are tried with the P_e found
-CORNER_CHANNELS: Final = 6
+CORNER_CHANNELS = 6
 #: Where the region is covered: parts of the rate near the consensus that are tried, by bisection;
 #: rows n m from which on fewer are.
 RATE_STEPS, FEWER_STEPS, MANY_ROWS = 5, 3, 11
-MODE: Final = 20  # steps of work for the inequality of a mode
+MODE = 20  # steps of work for the inequality of a mode
 #: Rates that are tried for the least time to one percent; times are next to that of P_e = I below
 #: this part.
 SOONER, FLAT = 5, 1.01
 KEPT = 0.002  # how much faster than wanted, for digits that are cut
 # no |e_j - e_i| beyond is looked at, unless the region asks for more
-_LARGEST: Final = Fraction(400)
+_LARGEST = Fraction(400)
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
-from typing import Any, Final
+from typing import Any
 
 from dobc_design.conditions.check import (
     Check,
@@ -51,7 +51,7 @@ from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
 
-MOST_TIMES: Final = 2000
+MOST_TIMES = 2000
 
 
 def settling_check(loop: Loop, W: Matrix | None, settling: Settling, *, domain: Domain) -> Check:

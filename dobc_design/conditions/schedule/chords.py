@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,12 +19,12 @@ from dobc_design.exact.work import spend
 
 Array = NDArray[np.float64]
 
-ACCURACY: Final = 1e-7  # of a point, as a part of what it falls by
-CLOSE: Final = 0.999  # of a goal, which a chord does not miss by more
-MOST_HALVINGS: Final = 40
-MOST_NEWTON: Final = 12
-NUDGE: Final = 1e-6  # of an entry, for the change of the slopes with it
-CHORD: Final = 40  # steps of work for an attempt at a chord
+ACCURACY = 1e-7  # of a point, as a part of what it falls by
+CLOSE = 0.999  # of a goal, which a chord does not miss by more
+MOST_HALVINGS = 40
+MOST_NEWTON = 12
+NUDGE = 1e-6  # of an entry, for the change of the slopes with it
+CHORD = 40  # steps of work for an attempt at a chord
 
 #: The slopes that are asked for at points (count, size), at one time (s).
 Asked = Callable[[Array, Fraction], Array]

@@ -35,7 +35,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from fractions import Fraction
 from itertools import chain, pairwise
-from typing import Any, Final
+from typing import Any
 
 from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Shown
@@ -49,19 +49,19 @@ from dobc_design.conditions.separable.claim import (
     require_coordinates,
     spread,
 )
-from dobc_design.errors import SpecError
+from dobc_design.errors import SpecError, wrong
 from dobc_design.exact.interval import Interval, exp
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.loop.loop import Loop
 
-SEPARABLE: Final = "max-separable"
-QUADRATIC: Final = "quadratic"
-SCHEDULE: Final = "schedule"
-ZERO: Final = Fraction(0)
-ONE: Final = Fraction(1)
+SEPARABLE = "max-separable"
+QUADRATIC = "quadratic"
+SCHEDULE = "schedule"
+ZERO = Fraction(0)
+ONE = Fraction(1)
 # of the radius: below this every |e_ic| has settled, where no tolerance is named
-SETTLED: Final = Fraction(1, 100)
-FARTHEST: Final = 10_000  # exp(-x) beyond is bounded by exp(-FARTHEST)
+SETTLED = Fraction(1, 100)
+FARTHEST = 10_000  # exp(-x) beyond is bounded by exp(-FARTHEST)
 
 Vectors = tuple[Vector, ...]
 
@@ -120,7 +120,7 @@ class Cycles:
                 raise SpecError("rate and rho must be > 0.", key="rate")
         for each in self.phases:
             if not _rise_from_zero(each.times) or len(each.times) != len(each.v):
-                raise SpecError("times must rise from 0, with weights for each.", key="times")
+                raise wrong("times", "must rise from 0, with weights for each.")
             if min(chain.from_iterable(each.v)) <= 0:
                 raise SpecError("weights must be > 0.", key="v")
 
@@ -198,7 +198,7 @@ class Tube(Shown):
 
     def __post_init__(self) -> None:
         if not _rise_from_zero(self.times):
-            raise SpecError("times must rise from 0.", key="times")
+            raise wrong("times", "must rise from 0.")
         if not len(self.times) == len(self.upper) == len(self.lower):
             raise SpecError("there must be one box for each time.", key="upper")
         if min(self._entries()) <= 0:
@@ -261,11 +261,11 @@ class Descent:
     def __post_init__(self) -> None:
         for name in ("level", "height", "stretch", "radius", "tolerance"):
             if getattr(self, name) <= 0:
-                raise SpecError(f"{name} must be > 0.", key=name)
+                raise wrong(name, "must be > 0.")
         if self.disturbance < 0:
-            raise SpecError("disturbance must be >= 0.", key="disturbance")
+            raise wrong("disturbance", "must be >= 0.")
         if self.time < self.tube.ends:
-            raise SpecError("time must not lie before the end of the tube.", key="time")
+            raise wrong("time", "must not lie before the end of the tube.")
 
     @property
     def kind(self) -> str:

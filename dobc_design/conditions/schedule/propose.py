@@ -13,7 +13,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import partial
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,21 +42,21 @@ from dobc_design.loop.loop import Loop
 from dobc_design.solvers.program import Array
 from dobc_design.verdict import Verdict
 
-LONGEST: Final = 10.0  # times what the rate near the target would take
-WIDER: Final = 1.25  # times what a box grows to where couplings rise; beyond it is given up
+LONGEST = 10.0  # times what the rate near the target would take
+WIDER = 1.25  # times what a box grows to where couplings rise; beyond it is given up
 # parts of the radius for which certificates near the target are sought
-LEVELS: Final = (1.0, 0.3, 0.1, 0.03, 0.01)
-RADII: Final = (0.03, 0.08, 0.16, 0.25)  # of quadratic ones
-ROOM: Final = 0.999  # of a level
-SMALLEST: Final = 1e-300
+LEVELS = (1.0, 0.3, 0.1, 0.03, 0.01)
+RADII = (0.03, 0.08, 0.16, 0.25)  # of quadratic ones
+ROOM = 0.999  # of a level
+SMALLEST = 1e-300
 # of the decay rate of A - WC: that of E; 0.7 for the observer's pair of quadratic certificates
-OBSERVER: Final = 0.9
-PAIR: Final = 0.7
-SHARE: Final = Fraction(9, 10)  # of the rate of E that V = N + kappa E may use
-ABOVE: Final = 1e-7  # of numbers that have to be above a matrix, for rounding
+OBSERVER = 0.9
+PAIR = 0.7
+SHARE = Fraction(9, 10)  # of the rate of E that V = N + kappa E may use
+ABOVE = 1e-7  # of numbers that have to be above a matrix, for rounding
 #: By which part of their speed and of the rate near the target faces fall more slowly, and how much
 #: a chord may bend.
-TRIED: Final = (
+TRIED = (
     (0.0005, 0.002),
     (0.001, 0.002),
     (0.001, 0.004),
@@ -66,12 +65,12 @@ TRIED: Final = (
     (0.02, 0.02),
     (0.05, 0.1),
 )
-FIRST_STEP: Final = 1e-4  # times 1 / rate
-MOST_TIMES: Final = 2000
+FIRST_STEP = 1e-4  # times 1 / rate
+MOST_TIMES = 2000
 #: Rows n m, and rows and channels of one mode, up to which quadratic certificates are looked for:
 #: dense programs.
-MOST_ROWS: Final = 24
-MOST_BLOCK: Final = 90
+MOST_ROWS = 24
+MOST_BLOCK = 90
 
 
 @noun

@@ -14,7 +14,7 @@ from dataclasses import field, replace
 from fractions import Fraction
 from functools import partial
 from itertools import accumulate
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import expm
@@ -45,15 +45,15 @@ from dobc_design.loop.loop import Loop
 from dobc_design.loop.matrices import consensus_jacobian, pull_matrix
 from dobc_design.solvers.program import Array
 
-STEEPEST: Final = 1e6  # weights at most, the least at a beginning 1
-FAR: Final = 5.0  # and times rho, where couplings are not linear
-SIZES: Final = (1e-6, 0.5, 1.0)  # of rho, at which rows are looked at
-ITERATIONS: Final = 400  # of x = max (1, G(x)), which are cheap where it is linear
-FOLLOWED: Final = 6
-SETTLED: Final = 1e-7
+STEEPEST = 1e6  # weights at most, the least at a beginning 1
+FAR = 5.0  # and times rho, where couplings are not linear
+SIZES = (1e-6, 0.5, 1.0)  # of rho, at which rows are looked at
+ITERATIONS = 400  # of x = max (1, G(x)), which are cheap where it is linear
+FOLLOWED = 6
+SETTLED = 1e-7
 #: Parts of the estimated rate; by which part of their speed and of that rate weights fall more
 #: slowly; and how much a chord may bend.
-TRIED: Final = (
+TRIED = (
     (0.98, 0.0002, 0.0001),
     (0.94, 0.0002, 0.0001),
     (0.87, 0.0002, 0.0001),
@@ -66,7 +66,7 @@ TRIED: Final = (
     (0.04, 0.2, 0.2),
 )
 #: The same where couplings are not linear: rows with little room take the second program long.
-TRIED_CURVED: Final = (
+TRIED_CURVED = (
     (0.94, 0.002, 0.001),
     (0.87, 0.002, 0.001),
     (0.8, 0.005, 0.003),
@@ -77,18 +77,18 @@ TRIED_CURVED: Final = (
     (0.15, 0.05, 0.05),
     (0.04, 0.1, 0.1),
 )
-ROOM: Final = 0.998  # of a rate, that is claimed
-HANDED: Final = 1  # steps of work for what one phase hands over
-SUCCESSORS: Final = 10  # phases that take over, for one more step
-ENDS: Final = 24  # parts of the times at which a phase may end
-MOST_STEPS: Final = 500
-MOST_COORDINATES: Final = 3
-ROUNDS: Final = 4  # of weights and gains in turn, and at least of a sequence
-WIDER: Final = 1.05  # than the largest weights seen
+ROOM = 0.998  # of a rate, that is claimed
+HANDED = 1  # steps of work for what one phase hands over
+SUCCESSORS = 10  # phases that take over, for one more step
+ENDS = 24  # parts of the times at which a phase may end
+MOST_STEPS = 500
+MOST_COORDINATES = 3
+ROUNDS = 4  # of weights and gains in turn, and at least of a sequence
+WIDER = 1.05  # than the largest weights seen
 # times that a phase without an end is doubled until its rows hold with weights at rest
-TAILS: Final = 8
-NEARLY: Final = 0.95  # of the largest weights: iterates that come so far do not settle
-ROUNDED_UP: Final = 1 + 1e-10  # weights, before they are written with eleven digits
+TAILS = 8
+NEARLY = 0.95  # of the largest weights: iterates that come so far do not settle
+ROUNDED_UP = 1 + 1e-10  # weights, before they are written with eleven digits
 
 Way = list[tuple[Fraction, Array]]  # times (s) from the beginning of a phase, and weights there
 

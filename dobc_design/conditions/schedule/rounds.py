@@ -11,7 +11,6 @@ of python-flint enclose every exponential, product and trace.
 from __future__ import annotations
 
 from fractions import Fraction
-from typing import Final
 
 import numpy as np
 
@@ -25,11 +24,11 @@ from dobc_design.exact.matrix import Matrix
 from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
 
-POWERS: Final = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)  # that are tried
-MOST_POWER: Final = 64
-MOST_ROWS: Final = 20  # n m
-MOST_PHASES: Final = 200
-MOST_GROWTH: Final = 1000  # the sum of |J_p - K| T_p over the phases, in the largest row sum
+POWERS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)  # that are tried
+MOST_POWER = 64
+MOST_ROWS = 20  # n m
+MOST_PHASES = 200
+MOST_GROWTH = 1000  # the sum of |J_p - K| T_p over the phases, in the largest row sum
 
 
 def growth_check(loop: Loop, domain: Domain) -> Check | None:

@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from itertools import pairwise
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,16 +42,16 @@ from dobc_design.exact.work import spend
 from dobc_design.loop.loop import Loop
 from dobc_design.problem.network import BoolArray
 
-HALVINGS: Final = 11  # of a segment
+HALVINGS = 11  # of a segment
 # Parts of each segment, and besides, that may be left to halve: more are left only where a claim is
 # false.
-PARTS: Final = 8
-FEW: Final = 500
-CELLS: Final = 2048  # of the tables: near the target rows have little room
-MARGIN: Final = Fraction(1, 2**20)  # by which tables reach further than boxes
-FINEST: Final = 16  # tables, each a quarter as wide as the one before
-TOGETHER: Final = 2_000_000  # arcs that are looked at in one go
-A_STEP: Final = 10  # arcs, for one step of work
+PARTS = 8
+FEW = 500
+CELLS = 2048  # of the tables: near the target rows have little room
+MARGIN = Fraction(1, 2**20)  # by which tables reach further than boxes
+FINEST = 16  # tables, each a quarter as wide as the one before
+TOGETHER = 2_000_000  # arcs that are looked at in one go
+A_STEP = 10  # arcs, for one step of work
 
 Faces = Sequence[Sequence[Fraction]]
 Places = NDArray[np.int64]

@@ -9,7 +9,7 @@ import bisect
 import math
 from collections.abc import Sequence
 from fractions import Fraction
-from typing import Final, overload
+from typing import overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +33,7 @@ from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
 
 Array = NDArray[np.float64]
-CALLED: Final = {
+CALLED = {
     SEPARABLE: "a max-separable certificate",
     QUADRATIC: "a quadratic certificate",
     SCHEDULE: "weights that keep to the guarantee",

@@ -14,7 +14,7 @@ from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 from itertools import chain
-from typing import Any, Final
+from typing import Any
 
 from dobc_design.conditions.case import Case
 from dobc_design.conditions.check import Check, cut_check, surviving, undecided_check
@@ -58,13 +58,13 @@ from dobc_design.verdict import Verdict
 logger = logging.getLogger("dobc_design")
 
 #: Agents times state components up to which settling times are looked for.
-MOST_ROWS: Final = 100
-MOST_PHASES: Final = 2000  # up to which weights are looked for
-WORK: Final = 3  # stages' work for one search of weights
-DIGITS: Final = 10  # of levels and roots
-EXTRA: Final = Fraction(1, 10**9)  # added to them, for whoever encloses exp more widely
-SMALLEST: Final = Fraction(1, 10**300)
-TIMES: Final = 10**4  # settling times have four decimals
+MOST_ROWS = 100
+MOST_PHASES = 2000  # up to which weights are looked for
+WORK = 3  # stages' work for one search of weights
+DIGITS = 10  # of levels and roots
+EXTRA = Fraction(1, 10**9)  # added to them, for whoever encloses exp more widely
+SMALLEST = Fraction(1, 10**300)
+TIMES = 10**4  # settling times have four decimals
 
 
 def starts_given(loop: Loop, *, tolerance: Any, radius: Any, disturbance: Any) -> Asked | None:
@@ -88,11 +88,12 @@ def starts_given(loop: Loop, *, tolerance: Any, radius: Any, disturbance: Any) -
 def _radius_given(loop: Loop, value: Any) -> Fraction:
     key = "settling_radius"
     if value is None:
-        _require_region(loop, key, "Give it, the largest |e(0)|_inf, or add a [region].")
+        if loop.starts is None:
+            raise _no_region(key, "Give it, the largest |e(0)|_inf, or add a [region].")
         return max(asked_radius(loop))
     radius = parse_number(value, key)
     if radius <= 0:
-        raise SpecError(f"{key} must be > 0; got {float(radius):.6g}.", key=key)
+        raise wrong(key, f"must be > 0; got {float(radius):.6g}.")
     return radius
 
 
@@ -101,22 +102,21 @@ def _disturbance_given(loop: Loop, value: Any) -> Fraction:
     if value is None:
         if not loop.groups:
             return ZERO
-        cure = "Give it, the largest |xi_i(0) - xihat_i(0)|, or add a [region]."
-        _require_region(loop, key, cure)
-        return ZERO if loop.starts is None else loop.starts.disturbance or ZERO
+        if loop.starts is None:
+            cure = "Give it, the largest |xi_i(0) - xihat_i(0)|, or add a [region]."
+            raise _no_region(key, cure)
+        return loop.starts.disturbance or ZERO
     error = parse_number(value, key)
     if error < 0:
-        raise SpecError(f"{key} must be >= 0, because it is a length.", key=key)
+        raise wrong(key, "must be >= 0, because it is a length.")
     if error and not loop.groups:
-        why = "without an [exosystem] there is no observer error"
-        raise SpecError(f"{key} must be 0, because {why}.", key=key)
+        raise wrong(key, "must be 0, because without an [exosystem] there is no observer error.")
     return error
 
 
-def _require_region(loop: Loop, key: str, cure: str) -> None:
-    if loop.starts is None:
-        what = "must be given, because the problem has no [region] that says where it starts."
-        raise wrong(key, what, cure)
+def _no_region(key: str, cure: str) -> SpecError:
+    what = "must be given, because the problem has no [region] that says where it starts."
+    return wrong(key, what, cure)
 
 
 def read_tolerance(value: Any, *, key: str = "settling") -> Fraction:

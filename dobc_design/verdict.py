@@ -58,3 +58,15 @@ class Verdict(_Framed, Enum):
         if cls.REFUTED in found:
             return cls.REFUTED
         return cls.UNDECIDED if cls.UNDECIDED in found else cls.PROVED
+
+
+class Decided:
+    """What has a verdict, and says whether that is PROVED."""
+
+    __slots__ = ()
+    verdict: Verdict
+
+    @property
+    def is_proved(self) -> bool:
+        """Whether it is proved; false where it is refuted or undecided."""
+        return self.verdict is Verdict.PROVED

@@ -15,7 +15,6 @@ from dobc_design.conditions.check import Check
 from dobc_design.conditions.domain import Domain
 from dobc_design.exact.matrix import Matrix
 from dobc_design.loop.loop import Loop
-from dobc_design.verdict import Verdict
 
 Noun = TypeVar("Noun")
 
@@ -45,7 +44,7 @@ class Case:
     def proof(self, noun: type[object]) -> Check | None:
         """The first proved check whose claim is such a noun."""
         for check in self.checks:
-            if check.verdict is Verdict.PROVED and isinstance(check.claim, noun):
+            if check.is_proved and isinstance(check.claim, noun):
                 return check
         return None
 

@@ -31,7 +31,7 @@ from dobc_design.conditions.numbers import (
 )
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, spend
 from dobc_design.loop.loop import Loop
-from dobc_design.verdict import Verdict
+from dobc_design.verdict import Decided, Verdict
 
 logger = logging.getLogger("dobc_design")
 
@@ -91,7 +91,7 @@ class Fix(Shown):
 
 
 @noun(eq=False)
-class Check(Shown):
+class Check(Shown, Decided):
     """One condition, decided.
 
     ``margin`` and ``rate`` (1/s) are rounded towards the weaker claim.  ``factor`` >= 1 belongs to
@@ -202,7 +202,7 @@ class Check(Shown):
 
 def not_a_proof(check: Check) -> str | None:
     """Why a claimed check is not even a proof, where its topic refutes nothing; None if it is."""
-    if check.verdict is Verdict.PROVED and check.witness is None:
+    if check.is_proved and check.witness is None:
         return None
     return "it can only be proved or undecided, and has no witness"
 

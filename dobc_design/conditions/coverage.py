@@ -15,14 +15,13 @@ from dobc_design.conditions.numbers import claimed, decimal_above
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import root_above
 from dobc_design.loop.loop import Loop
-from dobc_design.verdict import Verdict
 
 
 def covers(loop: Loop, check: Check, checks: Sequence[Check]) -> bool:
     """Whether this check proves what the problem asks."""
     # without a rate it is no proof of consensus
     safe = check.kind.role == "safety" and check.rate is not None
-    if check.verdict is not Verdict.PROVED or not (check.kind.is_consensus or safe):
+    if not check.is_proved or not (check.kind.is_consensus or safe):
         return False
     if check.kind.is_lemma and not _speaks_for_all_modes(loop, check, checks):
         return False
@@ -47,7 +46,7 @@ def _speaks_for_all_modes(loop: Loop, check: Check, checks: Sequence[Check]) -> 
     if {other.mode for other in lemmas} != set(loop.modes):
         return False
     # One V = e'e serves every mode, so all have to hold; the slowest speaks for them.
-    if not all(other.verdict is Verdict.PROVED for other in lemmas):
+    if not all(other.is_proved for other in lemmas):
         return False
     return check is min(lemmas, key=lambda other: other.rate or 0.0)
 

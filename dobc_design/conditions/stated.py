@@ -74,7 +74,7 @@ def stated_in(loop: Loop) -> Stated:
 def answer_of(loop: Loop, checks: Sequence[Check], id: str) -> Check | None:
     """The proved check ``id``, if it holds for all starts that are asked for."""
     for check in checks:
-        if check.id == id and check.verdict is Verdict.PROVED and _holds_asked(loop, check):
+        if check.id == id and check.is_proved and _holds_asked(loop, check):
             return check
     return None
 
@@ -143,7 +143,7 @@ def _holds_asked(loop: Loop, check: Check) -> bool:
 def _why(loop: Loop, check: Check | None) -> str:
     if check is None:
         return "nothing is proved about it."
-    if check.verdict is not Verdict.PROVED:
+    if not check.is_proved:
         return check.reason
     if not isinstance(check.domain, Around):
         return "this is proved near the target only, and a region is asked for."

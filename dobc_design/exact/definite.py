@@ -35,14 +35,14 @@ from dobc_design.exact.cholesky import (
 from dobc_design.exact.matrix import Matrix, Vector, from_float, matrix
 from dobc_design.exact.symmetric import IntegerSymmetric, SparseSymmetric, Symmetric, in_integers
 from dobc_design.exact.zmatrix import is_z_matrix, search
-from dobc_design.verdict import Verdict
+from dobc_design.verdict import Decided, Verdict
 
 # Roundings tried, in bits of the largest entry, to make a witness readable and sparse.
 _WITNESS_BITS: Final = (1, 2, 4, 8, 16, 32, 64)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Definiteness(Shown):
+class Definiteness(Shown, Decided):
     """A decision with its proof method, a short sentence that names the path by size and
     structure.  Refuted: an integer ``witness`` v and the ``value`` v'Mv, <= 0, or < 0 against
     "semidefinite". Proved by a vector: the positive integers v, with M v > 0 (>= 0), positive

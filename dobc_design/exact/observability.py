@@ -29,11 +29,11 @@ from dobc_design.exact.polynomial import (
     polynomial_text,
     routh,
 )
-from dobc_design.verdict import Verdict
+from dobc_design.verdict import Decided, Verdict
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Observability(Shown):
+class Observability(Shown, Decided):
     """Rank of the observability matrix of (A, C), A (q, q), and what C never sees.  ``verdict`` is
     PROVED iff rank = size; ``unobservable`` is a basis of the states xi0 from which d = C xi stays
     0, q entries each."""
@@ -45,7 +45,7 @@ class Observability(Shown):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Detectability(Shown):
+class Detectability(Shown, Decided):
     """Whether what C never sees dies out by itself.  ``unobservable_polynomial`` is the
     characteristic polynomial of A on the unobservable subspace, highest power first, (1,) if that
     is {0}; ``table`` is its Routh table and ``verdict`` follows."""

@@ -18,7 +18,7 @@ from dobc_design._show.cards import Shown
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import from_fmpq, quotient_text, to_fmpq, to_fmpq_mat
-from dobc_design.verdict import Verdict
+from dobc_design.verdict import Decided, Verdict
 
 if TYPE_CHECKING:
     from flint import fmpq_poly
@@ -27,7 +27,7 @@ Coefficients = tuple[Fraction, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class RouthTable(Shown):
+class RouthTable(Shown, Decided):
     """Routh's test of one polynomial.  ``first_column`` is for the polynomial made monic, and ends
     with the first entry <= 0. ``verdict`` is PROVED iff every root has a negative real part, else
     REFUTED; ``failing_row`` is the index of that last entry, counted from 0 (row 0 is the leading

@@ -13,7 +13,6 @@ from dobc_design.exact.polynomial import decide_hurwitz
 from dobc_design.loop.arcs import closed_groups
 from dobc_design.loop.loop import Loop
 from dobc_design.problem.groups import Group, name_some
-from dobc_design.verdict import Verdict
 
 
 def agreement_words(loop: Loop) -> str:
@@ -66,7 +65,7 @@ def _estimates_decay(group: Group) -> bool:
     """Whether A - W C is Hurwitz for the W that is given, or can be made so."""
     A, C, W = group.exosystem.A, group.exosystem.C, group.observer.W
     if W is None:
-        return decide_detectable(A, C).verdict is Verdict.PROVED
+        return decide_detectable(A, C).is_proved
     if len(W[0]) != len(C):
         return False
-    return decide_hurwitz(subtract(A, multiply(W, C))).verdict is Verdict.PROVED
+    return decide_hurwitz(subtract(A, multiply(W, C))).is_proved

@@ -347,7 +347,7 @@ def schur_block(pair: Pair, exosystem: Exosystem, *, rate: Fraction = ZERO) -> M
     """S = C (-Omega0 - 2 rate P)^-1 C', m x m; None unless that block is proved negative
     definite."""
     block = omega(pair.P, pair.Q, exosystem, rate=rate).negated()
-    if decide_positive_definite(block).verdict is not Verdict.PROVED:
+    if not decide_positive_definite(block).is_proved:
         return None
     C = exosystem.C
     if not C or not C[0]:  # nothing to solve for
@@ -366,7 +366,7 @@ def psi_is_negative(
 ) -> bool:
     """Whether P > 0 and Psi(J) + 2 rate diag(I, I (x) P) + margin diag(I, 0) < 0 is proved for
     every mode."""
-    if decide_positive_definite(SparseSymmetric.from_dense(pair.P)).verdict is not Verdict.PROVED:
+    if not decide_positive_definite(SparseSymmetric.from_dense(pair.P)).is_proved:
         return False
     S = schur_block(pair, exosystem, rate=rate)
     if S is None:
@@ -435,7 +435,7 @@ def confirm(check: Check, statements: Statements, pair: Pair | None) -> str | No
     if check.kind.role == "given":
         own = loop.joint_observer
         pair = None if own.P is None or own.W is None else Pair(P=own.P, Q=multiply(own.P, own.W))
-    decide = _confirm_proved if check.verdict is Verdict.PROVED else _confirm_refuted
+    decide = _confirm_proved if check.is_proved else _confirm_refuted
     return decide(check, statements, pair)
 
 

@@ -145,7 +145,7 @@ def is_negative(matrix: Enclosed, *, shift: Fraction = ZERO) -> bool:
         nothing = ((ZERO,),)
         for block in matrix.blocks or (nothing,):
             upper = SparseSymmetric.from_dense(block).negated().shifted(room)
-            if decide_positive_definite(upper).verdict is not Verdict.PROVED:
+            if not decide_positive_definite(upper).is_proved:
                 return False
         return True
     whole = matrix.total.shifted(matrix.radius + shift).negated()
@@ -155,10 +155,7 @@ def is_negative(matrix: Enclosed, *, shift: Fraction = ZERO) -> bool:
         short = _shorter(whole)
         if short is not None:
             tried.insert(0, short)
-    return any(
-        decide_positive_definite(each, most_work=MOST_WORK).verdict is Verdict.PROVED
-        for each in tried
-    )
+    return any(decide_positive_definite(each, most_work=MOST_WORK).is_proved for each in tried)
 
 
 def _shorter(matrix: SparseSymmetric) -> SparseSymmetric | None:

@@ -79,7 +79,7 @@ def confirm(check: Check, statements: Statements, W: Matrix | None) -> str | Non
     own = linearisation_check(statements, W, estimate=0.0)
     if (reason := differs(check, own)) is not None or check.rate is None:
         return reason
-    if check.verdict is not Verdict.PROVED:
+    if not check.is_proved:
         return "without a proof there is no rate"
     (mode,) = statements.lambdas
     matrix = linear_part(statements, mode)

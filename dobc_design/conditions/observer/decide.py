@@ -53,7 +53,7 @@ def observability_check(exosystem: Exosystem, loop: Loop | None = None) -> Check
     found = decide_observable(exosystem.A, exosystem.C)
     q = exosystem.order
     check = partial(_check, id="observability", claim=Values({"rank": str(found.rank)}))
-    if found.verdict is Verdict.PROVED:
+    if found.is_proved:
         reason = f"(A, C) is observable: its observability matrix has rank {found.rank} of {q}."
         return check(verdict=Verdict.PROVED, reason=reason)
     return check(
@@ -71,7 +71,7 @@ def detectability_check(exosystem: Exosystem, loop: Loop | None = None) -> Check
     polynomial = found.unobservable_text
     values = Values({"unobservable_polynomial": polynomial})
     check = partial(_check, id="detectability", claim=values)
-    if found.verdict is Verdict.PROVED:
+    if found.is_proved:
         hidden = "no part is unobservable"
         if polynomial != "1":
             hidden = f"the unobservable part {polynomial} decays"
@@ -103,7 +103,7 @@ def hurwitz_check(
     # Routh's table ends at the first entry of its first column that is not positive.
     decided = decide_hurwitz(error)
     routh = tuple(map(number_text, decided.first_column))
-    if decided.verdict is Verdict.PROVED:
+    if decided.is_proved:
         rate = largest_proved(estimate, lambda a: hurwitz_with_rate(error, a))
         decay = f" at least like exp(-{text_below(rate)} t)" if rate else ""
         return _check(
@@ -131,7 +131,7 @@ def hurwitz_check(
 
 def _has_gains(exosystem: Exosystem) -> bool:
     """Whether some W makes A - WC Hurwitz."""
-    return decide_detectable(exosystem.A, exosystem.C).verdict is Verdict.PROVED
+    return decide_detectable(exosystem.A, exosystem.C).is_proved
 
 
 def _no_gain(exosystem: Exosystem, loop: Loop | None, key: str) -> Check:
@@ -173,7 +173,7 @@ def confirm(check: Check, loop: Loop, W: Matrix | None) -> str | None:
         return "it claims a number that this check does not have"
     if check.rate is None:
         return None
-    if own_gain is None or check.verdict is not Verdict.PROVED or check.rate <= 0:
+    if own_gain is None or not check.is_proved or check.rate <= 0:
         return "it claims a rate without ground"
     reached = hurwitz_with_rate(error_matrix(exosystem, own_gain), claimed(check.rate))
     return None if reached else f"the rate {check.rate} is not reached"
@@ -205,7 +205,7 @@ def error_matrix(exosystem: Exosystem, W: Matrix) -> Matrix:
 
 def hurwitz_with_rate(error: Matrix, rate: Fraction) -> bool:
     """Whether every eigenvalue of A - WC has real part < -rate: exact."""
-    return decide_hurwitz(add(error, scale(rate, identity(len(error))))).verdict is Verdict.PROVED
+    return decide_hurwitz(add(error, scale(rate, identity(len(error))))).is_proved
 
 
 def observable_part_is_hurwitz(exosystem: Exosystem, W: Matrix) -> bool:
@@ -213,7 +213,7 @@ def observable_part_is_hurwitz(exosystem: Exosystem, W: Matrix) -> bool:
     A_o, C_o, T = observable_reduction(exosystem.A, exosystem.C)
     if not A_o:
         return True
-    return decide_hurwitz(subtract(A_o, multiply(multiply(T, W), C_o))).verdict is Verdict.PROVED
+    return decide_hurwitz(subtract(A_o, multiply(multiply(T, W), C_o))).is_proved
 
 
 def _reduction(exosystem: Exosystem, loop: Loop | None) -> Fix:

@@ -42,7 +42,6 @@ from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import join
 from dobc_design.solvers.conic import solve_in_turn
 from dobc_design.solvers.program import GIVEN_UP, Array, Program, Solution, round_matrix
-from dobc_design.verdict import Verdict
 
 # Order up to which semidefinite programs are solved: their unknowns grow with its square.
 LARGEST_PROGRAM = 16
@@ -118,7 +117,7 @@ def placed_gains(exosystem: Exosystem, *, rate: Fraction) -> Iterator[Matrix]:
         mix = _small(random, 1, len(C), max(1, attempt))
         error = subtract(A, multiply(first, C))
         output = multiply(mix, C)
-        if observability.decide_observable(error, output).verdict is not Verdict.PROVED:
+        if not observability.decide_observable(error, output).is_proved:
             continue
         placed = multiply(_ackermann(error, output, pole=rate + 1), mix)
         gain = multiply(back, add(first, placed))
@@ -325,7 +324,7 @@ def design_gain(exosystem: Exosystem, *, rate: Fraction | None = None) -> GainDe
     reason = too_large(exosystem)
     if reason is not None:
         return GainDesign(W=None, rate=None, note=f"no W is designed: it is {reason}")
-    if observability.decide_detectable(exosystem.A, exosystem.C).verdict is not Verdict.PROVED:
+    if not observability.decide_detectable(exosystem.A, exosystem.C).is_proved:
         return GainDesign(W=None, rate=None, note="no W exists: (A, C) is not detectable.")
     prefix = ""
     asked = "as asked"
@@ -362,7 +361,7 @@ def design_gain(exosystem: Exosystem, *, rate: Fraction | None = None) -> GainDe
 def _can_reach(exosystem: Exosystem, rate: Fraction) -> bool:
     """Whether some W gives the decay rate: (A + rate I, C) is detectable."""
     shifted = add(exosystem.A, scale(rate, identity(exosystem.order)))
-    return observability.decide_detectable(shifted, exosystem.C).verdict is Verdict.PROVED
+    return observability.decide_detectable(shifted, exosystem.C).is_proved
 
 
 def _candidates(

@@ -61,7 +61,7 @@ from dobc_design.exact.number import float_below
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.loop.arcs import unreached
 from dobc_design.loop.loop import Loop
-from dobc_design.verdict import Verdict
+from dobc_design.verdict import Decided, Verdict
 
 ZERO = Fraction(0)
 # How far above its estimate a bound on an eigenvalue is tried, relative to the largest one.
@@ -78,7 +78,7 @@ _LURE = ("method", "P_e", "level", "radius", "ranges", "multipliers", "rate")
 
 
 @noun
-class LureDecision:
+class LureDecision(Decided):
     """The verdict and, unless proved, the ``step`` that fails: "gains", "P_e", "observer",
     "inequality" (of ``mode``), "region".  ``witness``: a direction in which a matrix of that step
     is not definite."""
@@ -104,12 +104,12 @@ def verify_lure(loop: Loop, lure: Lure) -> LureDecision:
             return unsettled(reason="a coupling is not linear, so its gains need a radius.")
     refuted = partial(LureDecision, verdict=Verdict.REFUTED)
     positive = decide_positive_definite(lure.P_e)
-    if positive.verdict is not Verdict.PROVED:
+    if not positive.is_proved:
         return refuted(step="P_e", reason="P_e is not positive definite.", witness=positive.witness)
     S = border_of(loop, lure, lure.rate)
     if lure.P is not None:
         own = decide_positive_definite(SparseSymmetric.from_dense(lure.P))
-        if S is None or own.verdict is not Verdict.PROVED:
+        if S is None or not own.is_proved:
             return refuted(
                 step="observer",
                 reason="P > 0 and Omega0 + 2 rate P < 0 do not hold for this pair (P, Q).",
@@ -117,7 +117,7 @@ def verify_lure(loop: Loop, lure: Lure) -> LureDecision:
     for mode in sectors.modes:
         for matrix in _inequalities(sectors, mode, lure, S):
             decision = decide_positive_definite(matrix.negated())
-            if decision.verdict is not Verdict.PROVED:
+            if not decision.is_proved:
                 return refuted(
                     step="inequality",
                     mode=mode,
@@ -241,7 +241,7 @@ def eigenvalue_bound(M: SparseSymmetric) -> Fraction:
     # The estimate says only which bound is tried.
     for rise in RISE:
         bound = rounded_up(largest + rise * unit, digits=12)
-        if decide_positive_semidefinite(M.negated().shifted(bound)).verdict is Verdict.PROVED:
+        if decide_positive_semidefinite(M.negated().shifted(bound)).is_proved:
             return bound
     rows = [ZERO] * M.size  # Gershgorin, which needs no estimate
     for (i, j), value in M.entries.items():
@@ -260,7 +260,7 @@ def condition_bound(M: SparseSymmetric) -> Fraction | None:
     smallest = float(np.linalg.eigvalsh(to_float(M.to_dense()))[0])
     for part in numbers.SHRINK:
         bound = numbers.rounded_down(smallest * (1 - part), digits=12)
-        if bound and decide_positive_semidefinite(M.shifted(-bound)).verdict is Verdict.PROVED:
+        if bound and decide_positive_semidefinite(M.shifted(-bound)).is_proved:
             return eigenvalue_bound(M) / bound
     return None
 
@@ -329,7 +329,7 @@ def lure_check(
     if reason is not None:
         return undecided_check("lure", domain, reason, applies=False)
     decision = verify_lure(loop, lure)
-    if decision.verdict is not Verdict.PROVED:
+    if not decision.is_proved:
         return undecided_check("lure", domain, decision.reason)
     if lure.level is not None and not covers(
         loop, lure, radius=claimed(radius), disturbance=claimed(disturbance)
@@ -369,7 +369,7 @@ def confirm(check: Check, loop: Loop, W: Matrix | None, *, domain: Domain) -> st
         if not covers(loop, lure, radius=radius, disturbance=disturbance):
             return "the ball is not inside the invariant set"
     decision = verify_lure(loop, lure)
-    if decision.verdict is not Verdict.PROVED:
+    if not decision.is_proved:
         return decision.reason
     modes = build_sectors(loop, lure.ranges, radius=lure.radius).modes
     for mode, taus in lure.multipliers.items():

@@ -42,7 +42,6 @@ from dobc_design.conditions.quadratic.propose import (
 )
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, exhausted, out_of_time, spend
 from dobc_design.loop.loop import Loop
-from dobc_design.verdict import Verdict
 
 #: Rows n m up to which quadratic certificates are looked for, and up to which with a full P_e; with
 #: at most ``SMALL_ROWS`` a full one is found so soon that it is looked for beside other proofs.
@@ -170,7 +169,7 @@ def _found(
 def holds(loop: Loop, lure: Lure) -> bool:
     """Whether a certificate is proved.  Raises: WorkLimitError."""
     spend(_steps(loop))
-    return verify_lure(loop, lure).verdict is Verdict.PROVED
+    return verify_lure(loop, lure).is_proved
 
 
 def _steps(loop: Loop) -> int:

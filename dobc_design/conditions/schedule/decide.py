@@ -32,7 +32,6 @@ from dobc_design.exact.matrix import Matrix, multiply
 from dobc_design.exact.number import float_above
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.loop.loop import Loop
-from dobc_design.verdict import Verdict
 
 
 def why_not(loop: Loop, W: Matrix | None, claim: Descent) -> str | None:
@@ -237,7 +236,7 @@ def _quadratic_holds(loop: Loop, W: Matrix | None, claim: Descent, own: Lure) ->
     """What a quadratic size asks of a claim."""
     yield own.rate > 0, "its rate must be > 0."
     decision = verify_lure(loop, own)
-    yield decision.verdict is Verdict.PROVED, decision.reason
+    yield decision.is_proved, decision.reason
     error = claim.tube.error
     has_pair = (own.P is not None) == (error is not None)
     yield has_pair, "with an [exosystem] the certificate needs a pair P, Q."
@@ -246,7 +245,7 @@ def _quadratic_holds(loop: Loop, W: Matrix | None, claim: Descent, own: Lure) ->
         yield belongs, "its pair (P, Q) belongs to another W: Q must equal P W."
         gap = SparseSymmetric.from_dense(error.P).scaled(claim.stretch**2)
         gap += SparseSymmetric.from_dense(own.P).negated()
-        fits = decide_positive_semidefinite(gap).verdict is Verdict.PROVED
+        fits = decide_positive_semidefinite(gap).is_proved
         yield fits, "stretch^2 P (of the tube) - P is not semidefinite."
     high_enough = claim.height**2 >= max(diagonal_of_inverse(own.P_e))
     yield high_enough, "height^2 must be at least every diagonal entry of P_e^-1."

@@ -40,7 +40,6 @@ from dobc_design.loop.arcs import unreached
 from dobc_design.loop.guarantee import Round
 from dobc_design.loop.loop import Loop
 from dobc_design.solvers.program import Array
-from dobc_design.verdict import Verdict
 
 LONGEST = 10.0  # times what the rate near the target would take
 WIDER = 1.25  # times what a box grows to where couplings rise; beyond it is given up
@@ -417,7 +416,7 @@ def _quadratic(loop: Loop, W: Matrix | None, radii: list[float], slowest: float)
         return
 
     def holds(lure: Lure) -> bool:
-        return verify_lure(loop, lure).verdict is Verdict.PROVED
+        return verify_lure(loop, lure).is_proved
 
     observer = Fraction(0)
     fastest = linear_rate(loop, W)

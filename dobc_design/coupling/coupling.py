@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dobc_design._checks import noun
-from dobc_design._show.cards import Card, Formula, Shown, cut
+from dobc_design._show.cards import Card, Facts, Formula, Shown, cut
 from dobc_design.coupling import expression as language
 from dobc_design.coupling import tree
 from dobc_design.coupling.expression import LONGEST, Expression, parse_expression
@@ -26,7 +26,7 @@ from dobc_design.coupling.parser import excerpt
 from dobc_design.errors import ExpressionError, Mistakes, ShapeError, wrong
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.number import number_text
-from dobc_design.exact.reading import NumberText, counted, is_list, shown
+from dobc_design.exact.reading import NumberText, Texts, counted, is_list, shown
 
 T = TypeVar("T")
 # Where h has to have a bounded slope: Lipschitz continuity around 0 cannot be seen at 0 alone.
@@ -78,12 +78,12 @@ class Coupling(Shown):
         return self.dimension if self.by_component else len(self.components)
 
     @property
-    def texts(self) -> tuple[str, ...]:
+    def texts(self) -> Texts:
         """The components as canonical text."""
         return tuple(str(expression) for expression in self.components)
 
     @property
-    def latex(self) -> tuple[str, ...]:
+    def latex(self) -> Texts:
         """The components as LaTeX mathematics."""
         return tuple(expression.latex for expression in self.components)
 
@@ -95,7 +95,7 @@ class Coupling(Shown):
         return all(degree is not None and degree <= 1 for degree in degrees)
 
     @property
-    def nonsmooth(self) -> tuple[str, ...]:
+    def nonsmooth(self) -> Texts:
         """Which of abs, min, max, clip, Lipschitz but not C1, are applied to what is not constant;
         empty if h is C1 wherever it is defined (theory, section 1)."""
         found: set[str] = set()
@@ -106,7 +106,7 @@ class Coupling(Shown):
         return tuple(name for name in NONSMOOTH if name in found)
 
     def _card(self) -> Card:
-        facts: list[tuple[str, Any]] = []
+        facts: Facts = []
         for place, text in enumerate(self.latex, start=1):
             name = "h" if self.by_component else f"h_{{{place}}}"
             facts.append(("coupling", Formula(f"{name}(y) = {text}")))

@@ -59,6 +59,9 @@ _RESTRICTED = GradientAlgebra(1, second=True, restricted=True)
 _UNIT = (ONE,)
 
 Form = Callable[[Interval], Interval]
+OfCurve = Callable[["Curve", Interval], Interval]
+Place = tuple[Interval, int]  # an interval of y, and the sign of h' there
+Pieces = list[tuple[Interval, Interval]]  # values of a form, and where it has them
 
 
 class _Programs:
@@ -223,7 +226,7 @@ def _secant_at(curve: Curve, y: Interval) -> Interval:
     return jet(curve, y).slope if y.is_zero else value(curve, y) / y
 
 
-def _at_ends(form: Callable[[Curve, Interval], Interval], curve: Curve, Y: Interval) -> Interval:
+def _at_ends(form: OfCurve, curve: Curve, Y: Interval) -> Interval:
     """The hull of what a form encloses at both ends."""
     low, high = Y.ends()
     return form(curve, low).hull(form(curve, high))
@@ -231,7 +234,7 @@ def _at_ends(form: Callable[[Curve, Interval], Interval], curve: Curve, Y: Inter
 
 def tight_range(
     curve: Curve,
-    enclosed: Callable[[Curve, Interval], Interval],
+    enclosed: OfCurve,
     Y: Interval,
     *,
     tolerance: Fraction = TOLERANCE,
@@ -267,10 +270,10 @@ def _length(found: Interval) -> int:
     return 0 if isinstance(found.top, float) else height(found.top) >> _LONG
 
 
-def _defined(form: Form, Y: Interval) -> list[tuple[Interval, Interval]]:
+def _defined(form: Form, Y: Interval) -> Pieces:
     """Split Y into pieces on which the form has values.  Raises UndefinedError if one of 2^-40 of Y
     has none."""
-    found: list[tuple[Interval, Interval]] = []
+    found: Pieces = []
     open_pieces = [(Y, 0)]
     while open_pieces:
         piece, depth = open_pieces.pop()
@@ -284,7 +287,7 @@ def _defined(form: Form, Y: Interval) -> list[tuple[Interval, Interval]]:
     return found
 
 
-def _supremum(form: Form, pieces: list[tuple[Interval, Interval]], tolerance: Fraction) -> Fraction:
+def _supremum(form: Form, pieces: Pieces, tolerance: Fraction) -> Fraction:
     """An upper bound of the form's values on the pieces: branch and bound, the highest piece
     first."""
     attained = max(form(end).bottom for _, piece in pieces for end in piece.ends())
@@ -322,6 +325,9 @@ class Cell:
     values: Interval
 
 
+Cells = tuple[Cell, ...]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Profile:
     """A coupling with its cells from left to right; ``tops``, ``bottoms``: where h may have an
@@ -329,9 +335,9 @@ class Profile:
 
     curve: Curve
     radius: Fraction
-    cells: tuple[Cell, ...]
-    tops: tuple[Cell, ...]
-    bottoms: tuple[Cell, ...]
+    cells: Cells
+    tops: Cells
+    bottoms: Cells
 
     @property
     def is_nondecreasing(self) -> bool:
@@ -360,9 +366,9 @@ def profile(curve: Curve, radius: Fraction) -> Profile:
     return Profile(curve, radius, cells, tops, bottoms)
 
 
-def _split(curve: Curve, whole: Interval) -> list[tuple[Interval, int]]:
+def _split(curve: Curve, whole: Interval) -> list[Place]:
     """Cells from left to right with the sign of h'."""
-    found: list[tuple[Interval, int]] = []
+    found: list[Place] = []
     waiting = [whole] if whole.is_point else [*reversed(whole.halves())]
     narrow = whole.width * _NARROWEST_CELL
     count = 0
@@ -403,7 +409,7 @@ def _tight_slope(curve: Curve, place: Interval) -> Interval:
     return slope if slope.sign or place.is_point else slope.meet(slope_form(curve, place))
 
 
-def _merged(curve: Curve, pieces: list[tuple[Interval, int]]) -> tuple[Cell, ...]:
+def _merged(curve: Curve, pieces: list[Place]) -> Cells:
     """Neighbours of one direction as one cell; cells of unknown direction stay narrow."""
     cells: list[Cell] = []
     for direction, group in groupby(pieces, key=lambda piece: piece[1]):
@@ -414,7 +420,7 @@ def _merged(curve: Curve, pieces: list[tuple[Interval, int]]) -> tuple[Cell, ...
     return tuple(cells)
 
 
-def _turns(curve: Curve, cells: tuple[Cell, ...], rising: int) -> tuple[Cell, ...]:
+def _turns(curve: Curve, cells: Cells, rising: int) -> Cells:
     """Cells of unknown direction, and the points between a rising and a falling cell (for -1:
     falling and rising)."""
     found = [cell for cell in cells if not cell.direction]

@@ -17,7 +17,7 @@ from dobc_design.coupling.functions import FOREIGN, FUNCTIONS, NONSMOOTH, OTHER_
 from dobc_design.errors import SpecError
 from dobc_design.exact.interval import Interval
 from dobc_design.exact.number import parse_number
-from dobc_design.exact.reading import counted
+from dobc_design.exact.reading import Texts, counted
 
 Kind = Enum("Kind", "NUMBER NAME SIGN END")
 
@@ -152,7 +152,7 @@ def unknown_name(token: Token, *, dimension: int, called: bool) -> Fault:
     return Fault(token.start, quote(token), why, repair=repair)
 
 
-def _guess_name(token: Token, *, names: tuple[str, ...], called: bool) -> Repair | None:
+def _guess_name(token: Token, *, names: Texts, called: bool) -> Repair | None:
     word = token.text.lower()
     allowed = ["pi", *FUNCTIONS]
     # Of one or two letters everything is close to something.

@@ -8,7 +8,7 @@ on them.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from fractions import Fraction
 from itertools import chain, combinations
 
@@ -18,6 +18,7 @@ from dobc_design._show.cards import listed
 from dobc_design._show.text import significant
 from dobc_design.description.meaning import (
     LARGEST_ORDER,
+    Sentences,
     disturbance_parts,
     disturbance_starts,
     has_floats,
@@ -47,7 +48,7 @@ def warnings(problem: Problem) -> tuple[str, ...]:
     return tuple(dict.fromkeys(found))
 
 
-def _about_limits(problem: Problem, reached: Mapping[str, float]) -> Iterator[str]:
+def _about_limits(problem: Problem, reached: Mapping[str, float]) -> Sentences:
     """Limits of actuators that the disturbance alone exceeds; ``reached``: label -> the largest
     |d_i| in runs."""
     table = problem.actuators
@@ -122,7 +123,7 @@ def _reached_in_runs(problem: Problem) -> dict[str, float]:
     return found
 
 
-def _about_errors(problem: Problem) -> Iterator[str]:
+def _about_errors(problem: Problem) -> Sentences:
     """Errors of weights or gains that are large, or that the agents know about for nothing."""
     table = problem.uncertainty
     if table is None:
@@ -143,7 +144,7 @@ def _about_errors(problem: Problem) -> Iterator[str]:
         )
 
 
-def _about_sines(problem: Problem) -> Iterator[str]:
+def _about_sines(problem: Problem) -> Sentences:
     """One sine that is given in both units, or typed twice."""
     for group in problem.groups:
         if group.exosystem.order > LARGEST_ORDER:
@@ -168,7 +169,7 @@ def _about_sines(problem: Problem) -> Iterator[str]:
                 )
 
 
-def _about_observer_rates(problem: Problem) -> Iterator[str]:
+def _about_observer_rates(problem: Problem) -> Sentences:
     """An observer that is much faster than the network."""
     found = observer_excess(problem)
     if found is not None:
@@ -181,7 +182,7 @@ def _about_observer_rates(problem: Problem) -> Iterator[str]:
         )
 
 
-def _about_region(problem: Problem) -> Iterator[str]:
+def _about_region(problem: Problem) -> Sentences:
     """An estimation error that is as large as the region itself."""
     region = problem.region
     if region is None or not region.initial_disturbance or problem.leader is not None:
@@ -202,7 +203,7 @@ def _about_region(problem: Problem) -> Iterator[str]:
         )
 
 
-def _about_dwell(problem: Problem) -> Iterator[str]:
+def _about_dwell(problem: Problem) -> Sentences:
     """A dwell time that no guarantee lets a proof use."""
     own = problem.switching
     if own is None or own.dwell is None or own.guarantee not in (None, "arbitrary"):

@@ -49,6 +49,7 @@ LARGEST_NETWORK, MOST_MODES = 150, 12  # states and modes whose time constants a
 
 # real and imaginary part of an eigenvalue, and how often it is repeated in one chain
 Part = tuple[float, float, int]
+Sentences = Iterator[str]
 
 
 def disturbance_words(problem: Problem, group: Group) -> str:
@@ -230,7 +231,7 @@ def remarks(problem: Problem) -> tuple[str, ...]:
     return tuple(dict.fromkeys(found))
 
 
-def _about_disturbance(problem: Problem, group: Group) -> Iterator[str]:
+def _about_disturbance(problem: Problem, group: Group) -> Sentences:
     """Parts that grow, that decay by themselves, or that never reach the agents."""
     exosystem, whose = group.exosystem, ""
     if problem.is_grouped:
@@ -274,7 +275,7 @@ def _about_disturbance(problem: Problem, group: Group) -> Iterator[str]:
         )
 
 
-def _about_network(problem: Problem) -> Iterator[str]:
+def _about_network(problem: Problem) -> Sentences:
     """Agents without arcs or pins, modes that are empty or equal, weights of other units."""
     modes, labels = problem.network.modes, problem.network.labels
     linked = np.zeros(problem.n, dtype=bool)
@@ -308,7 +309,7 @@ def _about_network(problem: Problem) -> Iterator[str]:
             yield f"Agent {labels[pin]} is pinned, but nobody listens to it."
 
 
-def _about_pins(problem: Problem, alone: Sequence[int]) -> Iterator[str]:
+def _about_pins(problem: Problem, alone: Sequence[int]) -> Sentences:
     """Agents that no pin reaches; ``alone``: those without any arc, of which it is said."""
     modes, labels = problem.network.modes, problem.network.labels
     loop = loop_of(problem)
@@ -339,7 +340,7 @@ def _about_pins(problem: Problem, alone: Sequence[int]) -> Iterator[str]:
         )
 
 
-def _about_couplings(problem: Problem) -> Iterator[str]:
+def _about_couplings(problem: Problem) -> Sentences:
     """Couplings that repel, or hardly attract, close neighbours."""
     if problem.dynamics is not None:  # B decides what pulls where
         return
@@ -383,7 +384,7 @@ def _opposed(problem: Problem, place: int, repelling: Set[int]) -> str:
     )
 
 
-def _over_region(problem: Problem, coupling: Coupling) -> Iterator[str]:
+def _over_region(problem: Problem, coupling: Coupling) -> Sentences:
     """Where h ends, or falls, between the starts asked for."""
     if problem.region is None or not coupling.by_component or problem.dynamics is not None:
         return
@@ -449,7 +450,7 @@ def _where(places: Array, *, step: float) -> str:
     return f"y > {size}"
 
 
-def _about_region(problem: Problem) -> Iterator[str]:
+def _about_region(problem: Problem) -> Sentences:
     """Goals outside of the region asked for, and numbers that look like another unit."""
     region, labels = problem.region, problem.network.labels
     yield from _about_goals(problem)
@@ -496,7 +497,7 @@ def _holds(region: Region, x: Vector) -> bool:
     return all(lo <= entry <= hi for (lo, hi), entry in pairs)
 
 
-def _about_goals(problem: Problem) -> Iterator[str]:
+def _about_goals(problem: Problem) -> Sentences:
     """Agents of a formation that go to the same place."""
     if not problem.offsets:
         return
@@ -511,7 +512,7 @@ def _about_goals(problem: Problem) -> Iterator[str]:
             )
 
 
-def _about_observers(problem: Problem) -> Iterator[str]:
+def _about_observers(problem: Problem) -> Sentences:
     """A given W whose estimation error does not decay, and what stands beside it in vain."""
     for group in loop_of(problem).groups:
         A, C, own = to_float(group.exosystem.A), to_float(group.exosystem.C), group.observer
@@ -530,7 +531,7 @@ def _about_observers(problem: Problem) -> Iterator[str]:
             yield "observer.P is not positive definite. A sign in P?"
 
 
-def _about_times(problem: Problem) -> Iterator[str]:
+def _about_times(problem: Problem) -> Sentences:
     """Times that are far apart, and runs that are too short or too long to show anything."""
     fast, slow = _time_scales(problem)
     if not fast or not slow:
@@ -577,7 +578,7 @@ def _about_times(problem: Problem) -> Iterator[str]:
         )
 
 
-def _about_simulation(problem: Problem) -> Iterator[str]:
+def _about_simulation(problem: Problem) -> Sentences:
     """Runs that start where nothing is proved, or in which nothing happens."""
     run = problem.simulation
     starts = run.x0 or ()
@@ -600,7 +601,7 @@ def _about_simulation(problem: Problem) -> Iterator[str]:
         )
 
 
-def _about_switching(problem: Problem) -> Iterator[str]:
+def _about_switching(problem: Problem) -> Sentences:
     """Parts of [switching] that change nothing."""
     own, modes, t_final = problem.switching, list(problem.network.modes), problem.simulation.t_final
     if own is None or own.signal == "mobile":

@@ -19,6 +19,7 @@ from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.number import number_text, parse_number
 
 Names = Sequence[str]  # labels of agents, names of modes
+Texts = tuple[str, ...]
 Table = Mapping[str, Any]
 Document = dict[str, Any]  # of JSON or TOML
 

@@ -23,7 +23,7 @@ from scipy.sparse.csgraph import connected_components
 from dobc_design._checks import noun
 from dobc_design.errors import SpecError, wrong
 from dobc_design.exact.number import parse_number
-from dobc_design.exact.reading import Names, Table, named, shown, some
+from dobc_design.exact.reading import Names, Table, Texts, named, shown, some
 from dobc_design.problem.exosystems import constant
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
@@ -57,9 +57,9 @@ class Grid:
     """What is read of a grid: bus labels, branches in service, buses with a generator in service,
     where it is from."""
 
-    buses: tuple[str, ...]
+    buses: Texts
     branches: tuple[Branch, ...]
-    generators: tuple[str, ...]
+    generators: Texts
     source: str
 
 

@@ -21,7 +21,7 @@ from dobc_design._checks import noun
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import Matrix, Vector, left_inverse
-from dobc_design.exact.reading import is_scalar_matrix
+from dobc_design.exact.reading import Texts, is_scalar_matrix
 from dobc_design.loop.guarantee import Guarantee
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import (
@@ -33,6 +33,7 @@ from dobc_design.problem.groups import (
     joint_observer,
 )
 from dobc_design.problem.network import Arc, Arcs
+from dobc_design.problem.region import Pairs
 from dobc_design.problem.uncertainty import Actuators, Uncertainty
 
 Pair = tuple[Fraction, Fraction]
@@ -112,7 +113,7 @@ class Goals:
     target: Vector
     offsets: Mapping[int, Vector]
     moves: bool
-    starts: tuple[Pair, ...]
+    starts: Pairs
     stays_in: tuple[Interval, ...] | None
     unbounded: str
 
@@ -155,7 +156,7 @@ class Starts:
     """The starts that a proof has to hold for: every component of every x_i(0) in ``states`` (m
     pairs), and |eps_i(0)| <= ``disturbance`` (None without an exosystem)."""
 
-    states: tuple[Pair, ...]
+    states: Pairs
     disturbance: Fraction | None
 
 
@@ -172,7 +173,7 @@ class Loop:
     """
 
     name: str
-    labels: tuple[str, ...]
+    labels: Texts
     m: int
     modes: Mapping[str, Arcs]
     functions: tuple[Coupling, ...]

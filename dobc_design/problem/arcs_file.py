@@ -17,7 +17,7 @@ import numpy as np
 from dobc_design._checks import noun
 from dobc_design.errors import SpecError, about, wrong
 from dobc_design.exact.number import parse_number
-from dobc_design.exact.reading import named, shown
+from dobc_design.exact.reading import Texts, named, shown
 from dobc_design.problem.arcs_graphs import (
     MATRIX_MARKET,
     Graph,
@@ -63,7 +63,7 @@ _DROP = "write drop_loops = true beside file = (dobc new: --drop-loops; Python: 
 class FileArcs(NamedTuple):
     """The labels that a file names, and the arcs between them."""
 
-    labels: tuple[str, ...]
+    labels: Texts
     arcs: Arcs
 
 

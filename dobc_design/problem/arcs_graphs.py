@@ -13,7 +13,7 @@ from xml.etree import ElementTree
 
 from dobc_design._checks import noun
 from dobc_design.errors import reason_of
-from dobc_design.exact.reading import Names, named, shown
+from dobc_design.exact.reading import Names, Texts, named, shown
 from dobc_design.problem.arcs_text import WEIGHTS, Row, Unfit
 from dobc_design.problem.network import MOST_AGENTS
 
@@ -22,7 +22,7 @@ from dobc_design.problem.network import MOST_AGENTS
 class Graph:
     """What a file says: its nodes in their order, also those without an arc, and its arcs."""
 
-    labels: tuple[str, ...]
+    labels: Texts
     rows: Iterator[Row]
 
 

@@ -21,7 +21,7 @@ from dobc_design.coupling.coupling import Coupling
 from dobc_design.errors import SpecError, reason_of, wrong
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import number_text
-from dobc_design.exact.reading import Document, Names, Table, named, shown
+from dobc_design.exact.reading import Document, Names, Table, Texts, named, shown
 from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.foreign_json import PROBLEM, not_a
@@ -173,7 +173,7 @@ def _table_of(noun: Any) -> Document | None:
     return {name: x for name, x in every.items() if x is not None or name not in later}
 
 
-def _later_keys(noun: Any) -> tuple[str, ...]:
+def _later_keys(noun: Any) -> Texts:
     """The fields that a noun has in problem.json only where they were given."""
     return tuple(each.name for each in fields(noun) if each.metadata == LATER)
 

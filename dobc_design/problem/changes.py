@@ -23,7 +23,7 @@ from tomlkit.exceptions import TOMLKitError
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import nearest, number_text
-from dobc_design.exact.reading import Document, Names, is_scalar_matrix, shown
+from dobc_design.exact.reading import Document, Names, Table, is_scalar_matrix, shown
 from dobc_design.problem.canonical import (
     canonical_bytes,
     converted,
@@ -74,7 +74,7 @@ def value_text(value: Any) -> str:
     return json.dumps(value, ensure_ascii=False)
 
 
-def change_lines(changes: Mapping[str, Any]) -> list[str]:
+def change_lines(changes: Table) -> list[str]:
     """Changes as lines of a problem file, for people: long tables are cut, what has to go stands in
     a comment."""
     kept = {path: value for path, value in changes.items() if value is not None}
@@ -126,7 +126,7 @@ def gain_changes(problem: Problem, W: Matrix | None) -> Document:
     return {GROUP_GAINS: {group.name: typed_matrix(gain) for group, gain in gains}}
 
 
-def changed_problem(problem: Problem, changes: Mapping[str, Any]) -> Problem:
+def changed_problem(problem: Problem, changes: Table) -> Problem:
     """The problem with these keys (path -> value as in the file, None to remove it) set.  Raises:
     SpecError."""
     for key in changes:
@@ -156,14 +156,14 @@ def changed_problem(problem: Problem, changes: Mapping[str, Any]) -> Problem:
     return problem.replace(**given)
 
 
-def _changed(noun: Any, table: str, changes: Mapping[str, Any]) -> Any:
+def _changed(noun: Any, table: str, changes: Table) -> Any:
     """The noun of a table with the keys that change; None where it goes, or is not there."""
     if noun is None or (table in changes and changes[table] is None):
         return None
     return replace(noun, **_below(table, changes))
 
 
-def _changed_groups(problem: Problem, changes: Mapping[str, Any]) -> Document:
+def _changed_groups(problem: Problem, changes: Table) -> Document:
     """The groups with other gains.  Raises: SpecError for a change of all agents."""
     if any(key in _OF_ALL for key in changes):
         raise SpecError(
@@ -181,7 +181,7 @@ def _changed_groups(problem: Problem, changes: Mapping[str, Any]) -> Document:
     return {"groups": groups}
 
 
-def _below(table: str, changes: Mapping[str, Any]) -> Document:
+def _below(table: str, changes: Table) -> Document:
     """The keys of a table, without its name."""
     own = {}
     for key, value in changes.items():
@@ -194,7 +194,7 @@ REMARK = "set by dobc certify --apply-fix"  # in place of a comment on the value
 
 
 def changed_text(
-    text: str, changes: Mapping[str, Any], *, whole: bool = False, remark: str = REMARK
+    text: str, changes: Table, *, whole: bool = False, remark: str = REMARK
 ) -> str | None:
     """The text of a problem file with these keys set; comments and order stay.  Raises: SpecError
     if it is no TOML.  In a table with lines of its own ([pinning.gains]) only the lines change
@@ -257,7 +257,7 @@ def _set(document: Any, path: list[str], value: Any, *, whole: bool, remark: str
     table[name].comment(remark)
 
 
-def _set_group_gains(document: Any, gains: Mapping[str, Any], *, remark: str) -> None:
+def _set_group_gains(document: Any, gains: Table, *, remark: str) -> None:
     """W of every group in its table, found by the label of an agent, or in [observer] for those
     outside of all."""
     left = dict(gains)
@@ -273,7 +273,7 @@ def _set_group_gains(document: Any, gains: Mapping[str, Any], *, remark: str) ->
     _set(document, ["observer", "P"], None, whole=True, remark=remark)
 
 
-def _change_lines(table: Any, wanted: Mapping[str, Any], remark: str) -> None:
+def _change_lines(table: Any, wanted: Table, remark: str) -> None:
     """Change the lines of a table that say something else than wanted, and leave the others with
     their comments."""
     for key in [str(key) for key in table if str(key) not in wanted]:
@@ -296,7 +296,7 @@ def _item(value: Any) -> Any:
 
 def changed_file(
     problem: Problem,
-    changes: Mapping[str, Any],
+    changes: Table,
     *,
     text: str | None,
     folder: Path,
@@ -397,12 +397,12 @@ def _settings(problem: Problem, labels: Names) -> dict[str, Document]:
     return {name: table for name, table in kept.items() if table}
 
 
-def _given(table: Mapping[str, Any]) -> Document:
+def _given(table: Table) -> Document:
     """A table without the keys that say nothing."""
     return {key: value for key, value in table.items() if value is not None}
 
 
-def _table(content: Mapping[str, Any]) -> Any:
+def _table(content: Table) -> Any:
     """A table of a new document."""
     table: Any = tomlkit.table()
     for key, value in content.items():

@@ -35,7 +35,7 @@ from dobc_design.exact.matrix import (
     transpose,
 )
 from dobc_design.exact.number import number_text
-from dobc_design.exact.reading import Names, counted, is_list, read_matrix, shown
+from dobc_design.exact.reading import Names, Texts, counted, is_list, read_matrix, shown
 
 NEAR = Fraction(1, 2**40)  # of a goal, where slopes of f have to be bounded
 _EXAMPLE = 'For example f = ["x2", "-sin(x1)"].'
@@ -55,7 +55,7 @@ class Dynamics(Shown):
     """
 
     A: Matrix | None = field(metadata=LATER)
-    f: tuple[str, ...] | None = field(metadata=LATER)
+    f: Texts | None = field(metadata=LATER)
     B: Matrix
 
     def __init__(self, *, A: Any = None, f: Any = None, B: Any = None) -> None:
@@ -100,7 +100,7 @@ class Dynamics(Shown):
         return len(self.B[0])
 
     @property
-    def latex(self) -> tuple[str, ...]:
+    def latex(self) -> Texts:
         """LaTeX of every component of f, in x, or x_1 to x_m."""
         return tuple(re.sub(r"\by\b|\by(?=_)", "x", each.latex) for each in expressions_of(self))
 
@@ -240,7 +240,7 @@ def check_goal(dynamics: Dynamics, goal: Vector, *, key: str) -> None:
         )
 
 
-def _read_nodes(f: Any) -> tuple[str, ...]:
+def _read_nodes(f: Any) -> Texts:
     """Expressions in x1..xm (x alone where m = 1) as canonical text; the language is that of
     couplings, in y."""
     if not is_list(f) or not f:

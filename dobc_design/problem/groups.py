@@ -21,6 +21,7 @@ from dobc_design.exact.matrix import Matrix, zeros
 from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import (
     Names,
+    Texts,
     counted,
     is_list,
     named,
@@ -131,7 +132,7 @@ class Group(Shown):
     Raises: SpecError for a value of another kind, or without agents.
     """
 
-    agents: tuple[str, ...]
+    agents: Texts
     exosystem: Exosystem
     observer: Observer
 
@@ -174,7 +175,7 @@ def read_groups(
     *,
     exosystem: Exosystem | None,
     observer: Observer | None,
-    labels: tuple[str, ...],
+    labels: Texts,
     m: int,
     states: int | None = None,
 ) -> tuple[Group, ...]:
@@ -249,7 +250,7 @@ def renamed(error: SpecError, key: str) -> SpecError:
     return SpecError.several(errors)
 
 
-def _owners(groups: Sequence[Group], labels: tuple[str, ...], errors: Mistakes) -> dict[str, int]:
+def _owners(groups: Sequence[Group], labels: Texts, errors: Mistakes) -> dict[str, int]:
     """The number of the group of each agent; what is wrong with them goes to ``errors``."""
     known = set(labels)
     owner: dict[str, int] = {}

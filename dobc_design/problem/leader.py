@@ -23,7 +23,7 @@ from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import is_list, keyed
 from dobc_design.problem.dynamics import Dynamics, expressions_of
-from dobc_design.problem.region import Pair, read_pairs
+from dobc_design.problem.region import Pairs, read_pairs
 
 Box = tuple[Interval, ...]
 
@@ -41,8 +41,8 @@ class Leader(Shown):
     never leaves; it is looked for where it is not given, and proved in both cases.
     """
 
-    initial: tuple[Pair, ...]
-    stays_in: tuple[Pair, ...] | None = field(default=None, metadata=LATER)
+    initial: Pairs
+    stays_in: Pairs | None = field(default=None, metadata=LATER)
 
 
 def read_leader(value: Any, *, dynamics: Dynamics | None) -> Leader | None:
@@ -81,7 +81,7 @@ def read_leader(value: Any, *, dynamics: Dynamics | None) -> Leader | None:
     return Leader(initial=initial, stays_in=stays_in)
 
 
-def _read_box(value: Any, key: str, m: int) -> tuple[Pair, ...]:
+def _read_box(value: Any, key: str, m: int) -> Pairs:
     """m pairs; a number stands for a point, and for m = 1 one pair for itself."""
     alone = not is_list(value) or (m == 1 and len(value) == 2 and not any(map(is_list, value)))
     rows = [each if is_list(each) else [each, each] for each in ([value] if alone else value)]
@@ -176,5 +176,5 @@ def not_enclosed(dynamics: Dynamics, leader: Leader) -> str:
     )
 
 
-def _box(pairs: tuple[Pair, ...]) -> Box:
+def _box(pairs: Pairs) -> Box:
     return tuple(Interval(lo, hi) for lo, hi in pairs)

@@ -25,7 +25,16 @@ from pydantic import BaseModel, ValidationError
 
 from dobc_design.coupling.coupling import Coupling, make_coupling
 from dobc_design.errors import Mistakes, SpecError, about, wrong
-from dobc_design.exact.reading import Document, NumberText, Table, is_list, is_text, named, shown
+from dobc_design.exact.reading import (
+    Document,
+    NumberText,
+    Table,
+    Texts,
+    is_list,
+    is_text,
+    named,
+    shown,
+)
 from dobc_design.problem import arcs_file
 from dobc_design.problem.canonical import problem_from_canonical
 from dobc_design.problem.disturbances import read_exosystem
@@ -428,7 +437,7 @@ def _exception_arcs(value: Any, *, key: str, index: Index, arrow: str) -> list[A
 SUFFIX = ".toml"
 
 
-def builtin_names() -> tuple[str, ...]:
+def builtin_names() -> Texts:
     """Names of the built-in problems, in the order they are best read."""
     folder = files("dobc_design.problems")
     names = sorted(

@@ -26,6 +26,7 @@ from dobc_design.exact.reading import (
     Document,
     Names,
     NumberText,
+    Texts,
     counted,
     is_list,
     named,
@@ -74,7 +75,7 @@ def label_text(value: object, *, place: str = "network.agents") -> str:
     return text
 
 
-def labels_of(agents: int | Iterable[Any]) -> tuple[str, ...]:
+def labels_of(agents: int | Iterable[Any]) -> Texts:
     """Turn a count (labels 1..n) or labels into labels.  Raises SpecError."""
     count = agents if isinstance(agents, (int, np.integer)) else 0
     if 1 <= count <= MOST_AGENTS and not isinstance(agents, bool):
@@ -392,7 +393,7 @@ class Network(Shown):
     Two networks are equal when labels, modes and arcs are, in the same order.
     """
 
-    labels: tuple[str, ...]
+    labels: Texts
     modes: Mapping[str, Arcs]
 
     def __post_init__(self) -> None:
@@ -535,7 +536,7 @@ class Network(Shown):
             4
         """
         graphs = _modes(graph, isinstance(graph, Mapping) and not hasattr(graph, "edges"))
-        labels: tuple[str, ...] = ()
+        labels: Texts = ()
         arcs = {}
         for name, each in graphs.items():
             key = f"network.modes.{named(name)}"
@@ -655,7 +656,7 @@ def _lists_of_arcs(value: Any, *, key: str) -> dict[str, list[Any]]:
     return lists
 
 
-def _listening(labels: tuple[str, ...], arcs: Arcs) -> str:
+def _listening(labels: Texts, arcs: Arcs) -> str:
     """What the first few agents hear, from the first arcs."""
     heard: dict[int, list[str]] = {}
     for listener, speaker, _ in islice(arcs, 60):

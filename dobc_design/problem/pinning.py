@@ -13,7 +13,7 @@ from types import MappingProxyType
 from typing import Any, TypeVar
 
 from dobc_design._checks import noun, put
-from dobc_design._show.cards import Card, Shown, plain
+from dobc_design._show.cards import Card, Facts, Shown, plain
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.errors import Mistakes, SpecError, about, wrong
 from dobc_design.exact import reading
@@ -58,7 +58,7 @@ class Pinning(Shown):
         gains = {int(i): k for i, k in self._gains()}
         return f"Pinning(gains={plain(gains)})"
 
-    def _gains(self) -> list[tuple[str, Any]]:
+    def _gains(self) -> Facts:
         return [(str(i), k[0][0] if is_scalar_matrix(k) else k) for i, k in self.gains.items()]
 
     def __hash__(self) -> int:

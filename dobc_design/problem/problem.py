@@ -15,7 +15,7 @@ from types import MappingProxyType
 from typing import Any
 
 from dobc_design._checks import noun, put
-from dobc_design._show.cards import MOST_ITEMS, Card, Shown, listed, plain
+from dobc_design._show.cards import MOST_ITEMS, Card, Facts, Shown, listed, plain
 from dobc_design._show.text import significant
 from dobc_design.coupling.coupling import Coupling, make_coupling
 from dobc_design.errors import Mistakes, ShapeError, SpecError, about, wrong
@@ -25,6 +25,7 @@ from dobc_design.exact.reading import (
     Document,
     Names,
     Table,
+    Texts,
     counted,
     is_list,
     is_scalar_matrix,
@@ -48,7 +49,7 @@ from dobc_design.problem.groups import (
 from dobc_design.problem.leader import Leader, read_leader
 from dobc_design.problem.network import Arc, Network
 from dobc_design.problem.pinning import GainForm, Pinning, by_label, read_pinning
-from dobc_design.problem.region import Pair, Region, read_region
+from dobc_design.problem.region import Pairs, Region, read_region
 from dobc_design.problem.simulation import Simulation, read_simulation
 from dobc_design.problem.switching import Switching, check_switching
 from dobc_design.problem.tables import (
@@ -120,7 +121,7 @@ class Problem(Shown):
     actuators: Actuators | None
     dynamics: Dynamics | None
     leader: Leader | None
-    notes: tuple[str, ...]
+    notes: Texts
     couplings: tuple[Coupling, ...] = field(init=False, compare=False)
     exception_places: Mapping[Arc, int] = field(init=False, compare=False)
 
@@ -329,9 +330,9 @@ class Problem(Shown):
     def _size(self) -> str:
         return f"{counted(self.n, 'agent')} with {counted(self.m, 'state component')} each"
 
-    def _facts(self) -> list[tuple[str, Any]]:
+    def _facts(self) -> Facts:
         """What is stated, as it is; what it means is computed for ``dobc check``."""
-        facts: list[tuple[str, Any]] = [("target", self.target[0])]
+        facts: Facts = [("target", self.target[0])]
         if self.m > 1:
             facts = [("target", (self.target,))]
         if self.dynamics is not None:
@@ -389,7 +390,7 @@ class Problem(Shown):
         return are_different(self.groups, self.n)
 
     @property
-    def undisturbed(self) -> tuple[str, ...]:
+    def undisturbed(self) -> Texts:
         """The labels of the agents without a disturbance, where others have one."""
         if not self.groups:
             return ()
@@ -469,7 +470,7 @@ class Problem(Shown):
             )
 
     @property
-    def leads(self) -> tuple[Pair, ...]:
+    def leads(self) -> Pairs:
         """Where a leader may start, m pairs, which a goal is to be moved by; 0 without one."""
         if self.leader is not None:
             return self.leader.initial
@@ -633,7 +634,7 @@ def _read_name(name: str) -> str:
 _read_states = partial(reading.read_vector, because="one per state component")
 
 
-def _read_notes(notes: Any) -> tuple[str, ...]:
+def _read_notes(notes: Any) -> Texts:
     texts = tuple(notes) if is_list(notes) else (notes,)
     for position, text in enumerate(texts):
         if not is_text(text) or len(text) > 1000 or not text.replace("\n", "").isprintable():

@@ -6,7 +6,7 @@ from fractions import Fraction
 from typing import Any
 
 from dobc_design._checks import noun
-from dobc_design._show.cards import Card, Shown, listed
+from dobc_design._show.cards import Card, Facts, Shown, listed
 from dobc_design.errors import Mistakes, ShapeError, wrong
 from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import (
@@ -17,6 +17,7 @@ from dobc_design.exact.reading import (
 )
 
 Pair = tuple[Fraction, Fraction]
+Pairs = tuple[Pair, ...]  # one for each state component
 
 
 @noun
@@ -28,12 +29,12 @@ class Region(Shown):
     exosystem.
     """
 
-    initial_states: tuple[Pair, ...]
+    initial_states: Pairs
     initial_disturbance: Fraction | None
 
     def _card(self) -> Card:
         pairs = [f"[{shown_number(lo)}, {shown_number(hi)}]" for lo, hi in self.initial_states]
-        facts: list[tuple[str, Any]] = [("initial states", listed(pairs))]
+        facts: Facts = [("initial states", listed(pairs))]
         if self.initial_disturbance is not None:
             facts.append(("|xi_i - xihat_i| at most", self.initial_disturbance))
         return Card(title="Region", text="asked for", facts=facts)
@@ -55,7 +56,7 @@ def read_region(value: Any, *, dimension: int, with_exosystem: bool) -> Region |
     return Region(initial_states=states, initial_disturbance=disturbance)
 
 
-def read_pairs(value: Any, *, key: str, dimension: int) -> tuple[Pair, ...]:
+def read_pairs(value: Any, *, key: str, dimension: int) -> Pairs:
     """One pair for all components, or one for each.  Raises: SpecError naming the key."""
     lists = [is_list(entry) for entry in value] if is_list(value) else [False, True]
     nested = all(lists)

@@ -13,7 +13,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from dobc_design.errors import MOST_ERRORS, SpecError, wrong
-from dobc_design.exact.reading import Document, named, shown
+from dobc_design.exact.reading import Document, Texts, named, shown
 from dobc_design.problem.schema import RESERVED, ProblemFile
 
 Location = tuple[int | str, ...]
@@ -100,11 +100,11 @@ def _unknown_key(key: str, location: Location) -> SpecError:
 
 
 @cache
-def _tables() -> dict[str, tuple[str, ...]]:
+def _tables() -> dict[str, Texts]:
     """The keys of every table, by its name; "" is the top of the file."""
     # From the schema, so that no table is listed twice.
     schema = ProblemFile.model_json_schema(by_alias=True)
-    tables: dict[str, tuple[str, ...]] = {}
+    tables: dict[str, Texts] = {}
 
     def walk(name: str, properties: Document) -> None:
         tables[name] = tuple(properties)
@@ -119,6 +119,6 @@ def _tables() -> dict[str, tuple[str, ...]]:
     return tables
 
 
-def known_keys(table: str) -> tuple[str, ...]:
+def known_keys(table: str) -> Texts:
     """The keys that a table may have; "" is the top of the file."""
     return _tables().get(table, ())

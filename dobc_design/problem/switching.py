@@ -18,6 +18,7 @@ from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import MAX_CHARACTERS, number_text, parse_number
 from dobc_design.exact.reading import (
     Names,
+    Texts,
     counted,
     is_list,
     is_text,
@@ -29,7 +30,7 @@ from dobc_design.exact.reading import (
 
 Schedule = tuple[tuple[Fraction, str], ...]
 #: Which keys each signal may have besides ``signal`` and ``dwell``.
-KEYS: Mapping[str, tuple[str, ...]] = {
+KEYS: Mapping[str, Texts] = {
     "random": (),
     "periodic": ("sequence", "period", "schedule"),
     "markov": ("generator",),
@@ -80,7 +81,7 @@ class Switching(Shown):
 
     signal: str
     dwell: Fraction | None = None
-    sequence: tuple[str, ...] | None = field(default=None, metadata=LATER)
+    sequence: Texts | None = field(default=None, metadata=LATER)
     period: Fraction | None = field(default=None, metadata=LATER)
     generator: Matrix | None = field(default=None, metadata=LATER)
     schedule: Schedule | None = field(default=None, metadata=LATER)
@@ -336,7 +337,7 @@ def _instants(sequence: Any, dwell: Any) -> tuple[Any, Any]:
     return tuple(zip(begins, modes, strict=False)), begins[-1]
 
 
-def _read_sequence(value: Any, key: str) -> tuple[str, ...]:
+def _read_sequence(value: Any, key: str) -> Texts:
     """The modes of one round."""
     if not is_list(value) or not len(value):
         raise _no_list(key, "a list of modes", value, "sequence")

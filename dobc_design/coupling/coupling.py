@@ -7,7 +7,7 @@ outwards.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import InitVar
 from fractions import Fraction
 from functools import lru_cache, partial
@@ -133,7 +133,7 @@ class Coupling(Shown):
         places = range(self.dimension)  # component by component: a diagonal matrix
         return tuple(tuple(slope if i == j else tree.ZERO for j in places) for i in places)
 
-    def numpy_function(self) -> Callable[[ArrayLike], NDArray[np.float64]]:
+    def numpy_function(self) -> language.ArrayFunction:
         """Return h as a function of arrays, (..., m) to (..., m); overflow gives inf, undefined
         places give nan."""
         functions = [language.numpy_function(expression) for expression in self.components]
@@ -142,10 +142,7 @@ class Coupling(Shown):
 
         def function(y: ArrayLike) -> NDArray[np.float64]:
             array = np.asarray(y, dtype=np.float64)
-            if array.ndim == 0 or array.shape[-1] != dimension:
-                raise ShapeError(
-                    f"the last axis of y must have length {dimension}; got shape {array.shape}."
-                )
+            language.require_last_axis(array, dimension)
             if by_component:
                 return functions[0](array)
             return np.stack([component(array) for component in functions], axis=-1)

@@ -23,6 +23,7 @@ from dobc_design.exact.number import decimal_parts, with_exponent, without_expon
 
 _LONGEST_PLAIN_NUMBER = 21
 T = TypeVar("T")
+ArrayFunction = Callable[[ArrayLike], NDArray[np.float64]]
 
 SUM, SIGN, PRODUCT, UNARY, POWER, ATOM = range(6)
 
@@ -280,7 +281,7 @@ def parse_expression(
     return expression
 
 
-def numpy_function(expression: Expression) -> Callable[[ArrayLike], NDArray[np.float64]]:
+def numpy_function(expression: Expression) -> ArrayFunction:
     """Return the expression as a function of arrays; overflow gives inf, undefined places nan,
     without warnings."""
     steps = tree.program(expression.node, tree.NumpyAlgebra())
@@ -288,16 +289,21 @@ def numpy_function(expression: Expression) -> Callable[[ArrayLike], NDArray[np.f
 
     def function(y: ArrayLike) -> NDArray[np.float64]:
         array = np.asarray(y, dtype=np.float64)
-        if dimension > 1 and (array.ndim == 0 or array.shape[-1] != dimension):
-            raise ShapeError(
-                f"the last axis of y must have length {dimension}; got shape {array.shape}."
-            )
-        variables = [array] if dimension == 1 else [array[..., index] for index in range(dimension)]
+        variables = [array]
+        if dimension > 1:
+            require_last_axis(array, dimension)
+            variables = [array[..., index] for index in range(dimension)]
         with np.errstate(all="ignore"):  # inf and nan are answers here
             result = tree.run(steps, variables)
         return np.array(np.broadcast_to(result, variables[0].shape), dtype=np.float64)
 
     return function
+
+
+def require_last_axis(array: NDArray[np.float64], length: int) -> None:
+    """Raise ShapeError unless the last axis, that of components, has this length."""
+    if array.ndim == 0 or array.shape[-1] != length:
+        raise ShapeError(f"the last axis of y must have length {length}; got shape {array.shape}.")
 
 
 def polynomial_degree(node: tree.Node) -> int | None:

@@ -35,6 +35,10 @@ class Token:
         """Index of the character after it."""
         return self.start + len(self.text)
 
+    def fault(self, why: str, repair: Repair | None = None) -> Fault:
+        """The fault of a text that has this word here."""
+        return Fault(self.start, quote(self), why, repair)
+
 
 @dataclass(frozen=True, slots=True)
 class Repair:
@@ -45,16 +49,15 @@ class Repair:
     replacement: str
 
 
+@dataclass(eq=False)
 class Fault(Exception):
     """The text is not in the language: what was found where, why that is wrong, perhaps a
     repair."""
 
-    def __init__(self, start: int, found: str, why: str, *, repair: Repair | None = None) -> None:
-        super().__init__(why)
-        self.start = start
-        self.found = found
-        self.why = why
-        self.repair = repair
+    start: int
+    found: str
+    why: str
+    repair: Repair | None = None
 
 
 LONGEST_QUOTE = 40
@@ -113,7 +116,7 @@ def _stranger(text: str, place: int) -> Fault:
     replacement, why = _LOOKALIKES.get(character, (None, _ALLOWED))
     repair = None if replacement is None else Repair(place, place + 1, replacement)
     found = "a quotation mark" if character == '"' else f'"{visible(character)}"'
-    return Fault(place, found, why, repair=repair)
+    return Fault(place, found, why, repair)
 
 
 def quote(token: Token) -> str:
@@ -137,7 +140,7 @@ def unknown_name(token: Token, *, dimension: int, called: bool) -> Fault:
     names = tree.variable_names(dimension)
     word = token.text.lower()
     if word in FOREIGN:
-        return Fault(token.start, quote(token), FOREIGN[word])
+        return token.fault(FOREIGN[word])
     number = word[1:].strip("_")  # of y_2
     if word[0] == "y" and (number.isdigit() or word == "y"):
         why = "the only variable is y"
@@ -145,11 +148,11 @@ def unknown_name(token: Token, *, dimension: int, called: bool) -> Fault:
             why = f"the variables are {tree.names_in_words(dimension)}"
         guess = "y" if word == "y" and dimension == 1 else f"y{number or 1}"
         repair = Repair(token.start, token.end, guess) if guess in names else None
-        return Fault(token.start, quote(token), why, repair=repair)
+        return token.fault(why, repair)
     variables, functions = tree.names_in_words(dimension), " ".join(FUNCTIONS)
     why = f"the names are {variables}, pi, and the functions {functions}"
     repair = _guess_name(token, names=names, called=called)
-    return Fault(token.start, quote(token), why, repair=repair)
+    return token.fault(why, repair)
 
 
 def _guess_name(token: Token, *, names: Texts, called: bool) -> Repair | None:
@@ -263,7 +266,7 @@ class _Parser:
             return base
         exponent = self._exponent()
         if self._at("**"):
-            raise self._fault(f"{_EXPONENTS}; for a power of a power write (y**2)**3")
+            raise self.token.fault(f"{_EXPONENTS}; for a power of a power write (y**2)**3")
         if exponent == _HALF:  # a root is no power: its slope is not bounded at 0
             return _Operand(tree.Node("call", (base.node,), "sqrt"), None)
         node = tree.Node("power", (base.node,), exponent.numerator)
@@ -271,7 +274,7 @@ class _Parser:
             return _Operand(node, None)
         # Constants are computed at once: what has no value, or too long a one, is refused here.
         if base.value == 0 and exponent < 0:
-            raise Fault(sign.start, '"**"', "a negative power of zero has no value")
+            raise sign.fault("a negative power of zero has no value")
         return _Operand(node, _bounded(base.value**exponent.numerator, sign))
 
     def _exponent(self) -> Fraction:
@@ -285,7 +288,7 @@ class _Parser:
             divisor = self._exponent_number() if self._skip("/") else Fraction(1)
             value = value / divisor if divisor else Fraction(tree.LARGEST_EXPONENT + 1)
             if not self._skip(")"):
-                raise self._fault(_EXPONENTS)
+                raise self.token.fault(_EXPONENTS)
         value = -value if negative else value
         if value != _HALF and (value.denominator != 1 or abs(value) > tree.LARGEST_EXPONENT):
             hint = "; y**-0.5 is written 1/sqrt(y)" if value == -_HALF else ""
@@ -296,7 +299,7 @@ class _Parser:
 
     def _exponent_number(self) -> Fraction:
         if self.token.kind is not Kind.NUMBER:
-            raise self._fault(_EXPONENTS)
+            raise self.token.fault(_EXPONENTS)
         return _number(self._advance())
 
     def _atom(self) -> _Operand:
@@ -311,7 +314,7 @@ class _Parser:
             inner = self._sum()
             self._close(token)
             return inner
-        raise self._fault("here a number, a name or ( is needed")
+        raise self.token.fault("here a number, a name or ( is needed")
 
     def _name(self) -> _Operand:
         token = self._advance()
@@ -328,7 +331,7 @@ class _Parser:
             follower = self.token
             wrapped = Repair(follower.start, follower.end, f"({follower.text})")
             repair = wrapped if follower.kind in (Kind.NAME, Kind.NUMBER) else None
-            raise self._fault(f"{name.text} needs its argument in parentheses", repair=repair)
+            raise self.token.fault(f"{name.text} needs its argument in parentheses", repair)
         parenthesis = self._open()
         arguments = [] if self._at(")") else [self._sum()]
         while self._skip(","):
@@ -342,7 +345,7 @@ class _Parser:
     def _open(self) -> Token:
         self.depth += 1
         if self.depth > DEEPEST:
-            raise self._fault(f"parentheses may be nested at most {DEEPEST} deep")
+            raise self.token.fault(f"parentheses may be nested at most {DEEPEST} deep")
         return self._advance()
 
     def _close(self, opened: Token) -> None:
@@ -351,23 +354,20 @@ class _Parser:
             return
         if self._at_end():
             repair = Repair(self.token.start, self.token.start, ")")
-            raise self._fault(f'the "(" in column {opened.start + 1} is not closed', repair=repair)
+            raise self.token.fault(f'the "(" in column {opened.start + 1} is not closed', repair)
         raise self._misplaced()
 
     def _misplaced(self) -> Fault:
         """The fault of a word that cannot follow a complete operand."""
         token = self.token
         if self._at(")"):
-            return self._fault("there is no ( that it closes")
+            return self.token.fault("there is no ( that it closes")
         if self._at(","):
-            return self._fault(
+            return self.token.fault(
                 "a comma only separates the arguments of min, max and clip; 0.5 has a point"
             )
         repair = Repair(token.start, token.start, "*")
-        return self._fault("here an operator is needed; a product is written with *", repair=repair)
-
-    def _fault(self, why: str, *, repair: Repair | None = None) -> Fault:
-        return Fault(self.token.start, quote(self.token), why, repair=repair)
+        return self.token.fault("here an operator is needed; a product is written with *", repair)
 
 
 def _number(token: Token) -> Fraction:
@@ -378,14 +378,14 @@ def _number(token: Token) -> Fraction:
         return parse_number(mantissa.removesuffix(".") + mark + exponent, "number")
     except SpecError as error:
         why = "a number has at most 200 characters, and an exponent of at most 400 in size"
-        raise Fault(token.start, quote(token), why) from error
+        raise token.fault(why) from error
 
 
 def _join(left: _Operand, sign: Token, right: _Operand) -> _Operand:
     kind, compute = _BINARY[sign.text]
     node = tree.Node(kind, (left.node, right.node))
     if sign.text == "/" and right.value == 0:
-        raise Fault(sign.start, '"/"', "this divides by zero")
+        raise sign.fault("this divides by zero")
     if left.value is None or right.value is None:
         return _Operand(node, None)
     return _Operand(node, _bounded(compute(left.value, right.value), sign))
@@ -394,7 +394,7 @@ def _join(left: _Operand, sign: Token, right: _Operand) -> _Operand:
 def _bounded(value: Fraction, token: Token) -> Fraction:
     if max(value.numerator.bit_length(), value.denominator.bit_length()) > LARGEST_CONSTANT_BITS:
         why = f"this constant needs more than {LARGEST_CONSTANT_BITS} bits (about 1233 digits)"
-        raise Fault(token.start, quote(token), why)
+        raise token.fault(why)
     return value
 
 
@@ -410,9 +410,9 @@ def _check_arguments(name: Token, arguments: list[_Operand]) -> None:
     low, high = arguments[1].value, arguments[2].value
     if low is None or high is None:
         why = "the bounds of clip(y, lo, hi) must be rational constants; for others use min and max"
-        raise Fault(name.start, quote(name), why)
+        raise name.fault(why)
     if low > high:
-        raise Fault(name.start, quote(name), "clip(y, lo, hi) needs lo <= hi")
+        raise name.fault("clip(y, lo, hi) needs lo <= hi")
 
 
 def _fold(name: str, values: list[Fraction | None]) -> Fraction | None:

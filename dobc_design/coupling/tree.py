@@ -177,20 +177,31 @@ ZERO = Interval.point(0)
 ONE = Interval.point(1)
 
 
-class NumpyAlgebra(Operators):
+class Library(Operators):
+    """The algebra of a library, whose functions are those of ``module``; ``names``: the column of
+    ``functions`` in which they are called as there."""
+
+    module: Any
+    names: str
+
+    def call(self, name: str, arguments: tuple[Any, ...]) -> Any:
+        return applied(name, arguments, self, self._called)
+
+    def _called(self, name: str, *operands: Any) -> Any:
+        return FUNCTIONS[name].found_in(self.module, self.names)(*operands)
+
+
+class NumpyAlgebra(Library):
     """Float64 arrays with broadcasting; a constant beyond the floats is infinite."""
+
+    module = np
+    names = "numpy"
 
     def constant(self, value: Fraction) -> Array:
         return np.asarray(nearest(value))
 
     def pi(self) -> Array:
         return np.asarray(np.pi)
-
-    def call(self, name: str, arguments: tuple[Array, ...]) -> Array:
-        return applied(name, arguments, self, self._called)
-
-    def _called(self, name: str, *operands: Array) -> Any:
-        return FUNCTIONS[name].found_in(np, "numpy")(*operands)
 
 
 class IntervalAlgebra(Operators):

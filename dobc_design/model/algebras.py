@@ -9,13 +9,15 @@ import casadi as ca
 import numpy as np
 
 from dobc_design.coupling.expression import Expression
-from dobc_design.coupling.functions import FUNCTIONS, applied
-from dobc_design.coupling.tree import Operators, evaluate, variable_names
+from dobc_design.coupling.tree import Library, evaluate, variable_names
 from dobc_design.exact.number import nearest
 
 
-class CasadiAlgebra(Operators):
+class CasadiAlgebra(Library):
     """Algebra (``coupling.tree.Algebra``) of CasADi expressions, element by element on vectors."""
+
+    module = ca
+    names = "casadi"
 
     def constant(self, value: Fraction) -> Any:
         return ca.DM(nearest(value))
@@ -23,32 +25,22 @@ class CasadiAlgebra(Operators):
     def pi(self) -> Any:
         return ca.DM(np.pi)
 
-    def call(self, name: str, arguments: tuple[Any, ...]) -> Any:
-        return applied(name, arguments, self, self._called)
 
-    def _called(self, name: str, *operands: Any) -> Any:
-        return FUNCTIONS[name].found_in(ca, "casadi")(*operands)
-
-
-class SympyAlgebra(Operators):
+class SympyAlgebra(Library):
     """The same of SymPy expressions, number for number: 3.2 arrives as 16/5."""
+
+    names = "sympy"
 
     def __init__(self) -> None:
         import sympy  # which nothing else here needs
 
-        self.library: Any = sympy
+        self.module = sympy
 
     def constant(self, value: Fraction) -> Any:
-        return self.library.Rational(value.numerator, value.denominator)
+        return self.module.Rational(value.numerator, value.denominator)
 
     def pi(self) -> Any:
-        return self.library.pi
-
-    def call(self, name: str, arguments: tuple[Any, ...]) -> Any:
-        return applied(name, arguments, self, self._called)
-
-    def _called(self, name: str, *operands: Any) -> Any:
-        return FUNCTIONS[name].found_in(self.library, "sympy")(*operands)
+        return self.module.pi
 
 
 def to_sympy(expression: Expression) -> tuple[Any, tuple[Any, ...]]:

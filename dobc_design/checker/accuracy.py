@@ -67,16 +67,12 @@ EXACT = SimpleNamespace(**dict.fromkeys(ERRORS, ZERO), known_to_agents=True)
 def accuracy(case: Case, check: Any) -> None:
     """The peak gains, the starts in the first box, every box in the next one, the rows, and the
     bounds at the end."""
-    need(
-        case.uncertainty is not None and check.rate is None,
-        "there is no [uncertainty], or it claims a rate",
-    )
+    asked = case.uncertainty is not None and check.rate is None
+    need(asked, "there is no [uncertainty], or it claims a rate")
     need(case.n <= AGENTS, f"there are more than {AGENTS} agents")
     linear = case.domain == "global"
-    need(
-        not linear or check.domain == "global",
-        "the couplings are linear, and the domain is not global",
-    )
+    everywhere = not linear or check.domain == "global"
+    need(everywhere, "the couplings are linear, and the domain is not global")
     if "response" in (check.exact or {}):
         whole_loop(case, check)
     else:
@@ -94,10 +90,8 @@ def by_stages(case: Case, check: Any) -> None:
     curved = case.domain != "global"
     turned = "T" in (check.exact or {})
     if not turned:
-        need(
-            case.B is None and all(h.single for h in case.functions),
-            "there are dynamics, or a coupling is a list",
-        )
+        by_component = case.B is None and all(h.single for h in case.functions)
+        need(by_component, "there are dynamics, or a coupling is a list")
     exact, peaks = with_peaks(case, check, stages_shape(case, turned))
     stages = exact.stages
     need(1 <= len(stages) <= STAGES, f"there is not between 1 and {STAGES} stages")
@@ -164,10 +158,8 @@ def shrinks_turned(case: Case, T: Matrix, stage: Any, peaks: Any) -> None:
     they are linear."""
     plant = case.uncertainty
     need(plant.measurement == 0, "measurement noise is not known in coordinates")
-    need(
-        plant.weights == plant.gains == 0,
-        "errors of weights and gains are not known in coordinates",
-    )
+    weights_known = plant.weights == plant.gains == 0
+    need(weights_known, "errors of weights and gains are not known in coordinates")
     b = acting(plant, peaks) / stage.level
     entering = T if case.B is None else product(T, case.B)
     load = [b * sum(map(abs, row)) for row in entering]
@@ -277,10 +269,8 @@ def whole_loop(case: Case, check: Any) -> None:
     exact, peaks = with_peaks(case, check, shape)
     need(case.domain == "global", "the couplings are not linear")
     need(not case.switches, "the response of a loop that switches is not followed")
-    need(
-        plant.measurement == plant.weights == plant.gains == 0,
-        "noise and errors are not known beside a response",
-    )
+    disturbed_only = plant.measurement == plant.weights == plant.gains == 0
+    need(disturbed_only, "noise and errors are not known beside a response")
     (M,) = [jacobian(case, mode) for mode in case.modes]
     inputs = [] if case.B is None else [diagonal([case.B] * case.n)]
     columns = len(M) + sum(len(B[0]) for B in inputs)
@@ -295,9 +285,8 @@ def whole_loop(case: Case, check: Any) -> None:
     for i, label in enumerate(case.labels):
         bounds = read(exact.bounds[label], (rational,) * case.m)
         ends = [b * row[-1] for row in found[i * case.m : (i + 1) * case.m]]
-        need(
-            all(x >= y for x, y in paired(bounds, ends)), "a bound is below what the loop passes on"
-        )
+        covered = all(x >= y for x, y in paired(bounds, ends))
+        need(covered, "a bound is below what the loop passes on")
 
 
 # --- Peak gains of the observers
@@ -326,10 +315,8 @@ def need_peaks(case: Case, residual: Residual, peaks: Any) -> None:
         C = product(case.node.left, C)
         W = product(W, case.B)
     for drift, disturbance, noise in gains_by_row(F, C, [W, product(F, W)], peaks):
-        need(
-            drift <= peaks.drift and disturbance <= peaks.disturbance,
-            "the peak gains are not shown",
-        )
+        small_enough = drift <= peaks.drift and disturbance <= peaks.disturbance
+        need(small_enough, "the peak gains are not shown")
         at_once = norm(product(C, W))
         need(noise + at_once <= peaks.measurement, "the peak gain of noise is not shown")
 
@@ -439,10 +426,8 @@ def gains_by_row(F: Matrix, C: Matrix, inputs: list[Matrix], followed: Any) -> l
     h = followed.step
     steps = followed.steps
     size = norm(F)
-    need(
-        0 < h * size < Fraction(1, 2) and steps > 0 and size * h * steps <= GROWTH,
-        "the peak gains are not followed here with these steps",
-    )
+    followable = 0 < h * size < Fraction(1, 2) and steps > 0 and size * h * steps <= GROWTH
+    need(followable, "the peak gains are not followed here with these steps")
     step = one_step(F, h, steps)
     # the identity comes along: its integral bounds what is left of all others
     run = Run(step, [identity(len(F)), *inputs])

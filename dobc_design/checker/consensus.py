@@ -286,10 +286,8 @@ def observer(case: Case) -> None:
     need(case.given_W in (None, W), "the observer gain is not the one of the problem")
     if W is not None:
         for residual, gain in paired(case.residuals, parts(case, W, case.m)):
-            need(
-                residual.W in (None, gain),
-                "the observer gain of a group is not that of the problem",
-            )
+            as_given = residual.W in (None, gain)
+            need(as_given, "the observer gain of a group is not that of the problem")
     P = case.P
     Q = case.claims.observer.Q
     proved = case.proved(case.theorem) is not None
@@ -420,10 +418,8 @@ def weighted(case: Case, check: Any) -> Any:
     need(not case.kinked, "a coupling has a kink, so the theorem does not apply")
     proved = check.verdict == "proved" and check.witness is None
     need(proved, "it is proved, without a witness, or undecided")
-    need(
-        check.margin is None and (check.rate is None or check.rate > 0),
-        "it claims a margin, or a rate that is not positive",
-    )
+    modest = check.margin is None and (check.rate is None or check.rate > 0)
+    need(modest, "it claims a margin, or a rate that is not positive")
     components_alike = case.B is not None and "R" in (check.exact or {})
     vector = partial(weights, case.n if components_alike else case.size)
     shape: Object = {"D": vector, "w": an_object}
@@ -526,10 +522,8 @@ def multiple(X: Matrix, G: Matrix) -> Fraction:
         pairs += paired(*rows)
     # any entry that is not 0 gives g; all others have to agree
     g = next((x / y for x, y in pairs if y), ZERO)
-    need(
-        g >= 0 and all(x == g * y for x, y in pairs),
-        "couplings and gains are not multiples of one matrix",
-    )
+    multiples = g >= 0 and all(x == g * y for x, y in pairs)
+    need(multiples, "couplings and gains are not multiples of one matrix")
     return g
 
 
@@ -550,10 +544,8 @@ def linearisation(case: Case, check: Any) -> None:
         need(case.q == 0 or stable(closed(case, b)), "A - W C + rate I is not Hurwitz")
         return
     count = read(check.exact, {"unstable_roots": rational}).unstable_roots
-    need(
-        check.rate is None and count.denominator == 1 and count > 0,
-        "it is refuted by a number of roots",
-    )
+    counted = check.rate is None and count.denominator == 1 and count > 0
+    need(counted, "it is refuted by a number of roots")
     need(unstable(X, int(count)), "unstable roots are not shown")
 
 
@@ -606,10 +598,8 @@ def theorem_refuted(case: Case, check: Any) -> None:
         need(exact.mode in case.modes and exact.group is None, "there is no such mode")
         by_vector(case, check, exact.mode)
         return
-    need(
-        exact.mode is None and check.margin is None,
-        "a cause in the exosystem has no mode and no margin",
-    )
+    plain = exact.mode is None and check.margin is None
+    need(plain, "a cause in the exosystem has no mode and no margin")
     known = exact.block in ("detectability", "hurwitz") and exact.group in case.names
     need(known, "the cause is none that is known")
     residual = case.residuals[case.names.index(exact.group)]
@@ -640,8 +630,6 @@ def pair_refuted(case: Case, check: Any) -> None:
 def no_form(check: Any, X: Matrix) -> None:
     """The witness v shows that X > 0 fails."""
     witness = read(check.witness, {"kind": text, "values": partial(direction, len(X))})
-    need(
-        witness.kind == "vector" and check.margin is None,
-        "the witness is no vector, or it claims a margin",
-    )
+    is_vector = witness.kind == "vector" and check.margin is None
+    need(is_vector, "the witness is no vector, or it claims a margin")
     need(form(witness.values, X, witness.values) <= 0, "the vector does not show it")

@@ -35,10 +35,8 @@ def schedule(case: Case, check: Any) -> Any:
         grows(case, check)
         return None
     exact = read_cycles(case, check.exact, "T" in (check.exact or {}))
-    need(
-        exact.rate is not None if exact.T else case.single,
-        "a coupling is a list, or nodes are curved, or T has no weights",
-    )
+    readable = exact.rate is not None if exact.T else case.single
+    need(readable, "a coupling is a list, or nodes are curved, or T has no weights")
     claims_rate(check, exact)
     keeps(case, exact)
     begun = []
@@ -52,14 +50,10 @@ def schedule(case: Case, check: Any) -> Any:
 
 def claims_rate(check: Any, exact: Any) -> None:
     """The rate of the check is at most that of its exact values, and there where this is."""
-    need(
-        (check.rate is None) == (exact.rate is None),
-        "it claims a rate that it does not have, or has one",
-    )
-    need(
-        check.rate is None or 0 < check.rate <= exact.rate,
-        "the rate is not between 0 and that of the claim",
-    )
+    both_or_none = (check.rate is None) == (exact.rate is None)
+    need(both_or_none, "it claims a rate that it does not have, or has one")
+    allowed = check.rate is None or 0 < check.rate <= exact.rate
+    need(allowed, "the rate is not between 0 and that of the claim")
 
 
 def read_cycles(case: Case, value: Any, turned: bool = False) -> Any:
@@ -140,9 +134,8 @@ def decays(case: Case, claim: Any, rate: Fraction, least: Fraction = ONE) -> Non
     allows the rate."""
     composite(case, claim)
     if case.q:
-        need(
-            claim.kappa > 0 and claim.kappa * (claim.beta - rate) * least >= 1, "kappa is too small"
-        )
+        large_enough = claim.kappa > 0 and claim.kappa * (claim.beta - rate) * least >= 1
+        need(large_enough, "kappa is too small")
     need(
         claim.rho is not None or case.domain == "global",
         "it has no rho, and the couplings are not all linear",
@@ -199,10 +192,8 @@ def falls(loop: Loop, turn: Phase, each: Any, exact: Any, curves: Curves) -> Non
         for mirrored in (False, True):
             for i in loop.nodes:
                 row = MovingRow(loop, turn.mode, i, curves, mirrored, rho)
-                need(
-                    row.holds(face),
-                    f"the row of agent {loop.labels[i]} in mode {turn.mode} is not shown",
-                )
+                shown = row.holds(face)
+                need(shown, f"the row of agent {loop.labels[i]} in mode {turn.mode} is not shown")
 
 
 def rises(loop: Loop, rho: Fraction | None, strictly: bool = True) -> None:
@@ -330,18 +321,14 @@ def grows(loop: Loop, check: Any) -> None:
     power = read(check.exact, {"power": rational}).power
     turns = loop.guarantee.timed
     size = loop.size
-    need(
-        check.witness is None and loop.domain == "global",
-        "it is about linear couplings, and has no witness",
-    )
+    linear = check.witness is None and loop.domain == "global"
+    need(linear, "it is about linear couplings, and has no witness")
     need(
         0 < len(turns) <= ROUND and size <= ROWS,
         "so long a round, or so many rows, are not followed here",
     )
-    need(
-        power.denominator == 1 and 1 <= power <= POWER,
-        "the power is no whole number from 1 on, or too large",
-    )
+    is_whole = power.denominator == 1 and 1 <= power <= POWER
+    need(is_whole, "the power is no whole number from 1 on, or too large")
     parts = [(turn.mode, turn.shortest) for turn in turns]
     steps: dict[tuple[str, Fraction], Matrix] = {}
     for mode, time in set(parts):

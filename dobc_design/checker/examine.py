@@ -99,10 +99,8 @@ def belonging(case: Case) -> None:
     stated = case.problem.stated
     need(claims.problem == stated.name, "the problem has another name")
     need(claims.problem_sha256 == case.problem.sha256, "the problem file has another hash")
-    need(
-        claims.notes[: len(stated.notes)] == stated.notes,
-        "the notes of the problem are not repeated",
-    )
+    repeated = claims.notes[: len(stated.notes)] == stated.notes
+    need(repeated, "the notes of the problem are not repeated")
 
 
 def completeness(case: Case) -> None:
@@ -159,10 +157,8 @@ def regional(case: Case, check: Any) -> Any:
     need(case.q == 0 or case.W is not None, "there is no observer gain")
     need(check.id in OF_ANY_COUPLING or case.single, "a coupling is a list, or nodes are curved")
     need(case.own is None or check.id not in ("equilibrium", "markov"), "nodes are curved")
-    need(
-        case.leader is None or check.id not in ("equilibrium", "delay", "sampling"),
-        "the leader moves on",
-    )
+    rests = case.leader is None or check.id not in ("equilibrium", "delay", "sampling")
+    need(rests, "the leader moves on")
     if check.verdict == "proved":
         need(check.witness is None, "it is proved and carries a witness")
     else:

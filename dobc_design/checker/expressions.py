@@ -237,10 +237,8 @@ class Expression:
 
     def read_power(self, base: ast.expr, exponent: str) -> int:
         """An expression to an integer power."""
-        need(
-            bool(re.fullmatch(r"-?[0-9]{1,2}", exponent)) and abs(int(exponent)) <= 64,
-            "an exponent is no integer up to 64",
-        )
+        short = bool(re.fullmatch(r"-?[0-9]{1,2}", exponent)) and abs(int(exponent)) <= 64
+        need(short, "an exponent is no integer up to 64")
         n = int(exponent)
         place = self.read(base)
         degree = self.steps[place].degree
@@ -361,10 +359,8 @@ def read_coupling(h: tuple[str, ...], m: int, longest: int = LONGEST) -> Couplin
     names = ["y"] if single else [f"y{d + 1}" for d in range(m)]
     parts = [Expression(each, names, longest) for each in h]
     at_zero = [(ZERO, ())] * len(names)
-    need(
-        all(part.run(part.steps, at_zero)[0] == ZERO for part in parts),
-        "a coupling is not shown to vanish at 0",
-    )
+    vanishes = all(part.run(part.steps, at_zero)[0] == ZERO for part in parts)
+    need(vanishes, "a coupling is not shown to vanish at 0")
 
     kinked = any(part.kinked for part in parts)
     straight = not kinked and all(part.degree <= 1 for part in parts)

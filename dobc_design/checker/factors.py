@@ -38,10 +38,8 @@ def bounded(case: Case, check: Any, claim: Any) -> None:
     its exact values, which have been read."""
     if check.factor is None:
         return
-    need(
-        check.verdict == "proved" and check.rate is not None,
-        "a factor belongs to the rate of a proof",
-    )
+    rate_of_proof = check.verdict == "proved" and check.rate is not None
+    need(rate_of_proof, "a factor belongs to the rate of a proof")
     square = check.factor**2
     if check.id in OF_QUADRATIC_FORMS:
         shown = follows_from_form(check, claim, square)

@@ -114,14 +114,10 @@ class Problem:
         leader = self.stated.leader
         if leader is None:
             return
-        need(
-            self.dynamics is not None and not any(self.stated.target),
-            "a leader needs dynamics, and the target has to be 0",
-        )
-        need(
-            all(lo <= hi for lo, hi in leader.initial),
-            "a leader starts between bounds in the wrong order",
-        )
+        about_leader = self.dynamics is not None and not any(self.stated.target)
+        need(about_leader, "a leader needs dynamics, and the target has to be 0")
+        ordered = all(lo <= hi for lo, hi in leader.initial)
+        need(ordered, "a leader starts between bounds in the wrong order")
 
     def read_limit(self, value: Any) -> dict[int, Any]:
         """The limits of the inputs: one for all agents, or one for some."""
@@ -135,10 +131,8 @@ class Problem:
     def read_groups(self, exosystem: Any, observer: Any) -> list[Any]:
         """One group of all agents, or those that the file has."""
         if exosystem is None or "groups" in exosystem:
-            need(
-                observer.W is None and observer.P is None,
-                "W and P belong to the groups, or to no exosystem",
-            )
+            none_given = observer.W is None and observer.P is None
+            need(none_given, "W and P belong to the groups, or to no exosystem")
         if exosystem is None:
             return []
         if "groups" not in exosystem:
@@ -154,14 +148,10 @@ class Problem:
         everyone = [i for group in groups for i in group.agents]
         # an agent in two groups would have two disturbances; only one would be in the loop
         need(len(set(everyone)) == len(everyone), "an agent is in two groups")
-        need(
-            all(a.agents[0] < b.agents[0] for a, b in pairwise(groups)),
-            "the groups are not in the order of agents",
-        )
-        need(
-            len({group.P is None for group in groups}) == 1,
-            "some groups have a P and some have none",
-        )
+        ordered = all(a.agents[0] < b.agents[0] for a, b in pairwise(groups))
+        need(ordered, "the groups are not in the order of agents")
+        all_or_none = len({group.P is None for group in groups}) == 1
+        need(all_or_none, "some groups have a P and some have none")
         return groups
 
     def read_group(self, value: Any) -> Any:
@@ -177,10 +167,8 @@ class Problem:
             "P": maybe(matrix(q, q)),
         }
         group = read(value, shape)
-        need(
-            bool(group.agents) and group.agents == sorted(set(group.agents)),
-            "the agents of a group are not in order",
-        )
+        ordered = bool(group.agents) and group.agents == sorted(set(group.agents))
+        need(ordered, "the agents of a group are not in order")
         need(group.P is None or group.W is not None, "there is a P without a W")
         return group
 

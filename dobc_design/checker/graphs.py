@@ -114,10 +114,8 @@ def on_average(case: Case, check: Any, chain: Matrix, linear: bool) -> Any:
     exact.parts = parts = {mode: read(each[mode], shape) for mode in case.modes}
     need(check.domain == "global" == case.domain, "it is not global, or a coupling is not linear")
     need_rate(check, rate, "the rate is not between 0 and that of the claim")
-    need(
-        case.q == 0 or stable(closed(case, rate)),
-        "the estimation error does not decay at the rate",
-    )
+    forgets = case.q == 0 or stable(closed(case, rate))
+    need(forgets, "the estimation error does not decay at the rate")
     # one inequality for each mode; a chain adds what the others hand over
     for mode, rates in paired(case.modes, chain):
         if linear:

@@ -72,10 +72,8 @@ class Guarantee:
         """A list of modes and lengths, over and over."""
         order = read(self.table.get("sequence"), maybe([text])) or self.modes
         listed = read(self.table.get("schedule"), maybe([(rational, text)])) or []
-        need(
-            "period" in number or ("dwell" in number and not listed),
-            "it is not said how long a phase lasts",
-        )
+        lengths_known = "period" in number or ("dwell" in number and not listed)
+        need(lengths_known, "it is not said how long a phase lasts")
         # instants and modes: the last one lasts until the first of the next round
         if listed:
             begins = [time for time, _ in listed]

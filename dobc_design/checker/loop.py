@@ -336,9 +336,8 @@ def left_inverse(B: Matrix) -> Matrix:
 
 def rests(B: Matrix, left: Matrix, pulled: Matrix) -> None:
     """What pulls at the goals lies in the range of B."""
-    need(
-        product(B, product(left, pulled)) == pulled, "a goal is no equilibrium for a constant input"
-    )
+    inside = product(B, product(left, pulled)) == pulled
+    need(inside, "a goal is no equilibrium for a constant input")
 
 
 def moved(problem: Problem) -> tuple[list[Expression], Vector]:
@@ -349,10 +348,8 @@ def moved(problem: Problem) -> tuple[list[Expression], Vector]:
     need(not formed, "a formation goes with A, not with f")
     names = ["y"] if m == 1 else [f"y{d + 1}" for d in range(m)]
     states = {name.replace("y", "x") for name in names}
-    need(
-        all(set(re.findall(r"\b[xy][0-9]*\b", each)) <= states for each in f),
-        "f is written in x1 to xm",
-    )
+    in_states = all(set(re.findall(r"\b[xy][0-9]*\b", each)) <= states for each in f)
+    need(in_states, "f is written in x1 to xm")
     need(all(len(each) <= LONGEST for each in f), "an expression is too long")
 
     def shifted(state: re.Match[str]) -> str:

@@ -24,26 +24,20 @@ def tolerance(case: Case, check: Any) -> Any:
     shape = dict.fromkeys(("weights", "gains", "alpha", "eta?"), rational)
     exact = read(check.exact, shape | {"v?": partial(weights, case.n)})
     need(case.B is None, "errors of gains are not known for agents with dynamics")
-    need(
-        0 <= exact.weights < 1 and 0 <= exact.gains < 1 and exact.alpha > 0,
-        "an error is not in [0, 1), or alpha is not positive",
-    )
+    in_range = 0 <= exact.weights < 1 and 0 <= exact.gains < 1 and exact.alpha > 0
+    need(in_range, "an error is not in [0, 1), or alpha is not positive")
     plant = case.uncertainty
     if plant is not None:
-        need(
-            plant.weights <= exact.weights and plant.gains <= exact.gains,
-            "the problem has larger errors",
-        )
+        wide_enough = plant.weights <= exact.weights and plant.gains <= exact.gains
+        need(wide_enough, "the problem has larger errors")
     told = plant is None or plant.known_to_agents
     need((exact.eta is None) == told, "eta is for observers that do not know the weights")
     errors = Errors(weights=exact.weights, gains=exact.gains)
     if exact.v:
         claim = SimpleNamespace(v=exact.v, rho=None)
         rows(case, claim, exact.alpha, errors=errors, local=True)
-        need(
-            exact.eta is None and check.domain == case.domain and not case.kinked,
-            "it is no claim about the target",
-        )
+        at_target = exact.eta is None and check.domain == case.domain and not case.kinked
+        need(at_target, "it is no claim about the target")
         if case.q:
             need(check.rate is None, "the rows at the target give no rate of the whole loop")
         else:

@@ -263,10 +263,8 @@ def polynomial_text(polynomial: Vector) -> str:
     """A polynomial in s as the format writes it."""
     text = ""
     for k, c in enumerate(polynomial):
-        need(
-            max(abs(c.numerator), c.denominator) < 10**4000,
-            "a polynomial has coefficients of more than 4000 digits",
-        )
+        printable = max(abs(c.numerator), c.denominator) < 10**4000
+        need(printable, "a polynomial has coefficients of more than 4000 digits")
         if c == 0:
             continue
         power = len(polynomial) - 1 - k

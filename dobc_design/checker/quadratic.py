@@ -93,10 +93,8 @@ def read_quadratic(case: Case, exact: Any, rate: Fraction | None = None) -> Any:
         shape["P"] = matrix(case.q, case.q)
     claim = read(exact, shape)
     need(claim.rate >= 0, "the rate is negative")
-    need(
-        rate is None or 0 < rate <= claim.rate,
-        "the rate is not between 0 and that of the inequality",
-    )
+    allowed = rate is None or 0 < rate <= claim.rate
+    need(allowed, "the rate is not between 0 and that of the inequality")
     need((claim.level is None) == (claim.radius is None), "level and radius are not both there")
     if case.q:
         need(is_form(claim.P), "P > 0 is not shown")
@@ -128,10 +126,8 @@ def read_form(size: int, value: Any) -> Matrix:
     place = partial(index, size)
     entries = read(value, [(place, place, rational)])
     short((x for _, _, x in entries), MATRIX_BITS)
-    need(
-        all(a <= b and x != 0 for a, b, x in entries),
-        "P_e does not list its entries that are not 0, a <= b",
-    )
+    upper = all(a <= b and x != 0 for a, b, x in entries)
+    need(upper, "P_e does not list its entries that are not 0, a <= b")
     need(len({(a, b) for a, b, _ in entries}) == len(entries), "an entry of P_e stands there twice")
     P_e = identity(size, 0)
     for a, b, x in entries:

@@ -72,10 +72,8 @@ def document(data: bytes, kind: str) -> Object:
     need(type(value) is dict and value.get("format") == kind, f"the file is no {kind}")
     known = version_of(value) if kind == "dobc-problem" else 1
     # True == 1, so that the type is asked as well
-    need(
-        type(value.get("version")) is int and value["version"] == known,
-        f"the version is not {known}",
-    )
+    right = type(value.get("version")) is int and value["version"] == known
+    need(right, f"the version is not {known}")
     return dict(value)
 
 
@@ -140,9 +138,8 @@ def read_object(value: Any, shape: Object) -> Any:
     names = ", ".join(known)
     need(type(value) is dict, "there is something else than an object")
     need(set(value) <= set(known), f"there are other keys than {names}")
-    need(
-        all(key in value for key in shape if key[-1] != "?"), f"one of the keys {names} is missing"
-    )
+    complete = all(key in value for key in shape if key[-1] != "?")
+    need(complete, f"one of the keys {names} is missing")
     found = SimpleNamespace(**dict.fromkeys(known))
     for key, part in known.items():
         if key in value:
@@ -175,18 +172,15 @@ def maybe(part: Any) -> Callable[[Any], Any]:
 
 def index(count: int, value: Any) -> int:
     """An index from 0."""
-    need(
-        type(value) is int and 0 <= value < count, f"an integer from 0 to {count - 1} was expected"
-    )
+    in_range = type(value) is int and 0 <= value < count
+    need(in_range, f"an integer from 0 to {count - 1} was expected")
     return int(value)
 
 
 def rational(text: Any) -> Fraction:
     """A rational as the files write it: a quotient of integers or a decimal."""
-    need(
-        type(text) is str and len(text) <= MAX_DIGITS,
-        f"a number is no text of at most {MAX_DIGITS} characters",
-    )
+    short_text = type(text) is str and len(text) <= MAX_DIGITS
+    need(short_text, f"a number is no text of at most {MAX_DIGITS} characters")
     need(re.fullmatch(RATIONAL, text) is not None, "a number is not written as it should")
     top, _, bottom = text.partition("/")
     # Decimal reads the digits as they are; the bottom is not 0, as the pattern says

@@ -81,10 +81,8 @@ def stuck(loop: Loop, check: Any) -> None:
     """Agents each of which has, in some mode, no gain that holds it and hears nobody outside the
     set."""
     witness = read(check.witness, {"kind": text, "labels": [text]})
-    need(
-        check.exact is None and witness.kind == "agents",
-        "it claims a value, or its witness is no set of agents",
-    )
+    a_set = check.exact is None and witness.kind == "agents"
+    need(a_set, "it claims a value, or its witness is no set of agents")
     group = set(witness.labels)
     different = group <= set(loop.labels) and 0 < len(group) == len(witness.labels)
     need(different, "the witness names no different agents")
@@ -94,10 +92,8 @@ def stuck(loop: Loop, check: Any) -> None:
         for heard in loop.heard.values():
             # arcs that come and go may be away
             inside |= all(arc.loose or arc.j in members for arc in heard[i])
-        need(
-            loop.least_gain(i) <= 0 and inside,
-            "an agent of the witness is held, or hears somebody outside",
-        )
+        stays = loop.least_gain(i) <= 0 and inside
+        need(stays, "an agent of the witness is held, or hears somebody outside")
 
 
 def observed(loop: Loop) -> Object:
@@ -318,10 +314,8 @@ def curved_row(row: Row, bottom: int, rho: Fraction, curves: Curves, errors: Err
 def beside(case: Case, check: Any) -> Any:
     """The proved max-separable with the same domain."""
     proof = case.proved("max-separable")
-    need(
-        proof is not None and proof.domain == check.domain,
-        "no max-separable with this domain is proved",
-    )
+    same_domain = proof is not None and proof.domain == check.domain
+    need(same_domain, "no max-separable with this domain is proved")
     return read_separable(case, proof.exact)
 
 
@@ -351,10 +345,8 @@ def sampling(case: Case, check: Any) -> None:
         need(pace(case, claim) > 0, "its own certificate has no rate")
         contains(case, claim, check.domain)
         rows(case, claim, claim.alpha)
-    need(
-        1 - exact.period * claim.alpha <= exact.factor < 1,
-        "the factor does not follow from the period",
-    )
+    follows = 1 - exact.period * claim.alpha <= exact.factor < 1
+    need(follows, "the factor does not follow from the period")
 
     v, bottom = integers(claim.v)
     curves = tables(case, claim.rho, (v, v, bottom), wide=True)
@@ -376,10 +368,8 @@ def sampling(case: Case, check: Any) -> None:
     for i, heard in case.rows:
         for mirrored in (False, True):
             # a close look takes longer, and is seldom needed
-            need(
-                any(brief(i, heard, mirrored, closely) for closely in (False, True)),
-                f"too long for agent {case.labels[i]}",
-            )
+            brief_enough = any(brief(i, heard, mirrored, closely) for closely in (False, True))
+            need(brief_enough, f"too long for agent {case.labels[i]}")
 
 
 def mean_slope(curve: Curve, rho: float, v: tuple[int, int, int], closely: bool) -> Fraction:

@@ -61,6 +61,7 @@ def refuted(
     """Return the decision REFUTED by an integer multiple or rounding of an exact direction, by its
     entries.  Raises: CertificateError if it does not refute, which would be a mistake in the path
     that gave it."""
+    # A multiple of a direction refutes as well, and integers multiply out faster.
     common = math.lcm(*(x.denominator for x in direction.values()))
     exact = [int(direction.get(i, 0) * common) for i in range(M.size)]
     decision = first_refuting(M, (*roundings(exact), exact), strict=strict, method=method)
@@ -210,6 +211,7 @@ class _Case:
 
 
 def _decide(case: _Case) -> Definiteness:
+    # Small matrices are eliminated at once: nothing is easier to trust.
     paths = _PATHS if case.size >= FLINT_SIZE else ()
     for most, path in paths:
         if case.size <= most:

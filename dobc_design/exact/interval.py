@@ -54,6 +54,7 @@ def round_down(value: Fraction, bits: int = BITS) -> Fraction:
     if exponent < -MAX_EXPONENT:
         return Fraction(0) if value > 0 else Fraction(-1, 1 << MAX_EXPONENT)
     shift = bits - exponent
+    # // rounds down on both sides of 0.
     if shift >= 0:
         return Fraction((numerator << shift) // denominator, 1 << shift)
     return Fraction((numerator // (denominator << -shift)) << -shift)
@@ -71,6 +72,7 @@ def sqrt_bounds(value: Fraction) -> tuple[Fraction, Fraction]:
     if root * root == value:
         return root, root
     exponent = value.numerator.bit_length() - value.denominator.bit_length()
+    # So many binary places that BITS digits count, however small the root is.
     shift = max(0, BITS + 2 - exponent // 2)
     return root_below(value, unit=1 << shift), root_above(value, unit=1 << shift)
 

@@ -140,6 +140,7 @@ def row_echelon(M: Matrix) -> tuple[Matrix, tuple[int, ...]]:
     if 0 in shape(M):
         return (), ()
     reduced, rank_found = to_fmpq_mat(M).rref()
+    # The rows of zeros come last.
     kept = from_fmpq_mat(reduced)[:rank_found]
     pivots = tuple(next(j for j, x in enumerate(row) if x) for row in kept)
     return kept, pivots
@@ -159,6 +160,7 @@ def nullspace(M: Matrix) -> tuple[Vector, ...]:
     for free in range(size):
         if free in pivots:
             continue
+        # The entries at the pivots follow from this one.
         vector = [Fraction(0)] * size
         vector[free] = Fraction(1)
         for pivot, row in zip(pivots, reduced, strict=True):
@@ -176,6 +178,7 @@ def find_in_nullspace(M: Matrix, box: Sequence[tuple[Fraction, Fraction]]) -> Ve
         return None
     if any(lo > 0 or hi < 0 for lo, hi in box):
         return _solve(M, box)
+    # A side with room on one way has all of it there: short multiples fit.
     cone: list[tuple[Bound, Bound]] = []
     for lo, hi in box:
         cone.append((-math.inf if lo else lo, math.inf if hi else hi))
@@ -228,6 +231,7 @@ def _solve(M: Matrix, box: Sequence[tuple[Bound, Bound]]) -> Vector | None:
 def _solved_for(M: Matrix, order: Sequence[int]) -> dict[int, dict[int, Fraction]]:
     """M v = 0 solved for entries of v, the earlier ones in ``order`` first: entry -> the others
     that it is a sum of, with their factors."""
+    # Pivots are taken from the left: the wanted columns come first.
     arranged = tuple(tuple(row[k] for k in order) for row in M)
     reduced, pivots = row_echelon(arranged)
     solved: dict[int, dict[int, Fraction]] = {}

@@ -66,6 +66,7 @@ def observability_matrix(A: Matrix, C: Matrix) -> Matrix:
     if not size or not C:
         return ()
     block, flow, rows = to_fmpq_mat(C), to_fmpq_mat(A), list(C)
+    # By Cayley and Hamilton higher powers of A show nothing new.
     for _ in range(size - 1):
         block = block * flow
         rows.extend(from_fmpq_mat(block))

@@ -159,6 +159,7 @@ def _sturm_chain(first: fmpq_poly, second: fmpq_poly) -> list[fmpq_poly]:
     while second:
         chain.append(second)
         rest = chain[-2] % second
+        # Positive factors change no sign, and monic remainders stay short.
         second = rest / -abs(rest.leading_coefficient()) if rest else rest
     return chain
 
@@ -244,6 +245,7 @@ def decide_images(images: Sequence[Coefficients], *, degree: int) -> tuple[bool,
     inside = all(count_right_half_plane(image) == 0 for image in images)
     strictly = inside
     for image in images:
+        # A map may send a root to infinity; where it came from is on the border.
         complete = len(image) == degree + 1 and image[0] != 0
         strictly = strictly and complete and routh(image).verdict is Verdict.PROVED
     return inside, strictly

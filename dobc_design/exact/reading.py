@@ -56,6 +56,7 @@ def read_matrix(
 ) -> Matrix:
     """Read a matrix given by rows, exactly; ``because`` says why the ``shape``.  Raises:
     ShapeError; SpecError."""
+    # Rows of arrays are read like lists that somebody typed.
     rows = value.tolist() if isinstance(value, np.ndarray) else value
     example = "For example [[1, 0], [0, 1]]; a column is [[1], [2]]."
     if not is_list(rows) or not rows or not all(is_list(row) for row in rows):

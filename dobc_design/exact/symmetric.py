@@ -210,6 +210,7 @@ class IntegerSymmetric(Shown):
             order = np.lexsort((columns, rows))
         rows, columns, values = _added_up(rows[order], columns[order], values[order])
         for name, array in (("rows", rows), ("columns", columns), ("values", values)):
+            # Other matrices may share them.
             array.flags.writeable = False
             object.__setattr__(self, name, array)
 
@@ -311,6 +312,7 @@ class IntegerSymmetric(Shown):
     def shifted(self, shift: Fraction | int) -> IntegerSymmetric:
         """Return M + shift I."""
         top, bottom = Fraction(shift).as_integer_ratio()
+        # A long shift needs Python's integers.
         kind = np.int64 if abs(top) < _LIMIT else object
         places = np.arange(self.size)
         tops = np.full(self.size, top, dtype=kind)
@@ -342,6 +344,7 @@ class IntegerSymmetric(Shown):
 
     def restricted(self, rows: Sequence[int]) -> SparseSymmetric:
         """Return the matrix of these rows and columns, in their order."""
+        # -1: not among the rows.
         place = np.full(self.size, -1, dtype=np.int64)
         place[list(rows)] = np.arange(len(rows))
         i = place[self.rows]
@@ -368,6 +371,7 @@ class IntegerSymmetric(Shown):
         common = math.lcm(1, *{x.denominator for x in vector})
         v = np.array([x.numerator * (common // x.denominator) for x in vector], dtype=object)
         support = np.array([bool(x) for x in vector], dtype=bool)
+        # Of a sparse vector few entries count.
         where = np.flatnonzero(support[self.rows] & support[self.columns])
         total = 0
         for start in range(0, len(where), _CHUNK):
@@ -425,6 +429,7 @@ def signs_of_product(M: Rows, vector: Integers) -> NDArray[np.int64]:
     bits = (58 - degree.bit_length()) // 2
     left = limbs(M.values, bits)
     right = limbs(vector, bits)
+    # More pairs of limbs in one level than 62 bits hold.
     if min(len(left), len(right)) > 16:
         product = np.add.reduceat(M.values.astype(object) * vector[M.columns], M.starts)
         return (product > 0).astype(np.int64) - (product < 0)
@@ -454,6 +459,7 @@ def limbs(values: Integers, bits: int) -> list[NDArray[np.int64]]:
     while True:
         found.append((values & mask).astype(np.int64))
         values = values >> bits
+        # Nothing but signs is left.
         if len(values) == 0 or (values.min() >= -1 and values.max() <= 0):
             found[-1] += values.astype(np.int64) << bits
             return found

@@ -8,9 +8,10 @@ already.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
+from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Shown
 from dobc_design._show.progress import Reports
 from dobc_design.certificate.certificate import Certificate
@@ -31,7 +32,7 @@ LEAST_RUNS: Final = 5
 BEYOND: Final = 2
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class Searched(Shown):
     """The certificate after a search, and what the search brought up: asked for first, then the
     certified set."""

@@ -6,10 +6,9 @@ every start but 0 to the boundary of a certified set.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from dobc_design._checks import noun
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.claims import claim_of
 from dobc_design.conditions.check import Check
@@ -32,7 +31,7 @@ EVERYWHERE = 1.0  # the level that stands for a certificate that holds everywher
 OTHER_PROBLEM = "Give the certificate of this very problem."
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class BoxLevel:
     """V = max_k |e_k| / height_k + max_i |eps_i|_P, height (n m,), scaled so that it is 1 on the
     boundary.  ``rate`` in 1/s: V(t) <= V(0) exp(-rate t) is certified while V <= 1.  ``P`` (q, q)
@@ -92,7 +91,7 @@ def turned(T: Array | None, e: Array) -> Array:
     return (T @ by_agent).reshape(e.shape)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Ellipsoid:
     """V = root of e'P_e e + sum |eps_i|_P^2, P_e (n m, n m); everything else as in ``BoxLevel``."""
 
@@ -209,7 +208,7 @@ def regional_check(certificate: Certificate) -> Check | None:
     return proved[0] if proved else None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Boundary:
     """V = 1 for a certified set; a third of the starts has eps = 0.  Everything as in ``Box``."""
 

@@ -9,11 +9,12 @@ refutes, and only a region.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache, partial
 
 import numpy as np
 
+from dobc_design._checks import noun
 from dobc_design._show.progress import Reports, report_to
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.coverage import Progress
@@ -73,7 +74,7 @@ ASCENT_PART = 0.25  # of the horizon that it lasts
 STEEPER = 3.0  # couplings may be so many times as steep far out as at the target
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Question:
     """What is searched: the arguments of ``falsify``, which says what they mean."""
 
@@ -141,7 +142,7 @@ def search_starts(
         return search.run(question.runs)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class _Search:
     arena: Arena
     starts: StartSet

@@ -6,11 +6,11 @@ equilibrium is one.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Headed, Told
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.equilibrium.decide import Equilibrium
@@ -24,7 +24,7 @@ MOST_WRITTEN = 10  # suspects of a JSON document
 MOST_NAMED = 6  # agents of a suspect in words
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+@noun(eq=False)
 class Suspect(Told):
     """One start and what became of it.
 
@@ -77,7 +77,7 @@ class Suspect(Told):
         return f"<Suspect: {self}>"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+@noun(eq=False)
 class Falsification(Headed):
     """The outcome of a search.
 

@@ -8,7 +8,6 @@ least to most.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -18,6 +17,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
+from dobc_design._checks import noun
 from dobc_design.plotting import look
 from dobc_design.plotting.look import (
     BLUE,
@@ -48,7 +48,7 @@ MARKS = {
 }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Places:
     """Where cases stand along one axis: ``position`` of each case; ``ticks`` with ``names``, or
     none for numbers."""
@@ -60,7 +60,7 @@ class Places:
     even_ratios: bool = False
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Cases:
     """One number of many cases: ``value`` and ``outcome`` (cases,), and what is said about it.
 

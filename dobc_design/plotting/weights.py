@@ -4,13 +4,13 @@ a picture."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import Protocol
 
 import numpy as np
 from matplotlib.axes import Axes
 
+from dobc_design._checks import noun
 from dobc_design.plotting import look
 from dobc_design.plotting.look import DOTTED, SERIES, short
 from dobc_design.plotting.runs import MOST_NAMED_MODES, Switches, plot_modes, tick_decades
@@ -34,7 +34,7 @@ class Weights(Protocol):
     def v(self) -> Sequence[Sequence[Fraction]]: ...
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class _Round:
     """Which mode is on when, as ``plot_modes`` takes it."""
 

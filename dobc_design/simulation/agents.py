@@ -8,11 +8,11 @@ got none feels nothing on that arc.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
+from dobc_design._checks import noun
 from dobc_design.loop.arrays import ArcGroup
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import IndexArray
@@ -30,7 +30,7 @@ ALL = slice(None)
 Chosen = IndexArray | slice
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class StressedRuns:
     """Runs side by side; ``nearby``, of a single run only: graphs follow from its states instead of
     ``switches``."""

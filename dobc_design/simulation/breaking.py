@@ -9,11 +9,12 @@ observation, never a proof.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Headed
 from dobc_design._show.progress import Reports, report_to, shows_progress
 from dobc_design.certificate.certificate import Certificate
@@ -54,7 +55,7 @@ TINY = 1e-300
 COARSE = 1e-6  # relative tolerance of the integrator: errors of ten percent are looked for
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Sweep:
     """One option, from mild to severe, up to the first severity at which the loop no longer
     converges.  Shapes: severity (S,) in ``unit``, relative (S,) in multiples of what is natural
@@ -84,7 +85,7 @@ class Sweep:
         }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class PeriodLimit:
     """Sampling periods in s: the longest that converged, the shortest that did not, the certified
     one; or None."""
@@ -104,7 +105,7 @@ class PeriodLimit:
         return words
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+@noun(eq=False)
 class Breaking(Headed):
     """The sweeps of one problem, the period limit where the period was among them, and the run
     without stress."""
@@ -279,7 +280,7 @@ class _Step(NamedTuple):
     stress: Stress
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class _Tried:
     """The loop whose stress grows, with its run without any."""
 

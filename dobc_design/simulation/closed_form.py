@@ -7,12 +7,12 @@ Taylor polynomial is exact to the last bit.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from scipy.linalg import expm
 
+from dobc_design._checks import noun
 from dobc_design.loop.matrices import Array
 
 TERMS = 11  # (1/8)^11 / 11! < 2^-57: anchors are at most 1/(8 |F|) away
@@ -21,7 +21,7 @@ MOST_ANCHORS = 100_000
 MOST_NUMBERS = 1 << 24  # of the table
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class ClosedForm:
     """C exp(F t), (p, q), up to a horizon; ``table`` (TERMS, anchors, p q): scaled derivatives at
     the anchors."""

@@ -14,6 +14,7 @@ from typing import ClassVar, Protocol
 import numpy as np
 from scipy.integrate import DOP853
 
+from dobc_design._checks import noun
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import BoolArray, IndexArray
 from dobc_design.simulation.closed_form import ClosedForm
@@ -46,7 +47,7 @@ class Columns(Protocol):
     def switched(self, runs: IndexArray, modes: IndexArray) -> None: ...
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Ends:
     """How every run ended, (R,), when it did, in s, where, e (N, R), and which step it would have
     made next, (R,)."""
@@ -315,7 +316,7 @@ class March:
         return np.minimum(np.where(np.isfinite(h), h, SMALL_STEP), self.end)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class CalmColumns:
     """Runs without stress as columns: e' = h(e) - K e + C eps, for e (n m, R), a leader's numbers
     after them, and eps (n, q, R) at the start, which is known in closed form; ``networks``: the

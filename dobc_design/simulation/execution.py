@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from dobc_design._checks import noun
 from dobc_design.errors import wrong
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import IndexArray
@@ -332,7 +333,7 @@ class _Collector:
         self.method = "; ".join(dict.fromkeys(names))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class _Chunk:
     """Runs that are made at once: ``chosen`` (k,) are their places in the ensemble."""
 

@@ -8,13 +8,14 @@ arrays: arcs are worked through in blocks that fit into the processor's cache, s
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 
+from dobc_design._checks import noun
 from dobc_design.coupling import tree
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.tree import NumpyAlgebra
@@ -82,7 +83,7 @@ def _of_rows(coupling: Coupling, m: int) -> Callable[[Array], Array]:
     return lambda y: h(y.reshape(len(y), m, -1)).reshape(y.shape)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class _Block:
     """Some arcs of one coupling: ``rows`` listen to ``speakers`` (arcs,); ``factor``: a common
     weight, or (arcs,). ``slots``: begin and end of every slot, whose i-th arc ends at the i-th of
@@ -227,7 +228,7 @@ class Links:
         return total
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class ClosedLoop:
     """What does not depend on the mode, as floats; A, C, F, W and ``own`` as in
     ``loop.arrays.Disturbance``.
@@ -360,7 +361,7 @@ def _lead(
     return lead
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Network:
     """h(e) - K e of one graph: e' of (22) without the observer's error."""
 

@@ -16,6 +16,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.integrate import DOP853, Radau
 
+from dobc_design._checks import noun
 from dobc_design.errors import wrong
 from dobc_design.loop.arrays import ArcGroup
 from dobc_design.loop.matrices import Array
@@ -132,7 +133,7 @@ class Samples(NamedTuple):
     leader: Array | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Outcome:
     """How one run went, and its samples."""
 

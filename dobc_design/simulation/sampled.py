@@ -23,12 +23,12 @@ themselves are integrated between samples.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import expm
 
+from dobc_design._checks import noun
 from dobc_design.errors import ShapeError, wrong
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import BoolArray, IndexArray
@@ -155,7 +155,7 @@ def run_sampled_alone(runs: StressedRuns, progress: Progress) -> Outcome:
     return Outcome(run=run, samples=samples)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Hold:
     """What holds from an instant (s) on in all runs: measured states (n, m, R), couplings (n, m,
     R), inputs (n, p, R), and the estimate of d that they use."""

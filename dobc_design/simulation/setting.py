@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import cache
 from typing import Any, Literal, TypedDict, Unpack
 
 import numpy as np
 
+from dobc_design._checks import noun
 from dobc_design.errors import SpecError, wrong
 from dobc_design.loop.arrays import (
     ArcGroup,
@@ -55,7 +55,7 @@ class Options(TypedDict, total=False):
     stress: Stress | Literal["worst"] | None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Setting:
     """The checked arguments of a simulation, and what all its runs share.  ``exact``: the error
     system, of which ``loop`` has the numbers in floats."""

@@ -11,14 +11,14 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from fractions import Fraction
 from itertools import pairwise
 from typing import ClassVar
 
 import numpy as np
 
-from dobc_design._checks import put
+from dobc_design._checks import noun, put
 from dobc_design._show.cards import Card, Shown, Told
 from dobc_design.errors import ShapeError, SpecError, wrong
 from dobc_design.exact.number import nearest
@@ -31,7 +31,7 @@ from dobc_design.simulation._arguments import not_negative, positive, seconds, w
 DWELL = 0.5  # s, where [switching] gives none
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class Fixed(Shown):
     """One mode for ever: ``mode``, or the problem's first."""
 
@@ -42,7 +42,7 @@ class Fixed(Shown):
         return "fixed" if self.mode is None else f"fixed in {self.mode}"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class Periodic(Shown):
     """The modes one after another, over and over: each for ``dwell`` s, or ``dwell[i]`` s for the
     i-th of ``order``.
@@ -74,7 +74,7 @@ class Periodic(Shown):
         return f"periodic, {', '.join(times)} s each"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class RandomDwell(Shown):
     """A mode drawn anew, each as likely as the other, after every ``dwell`` s.
 
@@ -99,7 +99,7 @@ class RandomDwell(Shown):
         return f"random, drawn anew every {self.dwell:g}{until} s"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class Markov(Shown):
     """A Markov chain in continuous time: ``generator[k][l]`` is the rate in 1/s from the k-th mode
     to the l-th.
@@ -139,7 +139,7 @@ class Markov(Shown):
         return f"Markov, mean stay {', '.join(stays)}"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class Schedule(Shown):
     """Given instants: mode ``modes[i]`` from ``times[i]`` s on; the first instant is 0."""
 
@@ -162,7 +162,7 @@ class Schedule(Shown):
         return f"schedule of {counted(len(self.times), 'instant')}"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class Waypoints(Shown):
     """A given motion: straight lines between positions at given instants; before and after them it
     rests.
@@ -210,7 +210,7 @@ class Waypoints(Shown):
         return np.asarray(places[number] + part * (places[number + 1] - places[number]))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class Mobile(Told):
     """Who is near enough is heard: all agents within ``radius``, or the ``neighbours`` nearest
     ones.

@@ -10,7 +10,6 @@ import csv
 import io
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import product
 from os import PathLike
 from pathlib import Path
@@ -18,6 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from dobc_design._checks import noun
 from dobc_design.errors import ShapeError, wrong
 from dobc_design.exact.matrix import Vector, to_float
 from dobc_design.exact.reading import shown
@@ -42,7 +42,7 @@ RANDOM, CORNERS, EDGES = "random", "corners", "edges"
 MOST_ENUMERATED = 8  # components up to which all corners are taken in turn
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Start:
     """One start: x (n, m), xi (n, q), xihat (n, q); of a leader s (m,), else of no numbers."""
 
@@ -65,7 +65,7 @@ class Start:
         return self.xi - self.xihat
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Starts:
     """Draws starts: x in [low, high], xi in a ball within an agent's ``own`` states, unless they
     are given; those of a leader between ``leads`` (2, m), to which x is ``relative`` or not."""
@@ -248,7 +248,7 @@ def _numbers(text: str) -> list[list[float]]:
     return [[float(cell) for cell in row] for _, row in lines]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Box:
     """low <= e <= high, both (n m,), and |eps_i| <= radius for every agent of the loop."""
 

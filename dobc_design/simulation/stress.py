@@ -9,12 +9,12 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
 
-from dobc_design._checks import put
+from dobc_design._checks import noun, put
 from dobc_design._show.cards import Shown, Told
 from dobc_design.errors import SpecError, wrong
 from dobc_design.exact.reading import shown
@@ -27,7 +27,7 @@ EXCHANGE = 0.05  # s between two exchanges where neither a period nor an exchang
 KINDS = ("vanish", "freeze")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class Failure(Shown):
     """Agent ``agent`` fails at ``time`` s.
 
@@ -50,7 +50,7 @@ class Failure(Shown):
         return f"agent {self.agent} fails at {self.time:g} s ({self.kind})"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class Stress(Told):
     """Options that can be combined; what is left out does not happen.
 

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dobc_design._checks import noun
 from dobc_design.errors import ShapeError, SpecError, wrong
 from dobc_design.exact.reading import counted, is_list, shown
 from dobc_design.loop.arrays import ArcGroup, mode_index
@@ -32,7 +33,7 @@ STREAM = 1  # starts are drawn from default_rng(seed), switches from default_rng
 GRAPHS, CHANGES = 15, 60
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Switches:
     """Mode ``names[modes[s]]`` is active from ``times[s]`` s on; ``graphs``, by mode (2, arcs),
     where agents move."""
@@ -65,7 +66,7 @@ class Switches:
         )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class ModeTable:
     """The switches of R runs: instants and indices of modes (R, S), padded with inf and 0."""
 
@@ -134,7 +135,7 @@ def scheduled_switches(
     return Switches(times=times, modes=modes, names=names)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class DrawnGraph:
     """Some of the arcs of a mode: those that are ``there``, (arcs,)."""
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import field, fields
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Headed
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.errors import SpecError
@@ -66,7 +67,7 @@ class Simulated(Headed):
         return f"{self._card().title}: {self._card().text}"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+@noun(eq=False)
 class Trajectory(Simulated):
     """Samples of a run; arrays cannot be written to.  Iterating gives one ``Sample`` after the
     other.
@@ -290,7 +291,7 @@ FACTS = (
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+@noun(eq=False)
 class Ensemble(Simulated):
     """Runs that differ by their seeds: starts and switches.  Arrays cannot be written to.
 

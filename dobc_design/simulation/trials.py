@@ -6,11 +6,11 @@ What is seen is an observation, never a proof; searches take their points from t
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 
+from dobc_design._checks import noun
 from dobc_design.loop.arrays import Gain, error_arcs
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.matrices import Array, consensus_jacobian, pull_matrix
@@ -38,7 +38,7 @@ NEAR = 1e-3  # of the start: a run that ends closer has converged
 STALLED = 0.8  # the part of its error halfway that a run still has at the end
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Arena:
     """The loop of a problem, ready to be run from many starts.  ``modes`` are the names of the
     modes, ``networks`` the right-hand sides by their index."""
@@ -69,7 +69,7 @@ def make_arena(problem: Problem, gain: Gain | None) -> Arena:
     return arena
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Batch:
     """Starts of R runs, e (n m, R) and eps (n, q, R), and their switches."""
 
@@ -85,7 +85,7 @@ class Batch:
         return Batch(e=self.e[:, runs], eps=self.eps[:, :, runs], switches=self.switches.of(runs))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Effort:
     """How long runs last, in s, how exact they are (relative), at how many times they are looked
     at, and how many steps each may take."""
@@ -96,7 +96,7 @@ class Effort:
     most: int = MOST_STEPS
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Trials:
     """What became of R starts: error and values (T, R) are |e|_inf and V, or nan; ends (n m, R),
     nan where a run ended early; states (R,) as in ``columns``."""
@@ -201,7 +201,7 @@ def run_starts(
     return trials
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class _Watch:
     """Puts down what is seen of the ``chosen`` runs; ``transition``: exp(F t), which takes eps from
     the start to every sample."""

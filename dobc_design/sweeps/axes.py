@@ -25,7 +25,6 @@ import json
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from random import Random
 from statistics import NormalDist
@@ -33,6 +32,7 @@ from typing import Any
 
 import numpy as np
 
+from dobc_design._checks import noun
 from dobc_design.errors import Mistakes, SpecError, about
 from dobc_design.exact.number import number_text, parse_number
 from dobc_design.exact.reading import NumberText, is_list, shown
@@ -62,7 +62,7 @@ _EXAMPLE = "For example pinning.gains.1, coupling.h or exosystem.A[0][1]."
 _CURE = "For example 1:5:9, a list such as 1,2,5, or ~uniform(0,1)."
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Draw:
     """A distribution: its kind, its numbers as text, or for "choice" the values."""
 
@@ -85,7 +85,7 @@ class Draw:
         return _rounded(float(a) + u * float(b - a))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Axis:
     """One key, or several with the same value; its ``values`` as text, or a ``draw``."""
 

@@ -12,14 +12,13 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from dobc_design import __version__
-from dobc_design._checks import put
+from dobc_design._checks import noun, put
 from dobc_design.conditions.numbers import time_to_one_percent
 from dobc_design.errors import SpecError
 from dobc_design.exact.number import float_above
@@ -86,7 +85,7 @@ _NEAR = ("theorem2", "theorem1", "lemma1")  # the checks at the consensus, the s
 _ORDER = ("everywhere", "box", "ball", "near", "none")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Task:
     """What is done with every case: "certify", with ``everything`` as there, or "simulate" with
     ``runs`` runs.  Raises: SpecError for another kind, or options of the other one."""
@@ -170,7 +169,7 @@ def _facts(certificate: Certificate) -> dict[str, Any]:
     }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Plan:
     """All cases of a sweep: the grid of the listed values (last axis fastest), ``samples`` draws at
     each point. ``tables`` are those of a problem file, ``folder`` the place of its arc files."""

@@ -17,7 +17,7 @@ import math
 import os
 import re
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
@@ -25,6 +25,7 @@ from typing import IO, TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dobc_design._checks import noun
 from dobc_design._show.cards import MOST_ROWS, Card, Headed
 from dobc_design.certificate.files import make_folder, write_atomically
 from dobc_design.errors import CertificateError, SpecError
@@ -245,7 +246,7 @@ def _lock(stream: IO[bytes], folder: Path) -> None:
         raise SpecError(message, key="--out", cure=cure) from None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+@noun(eq=False)
 class SweepResult(Headed):
     """The cases of a sweep in their order.  ``lines`` are those of the journal; ``folder`` is where
     it is, or None.

@@ -16,7 +16,6 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass
 from multiprocessing import TimeoutError as NoAnswer  # what joblib raises
 from os import PathLike
 from pathlib import Path
@@ -24,6 +23,7 @@ from random import Random
 from typing import Any, TypeVar
 
 from dobc_design import __version__
+from dobc_design._checks import noun
 from dobc_design._show.progress import Reports, report_to, shows_progress
 from dobc_design.errors import DobcError, SpecError
 from dobc_design.exact.reading import shown
@@ -44,7 +44,7 @@ DIED = "The worker died while running this case: out of memory, killed, or a fau
 Result = TypeVar("Result")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class State:
     """Where a sweep stands.  ``resumed`` of the ``done`` cases were there before."""
 

@@ -119,7 +119,7 @@ class Trials:
     @property
     def diverged(self) -> BoolArray:
         """Runs that could not be carried to their end."""
-        return np.asarray((self.states == ESCAPED) | (self.states == COLLAPSED))
+        return np.isin(self.states, (ESCAPED, COLLAPSED))
 
     @property
     def stalled(self) -> BoolArray:

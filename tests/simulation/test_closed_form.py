@@ -10,21 +10,19 @@ from dobc_design.simulation.closed_form import evolve, make_closed_form
 def precise(F, t: float):
     """exp(F t) from mpmath, rounded once."""
     with mpmath.workdps(60):
-        return np.array(
-            mpmath.expm(mpmath.matrix(F.tolist()) * mpmath.mpf(t), method="taylor").tolist(),
-            dtype=float,
-        )
+        scaled = mpmath.matrix(F.tolist()) * mpmath.mpf(t)
+        found = mpmath.expm(scaled, method="taylor")
+        return np.array(found.tolist(), dtype=float)
 
 
-CASES = {
-    "the paper's observer": [[-3.2, 2], [-4.4, 0]],
-    "a double pole": [[-2, 1], [0, -2]],
-    "a ramp": [[0, 1], [0, 0]],
-    "an oscillator": [[0, 7], [-7, 0]],
-    "three states": [[-1, 2, 0.5], [0, -3, 1], [0.25, 0, -2]],
-    "growth": [[1.0]],
-    "nothing": [[0.0]],
-}
+CASES = {}
+CASES["the paper's observer"] = [[-3.2, 2], [-4.4, 0]]
+CASES["a double pole"] = [[-2, 1], [0, -2]]
+CASES["a ramp"] = [[0, 1], [0, 0]]
+CASES["an oscillator"] = [[0, 7], [-7, 0]]
+CASES["three states"] = [[-1, 2, 0.5], [0, -3, 1], [0.25, 0, -2]]
+CASES["growth"] = [[1.0]]
+CASES["nothing"] = [[0.0]]
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -61,6 +59,5 @@ def test_states_evolve_row_by_row():
 def test_states_evolve_also_beyond_the_table():
     """|F| times the horizon is 8e6: SciPy's expm takes over."""
     F = np.array([[-4e5, 0], [0, -1.0]])
-    np.testing.assert_allclose(
-        evolve(F, np.ones((1, 2)), np.array([0.0, 20]))[1], [[0, np.exp(-20)]], rtol=1e-7
-    )
+    found = evolve(F, np.ones((1, 2)), np.array([0.0, 20]))
+    np.testing.assert_allclose(found[1], [[0, np.exp(-20)]], rtol=1e-7)

@@ -19,6 +19,13 @@ import dobc_design as dd
 from dobc_design.problem.dynamics import Dynamics
 
 PROBLEMS = [double_integrators(), three_states(), pendulums()]
+EACH = pytest.mark.parametrize("problem", PROBLEMS, ids=["carts", "plants", "pendulums"])
+
+
+def alone(dynamics: Dynamics, coupling: str = "y", **given) -> dd.Problem:
+    """One agent, which nobody hears."""
+    network = dd.Network.from_arcs([], arrow="listens_to", agents=["a"])
+    return dd.Problem(network=network, dynamics=dynamics, coupling=coupling, **given)
 
 
 def reference(problem, start, times, limit=np.inf, rtol=1e-11):
@@ -31,13 +38,13 @@ def reference(problem, start, times, limit=np.inf, rtol=1e-11):
         slope, (0, times[-1]), state, t_eval=times, method="DOP853", rtol=rtol, atol=rtol / 10
     )
     assert found.success
-    return found.y.T[:, : x.size].reshape(-1, *x.shape), np.array(
-        [control(each) for each in found.y.T]
-    )
+    states = found.y.T
+    u = np.array([control(each) for each in states])
+    return states[:, : x.size].reshape(-1, *x.shape), u
 
 
 @pytest.mark.parametrize("observer", ["closed-form", "full-loop"])
-@pytest.mark.parametrize("problem", PROBLEMS, ids=["carts", "plants", "pendulums"])
+@EACH
 def test_run_is_the_solution_of_the_full_loop(problem, observer):
     """(1), (12), (13), (19); u has p components and holds u0."""
     run = dd.simulate(problem, t_final=3, samples=41, observer=observer)
@@ -48,7 +55,7 @@ def test_run_is_the_solution_of_the_full_loop(problem, observer):
     assert np.allclose(run.d, run.xi @ matrices(problem)["C"].T, atol=1e-12)
 
 
-@pytest.mark.parametrize("problem", PROBLEMS, ids=["carts", "plants", "pendulums"])
+@EACH
 def test_saturation_limits_the_true_input(problem):
     """|u_i| <= 0.7 with u0 in it; A x acts on, and the observer is told what is applied."""
     run = dd.simulate(problem, t_final=1, samples=11, stress=dd.Stress(saturation=0.7))
@@ -62,33 +69,22 @@ def test_saturation_limits_the_true_input(problem):
 def test_agent_that_fails_moves_by_its_own_dynamics():
     """Input 0, couplings go on: a lone agent x' = A x + B u with u0 = -B+ A x falls to e^(A t)
     x."""
-    alone = dd.Network.from_arcs([], arrow="listens_to", agents=["a"])
     plant = Dynamics(A=[[0, 1], [-1, "-1/2"]], B=[[0], [1]])
-    problem = dd.Problem(
-        network=alone, dynamics=plant, coupling="y1", target=[1, 0], gains={"a": [[1, 1]]}
-    )
-    run = dd.simulate(
-        problem,
-        t_final=3,
-        samples=31,
-        start=[[1, 0]],
-        stress=dd.Stress(failures=[dd.Failure(agent="a", time=1.0)]),
-    )
+    problem = alone(plant, "y1", target=[1, 0], gains={"a": [[1, 1]]})
+    given = {"t_final": 3, "samples": 31, "start": [[1, 0]]}
+    vanished = dd.Stress(failures=[dd.Failure(agent="a", time=1.0)])
+    run = dd.simulate(problem, stress=vanished, **given)
     assert np.allclose(run.u[run.times < 1], 1.0)
     assert not run.u[run.times >= 1].any()
-    free = solve_ivp(
-        lambda t, x: [x[1], -x[0] - x[1] / 2],
-        (1, 3),
-        [1, 0],
-        t_eval=run.times[10:],
-        rtol=1e-10,
-        atol=1e-12,
-    )
+
+    def falls(time, x):
+        return [x[1], -x[0] - x[1] / 2]
+
+    free = solve_ivp(falls, (1, 3), [1, 0], t_eval=run.times[10:], rtol=1e-10, atol=1e-12)
     assert np.allclose(run.x[10:, 0], free.y.T, atol=1e-7)
     frozen = dd.Stress(failures=[dd.Failure(agent="a", time=1.0, kind="freeze")])
-    assert np.allclose(
-        dd.simulate(problem, t_final=3, start=[[1, 0]], stress=frozen).x, [1, 0], atol=1e-9
-    )
+    run = dd.simulate(problem, stress=frozen, **given)
+    assert np.allclose(run.x, [1, 0], atol=1e-9)
 
 
 def test_ensembles_are_their_single_runs():
@@ -116,13 +112,9 @@ def test_matched_disturbance_reaches_the_state_through_b():
     """frequency 0: a constant w per input; near the goal x' = A e + B (-K e + w), so that B K e = B
     w at rest."""
     plant = Dynamics(A=[[0, 1], [0, 0]], B=[[0], [2]])
-    alone = dd.Network.from_arcs([], arrow="listens_to", agents=["a"])
-    problem = dd.Problem(
-        network=alone, dynamics=plant, coupling="y1", target=[0, 0], gains={"a": [[2, 2]]}
-    )
-    run = dd.simulate(
-        problem, t_final=40, start=[[0, 0]], stress=dd.Stress(disturbance=0.5, frequency=0.0)
-    )
+    problem = alone(plant, "y1", target=[0, 0], gains={"a": [[2, 2]]})
+    constant = dd.Stress(disturbance=0.5, frequency=0.0)
+    run = dd.simulate(problem, t_final=40, start=[[0, 0]], stress=constant)
     assert run.x[-1, 0] == pytest.approx([run.d[-1, 0, 0] / 2, 0], abs=1e-7)
 
 
@@ -131,9 +123,8 @@ def test_switching_runs_and_files(tmp_path):
     its key."""
     modes = {"one": [["a", "b"], ["b", "c"], ["c", "a"]], "two": [["b", "a"], ["c", "b"]]}
     network = dd.Network.from_arcs(modes, arrow="listens_to", agents=["a", "b", "c"])
-    problem = PROBLEMS[0].replace(
-        network=network, switching=dd.Switching(signal="random", dwell=0.5)
-    )
+    switching = dd.Switching(signal="random", dwell=0.5)
+    problem = PROBLEMS[0].replace(network=network, switching=switching)
     run = dd.simulate(problem, t_final=10, samples=21, tolerance=1e-6)
     assert len(run.switches) > 5
     assert run.final_error < 0.1 * run.error()[0]
@@ -144,7 +135,7 @@ def test_switching_runs_and_files(tmp_path):
     assert worst.error.shape == (2, 401)
 
 
-@pytest.mark.parametrize("problem", PROBLEMS, ids=["carts", "plants", "pendulums"])
+@EACH
 def test_samples_between_the_instants_are_those_of_the_held_input(problem):
     """x' = f(x) or A x + B (couplings + u + d) with what was held at the instant, and a disturbance
     besides d."""
@@ -157,15 +148,13 @@ def test_samples_between_the_instants_are_those_of_the_held_input(problem):
     for k in range(0, 10, 2):
 
         def slope(time, state, k=k):
-            x = state.reshape(3, -1)
             d = run.xi[k] @ expm(data["S"] * time).T @ data["C"].T + other
-            return (
-                own(x) + (felt(problem, run.x[k] - data["goals"]) + run.u[k] + d) @ data["B"].T
-            ).ravel()
+            held = felt(problem, run.x[k] - data["goals"]) + run.u[k]
+            return (own(state.reshape(3, -1)) + (held + d) @ data["B"].T).ravel()
 
-        found = solve_ivp(
-            slope, (0, period), run.x[k].ravel(), t_eval=[0.1, period], rtol=1e-10, atol=1e-12
-        )
+        at = [0.1, period]
+        start = run.x[k].ravel()
+        found = solve_ivp(slope, (0, period), start, t_eval=at, rtol=1e-10, atol=1e-12)
         np.testing.assert_allclose(run.x[k + 1 : k + 3].reshape(2, -1), found.y.T, atol=1e-7)
     assert np.abs(other).max() > 0.1
 
@@ -173,9 +162,7 @@ def test_samples_between_the_instants_are_those_of_the_held_input(problem):
 def test_agents_that_leave_within_a_period_end_their_run_alone():
     """x' = x^3 from x0: at infinity after 1/(2 x0^2) s, 0.617 s from 0.9; from starts near 0 not
     within 3 s."""
-    cubic = Dynamics(f=["x**3"])
-    alone = dd.Network.from_arcs([], arrow="listens_to", agents=["a"])
-    problem = dd.Problem(network=alone, dynamics=cubic, coupling="y")
+    problem = alone(Dynamics(f=["x**3"]))
     stress = dd.Stress(period=1.0)
     run = dd.simulate(problem, t_final=1, samples=11, start=[[0.9]], stress=stress, tolerance=1e-8)
     assert run.diverged
@@ -189,13 +176,10 @@ def test_agents_that_leave_within_a_period_end_their_run_alone():
 def test_agents_that_are_too_stiff_between_samples_end_their_run(monkeypatch: pytest.MonkeyPatch):
     """x' = -1e6 x^3 + 1 from 1: after a layer 1e6 x^3 = 1; 1e18 needs 250,000 explicit steps a
     period."""
-    alone = dd.Network.from_arcs([], arrow="listens_to", agents=["a"])
     monkeypatch.setattr("dobc_design.simulation.sampled.LEAST_STEPS", 200)
     stress = dd.Stress(period=0.5)
     for k, target, stiff in ((6, "1/100", False), (18, "1e-6", True)):
-        problem = dd.Problem(
-            network=alone, dynamics=Dynamics(f=[f"-1e{k}*x**3 + 1"]), coupling="y", target=target
-        )
+        problem = alone(Dynamics(f=[f"-1e{k}*x**3 + 1"]), target=target)
         run = dd.simulate(problem, t_final=1, samples=3, start=[[1]], stress=stress)
         assert run.diverged is stiff
         assert ("too stiff for 200 steps" in run.reason) is stiff
@@ -207,10 +191,7 @@ def test_agents_that_are_too_stiff_between_samples_end_their_run(monkeypatch: py
 def test_what_breaks_first_knows_the_period(monkeypatch: pytest.MonkeyPatch, problem):
     monkeypatch.setattr("dobc_design.simulation.breaking.OPTIONS", ("saturation", "period"))
     found = dd.what_breaks_first(problem, t_final=6)
-    assert [each.option for each in found.sweeps] == [
-        "saturation",
-        "period",
-    ]
+    assert [each.option for each in found.sweeps] == ["saturation", "period"]
     assert found.period.converges > 0.05
 
 

@@ -63,18 +63,18 @@ def by_hand(start: np.ndarray, times: np.ndarray) -> np.ndarray:
             out += [A @ xi, (A - np.outer(W, C)) @ xihat - W * (felt[i] + u)]
         return np.concatenate(out)
 
-    first = [start, *(part for i in range(3) for part in (np.array(XI0[i]), -OWN[i][2] * start[i]))]
-    done = solve_ivp(
-        slope, (0, times[-1]), np.concatenate(first), t_eval=times, rtol=1e-11, atol=1e-12
-    )
+    first = [start]
+    for i, (_, _, W) in enumerate(OWN):
+        first += [XI0[i], -W * start[i]]
+    span = (0, times[-1])
+    done = solve_ivp(slope, span, np.concatenate(first), t_eval=times, rtol=1e-11, atol=1e-12)
     return np.asarray(done.y[:3].T)
 
 
 @pytest.mark.parametrize("observer", ["closed-form", "full-loop"])
 def test_a_run_is_that_of_the_loop_written_out_agent_by_agent(problem, observer):
-    run = dd.simulate(
-        problem, observer=observer, start=[[2.0], [-1.0], [0.5]], t_final=3, samples=31
-    )
+    start = [[2.0], [-1.0], [0.5]]
+    run = dd.simulate(problem, observer=observer, start=start, t_final=3, samples=31)
     assert np.abs(run.x[:, :, 0] - by_hand(run.x[0, :, 0], run.times)).max() < 1e-7
     assert np.array_equal(run.xi[0], [[1, 0.5, 0, 0, 0], [0, 0, 0.3, -0.2, 1], [-1, 2, 0, 0, 0]])
     assert not run.xi[:, 0, 2:].any()
@@ -87,9 +87,8 @@ def test_ensembles_under_stress_are_the_runs_one_by_one(problem):
     require_the_same(problem, stress, runs=2, close=3e-8, tolerance=1e-10, t_final=0.5)
     sampled = dd.Stress(period=0.05, noise=0.05, disturbance=0.1, loss=0.2)
     require_the_same(problem, sampled, runs=2, close=1e-12, t_final=0.5)
-    require_the_same(
-        problem, dd.Stress(disturbance=0.1), runs=2, close=3e-8, tolerance=1e-10, t_final=0.5
-    )
+    moved = dd.Stress(disturbance=0.1)
+    require_the_same(problem, moved, runs=2, close=3e-8, tolerance=1e-10, t_final=0.5)
 
 
 def test_drawn_disturbances_stay_in_the_states_of_the_own_group_and_in_their_ball(problem):
@@ -107,17 +106,12 @@ def test_drawn_disturbances_stay_in_the_states_of_the_own_group_and_in_their_bal
 
 
 def test_what_breaks_first_knows_groups_and_a_start_in_the_states_of_another_is_refused(problem):
-    assert (
-        dd.what_breaks_first(problem, options=["saturation"], t_final=4).sweeps[0].option
-        == "saturation"
-    )
-    with pytest.raises(
-        SpecError, match=r"start\.xi must be 0 in the states that belong to other groups; row 1"
-    ):
-        dd.simulate(
-            problem,
-            start={"xi": np.ones((3, 5)) * [[1, 1, 0, 0, 0], [1, 0, 0, 0, 0], [1, 1, 0, 0, 0]]},
-        )
+    found = dd.what_breaks_first(problem, options=["saturation"], t_final=4)
+    assert found.sweeps[0].option == "saturation"
+    foreign = [[1, 1, 0, 0, 0], [1, 0, 0, 0, 0], [1, 1, 0, 0, 0]]
+    told = r"start\.xi must be 0 in the states that belong to other groups; row 1"
+    with pytest.raises(SpecError, match=told):
+        dd.simulate(problem, start={"xi": foreign})
 
 
 def test_the_model_has_the_right_hand_side_of_the_simulation(problem):
@@ -125,10 +119,8 @@ def test_the_model_has_the_right_hand_side_of_the_simulation(problem):
     run = dd.simulate(problem, observer="full-loop", samples=[0.0, 0.5, 6.0])
     W = np.array([[3.2, 2.4, 0, 0, 0], [0, 0, 3, 2, 0], [3.2, 2.4, 0, 0, 0]])
     z = run.xihat[1] - W * run.x[1]
-    x_dot, xi_dot, z_dot = (
-        np.asarray(ca.DM(part)).reshape(3, -1)
-        for part in model.closed_loop(run.x[1].ravel(), run.xi[1].ravel(), z.ravel())
-    )
+    parts = model.closed_loop(run.x[1].ravel(), run.xi[1].ravel(), z.ravel())
+    x_dot, xi_dot, z_dot = (np.asarray(ca.DM(part)).reshape(3, -1) for part in parts)
     for i, (A, C, gain) in enumerate(OWN):
         own = slice(2, 5) if i == 1 else slice(0, 2)
         felt = x_dot[i, 0] - C @ run.xi[1, i, own]

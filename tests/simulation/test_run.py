@@ -10,7 +10,7 @@ import mpmath
 import numpy as np
 import pytest
 from scipy.linalg import expm
-from simulated_runs import HARMONIC, PRINTED, planar, ring, simulate
+from simulated_runs import HARMONIC, PRINTED, pair, planar, ring, simulate
 
 import dobc_design as dd
 from dobc_design.errors import ShapeError, SpecError
@@ -34,14 +34,17 @@ def modes(order=range(N)) -> dict[str, list[list[int]]]:
 
 def loop(order=range(N), *, target=1, **settings) -> dd.Problem:
     gains = {str(order[0] + 1): 5, str(order[4] + 1): 2}
-    defaults = {
-        "coupling": "exp(y) - 1 + y",
-        "gains": gains,
-        "exosystem": HARMONIC,
-        "observer": PRINTED,
-    }
+    observer = settings.pop("observer", PRINTED)
     network = dd.Network.from_arcs(modes(order), arrow="listens_to", agents=N)
-    return dd.Problem(network=network, target=target, **(defaults | settings))
+    return dd.Problem(
+        network=network,
+        coupling="exp(y) - 1 + y",
+        target=target,
+        gains=gains,
+        exosystem=HARMONIC,
+        observer=observer,
+        **settings,
+    )
 
 
 def starts():
@@ -51,16 +54,13 @@ def starts():
 
 def error_system(problem: dd.Problem, mode: str):
     """The matrix of (22)."""
-    A, C, W = (
-        np.array(M, float) for M in (problem.exosystem.A, problem.exosystem.C, problem.observer.W)
-    )
-    n = problem.n
-    m = problem.m
-    q = problem.q
+    A = np.array(problem.exosystem.A, float)
+    C = np.array(problem.exosystem.C, float)
+    W = np.array(problem.observer.W, float)
+    own = np.eye(problem.n)
     J = consensus_jacobian(loop_of(problem), mode).toarray() - pinning_matrix(problem).toarray()
-    return np.block(
-        [[J, np.kron(np.eye(n), C)], [np.zeros((n * q, n * m)), np.kron(np.eye(n), A - W @ C)]]
-    )
+    to_errors = np.kron(own, C)
+    return np.block([[J, to_errors], [0 * to_errors.T, np.kron(own, A - W @ C)]])
 
 
 def errors(trajectory, k: int):
@@ -72,9 +72,8 @@ def errors(trajectory, k: int):
 def test_a_switched_linear_loop_is_the_product_of_its_exponentials(observer: str):
     """Instants that no step of equal length would meet; a switch late by 1e-9 s would be seen."""
     problem = planar()
-    signal = Schedule(
-        times=[0, 0.7390851, 1.6180339, 3.1415926], modes=["one", "two", "one", "two"]
-    )
+    instants = [0, 0.7390851, 1.6180339, 3.1415926]
+    signal = Schedule(times=instants, modes=["one", "two", "one", "two"])
     run = simulate(problem, signal=signal, samples=5, observer=observer, tolerance=1e-12)
     stays = np.diff([*signal.times, 4.0])
     product = np.eye(15)
@@ -82,9 +81,8 @@ def test_a_switched_linear_loop_is_the_product_of_its_exponentials(observer: str
         product = expm(error_system(problem, mode) * stay) @ product
     np.testing.assert_allclose(errors(run, -1), product @ errors(run, 0), atol=1e-9)
     assert run.switches.times.tolist() == list(signal.times)
-    late = np.linalg.norm(
-        (error_system(problem, "one") - error_system(problem, "two")) @ errors(run, 2)
-    )
+    difference = error_system(problem, "one") - error_system(problem, "two")
+    late = np.linalg.norm(difference @ errors(run, 2))
     assert late > 0.1  # what a second of the wrong mode would change
 
 
@@ -121,12 +119,10 @@ def test_the_observer_error_in_closed_form_is_that_of_the_full_loop(
     monkeypatch.setattr("dobc_design.simulation.closed_form.MOST_ANCHORS", 1)
     along = simulate(problem, **given)
     for name in ("x", "xi", "xihat", "d", "dhat", "u"):
-        np.testing.assert_allclose(
-            getattr(fast, name), getattr(full, name), atol=2e-10, err_msg=name
-        )
-        np.testing.assert_allclose(
-            getattr(along, name), getattr(full, name), atol=2e-10, err_msg=name
-        )
+        wanted = getattr(full, name)
+        for run in (fast, along):
+            found = getattr(run, name)
+            np.testing.assert_allclose(found, wanted, atol=2e-10, err_msg=name)
     assert fast.method == full.method == along.method == "DOP853"
     assert "its error was integrated" in " ".join(along.notes)
 
@@ -172,10 +168,11 @@ def exponential_series():
     def next_coefficient(value):
         k = len(y)
         y.append(value)
-        p.append(
-            mpmath.exp(value) if k == 0 else sum(j * y[j] * p[k - j] for j in range(1, k + 1)) / k
-        )
-        return p[k] + value - (1 if k == 0 else 0)
+        if k == 0:
+            p.append(mpmath.exp(value))
+            return p[0] + value - 1
+        p.append(sum(j * y[j] * p[k - j] for j in range(1, k + 1)) / k)
+        return p[k] + value
 
     return next_coefficient
 
@@ -202,16 +199,16 @@ def test_example_2_with_switching_agrees_with_cvodes():
     problem = dd.load_problem("paper-switching")
     signal = Periodic(dwell=0.4)
     run = simulate(problem, signal=signal, t_final=2.0, samples=6)
-    state = np.concatenate(
-        [run.x[0].ravel(), run.xi[0].ravel(), -np.kron(run.x[0].ravel(), [3.2, 2.4])]
-    )
+    start = run.x[0].ravel()
+    state = np.concatenate([start, run.xi[0].ravel(), -np.kron(start, [3.2, 2.4])])
+    x = ca.SX.sym("x", 10)
+    xi = ca.SX.sym("xi", 20)
+    z = ca.SX.sym("z", 20)
+    exactly = {"abstol": 1e-12, "reltol": 1e-12}
     for k, mode in enumerate(["Ga", "Gb", "Gc", "Gd", "Ga"]):
-        x, xi, z = (ca.SX.sym(name, size) for name, size in (("x", 10), ("xi", 20), ("z", 20)))
-        loop = {
-            "x": ca.vertcat(x, xi, z),
-            "ode": ca.vertcat(*dd.build_model(problem, mode=mode).closed_loop(x, xi, z)),
-        }
-        step = ca.integrator("loop", "cvodes", loop, 0, 0.4, {"abstol": 1e-12, "reltol": 1e-12})
+        slope = dd.build_model(problem, mode=mode).closed_loop(x, xi, z)
+        loop = {"x": ca.vertcat(x, xi, z), "ode": ca.vertcat(*slope)}
+        step = ca.integrator("loop", "cvodes", loop, 0, 0.4, exactly)
         state = step(x0=state)["xf"].full().ravel()
         np.testing.assert_allclose(run.x[k + 1].ravel(), state[:10], atol=1e-8)
         np.testing.assert_allclose(run.xi[k + 1].ravel(), state[10:30], atol=1e-8)
@@ -236,30 +233,30 @@ def test_example_1_without_its_observer_stays_away_from_the_target():
     assert not run.dhat.any()
     residual = run.error()[run.times >= 15]
     assert 0.25 < residual.max() < 0.35
-    first, second = (
-        run.error()[(run.times >= a) & (run.times < a + 2 * np.pi)].max() for a in (15, 22)
-    )
-    assert second == pytest.approx(first, rel=1e-2)
+    peaks = []
+    for begin in (15, 22):
+        round = (run.times >= begin) & (run.times < begin + 2 * np.pi)
+        peaks.append(run.error()[round].max())
+    assert peaks[1] == pytest.approx(peaks[0], rel=1e-2)
     assert simulate(dd.load_problem("paper-fixed"), t_final=60).error()[-1] < 1e-9
 
 
 def test_starts_are_drawn_in_the_region_and_without_one_within_one_of_the_goal():
     """The verdict is then about the consensus, so the picture starts near it: [0, 2] for xbar =
     1."""
-    x = np.concatenate(
-        [simulate(ring(target=1), t_final=0.1, samples=2, seed=s).x[0].ravel() for s in range(40)]
-    )
+    problem = ring(target=1)
+    x = np.array([simulate(problem, t_final=0.1, samples=2, seed=s).x[0] for s in range(40)])
     assert x.min() >= 0
     assert x.max() <= 2
     assert x.min() < 0.05
     assert x.max() > 1.95
-    network = dd.Network.from_arcs(
-        [[i + 1, i] for i in range(1, 50)], arrow="listens_to", agents=50
-    )
+    chain = [[i + 1, i] for i in range(1, 50)]
+    network = dd.Network.from_arcs(chain, arrow="listens_to", agents=50)
     region = {"initial_states": [[10, 11], [-3, -2]]}
     problem = dd.Problem(network=network, coupling="y", target=[0, 0], region=region)
     x = simulate(problem, t_final=0.1, samples=2).x[0]
-    assert np.all((x[:, 0] >= 10) & (x[:, 0] <= 11) & (x[:, 1] >= -3) & (x[:, 1] <= -2))
+    low, high = np.transpose(region["initial_states"])
+    assert np.all((low <= x) & (x <= high))
 
 
 def test_the_seed_decides_the_start_and_the_problem_where_the_disturbance_begins():
@@ -340,12 +337,8 @@ def test_permuting_the_agents_permutes_the_result():
 
 
 def test_the_active_mode_stands_at_every_sample():
-    run = simulate(
-        loop(),
-        signal=Periodic(dwell=0.5),
-        t_final=2,
-        samples=[0, 0.25, 0.5, 1.2, 1.75, 2],
-    )
+    samples = [0, 0.25, 0.5, 1.2, 1.75, 2]
+    run = simulate(loop(), signal=Periodic(dwell=0.5), t_final=2, samples=samples)
     assert run.mode_index.tolist() == [0, 0, 1, 0, 1, 1]
     assert [sample.mode for sample in run] == ["a", "a", "b", "a", "b", "b"]
     assert run.mode == "a, b (periodic, 0.5 s each)"
@@ -356,15 +349,13 @@ def test_the_active_mode_stands_at_every_sample():
 
 def test_a_run_that_blows_up_between_two_samples_keeps_its_rise():
     """x1' = (x1 - x2)^3 with x2 = 0: x1 = x0 / sqrt(1 - 2 x0^2 t), at every sample that is left."""
-    network = dd.Network.from_arcs([[1, 2]], arrow="listens_to", agents=2)
-    run = simulate(
-        dd.Problem(network=network, coupling="-y**3"), start=[[1], [0]], t_final=10, samples=11
-    )
+    run = simulate(pair("-y**3"), start=[[1], [0]], t_final=10, samples=11)
     assert run.diverged
     assert len(run) > 20
     assert (np.diff(run.times) > 0).all()
     early = run.times < 0.4999
-    np.testing.assert_allclose(run.x[early, 0, 0], 1 / np.sqrt(1 - 2 * run.times[early]), rtol=1e-4)
+    wanted = 1 / np.sqrt(1 - 2 * run.times[early])
+    np.testing.assert_allclose(run.x[early, 0, 0], wanted, rtol=1e-4)
     assert early.sum() > 5
 
 
@@ -396,48 +387,34 @@ def test_large_networks_get_fewer_samples_unless_asked():
     assert len(module._times(401, 1.0, 1 << 24)[0]) == 401
 
 
+DIVERGING = {}  # problem; why its run ends; s between which it does
+
+
+def diverging(name: str, coupling: str, reason: str, begin: float, end: float, **settings) -> None:
+    DIVERGING[name] = (ring(coupling, **settings), reason, begin, end)
+
+
+ENORMOUS = {"initial_states": [0, "1e308"]}
+WRONG_SIGN = {"exosystem": HARMONIC, "observer": dd.Observer(W=[[-6], [0]])}
+USUAL = "exp(y) - 1 + y"
+ESCAPES = "exceeded 1e+09 times its start at t ="
+EITHER = "collapsed|exceeded"
+OUTSIDE = "overflows or is undefined"
+NEAR = {"initial_states": [0, 2]}
+FAR = {"initial_states": [0, 9]}
+DISTANT = {"initial_states": [0, 2000]}
+diverging("linear", "-y", ESCAPES, 5, 20, gains={"1": 1})
+diverging("cubic", "-y**3", EITHER, 0, 5, gains={"1": 1})
+diverging("exponential", "1 - exp(y)", EITHER, 0, 5, gains={"1": 1})
+diverging("domain, stiff", "log(1 + y)", "collapsed", -1, 5, gains={"1": 10**7}, region=NEAR)
+diverging("observer", USUAL, "exceeded", 1, 20, gains=1, **WRONG_SIGN)
+diverging("domain", "log(1 + y)", "undefined|collapsed", -1, 20, gains={"1": 1}, region=FAR)
+diverging("start", USUAL, OUTSIDE, -1, 1, gains={"1": 1}, region=DISTANT)
+diverging("far start", USUAL, OUTSIDE, -1, 1, gains={"1": 5}, region=ENORMOUS)
+
+
 @pytest.mark.parametrize(
-    ("problem", "reason", "earliest", "latest"),
-    [
-        (ring("-y", gains={"1": 1}), "exceeded 1e+09 times its start at t =", 5, 20),
-        (ring("-y**3", gains={"1": 1}), "collapsed|exceeded", 0, 5),
-        (ring("1 - exp(y)", gains={"1": 1}), "collapsed|exceeded", 0, 5),
-        (
-            ring("log(1 + y)", gains={"1": 10**7}, region={"initial_states": [0, 2]}),
-            "collapsed",
-            -1,
-            5,
-        ),
-        (ring(gains=1, exosystem=HARMONIC, observer=dd.Observer(W=[[-6], [0]])), "exceeded", 1, 20),
-        (
-            ring("log(1 + y)", gains={"1": 1}, region={"initial_states": [0, 9]}),
-            "undefined|collapsed",
-            -1,
-            20,
-        ),
-        (
-            ring(gains={"1": 1}, region={"initial_states": [0, 2000]}),
-            "overflows or is undefined",
-            -1,
-            1,
-        ),
-        (
-            ring(gains={"1": 5}, region={"initial_states": [0, "1e308"]}),
-            "overflows or is undefined",
-            -1,
-            1,
-        ),
-    ],
-    ids=[
-        "linear",
-        "cubic",
-        "exponential",
-        "domain and stiff",
-        "observer",
-        "domain",
-        "start",
-        "far start",
-    ],
+    ("problem", "reason", "earliest", "latest"), DIVERGING.values(), ids=DIVERGING
 )
 def test_a_run_that_diverges_keeps_what_is_valid_and_says_why(
     problem: dd.Problem, reason: str, earliest, latest
@@ -456,25 +433,24 @@ def test_a_run_that_diverges_keeps_what_is_valid_and_says_why(
     assert run.settling_time() is None
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"mode": "a", "signal": Periodic(dwell=1)}, "exclude each other"),
-        ({"mode": "c"}, "mode must be one of"),
-        ({"signal": "periodic"}, "signal must be a switching signal; got periodic"),
-        ({"stress": "noise"}, "stress must be a Stress; got noise"),
-        ({"observer": "slow"}, "observer must be one of"),
-        ({"tolerance": 0}, "tolerance must be"),
-        ({"samples": 1}, "samples must be a whole number >= 2"),
-        ({"samples": [0, 1]}, "increase from 0 to t_final"),
-        ({"samples": [0, float("nan"), 20]}, "must be finite"),
-        ({"t_final": 0}, "t_final must be a time > 0"),
-        ({"t_final": float("inf")}, "within the range of floats"),
-        ({"t_final": "soon"}, "got soon"),
-        ({"seed": -1}, "seed must be a whole number >= 0"),
-        ({"start": [[float("nan")]] * N}, "must be finite"),
-    ],
-)
+WRONG = {}  # what is said -> arguments that cannot be
+WRONG["exclude each other"] = {"mode": "a", "signal": Periodic(dwell=1)}
+WRONG["mode must be one of"] = {"mode": "c"}
+WRONG["signal must be a switching signal; got periodic"] = {"signal": "periodic"}
+WRONG["stress must be a Stress; got noise"] = {"stress": "noise"}
+WRONG["observer must be one of"] = {"observer": "slow"}
+WRONG["tolerance must be"] = {"tolerance": 0}
+WRONG["samples must be a whole number >= 2"] = {"samples": 1}
+WRONG["increase from 0 to t_final"] = {"samples": [0, 1]}
+WRONG["samples must be finite"] = {"samples": [0, float("nan"), 20]}
+WRONG["t_final must be a time > 0"] = {"t_final": 0}
+WRONG["within the range of floats"] = {"t_final": float("inf")}
+WRONG["got soon"] = {"t_final": "soon"}
+WRONG["seed must be a whole number >= 0"] = {"seed": -1}
+WRONG["start.x must be finite"] = {"start": [[float("nan")]] * N}
+
+
+@pytest.mark.parametrize(("message", "arguments"), WRONG.items())
 def test_wrong_arguments_are_refused(arguments, message: str):
     with pytest.raises(SpecError, match=message):
         simulate(loop(), **arguments)

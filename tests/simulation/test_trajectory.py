@@ -21,26 +21,25 @@ def made(errors, *, diverged: bool = False, times=None, name: str = "made") -> d
     error = np.asarray(errors, dtype=float)
     goal = np.array([[1.0], [3.0]])
     x = goal + np.stack([error, -error / 2], axis=1)[:, :, None]
-    empty = np.zeros((len(error), 2, 0))
+    nothing = np.zeros((len(error), 2, 0))
     zero = np.zeros_like(x)
     times = np.arange(len(error)) if times is None else times
-    samples = {
-        "x": x,
-        "xi": empty,
-        "xihat": empty.copy(),
-        "d": zero + 2,
-        "dhat": zero + 1.5,
-        "u": zero,
-    }
-    facts = {
-        "name": name,
-        "mode": "G",
-        "labels": ("a", "b"),
-        "t_final": 10.0,
-        "seed": 0,
-        "diverged": diverged,
-    }
-    return dd.Trajectory(times=np.asarray(times, dtype=float), goal=goal, **samples, **facts)
+    return dd.Trajectory(
+        name=name,
+        mode="G",
+        labels=("a", "b"),
+        t_final=10.0,
+        seed=0,
+        times=np.asarray(times, dtype=float),
+        x=x,
+        xi=nothing,
+        xihat=nothing.copy(),
+        d=zero + 2,
+        dhat=zero + 1.5,
+        u=zero,
+        goal=goal,
+        diverged=diverged,
+    )
 
 
 def test_the_error_is_the_largest_distance_from_a_goal_and_nothing_can_be_changed():
@@ -57,18 +56,18 @@ def test_the_error_is_the_largest_distance_from_a_goal_and_nothing_can_be_change
             array[0] = 0
 
 
-@pytest.mark.parametrize(
-    ("errors", "tolerance", "wanted"),
-    [
-        ([4, 0.1, 2, 0.4, 0.5, 0.2], 0.5, 3),
-        ([4, 0.1, 2, 0.4, 0.5, 0.2], 5, 0),
-        ([4, 0.1, 2, 0.4, 0.5, 0.2], 0.1, None),
-        ([1, np.nan], 2, None),
-        ([4, 0.05, 0.039, 0.03], None, 2),  # one percent of the start
-        ([4, 0.05], None, None),
-        ([0, 0], None, 0),
-    ],
-)
+RISING = [4, 0.1, 2, 0.4, 0.5, 0.2]
+SETTLED = []  # errors, tolerance, settling time
+SETTLED.append((RISING, 0.5, 3))
+SETTLED.append((RISING, 5, 0))
+SETTLED.append((RISING, 0.1, None))
+SETTLED.append(([1, np.nan], 2, None))
+SETTLED.append(([4, 0.05, 0.039, 0.03], None, 2))  # one percent of the start
+SETTLED.append(([4, 0.05], None, None))
+SETTLED.append(([0, 0], None, 0))
+
+
+@pytest.mark.parametrize(("errors", "tolerance", "wanted"), SETTLED)
 def test_the_settling_time_is_when_the_error_stays_small(errors, tolerance, wanted):
     assert made(errors).settling_time(tolerance) == wanted
     assert made(errors, diverged=True).settling_time(tolerance) is None
@@ -83,14 +82,17 @@ def test_the_decay_rate_is_the_slope_of_the_logarithm_without_integration_error(
     assert made(np.maximum(np.exp(-times), 1e-9), times=times).decay_rate() == pytest.approx(1)
 
 
+def example_2(**given) -> dd.Trajectory:
+    """Example 2 over 2 s."""
+    signal = Periodic(dwell=0.3)
+    return simulate(
+        dd.load_problem("paper-switching"), signal=signal, t_final=2, samples=9, **given
+    )
+
+
 @cache
 def switching() -> dd.Trajectory:
-    return simulate(
-        dd.load_problem("paper-switching"),
-        signal=Periodic(dwell=0.3),
-        t_final=2,
-        samples=9,
-    )
+    return example_2()
 
 
 @cache
@@ -102,16 +104,8 @@ def mobile() -> dd.Trajectory:
 
 @cache
 def stressed() -> dd.Trajectory:
-    stress = dd.Stress(
-        noise=0.1, period=0.25, failures=(dd.Failure(agent="3", time=1.0, kind="freeze"),)
-    )
-    return simulate(
-        dd.load_problem("paper-switching"),
-        signal=Periodic(dwell=0.3),
-        t_final=2,
-        samples=9,
-        stress=stress,
-    )
+    frozen = dd.Failure(agent="3", time=1.0, kind="freeze")
+    return example_2(stress=dd.Stress(noise=0.1, period=0.25, failures=(frozen,)))
 
 
 STORE = "needs the extra: pip install dobc_design[store]"
@@ -170,17 +164,17 @@ def test_files_are_not_overwritten_unless_asked_and_other_places_are_refused(tmp
         switching().save(tmp_path / "no" / "run.npz")
 
 
-BROKEN = {
-    "text": lambda path: path.write_text("words", encoding="utf-8"),
-    "cut": lambda path: path.write_bytes(switching().save(path).read_bytes()[:-200]),
-    "other arrays": lambda path: np.savez(path, x=np.zeros(3)),
-    "other format": lambda path: np.savez(
-        path, about=np.array('{"format": "else"}'), times=np.zeros(2)
-    ),
-    "pickle": lambda path: np.savez(path, about=np.array([{"a": 1}], dtype=object)),
-    "empty": lambda path: path.write_bytes(b""),
-    "missing": lambda path: None,
-}
+ELSE = np.array('{"format": "else"}')
+PICKLED = np.array([{"a": 1}], dtype=object)
+
+BROKEN = {}  # what is done to a file
+BROKEN["text"] = lambda path: path.write_text("words", encoding="utf-8")
+BROKEN["cut"] = lambda path: path.write_bytes(switching().save(path).read_bytes()[:-200])
+BROKEN["other arrays"] = lambda path: np.savez(path, x=np.zeros(3))
+BROKEN["other format"] = lambda path: np.savez(path, about=ELSE, times=np.zeros(2))
+BROKEN["pickle"] = lambda path: np.savez(path, about=PICKLED)
+BROKEN["empty"] = lambda path: path.write_bytes(b"")
+BROKEN["missing"] = lambda path: None
 
 
 @pytest.mark.parametrize("kind", BROKEN)
@@ -194,12 +188,15 @@ def test_what_is_no_trajectory_is_refused(tmp_path, kind: str):
 def problem(**settings) -> dd.Problem:
     network = dd.Network.from_arcs([[1, 2], [2, 3]], arrow="listens_to")
     exosystem = dd.Exosystem(A=[[0, 1, 0], [-1, 0, 0], [0, 0, 0]], C=[[1, 0, 0], [0, 0, 1]])
-    given = {
-        "target": [0, 1],
-        "gains": {"3": 1},
-        "observer": dd.Observer(W=[[1, 0], [0, 0], [0, 1]]),
-    }
-    return dd.Problem(network=network, coupling="y", exosystem=exosystem, **(given | settings))
+    return dd.Problem(
+        network=network,
+        coupling="y",
+        target=[0, 1],
+        gains={"3": 1},
+        exosystem=exosystem,
+        observer=dd.Observer(W=[[1, 0], [0, 0], [0, 1]]),
+        **settings,
+    )
 
 
 def drawn(given=None, seed: int = 0, **settings):
@@ -210,9 +207,8 @@ def drawn(given=None, seed: int = 0, **settings):
 def test_the_disturbance_of_a_region_is_drawn_in_its_ball_and_fills_it():
     """region.initial_disturbance bounds |xi_i(0) - xihat_i(0)|, and xihat starts at 0."""
     region = {"initial_states": [0, 5], "initial_disturbance": "1/2"}
-    lengths = np.concatenate(
-        [np.linalg.norm(drawn(seed=s, region=region).xi, axis=1) for s in range(120)]
-    )
+    starts = [drawn(seed=seed, region=region).xi for seed in range(120)]
+    lengths = np.linalg.norm(starts, axis=2)
     assert lengths.max() <= 0.5
     assert lengths.max() > 0.48
     assert np.mean(lengths < 0.25) == pytest.approx(1 / 8, abs=0.06)  # the volume of the inner ball
@@ -242,73 +238,84 @@ def test_a_run_goes_on_where_a_saved_one_stopped(tmp_path):
     """Half a run, saved, then the other half: the same end as in one run."""
     whole = simulate(problem(), t_final=4, tolerance=1e-11)
     first = simulate(problem(), t_final=2, tolerance=1e-11)
-    second = simulate(
-        problem(), t_final=2, tolerance=1e-11, start=first.save(tmp_path / "half.npz")
-    )
+    half = first.save(tmp_path / "half.npz")
+    second = simulate(problem(), t_final=2, tolerance=1e-11, start=half)
     np.testing.assert_allclose(second.x[-1], whole.x[-1], atol=1e-9)
     np.testing.assert_allclose(second.xihat[-1], whole.xihat[-1], atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        ([[1, 2]], r"start\.x must have shape \(3, 2\)"),
-        ([[1, 2], [3, 4], [5, float("nan")]], "row 3, column 2 is nan"),
-        ({"xi": [[1, 2, 3]] * 2}, r"start\.xi must have shape"),
-        ({"y": 1}, "unknown part 'y'"),
-        ({"x": [["a", "b"]] * 3}, "must be an array of numbers"),
-        ([1, float("inf")], "must be finite"),
-        ({"xihat": [1, None, 3]}, "must be"),
-        ("missing.csv", "there is no file"),
-    ],
-)
+WRONG_STARTS = {}  # what is said -> a start that cannot be
+WRONG_STARTS[r"start\.x must have shape \(3, 2\)"] = [[1, 2]]
+WRONG_STARTS["row 3, column 2 is nan"] = [[1, 2], [3, 4], [5, float("nan")]]
+WRONG_STARTS[r"start\.xi must have shape"] = {"xi": [[1, 2, 3]] * 2}
+WRONG_STARTS["unknown part 'y'"] = {"y": 1}
+WRONG_STARTS["must be an array of numbers"] = {"x": [["a", "b"]] * 3}
+WRONG_STARTS["must be finite"] = [1, float("inf")]
+WRONG_STARTS["must be"] = {"xihat": [1, None, 3]}
+WRONG_STARTS["there is no file"] = "missing.csv"
+
+
+@pytest.mark.parametrize(("message", "given"), WRONG_STARTS.items())
 def test_a_wrong_start_is_refused(given, message: str):
     with pytest.raises((SpecError, ShapeError), match=message):
         drawn(given)
 
 
-def rewritten(path, facts=None, **arrays):
-    """The saved run with other facts and arrays in it; an array that is None is left out."""
-    with np.load(switching().save(path, force=True)) as stored:
-        held = dict(stored)
-    about = json.loads(str(held["about"])) | (facts or {})
-    held |= {"about": np.array(json.dumps(about))} | arrays
-    np.savez_compressed(path, **{name: value for name, value in held.items() if value is not None})
-    return path
+def stored(path) -> dict:
+    """The arrays of the saved run."""
+    with np.load(switching().save(path)) as arrays:
+        return dict(arrays)
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"u": None}, "it has no array u"),
-        ({"x": np.zeros((1, 2))}, "samples of agents"),
-        ({"goal": np.zeros((2, 9))}, "shapes of goal do not fit"),
-        ({"switch_times": np.array([np.nan])}, "shapes of switch_modes"),
-        ({"times": lambda t: t * np.nan}, "not finite"),
-        ({"times": lambda t: t[::-1]}, "do not increase"),
-        ({"switch_modes": lambda s: s + 9}, "no such mode"),
-        ({"switch_modes": lambda s: s - 1}, "no such mode"),
-        ({"switch_modes": lambda s: s * 1.0}, "another kind"),
-        ({"x": lambda x: x.astype("U8")}, "x must be numbers"),
-        ({"graph_sizes": np.array([5])}, "graphs are not"),
-        ({"facts": {"labels": ["1", "1"]}}, "different agents"),
-        ({"facts": {"labels": "12"}}, "must be lists"),
-        ({"facts": {"name": "a\x1b[2Jb"}}, "control characters"),
-        ({"facts": {"t_final": float("inf")}}, "t_final is no float"),
-        ({"facts": {"seed": True}}, "seed is no int"),
-        ({"facts": {"version": 2}}, "version 1"),
-    ],
-)
-def test_a_trajectory_whose_parts_do_not_fit_is_refused(tmp_path, changes, message: str):
-    given = dict(changes)
-    facts = given.pop("facts", None)
-    with np.load(switching().save(tmp_path / "good.npz")) as stored:
-        given = {
-            name: value(stored[name]) if callable(value) else value for name, value in given.items()
-        }
+def without(name: str):
+    return lambda arrays: arrays.pop(name)
+
+
+def with_array(name: str, change):
+    """The array, or what becomes of the one that is there."""
+
+    def made(arrays) -> None:
+        arrays[name] = change(arrays[name]) if callable(change) else change
+
+    return made
+
+
+def saying(**facts):
+    """Other facts."""
+
+    def made(arrays) -> None:
+        arrays["about"] = np.array(json.dumps(json.loads(str(arrays["about"])) | facts))
+
+    return made
+
+
+UNFIT = []  # what is changed in a file, and what is said
+UNFIT.append((without("u"), "it has no array u"))
+UNFIT.append((with_array("x", np.zeros((1, 2))), "samples of agents"))
+UNFIT.append((with_array("goal", np.zeros((2, 9))), "shapes of goal do not fit"))
+UNFIT.append((with_array("switch_times", np.array([np.nan])), "shapes of switch_modes"))
+UNFIT.append((with_array("times", lambda t: t * np.nan), "not finite"))
+UNFIT.append((with_array("times", np.flip), "do not increase"))
+UNFIT.append((with_array("switch_modes", lambda s: s + 9), "no such mode"))
+UNFIT.append((with_array("switch_modes", lambda s: s - 1), "no such mode"))
+UNFIT.append((with_array("switch_modes", lambda s: s * 1.0), "another kind"))
+UNFIT.append((with_array("x", lambda x: x.astype("U8")), "x must be numbers"))
+UNFIT.append((with_array("graph_sizes", np.array([5])), "graphs are not"))
+UNFIT.append((saying(labels=["1", "1"]), "different agents"))
+UNFIT.append((saying(labels="12"), "must be lists"))
+UNFIT.append((saying(name="a\x1b[2Jb"), "control characters"))
+UNFIT.append((saying(t_final=float("inf")), "t_final is no float"))
+UNFIT.append((saying(seed=True), "seed is no int"))
+UNFIT.append((saying(version=2), "version 1"))
+
+
+@pytest.mark.parametrize(("change", "message"), UNFIT)
+def test_a_trajectory_whose_parts_do_not_fit_is_refused(tmp_path, change, message: str):
+    path = tmp_path / "run.npz"
+    arrays = stored(path)
+    np.savez_compressed(path, **arrays)
+    assert dd.load_trajectory(path).times.tolist() == switching().times.tolist()
+    change(arrays)
+    np.savez_compressed(path, **arrays)
     with pytest.raises(SpecError, match=rf"does not hold a trajectory \(.*{message}"):
-        dd.load_trajectory(rewritten(tmp_path / "run.npz", facts, **given))
-    assert (
-        dd.load_trajectory(rewritten(tmp_path / "run.npz")).times.tolist()
-        == switching().times.tolist()
-    )
+        dd.load_trajectory(path)

@@ -17,6 +17,7 @@ from dobc_design.simulation.field import make_closed_loop
 from dobc_design.simulation.starts import CORNERS, EDGES, RANDOM, asked_box
 
 F = Fraction
+SINE = Exosystem(A=[[0, 1], [-1, 0]], C=[[1, 0]])
 P = ((F(2), F(1, 2)), (F(1, 2), F(1)))
 SEPARABLE = Separable(
     v=(F(1), F(2), F(3)),
@@ -25,16 +26,16 @@ SEPARABLE = Separable(
     error=ErrorBound(P=P, beta=F(3), kappa=F(1, 2), size=F(3)),
 )
 FULL = SparseSymmetric(3, {(0, 0): F(2), (0, 1): F(1, 2), (1, 1): F(1), (2, 2): F(3)})
-LURE = Lure(P_e=FULL, ranges=(), radius=F(1), level=F(5), rate=F(1, 4), P=P, Q=((F(1),), (F(1),)))
+Q = ((F(1),), (F(1),))
+LURE = Lure(P_e=FULL, ranges=(), radius=F(1), level=F(5), rate=F(1, 4), P=P, Q=Q)
 
 
 def problem(q: int = 2) -> Problem:
     network = Network.from_arcs([[2, 1], [3, 2]], arrow="listens_to", agents=3)
-    exosystem = Exosystem(A=[[0, 1], [-1, 0]], C=[[1, 0]]) if q else None
-    observer = Observer(W=[[1], [0]]) if q else None
-    return Problem(
-        network=network, coupling="tanh(y)", gains={1: 1}, exosystem=exosystem, observer=observer
-    )
+    alone = Problem(network=network, coupling="tanh(y)", gains={1: 1})
+    if not q:
+        return alone
+    return alone.replace(exosystem=SINE, observer=Observer(W=[[1], [0]]))
 
 
 def separable_value(e: np.ndarray, eps: np.ndarray) -> float:
@@ -50,7 +51,8 @@ def lure_value(e: np.ndarray, eps: np.ndarray) -> float:
     M = np.array([[2, 0.5, 0], [0.5, 1, 0], [0, 0, 3]])
     weight = np.array(P, dtype=float)
     of_observers = sum(row @ weight @ row for row in eps)
-    return float((e @ M @ e + of_observers) / 5) ** 0.5
+    total = e @ M @ e + of_observers
+    return float(total / 5) ** 0.5
 
 
 @pytest.mark.parametrize(("claim", "truth"), [(SEPARABLE, separable_value), (LURE, lure_value)])
@@ -105,13 +107,10 @@ def test_starts_of_what_holds_everywhere_without_a_matrix_and_of_another_problem
 def test_starts_keep_to_the_states_of_the_own_group():
     """Agents 1 and 3 have places 0 and 1, agent 2 has place 2."""
     own = np.array([[1, 1, 0], [0, 0, 1], [1, 1, 0]], dtype=bool)
-    sine = Exosystem(A=[[0, 1], [-1, 0]], C=[[1, 0]])
     constant = Exosystem(A=[[0]], C=[[1]])
-    groups = [
-        Group(agents=[1, 3], exosystem=sine, observer=Observer(W=[[1], [0]])),
-        Group(agents=[2], exosystem=constant, observer=Observer(W=[[1]])),
-    ]
-    given = Problem(network=problem().network, coupling="tanh(y)", gains={1: 1}, groups=groups)
+    sines = Group(agents=[1, 3], exosystem=SINE, observer=Observer(W=[[1], [0]]))
+    other = Group(agents=[2], exosystem=constant, observer=Observer(W=[[1]]))
+    given = problem(0).replace(groups=[sines, other])
     P = np.diag([F(2), F(1), F(3)]).tolist()
     claim = replace(SEPARABLE, error=ErrorBound(P=P, beta=F(3), kappa=F(1), size=F(3)))
     level = level_of(given, claim)

@@ -24,68 +24,63 @@ from dobc_design import Stress
 from dobc_design.errors import SpecError
 from dobc_design.simulation.signals import Mobile, Periodic, RandomDwell, Waypoints
 
-CONTINUOUS = {
-    "noise": Stress(noise=0.1),
-    "saturated": Stress(saturation=1.0),
-    "pushed": Stress(disturbance=0.3, frequency=3),
-    "pushed for ever": Stress(disturbance=0.3, frequency=0),
-    "pushed in resonance": Stress(disturbance=0.3, frequency=1),
-    "lost": Stress(loss=0.5, exchange=0.11),
-    "failing": Stress(failures=FAILING),
-    "everything": EVERYTHING,
-}
-SAMPLED = {
-    "sampled": Stress(period=0.05),
-    "too slow": Stress(period=0.4),
-    "noise": Stress(period=0.05, noise=0.1),
-    "lost": Stress(period=0.05, loss=0.5),
-    "all at once": replace(EVERYTHING, exchange=None, period=0.05),
-    "constant push": Stress(period=0.1, disturbance=0.3, frequency=0),
-}
+CONTINUOUS = {}
+CONTINUOUS["noise"] = Stress(noise=0.1)
+CONTINUOUS["saturated"] = Stress(saturation=1.0)
+CONTINUOUS["pushed"] = Stress(disturbance=0.3, frequency=3)
+CONTINUOUS["pushed for ever"] = Stress(disturbance=0.3, frequency=0)
+CONTINUOUS["pushed in resonance"] = Stress(disturbance=0.3, frequency=1)
+CONTINUOUS["lost"] = Stress(loss=0.5, exchange=0.11)
+CONTINUOUS["failing"] = Stress(failures=FAILING)
+CONTINUOUS["everything"] = EVERYTHING
+SAMPLED = {}
+SAMPLED["sampled"] = Stress(period=0.05)
+SAMPLED["too slow"] = Stress(period=0.4)
+SAMPLED["noise"] = Stress(period=0.05, noise=0.1)
+SAMPLED["lost"] = Stress(period=0.05, loss=0.5)
+SAMPLED["all at once"] = replace(EVERYTHING, exchange=None, period=0.05)
+SAMPLED["constant push"] = Stress(period=0.1, disturbance=0.3, frequency=0)
 
 
 def agree(problem: dd.Problem, stress: Stress, **given) -> dd.Ensemble:
     """Sampled runs to rounding, others to what the steps of the two integrators are off."""
-    own = {
-        "runs": 2,
-        "close": 3e-8,
-        "t_final": 0.7 if stress.failures else 0.35,
-        "tolerance": 1e-10,
-    }
-    return require_the_same(
-        problem, stress, **(({"runs": 4, "close": 1e-12} if stress.period else own) | given)
-    )
+    own = {"runs": 4, "close": 1e-12}
+    if stress.period is None:
+        own = {"runs": 2, "close": 3e-8, "t_final": 0.35, "tolerance": 1e-10}
+        if stress.failures:
+            own["t_final"] = 0.7
+    return require_the_same(problem, stress, **(own | given))
 
 
-@pytest.mark.parametrize(
-    "stress", [*CONTINUOUS.values(), *SAMPLED.values()], ids=[*CONTINUOUS, *SAMPLED]
-)
+EVERY = [*CONTINUOUS.values(), *SAMPLED.values()]
+
+
+def in_both(name: str, other: str):
+    """The stress of this name in continuous time, and the other one of sampled loops."""
+    both = [CONTINUOUS[name], SAMPLED[other]]
+    return pytest.mark.parametrize("stress", both, ids=["continuous", "sampled"])
+
+
+@pytest.mark.parametrize("stress", EVERY, ids=[*CONTINUOUS, *SAMPLED])
 def test_every_stress_gives_the_runs_that_single_ones_give(stress: Stress):
     """Modes change within the time between two exchanges."""
     agree(nonlinear_planar(), stress, signal=RandomDwell(dwell=0.13 if stress.period else 0.07))
 
 
-@pytest.mark.parametrize(
-    "stress", [EVERYTHING, SAMPLED["all at once"]], ids=["continuous", "sampled"]
-)
+@in_both("everything", "all at once")
 def test_agents_that_do_not_heed_their_observer_are_the_same_too(stress: Stress):
     agree(nonlinear_planar(), stress, signal=Periodic(dwell=0.3), observer="off")
 
 
-@pytest.mark.parametrize(
-    "stress", [CONTINUOUS["lost"], SAMPLED["lost"]], ids=["continuous", "sampled"]
-)
+@in_both("lost", "lost")
 def test_graphs_of_a_given_motion_are_shared(stress: Stress):
     motion = Waypoints(times=(0, 1), positions=[[[0], [1], [2]], [[0], [1], [9]]])
     agree(nonlinear_planar(), stress, signal=Mobile(radius=1.5, motion=motion))
 
 
 def test_a_gain_for_the_sampled_observer_takes_its_place():
-    agree(
-        nonlinear_planar(),
-        Stress(period=0.1, sampled_gain=((0.1, 0), (0, 0.1), (0.05, 0))),
-        mode="one",
-    )
+    gain = ((0.1, 0), (0, 0.1), (0.05, 0))
+    agree(nonlinear_planar(), Stress(period=0.1, sampled_gain=gain), mode="one")
 
 
 class ByHand:
@@ -110,11 +105,14 @@ class ByHand:
 
     @staticmethod
     def problem() -> dd.Problem:
-        network = dd.Network.from_arcs(
-            [[i + 1, j + 1] for i, j in ByHand.arcs], arrow="listens_to", agents=3
+        arcs = [[i + 1, j + 1] for i, j in ByHand.arcs]
+        return dd.Problem(
+            network=dd.Network.from_arcs(arcs, arrow="listens_to", agents=3),
+            coupling="sinh(y)",
+            gains={"1": 1, "3": "1/2"},
+            exosystem=HARMONIC,
+            observer=PRINTED,
         )
-        given = {"gains": {"1": 1, "3": "1/2"}, "exosystem": HARMONIC, "observer": PRINTED}
-        return dd.Problem(network=network, coupling="sinh(y)", **given)
 
     def meet(self, time: float, x: np.ndarray, estimate, *, due: bool) -> None:
         """Draw and exchange where it is due, and fail; ``estimate`` gives dhat, once the new noise
@@ -125,30 +123,34 @@ class ByHand:
         commands = [self.command(i, x, dhat) for i in range(3)]
         for failure in self.stress.failures:
             i = int(failure.agent) - 1
-            if failure.time <= time and i not in self.stopped:
-                self.stopped[i] = (
-                    (commands[i], x[i] + self.noise[i]) if failure.kind == "freeze" else (0.0, None)
-                )
-        for arc, drawn in zip(
-            self.arcs, self.loss_rng.random(len(self.arcs)) if due else (), strict=due
-        ):
-            said = (
-                self.stopped[arc[1]][1]
-                if arc[1] in self.stopped
-                else x[arc[1]] + self.noise[arc[1]]
-            )
+            if failure.time > time or i in self.stopped:
+                continue
+            if failure.kind == "freeze":
+                self.stopped[i] = (commands[i], x[i] + self.noise[i])
+            else:
+                self.stopped[i] = (0.0, None)
+        if not due:
+            return
+        for arc, drawn in zip(self.arcs, self.loss_rng.random(len(self.arcs)), strict=True):
+            speaker = arc[1]
+            said = x[speaker] + self.noise[speaker]
+            if speaker in self.stopped:
+                said = self.stopped[speaker][1]
             if drawn >= self.stress.loss or said is None:
                 self.held[arc] = said
 
     def command(self, i: int, x: np.ndarray, dhat: np.ndarray) -> float:
+        if i in self.stopped:
+            return self.stopped[i][0]
         wanted = -self.K[i] * (x[i] + self.noise[i]) - dhat[i]
-        return self.stopped[i][0] if i in self.stopped else np.clip(wanted, -self.bound, self.bound)
+        return np.clip(wanted, -self.bound, self.bound)
 
     def felt(self, x: np.ndarray, dhat: np.ndarray) -> np.ndarray:
         """Couplings and input of every agent."""
         total = np.array([self.command(i, x, dhat) for i in range(3)])
         for (i, _), said in self.held.items():
-            total[i] += 0 if said is None else np.sinh(said - x[i] - self.noise[i])
+            if said is not None:
+                total[i] += np.sinh(said - x[i] - self.noise[i])
         return total
 
     def push(self, time: float) -> np.ndarray:
@@ -172,13 +174,13 @@ class ByHand:
             xihat = known(y)
             felt = self.felt(y[:3], xihat @ C)
             z = xihat @ (A - np.outer(W, C)).T - np.outer(felt, W)
-            return np.concatenate([felt + xi @ C + self.push(time), (xi @ A.T).ravel(), z.ravel()])
+            x_dot = felt + xi @ C + self.push(time)
+            return np.concatenate([x_dot, (xi @ A.T).ravel(), z.ravel()])
 
+        exactly = {"method": "LSODA", "rtol": 1e-10, "atol": 1e-12, "max_step": 0.01}
         for begin, until in pairwise(times):
             self.meet(begin, y[:3], lambda y=y: known(y) @ C, due=begin in due)
-            y = solve_ivp(
-                rate, (begin, until), y, method="LSODA", rtol=1e-10, atol=1e-12, max_step=0.01
-            ).y[:, -1]
+            y = solve_ivp(rate, (begin, until), y, **exactly).y[:, -1]
         return y[:3]
 
     def sampled(self, x: np.ndarray, xi: np.ndarray, end: float) -> np.ndarray:
@@ -191,8 +193,12 @@ class ByHand:
         weights = period * weights / 2
         Ad = expm(A * period)
         F = A - np.outer(self.W, C)
-        Cd = C @ sum(w * expm(A * s) for s, w in zip(nodes, weights, strict=True)) / period
-        L = sum(w * expm(F * s) for s, w in zip(nodes, weights, strict=True)) @ self.W
+
+        def integral(value) -> np.ndarray:
+            return sum(w * value(s) for s, w in zip(nodes, weights, strict=True))
+
+        Cd = C @ integral(lambda s: expm(A * s)) / period
+        L = integral(lambda s: expm(F * s)) @ self.W
         xihat = np.zeros((3, 2))
         before = None
         held = None
@@ -202,9 +208,8 @@ class ByHand:
                 nonlocal found
                 found = xihat
                 if k:
-                    found = xihat @ Ad.T + np.outer(
-                        (x + self.noise - before) / period - held - xihat @ Cd, L
-                    )
+                    seen = (x + self.noise - before) / period - held - xihat @ Cd
+                    found = xihat @ Ad.T + np.outer(seen, L)
                 return found @ Cd
 
             found = xihat
@@ -212,7 +217,7 @@ class ByHand:
             xihat = found
             before = x + self.noise
             held = self.felt(x, found @ Cd)
-            pushed = sum(w * self.push(period * k + s) for s, w in zip(nodes, weights, strict=True))
+            pushed = integral(lambda s, k=k: self.push(period * k + s))
             x = x + period * (held + xi @ Cd) + pushed
             xi = xi @ Ad.T
         return x
@@ -223,14 +228,9 @@ def test_everything_at_once_is_what_a_loop_over_agents_gives(kind: str):
     """The oracle knows of the code only in which order random numbers are drawn."""
     stress = EVERYTHING if kind == "continuous" else SAMPLED["all at once"]
     xi = np.array([[1.0, 0], [0, 1], [-1, 1]])
-    run = simulate(
-        ByHand.problem(),
-        start={"x": [[1], [-1], [0.5]], "xi": xi},
-        seed=3,
-        t_final=1.5,
-        samples=4,
-        stress=stress,
-    )
+    start = {"x": [[1], [-1], [0.5]], "xi": xi}
+    given = {"seed": 3, "t_final": 1.5, "samples": 4, "stress": stress}
+    run = simulate(ByHand.problem(), start=start, **given)
     wanted = getattr(ByHand(stress, 3), kind)(np.array([1, -1, 0.5]), xi, 1.5)
     np.testing.assert_allclose(run.x[-1, :, 0], wanted, atol=1e-7)
 
@@ -254,15 +254,8 @@ def test_the_noise_of_a_thousand_runs_spreads_as_its_recursion_says():
     (1 - a)/(1 + a)."""
     network = dd.Network.from_arcs({"G": []}, arrow="listens_to", agents=1)
     problem = dd.Problem(network=network, coupling="y", gains={"1": 20})
-    many = simulate_many(
-        problem,
-        runs=1000,
-        start=[[0]],
-        t_final=1.0,
-        samples=2,
-        stress=Stress(noise=0.3),
-        tolerance=1e-6,
-    )
+    given = {"t_final": 1.0, "samples": 2, "stress": Stress(noise=0.3), "tolerance": 1e-6}
+    many = simulate_many(problem, runs=1000, start=[[0]], **given)
     a = np.exp(-20 * 0.05)
     spread = np.sqrt(np.square(many.error[:, -1]).mean())
     assert spread == pytest.approx(0.3 * np.sqrt((1 - a) / (1 + a)), rel=0.1)

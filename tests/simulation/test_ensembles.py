@@ -7,7 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from simulated_runs import EVERYTHING, HARMONIC, nonlinear_planar, ring, simulate, simulate_many
+from simulated_runs import (
+    EVERYTHING,
+    HARMONIC,
+    nonlinear_planar,
+    pair,
+    ring,
+    simulate,
+    simulate_many,
+)
 
 from dobc_design import Network, Problem, Stress, load_problem
 from dobc_design.errors import SpecError
@@ -19,13 +27,12 @@ MARKOV = Markov(generator=[[-3, 1, 1, 1], [1, -3, 1, 1], [1, 1, -3, 1], [1, 1, 1
 
 
 NONLINEAR = nonlinear_planar()
-CASES = {
-    "the paper, random": (load_problem("paper-switching"), RandomDwell(dwell=0.5)),
-    "the paper, Markov": (load_problem("paper-switching"), MARKOV),
-    "planar": (NONLINEAR, Periodic(dwell=[0.4, 0.3])),
-    "planar, random stays": (NONLINEAR, RandomDwell(dwell=0.2, longest=0.7)),
-    "no disturbance": (ring(n=6, gains={"1": 2}), Fixed()),
-}
+CASES = {}
+CASES["the paper, random"] = (load_problem("paper-switching"), RandomDwell(dwell=0.5))
+CASES["the paper, Markov"] = (load_problem("paper-switching"), MARKOV)
+CASES["planar"] = (NONLINEAR, Periodic(dwell=[0.4, 0.3]))
+CASES["planar, random stays"] = (NONLINEAR, RandomDwell(dwell=0.2, longest=0.7))
+CASES["no disturbance"] = (ring(n=6, gains={"1": 2}), Fixed())
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -39,9 +46,7 @@ def test_runs_side_by_side_are_the_runs_one_by_one(name: str):
         one = simulate(problem, seed=3 + k, **given)
         np.testing.assert_allclose(many.error[k], one.error(), atol=1e-9)
         np.testing.assert_allclose(many.estimation_error[k], one.estimation_error(), atol=1e-12)
-        np.testing.assert_allclose(
-            many.states[k : k + 1], one.x[None][: len(many.states[k : k + 1])], atol=1e-9
-        )
+        np.testing.assert_allclose(many.states[k], one.x, atol=1e-9)
         assert many.switches[k] == len(one.switches) - 1
     assert many.method == "DOP853, side by side"
     assert len({tuple(row) for row in many.error.tolist()}) == 3
@@ -63,10 +68,8 @@ def test_chunks_do_not_change_the_runs(monkeypatch, stress: Stress | None):
 
 
 def unstable_beyond_one() -> Problem:
-    """Agent 1 with y**3 - y towards a standing agent 2 at 0: e1' = e1 - e1^3 ... turned round: e1'
-    = -e1 + e1^3."""
-    network = Network.from_arcs([[1, 2]], arrow="listens_to", agents=2)
-    return Problem(network=network, coupling="y - y**3", region={"initial_states": [0, 2]})
+    """Agent 2 stands still, and e = x1 - x2 has e' = -e + e^3."""
+    return pair("y - y**3", region={"initial_states": [0, 2]})
 
 
 def test_runs_that_escape_are_named_and_the_others_go_on():
@@ -94,14 +97,17 @@ def test_a_run_that_escapes_counts_the_switches_until_then():
     """Two modes that are the same, every 0.03 s."""
     network = Network.from_arcs({"a": [[1, 2]], "b": [[1, 2]]}, arrow="listens_to", agents=2)
     problem = Problem(network=network, coupling="y - y**3", region={"initial_states": [0, 2]})
-    many = simulate_many(
-        problem, runs=12, signal=Periodic(dwell=0.03), t_final=1.0, samples=5, tolerance=1e-6
-    )
+    given = {"signal": Periodic(dwell=0.03), "t_final": 1.0, "samples": 5, "tolerance": 1e-6}
+    many = simulate_many(problem, runs=12, **given)
     assert 0 < many.diverged.sum() < 12
     np.testing.assert_array_equal(many.switches, np.ceil(many.ended / 0.03 - 1e-9) - 1)
 
 
-@pytest.mark.parametrize("stress", [None, Stress(noise=0.1)], ids=["calm", "noise"])
+STRESSES = [None, Stress(noise=0.1)]
+WITH_AND_WITHOUT_NOISE = pytest.mark.parametrize("stress", STRESSES, ids=["calm", "noise"])
+
+
+@WITH_AND_WITHOUT_NOISE
 def test_runs_that_need_too_many_steps_are_made_alone(monkeypatch, stress: Stress | None):
     monkeypatch.setattr(columns, "MOST_STEPS", 5)
     monkeypatch.setattr(stressed, "MOST_STEPS", 3)
@@ -113,23 +119,19 @@ def test_runs_that_need_too_many_steps_are_made_alone(monkeypatch, stress: Stres
         assert np.array_equal(many.error[k], simulate(problem, seed=k, **given).error())
 
 
-@pytest.mark.parametrize("stress", [None, Stress(noise=0.1)], ids=["calm", "noise"])
-@pytest.mark.parametrize(
-    ("problem", "given", "reason"),
-    [
-        (nonlinear_planar(), {"signal": Mobile(radius=1.0)}, "every run has graphs of its own"),
-        (
-            ring(n=3, exosystem=HARMONIC),
-            {"gain": [[2e6], [1]]},
-            "too fast for its closed|the loop is stiff",
-        ),
-        (ring("y", 2, gains=10**6), {}, "the loop is stiff"),
-    ],
-)
+ONE_BY_ONE = []  # a problem, arguments, and why its runs are made one by one
+ONE_BY_ONE.append((NONLINEAR, {"signal": Mobile(radius=1.0)}, "every run has graphs of its own"))
+FAST = "too fast for its closed|the loop is stiff"
+ONE_BY_ONE.append((ring(n=3, exosystem=HARMONIC), {"gain": [[2e6], [1]]}, FAST))
+ONE_BY_ONE.append((ring("y", 2, gains=10**6), {}, "the loop is stiff"))
+
+
+@WITH_AND_WITHOUT_NOISE
+@pytest.mark.parametrize(("problem", "given", "reason"), ONE_BY_ONE)
 def test_what_cannot_be_stacked_is_made_one_by_one_and_said(
     problem, given, reason: str, stress: Stress | None
 ):
-    given |= {"t_final": 0.06, "samples": 3, "stress": stress, "tolerance": 1e-4}
+    given = given | {"t_final": 0.06, "samples": 3, "stress": stress, "tolerance": 1e-4}
     many = simulate_many(problem, runs=2, **given)
     assert any(re.search(reason, note) for note in many.notes)
     assert many.error[1].tolist() == simulate(problem, seed=1, **given).error().tolist()
@@ -142,11 +144,8 @@ def test_quantiles_and_intervals_are_those_of_the_runs():
     assert (low < middle).all()
     assert (middle < high).all()
     intervals = many.intervals()
-    assert (
-        intervals["median_final_error"][0]
-        < np.median(many.final_error)
-        < intervals["median_final_error"][1]
-    )
+    below, above = intervals["median_final_error"]
+    assert below < np.median(many.final_error) < above
     assert intervals["probability_of_divergence"][0] == 0
 
 

@@ -58,53 +58,43 @@ def test_values_that_mean_nothing_are_refused_with_the_key(text):
 
 
 def test_a_list_is_split_outside_brackets_and_quotes_only():
-    assert values("exp(y)-1+y,clip(y, -1, 1),tanh(y)") == (
-        "exp(y)-1+y",
-        "clip(y, -1, 1)",
-        "tanh(y)",
-    )
+    listed = ("exp(y)-1+y", "clip(y, -1, 1)", "tanh(y)")
+    assert values(",".join(listed)) == listed
     assert values("[[1],[2]],[[16/5],[12/5]]") == ("[[1],[2]]", "[[16/5],[12/5]]")
     assert split('"a,b",c') == ['"a,b"', "c"]
 
 
-@pytest.mark.parametrize(
-    ("text", "value"),
-    [
-        ("5", 5),
-        ("-3", -3),
-        ("0.5", "0.5"),
-        ("9/16", "9/16"),
-        ("none", None),
-        ("exp(y)-1+y", "exp(y)-1+y"),
-        ("[[16/5], [2]]", [["16/5"], [2]]),
-        ('"5"', "5"),
-        ("'none'", "none"),
-        ("{ 1 = 5, b = 0.5 }", {"1": 5, "b": "0.5"}),
-        ("[]", []),
-    ],
-)
+READ = {"5": 5, "-3": -3, "0.5": "0.5", "9/16": "9/16", "none": None, "[]": []}
+READ["exp(y)-1+y"] = "exp(y)-1+y"
+READ["[[16/5], [2]]"] = [["16/5"], [2]]
+READ['"5"'] = "5"
+READ["'none'"] = "none"
+READ["{ 1 = 5, b = 0.5 }"] = {"1": 5, "b": "0.5"}
+
+
+@pytest.mark.parametrize(("text", "value"), READ.items())
 def test_a_value_is_read_as_a_problem_file_would_hold_it(text, value):
     assert read_value(text) == value
 
 
-@given(
-    st.recursive(
-        st.integers(-(10**6), 10**6)
-        | st.fractions(max_denominator=1000)
-        | st.floats(-1e6, 1e6, allow_subnormal=False)
-        | st.text(st.characters(min_codepoint=32, max_codepoint=126), min_size=1, max_size=8),
-        lambda inner: st.lists(inner, min_size=1, max_size=3),
-        max_leaves=5,
-    )
-)
+def lists_of(inner):
+    return st.lists(inner, min_size=1, max_size=3)
+
+
+NUMBERS = st.integers(-(10**6), 10**6) | st.fractions(max_denominator=1000)
+FLOATS = st.floats(-1e6, 1e6, allow_subnormal=False)
+PRINTABLE = st.characters(min_codepoint=32, max_codepoint=126)
+TEXTS = st.text(PRINTABLE, min_size=1, max_size=8)
+
+
+@given(st.recursive(NUMBERS | FLOATS | TEXTS, lists_of, max_leaves=5))
 def test_the_text_of_a_value_reads_back_as_the_value(value):
     """Numbers stay exact, text stays text whatever it looks like."""
 
     def same(read, given):
         if isinstance(given, list):
-            return isinstance(read, list) and all(
-                same(a, b) for a, b in zip(read, given, strict=True)
-            )
+            parts = zip(read, given, strict=True)
+            return isinstance(read, list) and all(same(a, b) for a, b in parts)
         if isinstance(given, str):
             return read == given
         return parse_number(read, key="x") == parse_number(given, key="x")
@@ -134,15 +124,13 @@ def test_draws_depend_on_seed_axis_and_number_and_choices_come_equally_often():
     assert min(counts) > 140
 
 
-@pytest.mark.parametrize(
-    ("text", "low", "high", "middle"),
-    [
-        ("~uniform(-1,3)", -1, 3, 1),
-        ("~loguniform(0.01,100)", 0.01, 100, 1),
-        ("~normal(2,0.5)", -1, 5, 2),
-        ("~integers(1,9)", 1, 9, 5),
-    ],
-)
+DRAWS = [("~uniform(-1,3)", -1, 3, 1)]  # with their bounds and the median
+DRAWS.append(("~loguniform(0.01,100)", 0.01, 100, 1))
+DRAWS.append(("~normal(2,0.5)", -1, 5, 2))
+DRAWS.append(("~integers(1,9)", 1, 9, 5))
+
+
+@pytest.mark.parametrize(("text", "low", "high", "middle"), DRAWS)
 def test_draws_have_the_distribution_they_are_named_after(text, low, high, middle):
     """Bounds and the median, of 2000 draws; the median's standard error is below a twentieth of
     each spread."""
@@ -161,29 +149,24 @@ def test_axes_that_undo_each_other_are_refused_and_those_that_go_together_are_no
         read_axes({})
 
 
-@pytest.mark.parametrize(
-    ("text", "paths"),
-    [
-        ("coupling.h", [("coupling", "h")]),
-        ("pinning.gains.1", [("pinning", "gains", "1")]),
-        ("exosystem.A[0][12]", [("exosystem", "A", 0, 12)]),
-        ('pinning.gains."s 1, north"', [("pinning", "gains", "s 1, north")]),
-        (
-            "pinning.gains.1, pinning.gains.6",
-            [("pinning", "gains", "1"), ("pinning", "gains", "6")],
-        ),
-        ("coupling.exceptions[0].h", [("coupling", "exceptions", 0, "h")]),
-        ("target", [("target",)]),
-    ],
-)
+FIRST = ("pinning", "gains", "1")
+PATHS = {"target": [("target",)], "coupling.h": [("coupling", "h")], "pinning.gains.1": [FIRST]}
+PATHS["exosystem.A[0][12]"] = [("exosystem", "A", 0, 12)]
+PATHS['pinning.gains."s 1, north"'] = [("pinning", "gains", "s 1, north")]
+PATHS["pinning.gains.1, pinning.gains.6"] = [FIRST, ("pinning", "gains", "6")]
+PATHS["coupling.exceptions[0].h"] = [("coupling", "exceptions", 0, "h")]
+
+
+@pytest.mark.parametrize(("text", "paths"), PATHS.items())
 def test_a_path_is_names_between_dots_and_places_in_brackets(text, paths):
     assert list(read_keys(text)) == paths
     assert list(read_keys(",".join(path_text(path) for path in paths))) == paths
 
 
-@pytest.mark.parametrize(
-    "text", ["", ".", "a..b", "[0]", "a.", "a b", "a[x]", "a[-1]", ",a", "a,", 'a."b', "a" * 600]
-)
+NO_PATHS = ["", ".", "a..b", "[0]", "a.", "a b", "a[x]", "a[-1]", ",a", "a,", 'a."b', "a" * 600]
+
+
+@pytest.mark.parametrize("text", NO_PATHS)
 def test_what_is_no_path_is_refused_with_an_example(text):
     with pytest.raises(SpecError, match=r"is no (key of a problem file|quoted name)") as caught:
         read_keys(text)
@@ -207,9 +190,8 @@ DOCUMENT = {
 
 
 def test_a_change_copies_and_leaves_the_document_as_it_was():
-    changed = with_changes(
-        DOCUMENT, {("coupling", "h"): "tanh(y)", ("network", "modes", "G", 1): [3, 1]}
-    )
+    changes = {("coupling", "h"): "tanh(y)", ("network", "modes", "G", 1): [3, 1]}
+    changed = with_changes(DOCUMENT, changes)
     assert changed["coupling"]["h"] == "tanh(y)"
     assert changed["network"]["modes"]["G"] == [[1, 2], [3, 1]]
     assert DOCUMENT["coupling"]["h"] == "y"
@@ -217,29 +199,25 @@ def test_a_change_copies_and_leaves_the_document_as_it_was():
 
 
 def test_tables_on_the_way_are_made_the_next_place_of_a_list_is_filled_and_none_removes():
-    changed = with_changes(
-        DOCUMENT,
-        {("observer", "rate"): 2, ("network", "modes", "G", 0, 2): 0.5, ("pinning", "gains"): None},
-    )
+    changes = {("observer", "rate"): 2, ("pinning", "gains"): None}
+    changes["network", "modes", "G", 0, 2] = 0.5
+    changed = with_changes(DOCUMENT, changes)
     assert changed["observer"] == {"rate": 2}
     assert changed["network"]["modes"]["G"][0] == [1, 2, 0.5]
     assert changed["pinning"] == {}
     assert with_changes(DOCUMENT, {("formation", "offsets"): None}) == DOCUMENT
 
 
-@pytest.mark.parametrize(
-    ("path", "words"),
-    [
-        (
-            ("pinning", "gains", "1"),
-            r"pinning.gains is 5, which has no '1'. Vary pinning.gains itself",
-        ),
-        (("network", "modes", "G", 7, 0), r"G has 2 entries, counted from 0; got index 7"),
-        (("network", "modes", "G", 3), r"G has 2 entries"),
-        (("network", "modes", "G", "1"), r"is a list, which has no '1'. Give an index"),
-        (("coupling", 0), r"coupling is a table, which has no 0"),
-    ],
-)
+ARCS = ("network", "modes", "G")
+NOWHERE = {}  # path -> what is said of it
+NOWHERE[FIRST] = r"pinning.gains is 5, which has no '1'. Vary pinning.gains itself"
+NOWHERE[*ARCS, 7, 0] = r"G has 2 entries, counted from 0; got index 7"
+NOWHERE[*ARCS, 3] = r"G has 2 entries"
+NOWHERE[*ARCS, "1"] = r"is a list, which has no '1'. Give an index"
+NOWHERE["coupling", 0] = r"coupling is a table, which has no 0"
+
+
+@pytest.mark.parametrize(("path", "words"), NOWHERE.items())
 def test_a_path_that_leads_nowhere_says_where_it_ends(path, words):
     with pytest.raises(SpecError) as caught:
         with_changes(DOCUMENT, {path: 1})

@@ -28,6 +28,7 @@ from dobc_design.report.document import (
     Section,
     Text,
     command,
+    section,
     table_of,
     to_read,
 )
@@ -222,10 +223,12 @@ def _number(text: str) -> str:
     return shortened(text, 80) if value is None else decimal(value)
 
 
-def trace_section(found: Findings) -> Iterator[Section]:
+@section("Traceability", "traceability")
+def trace_section(found: Findings) -> Iterator[Block]:
     """One row per condition of the certificate, in its order."""
     ids = dict.fromkeys(check.id for check in found.certificate.checks)
-    table = table_of(
+    yield to_read(Text(Own(FIXED["traced"])))
+    yield table_of(
         "Every condition, its source, and where it is decided",
         [KINDS[id] for id in ids],
         Column("check", lambda kind: f"{kind.name} ({kind.id})", 1.2, only=IN_TEXT),
@@ -235,35 +238,30 @@ def trace_section(found: Findings) -> Iterator[Section]:
         Column("decided in", lambda kind: ", ".join(kind.decided_in), 1.4, style="code"),
         Column("decided again in", lambda kind: kind.checker, 1.1, style="code"),
     )
-    told = to_read(Text(Own(FIXED["traced"])))
-    yield Section("Traceability", (told, table), "traceability")
 
 
-def recheck_section(found: Findings) -> Iterator[Section]:
+@section("Check it yourself", "recheck")
+def recheck_section(found: Findings) -> Iterator[Block]:
     """The commands that decide the certificate again and make it again, and what it was made
     from."""
     certificate, claims = found.certificate, found.certificate.claims
-    blocks: list[Block] = [
-        Text(FIXED["both_files"]),
-        command(VERIFY),
-        Text(FIXED["trusts"]),
-        command(ALONE),
-    ]
+    yield Text(FIXED["both_files"])
+    yield command(VERIFY)
+    yield Text(FIXED["trusts"])
+    yield command(ALONE)
     if found.kernel:
-        blocks += [Text(f"{found.kernel} {FIXED['kernel']}"), command("coqc proof.v")]
+        yield Text(f"{found.kernel} {FIXED['kernel']}")
+        yield command("coqc proof.v")
     versions = (
         ("program", f"dobc_design {claims.version}"),
         ("certificate format", f"{certificate_text.FORMAT} {certificate_text.VERSION}"),
         ("problem format", f"{canonical.FORMAT} {canonical.VERSION}"),
     )
-    blocks += [
-        Text("To make the certificate again, byte for byte with the same version:"),
-        command(certify_command(certificate)),
-        Text(Own(FIXED["made_with"])),
-        Text("Compare the problem with the one you meant. The fingerprints and versions are"),
-        Facts((("problem", claims.problem_name), *found.prints, *versions)),
-    ]
-    yield Section("Check it yourself", blocks, "recheck")
+    yield Text("To make the certificate again, byte for byte with the same version:")
+    yield command(certify_command(certificate))
+    yield Text(Own(FIXED["made_with"]))
+    yield Text("Compare the problem with the one you meant. The fingerprints and versions are")
+    yield Facts((("problem", claims.problem_name), *found.prints, *versions))
 
 
 def certify_command(certificate: Certificate) -> str:

@@ -16,10 +16,10 @@ from dobc_design.report.document import (
     Math,
     Matrices,
     Only,
-    Section,
     ShownMatrix,
     Text,
     on_pages,
+    section,
 )
 from dobc_design.report.findings import Findings
 
@@ -27,28 +27,30 @@ MOST_LAMBDAS = 6
 _LATEX = words.TEXTS["condition"]
 
 
-def condition_section(found: Findings) -> Iterator[Section]:
+@section("The condition and its matrices", "condition", "Condition")
+def condition_section(found: Findings) -> Iterator[Block]:
     """The condition, the matrices that it is about, and what was found."""
     certificate, problem = found.certificate, found.problem
-    blocks: list[Block] = [*_about_errors(problem), *_asked(problem)]
+    yield from _about_errors(problem)
+    yield from _asked(problem)
     matrices = Matrices(tuple(_matrices(certificate)))
     if matrices.items:
+        yield matrices
         rounded = (
             "Entries with a decimal point are rounded for this page; certificate.json holds them "
             "exactly."
         )
-        blocks += [matrices, on_pages(Text(rounded, "caption"))]
+        yield on_pages(Text(rounded, "caption"))
     for name, bound in words.bounds_of(certificate).items():
         latex = rf"\lambda_{{\max}}(\Lambda) < {latex_decimal(bound)}"
         # Pages say it in a sentence with the number typeset; text forms as a formula.
-        blocks.append(Only(IN_TEXT, (Text(f"For {name}:"), Formula(latex))))
-        blocks.append(on_pages(Formula(latex, f"condition for {name}", typst=bound)))
+        yield Only(IN_TEXT, (Text(f"For {name}:"), Formula(latex)))
+        yield on_pages(Formula(latex, f"condition for {name}", typst=bound))
     for mode, matrix in list(found.lambdas.items())[:MOST_LAMBDAS]:
         # Lambda above 12 x 12 is left out without a word: its eigenvalues stand below.
         shown = ShownMatrix(r"\Lambda", f"at the target, mode {mode}", matrix)
         if shown.latex is not None:
-            blocks.append(Matrices((shown,)))
-    yield Section("The condition and its matrices", blocks, "condition", "Condition")
+            yield Matrices((shown,))
 
 
 def _about_errors(problem: Problem) -> Iterator[Block]:

@@ -36,6 +36,7 @@ from dobc_design.report.document import (
     command,
     in_markdown,
     on_pages,
+    section,
 )
 from dobc_design.report.findings import Findings
 from dobc_design.report.plant import plant_section
@@ -68,13 +69,13 @@ def _summary(found: Findings) -> Iterator[Block]:
     yield in_markdown(Facts((*_identity(found), *_facts(found))))
 
 
+@section("What this says, and what it does not", "meaning")
 def _meaning(found: Findings) -> Iterator[Block]:
     meaning = words.what_it_means(found.certificate)
     says = Section("It says", (List(meaning.says),))
     says_not = Section("It does not say", (List(meaning.says_not),))
     # Beside each other, so that nobody reads the first without the second.
-    both = Beside(((says,), (says_not,)))
-    yield Section("What this says, and what it does not", (both,), "meaning")
+    yield Beside(((says,), (says_not,)))
 
 
 def _next_step(found: Findings) -> Iterator[Block]:
@@ -122,31 +123,32 @@ def _settling(found: Findings) -> Iterator[Block]:
     return settling_section(settling, drawn)
 
 
+@section("What a search for counterexamples found", "search", "Search")
 def _searches(found: Findings) -> Iterator[Block]:
-    if found.searches:
-        drawn = [pictures.search_picture(each, k) for k, each in enumerate(found.searches)]
-        sections = search_sections(found.searches, drawn)
-        yield Section("What a search for counterexamples found", sections, "search", "Search")
+    drawn = [pictures.search_picture(each, k) for k, each in enumerate(found.searches)]
+    yield from search_sections(found.searches, drawn)
 
 
 def _optional_changes(found: Findings) -> Iterator[Block]:
     """Cures of checks that the proof did not need; those of a failure stand above."""
     if found.proved:
-        for section in cure_section(found):
-            yield replace(section, title="Optional changes")
+        for cure in cure_section(found):
+            yield replace(cure, title="Optional changes")
 
 
+@section("Words", "glossary")
 def _glossary(found: Findings) -> Iterator[Block]:
     verdicts = [(words.mark_of(each), words.TEXTS["verdicts"][each.value]) for each in Verdict]
-    terms = Terms(tuple(words.TEXTS["words"].items()))
-    yield Section("Words", (Terms(verdicts), on_pages(terms)), "glossary")
+    yield Terms(verdicts)
+    yield on_pages(Terms(tuple(words.TEXTS["words"].items())))
 
 
+@section("Signatures", "signatures")
 def _signatures(found: Findings) -> Iterator[Block]:
     heads = ("Name", "Date", "Signature")
     roles = ("Prepared by", "Checked by", "Approved by")
-    blocks = (Text(words.FIXED["signing"]), Signatures(heads, roles))
-    yield Section("Signatures", blocks, "signatures")
+    yield Text(words.FIXED["signing"])
+    yield Signatures(heads, roles)
 
 
 #: What everybody reads, in this order.

@@ -17,6 +17,7 @@ from dobc_design.report.document import (
     Text,
     in_markdown,
     on_pages,
+    section,
     table_of,
 )
 from dobc_design.report.findings import Findings
@@ -45,6 +46,7 @@ def bound_section(found: Findings) -> Iterator[Block]:
     yield on_pages(Section(title, (drawn,), "bound"))
 
 
+@section("Eigenvalues", "eigenvalues")
 def eigenvalue_section(found: Findings) -> Iterator[Block]:
     """As pictures on pages, as numbers in Markdown."""
     analysis = found.analysis
@@ -53,6 +55,7 @@ def eigenvalue_section(found: Findings) -> Iterator[Block]:
     told = (
         "Computed in floating point, to show how large the margins are. No verdict depends on them."
     )
+    yield Text(told + _observability(analysis))
     drawn = Pictures(tuple(pictures.eigenvalue_pictures(found.certificate, analysis)))
     head = "eigenvalues in 1/s, the rightmost first"
     table = table_of(
@@ -61,9 +64,8 @@ def eigenvalue_section(found: Findings) -> Iterator[Block]:
         Column("matrix", lambda row: row[0]),
         Column(head, lambda row: words.eigenvalues(row[1])),
     )
-    text = Text(told + _observability(analysis))
-    blocks = (text, in_markdown(table), on_pages(drawn))
-    yield Section("Eigenvalues", blocks, "eigenvalues")
+    yield in_markdown(table)
+    yield on_pages(drawn)
 
 
 def _spectra(analysis: Analysis) -> Iterator[tuple[str, Sequence[complex]]]:
@@ -103,15 +105,15 @@ def _eigenvalue(value: complex) -> str:
     return f"{number(value.real)} ± {size}" if value.real else f"±{size}"
 
 
+@section("A simulation", "simulation", "Simulation")
 def simulation_section(found: Findings) -> Iterator[Block]:
     """As pictures on pages, as a few samples in Markdown."""
     run = found.trajectory
     if run is None or len(run.times) == 0:
         return
-    drawn = Pictures(tuple(pictures.simulation_pictures(found.certificate, run)))
-    text = Text(_run_words(run))
-    blocks = (text, in_markdown(_samples(run)), on_pages(drawn))
-    yield Section("A simulation", blocks, "simulation", "Simulation")
+    yield Text(_run_words(run))
+    yield in_markdown(_samples(run))
+    yield on_pages(Pictures(tuple(pictures.simulation_pictures(found.certificate, run))))
 
 
 def _run_words(run: Trajectory) -> str:

@@ -10,8 +10,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from fractions import Fraction
+from functools import wraps
 from itertools import chain, compress
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import TYPE_CHECKING, Any, Final, Literal, ParamSpec
 
 from dobc_design._show.text import latex_matrix
 from dobc_design.exact.matrix import Matrix
@@ -19,6 +20,7 @@ from dobc_design.exact.matrix import Matrix
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+P = ParamSpec("P")
 Form = Literal["html", "markdown", "pdf", "latex"]
 EVERY: Final[tuple[Form, ...]] = ("html", "markdown", "pdf", "latex")
 PAGES: Final[tuple[Form, ...]] = ("html", "pdf")  # with pictures, and room for explanations
@@ -293,6 +295,23 @@ class Document:
         """The blocks of the section of this name; empty where there is none."""
         sections = (each for each in (*self.blocks, *self.details) if isinstance(each, Section))
         return next((each.blocks for each in sections if each.name == name), ())
+
+
+def section(
+    title: str, name: str, short: str = ""
+) -> Callable[[Callable[P, Iterator[Block]]], Callable[P, Iterator[Section]]]:
+    """Make the blocks that a function yields a section; none where it yields none."""
+
+    def of(blocks: Callable[P, Iterator[Block]]) -> Callable[P, Iterator[Section]]:
+        @wraps(blocks)
+        def titled(*args: P.args, **named: P.kwargs) -> Iterator[Section]:
+            found = tuple(blocks(*args, **named))
+            if found:
+                yield Section(title, found, name, short)
+
+        return titled
+
+    return of
 
 
 def on_pages(*blocks: Block) -> Only:

@@ -13,7 +13,16 @@ from dobc_design.conditions.domain import NEAR_TARGET
 from dobc_design.conditions.numbers import read_rational
 from dobc_design.exact.reading import counted
 from dobc_design.problem.problem import Problem
-from dobc_design.report.document import EVERY, Beside, Block, Column, Section, Text, table_of
+from dobc_design.report.document import (
+    EVERY,
+    Beside,
+    Block,
+    Column,
+    Section,
+    Text,
+    section,
+    table_of,
+)
 from dobc_design.report.findings import Findings
 from dobc_design.report.words import FIXED, decimal, domain_words, names_in_words, sentence
 from dobc_design.verdict import Verdict
@@ -31,7 +40,8 @@ _LARGEST = (("actuators", "inputs", "largest |u|"), ("accuracy", "bounds", "larg
 Values = Mapping[str, Fraction]  # by the name of an agent, or of one of its components
 
 
-def plant_section(found: Findings) -> Iterator[Section]:
+@section("Model error, noise and input limits", "plant", "Plant")
+def plant_section(found: Findings) -> Iterator[Block]:
     """What is proved under [uncertainty] and [actuators]; nothing where the problem has neither."""
     problem = found.problem
     if problem.uncertainty is None and problem.actuators is None:
@@ -42,21 +52,18 @@ def plant_section(found: Findings) -> Iterator[Section]:
         told += [(_told(problem, check),) for check in found.certificate.checks if check.id == id]
     if not (assumed or told):
         return
-    blocks: list[Block] = []
     if assumed:
-        given = table_of(
+        yield table_of(
             "Assumed about the plant",
             assumed,
             Column("assumed by component", lambda row: row[0]),
             Column("at most", lambda row: row[1], style="number"),
         )
-        blocks.append(given)
     if told:
-        blocks.append(Beside(told))
+        yield Beside(told)
     else:
         nothing = "Nothing is proved about this, because the conditions that it would rest on fail."
-        blocks.append(Text(nothing))
-    yield Section("Model error, noise and input limits", blocks, "plant", "Plant")
+        yield Text(nothing)
 
 
 def plant_numbers(certificate: Certificate) -> list[str]:

@@ -37,6 +37,7 @@ from dobc_design.report.document import (
     Text,
     in_markdown,
     on_pages,
+    section,
     table_of,
     to_read,
 )
@@ -56,30 +57,28 @@ _WHAT = {
 }
 
 
+@section("From which starts it is proved", "region", "Region")
 def region_section(
     problem: Problem, regions: Regions, pictures: Sequence[Picture]
-) -> Iterator[Section]:
+) -> Iterator[Block]:
     """From which starts each method proves consensus; nothing where nothing is said about a
     region."""
     if not regions.tried:
         return
     norms = FIXED["norms"].format(size=problem.n * problem.m)
-    blocks: list[Block] = [
-        Text(asked_sentence(regions)),
-        on_pages(Pictures(pictures)),
-        regions_table(regions, disturbed=bool(problem.groups)),
-        to_read(Text(norms, "caption")),
-    ]
+    yield Text(asked_sentence(regions))
+    yield on_pages(Pictures(pictures))
+    yield regions_table(regions, disturbed=bool(problem.groups))
+    yield to_read(Text(norms, "caption"))
     if regions.agents:
-        blocks.append(in_markdown(Text(agents_sentence(regions))))
+        yield in_markdown(Text(agents_sentence(regions)))
     rest = rest_sentence(regions)
     if rest is not None:
-        blocks.append(to_read(Text(rest)))
+        yield to_read(Text(rest))
     timing = timing_sentences(regions)
     if timing:
         told = Section("Time, communication delay and sampling", (List(timing),))
-        blocks.append(to_read(told))
-    yield Section("From which starts it is proved", blocks, "region", "Region")
+        yield to_read(told)
 
 
 def regions_table(regions: Regions, *, disturbed: bool) -> Table:
@@ -235,20 +234,18 @@ def agents_sentence(regions: Regions, *, drawn: int | None = None) -> str:
     return text if drawn is None else f"{text} {drawn} of {len(bounds)} agents are drawn."
 
 
-def settling_section(settling: Settling | None, pictures: Sequence[Picture]) -> Iterator[Section]:
+@section("How fast it is proved to settle", "settling", "Settling")
+def settling_section(settling: Settling | None, pictures: Sequence[Picture]) -> Iterator[Block]:
     """The proved settling time, and what proves it from when on; nothing without one."""
     if settling is None or settling.time is None:
         return
     how = "One certificate covers the whole time."
     if len(settling.stages) > 1:
         how = FIXED["moving_box"]
-    blocks = (
-        Text(settling_sentence(settling)),
-        on_pages(Pictures(pictures)),
-        Text(how),
-        stages_table(settling),
-    )
-    yield Section("How fast it is proved to settle", blocks, "settling", "Settling")
+    yield Text(settling_sentence(settling))
+    yield on_pages(Pictures(pictures))
+    yield Text(how)
+    yield stages_table(settling)
 
 
 def stages_table(settling: Settling) -> Table:

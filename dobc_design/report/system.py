@@ -29,6 +29,7 @@ from dobc_design.report.document import (
     Words,
     in_markdown,
     on_pages,
+    section,
     table_of,
 )
 from dobc_design.report.findings import Findings
@@ -44,7 +45,8 @@ LONGEST_VECTOR = 12  # entries that are printed
 _SHARED = {latex for _, latex, _ in words.TEXTS["loop"]["disturbed"]}
 
 
-def loop_section(found: Findings) -> Iterator[Section]:
+@section("The loop", "loop")
+def loop_section(found: Findings) -> Iterator[Block]:
     """The network as a drawing, beside it what the engineer has designed, in decimals; what looks
     like a slip."""
     certificate = found.certificate
@@ -58,32 +60,30 @@ def loop_section(found: Findings) -> Iterator[Section]:
         told.append(Section("Given and assumed", (List(notes),)))
     # Several drawings need the whole width.
     if len(drawn) == 1:
-        both = on_pages(Beside((picture, told), second_wider=True))
+        yield on_pages(Beside((picture, told), second_wider=True))
     else:
-        both = on_pages(*picture, *told)
-    yield Section("The loop", (both, in_markdown(*told)), "loop")
+        yield on_pages(*picture, *told)
+    yield in_markdown(*told)
 
 
-def problem_section(found: Findings) -> Iterator[Section]:
+@section("The problem", "problem", "Problem")
+def problem_section(found: Findings) -> Iterator[Block]:
     """The problem in a few sentences, and its equations with the numbers of the paper."""
     problem = found.problem
-    blocks: list[Block] = [Text(words.problem_words(problem)), *_equations(problem)]
+    yield Text(words.problem_words(problem))
+    yield from _equations(problem)
     if problem.dynamics is not None:
-        blocks.append(Matrices(tuple(_matrices(problem.dynamics))))
-    blocks += [
-        Only(("html", *IN_TEXT), tuple(_functions(problem))),
-        Only(("pdf",), (Facts(tuple(_plain_functions(problem))),)),
-        Text(_letters(problem)),
-        *_listed("Each agent has the A, C and W of its group:", words.group_sentences(problem)),
-        *_listed("Arcs with a coupling of their own:", words.exception_sentences(problem)),
-    ]
-    yield Section("The problem", blocks, "problem", "Problem")
-
-
-def _listed(head: str, sentences: Sequence[str]) -> Iterator[Block]:
-    if sentences:
-        yield Text(head)
-        yield List(sentences)
+        yield Matrices(tuple(_matrices(problem.dynamics)))
+    yield Only(("html", *IN_TEXT), tuple(_functions(problem)))
+    yield Only(("pdf",), (Facts(tuple(_plain_functions(problem))),))
+    yield Text(_letters(problem))
+    for head, sentences in (
+        ("Each agent has the A, C and W of its group:", words.group_sentences(problem)),
+        ("Arcs with a coupling of their own:", words.exception_sentences(problem)),
+    ):
+        if sentences:
+            yield Text(head)
+            yield List(sentences)
 
 
 def _equations(problem: Problem) -> Iterator[Formula]:
@@ -221,20 +221,20 @@ def _letters_of_errors(problem: Problem) -> Iterator[str | Math]:
         yield f"{gain}."
 
 
-def network_section(found: Findings) -> Iterator[Section]:
+@section("Who listens to whom", "network", "Network")
+def network_section(found: Findings) -> Iterator[Block]:
     """Every mode in a sentence, the agents as a table, and facts about the graphs."""
     problem, analysis = found.problem, found.analysis
     sentences = words.mode_sentences(problem)
-    blocks: list[Block] = [List(sentences)]
+    yield List(sentences)
     hidden = len(problem.network.modes) - len(sentences)
     if hidden:
-        blocks.append(on_pages(Text(f"And {hidden} more modes.")))
+        yield on_pages(Text(f"And {hidden} more modes."))
     agents = words.agents_table(problem)
     if agents is not None:
-        blocks.append(agents)
+        yield agents
     if analysis is not None and analysis.graphs:
-        blocks.append(_graphs(analysis))
-    yield Section("Who listens to whom", blocks, "network", "Network")
+        yield _graphs(analysis)
 
 
 def _graphs(analysis: Analysis) -> Table:

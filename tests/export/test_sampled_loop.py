@@ -18,8 +18,10 @@ from dobc_design.export.c_controller import (
 def decided(F: list[list[object]]) -> Verdict:
     """Ad = F, Cd = 0."""
     size = len(F)
-    nothing = matrix([[0] * size]), matrix([[0]] * size)
-    return sampled_observer_statement(matrix(F), *nothing, period=Fraction(1)).verdict
+    Cd = matrix([[0] * size])
+    L = matrix([[0]] * size)
+    found = sampled_observer_statement(matrix(F), Cd, L, period=Fraction(1))
+    return found.verdict
 
 
 def test_an_eigenvalue_inside_on_and_outside_the_unit_circle():
@@ -34,10 +36,10 @@ def test_an_eigenvalue_inside_on_and_outside_the_unit_circle():
 
 def ring(n: int, *, both: bool, k: int = 1) -> Problem:
     arcs = [[i, i % n + 1] for i in range(1, n + 1)]
-    arcs += [[b, a] for a, b in arcs] if both else []
-    return Problem(
-        network=Network.from_arcs(arcs, arrow="listens_to", agents=n), coupling="y", gains={"1": k}
-    )
+    if both:
+        arcs += [[b, a] for a, b in arcs]
+    network = Network.from_arcs(arcs, arrow="listens_to", agents=n)
+    return Problem(network=network, coupling="y", gains={"1": k})
 
 
 @pytest.mark.parametrize(("n", "both"), [(6, True), (6, False), (60, True)])
@@ -45,7 +47,8 @@ def test_a_ring_is_decided_as_numpy_estimates_it_on_both_sides_of_its_limit(n: i
     """Symmetric rings by definiteness, directed ones by the polynomial."""
     problem = ring(n, both=both)
     J = np.roll(np.eye(n), 1, axis=1) - np.eye(n)
-    J = J + np.roll(np.eye(n), -1, axis=1) - np.eye(n) if both else J
+    if both:
+        J = J + np.roll(np.eye(n), -1, axis=1) - np.eye(n)
     poles = np.linalg.eigvals(J - np.diag([1.0] + [0.0] * (n - 1)))
     limit = min(-2 * pole.real / abs(pole) ** 2 for pole in poles)
     below, above = (Fraction(limit * factor) for factor in (1 - 1e-6, 1 + 1e-6))
@@ -54,34 +57,26 @@ def test_a_ring_is_decided_as_numpy_estimates_it_on_both_sides_of_its_limit(n: i
 
 
 def test_what_nothing_pins_or_is_too_large_stays_open():
-    assert (
-        sampled_network_statement(ring(4, both=True, k=0), Fraction(1, 10)).verdict
-        is Verdict.UNDECIDED
-    )
-    assert (
-        sampled_network_statement(ring(4, both=False, k=0), Fraction(1, 10)).verdict
-        is Verdict.UNDECIDED
-    )
-    assert (
-        sampled_network_statement(ring(41, both=False), Fraction(1, 10)).verdict
-        is Verdict.UNDECIDED
-    )
-    assert (
-        sampled_network_statement(ring(201, both=True), Fraction(1, 10)).verdict
-        is Verdict.UNDECIDED
-    )
+    unpinned = (ring(4, both=True, k=0), ring(4, both=False, k=0))
+    too_large = (ring(41, both=False), ring(201, both=True))
+    for problem in (*unpinned, *too_large):
+        found = sampled_network_statement(problem, Fraction(1, 10))
+        assert found.verdict is Verdict.UNDECIDED
 
 
 def test_matrix_gains_and_couplings_between_components_enter():
     """One agent, k = [[0, 4], [-4, 8]]: I - T k has the double eigenvalue 1 - 4 T."""
+    k = [[0, 4], [-4, 8]]
     problem = Problem(
         network=Network.from_arcs([[1, 2]], arrow="listens_to"),
         coupling=["y1 + y2", "y2"],
         target=[0, 0],
-        gains={"1": [[0, 4], [-4, 8]], "2": [[0, 4], [-4, 8]]},
+        gains={"1": k, "2": k},
     )
-    slow, fast = (sampled_network_statement(problem, Fraction(t)).verdict for t in ("1/3", "2/3"))
-    assert (slow, fast) == (Verdict.PROVED, Verdict.REFUTED)
+    slow = sampled_network_statement(problem, Fraction(1, 3))
+    assert slow.verdict is Verdict.PROVED
+    fast = sampled_network_statement(problem, Fraction(2, 3))
+    assert fast.verdict is Verdict.REFUTED
 
 
 def test_the_longest_period_is_found_where_long_ones_fail_and_where_none_works():

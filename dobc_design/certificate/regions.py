@@ -289,12 +289,18 @@ class _Gatherer:
                 if kind == "ball":  # the corners of a box are the farthest from its middle
                     states = self.loop.n * self.loop.m
                     box = _down(root_below(claimed(ball) ** 2 / states, unit=_UNIT))
+        variant = ""
+        # which quadratic certificate a ``lure`` check holds
+        lure = check.claim
+        if isinstance(lure, Lure):
+            method = {"interval": "interval bound, ", "vertices": "corners, "}.get(lure.method, "")
+            variant = f"{method}P_e {'= c I' if lure.shape == 'identity' else lure.shape}"
         covering = False
         if kind != "none" and self.asked is not None:
             covering = covers(self.loop, check, self.checks)
         return RegionClaim(
             id=check.id,
-            variant=_variant(check),
+            variant=variant,
             verdict=check.verdict,
             kind=kind,
             box=box,
@@ -360,15 +366,6 @@ class _Gatherer:
                 "away pulls less."
             )
         return ""
-
-
-def _variant(check: Check) -> str:
-    """Which quadratic certificate a ``lure`` check holds."""
-    if not isinstance(check.claim, Lure):
-        return ""
-    method = {"interval": "interval bound, ", "vertices": "corners, "}.get(check.claim.method, "")
-    shape = "= c I" if check.claim.shape == "identity" else check.claim.shape
-    return f"{method}P_e {shape}"
 
 
 def _agents(loop: Loop, check: Check) -> tuple[AgentBound, ...]:

@@ -101,14 +101,14 @@ def with_cures(
                 fixes |= search()
         except (ArithmeticError, RuntimeError, ValueError, WorkLimitError) as error:
             logger.warning("a search for cures failed: %s", error)
-    return tuple(_cured(check, fixes.get(check.id)) for check in found.checks)
-
-
-def _cured(check: Check, fix: Fix | None) -> Check:
-    wanted = check.verdict is Verdict.REFUTED or (
-        check.verdict is Verdict.UNDECIDED and check.id in ("lemma1", "hurwitz")
-    )
-    return replace(check, fix=fix) if fix is not None and wanted else check
+    checks: list[Check] = []
+    for check in found.checks:
+        fix = fixes.get(check.id)
+        may_be_open = check.kind.is_lemma or check.id == "hurwitz"
+        wanted = may_be_open and check.verdict is Verdict.UNDECIDED
+        cured = fix is not None and (wanted or check.verdict is Verdict.REFUTED)
+        checks.append(replace(check, fix=fix) if cured else check)
+    return tuple(checks)
 
 
 @noun

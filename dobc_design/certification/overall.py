@@ -278,7 +278,14 @@ def _apart_in(loop: Loop, cycle: Sequence[str]) -> str | None:
             continue
         if set(group) <= set(apart):
             return _unreached_words(loop, cycle, arcs, apart)
-        return _free_words(loop, group, c)
+        own = "the gains" if loop.drift is None else "the gains and the dynamics"
+        who = name_agents(tuple(loop.labels[i] for i in group))
+        direction = ", ".join(number_text(x) for x in c)
+        return (
+            f"Consensus fails: {own} of {who} leave the direction ({direction}) free, and no other "
+            "agent acts on it: an error in this direction never decays. Give one of them a gain k "
+            "with k c != 0 for that direction c."
+        )
     return None
 
 
@@ -311,18 +318,6 @@ def _while_on(loop: Loop, cycle: Sequence[str]) -> str:
     if len(cycle) > 1:
         turns = f"modes {' and '.join(cycle)} are"
     return f"while {turns} on, as the guarantee allows"
-
-
-def _free_words(loop: Loop, group: Sequence[int], c: Vector) -> str:
-    """That no gain of these agents acts on a common error c."""
-    own = "the gains" if loop.drift is None else "the gains and the dynamics"
-    who = name_agents(tuple(loop.labels[i] for i in group))
-    direction = ", ".join(number_text(x) for x in c)
-    return (
-        f"Consensus fails: {own} of {who} leave the direction ({direction}) free, and no other "
-        "agent acts on it: an error in this direction never decays. Give one of them a gain k "
-        "with k c != 0 for that direction c."
-    )
 
 
 def _adrift_reason(loop: Loop) -> str | None:
@@ -393,21 +388,14 @@ def _arrival(loop: Loop, check: Check, *, pace: Check, final: Check | None = Non
         goal = "the target" if not loop.goals.moves else "the leader"
         goal += " plus their offset" if loop.goals.offsets else ""
         goal += ", in every component," if loop.m > 1 else ""
-        return (
-            f"All agents end within {_final_bound(final)} of {goal} from every "
-            f"start{which}{switching}"
-        )
+        # The largest final bound, rounded up.
+        bounds: list[Fraction] = []
+        for each in (final.exact or {}).get("bounds", {}).values():
+            bounds += map(read_rational, each if isinstance(each, list) else [each])
+        within = f"{float(rounded_up(max(bounds), digits=4)):.6g}"
+        return f"All agents end within {within} of {goal} from every start{which}{switching}"
     arrive = "reach the target" if not loop.goals.moves else "follow the leader"
     return f"All agents {arrive} from every start{which}{switching}{_pace_in_words(loop, pace)}"
-
-
-def _final_bound(check: Check) -> str:
-    """The largest final bound, rounded up."""
-    given = (check.exact or {}).get("bounds", {}).values()
-    listed = [
-        read_rational(x) for each in given for x in (each if isinstance(each, list) else [each])
-    ]
-    return f"{float(rounded_up(max(listed), digits=4)):.6g}"
 
 
 def _pace_in_words(loop: Loop, check: Check) -> str:

@@ -81,7 +81,14 @@ def solve_cones(
         curvature = _diagonal(np.zeros(size) if squares is None else squares)
         rows = sparse.csc_matrix(stack([each.rows for each in cones]))
         right = np.concatenate([each.right for each in cones])
-        kinds = [_kind_of(each) for each in cones]
+        # The cones in Clarabel's words.
+        kinds = list[Any]()
+        for each in cones:
+            length = len(each.right)
+            if each.kind == "nonnegative":
+                kinds.append(clarabel.NonnegativeConeT(length))
+            else:
+                kinds.append(clarabel.PSDTriangleConeT(_order(length)))
         solver = clarabel.DefaultSolver(curvature, cost, rows, right, kinds, settings)
         return _read(solver.solve(), size)
     # Clarabel panics with pyo3's PanicException, which is no Exception
@@ -97,16 +104,6 @@ def _diagonal(entries: Array) -> Any:
     kept = np.flatnonzero(entries)
     starts = np.searchsorted(kept, np.arange(size + 1))
     return sparse.csc_matrix((entries[kept], kept, starts), shape=(size, size))
-
-
-def _kind_of(cone: Cone) -> Any:
-    """The cone in Clarabel's words."""
-    import clarabel
-
-    rows = len(cone.right)
-    if cone.kind == "nonnegative":
-        return clarabel.NonnegativeConeT(rows)
-    return clarabel.PSDTriangleConeT(_order(rows))
 
 
 def _read(answer: Any, size: int) -> Solution:

@@ -120,7 +120,11 @@ def make_plant(exosystem: Exosystem, request: claim.ObserverRequest) -> Plant:
         regions = (disk, *request.regions)
     T = np.eye(len(A))
     if decide_observable(exosystem.A, exosystem.C).verdict is not Verdict.PROVED:
-        T = _observable_rows(exosystem)
+        # Orthonormal rows that span what C sees of the exosystem.
+        rows = observable_reduction(exosystem.A, exosystem.C)[2]
+        T = np.zeros((0, exosystem.order))
+        if rows:
+            T = linalg.qr(to_float(rows).T, mode="economic")[0].T
     sampled = request.period is not None
     return Plant(A=T @ A @ T.T, C=C @ T.T, T=T, regions=regions, sampled=sampled)
 
@@ -132,15 +136,6 @@ def _sampled(A: Array, C: Array, period: float) -> tuple[Array, Array]:
     both = np.block([[A, np.eye(q)], [np.zeros((q, 2 * q))]])
     block = linalg.expm(both * period)
     return block[:q, :q], C @ block[:q, q:] / period
-
-
-def _observable_rows(exosystem: Exosystem) -> Array:
-    """Orthonormal rows that span what C sees of the exosystem."""
-    rows = observable_reduction(exosystem.A, exosystem.C)[2]
-    if not rows:
-        return np.zeros((0, exosystem.order))
-    basis: Array = linalg.qr(to_float(rows).T, mode="economic")[0]
-    return basis.T
 
 
 def _gains(plant: Plant, request: claim.ObserverRequest) -> Iterator[tuple[Array, str]]:
@@ -162,7 +157,11 @@ def _gains(plant: Plant, request: claim.ObserverRequest) -> Iterator[tuple[Array
             W = lmi_gain(own, slack=slack)
             if W is not None:
                 found.append((W, INEQUALITIES))
-        found += _kalman_gains(own)
+        # Then those of A + shift I, or of A / radius, which decay faster.
+        gain = propose.kalman_gain(plant.A, plant.C, sampled=plant.sampled)
+        if gain is not None:
+            found.append((gain, "Kalman gain with unit weights"))
+        found += _faster_sampled(own) if plant.sampled else _faster(own)
         # A small W passes on little noise.
         yield from sorted(found, key=lambda each: float(np.linalg.norm(each[0])))
     if not request.noise:
@@ -315,15 +314,6 @@ def _sparse(matrix: Array) -> SparseSymmetric:
     for i, j in zip(*np.nonzero(np.triu(matrix)), strict=True):
         entries[int(i), int(j)] = Fraction(float(matrix[i, j]))
     return SparseSymmetric(len(matrix), entries)
-
-
-def _kalman_gains(plant: Plant) -> Iterator[tuple[Array, str]]:
-    """The Kalman gain with unit weights, then those of A + shift I, or of A / radius, which decay
-    faster."""
-    gain = propose.kalman_gain(plant.A, plant.C, sampled=plant.sampled)
-    if gain is not None:
-        yield gain, "Kalman gain with unit weights"
-    yield from _faster_sampled(plant) if plant.sampled else _faster(plant)
 
 
 def _faster_sampled(plant: Plant) -> Iterator[tuple[Array, str]]:

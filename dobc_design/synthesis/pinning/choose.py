@@ -98,21 +98,18 @@ class Choice:
     def statement(self) -> Statement:
         """What is proved of all sets of so many agents."""
         if self.impossible:
-            return self._impossible()
+            none = f"no {self.pins} of the allowed agents reach"
+            if self.pins == 1:
+                none = "none of the allowed agents alone reaches"
+            how = f"every choice is excluded, {self._nodes} parts of the choice one by one"
+            by = "each by a direction that stays too slow or a group without a pin"
+            text = f"{none} this rate: {how}, {by}."
+            return refuted("pins", text, pins=str(self.pins), nodes=str(self._nodes))
         finished = all(self._is_beaten(node) for _, _, node in self._heap)
         how = "all choices compared" if finished else f"{self._nodes} parts of the choice looked at"
         agents = "one agent" if self.pins == 1 else f"at most {self.pins} agents"
         text = f"No gains on {agents} cost less than {text_below(self.bound, digits=6)} ({how})."
         return proved("choice", text, bound=number_text(claimed(shorten(self.bound))))
-
-    def _impossible(self) -> Statement:
-        none = f"no {self.pins} of the allowed agents reach"
-        if self.pins == 1:
-            none = "none of the allowed agents alone reaches"
-        how = f"every choice is excluded, {self._nodes} parts of the choice one by one"
-        by = "each by a direction that stays too slow or a group without a pin"
-        text = f"{none} this rate: {how}, {by}."
-        return refuted("pins", text, pins=str(self.pins), nodes=str(self._nodes))
 
     def _try_set(self, agents: Collection[int]) -> None:
         """Compare a set with the best one so far."""

@@ -71,7 +71,12 @@ class Task:
 def search_region(problem: Problem, request: PinningRequest, region: Any) -> PinningDesign:
     """Decide a request over a radius, or [region] (True); with a slower one.  Raises: SpecError for
     another region."""
-    asked = _asked_region(problem, request, region)
+    if region is True:
+        asked = _file_region(problem, request)
+    else:
+        cure = "Give the largest |e_i| of a start, or True for the problem's [region]."
+        radius = read_positive(region, "region", why=", because it is a radius", cure=cure)
+        asked = Region(radius=radius, rho=None if problem.is_linear else radius)
     design = _attempt(problem, request, asked)
     kind = None if design.obstacle is None else design.obstacle.kind
     # A slower rate cures no other obstacle.
@@ -83,14 +88,6 @@ def search_region(problem: Problem, request: PinningRequest, region: Any) -> Pin
         if nearest.verdict is Verdict.PROVED:
             return replace(design, nearest=nearest)
     return design
-
-
-def _asked_region(problem: Problem, request: PinningRequest, region: Any) -> Region:
-    if region is True:
-        return _file_region(problem, request)
-    cure = "Give the largest |e_i| of a start, or True for the problem's [region]."
-    radius = read_positive(region, "region", why=", because it is a radius", cure=cure)
-    return Region(radius=radius, rho=None if problem.is_linear else radius)
 
 
 def _file_region(problem: Problem, request: PinningRequest) -> Region:
@@ -255,17 +252,12 @@ def _covered(task: Task, gains: Gains, held: Problem, claim: Separable) -> Pinni
         text = f"the observer's part is not proved{wrong or '.'}"
         return task.fails(undecided("observer", text))
     design = with_gains(request, task.structure, gains, held)
-    return replace(design, statements=(_decays(task, claim),), certificate=claim, region=region)
-
-
-def _decays(task: Task, claim: Separable) -> Statement:
-    """What is proved over the region."""
-    region = task.region
-    rate = number_text(task.request.rate)
+    rate = number_text(request.rate)
     part, still = " plus the observer's part", ""
     if region.error is None:
         part, still = "", ", with eps = 0"
     norm = f"max_i |e_i|/v_i (v from 1 to {float(max(claim.v)):.4g}){part}"
     starts = f"decays from every start {region}{still}"
     text = f"{norm} {starts}, at the rate {rate}, for the gains as they are written."
-    return proved("region", text, rate=rate, radius=number_text(region.radius))
+    decays = proved("region", text, rate=rate, radius=number_text(region.radius))
+    return replace(design, statements=(decays,), certificate=claim, region=region)

@@ -873,100 +873,97 @@ signal = "random"
 dwell = 0.5
 """
 #: What replaces what, once.
-MISTAKES = {
-    "not-toml": ("[coupling]", "[coupling"),
-    "unknown-key": ("[pinning]", "[pinning]\ngain = 3"),
-    "unknown-agent": ("[1, 2], [2, 3]", "[1, 9], [2, 3]"),
-    "arc-twice": ("[1, 2], [2, 3]", "[1, 2], [1, 2]"),
-    "loop": ("[1, 2], [2, 3]", "[1, 1], [2, 3]"),
-    "h-not-zero": ("exp(y) - 1 + y", "exp(y) + y"),
-    "h-unknown-function": ("exp(y) - 1 + y", "foo(y)"),
-    "h-unknown-name": ("exp(y) - 1 + y", "z"),
-    "shape-of-C": ("C = [[1, 0]]", "C = [[1, 0, 3]]"),
-    "shape-of-W": ('W = [["16/5"], ["12/5"]]', 'W = [["16/5"]]'),
-    "gain-negative": ("1 = 5.0", "1 = -5.0"),
-    "weight-zero": ("[4, 1, 0.5]", "[4, 1, 0]"),
-    "region-backwards": ("[0, 5]", "[5, 0]"),
-    "region-without-disturbance": ("initial_disturbance = 0.5\n", ""),
-    "signal-unknown": ('"random"', '"often"'),
-    "guarantee-without-times": ('signal = "random"\ndwell = 0.5', 'guarantee = "dwell"'),
-    "generator-sum": (
-        'signal = "random"\ndwell = 0.5',
-        'guarantee = "markov"\ngenerator = [[-1, 0.9], [1, -1]]',
-    ),
-    "several-at-once": ("agents = 4", 'agents = 4\nweights = 3\nlabels = ["a"]'),
-    "dynamics-without-A": ("[region]", "[dynamics]\nB = [[1]]\n[region]"),
-    "uncertainty-too-large": ("[region]", "[uncertainty]\nweights = 1.5\n[region]"),
-    "actuators-of-nobody": ("[region]", "[actuators]\nlimit = { 7 = 3 }\n[region]"),
-    "arcs-file-missing": ("H = [[1, 2], [2, 1], [3, 2], [4, 3]]", 'H = { file = "no.csv" }'),
-    "no-agents": ("agents = 4\n", ""),
-    "number-too-long": ("target = 1", f'target = "1.{"3" * 300}"'),
-}
+MISTAKES: dict[str, tuple[str, str]] = {}
+MISTAKES["not-toml"] = "[coupling]", "[coupling"
+MISTAKES["unknown-key"] = "[pinning]", "[pinning]\ngain = 3"
+MISTAKES["unknown-agent"] = "[1, 2], [2, 3]", "[1, 9], [2, 3]"
+MISTAKES["arc-twice"] = "[1, 2], [2, 3]", "[1, 2], [1, 2]"
+MISTAKES["loop"] = "[1, 2], [2, 3]", "[1, 1], [2, 3]"
+MISTAKES["h-not-zero"] = "exp(y) - 1 + y", "exp(y) + y"
+MISTAKES["h-unknown-function"] = "exp(y) - 1 + y", "foo(y)"
+MISTAKES["h-unknown-name"] = "exp(y) - 1 + y", "z"
+MISTAKES["shape-of-C"] = "C = [[1, 0]]", "C = [[1, 0, 3]]"
+MISTAKES["shape-of-W"] = 'W = [["16/5"], ["12/5"]]', 'W = [["16/5"]]'
+MISTAKES["gain-negative"] = "1 = 5.0", "1 = -5.0"
+MISTAKES["weight-zero"] = "[4, 1, 0.5]", "[4, 1, 0]"
+MISTAKES["region-backwards"] = "[0, 5]", "[5, 0]"
+MISTAKES["region-without-disturbance"] = "initial_disturbance = 0.5\n", ""
+MISTAKES["signal-unknown"] = '"random"', '"often"'
+MISTAKES["guarantee-without-times"] = 'signal = "random"\ndwell = 0.5', 'guarantee = "dwell"'
+MISTAKES["generator-sum"] = (
+    'signal = "random"\ndwell = 0.5',
+    'guarantee = "markov"\ngenerator = [[-1, 0.9], [1, -1]]',
+)
+MISTAKES["several-at-once"] = "agents = 4", 'agents = 4\nweights = 3\nlabels = ["a"]'
+MISTAKES["dynamics-without-A"] = "[region]", "[dynamics]\nB = [[1]]\n[region]"
+MISTAKES["uncertainty-too-large"] = "[region]", "[uncertainty]\nweights = 1.5\n[region]"
+MISTAKES["actuators-of-nobody"] = "[region]", "[actuators]\nlimit = { 7 = 3 }\n[region]"
+MISTAKES["arcs-file-missing"] = "H = [[1, 2], [2, 1], [3, 2], [4, 3]]", 'H = { file = "no.csv" }'
+MISTAKES["no-agents"] = "agents = 4\n", ""
+MISTAKES["number-too-long"] = "target = 1", f'target = "1.{"3" * 300}"'
 
 
 # ---- All of them ---------------------------------------------------------------------------------
 
 Maker = Callable[[Random, int], Table]
 #: Kind -> how many, and what makes one.
-KINDS: dict[str, tuple[int, Maker]] = {
-    "plain": (10, plain),
-    "disturbed": (10, disturbed),
-    "exosystem": (6, exosystems),
-    "bad-observer": (8, bad_observers),
-    "unreached": (6, unreached),
-    "modes": (6, several_modes),
-    "planar": (10, planar),
-    "spatial": (4, spatial),
-    "exceptions": (6, exceptions),
-    "formation": (4, formations),
-    "badly-scaled": (8, badly_scaled),
-    "all-pinned": (4, matrix_gains),
-    "one-agent": (2, one_agent),
-    "labelled": (2, labelled),
-    "region": (13, regions),
-    "second-equilibrium": (3, second_equilibria),
-    "region-planar": (6, planar_regions),
-    "region-modes": (3, region_modes),
-    "sequence": (10, sequences),
-    "dwell": (10, dwell_times),
-    "guarantee-broken": (6, guarantees_broken),
-    "arbitrary": (3, arbitrary),
-    "markov": (8, markov),
-    "mobile": (6, mobile),
-    "optional": (10, optional_arcs),
-    "groups": (10, groups),
-    "groups-none": (6, groups_none),
-    "tolerance": (8, tolerances),
-    "accuracy": (10, accuracies),
-    "accuracy-tolerance": (4, accuracies_and_tolerances),
-    "actuators": (10, actuators),
-    "dynamics-A": (8, dynamics_linear),
-    "dynamics-inputs": (10, dynamics_inputs),
-    "dynamics-overdamped": (8, dynamics_overdamped),
-    "dynamics-f": (12, dynamics_f),
-    "dynamics-region": (3, dynamics_regions),
-    "dynamics-modes": (6, dynamics_modes),
-    "dynamics-scattered": (3, dynamics_scattered),
-    "dynamics-groups": (2, dynamics_groups),
-    "leader-A": (8, leader_linear),
-    "leader-f": (6, leader_f),
-    "lost": (15, lost),
-    "lost-optional": (2, lost_optional),
-    "not-kept": (6, not_kept),
-    "dynamics-unstable": (8, dynamics_unstable),
-    "leader-unstable": (2, leader_unstable),
-}
+KINDS: dict[str, tuple[int, Maker]] = {}
+KINDS["plain"] = 10, plain
+KINDS["disturbed"] = 10, disturbed
+KINDS["exosystem"] = 6, exosystems
+KINDS["bad-observer"] = 8, bad_observers
+KINDS["unreached"] = 6, unreached
+KINDS["modes"] = 6, several_modes
+KINDS["planar"] = 10, planar
+KINDS["spatial"] = 4, spatial
+KINDS["exceptions"] = 6, exceptions
+KINDS["formation"] = 4, formations
+KINDS["badly-scaled"] = 8, badly_scaled
+KINDS["all-pinned"] = 4, matrix_gains
+KINDS["one-agent"] = 2, one_agent
+KINDS["labelled"] = 2, labelled
+KINDS["region"] = 13, regions
+KINDS["second-equilibrium"] = 3, second_equilibria
+KINDS["region-planar"] = 6, planar_regions
+KINDS["region-modes"] = 3, region_modes
+KINDS["sequence"] = 10, sequences
+KINDS["dwell"] = 10, dwell_times
+KINDS["guarantee-broken"] = 6, guarantees_broken
+KINDS["arbitrary"] = 3, arbitrary
+KINDS["markov"] = 8, markov
+KINDS["mobile"] = 6, mobile
+KINDS["optional"] = 10, optional_arcs
+KINDS["groups"] = 10, groups
+KINDS["groups-none"] = 6, groups_none
+KINDS["tolerance"] = 8, tolerances
+KINDS["accuracy"] = 10, accuracies
+KINDS["accuracy-tolerance"] = 4, accuracies_and_tolerances
+KINDS["actuators"] = 10, actuators
+KINDS["dynamics-A"] = 8, dynamics_linear
+KINDS["dynamics-inputs"] = 10, dynamics_inputs
+KINDS["dynamics-overdamped"] = 8, dynamics_overdamped
+KINDS["dynamics-f"] = 12, dynamics_f
+KINDS["dynamics-region"] = 3, dynamics_regions
+KINDS["dynamics-modes"] = 6, dynamics_modes
+KINDS["dynamics-scattered"] = 3, dynamics_scattered
+KINDS["dynamics-groups"] = 2, dynamics_groups
+KINDS["leader-A"] = 8, leader_linear
+KINDS["leader-f"] = 6, leader_f
+KINDS["lost"] = 15, lost
+KINDS["lost-optional"] = 2, lost_optional
+KINDS["not-kept"] = 6, not_kept
+KINDS["dynamics-unstable"] = 8, dynamics_unstable
+KINDS["leader-unstable"] = 2, leader_unstable
 #: Kind -> whose problems, and what ``certify`` is asked beside them.
-ASKED: dict[str, tuple[str, tuple[str, ...]]] = {
-    "option-all": ("region", ("--all",)),
-    "option-settling": ("region", ("--settling", "1/25")),
-    "option-settling-sequence": ("sequence", ("--settling", "1/25")),
-    "option-rate": ("disturbed", ("--rate", "1/4")),
-    "option-search": ("second-equilibrium", ("--search",)),
-    "option-theorem": ("disturbed", ("--theorem", "theorem1")),
-    "option-fix": ("unreached", ("--apply-fix", "cured.toml")),
-    "option-search-stated": ("not-kept", ("--search",)),
-}
+ASKED: dict[str, tuple[str, tuple[str, ...]]] = {}
+ASKED["option-all"] = "region", ("--all",)
+ASKED["option-settling"] = "region", ("--settling", "1/25")
+ASKED["option-settling-sequence"] = "sequence", ("--settling", "1/25")
+ASKED["option-rate"] = "disturbed", ("--rate", "1/4")
+ASKED["option-search"] = "second-equilibrium", ("--search",)
+ASKED["option-theorem"] = "disturbed", ("--theorem", "theorem1")
+ASKED["option-fix"] = "unreached", ("--apply-fix", "cured.toml")
+ASKED["option-search-stated"] = "not-kept", ("--search",)
 #: Of these, one problem goes through the commands that take long or say much (see ``golden.py``).
 THOROUGH = (
     "disturbed",

@@ -9,7 +9,7 @@ text). ``expect_words`` must all occur in the lower-cased message (with its cure
 tolerant on purpose.  VALID_BUT_NASTY looks like an attack or a slip and has to load.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -91,6 +91,7 @@ EXCEPTION = '[[coupling.exceptions]]\narcs = [[1, 2], [2, 3]]\nh = "2*y"\n'
 A, C = "A = [[0, 2], [-2, 0]]", "C = [[1, 0]]"
 ONE = "A = [[0]]\nC = [[1]]"
 W, P = 'W = [["16/5"], ["12/5"]]', 'P = [["1/2", "-1/4"], ["-1/4", "1/3"]]'
+MODES, EXOSYSTEM = f"[network.modes]\n{GA}\n{GB}\n", f"[exosystem]\n{A}\n{C}\n"
 GAINS, OFFSETS = 'gains = { 1 = 5.0, 3 = "9/16" }', "offsets = { 2 = 1.5, 4 = -1.5 }"
 XI0 = 'xi0 = ["0.420735492", "0.270151153"]'
 FILE = "network.modes.Ga.file"
@@ -140,6 +141,20 @@ def target(value: str) -> str:
 
 def agents(value: str) -> str:
     return swap("agents = 4", f"agents = {value}")
+
+
+def switching(case: str, kind: str, lines: str, key: str, *words: str) -> BadFile:
+    """A signal with these lines, semicolons between them."""
+    return bad(case, signal(kind, *lines.split("; ")), f"switching.{key}", *words)
+
+
+def guaranteed(case: str, kind: str, lines: str, key: str, *words: str) -> BadFile:
+    """The same of a guarantee."""
+    return bad(case, guarantee(kind, *lines.split("; ")), f"switching.{key}", *words)
+
+
+def gains(case: str, table: str, key: str, *words: str) -> BadFile:
+    return bad(case, swap(GAINS, f"gains = {{ {table} }}"), f"pinning.gains.{key}", *words)
 
 
 def sequence(case: str, lines: str, key: str, *words: str) -> BadFile:
@@ -196,518 +211,525 @@ def arcs_file(case: str, content: bytes | None, *words: str, name: str = "arcs.c
     return bad(f"arcs-file-{case}", mode(f"{{ file = '{name}' }}"), FILE, *words, files=files)
 
 
-TOML_AND_BYTES = [
-    bad("empty", "", "network"),
-    bad("syntax-error", swap("seed = 0", "seed = "), "", "toml"),
-    bad("duplicate-key", swap("seed = 0", "seed = 0\nseed = 1"), "", "toml"),
-    bad("duplicate-gain-1-and-quoted-1", swap(GAINS, 'gains = { 1 = 5, "1" = 6 }'), "", "toml"),
-    bad("truncated-in-a-matrix", VALID[: VALID.index("-2, 0]]")], "", "toml"),
-    bad(
+def _toml_and_bytes() -> Iterator[BadFile]:
+    yield bad("empty", "", "network")
+    yield bad("syntax-error", swap("seed = 0", "seed = "), "", "toml")
+    yield bad("duplicate-key", swap("seed = 0", "seed = 0\nseed = 1"), "", "toml")
+    yield bad(
+        "duplicate-gain-1-and-quoted-1", swap(GAINS, 'gains = { 1 = 5, "1" = 6 }'), "", "toml"
+    )
+    yield bad("truncated-in-a-matrix", VALID[: VALID.index("-2, 0]]")], "", "toml")
+    yield bad(
         "latin-1", VALID.replace("four-agents", "vier-Glühwürmchen").encode("latin-1"), "", "utf-8"
-    ),
-    bad("nul-byte", VALID.encode().replace(b"four", b"fo\x00ur"), ""),
-    bad("over-16-megabytes", lambda: VALID + "#" * (16 * 1024 * 1024), "", "large"),
-    bad("over-16-megabytes-of-arcs", lambda: mode("[" + "[1, 2], " * 2_100_000 + "]"), "", "large"),
-    bad("nested-lists-60", target("[" * 60 + "1" + "]" * 60), "", "nest"),
-    bad("nested-inline-tables-60", top("deep = " + "{ a = " * 60 + "1" + " }" * 60), "", "nest"),
-    bad("nested-dotted-key", top(".".join("a" * 20_000) + " = 1"), "", "nest"),
-    bad("nested-table-header-of-a-megabyte", lambda: end("[" + "a." * 500_000 + "a]"), "", "nest"),
-    bad(
+    )
+    yield bad("nul-byte", VALID.encode().replace(b"four", b"fo\x00ur"), "")
+    yield bad("over-16-megabytes", lambda: VALID + "#" * (16 * 1024 * 1024), "", "large")
+    yield bad(
+        "over-16-megabytes-of-arcs", lambda: mode("[" + "[1, 2], " * 2_100_000 + "]"), "", "large"
+    )
+    yield bad("nested-lists-60", target("[" * 60 + "1" + "]" * 60), "", "nest")
+    yield bad(
+        "nested-inline-tables-60", top("deep = " + "{ a = " * 60 + "1" + " }" * 60), "", "nest"
+    )
+    yield bad("nested-dotted-key", top(".".join("a" * 20_000) + " = 1"), "", "nest")
+    yield bad(
+        "nested-table-header-of-a-megabyte", lambda: end("[" + "a." * 500_000 + "a]"), "", "nest"
+    )
+    yield bad(
         "nested-inline-key-of-a-megabyte",
         lambda: top("deep = { " + "a." * 500_000 + "a = 1 }"),
         "",
         "nest",
-    ),
-    bad("megabytes-of-quotes", lambda: '\\"""\n' * 800_000, "", "toml"),
-    bad("megabytes-in-triple-quotes", lambda: 'name = """' + 'a"\n' * 700_000, "", "toml"),
-    bad(
+    )
+    yield bad("megabytes-of-quotes", lambda: '\\"""\n' * 800_000, "", "toml")
+    yield bad("megabytes-in-triple-quotes", lambda: 'name = """' + 'a"\n' * 700_000, "", "toml")
+    yield bad(
         "many-unknown-keys",
         lambda: VALID + "".join(f"u{i} = 1\n" for i in range(20_000)),
         "simulation.u0",
         "unknown",
-    ),
-]
+    )
 
-UNKNOWN_KEYS = [
-    *(
-        bad(f"schema-{value}", swap("schema = 1", f"schema = {value}"), "schema", "1")
-        for value in ('"1"', "true", 0, 2)
-    ),
-    bad("unknown-top", top("targett = 2"), "targett", "target"),
-    bad("unknown-network", below("[network]", "agent = 4"), "network.agent", "agents"),
-    bad(
+
+def _unknown_keys() -> Iterator[BadFile]:
+    for value in ('"1"', "true", 0, 2):
+        yield bad(f"schema-{value}", swap("schema = 1", f"schema = {value}"), "schema", "1")
+    yield bad("unknown-top", top("targett = 2"), "targett", "target")
+    yield bad("unknown-network", below("[network]", "agent = 4"), "network.agent", "agents")
+    yield bad(
         "unknown-exception",
         exception('arcs = [[1, 2]]\nh = "2*y"\narc = 1'),
         "coupling.exceptions[0].arc",
         "arcs",
-    ),
-    bad("unknown-exosystem", below("[exosystem]", "B = [[1]]"), "exosystem.B", "unknown"),
-    bad("unknown-table", end("[noise]\nlevel = 1"), "noise", "unknown"),
-    bad("unknown-key-with-markup", top('"<b>target</b>" = 1'), "<b>target</b>", "unknown"),
-]
+    )
+    yield bad("unknown-exosystem", below("[exosystem]", "B = [[1]]"), "exosystem.B", "unknown")
+    yield bad("unknown-table", end("[noise]\nlevel = 1"), "noise", "unknown")
+    yield bad("unknown-key-with-markup", top('"<b>target</b>" = 1'), "<b>target</b>", "unknown")
 
-GROUPS_AND_KINDS = [
-    bad("group-without-matrices", group('agents = ["1"]'), f"{GROUPS}[0].A", "required"),
-    bad("group-without-agents", group("A = [[0]]\nC = [[1]]"), f"{GROUPS}[0].agents", "required"),
-    bad("group-of-nobody", group(f"agents = []\n{ONE}"), f"{GROUPS}[0].agents", "labels"),
-    bad(
+
+UNKNOWN_KEYS = list(_unknown_keys())
+
+
+def _groups_and_kinds() -> Iterator[BadFile]:
+    yield bad(
+        "group-without-matrices", group('agents = ["1"]'), "exosystem.groups[0].A", "required"
+    )
+    yield bad(
+        "group-without-agents",
+        group("A = [[0]]\nC = [[1]]"),
+        "exosystem.groups[0].agents",
+        "required",
+    )
+    yield bad(
+        "group-of-nobody", group(f"agents = []\n{ONE}"), "exosystem.groups[0].agents", "labels"
+    )
+    yield bad(
         "group-of-a-stranger",
         group(f"agents = [1, 9]\n{ONE}"),
         f"{GROUPS}[0].agents[1]",
         "no agent",
-    ),
-    bad(
+    )
+    yield bad(
         "groups-share-an-agent",
         group(f"agents = [1]\n{ONE}", f"agents = [2, 1]\n{ONE}"),
         f"{GROUPS}[1].agents[1]",
         "exosystem.groups[0] already",
-    ),
-    bad(
+    )
+    yield bad(
         "group-of-everybody-beside-a-rest",
         group(f"agents = [1, 2, 3, 4]\n{ONE}"),
         "exosystem.A",
         "apply to no agent",
-    ),
-    bad(
+    )
+    yield bad(
         "group-with-a-wrong-w",
         group(f"agents = [1]\n{ONE}\nW = [[1, 2]]"),
         f"{GROUPS}[0].W",
         "shape",
-    ),
-    bad(
+    )
+    yield bad(
         "group-without-the-p-of-others",
         group(f"agents = [1]\n{ONE}\nW = [[1]]"),
         "exosystem.groups",
         "tested",
-    ),
-    bad(
+    )
+    yield bad(
         "groups-as-a-table",
         end("[exosystem.groups]\nagents = [1]"),
         "exosystem.groups",
         "list of tables",
-    ),
-    bad(
+    )
+    yield bad(
         "xi0-of-groups-in-one-row",
         group(f"agents = [1]\n{ONE}\nW = [[1]]\nP = [[1]]"),
         "simulation.xi0",
         "row",
-    ),
-    bad(
+    )
+    yield bad(
         "kind-beside-matrices",
         below("[exosystem]", 'kind = "constant"'),
         "exosystem.kind",
         "only one of them",
-    ),
-    bad(
+    )
+    yield bad(
         "kind-without-frequencies", kind('kind = "harmonics"'), "exosystem.frequencies", "required"
-    ),
-    bad(
+    )
+    yield bad(
         "frequencies-alone",
         below("[exosystem]", "frequencies = [2]"),
         "exosystem.frequencies",
         "only one of them",
-    ),
-]
+    )
 
-MISSING_OR_OF_A_WRONG_KIND = [
-    bad(
+
+def _missing_or_of_a_wrong_kind() -> Iterator[BadFile]:
+    yield bad(
         "no-network",
         VALID[: VALID.index("[network]")] + VALID[VALID.index("[coupling]") :],
         "network",
-    ),
-    bad("no-modes", swap(f"[network.modes]\n{GA}\n{GB}\n", ""), "network.modes"),
-    bad("no-h", without(H), "coupling.h"),
-    bad("no-exosystem", swap(f"[exosystem]\n{A}\n{C}\n", ""), "observer", "exosystem"),
-    bad("no-W-beside-P", without(W), "observer.P", "w"),
-    bad(
+    )
+    yield bad("no-modes", swap(MODES, ""), "network.modes")
+    yield bad("no-h", without(H), "coupling.h")
+    yield bad("no-exosystem", swap(EXOSYSTEM, ""), "observer", "exosystem")
+    yield bad("no-W-beside-P", without(W), "observer.P", "w")
+    yield bad(
         "no-initial-disturbance", without("initial_disturbance = 0.5"), "region.initial_disturbance"
-    ),
-    bad("no-signal", without('signal = "random"'), "switching.signal"),
-    bad("notes-of-2000-letters", top(f"notes = ['{'n' * 2000}']"), "notes[0]", "1000"),
-    bad("network-is-text", 'network = "ring"\n[coupling]\nh = "y"\n', "network", "table"),
-    bad(
+    )
+    yield bad("no-signal", without('signal = "random"'), "switching.signal")
+    yield bad("notes-of-2000-letters", top(f"notes = ['{'n' * 2000}']"), "notes[0]", "1000")
+    yield bad("network-is-text", 'network = "ring"\n[coupling]\nh = "y"\n', "network", "table")
+    yield bad(
         "coupling-is-text",
         'coupling = "y"\n' + VALID[: VALID.index("[coupling]")],
         "coupling",
         "table",
-    ),
-    bad(
+    )
+    yield bad(
         "exceptions-is-table",
         swap("[[coupling.exceptions]]", "[coupling.exceptions]"),
         "coupling.exceptions",
-    ),
-    bad(
+    )
+    yield bad(
         "pinning-is-number",
         top("pinning = 5").replace(f"[pinning]\n{GAINS}\n", ""),
         "pinning",
         "table",
-    ),
-    bad(
+    )
+    yield bad(
         "formation-is-list",
         swap(OFFSETS, "offsets = [0, 1.5, 0, -1.5]"),
         "formation.offsets",
         "table",
-    ),
-]
+    )
 
-NETWORK = [
-    bad("agents-huge", agents("1000000000000"), "network.agents"),
-    bad("labels-twice", agents("[1, 2, 3, 4, 2]"), "network.agents", "2"),
-    bad(
+
+def _network() -> Iterator[BadFile]:
+    yield bad("agents-huge", agents("1000000000000"), "network.agents")
+    yield bad("labels-twice", agents("[1, 2, 3, 4, 2]"), "network.agents", "2")
+    yield bad(
         "modes-is-list",
-        swap(f"[network.modes]\n{GA}\n{GB}\n", "modes = [[1, 2], [2, 3]]\n"),
+        swap(MODES, "modes = [[1, 2], [2, 3]]\n"),
         "network.modes",
-    ),
-    bad("agents-of-5000-hexadecimal-digits", agents("0x" + "f" * 5000), "network.agents"),
-    bad("arc-twice", mode("[[1, 2], [2, 3], [1, 2]]"), "network.modes.Ga[2]", "duplicate"),
-    bad("arc-twice-mixed-labels", mode('[[1, 2], [2, 3], ["1", "2", 3]]'), "network.modes.Ga[2]"),
-    bad("arc-unknown-agent", mode("[[1, 2], [2, 3], [3, 11]]"), "network.modes.Ga[2]", "11"),
-]
+    )
+    yield bad("agents-of-5000-hexadecimal-digits", agents("0x" + "f" * 5000), "network.agents")
+    yield bad("arc-twice", mode("[[1, 2], [2, 3], [1, 2]]"), "network.modes.Ga[2]", "duplicate")
+    yield bad(
+        "arc-twice-mixed-labels", mode('[[1, 2], [2, 3], ["1", "2", 3]]'), "network.modes.Ga[2]"
+    )
+    yield bad("arc-unknown-agent", mode("[[1, 2], [2, 3], [3, 11]]"), "network.modes.Ga[2]", "11")
 
-EXPRESSIONS = [
-    expression("syntax", "exp(y) - 1 +"),
-    expression("unclosed", "exp(y - 1"),
-    expression("attribute", "y.__class__"),
-    expression("caret", "y^3", "**"),
-    expression("too-long", "y + " * 600 + "y", "2000"),
-    expression("too-deep", "(" * 60 + "y" + ")" * 60, "50"),
-    expression("does-not-vanish", "exp(y) + y", "vanish"),
-    expression("constant", "1", "vanish"),
-    expression("undefined-log", "log(y)", "0"),
-    expression("undefined-to-the-left", "sqrt(y)"),
-    bad("h-number", swap(H, "h = 2"), "coupling.h"),
-    bad("h-table", swap(H, 'h = { y = "y" }'), "coupling.h"),
-    bad(
+
+def _expressions() -> Iterator[BadFile]:
+    yield expression("syntax", "exp(y) - 1 +")
+    yield expression("unclosed", "exp(y - 1")
+    yield expression("attribute", "y.__class__")
+    yield expression("caret", "y^3", "**")
+    yield expression("too-long", "y + " * 600 + "y", "2000")
+    yield expression("too-deep", "(" * 60 + "y" + ")" * 60, "50")
+    yield expression("does-not-vanish", "exp(y) + y", "vanish")
+    yield expression("constant", "1", "vanish")
+    yield expression("undefined-log", "log(y)", "0")
+    yield expression("undefined-to-the-left", "sqrt(y)")
+    yield bad("h-number", swap(H, "h = 2"), "coupling.h")
+    yield bad("h-table", swap(H, 'h = { y = "y" }'), "coupling.h")
+    yield bad(
         "exception-h-does-not-vanish",
         swap('h = "2*y"', 'h = "2*y + 1"'),
         "coupling.exceptions[0].h",
         "vanish",
-    ),
-    bad(
+    )
+    yield bad(
         "exception-h-of-the-second-table",
         swap(EXCEPTION, f'{SECOND}arcs = [[3, 4]]\nh = "foo(y)"\n'),
         "coupling.exceptions[1].h",
         "foo",
-    ),
-    bad(
+    )
+    yield bad(
         "exception-wrong-way-round",
         exception('arcs = [[3, 1]]\nh = "2*y"'),
         "coupling.exceptions[0].arcs[0]",
-    ),
-    bad(
+    )
+    yield bad(
         "exception-stranger",
         exception('arcs = [[1, 2], [2, 11]]\nh = "2*y"'),
         "coupling.exceptions[0].arcs[1]",
         "11",
-    ),
-    bad(
+    )
+    yield bad(
         "exception-arc-twice",
         exception('arcs = [[1, 2], [1, 2]]\nh = "y"'),
         "coupling.exceptions[0].arcs[1]",
-    ),
-    bad(
+    )
+    yield bad(
         "exception-arc-in-two-tables",
         swap(EXCEPTION, f'{SECOND}arcs = [[3, 4], [2, 3]]\nh = "3*y"\n'),
         "coupling.exceptions[1].arcs[1]",
-    ),
-]
+    )
 
-NUMBERS = [
-    number("text", '"one"', "one"),
-    number("over-zero", '"1/0"', "0"),
-    number("nan", "nan", "nan"),
-    number("exponent-of-a-million-digits", '"1e' + "9" * 1_000_000 + '"'),
-    bad("number-5000-digits", target("7" * 5000), ""),
-    bad("number-leading-zero", target("007"), "", "toml"),
-    bad("number-5000-hexadecimal-digits", target("0x" + "f" * 5000), "target", "200"),
-    bad(
+
+def _numbers() -> Iterator[BadFile]:
+    yield number("text", '"one"', "one")
+    yield number("over-zero", '"1/0"', "0")
+    yield number("nan", "nan", "nan")
+    yield number("exponent-of-a-million-digits", '"1e' + "9" * 1_000_000 + '"')
+    yield bad("number-5000-digits", target("7" * 5000), "")
+    yield bad("number-leading-zero", target("007"), "", "toml")
+    yield bad("number-5000-hexadecimal-digits", target("0x" + "f" * 5000), "target", "200")
+    yield bad(
         "target-of-600",
         target(str([0] * 600)).replace(f"[exosystem]\n{A}\n{C}\n", ""),
         "target",
         "100",
-    ),
-]
+    )
 
-MATRICES = [
-    bad("A-not-square", swap(A, "A = [[0, 2, 0], [-2, 0, 0]]"), "exosystem.A", "square"),
-    bad("A-empty-rows", swap(A, "A = [[], []]"), "exosystem.A[0]"),
-    bad(
+
+def _matrices() -> Iterator[BadFile]:
+    yield bad("A-not-square", swap(A, "A = [[0, 2, 0], [-2, 0, 0]]"), "exosystem.A", "square")
+    yield bad("A-empty-rows", swap(A, "A = [[], []]"), "exosystem.A[0]")
+    yield bad(
         "C-of-two-rows-and-W-of-one-column", swap(C, "C = [[1, 0], [0, 1]]"), "observer.W", "shape"
-    ),
-    bad("W-lying", swap(W, 'W = [["16/5", "12/5"]]'), "observer.W", "shape"),
-]
+    )
+    yield bad("W-lying", swap(W, 'W = [["16/5", "12/5"]]'), "observer.W", "shape")
 
-PINS_AND_FORMATION = [
-    bad("gain-negative", swap(GAINS, "gains = { 1 = 5, 3 = -1 }"), "pinning.gains.3", "-1"),
-    bad("gain-matrix-negative", swap(GAINS, 'gains = { 1 = [["-1/9"]] }'), "pinning.gains.1"),
-    bad(
-        "gain-matrix-too-large",
-        swap(GAINS, "gains = { 1 = [[1, 0], [0, 1]] }"),
-        "pinning.gains.1",
-        "shape",
-    ),
-    bad(
+
+def _pins_and_formation() -> Iterator[BadFile]:
+    yield gains("gain-negative", "1 = 5, 3 = -1", "3", "-1")
+    yield gains("gain-matrix-negative", '1 = [["-1/9"]]', "1")
+    yield gains("gain-matrix-too-large", "1 = [[1, 0], [0, 1]]", "1", "shape")
+    yield bad(
         "gain-of-a-megabyte",
         swap(GAINS, "gains = { " + "x" * 1_000_000 + " = 5 }"),
         f"pinning.gains.{'x' * 57}...",
         "agent",
-    ),
-    bad(
+    )
+    yield bad(
         "gain-of-escape-sequence",
         swap(GAINS, r'gains = { "\u001b[31m" = 5 }'),
         r"pinning.gains.\x1b[31m",
         "agent",
-    ),
-]
+    )
 
-REGION_AND_SETTINGS = [
-    bad(
-        "radius-twice",
-        signal("mobile", "radius = 1", "neighbours = 2"),
-        "switching.neighbours",
-        "radius",
-    ),
-    bad("neighbours-fraction", signal("mobile", "neighbours = 1.5"), "switching.neighbours", "1.5"),
-    bad(
-        "hysteresis-negative",
-        signal("mobile", "radius = 1", "hysteresis = -0.1"),
-        "switching.hysteresis",
-        "-1/10",
-    ),
-    bad("schedule-missing", signal("schedule"), "switching.schedule", "missing"),
-    bad(
+
+def _switching() -> Iterator[BadFile]:
+    yield switching("radius-twice", "mobile", "radius = 1; neighbours = 2", "neighbours", "radius")
+    yield switching("neighbours-fraction", "mobile", "neighbours = 1.5", "neighbours", "1.5")
+    yield switching(
+        "hysteresis-negative", "mobile", "radius = 1; hysteresis = -0.1", "hysteresis", "-1/10"
+    )
+    yield bad("schedule-missing", signal("schedule"), "switching.schedule", "missing")
+    yield switching(
         "schedule-backwards",
-        signal("schedule", 'schedule = [[0, "Ga"], [2, "Gb"], [1, "Ga"]]'),
-        "switching.schedule[2][0]",
+        "schedule",
+        'schedule = [[0, "Ga"], [2, "Gb"], [1, "Ga"]]',
+        "schedule[2][0]",
         "increase",
-    ),
-    bad(
+    )
+    yield switching(
         "schedule-unknown-mode",
-        signal("schedule", 'schedule = [[0, "Ga"], [1, "Gx"]]'),
-        "switching.schedule[1][1]",
+        "schedule",
+        'schedule = [[0, "Ga"], [1, "Gx"]]',
+        "schedule[1][1]",
         "gx",
         "ga, gb",
-    ),
-    bad("sequence-empty", signal("periodic", "sequence = []"), "switching.sequence", "list"),
-    bad(
-        "period-and-dwell",
-        signal("periodic", "period = 1", "dwell = 1"),
-        "switching.period",
-        "dwell",
-    ),
-    bad("period-too-short", signal("periodic", ROUND, "period = 2"), "switching.period", "> 2 s"),
-    bad("round-without-end", signal("periodic", ROUND), "switching.period", "missing"),
-    bad(
+    )
+    yield switching("sequence-empty", "periodic", "sequence = []", "sequence", "list")
+    yield switching("period-and-dwell", "periodic", "period = 1; dwell = 1", "period", "dwell")
+    yield bad(
+        "period-too-short", signal("periodic", ROUND, "period = 2"), "switching.period", "> 2 s"
+    )
+    yield bad("round-without-end", signal("periodic", ROUND), "switching.period", "missing")
+    yield bad(
         "generator-of-three",
         signal("markov", f"generator = {[[0] * 3] * 3}"),
         "switching.generator",
         "2 rows",
-    ),
-    bad(
-        "generator-sum",
-        signal("markov", "generator = [[-1, 0.9], [1, -1]]"),
-        "switching.generator[0]",
-        "-1/10",
-    ),
-    bad(
-        "generator-negative",
-        signal("markov", "generator = [[1, -1], [1, -1]]"),
-        "switching.generator[0][1]",
-        ">= 0",
-    ),
-    bad(
+    )
+    yield switching(
+        "generator-sum", "markov", "generator = [[-1, 0.9], [1, -1]]", "generator[0]", "-1/10"
+    )
+    yield switching(
+        "generator-negative", "markov", "generator = [[1, -1], [1, -1]]", "generator[0][1]", ">= 0"
+    )
+    yield switching(
         "generator-twice",
-        signal("markov", "generator = [[-1, 1], [1, -1]]", "dwell = 1"),
-        "switching.dwell",
-        "generator",
-    ),
-    bad(
-        "guarantee-unknown",
-        guarantee("never", "dwell = 1"),
-        "switching.guarantee",
-        "arbitrary, dwell, sequence",
-    ),
-    bad("guarantee-number", signal("random", "guarantee = 1"), "switching.guarantee", "one of"),
-    bad("guarantee-without-dwell", guarantee("dwell"), "switching.dwell", "missing"),
-    bad(
-        "longest-below-dwell",
-        guarantee("dwell", "dwell = 2", "longest = 1"),
-        "switching.longest",
-        ">=",
-        "2 s",
-    ),
-    bad("longest-zero", guarantee("dwell", "dwell = 2", "longest = 0"), "switching.longest", "> 0"),
-    bad(
-        "longest-of-any-signal",
-        signal("random", "dwell = 1", "longest = 2"),
-        "switching.longest",
+        "markov",
+        "generator = [[-1, 1], [1, -1]]; dwell = 1",
         "dwell",
-    ),
-    sequence("longest-of-a-sequence", "dwell = 1; longest = 2", "longest", "no meaning"),
-    bad("sequence-without-times", guarantee("sequence", TURNS), "switching.guarantee", "how long"),
-    bad(
-        "sequence-of-random",
-        guarantee("sequence", 'signal = "random"', "dwell = 1"),
-        "switching.guarantee",
-        "order",
-    ),
-    sequence("dwell-of-three", "dwell = [1, 2, 3]", "dwell", "2 numbers", "3"),
-    sequence("dwell-with-a-zero", "dwell = [1, 0]", "dwell[1]", "> 0"),
-    bad(
-        "dwell-list-of-nothing",
-        guarantee("sequence", "dwell = [1, 2]"),
-        "switching.sequence",
-        "list of modes",
-    ),
-    bad("dwell-list-of-random", guarantee("dwell", "dwell = [1, 2]"), "switching.dwell"),
-    sequence("dwell-list-beside-a-period", "dwell = [1, 2]; period = 9", "period", "dwell"),
-    bad("x0-of-three", below("[simulation]", "x0 = [1, 2, 3]"), "simulation.x0", "4 numbers", "3"),
-    bad("x0-rows", below("[simulation]", "x0 = [[1], [2]]"), "simulation.x0", "4 rows"),
-    bad("x0-text", below("[simulation]", 'x0 = [1, 2, "far", 4]'), "simulation.x0[2]", "far"),
-    bad(
+        "generator",
+    )
+    yield guaranteed(
+        "guarantee-unknown", "never", "dwell = 1", "guarantee", "arbitrary, dwell, sequence"
+    )
+    yield switching("guarantee-number", "random", "guarantee = 1", "guarantee", "one of")
+    yield bad("guarantee-without-dwell", guarantee("dwell"), "switching.dwell", "missing")
+    yield guaranteed(
+        "longest-below-dwell", "dwell", "dwell = 2; longest = 1", "longest", ">=", "2 s"
+    )
+    yield guaranteed("longest-zero", "dwell", "dwell = 2; longest = 0", "longest", "> 0")
+    yield switching("longest-of-any-signal", "random", "dwell = 1; longest = 2", "longest", "dwell")
+    yield sequence("longest-of-a-sequence", "dwell = 1; longest = 2", "longest", "no meaning")
+    yield bad(
+        "sequence-without-times", guarantee("sequence", TURNS), "switching.guarantee", "how long"
+    )
+    yield guaranteed(
+        "sequence-of-random", "sequence", 'signal = "random"; dwell = 1', "guarantee", "order"
+    )
+    yield sequence("dwell-of-three", "dwell = [1, 2, 3]", "dwell", "2 numbers", "3")
+    yield sequence("dwell-with-a-zero", "dwell = [1, 0]", "dwell[1]", "> 0")
+    yield guaranteed(
+        "dwell-list-of-nothing", "sequence", "dwell = [1, 2]", "sequence", "list of modes"
+    )
+    yield guaranteed("dwell-list-of-random", "dwell", "dwell = [1, 2]", "dwell")
+    yield sequence("dwell-list-beside-a-period", "dwell = [1, 2]; period = 9", "period", "dwell")
+
+
+def _starts() -> Iterator[BadFile]:
+    yield bad(
+        "x0-of-three", below("[simulation]", "x0 = [1, 2, 3]"), "simulation.x0", "4 numbers", "3"
+    )
+    yield bad("x0-rows", below("[simulation]", "x0 = [[1], [2]]"), "simulation.x0", "4 rows")
+    yield bad("x0-text", below("[simulation]", 'x0 = [1, 2, "far", 4]'), "simulation.x0[2]", "far")
+    yield bad(
         "seed-of-5000-hexadecimal-digits",
         swap("seed = 0", "seed = 0x" + "f" * 5000),
         "simulation.seed",
-    ),
-    bad("xi0-too-few-rows", swap(XI0, "xi0 = [[1, 0], [1, 0], [1, 0]]"), "simulation.xi0", "4"),
-    bad("xi0-row-too-short", swap(XI0, "xi0 = [[1, 0], [1], [1, 0], [1, 0]]"), "simulation.xi0[1]"),
-]
+    )
+    yield bad(
+        "xi0-too-few-rows", swap(XI0, "xi0 = [[1, 0], [1, 0], [1, 0]]"), "simulation.xi0", "4"
+    )
+    yield bad(
+        "xi0-row-too-short", swap(XI0, "xi0 = [[1, 0], [1], [1, 0], [1, 0]]"), "simulation.xi0[1]"
+    )
 
-ARC_FILES = [
-    arcs_file("missing", None, "arcs.csv"),
-    bad("arcs-file-no-folder", mode('{ file = "no/such/arcs.csv" }'), FILE, "no/such/arcs.csv"),
-    bad("arcs-file-is-a-folder", mode('{ file = "data" }'), FILE, files=BELOW),
-    bad("arcs-file-above", mode('{ file = "../x.csv" }'), FILE, "folder"),
-    bad(
+
+def _arc_files() -> Iterator[BadFile]:
+    yield arcs_file("missing", None, "arcs.csv")
+    yield bad(
+        "arcs-file-no-folder", mode('{ file = "no/such/arcs.csv" }'), FILE, "no/such/arcs.csv"
+    )
+    yield bad("arcs-file-is-a-folder", mode('{ file = "data" }'), FILE, files=BELOW)
+    yield bad("arcs-file-above", mode('{ file = "../x.csv" }'), FILE, "folder")
+    yield bad(
         "arcs-file-above-by-a-detour",
         mode('{ file = "data/../../x.csv" }'),
         FILE,
         "folder",
         files=BELOW,
-    ),
-    bad("arcs-file-linked-outside", FROM_CSV, FILE, "arcs.csv", links={"arcs.csv": "/etc/passwd"}),
-    bad("arcs-file-linked-to-itself", FROM_CSV, FILE, "arcs.csv", links={"arcs.csv": "arcs.csv"}),
-    bad("arcs-file-with-nul", mode(r'{ file = "arcs.csv\u0000" }'), FILE),
-    bad(
+    )
+    yield bad(
+        "arcs-file-linked-outside", FROM_CSV, FILE, "arcs.csv", links={"arcs.csv": "/etc/passwd"}
+    )
+    yield bad(
+        "arcs-file-linked-to-itself", FROM_CSV, FILE, "arcs.csv", links={"arcs.csv": "arcs.csv"}
+    )
+    yield bad("arcs-file-with-nul", mode(r'{ file = "arcs.csv\u0000" }'), FILE)
+    yield bad(
         "arcs-file-two-keys",
         mode('{ file = "arcs.csv", weight = 2 }'),
         "network.modes.Ga",
         files={"arcs.csv": CSV},
-    ),
-    arcs_file("of-unknown-kind", CSV, "arcs.xlsx", name="arcs.xlsx"),
-    arcs_file("empty", b"", "arcs.csv"),
-    arcs_file("one-column", b"1,2\n2\n3,4\n", "line 2"),
-    arcs_file("weight-empty", b"1,2,1\n2,3,\n", "line 2"),
-    arcs_file("weight-zero", b"1,2,1\n2,3,0\n", "weight"),
-    arcs_file("header-in-the-middle", b"1,2\nfrom,to\n2,3\n", "line 2"),
-    arcs_file("arc-twice", b"1,2\n2,3\n1,2\n", "duplicate"),
-    arcs_file("latin-1", "1,2\n2,Zürich\n".encode("latin-1"), "utf-8"),
-    arcs_file("nul-byte", b"1,2\n2,3\x00\n", "line 2"),
-    arcs_file("open-quote", b'1,2\n"2,3\n3,4\n'),
-    arcs_file("field-of-a-megabyte", b"1," + b"2" * 1_000_000 + b"\n"),
-    arcs_file("not-graphml", b"<graphml><graph>", "graphml", name="arcs.graphml"),
-    arcs_file(
+    )
+    yield arcs_file("of-unknown-kind", CSV, "arcs.xlsx", name="arcs.xlsx")
+    yield arcs_file("empty", b"", "arcs.csv")
+    yield arcs_file("one-column", b"1,2\n2\n3,4\n", "line 2")
+    yield arcs_file("weight-empty", b"1,2,1\n2,3,\n", "line 2")
+    yield arcs_file("weight-zero", b"1,2,1\n2,3,0\n", "weight")
+    yield arcs_file("header-in-the-middle", b"1,2\nfrom,to\n2,3\n", "line 2")
+    yield arcs_file("arc-twice", b"1,2\n2,3\n1,2\n", "duplicate")
+    yield arcs_file("latin-1", "1,2\n2,Zürich\n".encode("latin-1"), "utf-8")
+    yield arcs_file("nul-byte", b"1,2\n2,3\x00\n", "line 2")
+    yield arcs_file("open-quote", b'1,2\n"2,3\n3,4\n')
+    yield arcs_file("field-of-a-megabyte", b"1," + b"2" * 1_000_000 + b"\n")
+    yield arcs_file("not-graphml", b"<graphml><graph>", "graphml", name="arcs.graphml")
+    yield arcs_file(
         "graphml-with-entities",
         b'<!DOCTYPE g [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;&a;&a;">]><graphml>&b;</graphml>',
         name="arcs.graphml",
-    ),
-    arcs_file(
+    )
+    yield arcs_file(
         "graphml-without-arcs",
         b'<graphml xmlns="http://graphml.graphdrawing.org/xmlns"><graph '
         b'edgedefault="directed"/></graphml>',
         "arcs.graphml",
         name="arcs.graphml",
-    ),
-]
+    )
 
-BAD_FILES: list[BadFile] = [
-    *TOML_AND_BYTES,
-    *UNKNOWN_KEYS,
-    *GROUPS_AND_KINDS,
-    *MISSING_OR_OF_A_WRONG_KIND,
-    *NETWORK,
-    *EXPRESSIONS,
-    *NUMBERS,
-    *MATRICES,
-    *PINS_AND_FORMATION,
-    *REGION_AND_SETTINGS,
-    *ARC_FILES,
-]
+
+def _bad_files() -> Iterator[BadFile]:
+    yield from _toml_and_bytes()
+    yield from UNKNOWN_KEYS
+    yield from _groups_and_kinds()
+    yield from _missing_or_of_a_wrong_kind()
+    yield from _network()
+    yield from _expressions()
+    yield from _numbers()
+    yield from _matrices()
+    yield from _pins_and_formation()
+    yield from _switching()
+    yield from _starts()
+    yield from _arc_files()
+
+
+BAD_FILES = list(_bad_files())
 
 
 def labels(*last: str) -> str:
     return agents(f"[1, 2, 3, 4, {', '.join(last)}]")
 
 
-VALID_BUT_NASTY: list[BadFile] = [
-    bad("plain", VALID),
-    bad("label-script", labels('"<script>alert(1)</script>"')),
-    bad("label-image", labels("""'"><img src=x onerror="alert(1)">'""")),
-    bad("label-latex", labels(r"'$\frac{'", r"'\input{x}'", "'a_b^c%'")),
-    bad("label-markdown", labels('"[x](javascript:alert(1))"', '"| a | b |"', '"`code`"')),
-    bad("label-dotted", labels('"a.b"', '"a[0]"', '" spaced "')),
-    bad("label-unicode", labels('"Zürich"', '"東京"', '"🛰"', '"e\u0301"', '"\u00f6"')),
-    bad("label-of-200-letters", labels('"' + "x" * 200 + '"')),
-    bad("mode-markup", swap(GB, GB.replace("Gb", '"<b>G & b</b>"'))),
-    bad("mode-without-arcs", swap(GB, "Gb = []")),
-    bad("name-markup", swap("four-agents", "<script>alert(1)</script>")),
-    bad("switching-in-rounds", signal("periodic", 'sequence = ["Gb", "Ga", "Gb"]', "period = 1.5")),
-    bad(
+def _valid_but_nasty() -> Iterator[BadFile]:
+    yield bad("plain", VALID)
+    yield bad("label-script", labels('"<script>alert(1)</script>"'))
+    yield bad("label-image", labels("""'"><img src=x onerror="alert(1)">'"""))
+    yield bad("label-latex", labels(r"'$\frac{'", r"'\input{x}'", "'a_b^c%'"))
+    yield bad("label-markdown", labels('"[x](javascript:alert(1))"', '"| a | b |"', '"`code`"'))
+    yield bad("label-dotted", labels('"a.b"', '"a[0]"', '" spaced "'))
+    yield bad("label-unicode", labels('"Zürich"', '"東京"', '"🛰"', '"e\u0301"', '"\u00f6"'))
+    yield bad("label-of-200-letters", labels('"' + "x" * 200 + '"'))
+    yield bad("mode-markup", swap(GB, GB.replace("Gb", '"<b>G & b</b>"')))
+    yield bad("mode-without-arcs", swap(GB, "Gb = []"))
+    yield bad("name-markup", swap("four-agents", "<script>alert(1)</script>"))
+    yield bad(
+        "switching-in-rounds", signal("periodic", 'sequence = ["Gb", "Ga", "Gb"]', "period = 1.5")
+    )
+    yield bad(
         "switching-in-uneven-rounds",
         signal("periodic", 'schedule = [[0, "Gb"], ["1/3", "Ga"]]', "period = 1"),
-    ),
-    bad("switching-markov", signal("markov", 'generator = [["-1/3", "1/3"], [0, 0]]')),
-    bad("switching-schedule", signal("schedule", 'schedule = [[0, "Ga"], [1e-3, "Gb"]]')),
-    bad("switching-mobile", signal("mobile", "radius = 2.5", "hysteresis = 0")),
-    bad("switching-nearest", signal("mobile", "neighbours = 2", "dwell = 1")),
-    bad("guarantee-arbitrary", guarantee("arbitrary")),
-    bad("guarantee-dwell", guarantee("dwell", "dwell = 0.5", 'longest = "1/2"')),
-    bad("guarantee-dwell-of-a-chain", guarantee("dwell", 'signal = "markov"', "dwell = 0.5")),
-    bad(
+    )
+    yield bad("switching-markov", signal("markov", 'generator = [["-1/3", "1/3"], [0, 0]]'))
+    yield bad("switching-schedule", signal("schedule", 'schedule = [[0, "Ga"], [1e-3, "Gb"]]'))
+    yield bad("switching-mobile", signal("mobile", "radius = 2.5", "hysteresis = 0"))
+    yield bad("switching-nearest", signal("mobile", "neighbours = 2", "dwell = 1"))
+    yield bad("guarantee-arbitrary", guarantee("arbitrary"))
+    yield bad("guarantee-dwell", guarantee("dwell", "dwell = 0.5", 'longest = "1/2"'))
+    yield bad("guarantee-dwell-of-a-chain", guarantee("dwell", 'signal = "markov"', "dwell = 0.5"))
+    yield bad(
         "guarantee-sequence",
         guarantee("sequence", 'sequence = ["Gb", "Ga", "Gb"]', "dwell = [1, 2, 0.5]"),
-    ),
-    bad("guarantee-sequence-of-all", guarantee("sequence", "dwell = 0.5")),
-    bad("x0-for-all", below("[simulation]", "x0 = [2]")),
-    bad("x0-each-a-row", below("[simulation]", "x0 = [[1], [2], [3], [4]]")),
-    bad("line-ends-of-windows", VALID.replace("\n", "\r\n")),
-    bad("byte-order-mark", b"\xef\xbb\xbf" + VALID.encode()),
-    bad("quotes-at-the-end-of-a-long-text", top('notes = ["""a"""", "b"]')),
-    bad("brackets-in-text-and-comments", top("# " + "[" * 200 + "'\"") + "# '''" + "{" * 200),
-    bad("number-negative-zero", target("-0.0")),
-    bad("number-underscores", target("1_000.000_5")),
-    bad("number-of-150-digits", target('"1.' + "3" * 150 + '"')),
-    bad("number-below-every-float", target('"1e-399"')),
-    bad("number-above-every-float", target('"1e399"')),
-    bad("weights-far-apart", mode("[[1, 2, 1e-20], [2, 3, 1e20], [3, 4], [4, 1]]")),
-    bad("labels-mixed-in-arcs", mode('[["1", 2], [2, "3"], [3, 4], [4, 1]]')),
-    bad("gain-zero", swap(GAINS, "gains = { 1 = 0, 3 = 5 }")),
-    bad("gain-matrix", swap(GAINS, "gains = { 1 = [[5]] }")),
-    bad("h-with-kinks", coupling("clip(y, -1, 1) + abs(y)/2 + max(y, 0)")),
-    bad("h-vanishes-by-a-hair", coupling("(exp(y) - exp(-y))/3 + sin(y)**2")),
-    bad("h-of-2000-characters", coupling("y" + " " * 1997 + "+y")),
-    bad("h-depth-40", coupling("tanh(" * 40 + "y" + ")" * 40)),
-    bad("h-of-two-lines", swap(H, 'h = """\nexp(y) - 1\n  + y"""')),
-    bad("P-not-definite", swap(P, "P = [[1, 2], [2, 1]]")),
-    bad("rate-beside-W", swap(P, "rate = 1")),
-    bad("arcs-file-below", mode('{ file = "data/arcs.csv" }'), files=BELOW),
-    bad(
+    )
+    yield bad("guarantee-sequence-of-all", guarantee("sequence", "dwell = 0.5"))
+    yield bad("x0-for-all", below("[simulation]", "x0 = [2]"))
+    yield bad("x0-each-a-row", below("[simulation]", "x0 = [[1], [2], [3], [4]]"))
+    yield bad("line-ends-of-windows", VALID.replace("\n", "\r\n"))
+    yield bad("byte-order-mark", b"\xef\xbb\xbf" + VALID.encode())
+    yield bad("quotes-at-the-end-of-a-long-text", top('notes = ["""a"""", "b"]'))
+    yield bad("brackets-in-text-and-comments", top("# " + "[" * 200 + "'\"") + "# '''" + "{" * 200)
+    yield bad("number-negative-zero", target("-0.0"))
+    yield bad("number-underscores", target("1_000.000_5"))
+    yield bad("number-of-150-digits", target('"1.' + "3" * 150 + '"'))
+    yield bad("number-below-every-float", target('"1e-399"'))
+    yield bad("number-above-every-float", target('"1e399"'))
+    yield bad("weights-far-apart", mode("[[1, 2, 1e-20], [2, 3, 1e20], [3, 4], [4, 1]]"))
+    yield bad("labels-mixed-in-arcs", mode('[["1", 2], [2, "3"], [3, 4], [4, 1]]'))
+    yield bad("gain-zero", swap(GAINS, "gains = { 1 = 0, 3 = 5 }"))
+    yield bad("gain-matrix", swap(GAINS, "gains = { 1 = [[5]] }"))
+    yield bad("h-with-kinks", coupling("clip(y, -1, 1) + abs(y)/2 + max(y, 0)"))
+    yield bad("h-vanishes-by-a-hair", coupling("(exp(y) - exp(-y))/3 + sin(y)**2"))
+    yield bad("h-of-2000-characters", coupling("y" + " " * 1997 + "+y"))
+    yield bad("h-depth-40", coupling("tanh(" * 40 + "y" + ")" * 40))
+    yield bad("h-of-two-lines", swap(H, 'h = """\nexp(y) - 1\n  + y"""'))
+    yield bad("P-not-definite", swap(P, "P = [[1, 2], [2, 1]]"))
+    yield bad("rate-beside-W", swap(P, "rate = 1"))
+    yield bad("arcs-file-below", mode('{ file = "data/arcs.csv" }'), files=BELOW)
+    yield bad(
         "arcs-file-detour",
         mode('{ file = "data/../arcs.csv" }'),
         files={"arcs.csv": CSV, "data/other.csv": CSV},
-    ),
-    bad(
+    )
+    yield bad(
         "arcs-file-of-windows",
         FROM_CSV,
         files={"arcs.csv": b"\xef\xbb\xbf" + CSV.replace(b"\n", b"\r\n")},
-    ),
-    bad("arcs-file-quoted", FROM_CSV, files={"arcs.csv": b'"1","2"\n\n"2","3"\n3 , 4\n4,1\n'}),
-    bad(
+    )
+    yield bad("arcs-file-quoted", FROM_CSV, files={"arcs.csv": b'"1","2"\n\n"2","3"\n3 , 4\n4,1\n'})
+    yield bad(
         "arcs-file-exact-weights",
         FROM_CSV,
         files={"arcs.csv": b"1,2,9/16\n2,3,1e-3\n3,4,0.1\n4,1,2\n"},
-    ),
-]
+    )
+
+
+VALID_BUT_NASTY: list[BadFile] = list(_valid_but_nasty())
 
 
 def write_case(case: BadFile, folder: Path) -> Path:

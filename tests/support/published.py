@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -100,64 +100,68 @@ def jointly_connected() -> Problem:
     return Problem(network=network, coupling="y", gains={1: 1}, switching=switching)
 
 
-PUBLISHED = (
+def _published() -> Iterator[Published]:
     # Yu, Chen and Cao, Automatica 46 (2010)
-    Published(
+    yield Published(
         "second order, directed 10-cycle, 1 % above the threshold",
         "stable iff b^2/a > 1.3992",
         lambda: second_order({1: 3}, 2, 1.01 * CYCLE10),
-    ),
-    Published(
+    )
+    yield Published(
         "the same, 1 % below",
         "unstable",
         lambda: second_order({1: 3}, 2, 0.99 * CYCLE10),
         "refuted",
-    ),
+    )
     # Ren, Automatica 44 (2008)
-    Published(
+    yield Published(
         "coupled harmonic oscillators, a path",
         "agree iff the leader reaches all",
         lambda: oscillators(reached=True),
-    ),
-    Published(
+    )
+    yield Published(
         "the same, one agent hears nobody",
         "does not agree",
         lambda: oscillators(reached=False),
         "refuted",
-    ),
+    )
     # built-in `platoon`; double integrators as in Ren and Atkins (2007)
-    Published("trucks in formation, gusts", "-", lambda: load_problem("platoon")),
+    yield Published("trucks in formation, gusts", "-", lambda: load_problem("platoon"))
     # Lorenz (1963); pinning as in Chen, Liu and Lu (2007)
-    Published(
+    yield Published(
         "Lorenz nodes, k = 12 on each",
         "origin: k > (sqrt(1201) - 11)/2 = 11.83",
         lambda: nodes(LORENZ, 12, "1/10"),
-    ),
+    )
     # Lorenz (1963)
-    Published(
+    yield Published(
         "Lorenz nodes, k = 11.7", "unstable", lambda: nodes(LORENZ, "11.7", "1/10"), "refuted"
-    ),
+    )
     # Hartley (1989)
-    Published("Chua nodes with a cubic, k = 10", "-", lambda: nodes(CUBIC_CHUA, 10, "1/5")),
+    yield Published("Chua nodes with a cubic, k = 10", "-", lambda: nodes(CUBIC_CHUA, 10, "1/5"))
     # built-in `neurons`; FitzHugh (1961)
-    Published("FitzHugh-Nagumo nodes at rest", "alone they fire", lambda: load_problem("neurons")),
+    yield Published(
+        "FitzHugh-Nagumo nodes at rest", "alone they fire", lambda: load_problem("neurons")
+    )
     # MATPOWER case9; Anderson and Fouad
-    Published("swing equations, IEEE 9 buses", "-", lambda: swing9("0.05", "0.1")),
+    yield Published("swing equations, IEEE 9 buses", "-", lambda: swing9("0.05", "0.1"))
     # built-in `swing-ieee39`; Athay, Podmore and Virmani (1979)
-    Published("swing equations, IEEE 39 buses", "-", lambda: load_problem("swing-ieee39")),
+    yield Published("swing equations, IEEE 39 buses", "-", lambda: load_problem("swing-ieee39"))
     # Jadbabaie, Motee and Barahona (2004); Doerfler and Bullo (2014)
-    Published("Kuramoto, unknown frequencies", "angles within pi/2", lambda: kuramoto("0.6")),
+    yield Published("Kuramoto, unknown frequencies", "angles within pi/2", lambda: kuramoto("0.6"))
     # built-in `microgrid-ieee14`; Simpson-Porco, Doerfler and Bullo (2013)
-    Published(
+    yield Published(
         "droop-controlled microgrid, IEEE 14 buses",
         "angles within pi/2",
         lambda: load_problem("microgrid-ieee14"),
-    ),
+    )
     # Jadbabaie, Lin and Morse, IEEE TAC 48 (2003)
-    Published("joint connectivity, period 2 s", "agree, no rate", jointly_connected),
+    yield Published("joint connectivity, period 2 s", "agree, no rate", jointly_connected)
     # built-in `paper-fixed`
-    Published("Example 1 of the paper", "agree, no rate", lambda: load_problem("paper-fixed")),
-)
+    yield Published("Example 1 of the paper", "agree, no rate", lambda: load_problem("paper-fixed"))
+
+
+PUBLISHED = tuple(_published())
 
 
 def regional(number: int) -> Problem:

@@ -71,47 +71,47 @@ def problems() -> dict[str, Problem]:
     pair = {"a": [[2, 1], [1, 2, "1/2"]], "b": [[2, 1, 2]]}
     plane = Exosystem(A=((0, 1), (-1, 0)), C=((1, 0), (0, 1)))
     line = Exosystem(A=((0,),), C=((1,), ("1/2",)))
-    return {
-        "small": Problem(  # the one that is changed
-            network=listens({"a": [[2, 1], [3, 2]], "b": [[2, 1, 2], [3, 1]]}, 3),
-            coupling="exp(y) - 1 + y",
-            gains={1: 3, 2: 1},
-            exosystem=SINE,
-            region={"initial_states": [-1, 1], "initial_disturbance": "1/2"},
-        ),
-        "rich": Problem(  # m = 2, matrix gains, a formation, weights, groups
-            network=listens(two, 3),
-            coupling="exp(y) - 1 + y",
-            exceptions={(2, 0): "atan(2*y)"},
-            target=["1/2", -1],
-            gains={1: [[3, "1/2"], [-1, 4]], 2: 2, 3: 1},
-            offsets={2: [1, "-3/2"], 3: ["1/3", 0]},
-            groups=[Group(agents=[1, 3], exosystem=plane), Group(agents=[2], exosystem=line)],
-            region={"initial_states": [-1, 1], "initial_disturbance": "1/2"},
-        ),
-        # no exosystem; arcs that rise, fall, have a peak and are bounded on a piece
-        "turning": Problem(
-            network=listens(pair, 2),
-            coupling="y/(1 + y**2/9)",
-            exceptions={(0, 1): "-tanh(y)/4"},
-            gains={1: 3, 2: "1/2"},
-            region={"initial_states": [-2, 2]},
-        ),
-        "bent": Problem(  # the same kinds of arcs, in few pieces
-            network=listens([[2, 1], [1, 2, "1/2"], [3, 2]], 3),
-            coupling="y*exp((1 - y**2)/2)",
-            exceptions={(0, 1): "-tanh(y)/4", (2, 1): "y/(1 + y**2/9)"},
-            gains={1: 3, 2: 3, 3: 2},
-            region={"initial_states": [-3, 3]},
-        ),
-        "exact": Problem(  # estimates that start exact: a bound of 0 on the estimation error
-            network=listens([[2, 1]], 2),
-            coupling="tanh(y)",
-            gains={1: 2},
-            exosystem=Exosystem(A=((0,),), C=((1,),)),
-            region={"initial_states": [-1, 1], "initial_disturbance": 0},
-        ),
-    }
+    made: dict[str, Problem] = {}
+    made["small"] = Problem(  # the one that is changed
+        network=listens({"a": [[2, 1], [3, 2]], "b": [[2, 1, 2], [3, 1]]}, 3),
+        coupling="exp(y) - 1 + y",
+        gains={1: 3, 2: 1},
+        exosystem=SINE,
+        region={"initial_states": [-1, 1], "initial_disturbance": "1/2"},
+    )
+    made["rich"] = Problem(  # m = 2, matrix gains, a formation, weights, groups
+        network=listens(two, 3),
+        coupling="exp(y) - 1 + y",
+        exceptions={(2, 0): "atan(2*y)"},
+        target=["1/2", -1],
+        gains={1: [[3, "1/2"], [-1, 4]], 2: 2, 3: 1},
+        offsets={2: [1, "-3/2"], 3: ["1/3", 0]},
+        groups=[Group(agents=[1, 3], exosystem=plane), Group(agents=[2], exosystem=line)],
+        region={"initial_states": [-1, 1], "initial_disturbance": "1/2"},
+    )
+    # no exosystem; arcs that rise, fall, have a peak and are bounded on a piece
+    made["turning"] = Problem(
+        network=listens(pair, 2),
+        coupling="y/(1 + y**2/9)",
+        exceptions={(0, 1): "-tanh(y)/4"},
+        gains={1: 3, 2: "1/2"},
+        region={"initial_states": [-2, 2]},
+    )
+    made["bent"] = Problem(  # the same kinds of arcs, in few pieces
+        network=listens([[2, 1], [1, 2, "1/2"], [3, 2]], 3),
+        coupling="y*exp((1 - y**2)/2)",
+        exceptions={(0, 1): "-tanh(y)/4", (2, 1): "y/(1 + y**2/9)"},
+        gains={1: 3, 2: 3, 3: 2},
+        region={"initial_states": [-3, 3]},
+    )
+    made["exact"] = Problem(  # estimates that start exact: a bound of 0 on the estimation error
+        network=listens([[2, 1]], 2),
+        coupling="tanh(y)",
+        gains={1: 2},
+        exosystem=Exosystem(A=((0,),), C=((1,),)),
+        region={"initial_states": [-1, 1], "initial_disturbance": 0},
+    )
+    return made
 
 
 @cache
@@ -334,59 +334,59 @@ def forgeries() -> dict[str, Forgery]:
     def by(factor: Any) -> Any:
         return tuple(tuple(x * Fraction(factor) for x in row) for row in P)
 
-    return {
-        "rate: 1 % larger": own(rate=0.5075),
-        "rate: that of alpha": own(rate=0.687431),
-        "alpha: 1 % larger": own(alpha=scaled(claim, "alpha", "101/100")),
-        "alpha: twice": own(alpha=scaled(claim, "alpha", 2)),
-        "alpha: below the rate": own(alpha=Fraction(1, 2)),
-        "v_1: twice": weights(0, 2),
-        "v_1: half": weights(0, "1/2"),
-        "v_2: ten times": weights(1, 10),
-        "v_2: half": weights(1, "1/2"),
-        "v_3: a third": weights(2, "1/3"),
-        "rho: 1 % larger": own(rho=scaled(claim, "rho", "101/100")),
-        "rho: three times": own(rho=scaled(claim, "rho", 3)),
-        "rho: 1 % smaller": own(rho=scaled(claim, "rho", "99/100")),
-        "kappa: 1 % larger": own(kappa=scaled(error, "kappa", "101/100")),
-        "kappa: half": own(kappa=scaled(error, "kappa", "1/2")),
-        "beta: 1 % larger": own(beta=scaled(error, "beta", "101/100")),
-        "beta: below the rate": own(beta=Fraction(1, 2)),
-        "size: 1 % smaller": own(size=scaled(error, "size", "99/100")),
-        "size: twice": own(size=scaled(error, "size", 2)),
-        "P: 1 % larger": own(P=by("101/100")),
-        "P: half": own(P=by("1/2")),
-        "P: another sign": own(P=((P[0][0], -P[0][1]), (-P[1][0], P[1][1]))),
-        "P: another diagonal": own(P=((P[1][1], P[0][1]), (P[1][0], P[0][0]))),
-        "start radius: 1 % larger": own(**box(1.01, 0.5)),
-        "start radius: 40": own(**box(40.0, 0.5)),
-        "estimation error: 1 % larger": own(**box(1.0, 0.505)),
-        "estimation error: 5": own(**box(1.0, 5.0)),
-        "pin 1: a sixth": other(gains={1: "1/2", 2: 1}),
-        "pin 2: half": other(gains={1: 3, 2: "1/2"}),
-        "pin 2: none": other(gains={1: 3}),
-        "pin 1: moved to agent 3": other(gains={3: 3, 2: 1}),
-        "arc 3 to 2: removed": other(network=arcs(a=[(2, 1)])),
-        "arc 3 to 2: turned round": other(network=arcs(a=[(2, 1), (2, 3)])),
-        "arc 3 to 1: moved to 1 to 3": other(network=arcs(b=[(2, 1, 2), (1, 3)])),
-        "arc 1 to 3: added": other(network=arcs(a=[(2, 1), (3, 2), (1, 3)])),
-        "weight of 3 to 1: a tenth": other(network=arcs(b=[(2, 1, 2), (3, 1, "1/10")])),
-        "weight of 3 to 2: half": other(network=arcs(a=[(2, 1), (3, 2, "1/2")])),
-        "mode b: no arcs": other(network=arcs(b=[])),
-        "a third mode without arcs": other(network=arcs(c=[])),
-        "h: y with another sign": other(coupling="exp(y) - 1 - y"),
-        "h: exp with another sign": other(coupling="1 - exp(y) + y"),
-        "h: negative": other(coupling="-(exp(y) - 1 + y)"),
-        "h: half": other(coupling="(exp(y) - 1 + y)/2"),
-        "W: another sign": observed([["-26/25"], ["37/100"]]),
-        "W: 0": observed([[0], [0]]),
-        "W: 5 % smaller": observed([["247/250"], ["37/100"]]),
-        "A: a rotation that grows": other(exosystem=Exosystem(A=((0, 1), (1, 0)), C=((1, 0),))),
-        "A: 1 at [0][0]": other(exosystem=Exosystem(A=((1, 1), (-1, 0)), C=((1, 0),))),
-        "C: another sign": other(exosystem=Exosystem(A=SINE.A, C=((-1, 0),))),
-        "C: the other state": other(exosystem=Exosystem(A=SINE.A, C=((0, 1),))),
-        "C: twice": other(exosystem=Exosystem(A=SINE.A, C=((2, 0),))),
-    }
+    made: dict[str, Forgery] = {}
+    made["rate: 1 % larger"] = own(rate=0.5075)
+    made["rate: that of alpha"] = own(rate=0.687431)
+    made["alpha: 1 % larger"] = own(alpha=scaled(claim, "alpha", "101/100"))
+    made["alpha: twice"] = own(alpha=scaled(claim, "alpha", 2))
+    made["alpha: below the rate"] = own(alpha=Fraction(1, 2))
+    made["v_1: twice"] = weights(0, 2)
+    made["v_1: half"] = weights(0, "1/2")
+    made["v_2: ten times"] = weights(1, 10)
+    made["v_2: half"] = weights(1, "1/2")
+    made["v_3: a third"] = weights(2, "1/3")
+    made["rho: 1 % larger"] = own(rho=scaled(claim, "rho", "101/100"))
+    made["rho: three times"] = own(rho=scaled(claim, "rho", 3))
+    made["rho: 1 % smaller"] = own(rho=scaled(claim, "rho", "99/100"))
+    made["kappa: 1 % larger"] = own(kappa=scaled(error, "kappa", "101/100"))
+    made["kappa: half"] = own(kappa=scaled(error, "kappa", "1/2"))
+    made["beta: 1 % larger"] = own(beta=scaled(error, "beta", "101/100"))
+    made["beta: below the rate"] = own(beta=Fraction(1, 2))
+    made["size: 1 % smaller"] = own(size=scaled(error, "size", "99/100"))
+    made["size: twice"] = own(size=scaled(error, "size", 2))
+    made["P: 1 % larger"] = own(P=by("101/100"))
+    made["P: half"] = own(P=by("1/2"))
+    made["P: another sign"] = own(P=((P[0][0], -P[0][1]), (-P[1][0], P[1][1])))
+    made["P: another diagonal"] = own(P=((P[1][1], P[0][1]), (P[1][0], P[0][0])))
+    made["start radius: 1 % larger"] = own(**box(1.01, 0.5))
+    made["start radius: 40"] = own(**box(40.0, 0.5))
+    made["estimation error: 1 % larger"] = own(**box(1.0, 0.505))
+    made["estimation error: 5"] = own(**box(1.0, 5.0))
+    made["pin 1: a sixth"] = other(gains={1: "1/2", 2: 1})
+    made["pin 2: half"] = other(gains={1: 3, 2: "1/2"})
+    made["pin 2: none"] = other(gains={1: 3})
+    made["pin 1: moved to agent 3"] = other(gains={3: 3, 2: 1})
+    made["arc 3 to 2: removed"] = other(network=arcs(a=[(2, 1)]))
+    made["arc 3 to 2: turned round"] = other(network=arcs(a=[(2, 1), (2, 3)]))
+    made["arc 3 to 1: moved to 1 to 3"] = other(network=arcs(b=[(2, 1, 2), (1, 3)]))
+    made["arc 1 to 3: added"] = other(network=arcs(a=[(2, 1), (3, 2), (1, 3)]))
+    made["weight of 3 to 1: a tenth"] = other(network=arcs(b=[(2, 1, 2), (3, 1, "1/10")]))
+    made["weight of 3 to 2: half"] = other(network=arcs(a=[(2, 1), (3, 2, "1/2")]))
+    made["mode b: no arcs"] = other(network=arcs(b=[]))
+    made["a third mode without arcs"] = other(network=arcs(c=[]))
+    made["h: y with another sign"] = other(coupling="exp(y) - 1 - y")
+    made["h: exp with another sign"] = other(coupling="1 - exp(y) + y")
+    made["h: negative"] = other(coupling="-(exp(y) - 1 + y)")
+    made["h: half"] = other(coupling="(exp(y) - 1 + y)/2")
+    made["W: another sign"] = observed([["-26/25"], ["37/100"]])
+    made["W: 0"] = observed([[0], [0]])
+    made["W: 5 % smaller"] = observed([["247/250"], ["37/100"]])
+    made["A: a rotation that grows"] = other(exosystem=Exosystem(A=((0, 1), (1, 0)), C=((1, 0),)))
+    made["A: 1 at [0][0]"] = other(exosystem=Exosystem(A=((1, 1), (-1, 0)), C=((1, 0),)))
+    made["C: another sign"] = other(exosystem=Exosystem(A=SINE.A, C=((-1, 0),)))
+    made["C: the other state"] = other(exosystem=Exosystem(A=SINE.A, C=((0, 1),)))
+    made["C: twice"] = other(exosystem=Exosystem(A=SINE.A, C=((2, 0),)))
+    return made
 
 
 # ---- Changes of the file alone ----
@@ -401,60 +401,59 @@ def edited(text: str, pattern: str, new: str) -> str:
 
 
 #: Regular expression and what it becomes; numbers of claims, and steps of the proof.
-EDITS: dict[str, tuple[str, str]] = {
-    "file: v_3 half": (r"^(Definition v .*; )\((\d+) / (\d+)\)(\] 0\.)", r"\1(\2 / (2 * \3))\4"),
-    "file: alpha twice": (r"^(Definition alpha : R := )(.*)\.$", r"\g<1>(2 * \2)."),
-    "file: beta twice": (r"^(Definition beta : R := )(.*)\.$", r"\g<1>(2 * \2)."),
-    "file: P[0][0] 1 larger": (r"^(Definition P [\s\S]*?matrix \[\[)(\([^)]*\))", r"\1(1 + \2)"),
-    "file: the sign in h": (r"(exp y - 1) \+ y", r"\1 - y"),
-    "file: an arc turned round": (r"Arc 2 1 h1", "Arc 1 2 h1"),
-    "file: an arc removed": (r"; Arc 2 1 h1\]", "]"),
-    "file: the weight of an arc": (r"Arc 2 1 h1", "Arc 2 1 (fun y => 1 / 2 * h1 y)"),
-    "file: a mode's graph": (r"^    \[Arc 1 0 \(fun y => 2.*\]$", "    []"),
-    "file: a third mode": (r"Loop 3 1 2 graph", "Loop 3 1 3 graph"),
-    "file: a gain of a pin": (r"\| 1 => matrix \[\[1\]\]", "| 1 => matrix [[1 / 2]]"),
-    "file: A": (r"matrix \[\[0; 1\]; \[\(- \(1\)\); 0\]\]", "matrix [[0; 1]; [1; 0]]"),
-    "file: C": (r"matrix \[\[1; 0\]\]", "matrix [[0; 1]]"),
-    "file: W": (r"matrix \[\[\(26 / 25\)\]", "matrix [[0]"),
-    "file: the goal": (r"^(Definition goal .*)\[0\] 0", r"\1[5] 0"),
-    "file: who is heard": (r"\[Heard 1 1 h1", "[Heard 0 1 h1"),
-    "file: the weight of what is heard": (r"\[Heard 1 1 h1", "[Heard 1 2 h1"),
-    "file: a coupling that is heard not": (r"^    \[Heard 1 1 h1 .*\]\)\.", "    [])."),
-    "file: the bound of what is heard": (
-        r"(\[Heard 1 1 h1 \(fun s => )(.*)\)\]\)\.",
-        r"\1\2 - s / 100)]).",
-    ),
-    "file: the step of a term": (r"Term 1 h1 h1' \(- \(", "Term 1 h1 h1' (- (1 + "),
-    "file: the end of a piece": (r"^(Lemma upper_0_2_1 .* 0 )(\(.*\))\.$", r"\1(2 * \2)."),
-    "file: a gap between pieces": (
-        r"^(Lemma upper_0_2_2 .*alpha 0 2 )(\([^)]*\))",
-        r"\1(1 / 100 + \2)",
-    ),
-    "file: the room of a row": (r"(\(k 2 - alpha\) \* s \* v 2\) with \(\()(- )", r"\1"),
-    "file: a row of another agent": (
-        r"exact upper_0_1\|exact upper_0_2",
-        "exact upper_0_2|exact upper_0_1",
-    ),
-    "file: a square": (
-        r"(assert \(S1 : 0 <= \(\d+ / \d+\) \* \(a 0%nat \+ )\(- (\(\d+ / \d+\))\)",
-        r"\1\2",
-    ),
-    "file: what the observer injects": (r"(kappa size )(\(.*\))$", r"\1(\2 / 2)"),
-    "file: the radius of the theorem": (r"^  converges network 1 ", "  converges network 2 "),
-    "file: the rate of the theorem": (
-        r"^(  converges network .*v i\) )(\(.*\))\.$",
-        r"\1(1 / 100 + \2).",
-    ),
-    "file: the bound of the theorem": (
-        r"^(  converges network .*\(fun i => )(.*) \* v i",
-        r"\1\2 / 2 * v i",
-    ),
-    "file: the estimates of the theorem": (
-        r"^  converges network 1 \(1 / 2\)",
-        "  converges network 1 1",
-    ),
-    "file: the states of the theorem": (
-        r"converges_from_states network \(- \(1\)\) 1",
-        "converges_from_states network (- (2)) 1",
-    ),
-}
+EDITS: dict[str, tuple[str, str]] = {}
+EDITS["file: v_3 half"] = r"^(Definition v .*; )\((\d+) / (\d+)\)(\] 0\.)", r"\1(\2 / (2 * \3))\4"
+EDITS["file: alpha twice"] = r"^(Definition alpha : R := )(.*)\.$", r"\g<1>(2 * \2)."
+EDITS["file: beta twice"] = r"^(Definition beta : R := )(.*)\.$", r"\g<1>(2 * \2)."
+EDITS["file: P[0][0] 1 larger"] = r"^(Definition P [\s\S]*?matrix \[\[)(\([^)]*\))", r"\1(1 + \2)"
+EDITS["file: the sign in h"] = r"(exp y - 1) \+ y", r"\1 - y"
+EDITS["file: an arc turned round"] = r"Arc 2 1 h1", "Arc 1 2 h1"
+EDITS["file: an arc removed"] = r"; Arc 2 1 h1\]", "]"
+EDITS["file: the weight of an arc"] = r"Arc 2 1 h1", "Arc 2 1 (fun y => 1 / 2 * h1 y)"
+EDITS["file: a mode's graph"] = r"^    \[Arc 1 0 \(fun y => 2.*\]$", "    []"
+EDITS["file: a third mode"] = r"Loop 3 1 2 graph", "Loop 3 1 3 graph"
+EDITS["file: a gain of a pin"] = r"\| 1 => matrix \[\[1\]\]", "| 1 => matrix [[1 / 2]]"
+EDITS["file: A"] = r"matrix \[\[0; 1\]; \[\(- \(1\)\); 0\]\]", "matrix [[0; 1]; [1; 0]]"
+EDITS["file: C"] = r"matrix \[\[1; 0\]\]", "matrix [[0; 1]]"
+EDITS["file: W"] = r"matrix \[\[\(26 / 25\)\]", "matrix [[0]"
+EDITS["file: the goal"] = r"^(Definition goal .*)\[0\] 0", r"\1[5] 0"
+EDITS["file: who is heard"] = r"\[Heard 1 1 h1", "[Heard 0 1 h1"
+EDITS["file: the weight of what is heard"] = r"\[Heard 1 1 h1", "[Heard 1 2 h1"
+EDITS["file: a coupling that is heard not"] = r"^    \[Heard 1 1 h1 .*\]\)\.", "    [])."
+EDITS["file: the bound of what is heard"] = (
+    r"(\[Heard 1 1 h1 \(fun s => )(.*)\)\]\)\.",
+    r"\1\2 - s / 100)]).",
+)
+EDITS["file: the step of a term"] = r"Term 1 h1 h1' \(- \(", "Term 1 h1 h1' (- (1 + "
+EDITS["file: the end of a piece"] = r"^(Lemma upper_0_2_1 .* 0 )(\(.*\))\.$", r"\1(2 * \2)."
+EDITS["file: a gap between pieces"] = (
+    r"^(Lemma upper_0_2_2 .*alpha 0 2 )(\([^)]*\))",
+    r"\1(1 / 100 + \2)",
+)
+EDITS["file: the room of a row"] = r"(\(k 2 - alpha\) \* s \* v 2\) with \(\()(- )", r"\1"
+EDITS["file: a row of another agent"] = (
+    r"exact upper_0_1\|exact upper_0_2",
+    "exact upper_0_2|exact upper_0_1",
+)
+EDITS["file: a square"] = (
+    r"(assert \(S1 : 0 <= \(\d+ / \d+\) \* \(a 0%nat \+ )\(- (\(\d+ / \d+\))\)",
+    r"\1\2",
+)
+EDITS["file: what the observer injects"] = r"(kappa size )(\(.*\))$", r"\1(\2 / 2)"
+EDITS["file: the radius of the theorem"] = r"^  converges network 1 ", "  converges network 2 "
+EDITS["file: the rate of the theorem"] = (
+    r"^(  converges network .*v i\) )(\(.*\))\.$",
+    r"\1(1 / 100 + \2).",
+)
+EDITS["file: the bound of the theorem"] = (
+    r"^(  converges network .*\(fun i => )(.*) \* v i",
+    r"\1\2 / 2 * v i",
+)
+EDITS["file: the estimates of the theorem"] = (
+    r"^  converges network 1 \(1 / 2\)",
+    "  converges network 1 1",
+)
+EDITS["file: the states of the theorem"] = (
+    r"converges_from_states network \(- \(1\)\) 1",
+    "converges_from_states network (- (2)) 1",
+)

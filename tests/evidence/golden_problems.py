@@ -22,6 +22,11 @@ TURNING = ("sin(y)", "y/(1 + y**2)", "y - y**3/9")
 WEIGHTS = (1, 1, 2, "1/2", "7/5", 3)
 SINE: Table = {"A": [[0, 2], [-2, 0]], "C": [[1, 0]]}
 SINE_GAIN = [["16/5"], ["12/5"]]
+SEEN: Table = {"exosystem": SINE, "observer": {"W": SINE_GAIN}}
+STEADY: Table = {"exosystem": {"constant": True}, "observer": {"W": [[2]]}}
+#: Agent 2 has no disturbance.
+SPARED: Table = SINE | {"groups": [{"agents": [2], "none": True}]}
+COLUMN = [[0], [1]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,12 +121,40 @@ def held(
     return problem(tree(r, n), r.choice(couplings), gains, n=n, **tables)
 
 
-def box(r: Random, *errors: Any) -> Table:
-    radius = r.choice(("1/2", 1, 2))
-    found: Table = {"initial_states": [f"-{radius}", radius]}
+def within(radius: Any, *errors: Any) -> Table:
+    """Starts that far from 0; ``errors``: how far estimates may be off at first."""
+    below = f"-{radius}" if isinstance(radius, str) else -radius
+    found: Table = {"initial_states": [below, radius]}
     if errors:
         found["initial_disturbance"] = errors[0]
     return found
+
+
+def in_turn(*modes: str, dwell: Any = 1) -> Table:
+    return {"guarantee": "sequence", "sequence": list(modes), "dwell": dwell}
+
+
+def lasting(dwell: Any, longest: Any = None) -> Table:
+    """How long a mode lasts at least, and at most."""
+    found: Table = {"guarantee": "dwell", "dwell": dwell}
+    if longest is not None:
+        found["longest"] = longest
+    return found
+
+
+def dragged(drag: int) -> Table:
+    """Double integrators with drag."""
+    return {"A": [[0, 1], [0, -drag]], "B": COLUMN}
+
+
+def forced(f: str) -> Table:
+    """x1'' = f and an input."""
+    return {"f": ["x2", f], "B": COLUMN}
+
+
+def box(r: Random, *errors: Any) -> Table:
+    radius = r.choice(("1/2", 1, 2))
+    return within(radius, *errors) | {"initial_states": [f"-{radius}", radius]}
 
 
 # ---- Kinds: agents that are integrators ----------------------------------------------------------
@@ -188,7 +221,7 @@ def several_modes(r: Random, k: int) -> Table:
     if k % 3 == 2:
         modes["G0"] = [arc for arc in modes["G0"] if arc[0] != n]
     gains = {"1": r.choice((3, 5)), str(n - 1): 1}
-    more: Table = {"exosystem": SINE, "observer": {"W": SINE_GAIN}} if k % 2 else {}
+    more = SEEN if k % 2 else {}
     return problem(modes, r.choice(RISING), gains, n=n, **more)
 
 
@@ -264,7 +297,7 @@ def matrix_gains(r: Random, k: int) -> Table:
 
 def one_agent(r: Random, k: int) -> Table:
     """One agent alone, with an observer."""
-    more: Table = {"exosystem": SINE, "observer": {"W": SINE_GAIN}}
+    more = SEEN
     return problem([], r.choice(RISING), {"1": r.choice((0, 2))} if k % 2 else None, n=1, **more)
 
 
@@ -291,7 +324,7 @@ def regions(r: Random, k: int) -> Table:
     if k % 3 == 1:
         more: Table = {"exosystem": SINE, "observer": {"W": SINE_GAIN}, "region": box(r, "1/10")}
         return held(r, couplings=(h,), most=5, **more)
-    wide = {"initial_states": [-5, 5]} if k % 3 == 2 else box(r)
+    wide = within(5) if k % 3 == 2 else box(r)
     return held(r, couplings=(h,), most=5, region=wide)
 
 
@@ -311,7 +344,7 @@ def planar_regions(r: Random, k: int) -> Table:
             {"1": 3},
             n=3,
             target=[0, 0, 0],
-            region={"initial_states": [-1, 1]},
+            region=within(1),
         )
     h = (*PLANE, "sin(y)", ["y1*y2 + y1", "y2"])[k % 6]
     region = {"initial_states": [["-1/2", "1/2"], ["-1/4", "1/4"]]}
@@ -350,7 +383,7 @@ def sequences(r: Random, k: int) -> Table:
     if found["coupling"]["h"] not in ("y", "3*y/2") and k % 2:
         found["region"] = box(r)
     if k % 4 == 3:
-        found |= {"exosystem": {"constant": True}, "observer": {"W": [[2]]}}
+        found |= STEADY
         if "region" in found:
             found["region"]["initial_disturbance"] = "1/10"
     return found | {"switching": {"guarantee": "sequence"} | turns[k % 5]}
@@ -360,12 +393,10 @@ def dwell_times(r: Random, k: int) -> Table:
     """A mode lasts at least, and in every second problem at most, so long."""
     n = r.randint(3, 5)
     modes = scattered(r, n, 2) if k % 2 else {f"M{i}": tree(r, n, extra=0.1) for i in range(2)}
-    turns: Table = {"guarantee": "dwell", "dwell": r.choice((1, "1/2", 2))}
-    if k % 2:
-        turns["longest"] = 3
+    turns = lasting(r.choice((1, "1/2", 2)), 3 if k % 2 else None)
     found = problem(modes, ("y", "tanh(y)", "y", "exp(y) - 1 + y", "-y")[k % 5], {"1": 2}, n=n)
     if k % 3 == 1:
-        found["region"] = {"initial_states": [-1, 1]}
+        found["region"] = within(1)
     return found | {"switching": turns}
 
 
@@ -374,9 +405,9 @@ def guarantees_broken(r: Random, k: int) -> Table:
     the round."""
     pair: Table = {"A": [[1, 2]], "B": [[2, 1]]}
     gain = ("1/2", "11/10", "1/10")[k % 3]
-    turns = {"guarantee": "sequence", "sequence": ["A", "B"], "dwell": 3}
+    turns = in_turn("A", "B", dwell=3)
     if k % 2:
-        turns = {"guarantee": "dwell", "dwell": 1, "longest": 2}
+        turns = lasting(1, 2)
     return problem(pair, "-y", gain, n=2, switching=turns)
 
 
@@ -400,7 +431,7 @@ def markov(r: Random, k: int) -> Table:
     n = r.randint(3, 5)
     found = problem(scattered(r, n, number), ("y", "tanh(y)", "2*y")[k % 3], {"1": 2}, n=n)
     if k % 3 == 1:
-        found["region"] = {"initial_states": [-1, 1]}
+        found["region"] = within(1)
     return found | {"switching": {"guarantee": "markov", "generator": generator}}
 
 
@@ -413,7 +444,7 @@ def mobile(r: Random, k: int) -> Table:
     gains: Any = 2 if k % 3 != 2 else {"1": 2}
     plane = {"target": [0, 0]} if k % 4 == 1 else {}
     found = problem(tree(r, n), ("tanh(y)", "y", "tanh(y)", "sin(y)")[k % 4], gains, n=n, **plane)
-    return found | {"switching": signal, "region": {"initial_states": [-1, 1]}}
+    return found | {"switching": signal, "region": within(1)}
 
 
 def optional_arcs(r: Random, k: int) -> Table:
@@ -428,10 +459,10 @@ def optional_arcs(r: Random, k: int) -> Table:
         modes, ("tanh(y)", "y", "sin(y)", "exp(y) - 1 + y")[k % 4], {"1": 3, str(n): 1}, n=n
     )
     if k % 2:
-        found["region"] = {"initial_states": ["-1/2", "1/2"]}
+        found["region"] = within("1/2")
     if k % 5 == 4:
         modes["H"] = [list(arc) for arc in tree(r, n)]
-        found["switching"] = {"guarantee": "dwell", "dwell": 1}
+        found["switching"] = lasting(1)
     return found
 
 
@@ -452,7 +483,7 @@ def groups(r: Random, k: int) -> Table:
         own["P"] = [[1]]
         observer = {"W": SINE_GAIN, "P": [[30, -10], [-10, 30]]}
     if k % 5 == 4:
-        found["region"] = {"initial_states": [-1, 1], "initial_disturbance": "1/10"}
+        found["region"] = within(1, "1/10")
     return found | {"exosystem": exosystem, "observer": observer}
 
 
@@ -463,10 +494,10 @@ def groups_none(r: Random, k: int) -> Table:
     if k % 2:
         exosystem: Table = {"groups": [{"agents": [1, 2], "A": [[0]], "C": [[1]], "W": [[2]]}]}
     else:
-        exosystem = SINE | {"groups": [{"agents": [2], "none": True}]}
+        exosystem = SPARED
         found["observer"] = {"W": SINE_GAIN}
     if k % 3 == 1:
-        found["region"] = {"initial_states": ["-1/2", "1/2"], "initial_disturbance": "1/20"}
+        found["region"] = within("1/2", "1/20")
     if k % 4 == 3:
         found["uncertainty"] = {"disturbance": "1/100"}
     return found | {"exosystem": exosystem}
@@ -483,7 +514,7 @@ def tolerances(r: Random, k: int) -> Table:
         return found | {"uncertainty": {"weights": ("1/2", "1/10")[k // 4 % 2], "gains": "1/10"}}
     found = held(r, couplings=("tanh(y)", "y", "exp(y) - 1 + y"), most=5)
     if k % 2:
-        found["region"] = {"initial_states": [-1, 1]}
+        found["region"] = within(1)
     return found | {"uncertainty": {"weights": ("1/50", "1/5", "9/10")[k % 3], "gains": "1/20"}}
 
 
@@ -491,21 +522,17 @@ def accuracies(r: Random, k: int) -> Table:
     """Disturbance, drift and noise, with and without an observer and a region; too much for a
     coupling."""
     if k % 5 == 4:
-        found = problem([[2, 1, 1]], "tanh(y)", {"1": 20}, n=2, region={"initial_states": [-1, 1]})
+        found = problem([[2, 1, 1]], "tanh(y)", {"1": 20}, n=2, region=within(1))
         return found | {"uncertainty": {"disturbance": "6/5"}}
     found = held(r, couplings=("tanh(y)", "y", "y + y**3/10"), most=5)
     noise: Table = {"disturbance": "1/50", "measurement": r.choice((0, "1/500"))}
     if k % 2:
-        found |= {
-            "exosystem": SINE,
-            "observer": {"W": SINE_GAIN},
-            "uncertainty": noise | {"drift": "1/100"},
-        }
+        found |= SEEN | {"uncertainty": noise | {"drift": "1/100"}}
         if k % 3 == 1:
-            found["region"] = {"initial_states": [-1, 1], "initial_disturbance": "1/10"}
+            found["region"] = within(1, "1/10")
         return found
     if k % 3:
-        found["region"] = {"initial_states": [-1, 1]}
+        found["region"] = within(1)
     return found | {"uncertainty": noise}
 
 
@@ -514,10 +541,10 @@ def accuracies_and_tolerances(r: Random, k: int) -> Table:
     found = held(r, couplings=("tanh(y)", "y"), most=4)
     stated: Table = {"weights": "1/100", "gains": "1/100", "disturbance": "1/50"}
     if k % 2:
-        found |= {"exosystem": {"constant": True}, "observer": {"W": [[2]]}}
+        found |= STEADY
         stated["known_to_agents"] = False
         if k % 4 == 3:
-            found["region"] = {"initial_states": ["-1/2", "1/2"], "initial_disturbance": "1/20"}
+            found["region"] = within("1/2", "1/20")
     return found | {"uncertainty": stated}
 
 
@@ -525,11 +552,11 @@ def actuators(r: Random, k: int) -> Table:
     """Limits that hold, for all or for one agent, limits that the start or the disturbance alone
     exceeds."""
     found = held(r, couplings=("tanh(y)", "y", "sin(y)"), most=4)
-    found["region"] = {"initial_states": [-1, 1]}
+    found["region"] = within(1)
     limit: Any = (30, 1, {"1": 30})[k % 3]
     table: Table = {"limit": limit}
     if k % 2:
-        found |= {"exosystem": SINE, "observer": {"W": SINE_GAIN}}
+        found |= SEEN
         found["region"]["initial_disturbance"] = "1/10"
         table["amplitude"] = ("1/2", 2)[k // 2 % 2]
     if k % 4 == 2:
@@ -542,7 +569,7 @@ def actuators(r: Random, k: int) -> Table:
 # ---- Kinds: agents with dynamics -----------------------------------------------------------------
 
 
-DOUBLE: Table = {"A": [[0, 1], [0, 0]], "B": [[0], [1]]}
+DOUBLE: Table = {"A": [[0, 1], [0, 0]], "B": COLUMN}
 
 
 def dynamics_linear(r: Random, k: int) -> Table:
@@ -572,7 +599,7 @@ def dynamics_inputs(r: Random, k: int) -> Table:
     if k % 3 == 2:
         more = {"exosystem": {"constant": True, "hz": 0.5}}
     if k % 4 == 1:
-        more = {"exosystem": SINE, "observer": {"W": SINE_GAIN}}
+        more = SEEN
     return problem(tree(r, n), h, gains, n=n, dynamics=DOUBLE, target=[1, 0], **more)
 
 
@@ -583,11 +610,11 @@ def dynamics_overdamped(r: Random, k: int) -> Table:
     if k % 4 == 1:
         n = 2  # a region is decided by semidefinite programs
     found = problem(tree(r, n, extra=0), ("y1", "tanh(y1)", "sin(y1)")[k % 3], {"1": [[1, 0]]}, n=n)
-    found["dynamics"] = {"A": [[0, 1], [0, -drag]], "B": [[0], [1]]}
+    found["dynamics"] = dragged(drag)
     if k % 4 == 1:
         found["region"] = {"initial_states": [["-1/2", "1/2"], ["-1/4", "1/4"]]}
     if k % 4 == 2:
-        found |= {"exosystem": {"constant": True}, "observer": {"W": [[2]]}}
+        found |= STEADY
     if k % 4 == 3:
         found["uncertainty"] = {"disturbance": "1/20"}
     return found
@@ -598,12 +625,12 @@ def dynamics_f(r: Random, k: int) -> Table:
     repel."""
     n = r.randint(2, 4) if k < 6 else 2  # regions are decided by semidefinite programs
     cases: tuple[tuple[Table, Any, Any], ...] = (
-        ({"f": ["x2", "-sin(x1) - 3*x2"], "B": [[0], [1]]}, "y1", {"1": [[1, 0]]}),
-        ({"f": ["x2", "-x1**3 - x2/2"], "B": [[0], [1]]}, "y1 + 2*y2", {"1": 3}),
+        (forced("-sin(x1) - 3*x2"), "y1", {"1": [[1, 0]]}),
+        (forced("-x1**3 - x2/2"), "y1 + 2*y2", {"1": 3}),
         ({"f": ["-x - x**3"]}, "tanh(y)", {"1": 1}),
         ({"f": ["x - x**3"]}, "3*y", {"1": 4}),
         ({"f": ["2*x + x**2"]}, "y", {"1": 1}),
-        ({"f": ["x2", "sin(x1) - x2/4"], "B": [[0], [1]]}, "y1 + 2*y2", {"1": 1}),
+        (forced("sin(x1) - x2/4"), "y1 + 2*y2", {"1": 1}),
     )
     dynamics, h, gains = cases[k % 6]
     found = problem(tree(r, n), h, gains, n=n, dynamics=dynamics)
@@ -627,15 +654,15 @@ def dynamics_modes(r: Random, k: int) -> Table:
     modes: Table = {f"M{i}": tree(r, n, extra=0, weights=(1,)) for i in range(2)}
     if k % 2:
         modes["M0"] = {"arcs": [[2, 1], [3, 2]], "optional": [[3, 1, "1/4"]]}
-    drag: Table = {"A": [[0, 1], [0, -6]], "B": [[0], [1]]}
+    drag = dragged(6)
     found = problem(modes, "y1", {"1": [[1, 0]]}, n=n, dynamics=drag if k % 3 else DOUBLE)
     if k % 3 == 0:
         found["coupling"] = {"h": "y1 + 2*y2"}
         found["pinning"] = {"gains": {"1": 1}}
     if k % 4 == 2:
-        found["switching"] = {"guarantee": "dwell", "dwell": 1, "longest": 3}
+        found["switching"] = lasting(1, 3)
     if k % 4 == 3:
-        found["switching"] = {"guarantee": "sequence", "sequence": ["M0", "M1"], "dwell": 1}
+        found["switching"] = in_turn("M0", "M1")
     return found
 
 
@@ -643,10 +670,10 @@ def dynamics_scattered(r: Random, k: int) -> Table:
     """Guarantees under which no mode alone reaches every agent."""
     n = r.randint(3, 4)
     found = problem(scattered(r, n, 2), "y1", {"1": [[1, 0]]}, n=n)
-    found["dynamics"] = {"A": [[0, 1], [0, -6]], "B": [[0], [1]]}
-    turns: Table = {"guarantee": "sequence", "sequence": ["M0", "M1"], "dwell": 1}
+    found["dynamics"] = dragged(6)
+    turns = in_turn("M0", "M1")
     if k % 3 == 1:
-        turns = {"guarantee": "dwell", "dwell": 1, "longest": 2}
+        turns = lasting(1, 2)
     if k % 3 == 2:
         turns = {"guarantee": "markov", "generator": [[-1, 1], [1, -1]]}
     return found | {"switching": turns}
@@ -658,7 +685,7 @@ def dynamics_groups(r: Random, k: int) -> Table:
     own: Table = {"agents": [2], "A": [[0]], "C": [[1]], "W": [[2]]}
     if k % 2:
         return found | {"exosystem": {"groups": [own]}}
-    return found | {"exosystem": SINE | {"groups": [{"agents": [2], "none": True}]}}
+    return found | {"exosystem": SPARED}
 
 
 def leader_linear(r: Random, k: int) -> Table:
@@ -675,7 +702,7 @@ def leader_linear(r: Random, k: int) -> Table:
     found = problem(tree(r, n), r.choice(("y", "tanh(y)")), {"1": 4}, n=n, dynamics={"A": [[a]]})
     found["leader"] = {"initial": [[-1, 1]]}
     if k % 2:
-        found["region"] = {"initial_states": [-1, 1]}
+        found["region"] = within(1)
     return found
 
 
@@ -689,7 +716,7 @@ def leader_f(r: Random, k: int) -> Table:
             {"stays_in": [[-1, 1]]} if k % 2 else {}
         )
         if k % 4 == 3:
-            found["region"] = {"initial_states": ["-1/4", "1/4"]}
+            found["region"] = within("1/4")
         return found
     if k % 3 == 1:
         excitable: Table = {
@@ -698,7 +725,7 @@ def leader_f(r: Random, k: int) -> Table:
         }
         found = problem(tree(r, n), "4*y1", {"1": [[6, 0]]}, n=n, dynamics=excitable)
         return found | {"leader": {"initial": [[-1, 1], [0, "1/2"]]}}
-    swing: Table = {"f": ["x2", "-sin(x1) - 3*x2"], "B": [[0], [1]]}
+    swing: Table = forced("-sin(x1) - 3*x2")
     found = problem(tree(r, n), "y1 + y2", {"1": [[2, 1]]}, n=n, dynamics=swing)
     return found | {"leader": {"initial": [["-1/4", "1/4"], ["-1/4", "1/4"]]}}
 
@@ -708,23 +735,9 @@ def leader_f(r: Random, k: int) -> Table:
 
 def lost(r: Random, k: int) -> Table:
     """A problem of each kind in which nobody is pinned."""
-    makers = (
-        disturbed,
-        several_modes,
-        spatial,
-        exceptions,
-        formations,
-        regions,
-        planar_regions,
-        sequences,
-        mobile,
-        optional_arcs,
-        groups,
-        groups_none,
-        tolerances,
-        accuracies,
-        actuators,
-    )
+    makers = [disturbed, several_modes, spatial, exceptions, formations, regions, planar_regions]
+    makers += [sequences, mobile, optional_arcs, groups, groups_none]
+    makers += [tolerances, accuracies, actuators]
     return makers[k](r, 0) | {"pinning": {"gains": {}}}
 
 
@@ -733,13 +746,13 @@ def lost_optional(r: Random, k: int) -> Table:
     found = problem({"G": {"arcs": [[2, 1]], "optional": [[3, 2]]}}, "tanh(y)", {"1": 2}, n=3)
     if k:
         found["network"]["modes"]["H"] = [[2, 1], [1, 2]]
-        found["switching"] = {"guarantee": "sequence", "sequence": ["G", "H"], "dwell": 1}
+        found["switching"] = in_turn("G", "H")
     return found
 
 
 def not_kept(r: Random, k: int) -> Table:
     """Tables that state more than the loop withstands, for a reason in closed form."""
-    box_of_one: Table = {"initial_states": [-1, 1]}
+    box_of_one: Table = within(1)
     if k == 0:  # the disturbance alone needs more
         found = held(r, couplings=("y",), exosystem=SINE, observer={"W": SINE_GAIN})
         found["region"] = box_of_one | {"initial_disturbance": "1/10"}
@@ -766,14 +779,14 @@ def dynamics_unstable(r: Random, k: int) -> Table:
         return problem(tree(r, 3), "y", {"1": 2}, n=3, dynamics={"A": [[3]]})
     if k % 4 == 1:
         return problem(tree(r, 3), "y1 + 2*y2", {"1": [[-1, 1]]}, n=3, dynamics=DOUBLE)
-    drag: Table = {"A": [[0, 1], [0, -6]], "B": [[0], [1]]}
+    drag = dragged(6)
     found = problem(tree(r, 3), "y1", {"1": [[-1, 0]]}, n=3, dynamics=drag)
     if k % 4 == 2:
         found["uncertainty"] = {"disturbance": "1/20"}
     if k % 4 == 3:
-        found["dynamics"] = {"f": ["x2", "sin(x1) - x2"], "B": [[0], [1]]}
+        found["dynamics"] = forced("sin(x1) - x2")
     if k > 3:
-        found["exosystem"] = SINE | {"groups": [{"agents": [2], "none": True}]}
+        found["exosystem"] = SPARED
     return found
 
 
@@ -828,13 +841,13 @@ def large(k: int) -> Table:
     h = ("tanh(y)", "exp(y) - 1 + y", "y", "tanh(y)", "y1", "y", "tanh(y)", "y")[k]
     found = problem({"G": {"file": "arcs.csv"}}, h, pins, n=n)
     if k in (0, 1, 3, 6):
-        found["region"] = {"initial_states": [-1, 1]}
+        found["region"] = within(1)
     if k in (1, 2):
-        found |= {"exosystem": SINE, "observer": {"W": SINE_GAIN}}
+        found |= SEEN
         if k == 1:
             found["region"]["initial_disturbance"] = "1/10"
     if k == 4:
-        found["dynamics"] = {"A": [[0, 1], [0, -9]], "B": [[0], [1]]}
+        found["dynamics"] = dragged(9)
         found["pinning"] = {"gains": {label: [[2, 0]] for label in pins}}
     if k == 5:
         found["pinning"] = {"gains": {}}

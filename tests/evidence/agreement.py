@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 from evidence.row import Row
+from networks import network_of
 from random_problems import random_problem
 
-from dobc_design import Exosystem, Group, Network, Problem, certify, verify
+from dobc_design import Exosystem, Group, Problem, certify, verify
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.conditions.coverage import asked_radius
 from dobc_design.loop.make import loop_of
@@ -183,7 +184,7 @@ def any_problem(seed: int) -> Problem:
         given["uncertainty"] |= {"known_to_agents": r.random() < 0.7}
         given["actuators"] = {"amplitude": r.choice(("0", "1/2")), "limit": r.choice((2, 10, None))}
     return Problem(
-        network=Network.from_arcs(modes, arrow="listens_to", agents=n),
+        network=network_of(modes, n),
         coupling=r.choice(LISTS if listed else r.choice((SMOOTH, EDGES, KINKS))),
         target=[r.choice(("0", "0", "0", "1/5")) for _ in range(m)],
         **given,

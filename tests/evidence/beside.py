@@ -18,10 +18,11 @@ from typing import Any
 
 import numpy as np
 from certified import settling_alone
+from networks import network_of
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from dobc_design import Network, Problem, Switching, certify
+from dobc_design import Problem, Switching, certify
 
 PERIODS = (1, 2, 4, 8)  # of 2 s
 GAIN, RADIUS = 5.0, 4.0
@@ -69,7 +70,7 @@ def half_a_ring() -> Problem:
     ring = [[i, i % 10 + 1] for i in range(1, 11)]
     halves = {"odd": ring[::2], "even": ring[1::2]}
     return Problem(
-        network=Network.from_arcs(halves, arrow="listens_to", agents=10),
+        network=network_of(halves, 10),
         coupling="exp(y) - 1 + y",
         gains={1: 5, 6: 5},
         switching=Switching(guarantee="sequence", sequence=["odd", "even"], dwell=1),
@@ -137,9 +138,7 @@ def products_table() -> Iterator[str]:
     yield "|---" * (4 + len(LENGTHS)) + "|"
     for n in range(3, 11):
         modes = {k: [(i, i - 1) for i in range(2, n + 1) if i % 3 != k] for k in range(3)}
-        network = Network.from_arcs(
-            {"ABC"[k]: arcs for k, arcs in modes.items()}, arrow="listens_to", agents=n
-        )
+        network = network_of({"ABC"[k]: arcs for k, arcs in modes.items()}, n)
         turns = Switching(guarantee="dwell", dwell=1, longest=1)
         start = time.process_time()
         found = certify(Problem(network=network, coupling="y", gains={1: 1}, switching=turns))

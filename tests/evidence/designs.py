@@ -7,10 +7,10 @@ from random import Random
 
 import numpy as np
 from evidence.row import Row
-from networks import loop_by_hand
+from networks import loop_by_hand, network_of
 
 import dobc_design as dd
-from dobc_design import Network, Problem, Verdict
+from dobc_design import Problem, Verdict
 
 BUILT_IN = (
     "paper-fixed",
@@ -74,7 +74,7 @@ def _case(r: Random) -> tuple[Problem, dict]:
     n = r.randint(2, 5)
     pairs = permutations(range(1, n + 1), 2)
     arcs = [[i, j, round(r.uniform(0.2, 2), 1)] for i, j in pairs if r.random() < 0.5] or [[1, 2]]
-    network = Network.from_arcs(arcs, arrow="listens_to", agents=n)
+    network = network_of(arcs, n)
     problem = Problem(network=network, coupling="y", region={"initial_states": [-1, 1]})
     labels = list(network.labels)
     asked: dict = {}
@@ -129,9 +129,7 @@ def true_rate(count: int, seed: int) -> Row:
         pairs = [pair for pair in permutations(range(1, n + 1), 2) if r.random() < 2.5 / n]
         arcs = [[*pair, round(r.uniform(0.2, 3), 2)] for pair in pairs]
         arcs = arcs or [[1, 2, 1]]
-        problem = Problem(
-            network=Network.from_arcs(arcs, arrow="listens_to", agents=n), coupling="y"
-        )
+        problem = Problem(network=network_of(arcs, n), coupling="y")
         rate = Fraction(r.randint(5, 40), 100)
         weighted, plain = (
             dd.design(problem, rate=rate, conservative=which) for which in (False, True)

@@ -8,9 +8,10 @@ import numpy as np
 import sympy as sp
 from agents import judged
 from evidence.row import Row
+from networks import network_of
 
 import dobc_design as dd
-from dobc_design import Network, Problem
+from dobc_design import Problem
 
 COUPLINGS = {"exp(y) - 1 + y": 2, "sin(y)": 1, "2*y": 2, "tanh(y)": 1}  # and their slopes at 0
 ISOLATED, SMALL = 50, 8  # problems whose mu is isolated as a root, and their agents
@@ -70,9 +71,7 @@ def _digraph(r: Random, *, n: int) -> tuple[Problem, list[list[Fraction]]]:
     }
     weights = {pair: Fraction(w, 100) for pair, w in arcs.items()}
     h, slope = r.choice(list(COUPLINGS.items()))
-    network = Network.from_arcs(
-        [[i, j, w] for (i, j), w in weights.items()], arrow="listens_to", agents=n
-    )
+    network = network_of([[i, j, w] for (i, j), w in weights.items()], n)
     problem = Problem(network=network, coupling=h, gains=gains)
     return problem, _stiffness(n, {pair: slope * w for pair, w in weights.items()}, gains)
 

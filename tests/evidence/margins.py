@@ -5,10 +5,11 @@ from typing import Any
 
 import numpy as np
 from evidence.row import Row
+from networks import network_of
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from dobc_design import Check, Network, Problem, load_problem
+from dobc_design import Check, Problem, load_problem
 from dobc_design.conditions.coverage import read_region
 from dobc_design.conditions.domain import NEAR_TARGET
 from dobc_design.conditions.margins.stage import inputs_stage, margins_stage
@@ -141,7 +142,7 @@ def _problem(seed: int, h: str) -> Problem:
     for i in range(2, n + 1):
         others = {int(rng.integers(1, i)), int(rng.integers(1, n + 1))} - {i}
         arcs += [[i, j, Fraction(int(rng.integers(1, 9)), 4)] for j in sorted(others)]
-    network = Network.from_arcs(arcs, arrow="listens_to", agents=n)
+    network = network_of(arcs, n)
     region: Any = {"initial_states": ["-0.5", "0.5"]}
     return Problem(
         network=network, coupling=h, gains={1: int(rng.integers(1, 6))}, target=0, region=region

@@ -19,11 +19,12 @@ from typing import Any
 
 import numpy as np
 from evidence.row import Row
+from networks import network_of
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.sparse.csgraph import breadth_first_order
 
-from dobc_design import Network, Problem, Region, Switching, Verdict, certify
+from dobc_design import Problem, Region, Switching, Verdict, certify
 from dobc_design.conditions.schedule.claim import Cycles
 
 KINDS = (
@@ -148,7 +149,7 @@ def _drawn(r: Random, kind: str, coupling: str, missing: bool) -> Case:
             weights[mode][i - 1, j - 1] = float(w)
     return Case(
         problem=Problem(
-            network=Network.from_arcs(arcs, arrow="listens_to", agents=n),
+            network=network_of(arcs, n),
             coupling=coupling,
             gains=pins,
             switching=Switching(**turns),

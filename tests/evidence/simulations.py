@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 from evidence.row import Row
+from networks import network_of
 from scipy.linalg import expm
 from simulated_runs import simulate, simulate_many
 
-from dobc_design import Exosystem, Failure, Network, Observer, Problem, Stress, certify
+from dobc_design import Exosystem, Failure, Observer, Problem, Stress, certify
 from dobc_design.loop.arrays import pinning_matrix
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.matrices import consensus_jacobian
@@ -41,7 +42,7 @@ def loop(rng: np.random.Generator, *, coupling: list[str] | str | None = None) -
     linear = [" + ".join(f"({a})*y{c + 1}" for c, a in enumerate(row)) for row in rows]
     h = linear if m > 1 else linear[0].replace("y1", "y")
     return Problem(
-        network=Network.from_arcs({"a": graph(), "b": graph()}, arrow="listens_to", agents=n),
+        network=network_of({"a": graph(), "b": graph()}, n),
         coupling=h if coupling is None else coupling,
         target=dyadic(m),
         gains={str(i + 1): 2 for i in range(0, n, 2)},
@@ -292,7 +293,7 @@ def regional(rng: np.random.Generator) -> Problem:
     } or {"1": 3.0}
     with_disturbance = rng.random() < 0.6
     return Problem(
-        network=Network.from_arcs({"a": graph(), "b": graph()}, arrow="listens_to", agents=n),
+        network=network_of({"a": graph(), "b": graph()}, n),
         gains=pins,
         coupling=str(rng.choice(["exp(y) - 1 + y", "tanh(y)", "y", "y + y**3", "2*sin(y)"])),
         exosystem=Exosystem(A=[[0, 1], [-1, 0]], C=[[1, 0]]) if with_disturbance else None,

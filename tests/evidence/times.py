@@ -19,9 +19,10 @@ if __name__ == "__main__":
     sys.path[:0] = [str(TESTS), str(TESTS / "support")]
 
 from evidence.row import Row
+from networks import network_of
 
 import dobc_design as dd
-from dobc_design import Dynamics, Exosystem, Network, Problem, Region
+from dobc_design import Dynamics, Exosystem, Problem, Region
 
 BUILT_IN = tuple(path.stem for path in sorted(Path(dd.__file__).parent.glob("problems/*.toml")))
 FOUND = Path(__file__).resolve().parents[1] / "found"
@@ -67,7 +68,7 @@ def random_problem(seed: int) -> Problem:
     size = r.choice(("1/2", 1, 3))
     plain = {
         "name": f"random-{seed}",
-        "network": Network.from_arcs(modes, arrow="listens_to", agents=n),
+        "network": network_of(modes, n),
         "coupling": r.choice(COUPLINGS),
         "gains": pins,
     }

@@ -13,6 +13,7 @@ from pathlib import Path
 import clarabel
 import numpy as np
 import pytest
+from networks import network_of
 
 import dobc_design as dd
 from dobc_design.certification import certify as certification
@@ -121,7 +122,7 @@ def test_a_number_beyond_floats_is_refused_by_its_key(key: str):
         name: "1e400" if name == key else 1
         for name in ("target", "pinning.gains.1", "network.modes.G")
     }
-    network = dd.Network.from_arcs({"G": [[1, 2, big["network.modes.G"]]]}, arrow="listens_to")
+    network = network_of({"G": [[1, 2, big["network.modes.G"]]]})
     h = "1e400*y" if key == "coupling" else "y"
     problem = dd.Problem(
         network=network, coupling=h, target=big["target"], gains={"1": big["pinning.gains.1"]}
@@ -138,7 +139,7 @@ def test_products_beyond_floats_are_refused_by_the_key_of_one_factor(key: str):
     """B K, B C and W B+ of agents with [dynamics], of numbers that all are floats."""
     huge = {name: "1e200" if name == key else 1 for name in ("pinning.gains.1", "exosystem")}
     problem = dd.Problem(
-        network=dd.Network.from_arcs([[1, 2]], arrow="listens_to"),
+        network=network_of([[1, 2]]),
         coupling="y1",
         dynamics={
             "A": [[0, 1], [0, 0]],
@@ -292,7 +293,7 @@ def test_numbers_beyond_floats_have_a_verdict_and_a_report(
     """``stages``: so many of those of the region, of which the first asks for a box, the second for
     an ellipsoid."""
     monkeypatch.setattr("dobc_design.certification.certify.STAGES", certification.STAGES[:stages])
-    network = dd.Network.from_arcs({"G": [[1, 2, weight], [2, 1]]}, arrow="listens_to")
+    network = network_of({"G": [[1, 2, weight], [2, 1]]})
     certificate = dd.certify(
         dd.Problem(network=network, coupling="y + tanh(y)", gains={"1": 1}, region=region)
     )

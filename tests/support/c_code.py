@@ -10,8 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from networks import network_of
 
-from dobc_design import Exosystem, Network, Observer, Problem
+from dobc_design import Exosystem, Observer, Problem
 
 _WARNINGS = (
     "-std=c99 -O2 -Wall -Wextra -Werror -pedantic -Wshadow -Wconversion -Wdouble-promotion "
@@ -106,12 +107,11 @@ def planar() -> Problem:
     """m = 2, q = 3, every function of the grammar, matrix gains, a formation, two modes, names that
     need care."""
     return Problem(
-        network=Network.from_arcs(
+        network=network_of(
             {
                 'mode "one" */': [["a.b", "c??/"], ["c??/", 'd"\\', 2], ['d"\\', "a.b"]],
                 "two' \\": [["a.b", 'd"\\'], ["c??/", "a.b"]],
-            },
-            arrow="listens_to",
+            }
         ),
         coupling=[EVERY, OTHER],
         target=[1, -2],

@@ -2,6 +2,7 @@
 their rows, for designs without pins and W, and as pandapower writes them."""
 
 import json
+from collections.abc import Callable
 from fractions import Fraction
 from random import Random
 from typing import Any
@@ -11,23 +12,50 @@ import numpy as np
 from dobc_design import Exosystem, Network, Problem
 
 
-def linked(arcs: Any, n: int | None = None, **given: Any) -> Problem:
-    """[i, j] is agent i listening to agent j; h = y unless another ``coupling`` is given."""
-    return Problem(
-        **{"network": Network.from_arcs(arcs, arrow="listens_to", agents=n), "coupling": "y"}
-        | given
-    )
+def network_of(arcs: Any, n: Any = None) -> Network:
+    """[i, j] is agent i listening to agent j; ``n``: how many agents, or their labels."""
+    return Network.from_arcs(arcs, arrow="listens_to", agents=n)
+
+
+def random_arcs(r: Random, n: int, density: float, weight: Callable[[], Any] | None = None) -> Any:
+    """Every agent may listen to every other; ``weight`` draws the weight of each arc."""
+    arcs = []
+    for i in range(1, n + 1):
+        for j in range(1, n + 1):
+            if i != j and r.random() < density:
+                arcs.append([i, j] if weight is None else [i, j, weight()])
+    return arcs
+
+
+def around(n: int, *weight: Any) -> list[Any]:
+    """Arcs by which agent i listens to agent i + 1, the last to the first."""
+    return [[i, i % n + 1, *weight] for i in range(1, n + 1)]
+
+
+def linked(arcs: Any, n: Any = None, coupling: Any = "y", **given: Any) -> Problem:
+    return Problem(**{"network": network_of(arcs, n), "coupling": coupling} | given)
+
+
+def float_gains(problem: Problem) -> np.ndarray:
+    """k_i of every agent; scalar gains only."""
+    gains = np.zeros(problem.n)
+    for agent, k in problem.pinning.gains.items():
+        gains[agent] = float(k[0][0])
+    return gains
+
+
+def jacobian_by_hand(problem: Problem, mode: str | None, slope: float) -> np.ndarray:
+    """J of a mode (the first one), arc by arc."""
+    J = np.zeros((problem.n, problem.n))
+    for i, j, w in problem.network.modes[mode or next(iter(problem.network.modes))]:
+        J[i, j] += slope * float(w)
+        J[i, i] -= slope * float(w)
+    return J
 
 
 def loop_by_hand(problem: Problem, mode: str | None = None, *, slope: float = 1.0) -> np.ndarray:
-    """J - K of a mode (the first one), arc by arc, for h'(0) = slope and gains that are numbers."""
-    M = np.zeros((problem.n, problem.n))
-    for i, j, w in problem.network.modes[mode or next(iter(problem.network.modes))]:
-        M[i, j] += slope * float(w)
-        M[i, i] -= slope * float(w)
-    for i, k in problem.pinning.gains.items():
-        M[i, i] -= float(k[0][0])
-    return M
+    """J - K of a mode, for h'(0) = slope and gains that are numbers."""
+    return jacobian_by_hand(problem, mode, slope) - np.diag(float_gains(problem))
 
 
 PAPER = "exp(y) - 1 + y"
@@ -37,15 +65,11 @@ TURNING = ("sin(y)", "y*exp((1 - y**2)/2)", "y/(1 + y**2)")
 
 def cycle(n: int = 10, *, gains: Any = None, h: str = PAPER, **more: Any) -> Problem:
     """Agent i listens to agent i + 1, the last to the first; the first is pinned with k = 5."""
-    arcs = [[i, i % n + 1] for i in range(1, n + 1)]
-    return listening(arcs, h, n=n, gains={1: 5} if gains is None else gains, target=0, **more)
+    return linked(around(n), n, h, gains={1: 5} if gains is None else gains, target=0, **more)
 
 
 def listening(arcs: Any, h: Any, *, n: int | None = None, **more: Any) -> Problem:
-    """The first of each arc hears the second."""
-    return Problem(
-        network=Network.from_arcs(arcs, arrow="listens_to", agents=n), coupling=h, **more
-    )
+    return linked(arcs, n, h, **more)
 
 
 def pair(h: str, *, k: Any = 5, weight: Any = 1) -> Problem:
@@ -56,17 +80,11 @@ def pair(h: str, *, k: Any = 5, weight: Any = 1) -> Problem:
 def random_network(
     r: Random, *, n: int, modes: int, density: float = 0.4, weights: Any = (1,)
 ) -> Network:
-    """Every agent but the first may listen to every other."""
-    arcs = {
-        f"G{k}": [
-            [i, j, r.choice(weights)]
-            for i in range(1, n + 1)
-            for j in range(1, n + 1)
-            if i != j and r.random() < density
-        ]
-        for k in range(modes)
-    }
-    return Network.from_arcs(arcs, arrow="listens_to", agents=n)
+    """Every agent may listen to every other, by modes."""
+    arcs = {}
+    for k in range(modes):
+        arcs[f"G{k}"] = random_arcs(r, n, density, lambda: r.choice(weights))
+    return network_of(arcs, n)
 
 
 def random_problem(
@@ -86,25 +104,17 @@ def random_problem(
     n = n or r.randint(3, 6)
     network = random_network(r, n=n, modes=modes, density=0.5, weights=(1, "1/2", 2))
     if held:
-        arcs = {
-            name: [[i + 1, j + 1, w] for i, j, w in each]
-            + [[i + 1, i, 1] for i in range(1, n) if not any(k == i and j < i for k, j, _ in each)]
-            for name, each in network.modes.items()
-        }
-        network = Network.from_arcs(arcs, arrow="listens_to", agents=n)
+        arcs = {}
+        for name, each in network.modes.items():
+            arcs[name] = [[i + 1, j + 1, w] for i, j, w in each]
+            leading = {i for i, j, _ in each if j < i}
+            arcs[name] += [[i + 1, i, 1] for i in range(1, n) if i not in leading]
+        network = network_of(arcs, n)
     h, other = r.choice(couplings), r.choice(couplings)
     codes = sorted(network.arc_codes())
     special = {(codes[0] // n, codes[0] % n): other} if codes else {}
     gains = {1: 5} | {i: r.choice((1, 3, "9/2")) for i in range(2, n + 1) if r.random() < 0.3}
     return Problem(network=network, coupling=h, exceptions=special, gains=gains, target=0, **more)
-
-
-def float_gains(problem: Problem) -> np.ndarray:
-    """k_i of every agent; scalar gains only."""
-    gains = np.zeros(problem.n)
-    for agent, k in problem.pinning.gains.items():
-        gains[agent] = float(k[0][0])
-    return gains
 
 
 def sampled_rows(problem: Problem, v: Any, *, s: float, alpha: float, samples: int = 2001) -> float:
@@ -133,37 +143,29 @@ CONSTANT = Exosystem(A=[[0]], C=[[1]])
 HIDDEN = Exosystem(A=[[0, 0], [0, 0]], C=[[1, 0]])
 
 
-def problem_of(arcs: Any, n: int | None = None, coupling: Any = "y", **changes: Any) -> Problem:
-    network = Network.from_arcs(arcs, arrow="listens_to", agents=n)
-    return Problem(**{"network": network, "coupling": coupling} | changes)
-
-
 def digraph(
     r: Random, n: int, *, density: float = 0.3, cycle: bool = True, **changes: Any
 ) -> Problem:
     """Random arcs with random gains, on top of a cycle."""
-    pairs = {(i, i % n + 1) for i in range(1, n + 1)} if cycle else set()
-    pairs |= {
-        (i, j) for i in range(1, n + 1) for j in range(1, n + 1) if i != j and r.random() < density
-    }
-    return problem_of([[i, j, round(r.uniform(0.1, 5), 2)] for i, j in sorted(pairs)], n, **changes)
+    pairs = set(map(tuple, random_arcs(r, n, density)))
+    if cycle:
+        pairs |= set(map(tuple, around(n)))
+    return linked([[i, j, round(r.uniform(0.1, 5), 2)] for i, j in sorted(pairs)], n, **changes)
 
 
 def ring(n: int = 4, *, coupling: str = "y", **changes: Any) -> Problem:
     """Agent i listens to i + 1, the last one to the first."""
-    return problem_of(
-        [[i, i % n + 1] for i in range(1, n + 1)], n, coupling, **{"name": "ring"} | changes
-    )
+    return linked(around(n), n, coupling, **{"name": "ring"} | changes)
 
 
 def star(n: int = 4, **changes: Any) -> Problem:
     """Everybody listens to agent 1, who listens to nobody."""
-    return problem_of([[i, 1] for i in range(2, n + 1)], n, **{"name": "star"} | changes)
+    return linked([[i, 1] for i in range(2, n + 1)], n, **{"name": "star"} | changes)
 
 
 def two_leaders(**changes: Any) -> Problem:
     """3 listens to 1 and 2, who listen to nobody."""
-    return problem_of([[3, 1], [3, 2]], 3, **{"name": "two-leaders"} | changes)
+    return linked([[3, 1], [3, 2]], 3, **{"name": "two-leaders"} | changes)
 
 
 BOX = {"initial_states": [-1, 1]}
@@ -172,10 +174,8 @@ NOISY_BOX = {"initial_states": [-1, 1], "initial_disturbance": "0.1"}
 
 def linear_rate(problem: Problem, gains: dict[int, float]) -> float:
     """The decay rate of the loop of the first mode, linearised with h'(0) = 1, by eigenvalues."""
-    M = np.diag([-float(gains.get(i, 0)) for i in range(problem.n)])
-    for i, j, weight in next(iter(problem.network.modes.values())):
-        M[i, j] += float(weight)
-        M[i, i] -= float(weight)
+    K = np.diag([float(gains.get(i, 0)) for i in range(problem.n)])
+    M = jacobian_by_hand(problem, None, 1.0) - K
     return -float(np.max(np.linalg.eigvals(M).real))
 
 
@@ -187,13 +187,13 @@ def frame(columns: list[str], rows: list[list[object]]) -> dict[str, str]:
 def tables(**changes: tuple[list[str], list[list[object]]]) -> bytes:
     """A network of three buses and two lines."""
     line = ["from_bus", "to_bus", "length_km", "x_ohm_per_km", "parallel", "in_service"]
-    inside = {
-        "sn_mva": 1.0,
-        "bus": frame(["vn_kv", "in_service"], [[10.0, True], [10.0, True], [10.0, True]]),
-        "line": frame(line, [[0, 1, 2.0, 5.0, 2, True], [1, 2, 1.0, 10.0, 1, True]]),
-        "ext_grid": frame(["bus", "in_service"], [[0, True]]),
-        **{name: frame(*value) for name, value in changes.items()},
+    parts = {
+        "bus": (["vn_kv", "in_service"], [[10.0, True], [10.0, True], [10.0, True]]),
+        "line": (line, [[0, 1, 2.0, 5.0, 2, True], [1, 2, 1.0, 10.0, 1, True]]),
+        "ext_grid": (["bus", "in_service"], [[0, True]]),
     }
-    return json.dumps(
-        {"_module": "pandapower.auxiliary", "_class": "pandapowerNet", "_object": inside}
-    ).encode()
+    inside: dict[str, Any] = {"sn_mva": 1.0}
+    for name, (columns, rows) in (parts | changes).items():
+        inside[name] = frame(columns, rows)
+    whole = {"_module": "pandapower.auxiliary", "_class": "pandapowerNet", "_object": inside}
+    return json.dumps(whole).encode()

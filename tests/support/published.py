@@ -8,6 +8,7 @@ from fractions import Fraction
 from typing import Any
 
 from agents import second_order
+from networks import network_of
 
 from dobc_design import Dynamics, Network, Observer, Problem, Switching, exosystems, load_problem
 
@@ -40,16 +41,12 @@ class Published:
 
 
 def ring(n: int) -> Network:
-    return Network.from_arcs(
-        [[i, i % n + 1] for i in range(1, n + 1)], arrow="listens_to", agents=n
-    )
+    return network_of([[i, i % n + 1] for i in range(1, n + 1)], n)
 
 
 def swing9(reach: str, speed: str) -> Problem:
     """IEEE 9 buses about its operating point, generator 1 controlled; damping 1/s is assumed."""
-    network = Network.from_arcs(
-        [[i, j, w] for (i, j), w in IEEE9_WEIGHTS.items()], arrow="listens_to", agents=3
-    )
+    network = network_of([[i, j, w] for (i, j), w in IEEE9_WEIGHTS.items()], 3)
     texts = {}
     for i, j in IEEE9_WEIGHTS:
         x = IEEE9_ANGLES[j - 1] - IEEE9_ANGLES[i - 1]
@@ -67,7 +64,7 @@ def oscillators(*, reached: bool) -> Problem:
     """x'' = -x + sum (v_j - v_i), a path that hears a leader at one end; or the same with the last
     agent left out."""
     arcs = [[i + 1, i] for i in range(1, 5 if reached else 4)]
-    network = Network.from_arcs(arcs, arrow="listens_to", agents=5)
+    network = network_of(arcs, 5)
     dynamics = Dynamics(A=[[0, 1], [-1, 0]], B=[[0], [1]])
     return Problem(network=network, coupling="y2", gains={1: 1}, dynamics=dynamics, target=[0, 0])
 
@@ -95,7 +92,7 @@ def kuramoto(reach: str) -> Problem:
 def jointly_connected() -> Problem:
     """Four agents, two graphs of which neither is connected, in turn for 1 s each."""
     modes = {"odd": [[1, 2], [2, 1], [3, 4], [4, 3]], "even": [[2, 3], [3, 2]]}
-    network = Network.from_arcs(modes, arrow="listens_to", agents=4)
+    network = network_of(modes, 4)
     switching = Switching(guarantee="sequence", sequence=["odd", "even"], dwell=1)
     return Problem(network=network, coupling="y", gains={1: 1}, switching=switching)
 

@@ -13,9 +13,10 @@ from random import Random
 from typing import Any
 
 import numpy as np
+from networks import network_of
 from scipy import linalg
 
-from dobc_design import Exosystem, Network, Observer, Problem
+from dobc_design import Exosystem, Observer, Problem
 
 LINEAR = ("y", "2*y", "y/3", "5*y/2", "-y/8", "y*exp(1)", "pi*y/2")
 CURVED = (
@@ -67,7 +68,7 @@ def _problem(r: Random, *, linear: bool) -> Problem:
             region["initial_disturbance"] = r.choice((0, 0.5, 3))
     return Problem(
         name=f"random-{r.randrange(10**9)}",
-        network=Network.from_arcs(modes, arrow="listens_to", agents=labels),
+        network=network_of(modes, labels),
         coupling=r.choice(couplings),
         exceptions={(place[a], place[b]): r.choice(couplings) for a, b in special},
         target=[r.choice((0, 1, "1/2", -2)) for _ in range(m)],
@@ -246,7 +247,7 @@ def badly_scaled_problem(seed: int) -> Problem:
     k = r.choice((1, 3, Fraction(1, 10**9), Fraction(1, 10**6), 10**6))
     return Problem(
         name=f"badly-scaled-{seed}",
-        network=Network.from_arcs([[i + 1, i] for i in range(1, n)], arrow="listens_to", agents=n),
+        network=network_of([[i + 1, i] for i in range(1, n)], n),
         coupling=r.choice(("y", "tanh(y)", "2*y")) if k >= 1 else "y/1000000000000",
         gains=k,
         target=[0] * m,

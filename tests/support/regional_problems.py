@@ -8,9 +8,10 @@ from typing import Any
 import mpmath
 import numpy as np
 from couplings import exact
+from networks import network_of
 from scipy.integrate import solve_ivp
 
-from dobc_design import Exosystem, Network, Problem, Verdict
+from dobc_design import Exosystem, Problem, Verdict
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import verify_lure
 from dobc_design.exact.matrix import to_float
@@ -28,7 +29,7 @@ def cycle(
     """Agent i listens to agent i + 1."""
     arcs = [[i, i % n + 1] for i in range(1, n + 1)]
     return Problem(
-        network=Network.from_arcs(arcs, arrow="listens_to", agents=n),
+        network=network_of(arcs, n),
         coupling=coupling,
         gains=gains,
         exosystem=exosystem,
@@ -52,7 +53,7 @@ def random_problem(
     }
     gains = {i: r.choice((1, 2, "9/2")) for i in range(1, n + 1) if r.random() < pin}
     return Problem(
-        network=Network.from_arcs(arcs, arrow="listens_to", agents=n),
+        network=network_of(arcs, n),
         coupling=coupling,
         gains=gains,
         target=[0] * m,
@@ -134,7 +135,7 @@ def listening_pair(
     h: Any = "sin(y)", *, gains: Any = "1/10", target: Any = 0, reach: Any = 5, **more: Any
 ) -> Problem:
     """Two agents that listen to each other."""
-    network = Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to", agents=2)
+    network = network_of([[1, 2], [2, 1]], 2)
     region = (
         None
         if reach is None
@@ -161,7 +162,7 @@ def random_folded(seed: int, *, m: int = 1, exceptions: bool = True) -> Problem:
         for j in range(1, n + 1)
         if i != j and (j == i % n + 1 or r.random() < 0.4)
     ]
-    network = Network.from_arcs(arcs, arrow="listens_to", agents=n)
+    network = network_of(arcs, n)
     h: Any = r.choice(("sin(y)", FOLDED, "y*exp(1 - y**2)", "clip(y, -1, 1)", "exp(y) - 1 + y"))
     if m > 1 and r.random() < 0.5:
         h = [f"sin(y{c + 1}) + y{(c + 1) % m + 1}/4" for c in range(m)]

@@ -22,6 +22,7 @@ from unittest.mock import patch
 
 import pytest
 from certified import made_once
+from networks import network_of
 
 from dobc_design import Certificate, Exosystem, Group, Network, Problem, certify
 from dobc_design.certification import certify as certification
@@ -62,7 +63,7 @@ Open Scope R_scope.
 
 
 def listens(arcs: Any, n: int) -> Network:
-    return Network.from_arcs(arcs, arrow="listens_to", agents=n)
+    return network_of(arcs, n)
 
 
 @cache

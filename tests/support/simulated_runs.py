@@ -5,13 +5,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from networks import network_of
 
 import dobc_design as dd
 from dobc_design import (
     Ensemble,
     Exosystem,
     Failure,
-    Network,
     Observer,
     Problem,
     Settling,
@@ -30,21 +30,19 @@ PRINTED = Observer(W=[["16/5"], ["12/5"]])
 
 def ring(coupling: str = "exp(y) - 1 + y", n: int = 10, **settings) -> Problem:
     """The paper's directed cycle of n agents."""
-    network = Network.from_arcs(
-        [[i + 1, (i + 1) % n + 1] for i in range(n)], arrow="listens_to", agents=n
-    )
+    network = network_of([[i + 1, (i + 1) % n + 1] for i in range(n)], n)
     return Problem(network=network, coupling=coupling, **settings)
 
 
 def single(**settings) -> Problem:
     """One agent by itself, x' = u + d."""
-    network = Network.from_arcs({"G": []}, arrow="listens_to", agents=1)
+    network = network_of({"G": []}, 1)
     return Problem(network=network, coupling="y", gains={"1": 2}, **settings)
 
 
 def pair(coupling: str = "y", **settings) -> Problem:
     """Agent 1 listens to agent 2."""
-    network = Network.from_arcs([[1, 2]], arrow="listens_to", agents=2)
+    network = network_of([[1, 2]], 2)
     return Problem(network=network, coupling=coupling, **settings)
 
 
@@ -56,7 +54,7 @@ def planar(**settings) -> Problem:
         "simulation": {"t_final": 4, "seed": 3, "xi0": [[1, 0, 2], [0, 1, -1], [3, 0, 0]]},
     }
     return Problem(
-        network=Network.from_arcs(modes, arrow="listens_to", agents=3),
+        network=network_of(modes, 3),
         target=[1, -2],
         gains={"1": 3, "3": [[2, 1], [-1, 2]]},
         exosystem=Exosystem(A=[[0, 1, 0], [-1, 0, 0], [0, 0, 0]], C=[[1, 0, 1], [0, 1, 0]]),

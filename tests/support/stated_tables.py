@@ -11,9 +11,10 @@ from random import Random
 from typing import Any
 
 import numpy as np
+from networks import network_of
 from scipy import linalg
 
-from dobc_design import Exosystem, Network, Observer, Problem, certify
+from dobc_design import Exosystem, Observer, Problem, certify
 from dobc_design.exact.matrix import matrix, to_float
 from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.exosystems import constant, harmonics
@@ -39,7 +40,7 @@ def network(r: Random, *, saturating: bool = False) -> dict[str, Any]:
     arcs = [[i, r.randint(1, i - 1), F(r.randint(2, 6), 2)] for i in range(2, n + 1)]
     gains = {1: F(r.randint(4, 8), 2)} | ({n: F(r.randint(4, 8), 2)} if r.random() < 0.5 else {})
     h = "tanh(y)" if saturating else r.choice(list(RISING))
-    network = Network.from_arcs(arcs, arrow="listens_to", agents=n)
+    network = network_of(arcs, n)
     return {"network": network, "coupling": h, "gains": gains, "target": 0, "name": "stated"}
 
 
@@ -86,7 +87,7 @@ def repelling(r: Random, more: dict[str, Any]) -> Stated:
     k, w = F(r.randint(8, 16), 2), F(r.randint(2, 6), 4)
     largest = (k - 2 * w) / (k + 2 * w)
     error = largest + (1 - largest) * r.randint(2, 30) / 100
-    pair = Network.from_arcs([[1, 2, w], [2, 1, w]], arrow="listens_to", agents=2)
+    pair = network_of([[1, 2, w], [2, 1, w]], 2)
     h = "-y" if more else r.choice(["-y", "-tanh(y)"])
     where = {} if r.random() < 0.5 else BOX
     table = more.pop("uncertainty", {}) | {"weights": error, "gains": error}
@@ -110,7 +111,7 @@ def entries_of_a_gain(r: Random, more: dict[str, Any]) -> Stated:
     table = more.pop("uncertainty", {}) | {
         "gains": largest + (1 - largest) * r.randint(2, 30) / 100
     }
-    one = Network.from_arcs([], arrow="listens_to", agents=1)
+    one = network_of([], 1)
     gains = {1: [[1, c], [c, 1]]}
     problem = Problem(
         network=one,
@@ -127,7 +128,7 @@ def entries_of_a_gain(r: Random, more: dict[str, Any]) -> Stated:
 def more_than_a_coupling(r: Random, more: dict[str, Any]) -> Stated:
     """An agent that is held by w tanh alone, against a constant push of more than w."""
     w = F(r.randint(2, 8), 4)
-    chain = Network.from_arcs([[2, 1, w]], arrow="listens_to", agents=2)
+    chain = network_of([[2, 1, w]], 2)
     table = more.pop("uncertainty", {}) | {"disturbance": w * r.randint(101, 150) / 100}
     problem = Problem(
         network=chain,
@@ -146,7 +147,7 @@ def weaker_than_stated(r: Random, more: dict[str, Any]) -> Stated:
     """Each alone can be kept: w tanh holds against 3/4 w, and any error of its weight is
     tolerated."""
     w = F(r.randint(2, 8), 4)
-    chain = Network.from_arcs([[2, 1, w]], arrow="listens_to", agents=2)
+    chain = network_of([[2, 1, w]], 2)
     table = more.pop("uncertainty", {}) | {
         "disturbance": w * 3 / 4,
         "weights": F(r.randint(26, 40), 100),
@@ -223,7 +224,7 @@ def linear_problem(
 ) -> Problem:
     """Agents 1 to n; an arc (i, j, w), from 0: i listens to j."""
     arcs = {name: [[i + 1, j + 1, w] for i, j, w in each] for name, each in modes.items()}
-    network = Network.from_arcs(arcs, arrow="listens_to", agents=n)
+    network = network_of(arcs, n)
     return Problem(**{"network": network, "coupling": "y", "gains": gains} | more)
 
 

@@ -14,11 +14,11 @@ from random import Random
 from typing import Any
 
 import numpy as np
-from networks import loop_by_hand
+from networks import loop_by_hand, network_of
 from scipy import optimize
 
 from campaigns.certificates import Tally
-from dobc_design import Network, Problem, Verdict, certify
+from dobc_design import Problem, Verdict, certify
 
 REGIONAL = ("max-separable", "lure")
 FAR = 40.0
@@ -63,9 +63,7 @@ def two_agents(seed: int) -> TwoAgents:
             break
     nearest = min(max(map(abs, e)) for e in found)
     asked = round(nearest * r.choice((0.2, 0.4, 0.7, 0.95, 1.2)), 3)
-    network = Network.from_arcs(
-        [[2, 1], [1, 2]] if back else [[2, 1]], arrow="listens_to", agents=2
-    )
+    network = network_of([[2, 1], [1, 2]] if back else [[2, 1]], 2)
     h, region = text.replace("c", f"({Fraction(c)})"), {"initial_states": [str(-asked), str(asked)]}
     problem = Problem(
         network=network, coupling=h, gains=str(k) if back else {1: str(k)}, target=0, region=region
@@ -129,9 +127,7 @@ def linear_problem(seed: int) -> tuple[Problem, np.ndarray]:
         if i != j and r.random() < 0.4
     ]
     gains = {i: Fraction(r.randint(1, 8), 2) for i in range(n) if r.random() < 0.4}
-    network = Network.from_arcs(
-        [[i + 1, j + 1, w] for i, j, w in arcs], arrow="listens_to", agents=n
-    )
+    network = network_of([[i + 1, j + 1, w] for i, j, w in arcs], n)
     gains = {i + 1: k for i, k in gains.items()}
     problem = Problem(
         network=network, coupling="y", gains=gains, target=0, region={"initial_states": [-1, 1]}

@@ -7,7 +7,7 @@ from random import Random
 import cvxpy as cp
 import numpy as np
 import pytest
-from networks import cycle, digraph, linear_rate, problem_of
+from networks import cycle, digraph, linear_rate, linked
 
 import dobc_design as dd
 from dobc_design import Network, Problem, Verdict
@@ -142,7 +142,7 @@ def test_a_rate_that_the_others_cannot_have_is_refuted_by_a_slow_direction():
 def test_modes_in_which_no_order_serves_all_are_refuted_whatever_the_gains():
     """2 hears 3 only in one mode, 3 hears 2 only in the other: theory, section 5."""
     modes = {"A": [[2, 1], [3, 2]], "B": [[3, 1], [2, 3]]}
-    problem = problem_of(modes, 3, coupling="tanh(y)")
+    problem = linked(modes, 3, coupling="tanh(y)")
     design = dd.design_pinning(problem, rate="1/100", allowed=[1], region=1)
     assert (design.verdict, design.statements[0].kind) == (Verdict.REFUTED, "ordering")
     assert "agents 2 and 3" in design.reason
@@ -154,7 +154,7 @@ def test_modes_in_which_no_order_serves_all_are_refuted_whatever_the_gains():
 def test_pins_are_limited_and_the_fewest_are_found():
     one = dd.design_pinning("paper-fixed", rate="1/50", region=2, pins=1)
     assert (one.verdict, len(one.gains)) == (Verdict.PROVED, 1)
-    apart = problem_of([[1, 2], [2, 1], [3, 4], [4, 3]], 4, coupling="y + y**3")
+    apart = linked([[1, 2], [2, 1], [3, 4], [4, 3]], 4, coupling="y + y**3")
     few = dd.design_pinning(apart, rate="1/10", region=1, pins="fewest")
     assert (few.verdict, len(few.gains)) == (Verdict.PROVED, 2)
     assert [s.verdict for s in few.statements if s.kind == "pins"] == [Verdict.PROVED]
@@ -198,7 +198,7 @@ def test_where_couplings_end_or_mix_components_there_is_no_box_and_no_error():
     for region, verdict in ((10, Verdict.UNDECIDED), ("1/10", Verdict.PROVED)):
         design = dd.design_pinning(problem, rate="1/100", region=region, allowed=[1])
         assert design.verdict is verdict
-    mixing = problem_of([[1, 2], [2, 1]], coupling=["y1 + y2/2", "y2"])
+    mixing = linked([[1, 2], [2, 1]], coupling=["y1 + y2/2", "y2"])
     design = dd.design_pinning(mixing, rate="1/10", region=1)
     assert (design.verdict, design.statements[0].kind) == (Verdict.UNDECIDED, "method")
 

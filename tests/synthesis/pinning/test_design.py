@@ -12,7 +12,7 @@ import cvxpy as cp
 import numpy as np
 import pytest
 from certified import consensus_claims
-from networks import digraph, linear_rate, problem_of, ring, star
+from networks import digraph, linear_rate, linked, ring, star
 from oracles.theorems import Oracle, form, negative_definite
 from random_problems import random_problem
 from scipy import sparse
@@ -232,12 +232,12 @@ def test_a_rate_beyond_the_allowed_agents_is_refuted_with_a_direction_and_a_slow
 def test_where_no_rate_can_be_had_the_nearest_request_allows_more_agents():
     """3 hears 2 strongly: S on {2, 3} is [[2, -100], [-100, 200]], not positive, whatever 1
     does."""
-    strong = problem_of([[2, 1], [3, 2, 100]], 3)
+    strong = linked([[2, 1], [3, 2, 100]], 3)
     design = design_pinning(strong, rate="1/10", allowed=[1])
     assert design.verdict is Verdict.REFUTED
     assert design.nearest.verdict is Verdict.PROVED
     assert design.nearest.request.allowed == (0, 1, 2)
-    gentle = problem_of([[2, 1], [3, 2]], 3)
+    gentle = linked([[2, 1], [3, 2]], 3)
     assert design_pinning(gentle, rate="1/10", allowed=[1]).verdict is Verdict.PROVED
 
 
@@ -310,7 +310,7 @@ def test_every_source_component_needs_a_pin():
     """Two pairs that hear nobody else, and one agent that hears both: two pins, whatever the
     gains."""
     pairs = [[1, 2], [2, 1], [3, 4], [4, 3]]
-    problem = problem_of([*pairs, [5, 1], [5, 3]])
+    problem = linked([*pairs, [5, 1], [5, 3]])
     design = design_pinning(problem, rate="1/10", pins=1)
     assert (design.verdict, design.structural_minimum) == (Verdict.REFUTED, 2)
     assert design.statements[0].exact["groups"] == "1, 2 | 3, 4"
@@ -326,7 +326,7 @@ def test_groups_of_several_modes_that_overlap_are_met_by_the_fewest_agents():
     A = [[1, 2], [2, 1], [3, 1]]
     B = [[2, 3], [3, 2], [1, 2]]
     C = [[3, 1], [1, 3], [2, 3]]
-    problem = problem_of({"A": A, "B": B, "C": C})
+    problem = linked({"A": A, "B": B, "C": C})
     structure = structure_of(problem, range(3))
     assert (structure.least, structure.exact) == (2, True)
     assert len(structure.apart) == 1
@@ -370,7 +370,7 @@ def test_ties_are_told(cycle):
 
 
 def test_irrational_slopes_are_enclosed_and_decided():
-    problem = problem_of([[1, 2], [2, 1], [3, 2]], coupling="sqrt(2)*y")
+    problem = linked([[1, 2], [2, 1], [3, 2]], coupling="sqrt(2)*y")
     design = design_pinning(problem, rate="1/10", allowed=[1], digits=6)
     laplacian = np.array([[2, -2, 0], [-2, 2, -1], [0, -1, 2]])
     S = np.sqrt(2) * laplacian - 0.2 * np.eye(3)
@@ -382,7 +382,7 @@ def test_irrational_slopes_are_enclosed_and_decided():
     ("problem", "allowed"),
     [
         # no Z-matrix: a conic program
-        (problem_of([[1, 2], [2, 3], [3, 1]], coupling=["y1 + y2/2", "y2"]), [1, 2]),
+        (linked([[1, 2], [2, 3], [3, 1]], coupling=["y1 + y2/2", "y2"]), [1, 2]),
         (dd.load_problem("paper-switching"), [1, 6]),
     ],
 )
@@ -465,7 +465,7 @@ def test_a_design_shows_itself_and_long_work_says_what_it_does():
 def test_a_wrong_request_is_one_clear_error(asked, words):
     with pytest.raises(SpecError, match=words):
         design_pinning("paper-fixed", **asked)
-    kinked = problem_of([[1, 2], [2, 1]], coupling="abs(y)")
+    kinked = linked([[1, 2], [2, 1]], coupling="abs(y)")
     with pytest.raises(SpecError, match="must have a derivative at the consensus"):
         design_pinning(kinked, rate=1)
 

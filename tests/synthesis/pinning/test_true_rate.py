@@ -7,7 +7,7 @@ from random import Random
 
 import numpy as np
 import pytest
-from networks import digraph, linear_rate, loop_by_hand, problem_of, ring
+from networks import digraph, linear_rate, linked, loop_by_hand, ring
 
 import dobc_design as dd
 from dobc_design import Network, Problem, Verdict
@@ -35,7 +35,7 @@ def test_one_pin_of_the_ten_ring_takes_the_gain_of_the_characteristic_polynomial
 
 
 def test_a_chain_decays_at_the_gain_of_its_head_and_at_no_more_than_2():
-    chain = problem_of([[i + 1, i] for i in range(1, 5)], 5, "2*y")
+    chain = linked([[i + 1, i] for i in range(1, 5)], 5, "2*y")
     held = dd.design_pinning(chain, rate="1.99", pins="fewest")
     assert {label: float(k) for label, k in held.gains.items()} == pytest.approx(
         {"1": 1.99}, rel=3e-2
@@ -121,7 +121,7 @@ def test_several_modes_share_weights_or_fall_back_to_the_plain_v():
         N = D @ (M - 0.2 * np.eye(5))
         assert np.linalg.eigvalsh(N + N.T).min() > 0
     # each hears the other in one of two modes: by symmetry weights do not help
-    crossed = problem_of({"A": [[1, 2, 3]], "B": [[2, 1, 3]]}, 2)
+    crossed = linked({"A": [[1, 2, 3]], "B": [[2, 1, 3]]}, 2)
     fallback = dd.design_pinning(crossed, rate="1/5")
     assert (fallback.verdict, fallback.method, fallback.lower_bound) == (
         Verdict.PROVED,
@@ -132,7 +132,7 @@ def test_several_modes_share_weights_or_fall_back_to_the_plain_v():
 
 
 def test_an_undirected_network_keeps_the_bound_of_the_plain_v_which_has_the_true_rate():
-    path = problem_of([[1, 2], [2, 1], [2, 3], [3, 2]], 3)
+    path = linked([[1, 2], [2, 1], [2, 3], [3, 2]], 3)
     design = dd.design_pinning(path, rate="1/10", pins=1)
     assert design.method == "consensus" and design.lower_bound is not None
     assert linear_rate(path, by_index(design)) == pytest.approx(0.1, rel=1e-3)

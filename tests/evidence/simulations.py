@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 from evidence.row import Row
-from networks import network_of
+from networks import linked, network_of, random_arcs
 from scipy.linalg import expm
 from simulated_runs import simulate, simulate_many
 
@@ -30,13 +30,8 @@ def loop(rng: np.random.Generator, *, coupling: list[str] | str | None = None) -
         return (rng.integers(-8, 9, size=shape) / 8).tolist()
 
     def graph() -> list[list[Any]]:
-        pairs = [
-            (i, j)
-            for i in range(1, n + 1)
-            for j in range(1, n + 1)
-            if i != j and rng.random() < 0.5
-        ]
-        return [[i, j, int(rng.integers(1, 5)) / 4] for i, j in pairs or [(1, 2)]]
+        pairs = random_arcs(rng, n, 0.5) or [[1, 2]]
+        return [[i, j, int(rng.integers(1, 5)) / 4] for i, j in pairs]
 
     rows = dyadic(m, m)
     linear = [" + ".join(f"({a})*y{c + 1}" for c, a in enumerate(row)) for row in rows]
@@ -112,12 +107,10 @@ def linear(count: int, seed: int) -> Row:
             for stretch in range(int(t / dwell) + 1):
                 J, A, C, W = matrices(problem, "ab"[stretch % 2])
                 end = min(t, (stretch + 1) * dwell)
-                block = np.block(
-                    [
-                        [J, np.kron(np.eye(n), C)],
-                        [np.zeros((n * len(A), len(J))), np.kron(np.eye(n), A - W @ C)],
-                    ]
-                )
+                none = np.zeros((n * len(A), len(J)))
+                first = [J, np.kron(np.eye(n), C)]
+                second = [none, np.kron(np.eye(n), A - W @ C)]
+                block = np.block([first, second])
                 state, now = expm(block * (end - now)) @ state, end
             wanted = np.concatenate([wanted, state[None]])
         return errors_of(run), wanted
@@ -147,12 +140,10 @@ def sampled(count: int, seed: int) -> Row:
         spots = list(zip(period * (nodes + 1) / 2, weights / 2, strict=True))
         Cd = C @ sum((w * expm(A * s) for s, w in spots), np.zeros_like(A))
         L = period * sum((w * expm(F * s) for s, w in spots), np.zeros_like(A)) @ W
-        block = np.block(
-            [
-                [np.eye(len(J)) + period * J, period * np.kron(np.eye(n), Cd)],
-                [np.zeros((n * len(A), len(J))), np.kron(np.eye(n), expm(A * period) - L @ Cd)],
-            ]
-        )
+        none = np.zeros((n * len(A), len(J)))
+        first = [np.eye(len(J)) + period * J, period * np.kron(np.eye(n), Cd)]
+        second = [none, np.kron(np.eye(n), expm(A * period) - L @ Cd)]
+        block = np.block([first, second])
         found = errors_of(run)
         wanted = [found[0]]
         for _ in found[1:]:
@@ -181,19 +172,15 @@ def stressed(count: int, seed: int) -> Row:
         for row in range(2):
             run = simulate(problem, seed=number + row, stress=stress, **given)
             kept = int(np.searchsorted(many.times, run.times[-1], side="right"))
-            gap = max(
-                np.abs(many.error[row, :kept] - run.error()[:kept]).max()
-                / (1 + np.abs(run.x).max()),
-                np.abs(many.estimation_error[row, :kept] - run.estimation_error()[:kept]).max()
-                / (1 + np.abs(run.d).max()),
-            )
+            error = np.abs(many.error[row, :kept] - run.error()[:kept]).max()
+            estimates = run.estimation_error()[:kept]
+            off = np.abs(many.estimation_error[row, :kept] - estimates).max()
+            gap = max(error / (1 + np.abs(run.x).max()), off / (1 + np.abs(run.d).max()))
             worst = max(worst, float(gap))
             wrong = list(broken(run, stress))
-            if not (
-                gap < 1e-5
-                and many.diverged[row] == run.diverged
-                and many.switches[row] == len(run.switches) - 1
-            ):
+            alike = many.diverged[row] == run.diverged
+            alike = alike and many.switches[row] == len(run.switches) - 1
+            if not (gap < 1e-5 and alike):
                 wrong.append(f"{gap:.1e} apart")
             failures += [f"seed [{seed}, {number}], {stress}: {each}" for each in wrong]
     if 4 * alone > count:  # else the runs would have been held against themselves
@@ -219,14 +206,11 @@ def random_stress(rng: np.random.Generator, problem: Problem) -> Stress:
     chosen = rng.random(6) < 0.5
     chosen[rng.integers(6)] = True
     failing = rng.permutation(problem.n)[: rng.integers(1, problem.n)] if chosen[5] else []
-    failures = tuple(
-        Failure(
-            agent=str(i + 1),
-            time=float(rng.choice([0.0, 0.25, 0.8])),
-            kind=str(rng.choice(["vanish", "freeze"])),
-        )
-        for i in failing
-    )
+    failures = []
+    for i in failing:
+        time = float(rng.choice([0.0, 0.25, 0.8]))
+        kind = str(rng.choice(["vanish", "freeze"]))
+        failures.append(Failure(agent=str(i + 1), time=time, kind=kind))
     return Stress(
         noise=0.05 * chosen[0],
         disturbance=0.5 * chosen[1],
@@ -234,7 +218,7 @@ def random_stress(rng: np.random.Generator, problem: Problem) -> Stress:
         saturation=1.5 if chosen[2] else None,
         period=0.0625 if chosen[3] else None,
         loss=0.4 * chosen[4],
-        failures=failures,
+        failures=tuple(failures),
     )
 
 
@@ -280,25 +264,16 @@ def regional(rng: np.random.Generator) -> Problem:
     """Two random digraphs on 2 to 6 agents, most of them pinned, with starts to be covered."""
     n = int(rng.integers(2, 7))
 
-    def graph() -> list[list[int]]:
-        return [
-            [i, j]
-            for i in range(1, n + 1)
-            for j in range(1, n + 1)
-            if i != j and rng.random() < 0.4
-        ]
-
-    pins = {
-        str(i + 1): float(rng.choice([1.0, 2.5, 5.0])) for i in range(n) if rng.random() < 0.8
-    } or {"1": 3.0}
-    with_disturbance = rng.random() < 0.6
-    return Problem(
-        network=network_of({"a": graph(), "b": graph()}, n),
-        gains=pins,
-        coupling=str(rng.choice(["exp(y) - 1 + y", "tanh(y)", "y", "y + y**3", "2*sin(y)"])),
-        exosystem=Exosystem(A=[[0, 1], [-1, 0]], C=[[1, 0]]) if with_disturbance else None,
-        observer=Observer(W=[[3], [2]]) if with_disturbance else None,
-        target=1,
-        region={"initial_states": [0, 2]}
-        | ({"initial_disturbance": "1/4"} if with_disturbance else {}),
-    )
+    pins = {}
+    for i in range(1, n + 1):
+        if rng.random() < 0.8:
+            pins[str(i)] = float(rng.choice([1.0, 2.5, 5.0]))
+    region: dict[str, Any] = {"initial_states": [0, 2]}
+    given: dict[str, Any] = {"gains": pins or {"1": 3.0}, "target": 1, "region": region}
+    if rng.random() < 0.6:
+        region["initial_disturbance"] = "1/4"
+        given["exosystem"] = Exosystem(A=[[0, 1], [-1, 0]], C=[[1, 0]])
+        given["observer"] = Observer(W=[[3], [2]])
+    modes = {name: random_arcs(rng, n, 0.4) for name in "ab"}
+    coupling = str(rng.choice(["exp(y) - 1 + y", "tanh(y)", "y", "y + y**3", "2*sin(y)"]))
+    return linked(modes, n, coupling, **given)

@@ -8,7 +8,7 @@ from random import Random
 from typing import Any
 
 import numpy as np
-from networks import around, jacobian_by_hand, network_of, random_arcs
+from networks import around, floats, jacobian_by_hand, network_of, random_arcs
 from scipy.linalg import solve_continuous_are
 
 import dobc_design as dd
@@ -99,10 +99,6 @@ def matrices(problem: dd.Problem) -> dict[str, Any]:
     own = drift(problem)
     found["u0"] = np.array([np.linalg.lstsq(B, -own(goal), rcond=None)[0] for goal in goals])
     return found
-
-
-def floats(rows: Any) -> Any:
-    return np.array([[float(x) for x in row] for row in rows])
 
 
 def drift(problem: dd.Problem) -> Callable[..., Any]:

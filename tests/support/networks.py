@@ -17,7 +17,7 @@ def network_of(arcs: Any, n: Any = None) -> Network:
     return Network.from_arcs(arcs, arrow="listens_to", agents=n)
 
 
-def random_arcs(r: Random, n: int, density: float, weight: Callable[[], Any] | None = None) -> Any:
+def random_arcs(r: Any, n: int, density: float, weight: Callable[[], Any] | None = None) -> Any:
     """Every agent may listen to every other; ``weight`` draws the weight of each arc."""
     arcs = []
     for i in range(1, n + 1):
@@ -34,6 +34,10 @@ def around(n: int, *weight: Any) -> list[Any]:
 
 def linked(arcs: Any, n: Any = None, coupling: Any = "y", **given: Any) -> Problem:
     return Problem(**{"network": network_of(arcs, n), "coupling": coupling} | given)
+
+
+def floats(rows: Any) -> Any:
+    return np.array([[float(x) for x in row] for row in rows])
 
 
 def float_gains(problem: Problem) -> np.ndarray:

@@ -8,12 +8,13 @@ package is used.
 """
 
 import warnings
+from collections.abc import Callable
 from fractions import Fraction
 from random import Random
 from typing import Any
 
 import numpy as np
-from networks import network_of
+from networks import floats, network_of, random_arcs
 from scipy import linalg
 
 from dobc_design import Exosystem, Observer, Problem
@@ -66,18 +67,28 @@ def _problem(r: Random, *, linear: bool) -> Problem:
         region = {"initial_states": r.choice(([0, 5], [-1, 1], ["1/2", 2], [1, 1]))}
         if exosystem is not None:
             region["initial_disturbance"] = r.choice((0, 0.5, 3))
-    return Problem(
-        name=f"random-{r.randrange(10**9)}",
-        network=network_of(modes, labels),
-        coupling=r.choice(couplings),
-        exceptions={(place[a], place[b]): r.choice(couplings) for a, b in special},
-        target=[r.choice((0, 1, "1/2", -2)) for _ in range(m)],
-        gains=_gains(r, labels, m),
-        exosystem=exosystem,
-        observer=None if exosystem is None else _observer(r, exosystem),
-        offsets={label: [r.choice((0, 1, -1.5))] * m for label in labels if r.random() < 0.2},
-        region=region,
-    )
+    given: dict[str, Any] = {"name": f"random-{r.randrange(10**9)}", "exosystem": exosystem}
+    given["network"] = network_of(modes, labels)
+    given["coupling"] = r.choice(couplings)
+    given["exceptions"] = {(place[a], place[b]): r.choice(couplings) for a, b in special}
+    given["target"] = [r.choice((0, 1, "1/2", -2)) for _ in range(m)]
+    given["gains"] = _gains(r, labels, m)
+    if exosystem is not None:
+        given["observer"] = _observer(r, exosystem)
+    offsets = {}
+    for label in labels:
+        if r.random() < 0.2:
+            offsets[label] = [r.choice((0, 1, -1.5))] * m
+    return Problem(**given, offsets=offsets, region=region)
+
+
+def _drawn(rows: int, columns: int, draw: Callable[[], Any]) -> list[list[Any]]:
+    """A matrix whose entries are drawn one by one."""
+    return [[draw() for _ in range(columns)] for _ in range(rows)]
+
+
+def _identity(m: int, k: Any) -> list[list[Any]]:
+    return [[k if i == j else 0 for j in range(m)] for i in range(m)]
 
 
 def _couplings(m: int, *, linear: bool) -> list[Any]:
@@ -100,14 +111,16 @@ def _arcs(r: Random, labels: list[str]) -> list[list[Any]]:
         pairs = []
     else:
         density = {"random": 0.4, "undirected": 0.4, "dense": 0.8}[kind]
-        pairs = [(i, j) for i in range(n) for j in range(n) if i != j and r.random() < density]
+        pairs = [(i - 1, j - 1) for i, j in random_arcs(r, n, density)]
         if kind == "undirected":
-            pairs = sorted({pair for i, j in pairs for pair in ((i, j), (j, i))})
+            backwards = [(j, i) for i, j in pairs]
+            pairs = sorted({*pairs, *backwards})
     weighted = r.random() < 0.4
-    return [
-        [labels[i], labels[j], r.choice(WEIGHTS)] if weighted else [labels[i], labels[j]]
-        for i, j in pairs
-    ]
+    arcs: list[list[Any]] = []
+    for i, j in pairs:
+        weight = [r.choice(WEIGHTS)] if weighted else []
+        arcs.append([labels[i], labels[j], *weight])
+    return arcs
 
 
 def _gains(r: Random, labels: list[str], m: int) -> Any:
@@ -116,33 +129,36 @@ def _gains(r: Random, labels: list[str], m: int) -> Any:
         return None
     if kind == "number":
         return r.choice((1, "9/16", 3, 10))
-    chosen = (
-        labels
-        if kind == "all"
-        else r.sample(labels, 1 if kind == "one" else max(1, len(labels) // 2))
-    )
+    chosen = labels
+    if kind == "one":
+        chosen = r.sample(labels, 1)
+    elif kind == "some":
+        chosen = r.sample(labels, max(1, len(labels) // 2))
     return {label: _gain(r, m) for label in chosen}
 
 
 def _gain(r: Random, m: int) -> Any:
     k = Fraction(r.choice((1, 2, 5, 10)), r.choice((1, 1, 2, 3)))
-    kind = (
-        r.choice(("number", "number", "turned", "skew", "singular", "full")) if m > 1 else "number"
-    )
+    kind = "number"
+    if m > 1:
+        kind = r.choice(("number", "number", "turned", "skew", "singular", "full"))
     if kind == "number":
         return k
     if kind == "singular":
-        return [[k if i == j == 0 else 0 for j in range(m)] for i in range(m)]
+        found = _identity(m, 0)
+        found[0][0] = k
+        return found
     s = Fraction(r.randint(-3, 3))
-    turn = [[s * ((j > i) - (j < i)) for j in range(m)] for i in range(m)]
+    turn = np.array(_identity(m, Fraction(0)))
+    for i in range(m):
+        turn[i, i + 1 :] += s
+        turn[i, :i] -= s
     if kind == "full":  # a Gram matrix and a skew one: k + k' >= 0, not symmetric
-        rows = [[r.randint(-2, 2) for _ in range(m)] for _ in range(m)]
-        return [
-            [turn[i][j] + sum(rows[i][c] * rows[j][c] for c in range(m)) for j in range(m)]
-            for i in range(m)
-        ]
-    own = k if kind == "turned" else 0
-    return [[turn[i][j] + (own if i == j else 0) for j in range(m)] for i in range(m)]
+        rows = np.array(_drawn(m, m, lambda: r.randint(-2, 2)), dtype=object)
+        return (turn + rows @ rows.T).tolist()
+    if kind == "turned":
+        turn = turn + np.array(_identity(m, k))
+    return turn.tolist()
 
 
 def _exosystem(r: Random, m: int) -> Exosystem:
@@ -157,10 +173,11 @@ def _exosystem(r: Random, m: int) -> Exosystem:
         for i in range(q - 1):
             A[i][i + 1] = 1
     elif kind in ("random", "decaying", "hidden"):
-        A = [[Fraction(r.randint(-4, 4), r.choice((1, 2))) for _ in range(q)] for _ in range(q)]
+        A = _drawn(q, q, lambda: Fraction(r.randint(-4, 4), r.choice((1, 2))))
         if kind == "decaying":
-            A = [[x - (9 if i == j else 0) for j, x in enumerate(row)] for i, row in enumerate(A)]
-    C = [[r.choice((0, 1, 1, -1, "1/2")) for _ in range(q)] for _ in range(m)]
+            for i in range(q):
+                A[i][i] -= 9
+    C = _drawn(m, q, lambda: r.choice((0, 1, 1, -1, "1/2")))
     if kind == "hidden":  # the last state drives nothing that C sees: unobservable, stable or not
         for i in range(q - 1):
             A[i][q - 1] = 0
@@ -178,30 +195,30 @@ def _observer(r: Random, exosystem: Exosystem) -> Observer:
         return Observer(rate=r.choice(("1/10", 1, 2)))
     W = kalman_gain(exosystem) if kind == "good" else None
     if W is None:
-        W = [[r.randint(-3, 3) for _ in range(exosystem.outputs)] for _ in range(exosystem.order)]
+        W = _drawn(exosystem.order, exosystem.outputs, lambda: r.randint(-3, 3))
     return Observer(W=W, P=_lyapunov_guess(r, exosystem, W) if r.random() < 0.6 else None)
 
 
 def kalman_gain(exosystem: Exosystem) -> list[list[Fraction]] | None:
     """W of the steady Kalman filter with unit weights, to three decimals; None where SciPy finds
     none."""
-    A = np.array([[float(x) for x in row] for row in exosystem.A])
-    C = np.array([[float(x) for x in row] for row in exosystem.C])
+    A, C = floats(exosystem.A), floats(exosystem.C)
     try:
         covariance = linalg.solve_continuous_are(A.T, C.T, np.eye(len(A)), np.eye(len(C)))
     except (linalg.LinAlgError, ValueError):
         return None
-    return [[Fraction(round(1000 * x), 1000) for x in row] for row in (covariance @ C.T).tolist()]
+    return _to_three_decimals(covariance @ C.T)
+
+
+def _to_three_decimals(M: np.ndarray) -> list[list[Fraction]]:
+    return [[Fraction(round(1000 * x), 1000) for x in row] for row in M.tolist()]
 
 
 def _lyapunov_guess(r: Random, exosystem: Exosystem, W: list[list[Any]]) -> list[list[Fraction]]:
     """A P near a solution of the Lyapunov equation, at a random scale; sometimes any symmetric
     matrix."""
     q = exosystem.order
-    A = np.array([[float(x) for x in row] for row in exosystem.A])
-    error = A - np.array([[float(x) for x in row] for row in W]) @ np.array(
-        [[float(x) for x in row] for row in exosystem.C]
-    )
+    error = floats(exosystem.A) - floats(W) @ floats(exosystem.C)
     P = np.eye(q)
     if r.random() < 0.8:
         try:
@@ -211,7 +228,7 @@ def _lyapunov_guess(r: Random, exosystem: Exosystem, W: list[list[Any]]) -> list
         except linalg.LinAlgError:
             P = np.diag([1.0, -1.0, 2.0, 1.0][:q])
     P = np.clip((P + P.T) / 2, -1e6, 1e6) * r.choice((0.1, 1, 3, 30))
-    return [[Fraction(round(1000 * x), 1000) for x in row] for row in P.tolist()]
+    return _to_three_decimals(P)
 
 
 def badly_scaled_problem(seed: int) -> Problem:
@@ -222,23 +239,23 @@ def badly_scaled_problem(seed: int) -> Problem:
     kind = r.choice(("scaled", "defective", "hidden", "rotations", "integrators", "random"))
     A = [[Fraction(0)] * q for _ in range(q)]
     if kind == "scaled":
-        A = [
-            [r.randint(-9, 9) * Fraction(10) ** r.randint(-6, 6) for _ in range(q)]
-            for _ in range(q)
-        ]
+        A = _drawn(q, q, lambda: r.randint(-9, 9) * Fraction(10) ** r.randint(-6, 6))
     elif kind in ("defective", "integrators"):
         for i in range(q):
-            A[i][i] = Fraction(r.choice((0, 1, -1))) if kind == "defective" and not i else A[0][0]
+            if kind == "defective" and i == 0:
+                A[0][0] = Fraction(r.choice((0, 1, -1)))
+            A[i][i] = A[0][0]
             if i + 1 < q:
-                A[i][i + 1] = Fraction(10) ** (r.randint(-1, 1) if kind == "defective" else 0)
+                exponent = r.randint(-1, 1) if kind == "defective" else 0
+                A[i][i + 1] = Fraction(10) ** exponent
     elif kind == "rotations":
         for i in range(0, q - 1, 2):
             A[i][i + 1] = r.randint(1, 9) * Fraction(10) ** r.randint(-3, 3)
             A[i + 1][i] = -A[i][i + 1]
     else:
-        A = [[Fraction(r.randint(-4, 4)) for _ in range(q)] for _ in range(q)]
-    scale = Fraction(10) ** (r.randint(-4, 4) if kind == "scaled" else 0)
-    C = [[r.randint(-3, 3) * scale for _ in range(q)] for _ in range(m)]
+        A = _drawn(q, q, lambda: Fraction(r.randint(-4, 4)))
+    exponent = r.randint(-4, 4) if kind == "scaled" else 0
+    C = _drawn(m, q, lambda: r.randint(-3, 3) * Fraction(10) ** exponent)
     if kind == "hidden":  # unobservable and stable, perhaps barely
         for row in (*A[:-1], *C):
             row[q - 1] = Fraction(0)

@@ -8,7 +8,7 @@ from typing import Any
 import mpmath
 import numpy as np
 from couplings import exact
-from networks import network_of
+from networks import around, linked, random_arcs
 from scipy.integrate import solve_ivp
 
 from dobc_design import Exosystem, Problem, Verdict
@@ -27,13 +27,7 @@ def cycle(
     n: int, gains: Any, *, coupling: str = PAPER, exosystem: Exosystem | None = None
 ) -> Problem:
     """Agent i listens to agent i + 1."""
-    arcs = [[i, i % n + 1] for i in range(1, n + 1)]
-    return Problem(
-        network=network_of(arcs, n),
-        coupling=coupling,
-        gains=gains,
-        exosystem=exosystem,
-    )
+    return linked(around(n), n, coupling, gains=gains, exosystem=exosystem)
 
 
 def random_problem(
@@ -42,22 +36,11 @@ def random_problem(
     """A few agents, random arcs with weights, random pins."""
     r = Random(f"lure {seed} {m} {modes}")
     n = r.randint(2, 4)
-    arcs = {
-        f"G{k}": [
-            [i, j, r.choice((1, "1/2", 2))]
-            for i in range(1, n + 1)
-            for j in range(1, n + 1)
-            if i != j and r.random() < 0.6
-        ]
-        for k in range(modes)
-    }
+    arcs = {}
+    for k in range(modes):
+        arcs[f"G{k}"] = random_arcs(r, n, 0.6, lambda: r.choice((1, "1/2", 2)))
     gains = {i: r.choice((1, 2, "9/2")) for i in range(1, n + 1) if r.random() < pin}
-    return Problem(
-        network=network_of(arcs, n),
-        coupling=coupling,
-        gains=gains,
-        target=[0] * m,
-    )
+    return linked(arcs, n, coupling, gains=gains, target=[0] * m)
 
 
 def identity(size: int) -> SparseSymmetric:
@@ -110,20 +93,12 @@ def values_along(problem: Problem, lure: Lure, level: Fraction, times: np.ndarra
         state = flat.reshape(starts.shape)
         e, eps = state[:, :size], state[:, size:].reshape(len(starts), problem.n, q)
         e_dot = field(problem, "G", e) + (eps @ C.T).reshape(e.shape)
-        return np.concatenate(
-            [e_dot, (eps @ F.T).reshape(len(starts), problem.n * q)], axis=1
-        ).ravel()
+        eps_dot = (eps @ F.T).reshape(len(starts), problem.n * q)
+        return np.concatenate([e_dot, eps_dot], axis=1).ravel()
 
     with np.errstate(all="ignore"):  # trial steps of the integrator may overflow
-        run = solve_ivp(
-            slope,
-            (0, times[-1]),
-            starts.ravel(),
-            t_eval=times,
-            rtol=1e-9,
-            atol=1e-11,
-            method="DOP853",
-        )
+        close: dict[str, Any] = {"rtol": 1e-9, "atol": 1e-11, "method": "DOP853"}
+        run = solve_ivp(slope, (0, times[-1]), starts.ravel(), t_eval=times, **close)
     states = run.y.reshape(*starts.shape, len(times))
     return np.einsum("rit,ij,rjt->rt", states, metric, states)
 
@@ -135,13 +110,11 @@ def listening_pair(
     h: Any = "sin(y)", *, gains: Any = "1/10", target: Any = 0, reach: Any = 5, **more: Any
 ) -> Problem:
     """Two agents that listen to each other."""
-    network = network_of([[1, 2], [2, 1]], 2)
-    region = (
-        None
-        if reach is None
-        else {"initial_states": reach if isinstance(reach, list) else [-reach, reach]}
-    )
-    return Problem(network=network, coupling=h, gains=gains, target=target, region=region, **more)
+    region = None
+    if reach is not None:
+        region = {"initial_states": reach if isinstance(reach, list) else [-reach, reach]}
+    given = {"gains": gains, "target": target, "region": region}
+    return linked([[1, 2], [2, 1]], 2, h, **given, **more)
 
 
 def half_difference(guess: float, k: float = 0.1) -> Fraction:
@@ -156,34 +129,27 @@ def random_folded(seed: int, *, m: int = 1, exceptions: bool = True) -> Problem:
     """Weights, an arc with a coupling of its own, matrix gains for m > 1, offsets."""
     r = Random(f"equilibria {seed} {m}")
     n = r.randint(2, 5)
-    arcs = [
-        [i, j, r.choice((1, "1/2", 2))]
-        for i in range(1, n + 1)
-        for j in range(1, n + 1)
-        if i != j and (j == i % n + 1 or r.random() < 0.4)
-    ]
-    network = network_of(arcs, n)
+    arcs = []
+    for i in range(1, n + 1):
+        for j in range(1, n + 1):
+            if i != j and (j == i % n + 1 or r.random() < 0.4):
+                arcs.append([i, j, r.choice((1, "1/2", 2))])
     h: Any = r.choice(("sin(y)", FOLDED, "y*exp(1 - y**2)", "clip(y, -1, 1)", "exp(y) - 1 + y"))
     if m > 1 and r.random() < 0.5:
         h = [f"sin(y{c + 1}) + y{(c + 1) % m + 1}/4" for c in range(m)]
     gains: Any = {i: r.choice(("1/10", "1/2", 3)) for i in range(1, n + 1) if r.random() < 0.7}
     if m > 1:
-        gains = {
-            i: [
-                [k if c == d else ("1/20" if d > c else "-1/20") for d in range(m)]
-                for c in range(m)
-            ]
-            for i, k in gains.items()
-        }
-    listener, speaker = int(network.modes["G"].listeners[0]), int(network.modes["G"].speakers[0])
-    other = {(listener, speaker): "tanh(2*y)"} if exceptions else None
+        gains = {i: _twisted(m, k) for i, k in gains.items()}
+    first = arcs[0][:2]
+    other = {(first[0] - 1, first[1] - 1): "tanh(2*y)"} if exceptions else None
+    given = {"gains": gains, "target": [1] * m, "region": {"initial_states": [-9, 9]}}
     offsets = {1: [r.randint(-2, 2) for _ in range(m)]}
-    return Problem(
-        network=network,
-        coupling=h,
-        exceptions=other,
-        gains=gains,
-        target=[1] * m,
-        offsets=offsets,
-        region={"initial_states": [-9, 9]},
-    )
+    return linked(arcs, n, h, exceptions=other, offsets=offsets, **given)
+
+
+def _twisted(m: int, k: Any) -> list[list[Any]]:
+    """k on the diagonal and 1/20 of a skew matrix beside it."""
+    rows = []
+    for c in range(m):
+        rows.append(["-1/20"] * c + [k] + ["1/20"] * (m - c - 1))
+    return rows

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from networks import network_of
+from networks import around, floats, linked
 
 import dobc_design as dd
 from dobc_design import (
@@ -30,38 +30,29 @@ PRINTED = Observer(W=[["16/5"], ["12/5"]])
 
 def ring(coupling: str = "exp(y) - 1 + y", n: int = 10, **settings) -> Problem:
     """The paper's directed cycle of n agents."""
-    network = network_of([[i + 1, (i + 1) % n + 1] for i in range(n)], n)
-    return Problem(network=network, coupling=coupling, **settings)
+    return linked(around(n), n, coupling, **settings)
 
 
 def single(**settings) -> Problem:
     """One agent by itself, x' = u + d."""
-    network = network_of({"G": []}, 1)
-    return Problem(network=network, coupling="y", gains={"1": 2}, **settings)
+    return linked({"G": []}, 1, gains={"1": 2}, **settings)
 
 
 def pair(coupling: str = "y", **settings) -> Problem:
     """Agent 1 listens to agent 2."""
-    network = network_of([[1, 2]], 2)
-    return Problem(network=network, coupling=coupling, **settings)
+    return linked([[1, 2]], 2, coupling, **settings)
 
 
 def planar(**settings) -> Problem:
     """Linear, m = 2, q = 3, two modes, formation, matrix gains, weights."""
     modes = {"one": [[1, 2], [2, 3, 2], [3, 1], [1, 3]], "two": [[1, 3, "1/2"], [2, 1]]}
-    given = {
-        "coupling": ["2*y1 + y2", "3*y2 - y1"],
-        "simulation": {"t_final": 4, "seed": 3, "xi0": [[1, 0, 2], [0, 1, -1], [3, 0, 0]]},
-    }
-    return Problem(
-        network=network_of(modes, 3),
-        target=[1, -2],
-        gains={"1": 3, "3": [[2, 1], [-1, 2]]},
-        exosystem=Exosystem(A=[[0, 1, 0], [-1, 0, 0], [0, 0, 0]], C=[[1, 0, 1], [0, 1, 0]]),
-        observer=Observer(W=[[2, 0], [0, 2], [1, 0]]),
-        offsets={"2": [1, 0]},
-        **(given | settings),
-    )
+    given: dict[str, Any] = {"coupling": ["2*y1 + y2", "3*y2 - y1"]}
+    given["simulation"] = {"t_final": 4, "seed": 3, "xi0": [[1, 0, 2], [0, 1, -1], [3, 0, 0]]}
+    given["target"] = [1, -2]
+    given["gains"] = {"1": 3, "3": [[2, 1], [-1, 2]]}
+    given["exosystem"] = Exosystem(A=[[0, 1, 0], [-1, 0, 0], [0, 0, 0]], C=[[1, 0, 1], [0, 1, 0]])
+    given["observer"] = Observer(W=[[2, 0], [0, 2], [1, 0]])
+    return linked(modes, 3, **given | settings, offsets={"2": [1, 0]})
 
 
 def simulate(
@@ -115,9 +106,8 @@ def require_the_same(
         one = simulate(problem, seed=5 + k, **given)
         count = int(np.searchsorted(many.times, one.times[-1], side="right"))
         scale = close * (1 + np.abs(one.x).max())
-        np.testing.assert_allclose(
-            many.estimation_error[k, :count], one.estimation_error()[:count], atol=10 * scale
-        )
+        estimates = one.estimation_error()[:count]
+        np.testing.assert_allclose(many.estimation_error[k, :count], estimates, atol=10 * scale)
         np.testing.assert_allclose(many.error[k, :count], one.error()[:count], atol=scale)
         assert np.isnan(many.error[k, count:]).all()
         assert many.diverged[k] == one.diverged == (k in many.reasons)
@@ -152,22 +142,21 @@ def compare(problem: Problem, settling: Settling, *, runs: int, seed: int = 0) -
     time is about."""
     times = np.linspace(0.0, 1.1 * settling.time, SAMPLES)
     bounds = settling.envelope(times)
-    errors = [
-        *dd.simulate(
-            problem, runs=runs, seed=seed, t_final=times[-1], samples=times.tolist()
-        ).error,
-        *(_corner(problem, settling, times, seed + k) for k in range(CORNERS)),
-    ]
-    crossings, settled, closest = [], 0.0, 0.0
+    given = {"t_final": times[-1], "samples": times.tolist()}
+    errors = [*dd.simulate(problem, runs=runs, seed=seed, **given).error]
+    for k in range(CORNERS):
+        errors.append(_corner(problem, settling, times, seed + k))
+    crossings = []
+    settled = closest = 0.0
     for number, error in enumerate(errors):
         assert error[0] <= float(settling.radius) * (1 + INTEGRATION)
         above = np.flatnonzero(error > bounds * (1 + INTEGRATION) + INTEGRATION)
         if len(above):
             at = above[0]
-            crossings.append(
-                f"run {number}: |e| = {error[at]:.6g} above {bounds[at]:.6g} at {times[at]:.4g} s"
-            )
-        settled = max(settled, float(np.max(times[error > float(settling.tolerance)], initial=0.0)))
+            height = f"|e| = {error[at]:.6g} above {bounds[at]:.6g}"
+            crossings.append(f"run {number}: {height} at {times[at]:.4g} s")
+        unsettled = times[error > float(settling.tolerance)]
+        settled = max(settled, float(np.max(unsettled, initial=0.0)))
         closest = max(closest, float(np.max(error / bounds)))
     return Compared(runs=len(errors), crossings=tuple(crossings), settled=settled, closest=closest)
 
@@ -177,21 +166,16 @@ def _corner(problem: Problem, settling: Settling, times: np.ndarray, seed: int) 
     error."""
     rng = np.random.default_rng(seed)
     n, m = problem.n, problem.m
-    goal = np.array([[float(x) for x in problem.goal_of(i)] for i in range(n)])
-    signs = (
-        np.full((n, m), (1.0, -1.0)[seed % 2])
-        if seed % CORNERS < 2
-        else rng.choice([-1.0, 1.0], (n, m))
-    )
+    goal = floats([problem.goal_of(i) for i in range(n)])
+    if seed % CORNERS < 2:
+        signs = np.full((n, m), (1.0, -1.0)[seed % 2])
+    else:
+        signs = rng.choice([-1.0, 1.0], (n, m))
     start = {"x": goal + float(settling.radius) * signs}
     if problem.exosystem is not None:
         q = len(to_float(problem.exosystem.A))
         directions = rng.standard_normal((n, q))
-        start["xi"] = (
-            float(settling.disturbance)
-            * directions
-            / np.linalg.norm(directions, axis=1, keepdims=True)
-        )
-    return dd.simulate(
-        problem, start=start, seed=seed, t_final=float(times[-1]), samples=times.tolist()
-    ).error()
+        sizes = np.linalg.norm(directions, axis=1, keepdims=True)
+        start["xi"] = float(settling.disturbance) * directions / sizes
+    given = {"t_final": float(times[-1]), "samples": times.tolist()}
+    return dd.simulate(problem, start=start, seed=seed, **given).error()

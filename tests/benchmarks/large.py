@@ -232,9 +232,11 @@ def geometric_file(n: int, folder: str, *, refused: bool) -> str:
 
 def grid(n: int, edges: int) -> Problem:
     """A power grid's size: a ring with chords, h = sin(y), one agent in ten pinned, a region."""
-    r, pairs = Random(n), {(i, (i + 1) % n) for i in range(n)}
+    r = Random(n)
+    pairs = {(i, (i + 1) % n) for i in range(n)}
     while len(pairs) < edges:
-        i, step = r.randrange(n), r.randrange(2, 9)
+        i = r.randrange(n)
+        step = r.randrange(2, 9)
         pairs.add((i, (i + step) % n))
     arcs = sorted({(i + 1, j + 1) for i, j in pairs} | {(j + 1, i + 1) for i, j in pairs})
     return Problem(
@@ -249,7 +251,8 @@ def grid(n: int, edges: int) -> Problem:
 def clustered(n: int, *, clusters: int = 500) -> Problem:
     """Equal rings with chords that do not hear each other; the first has the only pin, so one is
     left over."""
-    size, r = n // (clusters + 1), Random(n)
+    size = n // (clusters + 1)
+    r = Random(n)
     arcs = []
     for first in range(1, n + 1, size):
         last = min(first + size, n + 1)
@@ -278,14 +281,16 @@ def _lambda_row(kind: str, n: int) -> str:
     found = dominating_vector(table)
     if found is None or not found.least > 0:
         raise RuntimeError(f"{kind}, n = {n}: no v is found")
-    matrix, v = enclosed_lambda(state_theorems(loop_of(problem)), "G"), found.vector
+    matrix = enclosed_lambda(state_theorems(loop_of(problem)), "G")
+    v = found.vector
     if not shown_bound(matrix, v) < 0:
         raise RuntimeError(f"{kind}, n = {n}: nothing is proved")
     product, _ = cpu(lambda: [table @ v for _ in range(20)], repeats=5)
     ready = float_rows(matrix.middle)
     making, _ = cpu(lambda: [float_rows(matrix.middle) for _ in range(5)], repeats=5)
     recheck, _ = cpu(lambda: [ready.bound(v) for _ in range(20)], repeats=5)
-    low, high = found.least, float(v @ -(table @ v)) / float(v @ v)
+    low = found.least
+    high = float(v @ -(table @ v)) / float(v @ v)
     while high - low > 2e-3 * low:  # where 1 % is, which is not counted
         middle = (low + high) / 2
         low, high = (middle, high) if _answer_at(_work(table), middle).least > 0 else (low, middle)
@@ -417,9 +422,11 @@ def scale_free(n: int, *, links: int = 3) -> tuple[Any, Any]:
 
 
 def _both_ways(first: Any, second: Any, n: int) -> tuple[Any, Any]:
-    low, high = np.minimum(first, second), np.maximum(first, second)
+    low = np.minimum(first, second)
+    high = np.maximum(first, second)
     codes = np.unique((low * n + high)[low < high])
-    low, high = codes // n, codes % n
+    low = codes // n
+    high = codes % n
     return np.concatenate([low, high]), np.concatenate([high, low])
 
 

@@ -46,15 +46,21 @@ def pendulums(n: int) -> float:
     """The ball in {e'Pe <= level} for x'' = -x + x^3/6 - x'/2 + ... on the directed n-cycle of
     ``peers.pendulums``, P from the linearisation's Lyapunov equation, the largest level by
     bisection."""
-    M, one = np.eye(n) - np.roll(np.eye(n), 1, axis=1), np.eye(n)
+    M = np.eye(n) - np.roll(np.eye(n), 1, axis=1)
+    one = np.eye(n)
     M[0, 0] += 2
-    A, unit = np.block([[0 * one, one], [-one - M / 4, -one / 2 - M / 2]]), np.eye(2 * n)
+    A = np.block([[0 * one, one], [-one - M / 4, -one / 2 - M / 2]])
+    unit = np.eye(2 * n)
     P = np.linalg.solve(np.kron(unit, A.T) + np.kron(A.T, unit), -unit.ravel()).reshape(A.shape)
-    low, high, top = 0.0, 40.0, float(np.linalg.eigvalsh(P)[-1])
+    low = 0.0
+    high = 40.0
+    top = float(np.linalg.eigvalsh(P)[-1])
     for _ in range(STEPS + 1):
-        middle, program = (low + high) / 2, MathematicalProgram()
+        middle = (low + high) / 2
+        program = MathematicalProgram()
         e = program.NewIndeterminates(2 * n, "e")
-        names, flow = Variables(e), A @ e
+        names = Variables(e)
+        flow = A @ e
         flow[n:] += e[:n] ** 3 / 6
         sigma, _ = program.NewSosPolynomial(names, 2)
         falls = Polynomial(-2 * (e @ P) @ flow - MARGIN * (e @ e), names)

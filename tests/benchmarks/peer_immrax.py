@@ -30,7 +30,8 @@ COUPLINGS: dict[str, Callable[[Any], Any]] = {
 
 class Cycle(immrax.System):
     def __init__(self, n: int, coupling: str, gains: Any) -> None:
-        self.evolution, self.xlen = "continuous", n
+        self.evolution = "continuous"
+        self.xlen = n
         self.h, self.gains = COUPLINGS[coupling], jnp.array(gains)
 
     def f(self, t: Any, x: Any) -> Any:
@@ -40,8 +41,10 @@ class Cycle(immrax.System):
 def decreases(system: Cycle, radius: float) -> bool:
     sides = radius * jnp.ones(system.xlen)
     J = immrax.natif(jax.jacfwd(lambda x: system.f(0.0, x)))(immrax.interval(-sides, sides))
-    low, high = np.asarray(J.lower), np.asarray(J.upper)
-    centre, spread = (low + high) / 2, (high - low) / 2
+    low = np.asarray(J.lower)
+    high = np.asarray(J.upper)
+    centre = (low + high) / 2
+    spread = (high - low) / 2
     return bool(
         np.linalg.eigvalsh(centre + centre.T)[-1] + np.linalg.norm(spread + spread.T, 2) < 0
     )

@@ -56,11 +56,10 @@ def peer_table() -> Iterator[str]:
                 seconds = f"{time.process_time() - start:.1f}"
                 box, ball = (reached(name, found) for name in ("max-separable", "lure"))
                 quadratic = next((check.exact for check in found if check.id == "lure"), None)
-                rise = (
-                    None
-                    if quadratic is None
-                    else nearest_rise(cycle(n, coupling, pinned), quadratic["P_e"])
-                )
+                if quadratic is None:
+                    rise = None
+                else:
+                    rise = nearest_rise(cycle(n, coupling, pinned), quadratic["P_e"])
                 theirs = [
                     *peer("drake", n, coupling, pinned, versions),
                     *peer("immrax", n, coupling, pinned, versions),
@@ -81,7 +80,8 @@ def peer_table() -> Iterator[str]:
     for n in (2, 3, 4):
         start = time.process_time()
         ball = reached("lure", certify(pendulums(n)).checks)
-        seconds, begun = time.process_time() - start, time.perf_counter()
+        seconds = time.process_time() - start
+        begun = time.perf_counter()
         (theirs,) = peer("drake", n, "pendulums", 1, versions)
         yield (
             f"| {n} | {shown(ball)} | {seconds:.1f} | {theirs} | "
@@ -92,7 +92,8 @@ def peer_table() -> Iterator[str]:
 def pendulums(n: int) -> Problem:
     """x'' = -x + x^3/6 - x'/2 on a directed cycle: sin as far as its third power, for drake knows
     polynomials only."""
-    arcs, nodes = [[i, i % n + 1] for i in range(1, n + 1)], ["x2", "-x1 + x1**3/6 - x2/2"]
+    arcs = [[i, i % n + 1] for i in range(1, n + 1)]
+    nodes = ["x2", "-x1 + x1**3/6 - x2/2"]
     return Problem(
         network=Network.from_arcs(arcs, arrow="listens_to", agents=n),
         coupling="y1/4 + y2/2",
@@ -125,11 +126,13 @@ def nearest_rise(problem: Problem, entries: Sequence[Any]) -> float | None:
     None where no ball up to LARGEST has such a point: rays in random directions, then descent along
     V' = 0.
     """
-    n, (arcs,) = problem.n, problem.network.modes.values()
+    n = problem.n
+    (arcs,) = problem.network.modes.values()
     P = np.zeros((n, n))
     for a, b, value in entries:
         P[a, b] = P[b, a] = float(Fraction(value))
-    h, top = problem.coupling.numpy_function(), float(np.linalg.eigvalsh(P)[-1])
+    h = problem.coupling.numpy_function()
+    top = float(np.linalg.eigvalsh(P)[-1])
 
     def rise(e: Any) -> Any:
         total = -e * np.array(
@@ -148,7 +151,10 @@ def nearest_rise(problem: Problem, entries: Sequence[Any]) -> float | None:
     with np.errstate(all="ignore"):
         rising = np.array([rise(share * rays) >= 0 for share in shares])
     first = np.where(rising.any(axis=0), shares[rising.argmax(axis=0)], np.inf)
-    starts = [first[k] * rays[k] for k in np.argsort(first)[:CLIMBS] if first[k] < np.inf]
+    starts = []
+    for k in np.argsort(first)[:CLIMBS]:
+        if first[k] < np.inf:
+            starts.append(first[k] * rays[k])
     levels = [start @ P @ start for start in starts]
     for start in starts:
         found = optimize.minimize(
@@ -164,13 +170,17 @@ def nearest_rise(problem: Problem, entries: Sequence[Any]) -> float | None:
             and found.x @ P @ found.x > 1e-6 * top
         ):
             levels.append(found.x @ P @ found.x)
-    return float(np.sqrt(min(levels) / top)) if levels else None
+    if levels:
+        return float(np.sqrt(min(levels) / top))
+    return None
 
 
 def peer_version(name: str) -> str:
     code = f"from importlib.metadata import version; print(version({name!r}))"
     asked = subprocess.run([python(), "-c", code], capture_output=True, text=True, check=False)
-    return asked.stdout.strip() if asked.returncode == 0 else "not installed"
+    if asked.returncode == 0:
+        return asked.stdout.strip()
+    return "not installed"
 
 
 def peer(name: str, n: int, coupling: str, pinned: int, versions: dict[str, str]) -> list[str]:

@@ -38,7 +38,8 @@ def digraph(n: int, *, degree: int = 4) -> Problem:
 def digraphs(n: int, *, modes: int = 4, degree: int = 4) -> Problem:
     """Random digraphs on the same agents; in each every agent hears its follower on a cycle and
     some others."""
-    r, found = Random(n), {}
+    r = Random(n)
+    found = {}
     for mode in range(modes):
         pairs = {(i, i % n + 1) for i in range(1, n + 1)}
         pairs |= {(i, r.randint(1, n)) for i in range(1, n + 1) for _ in range(degree - 1)}
@@ -74,7 +75,8 @@ def _shared_bar() -> dict[str, Any]:
     """Four modes that share their gains: both from the blocks to the gains, two agents of three
     allowed."""
     n = 60
-    blocks, chosen = for_rate(network_blocks(loop_of(digraphs(n))), RATE), np.arange(n) % 3 > 0
+    blocks = for_rate(network_blocks(loop_of(digraphs(n))), RATE)
+    chosen = np.arange(n) % 3 > 0
     costs = np.ones(n)
 
     def by_program() -> float:

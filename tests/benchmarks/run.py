@@ -119,8 +119,10 @@ def against_dense(what: str, given: Problem, *, bar: float) -> Bar:
     def small() -> Solution:
         return solve_reduced(given)
 
-    ours, theirs = small(), dense()
-    slow, fast = median_of(dense, repeats=5), median_of(small, repeats=25, inner=10)
+    ours = small()
+    theirs = dense()
+    slow = median_of(dense, repeats=5)
+    fast = median_of(small, repeats=25, inner=10)
     difference = abs(ours.objective - theirs.objective) / abs(theirs.objective)
     agree = "" if difference <= 1e-5 else "THE ANSWERS DIFFER: "
     note = f"{slow:.3g} s / {1e3 * fast:.3g} ms; {agree}optima {difference:.0e} apart"
@@ -163,7 +165,9 @@ def by_vector(M: SparseSymmetric) -> bool:
 def gram(n: int) -> SparseSymmetric:
     """G G' + I for small integers in G: dense, and the elimination's numbers begin short."""
     r = Random(n)
-    G = [[r.randint(-3, 3) for _ in range(n)] for _ in range(n)]
+    G = []
+    for _ in range(n):
+        G.append([r.randint(-3, 3) for _ in range(n)])
     return SparseSymmetric(
         n,
         {

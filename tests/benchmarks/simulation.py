@@ -69,7 +69,8 @@ def simulation_bars() -> Iterator[dict[str, Any]]:
 def stacked(stress: Stress | None, what: str, *, bar: float) -> dict[str, Any]:
     """The same samples, tolerance and random numbers side by side and one by one; errors of all
     runs are compared."""
-    problem, signal = load_problem("paper-switching"), RandomDwell(dwell=0.5)
+    problem = load_problem("paper-switching")
+    signal = RandomDwell(dwell=0.5)
     given: dict[str, Any] = {"signal": signal, "t_final": 10.0, "stress": stress}
     slow = stress is not None and stress.period is None  # such runs take their time one by one
     together, many = cpu(
@@ -95,8 +96,10 @@ def stacked(stress: Stress | None, what: str, *, bar: float) -> dict[str, Any]:
 def right_hand_side() -> dict[str, Any]:
     """h(e) - K e + C eps against copying what it reads once: states, arc arrays, weights."""
     problem = large(100_000)
-    loop, groups = make_closed_loop(problem, None), error_arcs(loop_of(problem), "G0")
-    network, eps = network_of(loop, groups), np.zeros((problem.n, problem.q))
+    loop = make_closed_loop(problem, None)
+    groups = error_arcs(loop_of(problem), "G0")
+    network = network_of(loop, groups)
+    eps = np.zeros((problem.n, problem.q))
     e = np.random.default_rng(0).normal(size=problem.n)
     arrays = [
         e,

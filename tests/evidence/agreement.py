@@ -76,7 +76,9 @@ MANY = 200  # problems among which every kind occurs
 def run(count: int, seed: int) -> Row:
     """No claim that is made is refused by the second program, and none had to be withdrawn because
     of it."""
-    failures, verdicts, claims = [], Counter(), Counter()
+    failures = []
+    verdicts = Counter()
+    claims = Counter()
     for number in range(seed, seed + count):
         problem = any_problem(number)
         certificate = certify(problem)
@@ -147,7 +149,8 @@ def any_problem(seed: int) -> Problem:
     r = Random(seed)
     if r.random() < 0.2:
         return random_problem(seed)
-    n, m = r.randint(1, 5), r.choice((1, 2))
+    n = r.randint(1, 5)
+    m = r.choice((1, 2))
     chain = [(i, r.randint(1, i - 1)) for i in range(2, n + 1) if r.random() < 0.9]
     pairs = [(i, j) for i in range(1, n + 1) for j in range(1, n + 1) if i != j]
     modes = {

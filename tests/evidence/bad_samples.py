@@ -10,7 +10,9 @@ from evidence.row import Row
 
 def run(count: int, seed: int) -> Row:
     """``EACH`` cases of a program; half of the programs are in single precision."""
-    rng, failures, names = np.random.default_rng(seed), [], []
+    rng = np.random.default_rng(seed)
+    failures = []
+    names = []
     with tempfile.TemporaryDirectory() as folder:
         for name, program in programs(Path(folder), seed):
             failures += wrong_cases(name, program, rng, EACH)

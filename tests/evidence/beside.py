@@ -82,7 +82,8 @@ def boxes_table() -> Iterator[str]:
     exact box, whose corner is a run: couplings rise."""
     start = time.process_time()
     settling = settling_alone(half_a_ring(), radius=RADIUS, tolerance="1/25")
-    ours, true = time.process_time() - start, corner_run()
+    ours = time.process_time() - start
+    true = corner_run()
     theirs = {step: embedded(step) for step in STEPS}
     heads = [f"immrax, step {step:g} s" for step in theirs]
     yield f"| periods of 2 s | true box | certified | {' | '.join(heads)} |"
@@ -105,7 +106,8 @@ def _short(box: Any, true: Any) -> str:
 
 
 def corner_run() -> list[Any]:
-    e, found = np.full(10, RADIUS), []
+    e = np.full(10, RADIUS)
+    found = []
     gains = np.where(np.arange(10) % 5 == 0, GAIN, 0.0)
     for k in range(2 * PERIODS[-1]):
         on = np.arange(10) % 2 == k % 2
@@ -126,7 +128,9 @@ def embedded(step: float) -> Any:
         EMBEDDED.replace("STEP", repr(step)),
     ]
     answer = subprocess.run(call, capture_output=True, text=True, check=False)
-    return json.loads(answer.stdout.splitlines()[-1]) if answer.returncode == 0 else None
+    if answer.returncode == 0:
+        return json.loads(answer.stdout.splitlines()[-1])
+    return None
 
 
 def products_table() -> Iterator[str]:
@@ -143,7 +147,8 @@ def products_table() -> Iterator[str]:
         start = time.process_time()
         found = certify(Problem(network=network, coupling="y", gains={1: 1}, switching=turns))
         ours = time.process_time() - start
-        flows, start = [expm(jacobian(n, arcs)) for arcs in modes.values()], time.process_time()
+        flows = [expm(jacobian(n, arcs)) for arcs in modes.values()]
+        start = time.process_time()
         norms, slowest = bounds(flows)
         theirs = time.process_time() - start
         rate = "-" if found.rate is None else f"{float(found.rate):.4f}"
@@ -166,7 +171,8 @@ def jacobian(n: int, arcs: list[tuple[int, int]]) -> Any:
 def bounds(flows: list[Any]) -> tuple[dict[int, float], float]:
     """By length, the rate that the largest norm of all products gives (proved but for rounding);
     the slowest closed order, which none can beat."""
-    norms, slowest = dict[int, float](), math.inf
+    norms = dict[int, float]()
+    slowest = math.inf
     products = {(k,): each for k, each in enumerate(flows)}
     for length in range(1, LENGTHS[-1] + 1):
         norms[length] = (

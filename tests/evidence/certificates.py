@@ -64,10 +64,8 @@ groups_recheck = _campaign(
     campaigns.recheck_campaign,
     **GROUPS,
 )
-mutants, groups_mutants = (
-    _mutants("changed certificates"),
-    _mutants("groups of agents, changed", **GROUPS),
-)
+mutants = _mutants("changed certificates")
+groups_mutants = _mutants("groups of agents, changed", **GROUPS)
 whole_psi = _campaign(
     "Psi < 0: the Reduction = the oracle's own (18), pairs at the boundary",
     campaigns.reduction_campaign,

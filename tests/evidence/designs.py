@@ -108,11 +108,10 @@ def _found_one(r: Random, problem: Problem, asked: dict) -> bool:
     for _ in range(TRIALS):
         K = np.zeros(problem.n)
         for i in r.sample(allowed, min(len(allowed), asked.get("pins", problem.n))):
-            drawn = (
-                min(10 ** r.uniform(-2, 4), asked.get("max_gain", 1e9))
-                if r.random() < 0.7
-                else None
-            )
+            if r.random() < 0.7:
+                drawn = min(10 ** r.uniform(-2, 4), asked.get("max_gain", 1e9))
+            else:
+                drawn = None
             K[i] = asked.get("max_gain", 1e6) if drawn is None else drawn
         if -np.max(np.linalg.eigvals(J - np.diag(K)).real) > asked.get("rate", 0) + 1e-9:
             return True
@@ -122,7 +121,9 @@ def _found_one(r: Random, problem: Problem, asked: dict) -> bool:
 def true_rate(count: int, seed: int) -> Row:
     """Random digraphs without a region: the gain needed for a rate with weights of V against V =
     e'e, both proved."""
-    failures, savings, alone = [], list[float](), 0
+    failures = []
+    savings = list[float]()
+    alone = 0
     for number in range(count):
         r = Random(seed + number)
         n = r.randint(4, 16)

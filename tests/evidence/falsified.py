@@ -43,7 +43,8 @@ def run(count: int, seed: int) -> Row:
         question = Question(runs=each, seed=seed + number, certified=certified, t_final=HORIZON)
         gain = None if problem.exosystem is None else W
         found = search_starts(problem, question, gain=gain)
-        tried, unfinished = tried + found.tried, unfinished + found.unfinished
+        tried = tried + found.tried
+        unfinished = unfinished + found.unfinished
         failures += [f"{name}: {suspect}" for suspect in found.suspects]
         if found.observed_rate is None or not found.certified_rate:
             failures.append(f"{name}: no rate was seen")
@@ -129,4 +130,6 @@ def _box(problem: Problem, rho: Fraction) -> Separable | None:
         return None
     v = list(rounded_vectors(proposal))[2]
     alpha = largest_rate(loop_of(problem), v, rho=rho)
-    return None if alpha is None else Separable(v=v, alpha=alpha, rho=rho)
+    if alpha is None:
+        return None
+    return Separable(v=v, alpha=alpha, rho=rho)

@@ -93,7 +93,8 @@ def commands(each: Input) -> Iterator[Command]:
     if each.kind == "thorough":
         yield from thorough(each)
         return
-    small, k = each.kind != "builtin", each.number
+    small = each.kind != "builtin"
+    k = each.number
     short = ("--t-final", "2", "--runs", "2")
     if not small or k % 3 == 0:
         yield Command("design", ("design", source, "--out", "designed.toml", "--json"))
@@ -329,7 +330,9 @@ def record(out: Path, *, chosen: "Choice", jobs: int) -> list[str]:
     tasks = [Task(each, out, version) for each in chosen.inputs()]
     out.mkdir(parents=True, exist_ok=True)
     counts: dict[str, Counter[str]] = {}
-    total, done, began = 0.0, 0, time.monotonic()
+    total = 0.0
+    done = 0
+    began = time.monotonic()
     context = multiprocessing.get_context("fork")
     with context.Pool(jobs, maxtasksperchild=1) as pool:
         for found in pool.imap_unordered(record_one, tasks, chunksize=1):
@@ -381,7 +384,8 @@ def files_of(folder: Path) -> set[str]:
 def differences(base: Path, new: Path, names: Iterable[str]) -> Iterator[tuple[str, list[str]]]:
     """Every file of these problems that differs, with the first lines in which it does."""
     for name in names:
-        old, now = files_of(base / name), files_of(new / name)
+        old = files_of(base / name)
+        now = files_of(new / name)
         if not old:
             yield name, ["is not recorded in BASE"]
             continue
@@ -400,7 +404,8 @@ def differences(base: Path, new: Path, names: Iterable[str]) -> Iterator[tuple[s
 
 def changed_lines(before: str, after: str) -> list[str]:
     """The first lines of a diff; of long lines, the place at which they part."""
-    first, second = before.splitlines(), after.splitlines()
+    first = before.splitlines()
+    second = after.splitlines()
     found = [
         line
         for line in difflib.unified_diff(first, second, lineterm="", n=0)
@@ -488,7 +493,8 @@ def repeated(options: argparse.Namespace) -> Callable[[], int]:
         return lambda: 0 if record(options.out.resolve(), chosen=chosen, jobs=options.jobs) else 1
     if options.task == "check":
         return lambda: check(options.base.resolve(), chosen=chosen, jobs=options.jobs)
-    base, new = options.base.resolve(), options.new.resolve()
+    base = options.base.resolve()
+    new = options.new.resolve()
     return lambda: compare(base, new, sorted({*chosen.of(base), *chosen.of(new)}))
 
 

@@ -49,7 +49,9 @@ class Input:
     @property
     def source(self) -> str:
         """What the program is told to read."""
-        return "problem.toml" if self.text else self.name.removeprefix("builtin-")
+        if self.text:
+            return "problem.toml"
+        return self.name.removeprefix("builtin-")
 
 
 # ---- TOML ----------------------------------------------------------------------------------------
@@ -180,7 +182,9 @@ def disturbed(r: Random, k: int) -> Table:
 
 def exosystems(r: Random, k: int) -> Table:
     """The short forms of an exosystem, and random matrices."""
-    A = [[Fraction(r.randint(-4, 4), 2) for _ in range(3)] for _ in range(3)]
+    A = []
+    for _ in range(3):
+        A.append([Fraction(r.randint(-4, 4), 2) for _ in range(3)])
     forms: tuple[Table, ...] = (
         {"constant": True},
         {"ramp": True},
@@ -216,7 +220,8 @@ def unreached(r: Random, k: int) -> Table:
 
 def several_modes(r: Random, k: int) -> Table:
     """Modes that switch arbitrarily; in every third problem one agent is lost in one of them."""
-    n, number = r.randint(3, 6), r.randint(2, 4)
+    n = r.randint(3, 6)
+    number = r.randint(2, 4)
     modes = {f"G{i}": tree(r, n) for i in range(number)}
     if k % 3 == 2:
         modes["G0"] = [arc for arc in modes["G0"] if arc[0] != n]
@@ -425,7 +430,9 @@ def markov(r: Random, k: int) -> Table:
         turns = {"guarantee": "markov", "generator": [[-rate, rate], [1, -1]]}
         return problem(pair, "-y", {"1": "1/2", "2": 3}, n=2, switching=turns)
     number = 2 + k % 2
-    generator = [[1 if i != j else 1 - number for j in range(number)] for i in range(number)]
+    generator = []
+    for i in range(number):
+        generator.append([1 if i != j else 1 - number for j in range(number)])
     if k % 4 == 2:
         generator[0] = [0] * number  # once there, the chain stays
     n = r.randint(3, 5)
@@ -450,7 +457,8 @@ def mobile(r: Random, k: int) -> Table:
 def optional_arcs(r: Random, k: int) -> Table:
     """Arcs that come and go; in every third problem an agent depends on one."""
     n = r.randint(3, 5)
-    arcs, more = tree(r, n, extra=0), [[1, n], [2, n, "1/2"]]
+    arcs = tree(r, n, extra=0)
+    more = [[1, n], [2, n, "1/2"]]
     if k % 3 == 2:
         more.append(arcs.pop())
     more = [arc for arc in more if arc[:2] not in [each[:2] for each in arcs]]
@@ -606,7 +614,8 @@ def dynamics_inputs(r: Random, k: int) -> Table:
 def dynamics_overdamped(r: Random, k: int) -> Table:
     """Drag in place of speeds in the coupling: coordinates in which the largest weighted error
     falls."""
-    n, drag = r.randint(2, 5), r.choice((4, 6, 9))
+    n = r.randint(2, 5)
+    drag = r.choice((4, 6, 9))
     if k % 4 == 1:
         n = 2  # a region is decided by semidefinite programs
     found = problem(tree(r, n, extra=0), ("y1", "tanh(y1)", "sin(y1)")[k % 3], {"1": [[1, 0]]}, n=n)

@@ -56,10 +56,8 @@ FILES = {f"{name}.toml": PROBLEM.format(target, gain).encode() for name, target,
     "binary.npz": b"PK\x03\x04" + bytes(range(256)),
     "case.m": b"mpc.bus = [1 2",
 }
-GOOD, MADE = (
-    ["good.toml", "big.toml", "ü ☃.toml", "cert/problem.json"],
-    ["cert", "cert/certificate.json"],
-)
+GOOD = ["good.toml", "big.toml", "ü ☃.toml", "cert/problem.json"]
+MADE = ["cert", "cert/certificate.json"]
 PATHS = [
     *FILES,
     "missing.toml",
@@ -187,7 +185,8 @@ def lines(count: int, seed: int) -> Iterator[list[str]]:
 
 def run(count: int, seed: int) -> Row:
     """So many command lines."""
-    codes, failures = Counter[int](), list[str]()
+    codes = Counter[int]()
+    failures = list[str]()
     with tempfile.TemporaryDirectory() as name:
         made = Path(name, "made")
         made.mkdir()
@@ -211,12 +210,10 @@ def answer(words: list[str], folder: Path) -> tuple[int, str, str]:
     def stop(number: int, frame: object) -> None:
         raise TooLongError
 
-    out, errors, code, before = (
-        io.StringIO(),
-        io.StringIO(),
-        -1,
-        signal.signal(signal.SIGALRM, stop),
-    )
+    out = io.StringIO()
+    errors = io.StringIO()
+    code = -1
+    before = signal.signal(signal.SIGALRM, stop)
     signal.alarm(SECONDS)
     try:
         with (
@@ -239,7 +236,8 @@ def examined(words: list[str], folder: Path) -> tuple[int, str]:
     """The exit code, and what is wrong with the answer, "" if nothing."""
     before = listing(folder)
     code, out, errors = answer(words, folder)
-    failed, said = code in (2, 4), f"exit code {code}, {out[-300:]!r}, {errors[-600:]!r}"
+    failed = code in (2, 4)
+    said = f"exit code {code}, {out[-300:]!r}, {errors[-600:]!r}"
     if (
         code not in (0, 1, 2, 3, 4)
         or "Traceback" in out + errors

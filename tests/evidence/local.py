@@ -22,7 +22,9 @@ FASTEST = 10**9  # 1/s: no proof has it, so that the fastest one is looked for
 def digraphs(count: int, seed: int) -> Row:
     """Rising couplings: proved iff every agent is reached, between 0.99 mu and mu, and refuted
     otherwise."""
-    failures, least, roots = [], 1.0, 0
+    failures = []
+    least = 1.0
+    roots = 0
     verdicts = {"proved": 0, "refuted": 0}
     for number in range(count):
         r = Random(f"local {seed + number}")
@@ -30,7 +32,8 @@ def digraphs(count: int, seed: int) -> Row:
         certificate = dd.certify(problem, rate=FASTEST)
         mu = float(np.linalg.eigvals(np.array(M, dtype=float)).real.min())
         if number < ISOLATED and mu > EDGE:
-            mu, roots = _least_root(M), roots + 1
+            mu = _least_root(M)
+            roots = roots + 1
         wanted = "proved" if mu > EDGE else "refuted"
         if certificate.verdict.value != wanted:
             failures.append(f"{seed + number}: {certificate.verdict.value}, mu = {mu:.6g}")

@@ -31,20 +31,27 @@ def tolerances(count: int, seed: int) -> Row:
     """Random corners of the weights and gains that are tolerated, from corners of the set: none
     leaves it.  Beside it the smallest error, by bisection, for which a simulated corner does
     leave."""
-    failures, ratios, met, number = [], [], 0, seed
+    failures = []
+    ratios = []
+    met = 0
+    number = seed
     while met < count and number < seed + 4 * count:
         h = tuple(COUPLINGS)[number % len(COUPLINGS)]
-        problem, number = _problem(number, h), number + 1
+        problem = _problem(number, h)
+        number = number + 1
         checks = _checks(problem)
         if "tolerance" not in checks:
             continue
-        claim, base = checks["tolerance"].claim, checks["max-separable"].claim
-        d, rng = float(claim.errors.weights), np.random.default_rng(number)
+        claim = checks["tolerance"].claim
+        base = checks["max-separable"].claim
+        d = float(claim.errors.weights)
+        rng = np.random.default_rng(number)
         for _ in range(min(CORNERS, count - met)):
             met += 1
             if _leaves(problem, h, base, d, d, rng) > 1 + 1e-9:
                 failures.append(f"{number - 1}: a corner leaves the set")
-        low, high = d, min(8 * d, 0.999)
+        low = d
+        high = min(8 * d, 0.999)
         worst = [_leaves(problem, h, base, high, high, None, side) > 1 + 1e-6 for side in (1, -1)]
         if any(worst):
             for _ in range(12):
@@ -70,20 +77,23 @@ def inputs(count: int, seed: int) -> Row:
     beside the bound."""
     problem = load_problem("paper-fixed").replace(actuators={})
     checks = _checks(problem)
-    claim, base, W = (
-        checks["actuators"].claim,
-        checks["max-separable"].claim,
-        observer_gain(loop_of(problem)),
-    )
-    n, rng = problem.n, np.random.default_rng(seed)
-    v, k = (
-        np.array([float(x) for x in base.v]),
-        np.array([5.0 if i in (0, 5) else 0.0 for i in range(n)]),
-    )
-    A, C = np.array([[0.0, 2.0], [-2.0, 0.0]]), np.array([1.0, 0.0])
-    F, P = A - np.outer(np.array(W, dtype=float)[:, 0], C), np.array(base.error.P, dtype=float)
-    arcs, rho, kappa = problem.network.modes["Ga"], float(base.rho), float(base.error.kappa)
-    i, j, onto = arcs.listeners, arcs.speakers, np.eye(n)[arcs.listeners]
+    claim = checks["actuators"].claim
+    base = checks["max-separable"].claim
+    W = observer_gain(loop_of(problem))
+    n = problem.n
+    rng = np.random.default_rng(seed)
+    v = np.array([float(x) for x in base.v])
+    k = np.array([5.0 if i in (0, 5) else 0.0 for i in range(n)])
+    A = np.array([[0.0, 2.0], [-2.0, 0.0]])
+    C = np.array([1.0, 0.0])
+    F = A - np.outer(np.array(W, dtype=float)[:, 0], C)
+    P = np.array(base.error.P, dtype=float)
+    arcs = problem.network.modes["Ga"]
+    rho = float(base.rho)
+    kappa = float(base.error.kappa)
+    i = arcs.listeners
+    j = arcs.speakers
+    onto = np.eye(n)[arcs.listeners]
     split = rng.choice((0.0, 1.0, 0.5), size=(count, 1))
     e = rho * split * v * rng.choice((-1, 1), size=(count, n))
     away = rng.normal(size=(count, n, 2))
@@ -91,7 +101,8 @@ def inputs(count: int, seed: int) -> Row:
     # E at the start, at most
     first = float(checks["actuators"].domain.disturbance) * float(base.error.size) ** 0.5
     eps = np.minimum(rho * (1 - split) / kappa, first)[..., None] * away / norms
-    xi0, most = np.array([float(x) for x in problem.simulation.xi0[0]]), np.zeros(n)
+    xi0 = np.array([float(x) for x in problem.simulation.xi0[0]])
+    most = np.zeros(n)
 
     def field(e: Array, eps: Array) -> tuple[Array, Array]:
         y = e[:, j] - e[:, i]
@@ -137,7 +148,8 @@ def _checks(problem: Problem) -> dict[str, Check]:
 
 def _problem(seed: int, h: str) -> Problem:
     """A few agents, the first pinned, each hearing one with a smaller number and perhaps others."""
-    rng, arcs = np.random.default_rng(seed), []
+    rng = np.random.default_rng(seed)
+    arcs = []
     n = int(rng.integers(3, 7))
     for i in range(2, n + 1):
         others = {int(rng.integers(1, i)), int(rng.integers(1, n + 1))} - {i}
@@ -154,29 +166,23 @@ def _leaves(
 ) -> float:
     """The largest N / rho of a run from a corner of the set; ``rng`` None: the corner and the
     weights that are worst for a coupling that rises."""
-    arcs, v, function = (
-        next(iter(problem.network.modes.values())),
-        np.array([float(x) for x in base.v]),
-        COUPLINGS[h],
+    arcs = next(iter(problem.network.modes.values()))
+    v = np.array([float(x) for x in base.v])
+    function = COUPLINGS[h]
+    i = arcs.listeners
+    j = arcs.speakers
+    w = np.array([float(x) for x in arcs.weights])
+    gains = np.array(
+        [float(problem.pinning.gains[a][0][0]) if a == 0 else 0.0 for a in range(problem.n)]
     )
-    i, j, w = arcs.listeners, arcs.speakers, np.array([float(x) for x in arcs.weights])
-    gains, n = (
-        np.array(
-            [float(problem.pinning.gains[a][0][0]) if a == 0 else 0.0 for a in range(problem.n)]
-        ),
-        problem.n,
-    )
+    n = problem.n
     if rng is None:
-        w, gains, signs = (
-            w * np.where(v[j] > v[i], 1 + dw, 1 - dw),
-            gains * (1 - dk),
-            np.full(n, side),
-        )
+        w = w * np.where(v[j] > v[i], 1 + dw, 1 - dw)
+        gains = gains * (1 - dk)
+        signs = np.full(n, side)
     else:
-        w, gains = (
-            w * (1 + dw * rng.choice((-1, 1), size=len(w))),
-            gains * (1 + dk * rng.choice((-1, 1), size=n)),
-        )
+        w = w * (1 + dw * rng.choice((-1, 1), size=len(w)))
+        gains = gains * (1 + dk * rng.choice((-1, 1), size=n))
         signs = rng.choice((-1, 1), size=n)
 
     def field(t: float, e: Array) -> Array:

@@ -220,7 +220,8 @@ def collected() -> Tests:
     folder = Path(tempfile.gettempdir()) / f"dobc-mutation-{digest.hexdigest()[:16]}"
     if not (folder / "log").exists():
         shutil.rmtree(folder, ignore_errors=True)
-        copy, rc = copied(folder / "copy"), folder / "rc"
+        copy = copied(folder / "copy")
+        rc = folder / "rc"
         rc.write_text(
             "[run]\nsource = dobc_design\nrelative_files = true\ndata_file = "
             f"{folder / 'coverage'}\n",
@@ -245,7 +246,8 @@ def collected() -> Tests:
 
 def notices(copy: Path, change: Change, tests: list[str]) -> bool:
     """Do the tests that cover it fail?  One that hangs has noticed too."""
-    path, wanted = copy / change.file, copy / "wanted"
+    path = copy / change.file
+    wanted = copy / "wanted"
     before = path.read_bytes()
     wanted.write_text("\n".join(tests), "utf-8")
     path.write_bytes(change.applied(before))
@@ -271,7 +273,8 @@ def run(count: int, seed: int, workers: int | None = None) -> Row:
         text for text in HARMLESS.read_text("utf-8").splitlines() if not text.startswith((" ", "#"))
     }
     fresh = [change for change in Random(seed).sample(every, count) if str(change) not in known]
-    tests, copies = collected(), SimpleQueue()
+    tests = collected()
+    copies = SimpleQueue()
     chosen = {change: tests.of(change) for change in fresh}
     workers = workers or os.cpu_count() or 1
 

@@ -39,9 +39,8 @@ def choices(count: int, seed: int) -> Row:
 
 def _best_of_all(problem: Problem, rate: float, pins: int) -> float | None:
     blocks = for_rate(network_blocks(loop_of(problem)), rate)
-    costs = [
-        float(gains.sum())
-        for chosen in combinations(range(problem.n), pins)
-        if (gains := smallest_gains(blocks, chosen)) is not None
-    ]
+    costs = []
+    for chosen in combinations(range(problem.n), pins):
+        if (gains := smallest_gains(blocks, chosen)) is not None:
+            costs.append(float(gains.sum()))
     return min(costs, default=None)

@@ -13,12 +13,11 @@ REGIONS = 20
 
 def table(count: int, seed: int) -> Row:
     """The first ``count`` of them: verdict as published or derived, accepted by both programs."""
-    failures, lines = (
-        [],
-        ["problem | n x m | verdict | by | rate in 1/s | region | time | published"],
-    )
+    failures = []
+    lines = ["problem | n x m | verdict | by | rate in 1/s | region | time | published"]
     for each in PUBLISHED[:count]:
-        problem, start = each.build(), time.perf_counter()
+        problem = each.build()
+        start = time.perf_counter()
         certificate = dd.certify(problem)
         seconds = time.perf_counter() - start
         if certificate.verdict.value != each.verdict:
@@ -55,7 +54,11 @@ def table(count: int, seed: int) -> Row:
 def regions(count: int, seed: int) -> Row:
     """``count`` starts on the boundary of certified regions of REGIONS problems: none leaves, none
     is slower."""
-    failures, tried, unfinished, proved, each = list[str](), 0, 0, 0, max(10, -(-count // REGIONS))
+    failures = list[str]()
+    tried = 0
+    unfinished = 0
+    proved = 0
+    each = max(10, -(-count // REGIONS))
     for number in range(-(-count // each)):
         problem = regional(number)
         certificate = dd.certify(problem)
@@ -65,7 +68,9 @@ def regions(count: int, seed: int) -> Row:
         found = dd.falsify(
             problem, certified=certificate, runs=each, seed=seed + number, t_final=15
         )
-        tried, unfinished, proved = tried + found.tried, unfinished + found.unfinished, proved + 1
+        tried = tried + found.tried
+        unfinished = unfinished + found.unfinished
+        proved = proved + 1
         failures += [f"{number}: {suspect}" for suspect in found.suspects]
     what = "agents with dynamics: starts on the boundary of certified regions, none leaves"
     notes = [f"{proved} problems, {unfinished} runs took too many steps"]
@@ -78,7 +83,9 @@ def critical_start(problem: dd.Problem, place: int) -> float:
     low, high = 0.0, 50.0
     while high - low > 0.01 * high:
         middle = (low + high) / 2
-        start = [[middle * (2 * i + c == place) for c in (0, 1)] for i in range(problem.n)]
+        start = []
+        for i in range(problem.n):
+            start.append([middle * (2 * i + c == place) for c in (0, 1)])
         returns = dd.simulate(problem, start=start, t_final=30).final_error < 1e-2
         low, high = (middle, high) if returns else (low, middle)
     return high

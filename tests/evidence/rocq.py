@@ -98,7 +98,9 @@ def files(count: int, seed: int) -> Row:
     what = "proofs about motions from the equations up: Coq accepts, on its usual axioms alone"
     if reason := missing():
         return Row(what, 0, [reason])
-    failures, notes, done = [], [], 0
+    failures = []
+    notes = []
+    done = 0
     with tempfile.TemporaryDirectory() as folder:
 
         def check(name: str, text: str) -> None:
@@ -141,11 +143,9 @@ def changes(count: int, seed: int) -> Row:
     )
     if reason := missing():
         return Row(what, 0, [reason])
-    failures, notes, done = (
-        [],
-        [f"{'change':<40}{'Coq stops in':<28}{'package':<10}second program"],
-        0,
-    )
+    failures = []
+    notes = [f"{'change':<40}{'Coq stops in':<28}{'package':<10}second program"]
+    done = 0
     words = {True: "ACCEPTS", False: "refuses"}
     cases = [*forgeries().items(), *EDITS.items()]
     with tempfile.TemporaryDirectory() as temporary:
@@ -154,7 +154,8 @@ def changes(count: int, seed: int) -> Row:
             failures.append("the file that is not changed is refused")
         for name, change in cases[:count]:
             if isinstance(change, tuple):
-                text, programs = edited(parts_2_to_4(text_of("small")), *change), ()
+                text = edited(parts_2_to_4(text_of("small")), *change)
+                programs = ()
             else:
                 forged = change(small_certified("small"))
                 text = parts_2_to_4(forged_proof(forged))

@@ -40,7 +40,8 @@ def main() -> int:
         longer = item.name == FUZZ and options.fuzz_minutes is not None
         row = item.run(int(60 * options.fuzz_minutes) if longer else item.count, item.seed)
         rows.append(row)
-        outcome, seconds = "ok    " if row.ok else "FAILED", time.perf_counter() - before
+        outcome = "ok    " if row.ok else "FAILED"
+        seconds = time.perf_counter() - before
         print(
             f"{outcome} {row.count:>5}  {len(row.failures):>3} wrong  {seconds:>5.0f} s  {row.what}"
         )
@@ -49,7 +50,8 @@ def main() -> int:
             print(f"{'':>14}{note}")
         sys.stdout.flush()
     bad = sum(not row.ok for row in rows)
-    total, seconds = sum(row.count for row in rows), time.perf_counter() - started
+    total = sum(row.count for row in rows)
+    seconds = time.perf_counter() - started
     print(f"\n{len(rows)} items, {total} cases, {bad} item(s) failed, {seconds:.0f} s")
     return 1 if bad else 0
 

@@ -99,16 +99,19 @@ class Case:
 
 
 def decay(flows: list[tuple[Any, float]]) -> float:
-    whole = (
-        np.linalg.multi_dot([each for each, _ in flows[::-1]]) if len(flows) > 1 else flows[0][0]
-    )
+    if len(flows) > 1:
+        whole = np.linalg.multi_dot([each for each, _ in flows[::-1]])
+    else:
+        whole = flows[0][0]
     return -math.log(max(np.abs(np.linalg.eigvals(whole)).max(), 1e-300)) / sum(t for _, t in flows)
 
 
 def case(seed: int) -> Case:
     """Every fifth is meant to miss an agent; what is true is computed, not meant."""
-    r, kind = Random(seed), KINDS[seed % len(KINDS)]
-    linear, missing = seed // 5 % 2 == 0, seed // 10 % 5 == 0
+    r = Random(seed)
+    kind = KINDS[seed % len(KINDS)]
+    linear = seed // 5 % 2 == 0
+    missing = seed // 10 % 5 == 0
     coupling = "y" if linear else r.choice(sorted(FUNCTIONS))
     while True:
         found = _drawn(r, kind, coupling, missing)
@@ -118,7 +121,8 @@ def case(seed: int) -> Case:
 
 
 def _drawn(r: Random, kind: str, coupling: str, missing: bool) -> Case:
-    n, names = r.randint(3, 20), "ABCDE"[: r.randint(2, 5)]
+    n = r.randint(3, 20)
+    names = "ABCDE"[: r.randint(2, 5)]
     order = r.sample(range(1, n + 1), n)
     pins = {i: Fraction(r.randint(5, 40), 10) for i in order[: r.randint(1, max(1, n // 4))]}
     tree = [(i, r.choice(order[:k])) for k, i in enumerate(order) if i not in pins]
@@ -130,18 +134,19 @@ def _drawn(r: Random, kind: str, coupling: str, missing: bool) -> Case:
             own = set(r.sample(names, r.choice((1, 1, 2))))
         elif kind == KINDS[3] or missing:
             own = set(names) - {r.choice(names)}
+        elif arc in tree:
+            own = set(names)
         else:
-            own = set(names) if arc in tree else set(r.sample(names, 1))
+            own = set(r.sample(names, 1))
         own = own & {names[0]} if arc[0] == lost else own
         for mode in sorted(own):
             modes[mode][arc] = Fraction(r.randint(20, 300), 100)
     turns, shortest, longest, sequence = _turns(r, kind, names, missing)
     radius = r.choice((Fraction(1, 10), Fraction(1, 2), Fraction(1), Fraction(2)))
-    reach = (
-        {}
-        if coupling == "y"
-        else {"region": Region(initial_states=[-radius, radius], initial_disturbance=None)}
-    )
+    if coupling == "y":
+        reach = {}
+    else:
+        reach = {"region": Region(initial_states=[-radius, radius], initial_disturbance=None)}
     arcs = {mode: [[i, j, w] for (i, j), w in own.items()] for mode, own in modes.items()}
     weights = {mode: np.zeros((n, n)) for mode in names}
     for mode, own in modes.items():
@@ -179,7 +184,9 @@ def _turns(r: Random, kind: str, names: str, missing: bool) -> tuple[dict[str, A
     order = order[:-1] if missing and len(order) > 2 else order
     if kind == KINDS[2]:
         order += r.sample(order[:-1], r.randint(1, len(order) - 1))
-    times = [short if kind == KINDS[0] else Fraction(r.randint(2, 20), 10) for _ in order]
+    times = []
+    for _ in order:
+        times.append(short if kind == KINDS[0] else Fraction(r.randint(2, 20), 10))
     turns = {
         "guarantee": "sequence",
         "sequence": order,
@@ -209,7 +216,9 @@ def answer(seed: int) -> tuple[Case, Answer]:
 
 def verdicts(count: int, seed: int) -> Row:
     """Verdicts and rates of random problems against the truth."""
-    failures, found, ratios = list[str](), Counter[str](), list[float]()
+    failures = list[str]()
+    found = Counter[str]()
+    ratios = list[float]()
     for number in range(seed, seed + count):
         drawn, own = answer(number)
         bad = Verdict.REFUTED if drawn.converges else Verdict.PROVED
@@ -238,7 +247,11 @@ def verdicts(count: int, seed: int) -> Row:
 def runs(count: int, seed: int) -> Row:
     """Runs from corners, at the edge of the guarantee, against the weights: none may leave its
     box."""
-    failures, done, problems, number, closest = list[str](), 0, 0, seed, 0.0
+    failures = list[str]()
+    done = 0
+    problems = 0
+    number = seed
+    closest = 0.0
     while done < count:
         drawn, own = answer(number)
         if own.claim is not None and own.claim.phases:
@@ -246,7 +259,9 @@ def runs(count: int, seed: int) -> Row:
             worst = _follow(drawn, own.claim, Random(number), many)
             if worst > 1 + (SLACK if drawn.coupling == "y" else SLACK_INTEGRATED):
                 failures.append(f"{number}: a run leaves its box or falls too slowly, {worst:.9g}")
-            done, problems, closest = done + many, problems + 1, max(closest, worst)
+            done = done + many
+            problems = problems + 1
+            closest = max(closest, worst)
         number += 1
     what = (
         "schedules: runs at the edge of the guarantee stay in their boxes, which shrink at the rate"
@@ -262,11 +277,12 @@ def _follow(drawn: Case, claim: Cycles, r: Random, many: int) -> float:
     may."""
     names = drawn.order or tuple(drawn.weights)
     ways = [_way(drawn, claim, p) for p in range(len(names))]
-    flows = (
-        {}
-        if drawn.coupling != "y"
-        else {p: expm(drawn.matrix(names[p]) * way[0][:, None, None]) for p, way in enumerate(ways)}
-    )
+    if drawn.coupling != "y":
+        flows = {}
+    else:
+        flows = {
+            p: expm(drawn.matrix(names[p]) * way[0][:, None, None]) for p, way in enumerate(ways)
+        }
     worst = 0.0
     for _ in range(many):
         p = 0 if drawn.order else r.randrange(len(names))
@@ -276,21 +292,19 @@ def _follow(drawn: Case, claim: Cycles, r: Random, many: int) -> float:
         for _ in range(2 * len(names) + 1):
             times, weights, ends = ways[p]
             end = r.choice(ends)
-            path = (
-                flows[p][: end + 1] @ e
-                if flows
-                else _integrated(drawn, names[p], times[: end + 1], e)
-            )
+            if flows:
+                path = flows[p][: end + 1] @ e
+            else:
+                path = _integrated(drawn, names[p], times[: end + 1], e)
             before = np.max(np.abs(e) / weights[0])
             if before < 1e-250:
                 break
             worst = max(worst, float(np.max(np.abs(path) / weights[: end + 1])) / before)
             e = path[-1]
-            q = (
-                (p + 1) % len(names)
-                if drawn.order
-                else r.choice([q for q in range(len(names)) if q != p])
-            )
+            if drawn.order:
+                q = (p + 1) % len(names)
+            else:
+                q = r.choice([q for q in range(len(names)) if q != p])
             after = np.max(np.abs(e) / ways[q][1][0])
             worst = max(worst, float(after / before * math.exp(float(claim.rate) * times[end])))
             p = q
@@ -302,10 +316,8 @@ def _way(drawn: Case, claim: Cycles, p: int) -> tuple[Any, Any, list[int]]:
     end: at its shortest and longest time and one between; a phase without a longest is followed
     beyond its last node."""
     each = claim.phases[p]
-    nodes, v = (
-        np.array(each.times, dtype=float),
-        np.array([[float(x) for x in row] for row in each.v]),
-    )
+    nodes = np.array(each.times, dtype=float)
+    v = np.array([[float(x) for x in row] for row in each.v])
     times = np.unique(np.concatenate([nodes, (nodes[1:] + nodes[:-1]) / 2]))
     weights = np.stack([np.interp(times, nodes, column) for column in v.T], axis=1)
     shortest = drawn.shortest[p if drawn.order else 0]
@@ -314,13 +326,15 @@ def _way(drawn: Case, claim: Cycles, p: int) -> tuple[Any, Any, list[int]]:
     if drawn.order is None and drawn.longest is None:
         later = nodes[-1] + shortest * np.array([0.5, 1.0, 3.0])
         falls = np.exp(-float(claim.rate) * (later - nodes[-1]))
-        times, weights = np.append(times, later), np.concatenate([weights, falls[:, None] * v[-1]])
+        times = np.append(times, later)
+        weights = np.concatenate([weights, falls[:, None] * v[-1]])
         ends += [len(times) - 3, len(times) - 1]
     return times, weights, ends
 
 
 def _integrated(drawn: Case, mode: str, times: Any, start: Any) -> Any:
-    heard, h = drawn.weights[mode], FUNCTIONS[drawn.coupling]
+    heard = drawn.weights[mode]
+    h = FUNCTIONS[drawn.coupling]
     size = float(np.max(np.abs(start)))
 
     def slope(_: float, e: Any) -> Any:

@@ -31,7 +31,10 @@ def loop(rng: np.random.Generator, *, coupling: list[str] | str | None = None) -
 
     def graph() -> list[list[Any]]:
         pairs = random_arcs(rng, n, 0.5) or [[1, 2]]
-        return [[i, j, int(rng.integers(1, 5)) / 4] for i, j in pairs]
+        found = []
+        for i, j in pairs:
+            found.append([i, j, int(rng.integers(1, 5)) / 4])
+        return found
 
     rows = dyadic(m, m)
     linear = [" + ".join(f"({a})*y{c + 1}" for c, a in enumerate(row)) for row in rows]
@@ -47,7 +50,9 @@ def loop(rng: np.random.Generator, *, coupling: list[str] | str | None = None) -
 
 
 def start_of(problem: Problem, rng: np.random.Generator) -> dict[str, Any]:
-    n, m, q = problem.n, problem.m, problem.q
+    n = problem.n
+    m = problem.m
+    q = problem.q
     sizes = {"x": m, "xi": q, "xihat": q}
     return {name: rng.normal(size=(n, size)) for name, size in sizes.items()}
 
@@ -90,7 +95,8 @@ def linear(count: int, seed: int) -> Row:
 
     def case(rng: np.random.Generator, number: int) -> tuple[Any, Any]:
         problem = loop(rng)
-        dwell, start = float(rng.uniform(0.1, 0.9)), start_of(problem, rng)
+        dwell = float(rng.uniform(0.1, 0.9))
+        start = start_of(problem, rng)
         route = ("closed-form", "full-loop")[number % 2]
         run = simulate(
             problem,
@@ -101,9 +107,11 @@ def linear(count: int, seed: int) -> Row:
             observer=route,
             tolerance=1e-12,
         )
-        n, wanted = problem.n, errors_of(run)[:1]
+        n = problem.n
+        wanted = errors_of(run)[:1]
         for t in run.times[1:]:
-            state, now = wanted[0], 0.0
+            state = wanted[0]
+            now = 0.0
             for stretch in range(int(t / dwell) + 1):
                 J, A, C, W = matrices(problem, "ab"[stretch % 2])
                 end = min(t, (stretch + 1) * dwell)
@@ -111,7 +119,8 @@ def linear(count: int, seed: int) -> Row:
                 first = [J, np.kron(np.eye(n), C)]
                 second = [none, np.kron(np.eye(n), A - W @ C)]
                 block = np.block([first, second])
-                state, now = expm(block * (end - now)) @ state, end
+                state = expm(block * (end - now)) @ state
+                now = end
             wanted = np.concatenate([wanted, state[None]])
         return errors_of(run), wanted
 
@@ -126,7 +135,8 @@ def sampled(count: int, seed: int) -> Row:
     nodes, weights = np.polynomial.legendre.leggauss(16)
 
     def case(rng: np.random.Generator, number: int) -> tuple[Any, Any]:
-        problem, period = loop(rng), float(rng.choice([1 / 4, 1 / 8, 1 / 16, 1 / 32]))
+        problem = loop(rng)
+        period = float(rng.choice([1 / 4, 1 / 8, 1 / 16, 1 / 32]))
         run = simulate(
             problem,
             mode="a",
@@ -136,7 +146,8 @@ def sampled(count: int, seed: int) -> Row:
             stress=Stress(period=period),
         )
         J, A, C, W = matrices(problem, "a")
-        n, F = problem.n, A - W @ C
+        n = problem.n
+        F = A - W @ C
         spots = list(zip(period * (nodes + 1) / 2, weights / 2, strict=True))
         Cd = C @ sum((w * expm(A * s) for s, w in spots), np.zeros_like(A))
         L = period * sum((w * expm(F * s) for s, w in spots), np.zeros_like(A)) @ W
@@ -156,7 +167,9 @@ def sampled(count: int, seed: int) -> Row:
 def stressed(count: int, seed: int) -> Row:
     """Random stresses in any combination, two runs side by side: the same as one by one, where all
     is integrated; the single runs keep their bounds and are valid where they end."""
-    failures, worst, alone = [], 0.0, 0
+    failures = []
+    worst = 0.0
+    alone = 0
     for number in range(count):
         rng = np.random.default_rng([seed, number])
         problem = loop(rng, coupling="exp(y) - 1 + y" if number % 2 else "2*tanh(y/2)")
@@ -225,7 +238,9 @@ def random_stress(rng: np.random.Generator, problem: Problem) -> Stress:
 def bounded(count: int, seed: int) -> Row:
     """Random problems with a region: no simulated run crosses the bound that its certificate
     gives."""
-    failures, drawn, closest = [], 0, 0.0
+    failures = []
+    drawn = 0
+    closest = 0.0
     for number in range(count):
         rng = np.random.default_rng([seed, number])
         problem = regional(rng)

@@ -51,7 +51,8 @@ def edited(certificate: Certificate) -> dict[str, Any]:
 def not_kept(count: int, seed: int) -> Row:
     """None of them is proved; the true certificate is confirmed, one edited to proved is refused by
     both programs."""
-    failures, tables = list[str](), dict[str, list[int]]()
+    failures = list[str]()
+    tables = dict[str, list[int]]()
     for number in range(seed, seed + count):
         stated = broken(number)
         certificate = certify(stated.problem)
@@ -69,7 +70,9 @@ def not_kept(count: int, seed: int) -> Row:
 def kept_ones(count: int, seed: int) -> Row:
     """All of them are proved with their tables, confirmed by both programs; no driven run exceeds
     what is proved."""
-    failures, tables, shares = list[str](), dict[str, list[int]](), list[float]()
+    failures = list[str]()
+    tables = dict[str, list[int]]()
+    shares = list[float]()
     for number in range(seed, seed + count):
         stated = kept(number)
         certificate = certify(stated.problem)
@@ -108,7 +111,8 @@ def exceeds(certificate: Certificate, r: Random, runs: int = 3) -> float:
     """The largest share of a proved bound that runs of the loop (13) reach: of inputs at any time,
     of final errors over the last fifth (by then the agents are there, about: what is left of the
     start is taken off)."""
-    problem, checks = certificate.problem, {check.id: check for check in certificate.checks}
+    problem = certificate.problem
+    checks = {check.id: check for check in certificate.checks}
     proofs = {id: check for id, check in checks.items() if check.verdict is Verdict.PROVED}
     worst = 0.0
     for _ in range(runs):
@@ -130,26 +134,31 @@ def _driven(problem: Problem, gain: Any, r: Random) -> tuple[Any, Any, Any, floa
     start.  Everything that is uncertain jumps between its ends; couplings act on true or on
     measured states."""
     rng = np.random.default_rng(r.randrange(2**32))
-    n, q, plant = problem.n, problem.q, problem.uncertainty
+    n = problem.n
+    q = problem.q
+    plant = problem.uncertainty
     (arcs,) = problem.network.modes.values()
-    i, j, w = arcs.listeners, arcs.speakers, np.array([float(x) for x in arcs.weights])
+    i = arcs.listeners
+    j = arcs.speakers
+    w = np.array([float(x) for x in arcs.weights])
     k = np.array(
         [
             float(problem.pinning.gains[a][0][0]) if a in problem.pinning.gains else 0.0
             for a in range(n)
         ]
     )
-    h, bounds = RISING[problem.coupling.texts[0]], dict.fromkeys(PARTS, 0.0)
+    h = RISING[problem.coupling.texts[0]]
+    bounds = dict.fromkeys(PARTS, 0.0)
     if plant is not None:
         bounds = {name: float(getattr(plant, name)) for name in PARTS}
     measured = r.random() < 0.5
-    A, C, W = np.zeros((0, 0)), np.zeros((1, 0)), np.zeros((0, 1))
+    A = np.zeros((0, 0))
+    C = np.zeros((1, 0))
+    W = np.zeros((0, 1))
     if q:
-        A, C, W = (
-            to_float(problem.joint_exosystem.A),
-            to_float(problem.joint_exosystem.C),
-            to_float(gain),
-        )
+        A = to_float(problem.joint_exosystem.A)
+        C = to_float(problem.joint_exosystem.C)
+        W = to_float(gain)
     x = rng.choice((-1.0, 1.0), n) * float(R)
     xi = rng.normal(size=(n, q))
     size = float(problem.actuators.amplitude or 0) if problem.actuators is not None else 1.0
@@ -158,7 +167,9 @@ def _driven(problem: Problem, gain: Any, r: Random) -> tuple[Any, Any, Any, floa
     zeta = rng.normal(size=(n, q))
     zeta *= s / np.maximum(np.linalg.norm(zeta, axis=1, keepdims=True), 1e-9)
     z = xi - zeta - x[:, None] * W[:, 0]
-    most, final, disturbance = np.zeros(n), np.zeros(n), np.zeros(n)
+    most = np.zeros(n)
+    final = np.zeros(n)
+    disturbance = np.zeros(n)
 
     def drawn() -> dict[str, Any]:
         one = {
@@ -187,7 +198,8 @@ def _driven(problem: Problem, gain: Any, r: Random) -> tuple[Any, Any, Any, floa
             now = drawn()
         state = (x, xi, z)
         *a, u = field(state, now)
-        most, disturbance = np.maximum(most, np.abs(u)), np.maximum(disturbance, np.abs(xi @ C[0]))
+        most = np.maximum(most, np.abs(u))
+        disturbance = np.maximum(disturbance, np.abs(xi @ C[0]))
         *b, _ = field([p + STEP / 2 * d for p, d in zip(state, a, strict=True)], now)
         *c, _ = field([p + STEP / 2 * d for p, d in zip(state, b, strict=True)], now)
         *e, _ = field([p + STEP * d for p, d in zip(state, c, strict=True)], now)

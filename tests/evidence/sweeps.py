@@ -21,11 +21,9 @@ def run(count: int, seed: int) -> Row:
     failures: list[str] = []
     notes: list[str] = []
     with tempfile.TemporaryDirectory() as folder:
-        file, serial, out = (
-            Path(folder) / "chain.toml",
-            Path(folder) / "serial",
-            Path(folder) / "out",
-        )
+        file = Path(folder) / "chain.toml"
+        serial = Path(folder) / "serial"
+        out = Path(folder) / "out"
         file.write_text(CHAIN, encoding="utf-8")
         reference = start(file, serial, "--jobs", "1", "--quiet", count=count)
 
@@ -48,7 +46,8 @@ def run(count: int, seed: int) -> Row:
         code, _, said = finish(reference)
         if code != 0:
             failures.append(f"the serial run left with {code}: {said[-300:]}")
-        found, wanted = lines(out), lines(serial)
+        found = lines(out)
+        wanted = lines(serial)
         numbers = [line["case"] for line in found]
         if sorted(numbers) != list(range(count)):
             failures.append(f"{len(numbers)} lines for {len(set(numbers))} cases of {count}")

@@ -100,7 +100,8 @@ def test_nothing_compared_is_no_success(tmp_path: Path):
 
 
 def test_folder_version_and_fingerprint_are_replaced_and_nothing_else(tmp_path: Path):
-    folder, target = tmp_path / "work", tmp_path / "kept"
+    folder = tmp_path / "work"
+    target = tmp_path / "kept"
     certificate = folder / "certificate" / "certificate.json"
     certificate.parent.mkdir(parents=True)
     certificate.write_text('{"version": "0.1.0", "rate": 0.1}')

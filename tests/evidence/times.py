@@ -47,7 +47,10 @@ class Bound:
 
 def names() -> list[str]:
     """Built-in problems, those of the folder tests/found, and random ones."""
-    files = [path.stem for path in sorted(FOUND.glob("*.toml")) if path.stem in ("drones", "cars")]
+    files = []
+    for path in sorted(FOUND.glob("*.toml")):
+        if path.stem in ("drones", "cars"):
+            files.append(path.stem)
     return [*BUILT_IN, *files, *(f"random-{seed}" for seed in range(RANDOM))]
 
 
@@ -124,10 +127,13 @@ def recorded() -> dict[str, Bound]:
 
 def times(count: int, seed: int) -> Row:
     """No certified time to one percent is later than the one that is recorded."""
-    before, failures, notes = recorded(), [], []
+    before = recorded()
+    failures = []
+    notes = []
     chosen = Random(seed).sample(names(), min(count, len(names())))
     for name in chosen:
-        old, new = before.get(name), bound_of(name)
+        old = before.get(name)
+        new = bound_of(name)
         notes.append(f"{name}: {_words(old)}; now {_words(new)}")
         if old is not None and (new is None or new.time > old.time * SAME):
             failures.append(notes[-1])

@@ -199,7 +199,8 @@ IMPORT = f"{WITHIN}resource.setrlimit(resource.RLIMIT_CPU, (60, 60))\nimport dob
 @pytest.mark.slow
 @pytest.mark.parametrize("suffix", ["csv", "graphml", "toml"])
 def test_many_labels_are_read_in_a_minute_and_3_gb(tmp_path, suffix: str):
-    count, path = 300_000 if suffix == "graphml" else 500_000, tmp_path / f"x.{suffix}"
+    count = 300_000 if suffix == "graphml" else 500_000
+    path = tmp_path / f"x.{suffix}"
     if suffix == "csv":
         text = "\n".join(f"n{i},n{i + 1}" for i in range(count - 1))
     elif suffix == "graphml":

@@ -179,7 +179,8 @@ def test_hostile_toml_is_refused_or_read_in_time(name):
 def test_a_pair_of_long_numbers_is_decided_in_time(name):
     """P + tiny terms with huge, coprime denominators: elimination in exact arithmetic would take
     minutes."""
-    problem, digits = load_problem(name), 2000
+    problem = load_problem(name)
+    digits = 2000
     claims = certified(name).claims
     assert claims.P is not None
     assert claims.W is not None

@@ -113,7 +113,8 @@ def drift(problem: dd.Problem) -> Callable[..., Any]:
 
 def resonance(x: Any) -> Any:
     """f of ``resonators``."""
-    a, b = x[..., 0], x[..., 1]
+    a = x[..., 0]
+    b = x[..., 1]
     smooth = np.exp(a) * np.cos(b) + np.cosh(a) - 2 / (1 + b**2)
     smooth = smooth + a * np.arctan(b) + a**2 * np.arcsinh(b)
     smooth = smooth + np.sqrt(1 + a**2) - 1
@@ -126,9 +127,12 @@ def full_loop(
 ) -> tuple[Callable[..., Any], Callable[..., Any]]:
     """(1), (12), (13), (19) for x (n, m), xi, z (n, q) in one vector: the slope at (t, state), and
     u (n, p) there."""
-    data, n = matrices(problem), problem.n
+    data = matrices(problem)
+    n = problem.n
     B, S, C, W = (data[name] for name in ("B", "S", "C", "W"))
-    own, m, q = drift(problem), len(B), len(S)
+    own = drift(problem)
+    m = len(B)
+    q = len(S)
 
     def cut(state: Any) -> Any:
         parts = np.split(state, [n * m, n * (m + q)])
@@ -136,7 +140,8 @@ def full_loop(
 
     def control(state: Any) -> Any:
         x, _, z = cut(state)
-        e, xihat = x - data["goals"], z + x @ W.T
+        e = x - data["goals"]
+        xihat = z + x @ W.T
         u = -np.einsum("ipm,im->ip", data["K"], e) - xihat @ C.T + data["u0"]
         return np.clip(u, -limit, limit)
 
@@ -168,7 +173,9 @@ def random_agents(r: Random) -> Problem:
     """2 to 12 agents with 2 to 4 states and 1 or 2 inputs, with or without a disturbance, one
     mode."""
     while True:
-        n, m, p = r.randint(2, 12), r.randint(2, 4), r.randint(1, 2)
+        n = r.randint(2, 12)
+        m = r.randint(2, 4)
+        p = r.randint(1, 2)
 
         def table(rows: int, columns: int, most: int = 4) -> list[list[Fraction]]:
             found = []
@@ -205,7 +212,9 @@ def loop_matrix(problem: Problem, W: Any) -> np.ndarray:
     observer knows all but d.
     """
     assert problem.dynamics is not None
-    n, m, q = problem.n, problem.m, problem.q
+    n = problem.n
+    m = problem.m
+    q = problem.q
     A = floats(problem.dynamics.A)
     B = floats(problem.dynamics.B)
     H = np.array([[float(x.lo) for x in row] for row in problem.coupling.jacobian_at_zero()])
@@ -219,7 +228,8 @@ def loop_matrix(problem: Problem, W: Any) -> np.ndarray:
     flow = np.kron(every, floats(problem.exosystem.A))
     BC = np.kron(every, B @ floats(problem.exosystem.C))
     own = np.kron(every, floats(W))
-    eye, none = np.eye(n * q), np.zeros((n * m, n * q))
+    eye = np.eye(n * q)
+    none = np.zeros((n * m, n * q))
     zeros = none.T
     first = [known - BC @ own, BC, -BC]
     second = [zeros, flow, 0 * eye]
@@ -274,7 +284,8 @@ def riccati_agents(seeds: Iterable[int], *, part: float | None = None) -> Iterat
     stable from there on."""
     for seed in seeds:
         r = Random(f"riccati {seed}")
-        n, m = r.randint(3, 12 if part else 60), r.randint(2, 4)
+        n = r.randint(3, 12 if part else 60)
+        m = r.randint(2, 4)
         A = np.array([[r.randint(-2, 2) for _ in range(m)] for _ in range(m)], dtype=float)
         B = np.array([[r.randint(-2, 2)] for _ in range(m)], dtype=float)
         powers = [np.linalg.matrix_power(A, k) @ B for k in range(m)]
@@ -284,7 +295,8 @@ def riccati_agents(seeds: Iterable[int], *, part: float | None = None) -> Iterat
         arcs += [each for each in ([n, 1], [n, 2]) if each not in arcs and n > 3]
         R = solve_continuous_are(A, B, np.eye(m), np.eye(1))
         rows = [Fraction(round(float(x) * 1000), 1000) for x in (B.T @ R)[0]]
-        kappa, H = Fraction(11, 20), np.array([rows], dtype=float)
+        kappa = Fraction(11, 20)
+        H = np.array([rows], dtype=float)
         if part:
             degrees = {max(1, sum(i == k for i, _ in arcs)) for k in range(1, n + 1)}
             low, high = 0.0, 0.55

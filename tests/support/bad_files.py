@@ -34,7 +34,9 @@ class BadFile:
     def data(self) -> bytes:
         """The bytes of the problem file (large ones are made only now)."""
         content = self.content() if callable(self.content) else self.content
-        return content.encode("utf-8") if isinstance(content, str) else content
+        if isinstance(content, str):
+            return content.encode("utf-8")
+        return content
 
 
 VALID = """\
@@ -182,7 +184,8 @@ def exception(lines: str) -> str:
     return swap(EXCEPTION, f"[[coupling.exceptions]]\n{lines}\n")
 
 
-FROM_CSV, BELOW = mode('{ file = "arcs.csv" }'), {"data/arcs.csv": CSV}
+FROM_CSV = mode('{ file = "arcs.csv" }')
+BELOW = {"data/arcs.csv": CSV}
 
 
 def bad(

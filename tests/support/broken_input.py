@@ -185,9 +185,10 @@ def _changed(data: bytes, r: Random, others: tuple[bytes, ...]) -> bytes:
 
 
 def _number_changed(data: bytes, r: Random) -> bytes:
-    places = [
-        k for k in range(len(data)) if data[k : k + 1].isdigit() and not data[k - 1 : k].isdigit()
-    ]
+    places = []
+    for k in range(len(data)):
+        if data[k : k + 1].isdigit() and not data[k - 1 : k].isdigit():
+            places.append(k)
     if not places:
         return data
     a = b = r.choice(places)
@@ -244,7 +245,8 @@ def read_expression(data: bytes) -> bool:
 def _check_enclosure(
     expression: Expression, box: Interval, function: Callable[..., np.ndarray]
 ) -> None:
-    node, dimension = expression.node, expression.dimension
+    node = expression.node
+    dimension = expression.dimension
     try:
         enclosed = evaluate(node, (box,) * dimension, IntervalAlgebra())
     except UndefinedError:

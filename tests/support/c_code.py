@@ -181,18 +181,18 @@ class CompiledAgents:
         )
         assert done.returncode == 0, done.stderr
         self.library = ctypes.CDLL(str(folder / "agents.so"))
-        self.n, self.p = n, p or m
+        self.n = n
+        self.p = p or m
         self.library.start()
 
     def __call__(
         self, mode: int, x: np.ndarray, *, arrived: np.ndarray | None = None, limit: float = 0.0
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """u, v and dhat (n, p) for measured states x (n, m)."""
-        flags = (
-            np.ones((self.n, self.n), dtype=np.uint8)
-            if arrived is None
-            else arrived.astype(np.uint8)
-        )
+        if arrived is None:
+            flags = np.ones((self.n, self.n), dtype=np.uint8)
+        else:
+            flags = arrived.astype(np.uint8)
         out = [np.zeros((self.n, self.p)) for _ in range(3)]
         double = ctypes.POINTER(ctypes.c_double)
         given = np.ascontiguousarray(x, dtype=float)

@@ -116,7 +116,9 @@ class Program:
             "-lm",
         ]
         subprocess.run(command, cwd=folder, check=True, timeout=120)
-        self.folder, self.m, self.p = folder, problem.m, problem.inputs
+        self.folder = folder
+        self.m = problem.m
+        self.p = problem.inputs
         self.place = int(re.search(rb"VECTOR_AGENT (\d+)", self.code.files["vectors.h"])[1])
         self.agent = self.code.controller.agents[self.place]
         rows = list(csv.reader(io.StringIO(self.code.files["vectors.csv"].decode())))[1:]
@@ -124,7 +126,8 @@ class Program:
         if precision == "float":  # what the code is given
             table = np.float32(table).astype(float)
         end = 2 + self.m * (1 + len(self.agent.neighbours))
-        self.mode, self.x = table[:, 1].astype(int), table[:, 2 : 2 + self.m]
+        self.mode = table[:, 1].astype(int)
+        self.x = table[:, 2 : 2 + self.m]
         self.heard = table[:, 2 + self.m : end].reshape(
             len(table), len(self.agent.neighbours), self.m
         )
@@ -150,25 +153,23 @@ class Program:
         return list(np.frombuffer(done.stdout).reshape(len(cases), len(self.x), -1))
 
     def rows(self, case: Case) -> Any:
-        x, heard, limited, u = (
-            self.x.copy(),
-            self.heard.copy(),
-            np.zeros((len(self.x), 1)),
-            self.u * 0.5,
-        )
+        x = self.x.copy()
+        heard = self.heard.copy()
+        limited = np.zeros((len(self.x), 1))
+        u = self.u * 0.5
         case.spoil(x, heard, limited, u)
         return np.hstack([self.mode[:, None], heard.reshape(len(x), -1), x, limited, u])
 
     def missing(self, case: Case) -> Any:
         """The same by the loop that misses them."""
-        loop, rows = Missing(self), []
+        loop = Missing(self)
+        rows = []
         limited = case.where == "u"
         for k in range(len(self.x)):
             bad = case.first <= k < case.first + case.length
-            heard = [
-                None if bad and case.where == "heard" and case.neighbour == j else y
-                for j, y in enumerate(self.heard[k])
-            ]
+            heard = []
+            for j, y in enumerate(self.heard[k]):
+                heard.append(None if bad and case.where == "heard" and case.neighbour == j else y)
             rows.append(
                 loop.step(
                     int(self.mode[k]), heard, None if bad and case.where == "x" else self.x[k]
@@ -210,9 +211,13 @@ class Missing:
     """(13) and (19), sampled, of one agent; packets and states may be None."""
 
     def __init__(self, program: Program) -> None:
-        controller, agent = program.code.controller, program.agent
-        self.couplings, self.arcs = controller.problem.couplings, agent.modes
-        self.T, self.m, self.q = float(controller.period), program.m, controller.q
+        controller = program.code.controller
+        agent = program.agent
+        self.couplings = controller.problem.couplings
+        self.arcs = agent.modes
+        self.T = float(controller.period)
+        self.m = program.m
+        self.q = controller.q
         self.Ad, self.Cd, self.L = (
             (to_float(each) for each in (controller.Ad, controller.Cd, controller.L))
             if self.q
@@ -243,7 +248,8 @@ class Missing:
         else:
             self.gap = 0
         self.x = x
-        e, dhat = x - self.goal, self.Cd @ self.xihat if self.q else np.zeros(self.m)
+        e = x - self.goal
+        dhat = self.Cd @ self.xihat if self.q else np.zeros(self.m)
         self.felt = np.zeros(self.m)
         for arc in self.arcs[mode]:
             if arc.neighbour in self.packets:
@@ -277,7 +283,8 @@ def programs(folder: Path, seed: int) -> Any:
 
 def wrong_cases(name: str, program: Program, rng: np.random.Generator, count: int) -> list[str]:
     """The cases whose answers are not those of the loop that missed what was bad."""
-    cases, failures = [Case(rng, program) for _ in range(count)], []
+    cases = [Case(rng, program) for _ in range(count)]
+    failures = []
     for case, found in zip(cases, program.run(cases), strict=True):
         wanted = program.missing(case)
         apart = np.abs(found[:, :-1] - wanted)

@@ -54,7 +54,8 @@ def made_once(key: str, make: Callable[[], Any]) -> Any:
     if folder is None:
         return make()
     path = Path(folder) / hashlib.sha256(key.encode()).hexdigest()
-    lock, end = path.with_suffix(".lock"), time.monotonic() + LONGEST
+    lock = path.with_suffix(".lock")
+    end = time.monotonic() + LONGEST
     while not path.exists():
         try:
             lock.touch(exist_ok=False)
@@ -101,7 +102,9 @@ def certify_once(problem: Any, *, progress: object = None, **options: Any) -> Ce
 def consensus_claims(problem: Problem) -> Claims:
     """What ``certify`` claims of network, observer, theorems and linearisation alone: nothing is
     searched for, and no factors are stated, so that the largest rate counts."""
-    return claimed_afresh(problem) if FRESH in os.environ else _claimed(problem)
+    if FRESH in os.environ:
+        return claimed_afresh(problem)
+    return _claimed(problem)
 
 
 def claimed_afresh(problem: Problem) -> Claims:

@@ -39,7 +39,9 @@ def hadamard(size: int) -> np.ndarray:
 def edge_matrix(size: int, small: Fraction, r: Random) -> np.ndarray | None:
     """One matrix with the eigenvalue ``small`` in a random place; None if an entry is not exact as
     a double."""
-    eigenvalues = [Fraction(1, r.choice((1, 2, 4, 4))) for _ in range(size)]
+    eigenvalues = []
+    for _ in range(size):
+        eigenvalues.append(Fraction(1, r.choice((1, 2, 4, 4))))
     eigenvalues[r.randrange(size)] = small
     return with_eigenvalues(eigenvalues)
 
@@ -78,17 +80,23 @@ def edge_matrices(
 
 
 Path = Callable[[np.ndarray], Verdict | None]
-PROVED, REFUTED, UNDECIDED = Verdict.PROVED, Verdict.REFUTED, Verdict.UNDECIDED
+PROVED = Verdict.PROVED
+REFUTED = Verdict.REFUTED
+UNDECIDED = Verdict.UNDECIDED
 FRACTIONS_MOST = 16
 FLINT_MOST = 64
 
 
 def by_fractions(matrix: np.ndarray) -> Verdict | None:
-    return _eliminated(matrix, flint=False) if len(matrix) <= FRACTIONS_MOST else None
+    if len(matrix) <= FRACTIONS_MOST:
+        return _eliminated(matrix, flint=False)
+    return None
 
 
 def by_flint(matrix: np.ndarray) -> Verdict | None:
-    return _eliminated(matrix, flint=True) if len(matrix) <= FLINT_MOST else None
+    if len(matrix) <= FLINT_MOST:
+        return _eliminated(matrix, flint=True)
+    return None
 
 
 def by_quick(matrix: np.ndarray) -> Verdict:
@@ -97,7 +105,9 @@ def by_quick(matrix: np.ndarray) -> Verdict:
 
 def by_integers(matrix: np.ndarray) -> Verdict:
     S = scaled(IntegerSymmetric.from_floats(matrix))
-    return PROVED if isinstance(S, Scaled) and proves_by_integers(S) else UNDECIDED
+    if isinstance(S, Scaled) and proves_by_integers(S):
+        return PROVED
+    return UNDECIDED
 
 
 def by_vector(matrix: np.ndarray) -> Verdict:
@@ -106,7 +116,9 @@ def by_vector(matrix: np.ndarray) -> Verdict:
     if found.vector is not None:
         return PROVED
     tried = [each for d in found.directions for each in (*roundings(d), d)]
-    return UNDECIDED if first_refuting(M, tried, strict=True, method="") is None else REFUTED
+    if first_refuting(M, tried, strict=True, method="") is None:
+        return UNDECIDED
+    return REFUTED
 
 
 def by_lift(matrix: np.ndarray) -> Verdict:
@@ -126,7 +138,9 @@ def by_choice(matrix: np.ndarray) -> Verdict:
 
 def _eliminated(matrix: np.ndarray, *, flint: bool) -> Verdict:
     M = IntegerSymmetric.from_floats(matrix).to_sparse()
-    return PROVED if bad_direction(M, strict=True, flint=flint) is None else REFUTED
+    if bad_direction(M, strict=True, flint=flint) is None:
+        return PROVED
+    return REFUTED
 
 
 PATHS: dict[str, Path] = {

@@ -66,7 +66,8 @@ class House:
 
     def closure(self, module: str) -> dict[str, str]:
         """Every module that this one rests on, each with the one that imports it."""
-        found, waiting = {module: ""}, [module]
+        found = {module: ""}
+        waiting = [module]
         while waiting:
             user = waiting.pop()
             for other in sorted(self.uses[user] - found.keys()):

@@ -114,7 +114,8 @@ def random_problem(
             leading = {i for i, j, _ in each if j < i}
             arcs[name] += [[i + 1, i, 1] for i in range(1, n) if i not in leading]
         network = network_of(arcs, n)
-    h, other = r.choice(couplings), r.choice(couplings)
+    h = r.choice(couplings)
+    other = r.choice(couplings)
     codes = sorted(network.arc_codes())
     special = {(codes[0] // n, codes[0] % n): other} if codes else {}
     gains = {1: 5} | {i: r.choice((1, 3, "9/2")) for i in range(2, n + 1) if r.random() < 0.3}

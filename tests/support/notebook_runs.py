@@ -27,4 +27,6 @@ def failure_of(path: Path) -> str:
         command, capture_output=True, check=False, text=True, timeout=300, env=environment, cwd=ROOT
     )
     passed = done.returncode == 0 and "1 passed" in done.stdout
-    return "" if passed else done.stdout[-3000:] + done.stderr[-1000:]
+    if passed:
+        return ""
+    return done.stdout[-3000:] + done.stderr[-1000:]

@@ -63,7 +63,8 @@ def environment() -> dict[str, str]:
 def kill_writers(count: int, seed: int, folder: Path) -> Outcome:
     """kill -9 a process that does nothing but replace three files, at a random moment, ``count``
     times."""
-    outcome, r = Outcome(), Random(seed)
+    outcome = Outcome()
+    r = Random(seed)
     for k in range(count):
         with subprocess.Popen(
             [sys.executable, "-c", LOOP, str(folder), str(r.choice((10, 1000, 50_000)))],
@@ -99,7 +100,8 @@ class Runs:
     takes."""
 
     def __init__(self, folder: Path, *, report: bool) -> None:
-        self.folder, self.options = folder, () if report else ("--no-report",)
+        self.folder = folder
+        self.options = () if report else ("--no-report",)
         self.names = NAMES if report else NAMES[:2]
         self.problems: list[Path] = []
         folder.mkdir(exist_ok=True)
@@ -187,7 +189,8 @@ def kill_certify(count: int, seed: int, folder: Path, *, report: bool) -> Outcom
 
 
 def _kill_one(runs: Runs, k: int, r: Random) -> Outcome:
-    outcome, out = Outcome(), runs.folder / f"killed{k}"
+    outcome = Outcome()
+    out = runs.folder / f"killed{k}"
     runs.fill(0, out)
     with runs.start(1, out) as process:
         if k % 2:
@@ -211,7 +214,9 @@ def interrupt_certify(
 
     A third of the moments lie in the first 0.1 s, while everything is imported.
     """
-    outcome, r, runs = Outcome(), Random(seed), Runs(folder, report=report)
+    outcome = Outcome()
+    r = Random(seed)
+    runs = Runs(folder, report=report)
     longest = runs.seconds
     for k in range(5 * count):
         if outcome.counts["interrupted"] == count:
@@ -331,7 +336,8 @@ def children(pid: int) -> list[int]:
             except (OSError, ValueError):  # it has just ended
                 continue
             found.setdefault(parent, []).append(int(entry.name))
-    queue, all_of_them = [pid], []
+    queue = [pid]
+    all_of_them = []
     while queue:
         own = found.get(queue.pop(), [])
         all_of_them += own
@@ -351,7 +357,7 @@ def words_of(pid: int) -> str:
 
 def without_times(given: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Lines in the order of the cases, without how long they took."""
-    return [
-        {key: x for key, x in line.items() if key != "seconds"}
-        for line in sorted(given, key=lambda x: x["case"])
-    ]
+    found = []
+    for line in sorted(given, key=lambda x: x["case"]):
+        found.append({key: x for key, x in line.items() if key != "seconds"})
+    return found

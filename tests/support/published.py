@@ -12,7 +12,8 @@ from networks import network_of
 
 from dobc_design import Dynamics, Network, Observer, Problem, Switching, exosystems, load_problem
 
-CYCLE10, PENDULUM = 1.399166, Dynamics(f=["x2", "-sin(x1) - x2/2"], B=[[0], [1]])
+CYCLE10 = 1.399166
+PENDULUM = Dynamics(f=["x2", "-sin(x1) - x2/2"], B=[[0], [1]])
 CUBIC_CHUA = Dynamics(f=["10*(x2 - (2*x1**3 - x1)/7)", "x1 - x2 + x3", "-100/7*x2"])
 LORENZ = Dynamics(f=["10*(x2 - x1)", "28*x1 - x2 - x1*x3", "x1*x2 - 8/3*x3"])
 DAMPED = Dynamics(A=[[0, 1], [0, -1]], B=[[0], [1]])
@@ -164,7 +165,8 @@ PUBLISHED = tuple(_published())
 def regional(number: int) -> Problem:
     """One of twenty problems of agents with nonlinear dynamics or couplings that ask for a
     region."""
-    k, kind = number // 5, number % 5
+    k = number // 5
+    kind = number % 5
     if kind == 0:
         return nodes(PENDULUM, {i: [[2 + k, 2]] for i in (1, 2, 3)}, "1/4", coupling="2*y1 + 3*y2")
     if kind == 1:

@@ -202,7 +202,8 @@ def _observer(r: Random, exosystem: Exosystem) -> Observer:
 def kalman_gain(exosystem: Exosystem) -> list[list[Fraction]] | None:
     """W of the steady Kalman filter with unit weights, to three decimals; None where SciPy finds
     none."""
-    A, C = floats(exosystem.A), floats(exosystem.C)
+    A = floats(exosystem.A)
+    C = floats(exosystem.C)
     try:
         covariance = linalg.solve_continuous_are(A.T, C.T, np.eye(len(A)), np.eye(len(C)))
     except (linalg.LinAlgError, ValueError):
@@ -211,7 +212,10 @@ def kalman_gain(exosystem: Exosystem) -> list[list[Fraction]] | None:
 
 
 def _to_three_decimals(M: np.ndarray) -> list[list[Fraction]]:
-    return [[Fraction(round(1000 * x), 1000) for x in row] for row in M.tolist()]
+    found = []
+    for row in M.tolist():
+        found.append([Fraction(round(1000 * x), 1000) for x in row])
+    return found
 
 
 def _lyapunov_guess(r: Random, exosystem: Exosystem, W: list[list[Any]]) -> list[list[Fraction]]:
@@ -235,7 +239,8 @@ def badly_scaled_problem(seed: int) -> Problem:
     """Held networks with tiny or huge gains, and exosystems that numerical methods dislike (q up to
     8)."""
     r = Random(seed)
-    m, q = r.choice((1, 1, 2)), r.choice((1, 2, 3, 4, 5, 6, 8))
+    m = r.choice((1, 1, 2))
+    q = r.choice((1, 2, 3, 4, 5, 6, 8))
     kind = r.choice(("scaled", "defective", "hidden", "rotations", "integrators", "random"))
     A = [[Fraction(0)] * q for _ in range(q)]
     if kind == "scaled":

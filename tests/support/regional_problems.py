@@ -76,10 +76,12 @@ def values_along(problem: Problem, lure: Lure, level: Fraction, times: np.ndarra
 
     All runs in one integration by SciPy, with the gain of the certificate.
     """
-    size, q = problem.n * problem.m, problem.q
+    size = problem.n * problem.m
+    q = problem.q
     metric = np.zeros((size + problem.n * q,) * 2)
     metric[:size, :size] = to_float(lure.P_e.to_dense())
-    F, C = np.zeros((q, q)), np.zeros((problem.m, q))
+    F = np.zeros((q, q))
+    C = np.zeros((problem.m, q))
     if lure.P is not None:
         metric[size:, size:] = np.kron(np.eye(problem.n), to_float(lure.P))
         C = to_float(problem.exosystem.C)
@@ -91,7 +93,8 @@ def values_along(problem: Problem, lure: Lure, level: Fraction, times: np.ndarra
 
     def slope(t: float, flat: np.ndarray) -> np.ndarray:
         state = flat.reshape(starts.shape)
-        e, eps = state[:, :size], state[:, size:].reshape(len(starts), problem.n, q)
+        e = state[:, :size]
+        eps = state[:, size:].reshape(len(starts), problem.n, q)
         e_dot = field(problem, "G", e) + (eps @ C.T).reshape(e.shape)
         eps_dot = (eps @ F.T).reshape(len(starts), problem.n * q)
         return np.concatenate([e_dot, eps_dot], axis=1).ravel()

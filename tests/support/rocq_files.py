@@ -39,7 +39,8 @@ def bare(text: str) -> str:
     depth = place = 0
     for mark in re.finditer(r"\(\*|\*\)", text):
         out += [text[place : mark.start()]] if depth == 0 else []
-        depth, place = depth + (1 if mark[0] == "(*" else -1), mark.end()
+        depth = depth + (1 if mark[0] == "(*" else -1)
+        place = mark.end()
         assert depth >= 0
     assert depth == 0
     return "".join([*out, text[place:]])
@@ -247,7 +248,8 @@ def separable(certificate: Certificate) -> Any:
 def forged_proof(certificate: Certificate) -> str:
     """The file of a certificate that may claim what is false."""
     found = honest_parts()  # before the search is patched
-    searched, squares = Row.__dict__["parts"].func, motions._squares
+    searched = Row.__dict__["parts"].func
+    squares = motions._squares
     honest = separable(boxed("small")).claim.rho
 
     def parts(self: Row) -> list[Part]:
@@ -317,7 +319,8 @@ def scaled(claim: Any, name: str, factor: Any) -> Any:
 def forgeries() -> dict[str, Forgery]:
     """Single changes of the certificate of "small", or of the problem that it is about."""
     claim = separable(boxed("small")).claim
-    v, error = claim.v, claim.error
+    v = claim.v
+    error = claim.error
     P = error.P
 
     def own(**values: Any) -> Forgery:

@@ -165,7 +165,8 @@ def _corner(problem: Problem, settling: Settling, times: np.ndarray, seed: int) 
     """All agents at the edge of the box, the first two runs on one side, with the largest observer
     error."""
     rng = np.random.default_rng(seed)
-    n, m = problem.n, problem.m
+    n = problem.n
+    m = problem.m
     goal = floats([problem.goal_of(i) for i in range(n)])
     if seed % CORNERS < 2:
         signs = np.full((n, m), (1.0, -1.0)[seed % 2])

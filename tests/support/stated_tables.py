@@ -37,7 +37,9 @@ def network(r: Random, *, saturating: bool = False) -> dict[str, Any]:
     """Three to five agents in a tree, the first pinned, in every second case another one as
     well."""
     n = r.randint(3, 5)
-    arcs = [[i, r.randint(1, i - 1), F(r.randint(2, 6), 2)] for i in range(2, n + 1)]
+    arcs = []
+    for i in range(2, n + 1):
+        arcs.append([i, r.randint(1, i - 1), F(r.randint(2, 6), 2)])
     gains = {1: F(r.randint(4, 8), 2)} | ({n: F(r.randint(4, 8), 2)} if r.random() < 0.5 else {})
     h = "tanh(y)" if saturating else r.choice(list(RISING))
     network = network_of(arcs, n)
@@ -84,7 +86,8 @@ def limit_between(r: Random, more: dict[str, Any]) -> Stated:
 def repelling(r: Random, more: dict[str, Any]) -> Stated:
     """e_1 - e_2 grows where 2 w (1 + error) > k (1 - error); with noise, where the claim is about
     where agents end, without a bound only if the coupling has none."""
-    k, w = F(r.randint(8, 16), 2), F(r.randint(2, 6), 4)
+    k = F(r.randint(8, 16), 2)
+    w = F(r.randint(2, 6), 4)
     largest = (k - 2 * w) / (k + 2 * w)
     error = largest + (1 - largest) * r.randint(2, 30) / 100
     pair = network_of([[1, 2, w], [2, 1, w]], 2)
@@ -195,9 +198,11 @@ def kept(seed: int) -> Stated:
     """Tables with room: limits of three times what starts and disturbance need, small errors, weak
     inputs."""
     r = Random(f"tables that are kept {seed}")
-    parts, watched = network(r), r.random() < 0.5
+    parts = network(r)
+    watched = r.random() < 0.5
     parts |= seen(r) if watched else BOX
-    named, wanted = {}, {1: ["limit"], 2: ["relative"], 0: ["absolute"]}[seed % 3]
+    named = {}
+    wanted = {1: ["limit"], 2: ["relative"], 0: ["absolute"]}[seed % 3]
     if seed % 4 == 0:
         wanted = ["limit", "relative", "absolute"]
     if "relative" in wanted:
@@ -241,9 +246,11 @@ class Loop:
 
 def loop_of(problem: Problem) -> Loop:
     """One mode, m = 1, one exosystem or none; the plant's couplings act on the true states."""
-    n, q = problem.n, problem.q
+    n = problem.n
+    q = problem.q
     (arcs,) = problem.network.modes.values()
-    L, K = np.zeros((n, n)), np.zeros((n, n))
+    L = np.zeros((n, n))
+    K = np.zeros((n, n))
     for i, j, w in arcs:
         slope = float(w) * float(problem.coupling_of(i, j).jacobian_at_zero()[0][0].lo)
         L[i, i] += slope
@@ -251,7 +258,8 @@ def loop_of(problem: Problem) -> Loop:
     for i, k in problem.pinning.gains.items():
         K[i, i] = float(k[0][0])
     one = np.eye(n)
-    A, B = -L - K, np.hstack([one, np.zeros((n, n * q)), -K])
+    A = -L - K
+    B = np.hstack([one, np.zeros((n, n * q)), -K])
     if q:
         exosystem = problem.joint_exosystem
         W = to_float(certify(problem.replace(uncertainty=None)).claims.W)
@@ -271,10 +279,14 @@ def loop_of(problem: Problem) -> Loop:
 def responses(loop: Loop, *, points: int = 6000) -> tuple[np.ndarray, float]:
     """What e gains from inputs that are 1 for one step and 0 afterwards, (points, n, inputs), and
     the step (s)."""
-    slowest, size = float(-np.max(np.linalg.eigvals(loop.A).real)), len(loop.A)
-    step, inputs = 16 / slowest / points, loop.B.shape[1]
+    slowest = float(-np.max(np.linalg.eigvals(loop.A).real))
+    size = len(loop.A)
+    step = 16 / slowest / points
+    inputs = loop.B.shape[1]
     joint = linalg.expm(step * np.block([[loop.A, loop.B], [np.zeros((inputs, size + inputs))]]))
-    phi, Z, found = joint[:size, :size], joint[:size, size:], []
+    phi = joint[:size, :size]
+    Z = joint[:size, size:]
+    found = []
     for _ in range(points):
         found.append(Z[: loop.n])
         Z = phi @ Z
@@ -292,14 +304,18 @@ def second_order(seed: int) -> tuple[Problem, Loop]:
     """Two to five double integrators with drag, p'' = sum of w (p_j - p_i) - c p' - k p + d + w, in
     a tree: the problem and the loop of (p, p', eps), written out from theory, section 13."""
     r = Random(f"accuracy of second order {seed}")
-    n, drag, k = r.randint(2, 5), r.randint(8, 12), r.randint(1, 2)
+    n = r.randint(2, 5)
+    drag = r.randint(8, 12)
+    k = r.randint(1, 2)
     arcs = [(i, r.randrange(i), f"{r.randint(2, 4)}/2") for i in range(1, n)]
-    L, one = np.zeros((n, n)), np.eye(n)
+    L = np.zeros((n, n))
+    one = np.eye(n)
     for i, j, w in arcs:
         L[i, i] += float(Fraction(w))
         L[i, j] -= float(Fraction(w))
     L[0, 0] += k
-    A, B = np.block([[0 * one, one], [-L, -drag * one]]), np.vstack([0 * one, one])
+    A = np.block([[0 * one, one], [-L, -drag * one]])
+    B = np.vstack([0 * one, one])
     more: dict[str, Any] = {}
     plant = {"disturbance": f"{r.randint(1, 9)}/10"}
     if seed % 2:
@@ -309,7 +325,8 @@ def second_order(seed: int) -> tuple[Problem, Loop]:
             "exosystem": Exosystem(A=[[0, 1], [-1, 0]], C=[[1, 0]]),
             "observer": Observer(W=[[f"{a}"], [f"{b}"]]),
         }
-        C, W = np.array([[1.0, 0.0]]), np.array([[a], [b]])
+        C = np.array([[1.0, 0.0]])
+        W = np.array([[a], [b]])
         A = np.block(
             [
                 [A, np.vstack([np.zeros((n, 2 * n)), np.kron(one, C)])],
@@ -344,7 +361,8 @@ def random_linear(seed: int) -> Problem:
     }
     more: dict[str, Any] = {}
     if seed % 2:
-        f, g = r.randint(5, 40), r.randint(5, 60)
+        f = r.randint(5, 40)
+        g = r.randint(5, 60)
         more = {
             "exosystem": Exosystem(A=matrix([[0, f"{f}/10"], [f"-{f}/10", 0]]), C=matrix([[1, 0]]))
         }
@@ -368,12 +386,16 @@ def final_errors(problem: Problem, *, seed: int, runs: int = 3) -> np.ndarray:
     """The largest |e_i| at the end of runs of the loop as it is, with its own couplings, whose
     inputs are bang-bang along the impulse responses of the linearised loop for a few agents."""
     loop = loop_of(problem)
-    n, q = problem.n, problem.q
+    n = problem.n
+    q = problem.q
     H, step = responses(loop, points=3000)
     (arcs,) = problem.network.modes.values()
-    i, j, weights = arcs.listeners, arcs.speakers, np.array([float(w) for w in arcs.weights])
+    i = arcs.listeners
+    j = arcs.speakers
+    weights = np.array([float(w) for w in arcs.weights])
     h = problem.coupling.numpy_function()
-    A, B = loop.A, loop.B
+    A = loop.A
+    B = loop.B
     slope = float(problem.coupling.jacobian_at_zero()[0][0].lo)
     W = np.zeros((q, 1)) if not q else -B[n : n + q, :1]
 
@@ -382,8 +404,10 @@ def final_errors(problem: Problem, *, seed: int, runs: int = 3) -> np.ndarray:
         return weights * (h(y[:, None])[:, 0] - slope * y)
 
     def field(x: np.ndarray, u: np.ndarray) -> np.ndarray:
-        y, noise = x[j] - x[i], u[n + n * q :]
-        acts, seen = rest(y), rest(y + noise[j] - noise[i])
+        y = x[j] - x[i]
+        noise = u[n + n * q :]
+        acts = rest(y)
+        seen = rest(y + noise[j] - noise[i])
         change = A @ x + B @ u
         change[:n] += np.bincount(i, weights=acts, minlength=n)
         if q:

@@ -45,7 +45,9 @@ class Tally:
 
 def a_problem(seed: int) -> Problem:
     """Every third one linear."""
-    return random_linear_problem(seed) if seed % 3 == 0 else random_problem(seed)
+    if seed % 3 == 0:
+        return random_linear_problem(seed)
+    return random_problem(seed)
 
 
 def recheck_campaign(
@@ -58,7 +60,8 @@ def recheck_campaign(
         certificate = certify(problem)
         data = certificate_bytes(certificate.claims)
         tally.counts[certificate.verdict.value] += 1
-        outcome, oracle = verify(data, problem), know(problem)
+        outcome = verify(data, problem)
+        oracle = know(problem)
         tally.wrong += [f"{seed}: {failure}" for failure in outcome.failures]
         tally.wrong += [
             f"{seed}: not true: {what}" for what in oracle.false_claims(json.loads(data))
@@ -117,15 +120,18 @@ def mutant_campaign(
 ) -> Tally:
     """Changed certificates: refused, or unreadable, or everything in them is still true; two
     checkers always agree."""
-    tally, other = Tally(), json.loads(certificate_bytes(certified("paper-fixed").claims))
+    tally = Tally()
+    other = json.loads(certificate_bytes(certified("paper-fixed").claims))
     for seed in seeds:
         problem = make(seed)
-        document, oracle = json.loads(certificate_bytes(certify(problem).claims)), know(problem)
+        document = json.loads(certificate_bytes(certify(problem).claims))
+        oracle = know(problem)
         for k in range(each):
             number = seed * 100_000 + k
-            changed = (
-                claim(document, number) if k % 3 == 0 else mutate(document, number, other=other)
-            )
+            if k % 3 == 0:
+                changed = claim(document, number)
+            else:
+                changed = mutate(document, number, other=other)
             judge_mutant(tally, f"{seed}, {k}", changed, document, problem, oracle)
         other = document
     return tally
@@ -137,11 +143,9 @@ def reduction_campaign(seeds: Iterable[int]) -> Tally:
     tally = Tally()
     for seed in seeds:
         problem = _reducible(seed)
-        oracle, statements, exosystem = (
-            Oracle(problem),
-            state_theorems(loop_of(problem)),
-            problem.exosystem,
-        )
+        oracle = Oracle(problem)
+        statements = state_theorems(loop_of(problem))
+        exosystem = problem.exosystem
         assert exosystem is not None
         pair = _near_boundary_pair(problem, Random(seed), oracle)
         P, Q = ([list(row) for row in M] for M in (pair.P, pair.Q))
@@ -176,7 +180,8 @@ def _near_boundary_pair(problem: Problem, r: Random, oracle: Oracle) -> Pair:
     any pair."""
     own = consensus_claims(problem)
     if own.P is None or own.Q is None or r.random() < 0.15:
-        q, m = problem.q, problem.m
+        q = problem.q
+        m = problem.m
         P = [[Fraction(r.randint(-2, 4)) for _ in range(q)] for _ in range(q)]
         P = [[P[min(i, j)][max(i, j)] + (6 if i == j else 0) for j in range(q)] for i in range(q)]
         W = problem.observer.W or tuple(
@@ -226,7 +231,8 @@ def outside_campaign(seeds: Iterable[int]) -> Tally:
     tally = Tally()
     for seed in seeds:
         problem = random_linear_problem(seed)
-        certificate, oracle = certify(problem), Oracle(problem)
+        certificate = certify(problem)
+        oracle = Oracle(problem)
         W = None if certificate.claims.W is None else [list(row) for row in certificate.claims.W]
         loops = {mode: closed_loop(oracle, mode, W) for mode in oracle.modes}
         tops = {mode: float(np.max(np.linalg.eigvals(loop).real)) for mode, loop in loops.items()}
@@ -280,11 +286,13 @@ def _slower_than(
 ) -> list[str]:
     """Starts from which sqrt(V) falls more slowly than exp(-rate t), the modes switching at
     random."""
-    rng, r = np.random.default_rng(seed), Random(seed)
+    rng = np.random.default_rng(seed)
+    r = Random(seed)
     state = rng.standard_normal((len(weight), 20))
     wrong = []
     for _ in range(8):
-        mode, time = r.choice(sorted(loops)), r.choice((0.01, 0.1, 1.0, 3.0))
+        mode = r.choice(sorted(loops))
+        time = r.choice((0.01, 0.1, 1.0, 3.0))
         later = linalg.expm(loops[mode] * time) @ state
         before, after = (np.sqrt(np.einsum("ij,ik,kj->j", x, weight, x)) for x in (state, later))
         if np.any(after > before * np.exp(-rate * time) * (1 + 1e-7) + 1e-12):

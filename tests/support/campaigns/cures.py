@@ -93,7 +93,10 @@ def _false_witness(check: Any, oracle: Oracle) -> list[str]:
         return []
     v = [Fraction(x) for x in check.witness.values]
     mode = check.mode or check.exact["mode"]
-    moved = [oracle.labels[i] for i in range(oracle.n) if any(v[i * oracle.m : (i + 1) * oracle.m])]
+    moved = []
+    for i in range(oracle.n):
+        if any(v[i * oracle.m : (i + 1) * oracle.m]):
+            moved.append(oracle.labels[i])
     wrong = []
     if form(oracle.lambda_(mode), v) < -oracle.slack() * sum(x * x for x in v):
         wrong.append("the vector does not refute")
@@ -113,7 +116,8 @@ def decided_campaign(seeds: Iterable[int]) -> Tally:
     tally = Tally()
     for seed in seeds:
         problem = a_problem(seed)
-        certificate, oracle = certify(problem), Oracle(problem)
+        certificate = certify(problem)
+        oracle = Oracle(problem)
         if not oracle.smooth:
             continue
         tops = {
@@ -182,7 +186,9 @@ def _detectable(problem: Problem) -> float:
     lasting = [s for s in np.linalg.eigvals(A) if s.real > -1e-6]
     least = [float(np.linalg.svd(np.vstack([A - s * np.eye(len(A)), C]))[1][-1]) for s in lasting]
     worst = min(least, default=1.0)
-    return worst if worst > 1e-5 else -worst if worst < 1e-9 else 0.0
+    if worst > 1e-5:
+        return worst
+    return -worst if worst < 1e-9 else 0.0
 
 
 def _count(tally: Tally, what: str, verdict: Verdict, truth: float, seed: int) -> None:
@@ -196,5 +202,6 @@ def _count(tally: Tally, what: str, verdict: Verdict, truth: float, seed: int) -
 
 def share(tally: Tally, what: str) -> float:
     """The part of these that was decided."""
-    yes, no = tally.counts[f"{what}: decided"], tally.counts[f"{what}: undecided"]
+    yes = tally.counts[f"{what}: decided"]
+    no = tally.counts[f"{what}: undecided"]
     return yes / max(1, yes + no)

@@ -57,14 +57,17 @@ def two_agents(seed: int) -> TwoAgents:
     r = Random(f"two agents {seed}")
     while True:
         text, h = r.choice(SHAPES)
-        c, k, back = r.choice((0.5, 1, 1.5, 3)), r.choice((0.1, 0.5, 1, 3)), r.random() < 0.5
+        c = r.choice((0.5, 1, 1.5, 3))
+        k = r.choice((0.1, 0.5, 1, 3))
+        back = r.random() < 0.5
         found = equilibria(lambda y, h=h, c=c: h(y, c), k, back=back)
         if found:
             break
     nearest = min(max(map(abs, e)) for e in found)
     asked = round(nearest * r.choice((0.2, 0.4, 0.7, 0.95, 1.2)), 3)
     network = network_of([[2, 1], [1, 2]] if back else [[2, 1]], 2)
-    h, region = text.replace("c", f"({Fraction(c)})"), {"initial_states": [str(-asked), str(asked)]}
+    h = text.replace("c", f"({Fraction(c)})")
+    region = {"initial_states": [str(-asked), str(asked)]}
     problem = Problem(
         network=network, coupling=h, gains=str(k) if back else {1: str(k)}, target=0, region=region
     )
@@ -74,14 +77,13 @@ def two_agents(seed: int) -> TwoAgents:
 def equilibria(h: Any, k: float, *, back: bool) -> list[tuple[float, float]]:
     """One way: e_1 = 0 and h(-e_2) = 0.  Both: e = (h(d), h(-d)) / k with k d = h(-d) - h(d), d =
     e_2 - e_1."""
-    equation = (lambda d: h(-d) - h(d) - k * d) if back else (lambda d: h(-d))
+    equation = (lambda d: h(-d) - h(d) - k * d) if back else lambda d: h(-d)
     grid = np.concatenate([-np.geomspace(FAR, 1e-3, 4000), np.geomspace(1e-3, FAR, 4000)])
     values = [equation(float(d)) for d in grid]
-    roots = [
-        optimize.brentq(equation, a, b, xtol=1e-14)
-        for a, b, x, y in zip(grid, grid[1:], values, values[1:], strict=False)
-        if x * y < 0 and a * b > 0
-    ]
+    roots = []
+    for a, b, x, y in zip(grid, grid[1:], values, values[1:], strict=False):
+        if x * y < 0 and a * b > 0:
+            roots.append(optimize.brentq(equation, a, b, xtol=1e-14))
     return [(h(d) / k, h(-d) / k) if back else (0.0, d) for d in roots]
 
 
@@ -141,7 +143,8 @@ def linear_campaign(seeds: Any) -> Known:
     tally = Known()
     for seed in seeds:
         problem, M = linear_problem(seed)
-        certificate, slowest = certify(problem), -float(np.max(np.linalg.eigvals(M).real))
+        certificate = certify(problem)
+        slowest = -float(np.max(np.linalg.eigvals(M).real))
         tally.counts[
             f"linear {'stable' if slowest > 1e-9 else 'not stable'}: {certificate.verdict.value}"
         ] += 1

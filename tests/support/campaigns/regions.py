@@ -96,7 +96,8 @@ def region_mutant_campaign(seeds: Iterable[int], *, each: int) -> Tally:
     for seed in seeds:
         problem = region_problem(seed)
         certificate = certify(problem, everything=seed % 4 == 3)
-        document, oracle = json.loads(certificate_bytes(certificate.claims)), Oracle(problem)
+        document = json.loads(certificate_bytes(certificate.claims))
+        oracle = Oracle(problem)
         if not any(
             check["id"] in IDS and check["verdict"] != "undecided" for check in document["checks"]
         ):
@@ -117,11 +118,10 @@ def change_region(document: dict[str, Any], seed: int) -> dict[str, Any]:
         check for check in copy["checks"] if check["id"] in IDS and check["verdict"] != "undecided"
     ]
     check = r.choice(checks)
-    parts = (
-        [check["domain"]]
-        if isinstance(check["domain"], dict) and r.random() < 0.25
-        else [check.get("exact") or {}]
-    )
+    if isinstance(check["domain"], dict) and r.random() < 0.25:
+        parts = [check["domain"]]
+    else:
+        parts = [check.get("exact") or {}]
     places = [place for part in parts for place in _leaves(part)] or [(check, "rate")]
     if r.random() < 0.1:
         places = [(check, "rate"), (check, "verdict"), (check, "domain")]

@@ -52,8 +52,10 @@ from dobc_design.certificate.text import certificate_bytes
 from dobc_design.problem.canonical import canonical_bytes
 from dobc_design.problem.dynamics import Dynamics
 
-LINE, BOTH = network([[2, 1]], agents=2), network({"A": [[2, 1]], "B": [[2, 1]]}, agents=2)
-BOTH_WAYS, WIDE = network([[1, 2], [2, 1]], agents=2), {"initial_states": [-5, 5]}
+LINE = network([[2, 1]], agents=2)
+BOTH = network({"A": [[2, 1]], "B": [[2, 1]]}, agents=2)
+BOTH_WAYS = network([[1, 2], [2, 1]], agents=2)
+WIDE = {"initial_states": [-5, 5]}
 DOUBLE: dict[str, Any] = {
     "dynamics": Dynamics(A=matrix("0 1; 0 0"), B=matrix("0; 1")),
     "coupling": "y1 + 2*y2",
@@ -68,8 +70,12 @@ OWN = (
     "equilibrium",
     "accuracy",
 )
-D, V, R, RATE = vector("4 1"), vector("1 2"), matrix("2 1; 1 2"), 0.125
-UNIT, UNIT_3 = matrix("1 0; 0 1"), matrix("1 0 0; 0 1 0; 0 0 1")
+D = vector("4 1")
+V = vector("1 2")
+R = matrix("2 1; 1 2")
+RATE = 0.125
+UNIT = matrix("1 0; 0 1")
+UNIT_3 = matrix("1 0 0; 0 1 0; 0 0 1")
 STRAIGHT = ranges("1 1, 0 0, 0 0; 0 0, 1 1, 0 0; 0 0, 0 0, 0 0")
 
 
@@ -92,7 +98,8 @@ def problems() -> dict[str, Problem]:
     cubic = {"dynamics": Dynamics(f=["x - x**3"]), "coupling": "3*y", "gains": {1: 4}}
     cubic["leader"] = {"initial": vector("-1/2 1/2"), "stays_in": [-1, 1]}
     near = {"initial": vector("-1/4 1/4"), "stays_in": [-1, 1]}
-    still, at_0 = Dynamics(A=[[0]]), {"leader": {"initial": 0}}
+    still = Dynamics(A=[[0]])
+    at_0 = {"leader": {"initial": 0}}
     groups = Exosystem(A=matrix("0 2; -2 0"), C=matrix("1 0"))
     drag = {"dynamics": Dynamics(A=matrix("0 1; 0 -3"), B=matrix("0; 1")), "gains": {1: [[1, 0]]}}
     swing = Dynamics(f=["x2", "-sin(x1) - 3*x2"], B=matrix("0; 1"))
@@ -219,7 +226,9 @@ def _made(
 
 
 _FORGER = Forger(_made)
-holds, fails, wrong = _FORGER.holds, _FORGER.fails, _FORGER.wrong
+holds = _FORGER.holds
+fails = _FORGER.fails
+wrong = _FORGER.wrong
 
 
 def unreadable(what: str, name: str, **changes: Any) -> Case:

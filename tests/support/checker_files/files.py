@@ -49,7 +49,8 @@ SAYS_NOTHING: Document = {}
 LEFT_OPEN = ("", OPEN)
 OPEN_THEOREM = ("theorem1", NOTHING)
 OPTIONAL = ("theorem1-weighted", "tolerance")
-NO_PAIR, NO_GAIN = {"P": None, "Q": None}, ("observer", dict.fromkeys(("W", "source", "P", "Q")))
+NO_PAIR = {"P": None, "Q": None}
+NO_GAIN = ("observer", dict.fromkeys(("W", "source", "P", "Q")))
 
 
 def second_loop(problem: Problem) -> Loop:
@@ -70,7 +71,9 @@ class Case:
 def outcome(certificate: bytes, problem: bytes) -> int:
     """The exit code that the lone checker has for these files."""
     try:
-        return HOLDS if all(holds for holds, _ in checker.examine(certificate, problem)) else FAILS
+        if all(holds for holds, _ in checker.examine(certificate, problem)):
+            return HOLDS
+        return FAILS
     except checker.Refused:
         return UNREADABLE
 
@@ -202,7 +205,9 @@ def scalar(a: Any, c: Any = 1) -> Exosystem:
 @cache
 def problems() -> dict[str, Problem]:
     """One problem for every rule of the format page."""
-    pair, line, chain = network(), network([[2, 1]]), [[i + 1, i] for i in range(1, 25)]
+    pair = network()
+    line = network([[2, 1]])
+    chain = [[i + 1, i] for i in range(1, 25)]
 
     def held(coupling: Any = "y", gains: Any = 1, network: Network = pair, **more: Any) -> Problem:
         return Problem(network=network, coupling=coupling, gains=gains, **more)
@@ -279,7 +284,9 @@ def _originals() -> dict[str, tuple[bytes, bytes]]:
 @cache
 def cases() -> list[Case]:
     """All of them, the good ones first; those that take long come last."""
-    good = [Case(name, data, problem, HOLDS) for name, (data, problem) in _originals().items()]
+    good = []
+    for name, (data, problem) in _originals().items():
+        good.append(Case(name, data, problem, HOLDS))
     return [*good, *_bent_claims(), *_bent_frames(), *_bent_problems(), *_other_bytes()]
 
 

@@ -137,8 +137,10 @@ def _settings() -> dict[str, tuple[Document, Document]]:
 _FRAMES = Frames(_settings(), FRAME)
 _FORGER = Forger(_FRAMES.case)
 _case = _FRAMES.case
-_holds, _fails = _FORGER.holds, _FORGER.fails
-_wrong, _each_wrong = _FORGER.wrong, _FORGER.each_wrong
+_holds = _FORGER.holds
+_fails = _FORGER.fails
+_wrong = _FORGER.wrong
+_each_wrong = _FORGER.each_wrong
 
 
 def markov(domain: Any, pace: Any, kind: str, **exact: Any) -> Document:

@@ -37,7 +37,8 @@ from dobc_design.certificate.text import certificate_bytes
 from dobc_design.problem.canonical import canonical_bytes
 
 RAMP = Exosystem(A=matrix("0 1; 0 0"), C=matrix("1 0"))
-SLOW, GROWING = Observer(W=[[1]]), Observer(W=[[-1]])
+SLOW = Observer(W=[[1]])
+GROWING = Observer(W=[[-1]])
 
 
 def _pair(*groups: Group, **more: Any) -> Problem:

@@ -133,7 +133,8 @@ def blindfolded(problem: Problem) -> Case:
 def margins_cases() -> Iterator[Case]:
     """All of them, the good ones first."""
     table = {"weights": "1/10", "gains": "1/10"}
-    near, seen = one(uncertainty=table, region=REGION), one(uncertainty=table, **SEEN)
+    near = one(uncertainty=table, region=REGION)
+    seen = one(uncertainty=table, **SEEN)
     fast = {"exosystem": scalar(0), "observer": Observer(W=[[4]]), "gains": 3}
     loose = {"weights": "1/1000", "known_to_agents": False}
     unknown = two(

@@ -66,9 +66,10 @@ class Removal:
 def removals(file: str) -> list[Removal]:
     """Every check of one of the files."""
     conditions = enumerate(_conditions(ast.parse(SOURCES[file])))
-    return [
-        Removal(file, place, node.lineno, ast.unparse(node)) for place, (node, *_) in conditions
-    ]
+    found = []
+    for place, (node, *_) in conditions:
+        found.append(Removal(file, place, node.lineno, ast.unparse(node)))
+    return found
 
 
 def without(removal: Removal) -> ModuleType:
@@ -145,7 +146,8 @@ def _examiner(package: str, changed: dict[str, CodeType], **names: object) -> Mo
     """The module that examines, in a package of this name with some files changed and some names in
     each."""
     modules = {"": ModuleType(package)}
-    modules[""].__path__, sys.modules[package] = [], modules[""]
+    modules[""].__path__ = []
+    sys.modules[package] = modules[""]
     first = min(map(FILES.index, changed), default=0)
     for place, file in enumerate(FILES):
         name = f"{package}.{file}"

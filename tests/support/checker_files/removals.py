@@ -89,7 +89,9 @@ def outcome(examine: object, refused: type[Exception], case: Case) -> int | str:
         return UNREADABLE
     except Exception as error:  # noqa: BLE001 - whatever it is, it is no clean refusal
         return repr(error)
-    return HOLDS if all(holds for holds, _ in findings) else FAILS
+    if all(holds for holds, _ in findings):
+        return HOLDS
+    return FAILS
 
 
 @cache

@@ -121,9 +121,12 @@ def _settings() -> dict[str, tuple[Document, Document]]:
 
 _FRAMES = Frames(_settings(), (*FRAME, "linearisation"))
 _FORGER = Forger(_FRAMES.case)
-certificate, _case = _FRAMES.certificate, _FRAMES.case
-_holds, _fails = _FORGER.holds, _FORGER.fails
-_wrong, _each_wrong = _FORGER.wrong, _FORGER.each_wrong
+certificate = _FRAMES.certificate
+_case = _FRAMES.case
+_holds = _FORGER.holds
+_fails = _FORGER.fails
+_wrong = _FORGER.wrong
+_each_wrong = _FORGER.each_wrong
 
 
 def schedule(domain: Any, rate: Any, rho: str | None, *phases: Document) -> Document:
@@ -462,8 +465,10 @@ def _settled() -> Iterator[Case]:
         return Case(f"{name}: settling, {what}", *certificate(name, check, **kept), code)
 
     forger = Forger(settled, resettled)
-    holds, fails = forger.holds, forger.fails
-    wrong, each_wrong = forger.wrong, forger.each_wrong
+    holds = forger.holds
+    fails = forger.fails
+    wrong = forger.wrong
+    each_wrong = forger.each_wrong
     for check in (STAYS, GOES_ON, WIDE):
         yield holds("chain", "true", check)
     for k, i, value in ((1, 0, "0.499"), (2, 1, "0.624"), (3, 2, "0.812")):

@@ -88,7 +88,8 @@ def asked(reach: Any, disturbance: Any = None) -> Document:
     } | more
 
 
-PAIR_NET, LINE_NET = network(), network([[2, 1]], agents=2)
+PAIR_NET = network()
+LINE_NET = network([[2, 1]], agents=2)
 WATCHED: dict[str, Any] = {
     "exosystem": scalar(0),
     "observer": Observer(W=[[2]]),
@@ -214,8 +215,10 @@ def case(name: str, code: int, what: str, *checks: Document, **overall: Any) -> 
 
 
 FORGER = Forger(case, title=lambda check: f"{check['id']} with")
-holds, fails = FORGER.holds, FORGER.fails
-wrong, each_wrong = FORGER.wrong, FORGER.each_wrong
+holds = FORGER.holds
+fails = FORGER.fails
+wrong = FORGER.wrong
+each_wrong = FORGER.each_wrong
 
 
 # What is true.  All agents pinned with 3 and v = 1: alpha = 3, whatever the nondecreasing coupling.
@@ -381,7 +384,8 @@ def _bent_numbers() -> Iterator[Case]:
     yield from each_wrong("pair", PAIR, rate=[0, None], says=UNDECIDED)
     yield wrong("pair", PAIR, margin=0)
     yield from each_wrong("pair", PAIR, v=[["1"], vector("1 -1"), vector("0 0")])
-    nan, infinite = float("nan"), float("inf")
+    nan = float("nan")
+    infinite = float("inf")
     for values in ([1.0], [1.0, nan], [1.0, infinite], [1.0, -1.0]):
         v = doubles(*values)
         yield wrong("pair", PAIR, f"v = {v}", v=v)
@@ -613,7 +617,8 @@ def _bent_equilibria() -> Iterator[Case]:
     yield wrong("second", good, mode="H", says=REFUTED)
     yield wrong("second", good, domain=box(1), says=REFUTED)
     yield wrong("second", good, "proved", verdict="proved", says=UNDECIDED)
-    witness, sides = good["witness"], good["exact"]["box"]
+    witness = good["witness"]
+    sides = good["exact"]["box"]
     rounded = witness | {"values": [x[:-1] for x in witness["values"]]}
     yield wrong("second", good, "not the middle", witness=rounded, says=REFUTED)
     empty = [[high, low] for low, high in sides]

@@ -142,8 +142,10 @@ def _made(name: str, code: int, what: str, check: Document) -> Case:
 
 
 _FORGER = Forger(_made, bent)
-_holds, _fails = _FORGER.holds, _FORGER.fails
-_wrong, _each_wrong = _FORGER.wrong, _FORGER.each_wrong
+_holds = _FORGER.holds
+_fails = _FORGER.fails
+_wrong = _FORGER.wrong
+_each_wrong = _FORGER.each_wrong
 
 
 def _good() -> Iterator[Case]:

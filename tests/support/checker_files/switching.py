@@ -32,7 +32,8 @@ class Frames:
     def __init__(
         self, settings: dict[str, tuple[Document, Document]], known: tuple[str, ...]
     ) -> None:
-        self._settings, self._known = settings, known
+        self._settings = settings
+        self._known = known
         self.frame, self.problem = cache(self._frame), cache(self._problem)
 
     def _frame(self, name: str) -> bytes:
@@ -56,7 +57,8 @@ class Frames:
     ) -> tuple[bytes, bytes]:
         """With that check, which decides where it is a faster proof of consensus; and the problem
         file."""
-        document, data = json.loads(self.frame(name)), data or self.problem(name)
+        document = json.loads(self.frame(name))
+        data = data or self.problem(name)
         document["problem_sha256"] = hashlib.sha256(data).hexdigest()
         if check is not None:
             document["checks"].append(check)

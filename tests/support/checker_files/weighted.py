@@ -25,13 +25,16 @@ from dobc_design import Exosystem, Network, Observer, Problem
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.problem.canonical import canonical_bytes
 
-LINE, BOTH = network([[2, 1]], agents=2), network({"A": [[2, 1]], "B": [[2, 1]]}, agents=2)
+LINE = network([[2, 1]], agents=2)
+BOTH = network({"A": [[2, 1]], "B": [[2, 1]]}, agents=2)
 WATCHED: dict[str, Any] = {"exosystem": scalar(0), "observer": Observer(W=[[2]])}
 
 # Agent 2 hears agent 1, which is pinned with 1; h' = 1.  M = [[1, 0], [-1, 1]], mu = 1.  With D =
 # (4, 1) and rate 1/2 N = [[4, -1], [-1, 1]], N (1, 2) = (2, 1); with rate 3/4 N = [[2, -1], [-1,
 # 1/2]] is singular.
-D, V, RATE = vector("4 1"), vector("1 2"), 0.5
+D = vector("4 1")
+V = vector("1 2")
+RATE = 0.5
 
 
 def weighted(rate: Any = RATE, id: str = "theorem1-weighted", **exact: Any) -> Document:
@@ -100,7 +103,9 @@ def _made(name: str, code: int, what: str, check: Document) -> Case:
 
 
 _FORGER = Forger(_made)
-holds, fails, wrong = _FORGER.holds, _FORGER.fails, _FORGER.wrong
+holds = _FORGER.holds
+fails = _FORGER.fails
+wrong = _FORGER.wrong
 
 
 @collected

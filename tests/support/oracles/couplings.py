@@ -27,7 +27,9 @@ def exact(text: Any) -> Fraction:
 
 def mp(x: Any) -> Any:
     """A Fraction, a float or an mpmath number at the working precision."""
-    return mpmath.mpf(x.numerator) / x.denominator if isinstance(x, Fraction) else mpmath.mpf(x)
+    if isinstance(x, Fraction):
+        return mpmath.mpf(x.numerator) / x.denominator
+    return mpmath.mpf(x)
 
 
 def rational(rows: Any) -> Any:
@@ -58,7 +60,9 @@ def positive(M: Any, *, strict: bool = True) -> bool:
 def top(M: Any) -> Any:
     """The largest eigenvalue of a symmetric rational matrix, by mpmath."""
     rows = [[mp(exact(str(x))) for x in row] for row in M.tolist()]
-    return max(mpmath.eigsy(mpmath.matrix(rows), eigvals_only=True)) if rows else mpmath.mpf(0)
+    if rows:
+        return max(mpmath.eigsy(mpmath.matrix(rows), eigvals_only=True))
+    return mpmath.mpf(0)
 
 
 class Curve:
@@ -95,7 +99,9 @@ class Curve:
 
     def truly_highest(self, lo: Any, hi: Any, face: int, turns: Any) -> Any:
         """The same for one interval in mpmath numbers."""
-        inner = [min(max(mpmath.mpf(face * float(t)), lo), hi) for t in turns]
+        inner = []
+        for t in turns:
+            inner.append(min(max(mpmath.mpf(face * float(t)), lo), hi))
         return max(face * self.true(face * y) for y in (lo, hi, *inner))
 
     def gains_within(self, lo: Fraction, hi: Fraction, radius: Fraction) -> bool:
@@ -155,10 +161,13 @@ def _extremes(h: Any, grid: Any) -> Any:
     if len(places) > MANY:  # noise of a constant: the lowest and the highest
         order = places[np.argsort(values[places])]
         places = np.concatenate([order[: MANY // 2], order[-MANY // 2 :]])
-    lo, hi = grid[places - 1].copy(), grid[places + 1].copy()
+    lo = grid[places - 1].copy()
+    hi = grid[places + 1].copy()
     sign = np.where(values[places] >= values[places - 1], 1.0, -1.0)
     for _ in range(90):
-        a, b = lo + (hi - lo) / 3, hi - (hi - lo) / 3
+        a = lo + (hi - lo) / 3
+        b = hi - (hi - lo) / 3
         up = sign * h(a) < sign * h(b)
-        lo, hi = np.where(up, a, lo), np.where(up, hi, b)
+        lo = np.where(up, a, lo)
+        hi = np.where(up, hi, b)
     return (lo + hi) / 2

@@ -48,9 +48,12 @@ def of_weights(exact: dict[str, Any]) -> float:
 def of_phases(exact: dict[str, Any], first: list[int]) -> float:
     """Of max |e_i| / v_i(t), without T: v(0) of a first phase, and the largest v(t) exp(rate t) on
     a fine grid."""
-    rate, begun, highest = _number(exact["rate"]), math.inf, 0.0
+    rate = _number(exact["rate"])
+    begun = math.inf
+    highest = 0.0
     for place, phase in enumerate(exact["phases"]):
-        times, v = numbers(phase["times"]), numbers(phase["v"])
+        times = numbers(phase["times"])
+        v = numbers(phase["v"])
         if place in first:
             begun = min(begun, float(v[0].min()))
         fine = np.linspace(0, times[-1], 400)
@@ -70,7 +73,8 @@ def of_entries(entries: list[list[Any]], size: int) -> float:
 def least_factor(check: dict[str, Any], checks: list[dict[str, Any]]) -> float | None:
     """The factor that follows; None where none does (and for a schedule, which needs the
     phases)."""
-    id, exact = check["id"], check.get("exact") or {}
+    id = check["id"]
+    exact = check.get("exact") or {}
     if id in OF_THE_PAPER:
         return 1.0
     if id.endswith("weighted"):
@@ -96,9 +100,10 @@ def false_factor(check: dict[str, Any], checks: list[dict[str, Any]]) -> list[st
     factor = check.get("factor")
     if factor is None:
         return []
-    least = (
-        least_factor(check, checks)
-        if check["verdict"] == "proved" and check["rate"] is not None
-        else None
-    )
-    return [] if least is not None and factor >= max(1.0, least * (1 - CLOSE)) else ["factor"]
+    if check["verdict"] == "proved" and check["rate"] is not None:
+        least = least_factor(check, checks)
+    else:
+        least = None
+    if least is not None and factor >= max(1.0, least * (1 - CLOSE)):
+        return []
+    return ["factor"]

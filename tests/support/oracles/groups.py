@@ -82,7 +82,8 @@ class GroupsOracle(Oracle):
         super().__init__(plain[0])
         names = [document["labels"][min(part["agents"])] for part in given]
         self.parts = {name: Oracle(each) for name, each in zip(names, plain, strict=True)}
-        self.bytes, self.document = canonical_bytes(problem), document
+        self.bytes = canonical_bytes(problem)
+        self.document = document
         self.members = [part["agents"] for part in given]
         self.systems = [(numbers(part["A"]), numbers(part["C"])) for part in given]
         self.A, self.C = (
@@ -109,15 +110,19 @@ class GroupsOracle(Oracle):
 
     def blocks(self, M: Rows, widths: list[int]) -> list[Rows]:
         """The diagonal blocks, one per group."""
-        found, row, column = [], 0, 0
+        found = []
+        row = 0
+        column = 0
         for (A, _), width in zip(self.systems, widths, strict=True):
             found.append([line[column : column + width] for line in M[row : row + len(A)]])
-            row, column = row + len(A), column + width
+            row = row + len(A)
+            column = column + width
         return found
 
     def psi(self, mode: str, P: Rows, Q: Rows, *, margin: Fraction, rate: Fraction) -> Rows:
         """(18) with the blocks of every agent's own group, written entry by entry."""
-        m, top = self.m, self.n * self.m
+        m = self.m
+        top = self.n * self.m
         own = {i: g for g, agents in enumerate(self.members) for i in agents}
         orders = [len(self.systems[own[i]][0]) for i in range(self.n)]
         whole = zeros(top + sum(orders), top + sum(orders))
@@ -139,7 +144,8 @@ class GroupsOracle(Oracle):
         return whole
 
     def false_claims(self, document: dict[str, Any]) -> list[str]:
-        observer, false = document["observer"], []
+        observer = document["observer"]
+        false = []
         orders = [len(A) for A, _ in self.systems]
         for name, widths in (("W", [self.m] * len(orders)), ("P", orders)):
             M = [] if observer[name] is None else numbers(observer[name])
@@ -185,11 +191,10 @@ class GroupsOracle(Oracle):
             return ["number"]
         assert P is not None and Q is not None
         v = [number(text) for text in check["witness"]["values"]]
-        m, own = self.m, {i: g for g, agents in enumerate(self.members) for i in agents}
-        Ps, Qs = (
-            self.blocks(P, [len(A) for A, _ in self.systems]),
-            self.blocks(Q, [m] * len(self.systems)),
-        )
+        m = self.m
+        own = {i: g for g, agents in enumerate(self.members) for i in agents}
+        Ps = self.blocks(P, [len(A) for A, _ in self.systems])
+        Qs = self.blocks(Q, [m] * len(self.systems))
         tails = []
         for (A, C), one, other in zip(self.systems, Ps, Qs, strict=True):
             half = plus(dot(one, A), times(-1, dot(other, C)))
@@ -218,7 +223,8 @@ def diagonal(blocks: list[Rows]) -> Rows:
     for block in blocks:
         for k, line in enumerate(block):
             whole[row + k][column : column + len(line)] = line
-        row, column = row + len(block), column + len(block[0])
+        row = row + len(block)
+        column = column + len(block[0])
     return whole
 
 

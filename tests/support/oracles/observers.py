@@ -55,7 +55,10 @@ def solve_dense(program: Program, *, solver: str = "CLARABEL") -> Solution:
 
 
 def _margin(program: Margin, variables: dict[str, Any]) -> Any:
-    P, Q, t, constraints = variables["P"], variables.get("Q"), cp.Variable(), []
+    P = variables["P"]
+    Q = variables.get("Q")
+    t = cp.Variable()
+    constraints = []
     for pencil in program.pencils:
         total = cp.Constant(as_sparse(pencil.constant))
         for (name, i, j), coefficient in pencil.coefficients.items():
@@ -97,7 +100,8 @@ def solve_reduced(problem: Problem) -> Solution:
 
 
 def sampled_in_floats(exosystem, gain, period):
-    A, C = to_float(exosystem.A), to_float(exosystem.C)
+    A = to_float(exosystem.A)
+    C = to_float(exosystem.C)
     q = len(A)
     block = linalg.expm(np.block([[A, np.eye(q)], [np.zeros((q, 2 * q))]]) * period)
     return block[:q, :q] - to_float(gain) @ (C @ block[:q, q:] / period)
@@ -110,7 +114,9 @@ def control_norm(system: StateSpace, kind) -> float:
 
     F, B, C, D = (to_float(x) for x in (system.F, system.B, system.C, system.D))
     size = max(B.shape[1], C.shape[0])
-    wide, tall, both = np.zeros((len(F), size)), np.zeros((size, len(F))), np.zeros((size, size))
+    wide = np.zeros((len(F), size))
+    tall = np.zeros((size, len(F)))
+    both = np.zeros((size, size))
     wide[:, : B.shape[1]], tall[: C.shape[0]], both[: D.shape[0], : D.shape[1]] = B, C, D
     return float(
         control.norm(control.ss(F, wide, tall, both, remove_useless_states=False), kind, tol=1e-10)

@@ -42,7 +42,9 @@ class Quadratic:
     """One claim (the ``exact`` of a check) about V = e'P_e e + sum eps_i'P eps_i."""
 
     def __init__(self, regions: Any, e: dict[str, Any]) -> None:
-        self.r, self.e, self.size = regions, e, regions.n * regions.m
+        self.r = regions
+        self.e = e
+        self.size = regions.n * regions.m
         self.P_e = zeros(self.size)
         for a, b, value in e["P_e"]:
             self.P_e[a, b] = self.P_e[b, a] = fmpq(exact(value))
@@ -56,7 +58,8 @@ class Quadratic:
         wrong = self.false_certificate(domain)
         if wrong:
             return wrong
-        rate, level = check["rate"], self.level
+        rate = check["rate"]
+        level = self.level
         if rate is not None and not 0 < Fraction(repr(rate)) <= self.rate:
             return ["rate"]
         if check["domain"] == "global":
@@ -67,7 +70,9 @@ class Quadratic:
         taken = mp(R) ** 2 * top(self.P_e) + (
             0 if self.P is None else self.r.n * mp(s) ** 2 * top(self.P)
         )
-        return [] if taken <= mp(level) * (1 + mp(FINE)) else ["the ball"]
+        if taken <= mp(level) * (1 + mp(FINE)):
+            return []
+        return ["the ball"]
 
     def false_certificate(self, domain: str) -> list[str]:
         """All of lure but what is said of the domain."""
@@ -90,7 +95,9 @@ class Quadratic:
             for z in self.relied():
                 if fmpq(self.level) * (z.transpose() * inverse * z)[0, 0] > fmpq(self.radius**2):
                     return ["the level set leaves the gains"]
-        return ["V grows"] if self._grows(self.level or Fraction(1), Fraction(0)) else []
+        if self._grows(self.level or Fraction(1), Fraction(0)):
+            return ["V grows"]
+        return []
 
     def _omega(self) -> Any:
         F = self.r.F
@@ -102,7 +109,8 @@ class Quadratic:
         found = {}
         for arcs in self.r.modes.values():
             for i, j, _ in arcs:
-                h, m = self.r.h[i, j], self.r.m
+                h = self.r.h[i, j]
+                m = self.r.m
                 if isinstance(h, str):
                     curved = [] if self.r.linear((i, j), 0) else list(range(m))
                 else:
@@ -124,16 +132,15 @@ class Quadratic:
 
     def _number_of(self, h: Any) -> int:
         others = [each for k, each in enumerate(self.r.special) if each not in self.r.special[:k]]
-        return (
-            0
-            if h == self.r.default
-            else 1 + [each for each in others if each != self.r.default].index(h)
-        )
+        if h == self.r.default:
+            return 0
+        return 1 + [each for each in others if each != self.r.default].index(h)
 
     def _gains_hold(self) -> bool:
         tables = self._tables()
         for arc in self.r.h:
-            h, table = self.r.h[arc], tables[self._number_of(self.r.h[arc])]
+            h = self.r.h[arc]
+            table = tables[self._number_of(self.r.h[arc])]
             if any(lo > hi for row in table for lo, hi in row):
                 return False
             if isinstance(h, str):
@@ -183,7 +190,8 @@ class Quadratic:
                         )
 
     def _negative(self, mode: str) -> bool:
-        method, channels = self.e["method"], list(self._channels(mode))
+        method = self.e["method"]
+        channels = list(self._channels(mode))
         base = self._base()
         if method == "vertices":
             wide = [k for k, (_, _, lo, hi) in enumerate(channels) if lo < hi]
@@ -200,7 +208,8 @@ class Quadratic:
                 if lo < hi:
                     if tau <= 0:
                         return False
-                    t, D = fmpq(tau), (hi - lo) / 2
+                    t = fmpq(tau)
+                    D = (hi - lo) / 2
                     Pb = self.P_e * b
                     M = (
                         M
@@ -219,17 +228,17 @@ class Quadratic:
 
     def _base(self) -> Any:
         """-(P_e K + K'P_e) + 2 rate P_e + P_e (I (x) S) P_e."""
-        size, m = self.size, self.r.m
-        K, S = zeros(size), zeros(size)
+        size = self.size
+        m = self.r.m
+        K = zeros(size)
+        S = zeros(size)
         for i, k in self.r.gains.items():
             for c, d in product(range(m), repeat=2):
                 K[i * m + c, i * m + d] = fmpq(k[c][d])
         if self.P is not None:
             for i, (first, states) in enumerate(self.r.own):
-                C, N = (
-                    part(self.r.C, range(first, first + m), states),
-                    part(-self._omega(), states, states),
-                )
+                C = part(self.r.C, range(first, first + m), states)
+                N = part(-self._omega(), states, states)
                 border = C * N.inv() * C.transpose()
                 for c, d in product(range(m), repeat=2):
                     S[i * m + c, i * m + d] = border[c, d]
@@ -252,7 +261,8 @@ class Quadratic:
     def _grows(self, high: Fraction, low: Fraction) -> bool:
         """Whether V' > -2 rate V at a random point with low <= V <= high; eps takes part in some of
         them."""
-        rng, r = np.random.default_rng(0), self.r
+        rng = np.random.default_rng(0)
+        r = self.r
         P_e = in_floats(self.P_e)
         e = rng.normal(size=(self.size, POINTS))
         # few agents away from the target
@@ -272,7 +282,8 @@ class Quadratic:
             [1e-3, 0.1, 0.3, 0.6, 0.9, 1.0], size=POINTS
         )
         scale = np.where(ok, np.sqrt(wanted / np.where(ok, value, 1)), 0)
-        e, eps = e * scale, eps * scale
+        e = e * scale
+        eps = eps * scale
         for mode in r.modes:
             d = r.field(mode, e.reshape(r.n, r.m, -1))
             change = np.zeros(POINTS)

@@ -64,8 +64,10 @@ class Regions:
     """What is true of the regional checks of one problem (``document``: problem.json)."""
 
     def __init__(self, document: dict[str, Any], W: Any) -> None:
-        self.document, self.W = document, W
-        self.n, self.m = len(document["labels"]), document["dimension"]
+        self.document = document
+        self.W = W
+        self.n = len(document["labels"])
+        self.m = document["dimension"]
         self.modes = {
             mode["name"]: [(i, j, exact(w)) for i, j, w in mode["arcs"]]
             for mode in document["modes"]
@@ -96,7 +98,8 @@ class Regions:
     def held(self, i: int) -> Fraction:
         """The least of k_cc - sum over d != c of |k_cd|, every entry off by the error of the
         gains."""
-        k, off = self.gains.get(i, [[Fraction(0)]]), self.errors[1]
+        k = self.gains.get(i, [[Fraction(0)]])
+        off = self.errors[1]
         rows = [
             [x - off * abs(x) if c == d else abs(x) * (1 + off) for d, x in enumerate(row)]
             for c, row in enumerate(k)
@@ -123,14 +126,17 @@ class Regions:
             return [f"unreadable: {error!r}"]
 
     def _false(self, check: dict[str, Any], document: dict[str, Any], domain: str) -> list[str]:
-        id, verdict = check["id"], check["verdict"]
+        id = check["id"]
+        verdict = check["verdict"]
         if check["margin"] is not None or check.get("mode") is not None:
             return ["margin or mode"]
         if verdict != "proved" and check["domain"] != domain:
             return ["domain"]
         if verdict == "undecided":
             claims = [check["rate"], check.get("exact"), check.get("witness")]
-            return [] if claims == [None] * 3 else ["claims of an undecided check"]
+            if claims == [None] * 3:
+                return []
+            return ["claims of an undecided check"]
         if self.A is not None and self.W is None:
             return ["no W"]
         if id == "tolerance" and "v" in check["exact"]:
@@ -138,7 +144,9 @@ class Regions:
         if id == "equilibrium":
             return self._equilibrium(check)
         if verdict == "refuted":
-            return self._stuck(check) if id == "max-separable" else ["nothing refutes this"]
+            if id == "max-separable":
+                return self._stuck(check)
+            return ["nothing refutes this"]
         if check.get("witness") is not None or not self._domain_is_one(check["domain"]):
             return ["witness or domain"]
         if id == "lure":
@@ -188,20 +196,20 @@ class Regions:
 
     def covers(self, check: dict[str, Any]) -> bool:
         """Whether the domain of a check holds all starts of the region."""
-        region, domain = self.document["region"], check["domain"]
+        region = self.document["region"]
+        domain = check["domain"]
         if region is None or domain == "global":
             return bool(domain == "global")
         pairs = [[exact(x) for x in pair] for pair in region["initial_states"]]
-        reach = [
-            max(max(abs(lo - g[c]), abs(hi - g[c])) for g in self.goals())
-            for c, (lo, hi) in enumerate(pairs)
-        ]
-        R, s = Fraction(repr(domain["radius"])), Fraction(repr(domain["disturbance"]))
-        inside = (
-            max(reach) <= R
-            if domain["kind"] == "box"
-            else self.n * sum(r * r for r in reach) <= R**2
-        )
+        reach = []
+        for c, (lo, hi) in enumerate(pairs):
+            reach.append(max(max(abs(lo - g[c]), abs(hi - g[c])) for g in self.goals()))
+        R = Fraction(repr(domain["radius"]))
+        s = Fraction(repr(domain["disturbance"]))
+        if domain["kind"] == "box":
+            inside = max(reach) <= R
+        else:
+            inside = self.n * sum(r * r for r in reach) <= R**2
         return inside and s >= exact(region["initial_disturbance"] or 0)
 
     def goals(self) -> list[list[Fraction]]:
@@ -244,7 +252,9 @@ class Regions:
         self, v: Any, sizes: Any, rho: Fraction, alpha: Fraction, stretch: Any
     ) -> tuple[Any, ...]:
         """The s / rho, the relative excess, mode, face and agent of the worst row, in floats."""
-        s, u, theta = float(rho) * sizes, [float(x) for x in v], float(stretch)
+        s = float(rho) * sizes
+        u = [float(x) for x in v]
+        theta = float(stretch)
         found: tuple[Any, ...] = (1.0, -np.inf, "", 1, 0)
         for mode, arcs in self.modes.items():
             for face in (1, -1):
@@ -252,7 +262,8 @@ class Regions:
                 size = np.abs(total) + 1e-300
                 for i, j, w in arcs:
                     part = self._arc(i, j, v)
-                    low, high = -s * (u[i] + theta * u[j]), s * (theta * u[j] - u[i])
+                    low = -s * (u[i] + theta * u[j])
+                    high = s * (theta * u[j] - u[i])
                     values = part[0].highest(
                         low, high, face, part[0].turns(part[1] * float(rho) * theta)
                     )
@@ -275,12 +286,14 @@ class Regions:
         size = abs(total)
         for i, j, w in self.modes[mode]:
             if i == agent:
-                lo, hi = -s * (mp(v[i]) + theta * mp(v[j])), s * (theta * mp(v[j]) - mp(v[i]))
+                lo = -s * (mp(v[i]) + theta * mp(v[j]))
+                hi = s * (theta * mp(v[j]) - mp(v[i]))
                 part, scale = self._arc(i, j, v)
                 near = part.turns(scale * float(s) * float(theta))
                 value = mp(w) * part.truly_highest(lo, hi, face, near)
                 value += mp(self.errors[0]) * abs(value)
-                total, size = total + value, size + abs(value)
+                total = total + value
+                size = size + abs(value)
         return total, size
 
     # checks
@@ -288,19 +301,22 @@ class Regions:
     def rate_of(self, e: dict[str, Any], v: list[Fraction]) -> Fraction:
         """The rate of V; raises where the rows or the conditions on P, beta, kappa and size do not
         hold."""
-        alpha, rho = exact(e["alpha"]), Fraction(1) if e["rho"] is None else exact(e["rho"])
+        alpha = exact(e["alpha"])
+        rho = Fraction(1) if e["rho"] is None else exact(e["rho"])
         if alpha <= 0 or rho <= 0 or self.false_rows(v, rho=rho, alpha=alpha):
             raise ValueError("rows")
         if self.A is None:
             return alpha
-        beta, kappa = exact(e["beta"]), exact(e["kappa"])
+        beta = exact(e["beta"])
+        kappa = exact(e["kappa"])
         if self.false_observer(e) or kappa <= 0 or kappa * beta * min(v) <= 1:
             raise ValueError("kappa")
         return min(alpha, beta - 1 / (kappa * min(v)))
 
     def false_observer(self, e: dict[str, Any]) -> list[str]:
         """What is wrong with P, beta and size."""
-        P, (beta, size) = rational(e["P"]), (exact(e[name]) for name in ("beta", "size"))
+        P = rational(e["P"])
+        (beta, size) = (exact(e[name]) for name in ("beta", "size"))
         held = [
             P,
             diagonal([fmpq(size)] * P.nrows()) - P,
@@ -335,7 +351,9 @@ class Regions:
         return rate, []
 
     def _delay(self, e: dict[str, Any], rate: Any, proof: dict[str, Any]) -> list[str]:
-        v, b, T = self.vector(proof["v"]), exact(e["rate"]), exact(e["delay"])
+        v = self.vector(proof["v"])
+        b = exact(e["rate"])
+        T = exact(e["delay"])
         if (
             T < 0
             or not 0 < Fraction(repr(rate)) <= b
@@ -343,24 +361,26 @@ class Regions:
         ):
             return ["rate"]
         rho = Fraction(1) if proof["rho"] is None else exact(proof["rho"])
-        return (
-            ["rows"] if self.false_rows(v, rho=rho, alpha=b, stretch=mpmath.exp(mp(b * T))) else []
-        )
+        if self.false_rows(v, rho=rho, alpha=b, stretch=mpmath.exp(mp(b * T))):
+            return ["rows"]
+        return []
 
     def _sampling(self, e: dict[str, Any], rate: Any, proof: dict[str, Any]) -> list[str]:
         """The largest |e_ic| one period later, from any point of any box, against f s v_i."""
-        T, f, alpha = exact(e["period"]), exact(e["factor"]), exact(proof["alpha"])
+        T = exact(e["period"])
+        f = exact(e["factor"])
+        alpha = exact(proof["alpha"])
         if T <= 0 or not 1 - T * alpha <= f < 1 or rate is not None:
             return ["period, factor"]
-        v, rho = (
-            self.vector(proof["v"]),
-            Fraction(1) if proof["rho"] is None else exact(proof["rho"]),
-        )
-        u, period = np.array([float(x) for x in v]), float(T)
-        rest = [
-            [sum(abs(x) for d, x in enumerate(row) if d != c) for c, row in enumerate(k)]
-            for k in self.K
-        ]
+        v = self.vector(proof["v"])
+        rho = Fraction(1) if proof["rho"] is None else exact(proof["rho"])
+        u = np.array([float(x) for x in v])
+        period = float(T)
+        rest = []
+        for k in self.K:
+            rest.append(
+                [sum(abs(x) for d, x in enumerate(row) if d != c) for c, row in enumerate(k)]
+            )
         for s in float(rho) * FEW_SIZES:
             for arcs in self.modes.values():
                 for face in (1, -1):
@@ -386,10 +406,13 @@ class Regions:
     ) -> list[str]:
         """The rows with every weight and gain at its worse end: those of ``base``, or at a target
         without kinks."""
-        e, given = check["exact"], self.document.get("uncertainty") or {}
+        e = check["exact"]
+        given = self.document.get("uncertainty") or {}
         self.errors = exact(e["weights"]), exact(e["gains"])
         try:
-            alpha, v, rate = exact(e["alpha"]), self.vector(v), Fraction(repr(check["rate"] or 0.0))
+            alpha = exact(e["alpha"])
+            v = self.vector(v)
+            rate = Fraction(repr(check["rate"] or 0.0))
             rho = Fraction(1, 10**9) if base is None else exact(base["rho"] or 1)
             fails = alpha <= 0 or self.false_rows(v, rho=rho, alpha=alpha)
         finally:
@@ -410,13 +433,17 @@ class Regions:
             return ["errors or eta"]
         if base is None:
             said = check["domain"] == domain and (check["rate"] is None) is (self.A is not None)
-            return [] if said and rate <= alpha and "eta" not in e else ["domain or rate"]
+            if said and rate <= alpha and "eta" not in e:
+                return []
+            return ["domain or rate"]
         if self.A is None:
             return [] if 0 < rate <= alpha else ["rate"]
         eta, beta, kappa = (exact(x) for x in (e.get("eta", "0"), base["beta"], base["kappa"]))
         if "eta" in e and eta < self._pull(v, rho, base) * weights * (1 - Fraction(1, 10**6)):
             return ["eta"]
-        return [] if 0 < rate <= min(alpha - kappa * eta, beta - 1 / (kappa * min(v))) else ["rate"]
+        if 0 < rate <= min(alpha - kappa * eta, beta - 1 / (kappa * min(v))):
+            return []
+        return ["rate"]
 
     def _pull(self, v: list[Fraction], rho: Fraction, base: dict[str, Any]) -> Fraction:
         """max |W|_P sum_j w (v_i + v_j) sup |h(y)/y| over the modes and agents, from samples of
@@ -425,7 +452,8 @@ class Regions:
             np.array([[float(Fraction(str(x))) for x in row] for row in M.tolist()])
             for M in (rational(base["P"]), rational(self.W))
         )
-        roots, most = np.sqrt(np.einsum("ak,ab,bk->k", W, P, W)), 0.0
+        roots = np.sqrt(np.einsum("ak,ab,bk->k", W, P, W))
+        most = 0.0
         norm = max(sum(roots[k : k + self.m]) for k in range(0, len(roots), self.m))
         for arcs in self.modes.values():
             for agent in range(self.n):
@@ -443,14 +471,14 @@ class Regions:
         """u_i = -K_i e_i - d_i + C eps_i on {N + kappa E <= rho}, with E at most its start, unless
         errors of weights act on it, and with the largest disturbance that is given.  A box of its
         own is not judged here."""
-        e, table, plant = (
-            check["exact"],
-            self.document["actuators"],
-            self.document.get("uncertainty") or {},
-        )
+        e = check["exact"]
+        table = self.document["actuators"]
+        plant = self.document.get("uncertainty") or {}
         if "v" in e:
             return []
-        v, rho, off = self.vector(base["v"]), exact(e["rho"]), exact(plant.get("gains") or 0)
+        v = self.vector(base["v"])
+        rho = exact(e["rho"])
+        off = exact(plant.get("gains") or 0)
         _, wrong = self._holding({**base, "rho": e["rho"]}, check["domain"], domain)
         if (
             wrong
@@ -465,11 +493,10 @@ class Regions:
                 * max((sum(map(abs, row)) for row in self.gains.get(i, [[0]])), default=0)
                 * (1 + off)
             )
-            limit = (
-                table["limit"]
-                if not isinstance(table["limit"], dict)
-                else table["limit"].get(label)
-            )
+            if not isinstance(table["limit"], dict):
+                limit = table["limit"]
+            else:
+                limit = table["limit"].get(label)
             most = exact(e["inputs"][label])
             left = most - size * rho - exact(table["amplitude"])
             above = limit is not None and most > exact(limit)
@@ -512,12 +539,15 @@ class Regions:
             and check["rate"] is None
             and check.get("exact") is None
         )
-        return [] if group and blocked and said and self.by_component else ["agents"]
+        if group and blocked and said and self.by_component:
+            return []
+        return ["agents"]
 
     def _equilibrium(self, check: dict[str, Any]) -> list[str]:
         """A root, found by Newton's method from the middle, that lies in the box, which lies in the
         region."""
-        e, shape = check["exact"], (self.n, self.m)
+        e = check["exact"]
+        shape = (self.n, self.m)
         box = [[exact(x) for x in pair] for pair in e["box"]]
         if (
             check["verdict"] != "refuted"
@@ -543,13 +573,16 @@ class Regions:
             float(lo) - 1e-12 <= x <= float(hi) + 1e-12
             for x, (lo, hi) in zip(found, box, strict=True)
         )
-        return [] if rest < 1e-9 * (1 + width) and inside else ["no equilibrium there"]
+        if rest < 1e-9 * (1 + width) and inside:
+            return []
+        return ["no equilibrium there"]
 
     def field(self, mode: str, e: Any) -> Any:
         """h(e) - K e for an array of shape (n, m, ...)."""
         total = -np.einsum("iab,ib...->ia...", self.K, e)
         for i, j, w in self.modes[mode]:
-            h, y = self.h[i, j], e[j] - e[i]
+            h = self.h[i, j]
+            y = e[j] - e[i]
             total[i] += float(w) * (
                 curve(h).fast(y) if isinstance(h, str) else field_part(tuple(h))[0](y)
             )

@@ -23,7 +23,8 @@ class Tube:
     """The boxes, their times and the bound of |C eps_i|; raises ValueError where they are none."""
 
     def __init__(self, regions: Any, own: dict[str, Any], s: Fraction) -> None:
-        self.regions, self.own = regions, own
+        self.regions = regions
+        self.own = own
         self.times = [exact(t) for t in own["times"]]
         self.faces = [[[exact(x) for x in box] for box in own[face]] for face in ("upper", "lower")]
         sizes = {len(box) for face in self.faces for box in face}
@@ -50,24 +51,25 @@ class Tube:
 
     def widths(self) -> list[Fraction]:
         """Of the last box."""
-        return [max(pair) for pair in zip(self.faces[0][-1], self.faces[1][-1], strict=True)]
+        found = []
+        for pair in zip(self.faces[0][-1], self.faces[1][-1], strict=True):
+            found.append(max(pair))
+        return found
 
     def false_rows(self) -> bool:
         """Whether some sample of a row pushes a face outward faster than it moves."""
-        r, (upper, lower) = self.regions, (np.array(face, dtype=float) for face in self.faces)
-        held, times = (
-            np.array([float(r.held(i)) for i in range(r.n)]),
-            np.array(self.times, dtype=float),
-        )
+        r = self.regions
+        (upper, lower) = (np.array(face, dtype=float) for face in self.faces)
+        held = np.array([float(r.held(i)) for i in range(r.n)])
+        times = np.array(self.times, dtype=float)
         for k in range(len(times) - 1):
             c = float(self.noise(self.times[k])) * np.exp(
                 -float(self.beta) * PARTS * (times[k + 1] - times[k])
             )
             for face, own, other in ((1, upper, lower), (-1, lower, upper)):
-                speed = [
-                    float((b - a) / (self.times[k + 1] - self.times[k]))
-                    for a, b in self._ends(k, face)
-                ]
+                speed = []
+                for a, b in self._ends(k, face):
+                    speed.append(float((b - a) / (self.times[k + 1] - self.times[k])))
                 u, low = (
                     (1 - PARTS) * x[k][:, None] + PARTS * x[k + 1][:, None] for x in (own, other)
                 )
@@ -91,11 +93,13 @@ class Tube:
 
 def false_settling(regions: Any, check: dict[str, Any]) -> list[str]:
     """What is not as the page says; ValueError for what cannot be read."""
-    e, domain = check["exact"], check["domain"]
+    e = check["exact"]
+    domain = check["domain"]
     R, s = (Fraction(repr(domain[name])) for name in ("radius", "disturbance"))
     if check["rate"] is not None or domain["kind"] != "box" or not isinstance(e["time"], str):
         return ["rate, domain or time"]
-    tube, last = Tube(regions, e["tube"], s), e["last"]
+    tube = Tube(regions, e["tube"], s)
+    last = e["last"]
     if min(x for face in tube.faces for x in face[0]) < R:
         return ["the first box"]
     mixes = any(
@@ -122,11 +126,9 @@ def false_settling(regions: Any, check: dict[str, Any]) -> list[str]:
     if wrong or rate <= 0 or last["kind"] not in ("max-separable", "quadratic"):
         return [wrong or "rate or kind"]
     left = mp(height * level) * mpmath.exp(-mp(rate * (time - tube.times[-1])))
-    return (
-        []
-        if time >= tube.times[-1] and left <= mp(tolerance) * (1 + mp(FINE))
-        else ["the tolerance"]
-    )
+    if time >= tube.times[-1] and left <= mp(tolerance) * (1 + mp(FINE)):
+        return []
+    return ["the tolerance"]
 
 
 def _separable(
@@ -152,7 +154,8 @@ def _quadratic(
 ) -> tuple[Fraction, str]:
     (level, height, stretch), claim, n = sizes, Quadratic(regions, own), regions.n
     wrong = claim.false_certificate("global" if regions.all_linear() else "consensus")
-    inverse, rows = claim.P_e.inv(), range(n * regions.m)
+    inverse = claim.P_e.inv()
+    rows = range(n * regions.m)
     if wrong or height**2 < max(fraction(inverse[k, k]) for k in rows):
         return claim.rate, "; ".join(wrong) or "height"
     wide = [tube.widths()[k // regions.m] for k in rows]

@@ -51,14 +51,17 @@ def zeros(rows: int, columns: int) -> Rows:
 
 
 def eye(size: int) -> Rows:
-    return [[Fraction(int(i == j)) for j in range(size)] for i in range(size)]
+    found = []
+    for i in range(size):
+        found.append([Fraction(int(i == j)) for j in range(size)])
+    return found
 
 
 def plus(*terms: Rows) -> Rows:
-    return [
-        [sum(xs, Fraction(0)) for xs in zip(*rows, strict=True)]
-        for rows in zip(*terms, strict=True)
-    ]
+    found = []
+    for rows in zip(*terms, strict=True):
+        found.append([sum(xs, Fraction(0)) for xs in zip(*rows, strict=True)])
+    return found
 
 
 def times(factor: Fraction | int, M: Rows) -> Rows:
@@ -66,10 +69,12 @@ def times(factor: Fraction | int, M: Rows) -> Rows:
 
 
 def dot(M: Rows, N: Rows) -> Rows:
-    return [
-        [sum((x * N[k][j] for k, x in enumerate(row)), Fraction(0)) for j in range(len(N[0]))]
-        for row in M
-    ]
+    found = []
+    for row in M:
+        found.append(
+            [sum((x * N[k][j] for k, x in enumerate(row)), Fraction(0)) for j in range(len(N[0]))]
+        )
+    return found
 
 
 def turned(M: Rows) -> Rows:
@@ -81,7 +86,11 @@ def kron(M: Rows, N: Rows) -> Rows:
 
 
 def block(rows: Sequence[Sequence[Rows]]) -> Rows:
-    return [[x for part in row for x in part[i]] for row in rows for i in range(len(row[0]))]
+    found = []
+    for row in rows:
+        for i in range(len(row[0])):
+            found.append([x for part in row for x in part[i]])
+    return found
 
 
 def positive_definite(M: Rows) -> bool:
@@ -226,7 +235,8 @@ class Oracle:
 
     def hidden(self) -> sp.Matrix:
         """A restricted to what C never sees, by SymPy."""
-        A, C = sp.Matrix(self.A), sp.Matrix(self.C)
+        A = sp.Matrix(self.A)
+        C = sp.Matrix(self.C)
         N = sp.Matrix.vstack(*(C * A**k for k in range(A.rows))).nullspace()
         if not N:
             return sp.zeros(0, 0)
@@ -349,7 +359,8 @@ class Oracle:
         return false + self._false_overall(document, W)
 
     def _false_overall(self, document: dict[str, Any], W: Rows | None) -> list[str]:
-        verdict, checks = document["verdict"], document["checks"]
+        verdict = document["verdict"]
+        checks = document["checks"]
         regions = Regions(self.document, document["observer"]["W"])
         covering = [
             c for c in checks if c["id"] in IDS and c["verdict"] == "proved" and regions.covers(c)
@@ -358,7 +369,9 @@ class Oracle:
             c for c in covering if c["id"] == document["covered_by"] and c["id"] in COVERING
         ]
         if verdict == "proved" and carrying:
-            return [] if document["rate"] == carrying[0]["rate"] else ["rate"]
+            if document["rate"] == carrying[0]["rate"]:
+                return []
+            return ["rate"]
         own = [
             c
             for c in checks
@@ -366,26 +379,22 @@ class Oracle:
         ]
         if verdict == "proved" and own and (self.document["region"] is None or self.linear):
             said = (document["rate"], own[0]["verdict"]) == (own[0]["rate"], "proved")
-            return (
-                [] if said and self.error_decays(W) else ["rate or the check of a proved verdict"]
-            )
+            if said and self.error_decays(W):
+                return []
+            return ["rate or the check of a proved verdict"]
         beside = self.document["region"] is not None and any(
             c["id"] == "equilibrium" and c["verdict"] == "refuted" for c in checks
         )
         if verdict == "refuted" and beside:
-            return (
-                []
-                if document["rate"] is None and document["covered_by"] is None
-                else ["a rate without proof"]
-            )
+            if document["rate"] is None and document["covered_by"] is None:
+                return []
+            return ["a rate without proof"]
         if verdict not in self.verdicts(W):
             return [f"verdict {verdict}"]
         if verdict != "proved":
-            return (
-                []
-                if document["rate"] is None and document["covered_by"] is None
-                else ["a rate without proof"]
-            )
+            if document["rate"] is None and document["covered_by"] is None:
+                return []
+            return ["a rate without proof"]
         carrying = [
             c for c in checks if c["id"] == document["covered_by"] and c["verdict"] == "proved"
         ]
@@ -393,21 +402,26 @@ class Oracle:
         if not carrying or document["covered_by"] not in (theorem, f"{theorem}-printed"):
             return ["covered_by"]
         rates = [c["rate"] for c in carrying]
-        return [] if document["rate"] in ((None,) if None in rates else (min(rates),)) else ["rate"]
+        if document["rate"] in ((None,) if None in rates else (min(rates),)):
+            return []
+        return ["rate"]
 
     def _false_in(
         self, check: dict[str, Any], W: Rows | None, P: Rows | None, Q: Rows | None
     ) -> list[str]:
         if not set(check) <= FIELDS:
             return ["unknown fields"]
-        id, verdict = check["id"], check["verdict"]
+        id = check["id"]
+        verdict = check["verdict"]
         if (check.get("mode") is not None) != (id in ("reachability", "lemma1")):
             return ["mode"]
         if check["domain"] != ("global" if id in PLAIN else self.domain):
             return ["domain"]
         if verdict == "undecided":
             claims = [check["margin"], check["rate"], check.get("exact"), check.get("witness")]
-            return [] if claims == [None] * 4 else ["claims of an undecided check"]
+            if claims == [None] * 4:
+                return []
+            return ["claims of an undecided check"]
         if id in PLAIN:
             return self._false_plain(check, W)
         if not self.smooth:
@@ -419,44 +433,45 @@ class Oracle:
         if id.endswith("printed"):
             if self.P is None or self.W is None:
                 return ["no printed pair"]
-            P, Q = self.P, dot(self.P, self.W)
+            P = self.P
+            Q = dot(self.P, self.W)
         return (self._false_proof if verdict == "proved" else self._false_refutation)(
             check, W, P, Q
         )
 
     def _false_plain(self, check: dict[str, Any], W: Rows | None) -> list[str]:
-        id, exact = check["id"], check.get("exact")
+        id = check["id"]
+        exact = check.get("exact")
         s = sp.Symbol("s")
         if check["margin"] is not None or (check["rate"] is not None and id != "hurwitz"):
             return ["number"]
         if id == "reachability":
             alone = [self.labels[i] for i in self.unreached([check["mode"]])]
             witness = {"kind": "agents", "labels": alone} if alone else None
-            true, said = not alone, exact is None and check.get("witness") == witness
+            true = not alone
+            said = exact is None and check.get("witness") == witness
         elif id == "observability":
             rank = len(self.A or []) - self.hidden().rows
-            true, said = (
-                rank == len(self.A or []),
-                set(exact) == {"rank"} and number(exact["rank"]) == rank,
-            )
+            true = rank == len(self.A or [])
+            said = set(exact) == {"rank"} and number(exact["rank"]) == rank
         elif id == "detectability":
-            polynomial = (
-                sp.Poly(self.hidden().charpoly(s).as_expr(), s)
-                if self.hidden().rows
-                else sp.Poly(1, s)
-            )
-            true, said = (
-                self.detectable(),
-                sp.Poly(read(exact["unobservable_polynomial"]), s) == polynomial,
-            )
+            if self.hidden().rows:
+                polynomial = sp.Poly(self.hidden().charpoly(s).as_expr(), s)
+            else:
+                polynomial = sp.Poly(1, s)
+            true = self.detectable()
+            said = sp.Poly(read(exact["unobservable_polynomial"]), s) == polynomial
         else:
             if W is None:
                 return ["no W"]
-            true, said = hurwitz(self.error(W)), True
+            true = hurwitz(self.error(W))
+            said = True
             if check["rate"] is not None:
                 shifted = plus(self.error(W), times(Fraction(repr(check["rate"])), eye(len(W))))
                 said = check["rate"] > 0 and hurwitz(shifted)
-        return ["verdict"] if true != (check["verdict"] == "proved") else [] if said else ["exact"]
+        if true != (check["verdict"] == "proved"):
+            return ["verdict"]
+        return [] if said else ["exact"]
 
     def _false_proof(
         self, check: dict[str, Any], W: Rows | None, P: Rows | None, Q: Rows | None
@@ -482,7 +497,8 @@ class Oracle:
 
     def _false_weights(self, check: dict[str, Any], W: Rows | None) -> list[str]:
         """V = e'De + sum eps_i' P eps_i along (22), as one matrix."""
-        rate, exact = Fraction(repr(check["rate"] or 0.0)), check.get("exact") or {}
+        rate = Fraction(repr(check["rate"] or 0.0))
+        exact = check.get("exact") or {}
         positive = check["rate"] is None or rate > 0
         if (
             check["verdict"] != "proved"
@@ -499,7 +515,9 @@ class Oracle:
             or (self.A is not None and W is None)
         ):
             return ["D or P"]
-        V = [[D[i] if i == j else Fraction(0) for j in range(len(D))] for i in range(len(D))]
+        V = []
+        for i in range(len(D)):
+            V.append([D[i] if i == j else Fraction(0) for j in range(len(D))])
         corner = zeros(len(D), self.n * len(P))
         if P:
             V = block([[V, corner], [turned(corner), kron(eye(self.n), P)]])
@@ -518,11 +536,9 @@ class Oracle:
             return ["margin or witness"]
         if check["verdict"] == "refuted":
             roots = number((check.get("exact") or {})["unstable_roots"])
-            return (
-                []
-                if check["rate"] is None and 0 < roots <= self.unstable_roots(mode)
-                else ["unstable_roots"]
-            )
+            if check["rate"] is None and 0 < roots <= self.unstable_roots(mode):
+                return []
+            return ["unstable_roots"]
         rate = Fraction(repr(check["rate"] or 0.0))
         loops = [
             self.loop(mode),
@@ -530,7 +546,9 @@ class Oracle:
         ]
         shifted = [plus(x, times(rate, eye(len(x)))) for x in loops]
         decays = (check["rate"] is None or rate > 0) and all(map(hurwitz, shifted))
-        return [] if decays and (self.A is None or W is not None) else ["rate"]
+        if decays and (self.A is None or W is not None):
+            return []
+        return ["rate"]
 
     def error_decays(self, W: Rows | None) -> bool:
         return self.A is None or (W is not None and hurwitz(self.error(W)))
@@ -540,7 +558,9 @@ class Oracle:
         true = numbers(exact["P"]) == P and numbers(exact["Q"]) == Q and numbers(exact["S"]) == S
         scalar = times(S[0][0], eye(len(S))) == S
         bound = number(exact["bound"]) if "bound" in exact else None
-        return [] if true and bound == (-S[0][0] if scalar else None) else ["exact"]
+        if true and bound == (-S[0][0] if scalar else None):
+            return []
+        return ["exact"]
 
     def _schur(self, P: Rows, Q: Rows) -> Rows:
         omega = self._omega(P, Q)
@@ -554,7 +574,9 @@ class Oracle:
     def _false_refutation(
         self, check: dict[str, Any], W: Rows | None, P: Rows | None, Q: Rows | None
     ) -> list[str]:
-        id, exact, mode = check["id"], check.get("exact") or {}, check.get("mode")
+        id = check["id"]
+        exact = check.get("exact") or {}
+        mode = check.get("mode")
         if check["rate"] is not None or (check["margin"] is not None and check["margin"] > 0):
             return ["number"]
         part = exact.get("block")
@@ -584,7 +606,9 @@ class Oracle:
                     return ["unstable_roots"]
                 if number(exact.get("value", str(value))) > value + self.slack():
                     return ["exact"]
-            return [] if set(exact) <= {"value", "unstable_roots", "block", "mode"} else ["exact"]
+            if set(exact) <= {"value", "unstable_roots", "block", "mode"}:
+                return []
+            return ["exact"]
         if not id.endswith("printed") or P is None or Q is None:
             return ["one pair refutes nothing"]
         if part in ("P", "Omega0"):
@@ -594,7 +618,9 @@ class Oracle:
                 and len(exact) == 1
                 and check["witness"].get("labels") is None
             )
-            return [] if form(matrix, v) >= 0 and alone else [part]
+            if form(matrix, v) >= 0 and alone:
+                return []
+            return [part]
         # With eps_i = (-Omega)^-1 C' e_i the whole Psi takes the value that the Reduction gives.
         tails = sp.Matrix(self._omega(P, Q)).inv() * -sp.Matrix(self.C).T
         parts = [sp.Matrix(v[i * self.m : (i + 1) * self.m]) for i in range(self.n)]
@@ -620,16 +646,19 @@ def moves_within(
         return bool(free)
     F = np.array(sp.Matrix.hstack(*free).tolist(), dtype=float)
     limits = [float(hi) for _, hi in box] + [-float(lo) for lo, _ in box]
-    ends = [
-        linprog(sign * row, A_ub=np.vstack([F, -F]), b_ub=limits, bounds=(None, None))
-        for row in F
-        for sign in (1, -1)
-    ]
+    ends = []
+    for row in F:
+        for sign in (1, -1):
+            ends.append(
+                linprog(sign * row, A_ub=np.vstack([F, -F]), b_ub=limits, bounds=(None, None))
+            )
     return any(end.status == 0 and abs(end.fun) > 1e-9 for end in ends)
 
 
 def key(h: Any) -> tuple[str, ...]:
-    return (h,) if isinstance(h, str) else tuple(h)
+    if isinstance(h, str):
+        return (h,)
+    return tuple(h)
 
 
 def read(text: str) -> sp.Expr:
@@ -644,7 +673,9 @@ def slope(h: tuple[str, ...], m: int) -> tuple[Rows, bool, bool]:
     y = sp.symbols(f"y1:{m + 1}")
     names = {f"y{i + 1}": symbol for i, symbol in enumerate(y)}
     if len(h) == 1:
-        texts = [sp.sympify(h[0], locals={**names, "y": y[c]}, rational=True) for c in range(m)]
+        texts = []
+        for c in range(m):
+            texts.append(sp.sympify(h[0], locals={**names, "y": y[c]}, rational=True))
     else:
         texts = [sp.sympify(text, locals=names, rational=True) for text in h]
     partials = [[sp.diff(text, symbol) for symbol in y] for text in texts]
@@ -672,7 +703,10 @@ def numbers(rows: Any) -> Rows:
 
 
 def fractions(M: sp.Matrix) -> Rows:
-    return [[Fraction(int(x.p), int(x.q)) for x in M.row(i)] for i in range(M.rows)]
+    found = []
+    for i in range(M.rows):
+        found.append([Fraction(int(x.p), int(x.q)) for x in M.row(i)])
+    return found
 
 
 def right_half_plane(polynomial: sp.Poly) -> int:
@@ -695,10 +729,9 @@ def _roots(polynomial: sp.Poly) -> list[tuple[list[Any], int]]:
     found = []
     with mpmath.workdps(60):
         for factor, multiplicity in sp.factor_list(polynomial.as_expr(), sp.Symbol("s"))[1]:
-            coefficients = [
-                mpmath.mpf(int(c.p)) / int(c.q)
-                for c in sp.Poly(factor, sp.Symbol("s")).all_coeffs()
-            ]
+            coefficients = []
+            for c in sp.Poly(factor, sp.Symbol("s")).all_coeffs():
+                coefficients.append(mpmath.mpf(int(c.p)) / int(c.q))
             roots = mpmath.polyroots(coefficients, maxsteps=500, extraprec=400)
             found.append(([mpmath.mpc(root) for root in roots], multiplicity))
     return found

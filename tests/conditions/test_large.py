@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from networks import cycle, listening
 from random_problems import random_linear_problem, random_problem
+from texts import exosystem_of
 
-from dobc_design import Exosystem, Verdict, certify
+from dobc_design import Verdict, certify
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.recheck import recheck
 from dobc_design.checker import examine as checker
@@ -31,7 +32,7 @@ def held(n=30, *, h="exp(y) - 1 + y", step=3):
     """Both neighbours are heard, every third agent is pinned, with an oscillator for every
     agent."""
     arcs = [[i, (i + k) % n or n] for i in range(1, n + 1) for k in (1, n - 1)]
-    oscillator = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
+    oscillator = exosystem_of("0 2; -2 0", "1 0")
     return listening(
         arcs, h, n=n, gains=dict.fromkeys(range(1, n + 1, step), 3), exosystem=oscillator
     )

@@ -1,5 +1,6 @@
 """Vectors and matrices of exact numbers, written as text: ``matrix("1 0; 0 1/2")``."""
 
+from dobc_design import Exosystem
 from dobc_design.exact import matrix as exact
 
 
@@ -24,3 +25,8 @@ def ranges(text: str, coupling: int = 0) -> list[dict[str, object]]:
 def exact_matrix(text: str) -> exact.Matrix:
     """A matrix of Fractions."""
     return exact.matrix(matrix(text))
+
+
+def exosystem_of(A: str, C: str) -> Exosystem:
+    """The exosystem xi' = A xi, d = C xi."""
+    return Exosystem(A=matrix(A), C=matrix(C))

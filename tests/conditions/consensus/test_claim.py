@@ -17,8 +17,8 @@ from campaigns.certificates import a_problem
 from networks import cycle, linked
 from oracles.theorems import Oracle, eye, form, key, plus, slope, times
 from random_problems import CURVED, IRRATIONAL, LINEAR, PLANE_CURVED, PLANE_LINEAR, SPACE_LINEAR
+from texts import exact_matrix, exosystem_of
 
-from dobc_design import Exosystem
 from dobc_design.conditions.consensus import claim
 from dobc_design.conditions.consensus.claim import (
     LARGE_ROWS,
@@ -120,7 +120,7 @@ def test_deviations_cover_the_true_slope_everywhere():
 def test_omega_with_a_rate_equals_sympy_and_that_of_the_paper_is_exact():
     """Omega0 + 2 rate P = P A + A'P - Q C - C'Q' + 2 rate P; Example 1: [[-1, 1/3], [1/3, -1]], Q =
     P W = (1, 0)'."""
-    exosystem = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
+    exosystem = exosystem_of("0 2; -2 0", "1 0")
     P, third = matrix([["1/2", "-1/4"], ["-1/4", "1/3"]]), Fraction(1, 3)
     Q = multiply(P, matrix([["16/5"], ["12/5"]]))
     assert Q == ((1,), (0,))
@@ -146,7 +146,7 @@ def test_scalar_networks_give_a_lambda_that_is_a_kronecker_product():
 def test_bounds_on_an_unknown_are_pencils():
     """floor I - X < 0 and X - ceiling I < 0."""
     unknown = Unknown(name="P", rows=2, columns=2, symmetric=True)
-    X = ((Fraction(3), Fraction(1)), (Fraction(1), Fraction(2)))
+    X = exact_matrix("3 1; 1 2")
     assert rows(positive(unknown, floor=Fraction(1)).at({"P": X}).to_dense()) == plus(
         eye(2), times(-1, rows(X))
     )

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from networks import linked
 from oracles.theorems import Oracle
+from texts import exact_matrix
 
 from dobc_design.conditions.consensus import cures
 from dobc_design.conditions.consensus.cures import best_single, rounded_up, scale_needed
@@ -83,7 +84,7 @@ def test_without_couplings_near_the_target_gains_are_those_for_half_a_rate_that_
 
 def test_the_factor_for_a_pair_is_where_lambda_plus_the_border_becomes_singular():
     problem = linked([[1, 2], [2, 1]], coupling=["y1 + y2", "y2"], gains=2)
-    S = ((Fraction(2), Fraction(1)), (Fraction(1), Fraction(5)))
+    S = exact_matrix("2 1; 1 5")
     factor = scale_needed(loop_of(problem), S)
     matrix = np.array(Oracle(problem).lambda_("G"), dtype=float)
     border = np.kron(np.eye(2), np.array(S, dtype=float))

@@ -13,8 +13,9 @@ from certified import consensus_claims
 from networks import linked
 from oracles.theorems import Oracle, eye, negative_definite, plus, times
 from random_problems import WEIGHTS
+from texts import exact_matrix, exosystem_of
 
-from dobc_design import Exosystem, Observer, Verdict, certify, verify
+from dobc_design import Observer, Verdict, certify, verify
 from dobc_design.certification.recheck import recheck
 from dobc_design.conditions.consensus.claim import Pair, state_theorems
 from dobc_design.conditions.consensus.decide import (
@@ -211,7 +212,7 @@ def test_the_edge_of_irrational_slopes_is_undecided_and_both_sides_are_decided()
 
 def test_psi_is_refuted_by_a_p_that_is_not_positive_definite_and_by_omega():
     """Printed pairs that fail before the network is looked at; each names the block."""
-    exosystem = Exosystem(A=[[0]], C=[[1]])
+    exosystem = exosystem_of("0", "1")
     for W, P, block in ((1, -1, "P"), (1, 0, "P"), (-1, 1, "Omega0")):
         problem = path(1, 1, exosystem=exosystem, observer=Observer(W=[[W]], P=[[P]]))
         check = claimed(problem, "theorem1-printed")
@@ -224,11 +225,9 @@ def test_psi_is_refuted_by_a_p_that_is_not_positive_definite_and_by_omega():
 def test_a_pair_with_an_indefinite_p_proves_nothing_though_psi_is_negative():
     """A stable, W = 0, C = 0, P = -1 with A = +1: Omega0 < 0 and Psi < 0, but V is no Lyapunov
     function."""
-    problem = path(
-        1, 1, exosystem=Exosystem(A=[[1]], C=[[0]]), observer=Observer(W=[[0]], P=[[-1]])
-    )
+    problem = path(1, 1, exosystem=exosystem_of("1", "0"), observer=Observer(W=[[0]], P=[[-1]]))
     statements = state_theorems(loop_of(problem))
-    pair = Pair(P=((Fraction(-1),),), Q=((Fraction(0),),))
+    pair = Pair(P=exact_matrix("-1"), Q=exact_matrix("0"))
     whole = Oracle(problem).psi(
         "G", [[Fraction(-1)]], [[Fraction(0)]], margin=Fraction(0), rate=Fraction(0)
     )
@@ -236,7 +235,7 @@ def test_a_pair_with_an_indefinite_p_proves_nothing_though_psi_is_negative():
     assert not psi_is_negative(statements, problem.exosystem, pair)
     assert claimed(problem, "theorem1-printed").verdict is Verdict.REFUTED
     # Without a pair and without an obstacle the theorem is undecided.
-    problem = path(1, 1, exosystem=Exosystem(A=[[0]], C=[[1]]))
+    problem = path(1, 1, exosystem=exosystem_of("0", "1"))
     statements = state_theorems(loop_of(problem))
     lemmas = [lemma1_check(statements, "G", Proposal(margin=2.0))]
     check = theorem_check("theorem1", statements, None, Proposal(), lemmas=lemmas, obstacle=None)
@@ -246,7 +245,7 @@ def test_a_pair_with_an_indefinite_p_proves_nothing_though_psi_is_negative():
 
 def test_reasons_never_name_a_better_number_than_is_proved():
     """Shortened numbers in sentences are rounded towards the weaker claim."""
-    slow = Exosystem(A=[["-0.123456789"]], C=[[1]])
+    slow = exosystem_of("-0.123456789", "1")
     certificate = certify(path(1, "1.234567", exosystem=slow, observer=Observer(W=[[0]])))
     assert "lambda_max <= -2.46913:" in certificate.check("lemma1").reason
     assert "exp(-0.1234 t)" in certificate.check("hurwitz").reason

@@ -1,13 +1,12 @@
 """Floating-point estimates against NumPy on the full matrices, and the float Lambda against the
 exact one."""
 
-from fractions import Fraction
-
 import numpy as np
 import pytest
 from networks import linked
 from random_problems import random_problem
 from scipy import sparse
+from texts import exact_matrix
 
 from dobc_design import Problem, Verdict, certify
 from dobc_design.conditions.consensus import propose
@@ -27,8 +26,8 @@ from dobc_design.conditions.consensus.propose import (
 from dobc_design.exact.matrix import to_float
 from dobc_design.loop.make import loop_of
 
-PAPER_GAIN = ((Fraction(16, 5),), (Fraction(12, 5),))
-PAPER_P = ((Fraction(1, 2), Fraction(-1, 4)), (Fraction(-1, 4), Fraction(1, 3)))
+PAPER_GAIN = exact_matrix("16/5; 12/5")
+PAPER_P = exact_matrix("1/2 -1/4; -1/4 1/3")
 
 
 def dense(matrix) -> np.ndarray:
@@ -158,7 +157,7 @@ def test_margin_and_rate_of_a_pair_are_those_of_the_full_matrix(cycle, factor):
 def test_the_decay_of_the_paper_gain(harmonic):
     """Theory, known answers: the eigenvalues of A - WC are -8/5 +- (2/5) sqrt(39) i."""
     assert decay_rate(harmonic, PAPER_GAIN) == pytest.approx(1.6)
-    assert decay_rate(harmonic, ((Fraction(0),), (Fraction(0),))) == pytest.approx(0, abs=1e-12)
+    assert decay_rate(harmonic, exact_matrix("0; 0")) == pytest.approx(0, abs=1e-12)
 
 
 @pytest.mark.parametrize("special", [{}, {(1, 0): "2*y"}])

@@ -21,6 +21,7 @@ from regional_problems import (
     random_problem,
 )
 from scipy.optimize import fsolve
+from texts import exact_matrix
 
 from dobc_design import Observer, Problem, Verdict
 from dobc_design.conditions.check import check_from_json
@@ -275,5 +276,5 @@ def test_a_y_that_is_not_invertible_and_a_field_that_is_hardly_known_prove_nothi
     middle = [[float(slopes[i, j].midpoint) for j in range(2)] for i in range(2)]
     Y = tuple(tuple(map(F, row)) for row in np.linalg.inv(middle).tolist())
     assert krawczyk_holds(claim, value, slopes, Y, F(1))
-    assert not krawczyk_holds(claim, value, slopes, ((F(0), F(0)), (F(0), F(0))), F(1))
+    assert not krawczyk_holds(claim, value, slopes, exact_matrix("0 0; 0 0"), F(1))
     assert not krawczyk_holds(claim, (Interval(F(-1), F(1)),) * 2, slopes, Y, F(1))

@@ -9,6 +9,7 @@ import sympy as sp
 from networks import linked
 from oracles.theorems import Oracle, hurwitz
 from random_problems import random_problem
+from texts import exact_matrix, exosystem_of, matrix
 
 from dobc_design import Exosystem, Observer, Verdict
 from dobc_design.conditions.consensus.network import name_agents
@@ -74,7 +75,7 @@ def test_the_suggested_reduction_generates_the_same_disturbances():
 
 def test_the_reduction_keeps_what_the_problem_says_of_states():
     """W becomes T W, so that W = I shows T; |T eps| <= |T| |eps|, to six decimals."""
-    exosystem = Exosystem(A=[[0] * 3] * 3, C=[[3, 4, 0], [1, 0, 0]])
+    exosystem = Exosystem(A=[[0] * 3] * 3, C=matrix("3 4 0; 1 0 0"))
     region = {"initial_states": [-1, 1], "initial_disturbance": "1/10"}
     given = {"exosystem": exosystem, "target": [0, 0], "region": region}
     columns = []
@@ -88,7 +89,7 @@ def test_the_reduction_keeps_what_the_problem_says_of_states():
     size = math.sqrt(sum(x * x for column in columns for x in column))
     bound = float(change["region.initial_disturbance"])
     assert size / 10 <= bound <= size / 10 + 1e-6
-    unseen = Exosystem(A=[[0]], C=[[0], [0]])
+    unseen = exosystem_of("0", "0; 0")
     for own in (given["region"], None):
         problem = linked([[1, 2]], **given | {"exosystem": unseen, "region": own})
         change = observability_check(unseen, loop_of(problem)).fix.set
@@ -97,21 +98,19 @@ def test_the_reduction_keeps_what_the_problem_says_of_states():
 
 def test_rates_are_strict_at_the_edge():
     """A - WC = -2: every rate below 2 holds, 2 does not (an eigenvalue lies on the line)."""
-    error = ((Fraction(-2),),)
+    error = exact_matrix("-2")
     assert hurwitz_with_rate(error, Fraction(2) - Fraction(1, 10**30))
     assert not hurwitz_with_rate(error, Fraction(2))
-    check = hurwitz_check(Exosystem(A=[[-2]], C=[[0]]), ((Fraction(0),),), estimate=2.5)
+    check = hurwitz_check(exosystem_of("-2", "0"), exact_matrix("0"), estimate=2.5)
     assert 0 < check.rate < 2
-    assert (
-        hurwitz_check(Exosystem(A=[[-2]], C=[[0]]), ((Fraction(0),),), estimate=2.0).rate > 1.99999
-    )
+    assert hurwitz_check(exosystem_of("-2", "0"), exact_matrix("0"), estimate=2.0).rate > 1.99999
 
 
 def test_a_defective_error_on_the_axis_is_refuted():
     """Double integrator with W = 0; and a rotation, where NumPy's real parts are rounding
     errors."""
     for A in ([[0, 1], [0, 0]], [[0, 1], [-1, 0]]):
-        check = hurwitz_check(Exosystem(A=A, C=[[1, 0]]), ((Fraction(0),), (Fraction(0),)))
+        check = hurwitz_check(Exosystem(A=A, C=matrix("1 0")), exact_matrix("0; 0"))
         assert check.verdict is REFUTED
         assert check.fix.set == {"observer.W": None}
 

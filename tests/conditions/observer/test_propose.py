@@ -7,6 +7,7 @@ from random import Random
 import numpy as np
 import pytest
 from certified import certified
+from texts import exact_matrix, exosystem_of, matrix
 
 import dobc_design as dd
 from dobc_design import Exosystem, Verdict
@@ -29,9 +30,9 @@ def reaches(exosystem: Exosystem, W, rate: Fraction) -> bool:
     return decide_hurwitz(error).verdict is Verdict.PROVED
 
 
-CONSTANT = Exosystem(A=[[0]], C=[[1]])
-RAMP = Exosystem(A=[[0, 1], [0, 0]], C=[[1, 0]])
-HARMONIC = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
+CONSTANT = exosystem_of("0", "1")
+RAMP = exosystem_of("0 1; 0 0", "1 0")
+HARMONIC = exosystem_of("0 2; -2 0", "1 0")
 STANDARD = {"constant": CONSTANT, "ramp": RAMP, "harmonic": HARMONIC}
 
 
@@ -61,14 +62,14 @@ def test_a_detectable_pair_has_a_placed_gain_and_an_undetectable_one_has_none(se
 def test_all_poles_stand_at_one_place():
     """One output, all observable: det(sI - A + WC) = (s + 3)^4 for the rate 2.  Where C sees
     nothing, W is 0."""
-    chain = Exosystem(A=[[0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1], [0, 0, 0, 0]], C=[[1, 0, 0, 0]])
+    chain = exosystem_of("0 1 0 0; 0 0 1 0; 0 0 0 1; 0 0 0 0", "1 0 0 0")
     *_, W = placed_gains(chain, rate=Fraction(2))
     assert characteristic_polynomial(error_matrix(chain, W)) == (1, 12, 54, 108, 81)
-    *_, W = placed_gains(Exosystem(A=[[-1]], C=[[0]]), rate=Fraction(0))
+    *_, W = placed_gains(exosystem_of("-1", "0"), rate=Fraction(0))
     assert W == ((0,),)
 
 
-PAPER_GAIN = ((Fraction(16, 5),), (Fraction(12, 5),))
+PAPER_GAIN = exact_matrix("16/5; 12/5")
 
 
 def test_the_paper_example_gets_a_p_that_can_be_read():
@@ -87,7 +88,7 @@ def test_every_proposal_has_q_equal_to_p_w(harmonic):
 
 def test_a_gain_that_does_not_work_gets_no_pair_that_does(harmonic):
     """A - WC with W = 0 is marginal: no Lyapunov equation, and nothing to propose."""
-    zero = ((Fraction(0),), (Fraction(0),))
+    zero = exact_matrix("0; 0")
     assert list(propose_pairs(harmonic, zero, bound=-0.5, decay=0.0)) == []
 
 
@@ -105,7 +106,7 @@ def test_wherever_lambda_is_negative_the_theorem_is_proved(cycle, pins, factor):
 
 def test_a_state_that_c_does_not_see_stays_in_p(cycle):
     """Detectable, not observable: P must still be positive definite on what is hidden."""
-    exosystem = Exosystem(A=[[0, 0], [0, -1]], C=[[1, 0]])
+    exosystem = exosystem_of("0 0; 0 -1", "1 0")
     certificate = dd.certify(cycle(3, exosystem=exosystem))
     assert certificate.check("theorem1").verdict is Verdict.PROVED
 
@@ -120,7 +121,7 @@ def test_no_exact_equation_is_solved_that_would_take_hours(digits, exact, monkey
     for i in range(8):
         A[i][i] -= 20
     exosystem = Exosystem(A=A, C=[[1] * 8])
-    zero = ((Fraction(0),),) * 8
+    zero = exact_matrix("0") * 8
     pairs = list(propose_pairs(exosystem, zero, bound=math.nan, decay=1.0))
     assert pairs == []
     assert bool(asked) is exact
@@ -192,19 +193,16 @@ def test_badly_scaled_exosystems_get_a_gain(name, factor, what):
         # t^7
         Exosystem(A=[[int(j == i + 1) for j in range(8)] for i in range(8)], C=[[1] + [0] * 7]),
         # double, one chain
-        Exosystem(A=[[0, 1, 1, 0], [-1, 0, 0, 1], [0, 0, 0, 1], [0, 0, -1, 0]], C=[[1, 0, 0, 0]]),
-        Exosystem(A=[[-1, 0], [0, -1]], C=[[1, 0]]),  # double and half of it unseen
-        Exosystem(A=[[3, 1], [0, 3]], C=[[1, 0]]),  # unstable, double
-        Exosystem(A=[[0, 1], [100, 0]], C=[[1, 0]]),
-        Exosystem(A=[[-5]], C=[[0]]),
-        Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0], [0, 0]]),
-        Exosystem(
-            A=[[0, 1, 0, 0], [0, 0, 0, 0], [0, 0, 0, 1], [0, 0, 0, 0]],
-            C=[[1, 0, 0, 0], [0, 0, 1, 0]],
-        ),
-        Exosystem(A=[[0] * 3] * 3, C=[[1, 0, 0], [0, 1, 0], [0, 0, 1]]),
+        exosystem_of("0 1 1 0; -1 0 0 1; 0 0 0 1; 0 0 -1 0", "1 0 0 0"),
+        exosystem_of("-1 0; 0 -1", "1 0"),  # double and half of it unseen
+        exosystem_of("3 1; 0 3", "1 0"),  # unstable, double
+        exosystem_of("0 1; 100 0", "1 0"),
+        exosystem_of("-5", "0"),
+        exosystem_of("0 2; -2 0", "1 0; 0 0"),
+        exosystem_of("0 1 0 0; 0 0 0 0; 0 0 0 1; 0 0 0 0", "1 0 0 0; 0 0 1 0"),
+        Exosystem(A=[[0] * 3] * 3, C=matrix("1 0 0; 0 1 0; 0 0 1")),
         # almost one signal seen twice
-        Exosystem(A=[[0] * 2] * 2, C=[[1, "1/1000"], ["1/1000", "1/1000000000"]]),
+        Exosystem(A=[[0] * 2] * 2, C=matrix("1 1/1000; 1/1000 1/1000000000")),
     ],
 )
 def test_hard_pairs_get_a_gain(exosystem):
@@ -219,7 +217,7 @@ def test_numbers_at_the_ends_of_the_floats_get_a_gain(number):
         Exosystem(A=[[number]], C=[[1]]),
         Exosystem(A=[[0]], C=[[number]]),
         Exosystem(A=[[number]], C=[[number]]),
-        Exosystem(A=[[0, number], [f"-{number}", 0]], C=[[1, 0]]),
+        Exosystem(A=[[0, number], [f"-{number}", 0]], C=matrix("1 0")),
     ):
         found = design_gain(exosystem)
         assert found.W is not None
@@ -230,7 +228,7 @@ def test_numbers_at_the_ends_of_the_floats_get_a_gain(number):
 def test_a_rate_beyond_what_is_hidden_from_c_is_said_and_given_up():
     """The second state is not seen and decays at 1 1/s: 2 and 1 itself cannot be exceeded, 0.99
     can."""
-    exosystem = Exosystem(A=[[-1, 0], [0, -1]], C=[[1, 0]])
+    exosystem = exosystem_of("-1 0; 0 -1", "1 0")
     for rate in (2, 1):
         found = design_gain(exosystem, rate=Fraction(rate))
         assert found.note.startswith(f"the rate asked, {rate} 1/s, cannot be reached")

@@ -11,6 +11,7 @@ import pytest
 from certified import confirmed
 from networks import linked
 from regional_problems import HARMONIC, PAPER, PAPER_GAIN, identity, is_proved
+from texts import exact_matrix
 
 from dobc_design import Observer, Problem, Region, Verdict
 from dobc_design.conditions.check import Check, Values
@@ -28,7 +29,7 @@ from dobc_design.exact.matrix import multiply
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.loop.make import loop_of
 
-PAIR = ((Fraction(1, 2), Fraction(-1, 4)), (Fraction(-1, 4), Fraction(1, 3)))
+PAIR = exact_matrix("1/2 -1/4; -1/4 1/3")
 SMALL = 1 + Fraction(1, 10**6)
 
 

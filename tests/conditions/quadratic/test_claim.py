@@ -8,6 +8,7 @@ from random import Random
 import numpy as np
 import pytest
 from regional_problems import HARMONIC, PAPER_GAIN, cycle, identity, pins, random_problem
+from texts import exact_matrix
 
 from dobc_design.conditions.consensus.claim import Pair
 from dobc_design.conditions.consensus.decide import schur_block
@@ -101,7 +102,7 @@ def test_the_border_of_the_observer_enters_as_the_paper_has_it():
     """S = 9/8 for the printed pair (theory, section 9): P_e = I then adds 9/8 I."""
     problem = cycle(3, 2, exosystem=HARMONIC)
     sectors = at_radius(problem)
-    P = ((Fraction(1, 2), Fraction(-1, 4)), (Fraction(-1, 4), Fraction(1, 3)))
+    P = exact_matrix("1/2 -1/4; -1/4 1/3")
     S = schur_block(Pair(P=P, Q=multiply(P, PAPER_GAIN)), HARMONIC)
     assert S is not None
     assert S[0][0] == Fraction(9, 8)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from networks import linked
 from regional_problems import HARMONIC, PAPER_GAIN, cycle, identity, is_proved
+from texts import exact_matrix
 
 from dobc_design import Problem, Verdict
 from dobc_design.conditions.quadratic.claim import Lure
@@ -226,7 +227,7 @@ def test_every_mode_has_to_hold():
     assert is_proved(better, with_tau(better, Fraction(1, 10), Fraction(50)))
 
 
-PAIR = ((Fraction(1, 2), Fraction(-1, 4)), (Fraction(-1, 4), Fraction(1, 3)))
+PAIR = exact_matrix("1/2 -1/4; -1/4 1/3")
 
 
 def observed(scale: Fraction, tau: Fraction = Fraction("0.12")) -> tuple[Problem, Lure]:
@@ -244,7 +245,7 @@ def test_with_the_observer_the_pair_has_to_be_scaled_up():
     assert is_proved(problem, large)
     too_fast = replace(large, rate=Fraction(1))
     assert decided(problem, too_fast).step == "observer"
-    other_gain = replace(large, Q=((Fraction(-1),), (Fraction(0),)))
+    other_gain = replace(large, Q=exact_matrix("-1; 0"))
     assert decided(problem, other_gain).step == "observer"
 
 

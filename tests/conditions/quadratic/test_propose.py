@@ -18,6 +18,7 @@ from regional_problems import (
     random_problem,
     values_along,
 )
+from texts import matrix
 
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import covered_radius, covers
@@ -36,10 +37,28 @@ from dobc_design.problem.problem import Problem
 ALL, ONE = 3, {1: 3}
 
 
+def designed(problem: Problem, **options) -> Lure | None:
+    return design_lure(loop_of(problem), holds=partial(is_proved, problem), **options)
+
+
+def bounded(problem: Problem, method: str, **options) -> Lure | None:
+    holds = partial(is_proved, problem)
+    return bound_lure(loop_of(problem), holds=holds, method=method, **options)
+
+
+def sped_up(problem: Problem, lure: Lure) -> Lure:
+    return raise_rate(loop_of(problem), lure, holds=partial(is_proved, problem))
+
+
+def reach(problem: Problem, lure: Lure, **options) -> float:
+    """The radius of the ball that is covered."""
+    return covered_radius(loop_of(problem), lure, **options)
+
+
 @cache
 def found(problem: Problem, **options) -> Lure:
     """A certificate, which has to exist."""
-    lure = design_lure(loop_of(problem), holds=partial(is_proved, problem), **options)
+    lure = designed(problem, **options)
     assert lure is not None
     assert is_proved(problem, lure)
     return lure
@@ -68,7 +87,7 @@ def test_directed_cycles_reach_the_known_radii_and_balls(n, gains, shape, radius
     problem = cycle(n, gains)
     lure = found(problem, shape=shape)
     assert 0.99 * radius < lure.radius < 1.01 * radius
-    assert 0.99 * ball < covered_radius(loop_of(problem), lure) < 1.01 * ball
+    assert 0.99 * ball < reach(problem, lure) < 1.01 * ball
     assert not is_proved(problem, enlarged(problem, lure, "1.02"))
 
 
@@ -78,9 +97,9 @@ def test_directed_cycles_reach_the_known_radii_and_balls(n, gains, shape, radius
 def test_the_interval_bound_is_found_by_bisection(gains, radius, ball):
     """Theory, section 9."""
     problem = cycle(10, gains)
-    lure = bound_lure(loop_of(problem), holds=partial(is_proved, problem), method="interval")
+    lure = bounded(problem, "interval")
     assert lure.radius == pytest.approx(radius, rel=2e-3)  # gains are claimed a little wider
-    assert covered_radius(loop_of(problem), lure) == pytest.approx(ball, rel=2e-3)
+    assert reach(problem, lure) == pytest.approx(ball, rel=2e-3)
     assert not is_proved(problem, enlarged(problem, lure, "1.01"))
 
 
@@ -88,12 +107,10 @@ def test_corners_reach_at_least_as_far_as_multipliers_with_the_same_p():
     """With a given P_e the corners decide, multipliers are sufficient."""
     problem = cycle(2, ALL)
     lure = found(problem, shape="identity")
-    corners = bound_lure(loop_of(problem), holds=partial(is_proved, problem), method="vertices")
+    corners = bounded(problem, "vertices")
     problem = cycle(3, ONE)
     full = found(problem)
-    same = bound_lure(
-        loop_of(problem), holds=partial(is_proved, problem), method="vertices", P_e=full.P_e
-    )
+    same = bounded(problem, "vertices", P_e=full.P_e)
     assert corners.radius >= lure.radius * Fraction(999, 1000)
     assert same.radius >= full.radius * Fraction(999, 1000)
 
@@ -104,8 +121,8 @@ def test_more_freedom_in_p_never_costs_radius(seed):
     problem = random_problem(seed, coupling="y + y**3/5")
     balls = []
     for shape in ("identity", "diagonal", "full"):
-        lure = design_lure(loop_of(problem), holds=partial(is_proved, problem), shape=shape)
-        balls.append(0.0 if lure is None else covered_radius(loop_of(problem), lure))
+        lure = designed(problem, shape=shape)
+        balls.append(0.0 if lure is None else reach(problem, lure))
     assert balls[2] >= 0.99 * balls[1] >= 0.98 * balls[0]
 
 
@@ -117,12 +134,12 @@ def test_linear_couplings_are_certified_iff_the_loop_is_stable(seed):
     J = np.column_stack([field(problem, "G0", e) for e in np.eye(problem.n)])
     abscissa = float(np.max(np.linalg.eigvals(J).real))
     assert abs(abscissa) > 1e-6 or abscissa > -1e-12
-    lure = design_lure(loop_of(problem), holds=partial(is_proved, problem))
+    lure = designed(problem)
     assert (lure is not None) is (abscissa < -1e-9)
     if lure is not None:
         assert lure.level is None
-        assert covered_radius(loop_of(problem), lure) == math.inf
-        faster = raise_rate(loop_of(problem), lure, holds=partial(is_proved, problem))
+        assert reach(problem, lure) == math.inf
+        faster = sped_up(problem, lure)
         assert 0 < faster.rate <= -abscissa
 
 
@@ -136,7 +153,7 @@ def test_two_agents_are_certified_up_to_their_other_equilibrium_and_never_beyond
     truth = math.sqrt((float(Fraction(k)) + 2) / 2)
     lure = found(problem)
     assert 0.75 * truth < lure.radius < truth
-    largest = covered_radius(loop_of(problem), lure)
+    largest = reach(problem, lure)
     assert 0.75 * truth / math.sqrt(2) < largest < truth / math.sqrt(2)
 
 
@@ -144,8 +161,8 @@ def test_an_asked_rate_is_kept_and_can_be_raised_to_its_edge():
     problem = cycle(3, ONE)
     lure = found(problem, rate=Fraction(1, 50))
     assert lure.rate == Fraction(1, 50)
-    assert covered_radius(loop_of(problem), lure) < covered_radius(loop_of(problem), found(problem))
-    faster = raise_rate(loop_of(problem), lure, holds=partial(is_proved, problem))
+    assert reach(problem, lure) < reach(problem, found(problem))
+    faster = sped_up(problem, lure)
     assert faster.rate >= lure.rate
     edge = Fraction(str(rate_estimate(loop_of(problem), lure)))
     assert not is_proved(problem, replace(lure, rate=edge * Fraction(101, 100)))
@@ -156,26 +173,25 @@ def test_one_certificate_serves_every_mode():
     """Stand-in modes of theory, section 9: circulants, i listens to i + s, agents 1 and 6 pinned, k
     = 5."""
     steps = {"Ga": (1,), "Gb": (1, 9), "Gc": (1, 3), "Gd": (1, 2, 5)}
-    arcs = {
-        name: [[i, (i - 1 + s) % 10 + 1] for i in range(1, 11) for s in each]
-        for name, each in steps.items()
-    }
-    problem, alone = (
-        linked(each, coupling="exp(y) - 1 + y", gains={1: 5, 6: 5})
-        for each in (arcs, {"Ga": arcs["Ga"]})
-    )
+    arcs = {}
+    for name, each in steps.items():
+        arcs[name] = [[i, (i - 1 + s) % 10 + 1] for i in range(1, 11) for s in each]
+    pinned = partial(linked, coupling="exp(y) - 1 + y", gains={1: 5, 6: 5})
+    problem = pinned(arcs)
+    alone = pinned({"Ga": arcs["Ga"]})
     lure = found(problem, shape="diagonal")
     assert set(lure.multipliers) == set(steps)
-    assert covered_radius(loop_of(problem), lure) < 1.01 * covered_radius(
-        loop_of(alone), found(alone, shape="diagonal")
-    )
+    most = reach(alone, found(alone, shape="diagonal"))
+    assert reach(problem, lure) < 1.01 * most
     assert not is_proved(problem, enlarged(problem, lure, "1.5"))
 
 
 @pytest.mark.slow
 def test_matrix_gains_weights_exceptions_and_vectors_are_certified_together():
-    special, gains = {(2, 0): ["2*y1", "2*y2"]}, {1: [[3, 1], [-1, 3]], 3: 2}
-    arcs, h = [[1, 2, "1/2"], [2, 3], [3, 1], [1, 3, 2]], ["y1 + y2**2/4", "y2 - y1/2"]
+    arcs = [[1, 2, "1/2"], [2, 3], [3, 1], [1, 3, 2]]
+    special = {(2, 0): ["2*y1", "2*y2"]}
+    gains = {1: matrix("3 1; -1 3"), 3: 2}
+    h = ["y1 + y2**2/4", "y2 - y1/2"]
     problem = linked(arcs, coupling=h, exceptions=special, gains=gains)
     lure = found(problem)
     assert lure.radius > Fraction(1, 2)
@@ -184,13 +200,10 @@ def test_matrix_gains_weights_exceptions_and_vectors_are_certified_together():
 
 
 def test_radii_reach_as_far_as_h_is_defined_and_nowhere_if_an_agent_is_not_held():
-    assert (
-        Fraction(9, 10)
-        < found(linked([[1, 2]], coupling="log(1 + y)", gains=3), shape="identity").radius
-        < 1
-    )
+    defined = linked([[1, 2]], coupling="log(1 + y)", gains=3)
+    assert Fraction(9, 10) < found(defined, shape="identity").radius < 1
     problem = linked([], 2, coupling="tanh(y)", gains={2: 1})
-    assert design_lure(loop_of(problem), holds=partial(is_proved, problem)) is None
+    assert designed(problem) is None
 
 
 @pytest.mark.slow
@@ -198,30 +211,21 @@ def test_radii_reach_as_far_as_h_is_defined_and_nowhere_if_an_agent_is_not_held(
 def test_with_the_observer_starts_and_observer_errors_are_covered_together(s):
     problem = cycle(10, ALL, exosystem=HARMONIC)
     lure = found(problem, W=PAPER_GAIN, disturbance=s)
-    R = covered_radius(loop_of(problem), lure, disturbance=s)
-    assert covers(
-        loop_of(problem), lure, radius=Fraction(289 if s == 0 else 265, 100), disturbance=s
-    )
-    assert covers(loop_of(problem), lure, radius=Fraction(str(R)), disturbance=s)
-    assert not covers(
-        loop_of(problem), lure, radius=Fraction(str(R)) * Fraction(1001, 1000), disturbance=s
-    )
+    within = partial(covers, loop_of(problem), lure, disturbance=s)
+    R = Fraction(str(reach(problem, lure, disturbance=s)))
+    assert within(radius=Fraction(289 if s == 0 else 265, 100))
+    assert within(radius=R)
+    assert not within(radius=R * Fraction(1001, 1000))
 
 
 def test_too_large_observer_errors_and_rates_faster_than_the_observer_are_not_certified():
     """|eps_i| = 50 drives |e| to 7.0 from the ball of 2.89; A - WC has the real part -8/5 (theory,
     sections 4, 9)."""
     problem = cycle(2, ALL, exosystem=HARMONIC)
-    options = {"W": PAPER_GAIN, "shape": "identity", "holds": lambda each: is_proved(problem, each)}
-    assert (
-        design_lure(loop_of(problem), disturbance=Fraction(50), largest=Fraction(5), **options)
-        is None
-    )
-    assert (
-        design_lure(loop_of(problem), rate=Fraction(3, 2), largest=Fraction(1), **options)
-        is not None
-    )
-    assert design_lure(loop_of(problem), rate=Fraction(17, 10), **options) is None
+    with_gain = partial(designed, problem, W=PAPER_GAIN, shape="identity")
+    assert with_gain(disturbance=Fraction(50), largest=Fraction(5)) is None
+    assert with_gain(rate=Fraction(3, 2), largest=Fraction(1)) is not None
+    assert with_gain(rate=Fraction(17, 10)) is None
 
 
 SEEN = {
@@ -237,7 +241,7 @@ def test_no_start_on_the_boundary_leaves_and_v_decays_at_the_rate(n, gains, opti
     """50 random starts with V = level; SciPy integrates the equations of (22)."""
     problem = cycle(n, gains, exosystem=HARMONIC if "W" in options else None)
     lure = found(problem, **options, rate=Fraction(1, 50))
-    lure = raise_rate(loop_of(problem), lure, holds=partial(is_proved, problem))
+    lure = sped_up(problem, lure)
     times = np.linspace(0, 4, 30)
     V = values_along(problem, lure, lure.level, times)
     assert np.allclose(V[:, 0], float(lure.level))
@@ -250,10 +254,10 @@ def test_a_gain_without_an_exosystem_is_refused_and_what_holds_does_not_accept_n
     with pytest.raises(SpecError, match="W has no meaning without"):
         design_lure(loop_of(problem), holds=lambda each: True, W=PAPER_GAIN)
     assert design_lure(loop_of(problem), holds=lambda each: False) is None
-    assert (
-        bound_lure(loop_of(problem), holds=lambda each: False, method="interval", P_e=identity(2))
-        is None
+    nothing = bound_lure(
+        loop_of(problem), holds=lambda each: False, method="interval", P_e=identity(2)
     )
+    assert nothing is None
 
 
 @pytest.mark.evidence
@@ -278,9 +282,7 @@ def test_what_holds_by_less_than_digits_can_say_has_no_certificate():
     """h = -y pi/2 both ways: stable iff k > pi."""
     for text, holds in (("3.14159265358979323846264338328", False), ("3.15", True)):
         problem = linked([[1, 2], [2, 1]], coupling="-y*pi/2", gains=text)
-        assert (
-            design_lure(loop_of(problem), holds=partial(is_proved, problem)) is not None
-        ) is holds
+        assert (designed(problem) is not None) is holds
 
 
 def test_a_component_with_an_irrational_slope_beside_a_curved_one_has_a_radius_as_large_as_asked():
@@ -296,9 +298,8 @@ def test_the_linear_rate_is_that_of_the_slowest_eigenvalue(coupling, slope):
     """J - K of the directed 4-cycle with one pin, by NumPy."""
     J = slope * (np.roll(np.eye(4), 1, axis=1) - np.eye(4)) - np.diag([3.0, 0, 0, 0])
     truth = -float(np.max(np.linalg.eigvals(J).real))
-    assert linear_rate(loop_of(cycle(4, {1: 3}, coupling=coupling)), None) == pytest.approx(
-        truth, rel=1e-4
-    )
+    one_pin = loop_of(cycle(4, {1: 3}, coupling=coupling))
+    assert linear_rate(one_pin, None) == pytest.approx(truth, rel=1e-4)
     with_observer = cycle(4, 9, coupling=coupling, exosystem=HARMONIC)
     assert linear_rate(loop_of(with_observer), PAPER_GAIN) == pytest.approx(1.6, rel=1e-6)
     assert linear_rate(loop_of(cycle(4, {1: 3}, coupling="-y")), None) == 0.0

@@ -2,13 +2,13 @@
 hand."""
 
 from dataclasses import replace
-from fractions import Fraction
 
 import pytest
 from certified import coarse_tables, confirmed, through_json
 from checker_files.files import Document
 from checker_files.separable import problems
 from checker_files.settling import GOOD, LINE, SEEN, STRETCHED, bent
+from texts import exact_matrix
 
 from dobc_design.conditions.check import check_from_json
 from dobc_design.conditions.domain import NEAR_TARGET
@@ -42,8 +42,8 @@ def test_the_tube_of_a_slower_observer_is_not_confirmed():
     """A - W C = -2 is what both claims count on."""
     problem = problems()["observed, linear"]
     for check in map(check_from_json, (SEEN, STRETCHED)):
-        assert confirmed(check, problem, W=((Fraction(2),),)) is None
-        assert confirmed(check, problem, W=((Fraction(19, 10),),)) is not None
+        assert confirmed(check, problem, W=exact_matrix("2")) is None
+        assert confirmed(check, problem, W=exact_matrix("19/10")) is not None
         assert confirmed(check, problem) is not None
 
 

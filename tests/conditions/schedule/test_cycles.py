@@ -11,6 +11,7 @@ import pytest
 from certified import HALF_AS_FAST, coarse_tables, few_chords, few_coordinates, only, settling_alone
 from checker_files.files import accepted_by, second_loop
 from scipy.linalg import expm
+from texts import matrix
 
 from dobc_design import Network, Problem, Switching, Verdict, certify, simulate
 from dobc_design.certificate.text import certificate_bytes
@@ -70,10 +71,20 @@ def chain(**turns: Any) -> Problem:
     return problem({"A": [[3, 2]], "B": [[2, 1]]}, **turns)
 
 
+def in_turn(sequence: str = "", dwell: Any = 1, **more: Any) -> Problem:
+    """Modes in a sequence; all in their order where none are named."""
+    if sequence:
+        more["sequence"] = list(sequence)
+    return problem(guarantee="sequence", dwell=dwell, **more)
+
+
 def ring(gains: Any, dwell: Any = 1, **more: Any) -> Problem:
     turns = Switching(guarantee="sequence", sequence=["odd", "even"], dwell=dwell)
     network = Network.from_arcs(HALVES, arrow="listens_to", agents=10)
     return Problem(network=network, coupling=PAPER, gains=gains, switching=turns, **more)
+
+
+LASTING = problem(guarantee="dwell", dwell=1)
 
 
 def schedule_of(found: Any) -> Any:
@@ -89,14 +100,13 @@ def lengths(own: Problem) -> list[tuple[str, Fraction, Fraction | None, tuple[in
 
 
 def test_after_a_dwell_any_other_mode_may_follow():
-    assert lengths(problem(guarantee="dwell", dwell=1)) == [
+    assert lengths(LASTING) == [
         ("A", ONE, None, (1, 2), True),
         ("B", ONE, None, (0, 2), True),
         ("C", ONE, None, (0, 1), True),
     ]
-    assert {each.longest for each in phases_of(problem(guarantee="dwell", dwell=1, longest=2))} == {
-        TWO
-    }
+    brief = problem(guarantee="dwell", dwell=1, longest=2)
+    assert {each.longest for each in phases_of(brief)} == {TWO}
 
 
 @pytest.mark.parametrize(
@@ -141,35 +151,32 @@ def test_asking_for_phases_does_not_hash_the_generator_of_a_chain(monkeypatch):
 
 @pytest.mark.filterwarnings("error")
 def test_a_round_that_leaves_the_floats_is_undecided():
-    turns = {"guarantee": "sequence", "sequence": ["A", "B"], "dwell": 10_000}
-    repelling = problem({"A": [[2, 1]], "B": [[3, 2]]}, coupling="-y", **turns)
+    modes = {"A": [[2, 1]], "B": [[3, 2]]}
+    repelling = in_turn("AB", 10_000, modes=modes, coupling="-y")
     assert schedule_of(certify(repelling)).verdict is Verdict.UNDECIDED
 
 
 def test_a_sequence_that_repeats_a_shorter_one_has_its_phases():
     """Also in the second program; other lengths make another sequence."""
     for times, dwell, once in ((50, 1, 1), (2, [1, 2, 1, 2], [1, 2])):
-        own = problem(guarantee="sequence", sequence=["A", "B"] * times, dwell=dwell)
-        shorter = problem(guarantee="sequence", sequence=["A", "B"], dwell=once)
+        own = in_turn("AB" * times, dwell)
+        shorter = in_turn("AB", once)
         assert lengths(own) == lengths(shorter)
         found = second_loop(own).guarantee.phases
         again = [(each.mode, each.shortest) for each in found]
         assert again == [(each.mode, each.shortest) for each in phases_of(own)]
-    uneven = problem(guarantee="sequence", sequence=["A", "B"] * 2, dwell=[1, 2, 1, 1])
-    assert len(phases_of(uneven)) == 4
-    odd = problem(guarantee="sequence", sequence=["A", "B", "A"], dwell=1)
-    assert len(phases_of(odd)) == 3
+    assert len(phases_of(in_turn("ABAB", [1, 2, 1, 1]))) == 4
+    assert len(phases_of(in_turn("ABA"))) == 3
 
 
 def test_the_work_of_a_sequence_grows_like_its_phases():
     """30 and 100 phases, none of which repeats: at most 3.6 times the steps."""
 
     def steps(count: int) -> int:
-        turns = ["A", "A"]
+        turns = "AA"
         for k in range(count // 2 - 1):
-            turns += ["B", "A" if k % 3 else "B"]
-        arcs = {"A": [[2, 1]], "B": [[3, 2]]}
-        own = problem(arcs, guarantee="sequence", sequence=turns, dwell="1/10")
+            turns += "BA" if k % 3 else "BB"
+        own = in_turn(turns, "1/10", modes={"A": [[2, 1]], "B": [[3, 2]]})
         assert len(phases_of(own)) == count
         with at_most(10**9):
             claim = propose_cycles.propose(loop_of(own), None, rho=None, error=None)
@@ -182,31 +189,17 @@ def test_the_work_of_a_sequence_grows_like_its_phases():
 
 def test_a_guarantee_in_words():
     words = {
-        "every signal whose modes last at least 0.5 s": {"guarantee": "dwell", "dwell": "1/2"},
-        "every signal whose modes last at least 1 s and at most 2 s": {
-            "guarantee": "dwell",
-            "dwell": 1,
-            "longest": 2,
-        },
-        "every signal whose modes last exactly 1 s": {
-            "guarantee": "dwell",
-            "dwell": 1,
-            "longest": 1,
-        },
-        "the signal A for 1 s, B for 2 s, over and over": {
-            "guarantee": "sequence",
-            "sequence": ["A", "B"],
-            "dwell": [1, 2],
-        },
+        "every signal whose modes last at least 0.5 s": problem(guarantee="dwell", dwell="1/2"),
+        "every signal whose modes last at least 1 s and at most 2 s": problem(
+            guarantee="dwell", dwell=1, longest=2
+        ),
+        "every signal whose modes last exactly 1 s": problem(guarantee="dwell", dwell=1, longest=1),
+        "the signal A for 1 s, B for 2 s, over and over": in_turn("AB", [1, 2]),
         "the signal A for 1 s, A for 1 s, B for 1 s, A for 1 s, B for 1 s, A for 1 s, ..., "
-        "over and over": {
-            "guarantee": "sequence",
-            "sequence": ["A", *["A", "B"] * 4],
-            "dwell": 1,
-        },
+        "over and over": in_turn("AABABABAB"),
     }
-    for expected, turns in words.items():
-        assert loop_of(problem(**turns)).guarantee.in_words() == expected
+    for expected, own in words.items():
+        assert loop_of(own).guarantee.in_words() == expected
 
 
 @pytest.mark.parametrize(
@@ -215,9 +208,9 @@ def test_a_guarantee_in_words():
         (chain(guarantee="dwell", dwell=1, longest=2), []),
         (chain(guarantee="dwell", dwell=1), [(("A",), "2"), (("B",), "3")]),
         (problem(guarantee="dwell", dwell=1, longest=2), [(("A", "C"), "2"), (("B", "C"), "3")]),
-        (problem(guarantee="sequence", dwell=1), []),
-        (problem(guarantee="sequence", sequence=["A", "B", "A"], dwell=1), []),
-        (problem(guarantee="sequence", sequence=["A", "C"], dwell=1), [(("A", "C"), "2")]),
+        (in_turn(), []),
+        (in_turn("ABA"), []),
+        (in_turn("AC"), [(("A", "C"), "2")]),
         (chain(guarantee="sequence", sequence=["B"], dwell=1), [(("B",), "3")]),
         (chain(guarantee="sequence", dwell=1, gains={3: 1}), [(("A", "B"), "1")]),
     ],
@@ -245,15 +238,16 @@ def test_claims_that_cannot_be_are_refused():
         with pytest.raises(SpecError):
             replace(good, **changes)
     not_weights = [
-        Weights(times=(), v=()),
-        Weights(times=(ONE,), v=((ONE,),)),
-        Weights(times=(ZERO, ZERO), v=one.v),
-        Weights(times=one.times, v=one.v[:1]),
-        Weights(times=one.times, v=((ONE,), (ZERO,))),
+        {"times": (), "v": ()},
+        {"times": (ONE,), "v": ((ONE,),)},
+        {"times": (ZERO, ZERO)},
+        {"v": one.v[:1]},
+        {"v": ((ONE,), (ZERO,))},
     ]
     for each in not_weights:
+        weights = replace(one, **each)
         with pytest.raises(SpecError):
-            Cycles(phases=(each,), rate=ONE, rho=None)
+            Cycles(phases=(weights,), rate=ONE, rho=None)
     assert BARE.least == 1
 
 
@@ -335,7 +329,7 @@ def test_half_a_ring_at_a_time_settles_nearly_as_soon_as_its_slowest_run(pins, d
 def test_weights_that_move_take_over_from_a_box_and_both_programs_accept_it():
     """Agent 2 hears the pinned one in every other second; twin: a hundredth of the time sooner."""
     region = {"initial_states": [-1, 1]}
-    own = problem({"A": [[2, 1]], "B": []}, n=2, guarantee="sequence", dwell=1, region=region)
+    own = in_turn(modes={"A": [[2, 1]], "B": []}, n=2, region=region)
     result = certify(own, settling="1/10")
     settling = result.settling
     assert settling.claim.kind == "schedule"
@@ -357,9 +351,9 @@ def test_starts_are_those_of_phases_that_may_be_first():
     flat = Weights(times=times, v=((ONE,) * 3,) * 2)
     high = Weights(times=times, v=((HALF,) * 3,) * 2)
     claim = Cycles(phases=(flat, high), rate=ONE, rho=ONE)
-    in_turn = loop_of(chain(guarantee="sequence", dwell=1))
+    one_first = loop_of(chain(guarantee="sequence", dwell=1))
     lasting = loop_of(chain(guarantee="dwell", dwell=1))
-    assert holds_starts(in_turn, claim, radius=ONE, disturbance=ZERO)
+    assert holds_starts(one_first, claim, radius=ONE, disturbance=ZERO)
     assert not holds_starts(lasting, claim, radius=ONE, disturbance=ZERO)
     assert holds_starts(lasting, claim, radius=HALF, disturbance=ZERO)
     first = Phase(mode="A", shortest=ONE, longest=None, successors=(1,), first=True)
@@ -374,8 +368,7 @@ def test_an_unstable_mode_refutes_only_where_it_may_stay_on():
     for turns in ({"guarantee": "dwell", "dwell": 1}, {"signal": "random", "dwell": 1}):
         unstable = problem(arcs, n=2, coupling="-5*y", gains=gains, **turns)
         assert certify(unstable).verdict is Verdict.REFUTED
-    short = {"guarantee": "sequence", "sequence": ["A", "B"], "dwell": [2, "1/10"]}
-    brief = certify(problem(arcs, n=2, coupling="-5*y", gains=gains, **short))
+    brief = certify(in_turn("AB", [2, "1/10"], modes=arcs, n=2, coupling="-5*y", gains=gains))
     assert brief.verdict is not Verdict.REFUTED
     assert recheck(brief.claims, brief.problem).holds
 
@@ -384,7 +377,7 @@ def test_an_unstable_mode_refutes_only_where_it_may_stay_on():
 @only(separable_stage, schedule_stage)
 def test_what_holds_for_every_signal_carries_the_verdict_also_where_it_is_slower():
     arcs = {"A": [[2, 1], [3, 2]], "B": [[2, 1], [3, 1]]}
-    found = certify(problem(arcs, guarantee="sequence", dwell=1), everything=True)
+    found = certify(in_turn(modes=arcs), everything=True)
     proved = {each.id for each in found.claims.checks if each.verdict is Verdict.PROVED}
     assert proved >= {"max-separable", "schedule"}
     assert found.claims.covered_by not in ("schedule", None)
@@ -411,7 +404,7 @@ def test_double_integrators_that_are_never_connected(
 ):
     """p'' = h(p_j - p_i) - 3 p' (- p of the first): the rate is close to that of the exact flow
     over a round, or to half of it where few chords are asked for."""
-    dynamics = Dynamics(A=[[0, 1], [0, -3]], B=[[0], [1]])
+    dynamics = Dynamics(A=matrix("0 1; 0 -3"), B=matrix("0; 1"))
     gains = {1: [[1, 0]]}
     turns = Switching(guarantee="sequence", sequence=["A", "B"], dwell=2)
     network = Network.from_arcs({"A": [[3, 2]], "B": [[2, 1]]}, arrow="listens_to", agents=3)
@@ -454,7 +447,7 @@ def test_agents_whose_dynamics_couple_components_are_seen_in_coordinates():
     looks unreached."""
     network = Network.from_arcs({"A": [], "B": [[2, 1]]}, arrow="listens_to", agents=2)
     turns = Switching(guarantee="sequence", sequence=["A", "B"], dwell=1)
-    agents = Dynamics(A=[[0, 1], [0, -3]])
+    agents = Dynamics(A=matrix("0 1; 0 -3"))
     own = Problem(
         network=network, coupling="y", gains={1: 1}, target=[0, 0], switching=turns, dynamics=agents
     )
@@ -501,8 +494,7 @@ def switched_pair(k: Any, dwell: Any, **more: Any) -> Problem:
     """e_1' = (1 - k) e_1 - e_2 in A and the same for e_2 in B: two agents that repel each other in
     turn."""
     modes = {"A": [[1, 2]], "B": [[2, 1]]}
-    turns = {"guarantee": "sequence", "sequence": ["A", "B"], "dwell": dwell}
-    return problem(modes, coupling="-y", n=2, gains={1: k, 2: k}, **turns, **more)
+    return in_turn("AB", dwell, modes=modes, coupling="-y", n=2, gains={1: k, 2: k}, **more)
 
 
 @pytest.mark.parametrize("dwell", ["1/10", 1, 3])
@@ -547,8 +539,7 @@ def test_the_second_program_encloses_an_exponential():
 def test_a_false_claim_is_not_halved_all_along():
     """A row that fails everywhere on 1000 segments: without a bound 2^11 parts of each are looked
     at."""
-    arcs = {"A": [[2, 1]], "B": [[3, 2]]}
-    own = problem(arcs, guarantee="sequence", sequence=["A", "B"], dwell=1)
+    own = in_turn("AB", modes={"A": [[2, 1]], "B": [[3, 2]]})
     rows = moving_rows(loop_of(own), ONE, ["A"])
     # all weights fall, agent 2 is held by 1
     v = [(Fraction(2000 - k, 2000),) * 3 for k in range(1001)]

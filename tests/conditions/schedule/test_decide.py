@@ -16,6 +16,7 @@ from checker_files.settling import CUBIC, GOOD, LINE, MIXED, SEEN, STRETCHED, UN
 from networks import listening, pair
 from regional_problems import field
 from scipy.integrate import solve_ivp
+from texts import exact_matrix
 
 import dobc_design as dd
 from dobc_design.conditions.check import check_from_json
@@ -70,14 +71,14 @@ def test_every_condition_that_fails_is_named(name: str, document: dict, words: s
 
 
 def test_boxes_that_cannot_be_are_refused():
-    one = ((F(1),),) * 2
+    one = exact_matrix("1") * 2
     second = (F(0), F(1))
     for times in ((), (F(1), F(2)), (F(0), F(0)), (F(1), F(0))):
         with pytest.raises(SpecError, match="times must rise from 0"):
             Tube(times=times, upper=one, lower=one)
     with pytest.raises(SpecError, match="one box for each time"):
         Tube(times=second, upper=one, lower=one[:1])
-    empty = ((F(1),), (F(0),))
+    empty = exact_matrix("1; 0")
     with pytest.raises(SpecError, match="entries > 0"):
         Tube(times=second, upper=one, lower=empty)
 

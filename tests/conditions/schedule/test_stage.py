@@ -13,6 +13,7 @@ from certified import coarse_tables, few_chords, rough_settling, settling_alone
 from networks import cycle, pair
 from regional_problems import HARMONIC, listening_pair
 from simulated_runs import INTEGRATION, compare
+from texts import exosystem_of
 
 import dobc_design as dd
 from dobc_design.certificate.text import certificate_bytes
@@ -140,9 +141,7 @@ def test_agents_with_different_exosystems_settle_and_both_programs_accept_it():
     """e_i' = -2 e_i + eps_i, eps_i' = -b_i eps_i: the slower group's error decides; twin: one
     percent sooner."""
     groups = [
-        dd.Group(
-            agents=[agent], exosystem=dd.Exosystem(A=[[0]], C=[[1]]), observer=dd.Observer(W=[[b]])
-        )
+        dd.Group(agents=[agent], exosystem=exosystem_of("0", "1"), observer=dd.Observer(W=[[b]]))
         for agent, b in ((1, 4), (2, 1))
     ]
     network, region = (

@@ -18,7 +18,7 @@ import numpy as np
 
 from dobc_design._checks import LATER
 from dobc_design.coupling.coupling import Coupling
-from dobc_design.errors import SpecError, reason_of, wrong
+from dobc_design.errors import SpecError, mistake, reason_of, wrong
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import Document, Names, Table, Texts, named, shown
@@ -218,11 +218,11 @@ def _load(data: bytes, name: str) -> Document:
         raise not_a(PROBLEM, document, name=name)
     version, known = document.get("version"), _version_of(document)
     if version != known or type(version) is not int:  # true and 1.0 equal 1
-        raise SpecError(
+        raise mistake(
+            "version",
             f"problem.json has version {shown(version)}; this program knows {VERSION} to "
             f"{VERSION_UNDISTURBED}, and reads this one as {known}.",
-            key="version",
-            cure="Update dobc_design, or write the file again.",
+            "Update dobc_design, or write the file again.",
         )
     return document
 
@@ -399,9 +399,7 @@ def _text(value: Any, key: str) -> str:
 
 
 def _wrong(key: str, wanted: str, value: object) -> SpecError:
-    return SpecError(
-        f"problem.json: {key} must be {wanted}; got {shown(value)}.", key=key, cure=_CURE
-    )
+    return mistake(key, f"problem.json: {key} must be {wanted}; got {shown(value)}.", _CURE)
 
 
 def _arcs(value: Any, key: str) -> Arcs:

@@ -20,7 +20,7 @@ from typing import Any
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
-from dobc_design.errors import SpecError
+from dobc_design.errors import SpecError, mistake
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import nearest, number_text
 from dobc_design.exact.reading import Document, Names, Table, is_scalar_matrix, shown
@@ -131,10 +131,10 @@ def changed_problem(problem: Problem, changes: Table) -> Problem:
     SpecError."""
     for key in changes:
         if key not in CHANGEABLE:
-            raise SpecError(
+            raise mistake(
+                key,
                 f"{shown(key)} is no key that a change may set.",
-                key=key,
-                cure=f"One of {', '.join(CHANGEABLE)}.",
+                f"One of {', '.join(CHANGEABLE)}.",
             )
     given: Document = {
         "target": changes.get("target", problem.target),
@@ -166,10 +166,10 @@ def _changed(noun: Any, table: str, changes: Table) -> Any:
 def _changed_groups(problem: Problem, changes: Table) -> Document:
     """The groups with other gains.  Raises: SpecError for a change of all agents."""
     if any(key in _OF_ALL for key in changes):
-        raise SpecError(
+        raise mistake(
+            "exosystem.groups",
             "exosystem and observer cannot be changed by key where agents have different ones.",
-            key="exosystem.groups",
-            cure="Make the problem anew with other groups.",
+            "Make the problem anew with other groups.",
         )
     if GROUP_GAINS not in changes:
         return {}
@@ -207,7 +207,7 @@ def changed_text(
             if path == GROUP_GAINS:
                 _set_group_gains(document, value or {}, remark=remark)
             else:
-                _set(document, path.split("."), value, whole=whole, remark=remark)
+                _set(document, path, value, whole=whole, remark=remark)
         return tomlkit.dumps(document)
     except _NOT_BY_KEY:
         return None
@@ -225,10 +225,10 @@ _NOT_BY_KEY = (
 )
 
 
-def _set(document: Any, path: list[str], value: Any, *, whole: bool, remark: str) -> None:
+def _set(document: Any, path: str, value: Any, *, remark: str, whole: bool = True) -> None:
     """Set, or remove, the value at a path of a TOML document."""
     table = document
-    *tables, name = path
+    *tables, name = path.split(".")
     for each in tables:
         if each not in table:
             if value is None:
@@ -239,7 +239,7 @@ def _set(document: Any, path: list[str], value: Any, *, whole: bool, remark: str
         if name in table:
             table.remove(name)
             if tables and not len(table):
-                document.remove(path[0])
+                document.remove(tables[0])
         return
     old = table.get(name)
     if not whole and isinstance(value, Mapping) and isinstance(old, tomlkit.items.Table):
@@ -265,12 +265,12 @@ def _set_group_gains(document: Any, gains: Table, *, remark: str) -> None:
         agents = {str(agent) for agent in table["agents"]}
         name = next((name for name in gains if name in agents), None)
         own = None if name is None else left.pop(name)
-        _set(table, ["W"], own, whole=True, remark=remark)
-        _set(table, ["P"], None, whole=True, remark=remark)
+        _set(table, "W", own, remark=remark)
+        _set(table, "P", None, remark=remark)
     # The gain that no group has taken is that of the agents outside of all groups.
     outside = next(iter(left.values()), None)
-    _set(document, ["observer", "W"], outside, whole=True, remark=remark)
-    _set(document, ["observer", "P"], None, whole=True, remark=remark)
+    _set(document, "observer.W", outside, remark=remark)
+    _set(document, "observer.P", None, remark=remark)
 
 
 def _change_lines(table: Any, wanted: Table, remark: str) -> None:
@@ -316,11 +316,11 @@ def changed_file(
     anew = problem_text(wanted)
     if _gives(anew, wanted, folder=folder):
         return anew
-    raise SpecError(
+    raise mistake(
+        "problem",
         "the changed problem cannot be written as a problem file: it is too large, or a number in "
         "it too long.",
-        key="problem",
-        cure="Make the change by hand.",
+        "Make the change by hand.",
     )
 
 

@@ -18,7 +18,7 @@ from dobc_design._checks import noun, put
 from dobc_design._show.cards import MOST_ITEMS, Card, Facts, Shown, listed, plain
 from dobc_design._show.text import significant
 from dobc_design.coupling.coupling import Coupling, make_coupling
-from dobc_design.errors import Mistakes, ShapeError, SpecError, about, wrong
+from dobc_design.errors import Mistakes, ShapeError, SpecError, about, mistake, wrong
 from dobc_design.exact import reading
 from dobc_design.exact.matrix import Vector
 from dobc_design.exact.reading import (
@@ -258,10 +258,10 @@ class Problem(Shown):
         known = signature(Problem).parameters
         for name in changes:
             if name not in known:
-                raise SpecError(
+                raise mistake(
+                    name,
                     f"a problem has no argument {name!r}.",
-                    key=name,
-                    cure=f"Its arguments are {', '.join(known)}.",
+                    f"Its arguments are {', '.join(known)}.",
                 )
         self._check_same_agents(changes)
         for name in ("region", "simulation"):

@@ -8,8 +8,9 @@ ordinary problem.  Words only.
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterable, Sequence
+
+import numpy as np
 
 from dobc_design._show.cards import listed
 
@@ -19,27 +20,23 @@ Signed = tuple[int, int, bool]  # listener, speaker, and whether the two oppose 
 def two_sides(n: int, arcs: Iterable[Signed]) -> tuple[list[int], list[int]] | None:
     """Two sides such that agents oppose each other exactly across them; None if the signs do not
     balance.  The first agent of every connected part is on the first side."""
-    linked: list[list[tuple[int, bool]]] = [[] for _ in range(n)]
+    from scipy.sparse import coo_array  # only where signs are mixed
+    from scipy.sparse.csgraph import connected_components
+
+    # Every agent twice, as itself and as its opposite: opposed agents are linked to opposites.
+    begins: list[int] = []
+    ends: list[int] = []
     for listener, speaker, opposed in arcs:
-        linked[listener].append((speaker, opposed))
-        linked[speaker].append((listener, opposed))
-    side: list[int | None] = [None] * n
-    # Breadth first from one agent of every part: each arc says on which side its other end is.
-    for first in range(n):
-        if side[first] is not None:
-            continue
-        side[first] = 0
-        waiting = deque([first])
-        while waiting:
-            agent = waiting.popleft()
-            for other, opposed in linked[agent]:
-                wanted = int(side[agent] != int(opposed))
-                if side[other] is None:
-                    side[other] = wanted
-                    waiting.append(other)
-                elif side[other] != wanted:
-                    return None
-    return [i for i in range(n) if side[i] == 0], [i for i in range(n) if side[i] == 1]
+        begins += [listener, listener + n]
+        ends += [speaker + n, speaker] if opposed else [speaker, speaker + n]
+    links = np.ones(len(begins)), (begins, ends)
+    graph = coo_array(links, shape=(2 * n, 2 * n))
+    part = connected_components(graph, directed=False)[1]
+    if np.any(part[:n] == part[n:]):
+        return None
+    # Parts are numbered as they are met, so that the first agent of each is on the first side.
+    first = part[:n] < part[n:]
+    return np.flatnonzero(first).tolist(), np.flatnonzero(~first).tolist()
 
 
 def opposition_advice(labels: Sequence[str], arcs: Iterable[Signed], *, cure: str) -> str:

@@ -287,6 +287,7 @@ def obstacle(loop: Loop, W: Matrix | None, *, turned: bool = False) -> str | Non
     if loop.n > MOST_AGENTS:
         return f"does not apply: final bounds are decided for at most {MOST_AGENTS} agents."
     plant = loop.uncertainty or Uncertainty()
+    # Rows in coordinates take what acts as a load; they know nothing of noise in couplings.
     if turned and plant.measurement:
         return (
             "does not apply: measurement noise is known for couplings that act by component only."
@@ -441,6 +442,7 @@ class Plant:
             passed = peaks.disturbance
             by_model = plant.disturbance * passed
             by_model += plant.drift * peaks.drift + noise * peaks.measurement
+        # Observers with other weights take sum dw h for a disturbance, which W passes on.
         if not plant.known_to_agents:
             unknown = errors.weights * passed * (1 + self.room)
         # of all sums of slopes: neighbours' noise, and their own
@@ -609,6 +611,7 @@ def _wrong_peaks(loop: Loop, W: Matrix, peaks: Peaks) -> str | None:
     own = observer_peaks(loop, W, step=peaks.step, steps=peaks.steps)
     if own is None:
         return "the peak gains of the observer are not shown with these steps."
+    # A claim may be larger than what is shown here, never smaller.
     for name in INPUTS:
         claimed = getattr(peaks, name)
         if getattr(own, name) > claimed:
@@ -619,6 +622,7 @@ def _wrong_peaks(loop: Loop, W: Matrix, peaks: Peaks) -> str | None:
 def _wrong_stages(claim: Accuracy, plant: Plant) -> str | None:
     """None if the stages hand over to each other, all shrink, and the last leaves no more than the
     bounds."""
+    # Where one stage ends, strictly inside, the next one begins.
     for before, stage in pairwise(claim.stages):
         if stage.rho is None:
             return _NO_HANDOVER
@@ -680,6 +684,7 @@ def _wrong_starts(check: Check, case: Case, claim: Accuracy) -> str | None:
     wrong = observer_obstacle(case.loop, case.W, box)
     if wrong is not None:
         return wrong
+    # The level is reached with errors of estimates that may still be as large as at the start.
     start = max(radius, first.level / box.spread)
     if not covers(box, radius=start, disturbance=disturbance):
         return "the box of starts, or the level, is not inside the invariant set."

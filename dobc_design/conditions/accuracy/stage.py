@@ -112,6 +112,7 @@ def propose_peaks(loop: Loop, W: Matrix) -> Peaks | None:
     if not (decay > 0 and np.isfinite(size)):
         return None
     horizon = DECAYED / decay
+    # Fine steps lose little; slow observers need longer ones, to be followed to their end.
     h = min(max(FINEST / size, horizon / MOST_STEPS), COARSEST / size)
     steps = min(MOST_STEPS, int(np.ceil(horizon / h)))
     found = observer_peaks(loop, W, step=rounded_up(Fraction(h), digits=3), steps=steps)
@@ -147,6 +148,7 @@ def propose_stages(plant: Plant, outer: Level) -> Iterator[Level]:
 def near_target(plant: Plant) -> Iterator[Level]:
     """Boxes |e_i| <= v_i around the target that shrink, larger ones first: v as the rows near the
     target want it."""
+    # In a box this small the slopes are those at the target.
     tiny = Level(v=(ONE,) * plant.loop.n, alpha=SLOW, level=SLOW, rho=Fraction(1, 1000))
     for v in reversed(list(_vectors(plant, tiny, SPREADS))):
         level = None if v is None else _lowest(plant, replace(tiny, v=v, rho=ONE))
@@ -167,6 +169,7 @@ def _inside(plant: Plant, before: Level) -> Iterator[Level]:
         if before.rho is not None:
             rho = _reach(before, v)
         tight = _with_rate(plant, Level(v=v, alpha=SLOW, level=1 + ABOVE, rho=rho))
+        # v was made for b_i at s = 1, so that this level is the lowest one if its rows hold.
         is_inside = spread == 1 and (rho is None or tight.level < rho)
         if is_inside and plant.not_shrinking(tight) is None:
             found: Level | None = tight
@@ -193,6 +196,7 @@ def _vectors(plant: Plant, within: Level, spreads: Sequence[float]) -> Iterator[
     field = replace(field, grid=np.array([1.0]), extra=_pulls(plant, size))
     for spread in spreads:
         with np.errstate(all="ignore"):
+            # What an agent alone would come to is below the solution, where Newton may begin.
             own = -field.rows(b * NEAR, alpha=0.0)[1].diagonal()
             lower = LEAST * spread * b / np.where(own > 0, own, 1.0)
             v = least_solution(replace(field, load=spread * b), alpha=0.0, start=lower, lower=lower)
@@ -224,6 +228,7 @@ def _pulls(plant: Plant, reach: float) -> Any:
         rows = np.concatenate([arcs.listeners, arcs.listeners])
         columns = np.concatenate([arcs.listeners, arcs.speakers])
         entries = np.concatenate([w, w])
+        # an observer has seen all modes: the worst counts
         total = total.maximum(sparse.csr_array((entries, (rows, columns)), shape=total.shape))
     return total
 
@@ -388,6 +393,7 @@ def _claims(case: Case, plant: Plant) -> Iterator[Check]:
     near = () if exosystem is not None and error is None else near_target(plant)
     whole = _box(radius, disturbance)
     held = covering_boxes(plant, error, (radius, disturbance)) if boxes else ()
+    # The whole box first, then those made for what acts; smaller ones hold fewer starts.
     tried = chain(
         boxes[:1],
         (_First(level, bound, whole) for level, bound in held),
@@ -479,7 +485,7 @@ def _decayed(M: Array, size: float) -> float | None:
         while not _row_norm(power) <= LEFT:
             if time * size > MOST_GROWTH:
                 return None
-            time, power = 2 * time, power @ power
+            time, power = 2 * time, power @ power  # exp(2 M t)
     sooner = (part * time for part in (0.625, 0.75, 0.875))
     return next((t for t in sooner if _row_norm(linalg.expm(M * t)) <= LEFT), time)
 
@@ -591,6 +597,7 @@ def _stage_in(
         return None, better
     load = plant.load_in(T)
     acts = np.array(load, dtype=float)
+    # Rows fall like best s for every s: from this s on they outweigh what acts.
     lowest = Fraction(float(np.max(acts / -best.ravel())))
     level = rounded_up(lowest * (1 + ABOVE), digits=9)
     if level <= 0 or (rho is not None and level > rho):

@@ -34,6 +34,7 @@ ZERO = Fraction(0)
 
 def closed_classes(generator: Matrix) -> list[tuple[int, ...]]:
     """The smallest sets of modes (places) that the chain does not leave; it ends in one of them."""
+    # Which modes each mode leads to, in one step or none at first.
     leads = np.zeros((len(generator), len(generator)), dtype=bool)
     for p, row in enumerate(generator):
         leads[p] = [p == q or rate > 0 for q, rate in enumerate(row)]
@@ -72,6 +73,7 @@ def _needs(loop: Loop, W: Matrix | None, claim: Kept) -> Iterator[Need]:
     if claim.box is not None:
         yield from _box_is_kept(loop, W, claim, claim.box)
         return
+    # Means and mean squares are of linear equations: those of curved ones depend on all moments.
     yield loop.is_linear, "couplings have to be linear."
     rate = claim.rate or ZERO
     exosystem = loop.joint_exosystem
@@ -90,11 +92,13 @@ def _box_is_kept(loop: Loop, W: Matrix | None, claim: Kept, box: Cycles) -> Iter
     yield not box.phases and box.rate is None, "it has no weights."
     yield from holds_observer(loop, W, box, claim.rate)
     yield from rises(loop, box.rho, strictly=claim.kind == SURE)
+    # A graph that moves may leave an agent alone, so that only its pin is sure.
     least = min(holding_gains(loop))
     is_pinned = claim.rate is None or claim.rate <= least
     yield is_pinned, "not every agent is pinned as much as its rate."
     if not claim.kind:
         return
+    # In the end the chain stays among few modes, and visits each of them again and again.
     names = list(loop.modes)
     for each in closed_classes(loop.guarantee.generator or ()):
         modes = [names[p] for p in each]
@@ -111,6 +115,8 @@ def _mean(loop: Loop, claim: Kept, generator: Matrix, rate: Fraction) -> Iterato
     yield fits, "weights must be > 0, one per agent."
     slopes = [each.jacobian_at_zero()[0][0] for each in loop.functions]
     yield min(slope.lo for slope in slopes) >= 0, "a coupling falls."
+    # Column by column: what agent i hears of j with |h'| <= hi adds to the row of j, since A_p is
+    # transposed, and takes from the row of i at least what lo says.
     gains = holding_gains(loop)
     for (mode, w), rates in zip(weights.items(), generator, strict=True):
         arcs = loop.modes[mode]
@@ -138,6 +144,7 @@ def _square(loop: Loop, claim: Kept, generator: Matrix, rate: Fraction) -> Itera
     for (mode, P), rates in zip(forms.items(), generator, strict=True):
         A = linear_part(statements, mode)
         yield A is not None, "the slopes are not rational, or the network is too large."
+        # The derivative of E[e'P e] in this mode, and where the chain goes from it.
         half = exact.multiply(P, A or ())
         total = exact.add(exact.add(half, exact.transpose(half)), exact.scale(2 * rate, P))
         for g, other in zip(rates, forms.values(), strict=True):

@@ -46,6 +46,7 @@ def mean_claim(loop: Loop, W: Matrix | None, generator: Matrix) -> Kept | None:
     _, w = last_found(
         lambda rate, _: _weights(M, rate), w, low, high, steps=BISECTIONS, middle=_geometric_middle
     )
+    # Floats showed the rows; a little less than their rate is left to exact arithmetic.
     rate = _observed(loop, W, float(np.min(M @ w / w)) * SAFE)
     if rate <= SMALLEST:
         return None
@@ -115,6 +116,7 @@ def square_claim(loop: Loop, W: Matrix | None, generator: Matrix) -> Kept | None
     rate = _observed(loop, W, -slowest / 2 * STEADY)
     if rate <= SMALLEST:
         return None
+    # The P with -I on the right side, which is positive as long as the rate is below the slowest.
     wanted = -np.tile(unit.ravel(), len(blocks))
     solved = np.linalg.solve(T + 2 * rate * np.eye(len(T)), wanted).reshape(-1, size, size)
     forms = [round_matrix((each + each.T) / 2, FORM_DIGITS) for each in solved]

@@ -81,6 +81,7 @@ def _boxes(asked: Asked, kind: str, rate: Fraction | None) -> Iterator[tuple[Ask
         everywhere = Cycles(phases=(), rate=None, rho=None, error=error)
         yield asked, Kept(kind=kind, rate=rate, box=everywhere)
         return
+    # Curved couplings may fall far out: smaller boxes of starts look less far.
     for k in range(SMALLER + 1):
         radius, disturbance = (_halved(x, k) for x in (asked.radius, asked.disturbance))
         smaller = replace(asked, radius=radius, disturbance=disturbance)
@@ -136,6 +137,7 @@ def _kept_in_words(loop: Loop, asked: Asked, claim: Kept) -> str:
 
 def _pace_in_words(loop: Loop, claim: Kept, loose: list[str]) -> str:
     """Whether all reach the target, and how fast; ``loose``: the agents without a pin."""
+    # Only pins of all agents give a rate that no graph can take away.
     if claim.rate is not None:
         return (
             "All agents are pinned, so from there all reach the target for every "
@@ -175,6 +177,7 @@ def _linear_claim(asked: Asked) -> Kept | None:
     if not loop.is_linear:
         return None
     generator = loop.guarantee.generator or ()
+    # The mean square says more than the mean, and is tried first.
     searches = [square_claim]
     if acts_by_component(loop):
         searches.append(mean_claim)

@@ -178,6 +178,7 @@ def confirm(check: Check, case: Case) -> str | None:
     stated = stated_errors(loop)
     if claim.errors.weights < stated.weights or claim.errors.gains < stated.gains:
         return "the errors of [uncertainty] are larger"
+    # Observers that know the weights are fed what acts, and their errors decay as before.
     if (claim.eta is None) is not agents_know(loop):
         return "eta belongs to observers that do not know the weights, and to no others"
     if claim.v is not None:
@@ -237,6 +238,7 @@ def observer_pull(loop: Loop, W: Matrix | None, base: Separable) -> Fraction:
     UndefinedError."""
     if base.error is None or W is None:
         return _ZERO
+    # |W|_P, of which each column is a vector in the norm of P.
     columns = transpose(W)
     squares = [multiply((c,), multiply(base.error.P, transpose((c,))))[0][0] for c in columns]
     roots = [root_above(square, unit=ROOTS) for square in squares]
@@ -374,6 +376,7 @@ def input_parts(
         return tuple(Part(size, _ZERO) for size in sizes)
     if not own_box and not agents_know(loop):  # errors of the weights act on E
         return tuple(Part(max(size, 1 / error.kappa), _ZERO) for size in sizes)
+    # E never exceeds its start, and where N is large little of V is left for E.
     first = root_above(error.size * disturbance**2, unit=ROOTS)
     return tuple(Part(size, max(_ZERO, 1 - error.kappa * size) * first) for size in sizes)
 
@@ -397,6 +400,7 @@ def _not_inputs(check: Check, loop: Loop, base: Separable, claim: Inputs) -> str
     if table is None or found is None or check.rate is not None:
         return "it needs [actuators], a bound of the disturbance, and no rate"
     radius, noise = read_domain(check.domain, loop, kind=Box)
+    # A smaller set {V <= rho} than that of the certificate is not left either.
     inside = 0 < claim.rho <= (base.rho or claim.rho)
     if not inside or not covers(replace(base, rho=claim.rho), radius=radius, disturbance=noise):
         return "its box is not inside {V <= rho}, or rho is larger than that of the certificate"
@@ -430,6 +434,7 @@ def _not_held(check: Check, case: Case, claim: Inputs, stage: Level) -> str | No
     if reason is not None:
         return reason
     peaks = None
+    # What acts on the plant for ever is bounded by the stages and peak gains of accuracy.
     if stated_in(loop).absolute:
         final = case.proved(Accuracy)
         if final is None:

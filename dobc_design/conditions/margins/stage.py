@@ -172,6 +172,7 @@ def _tolerance(asked: Asked, case: Case) -> Check:
     part = _ZERO
     claim = None if given is None else find(given)
     if claim is None and not is_large:
+        # Weights and gains err together, in the ratio that the file states.
         direction = given or Errors(ONE, ONE)
         part, claim = _largest(lambda part: find(Errors(*(part * x for x in direction))))
     if claim is None:
@@ -209,6 +210,7 @@ def _tolerated(claim: Tolerance, *, is_largest: bool, needs_hurwitz: bool) -> st
 
 def _largest(find: Callable[[Fraction], Tolerance | None]) -> tuple[Fraction, Tolerance | None]:
     """About the largest part <= LARGEST (three digits) for which something is found, and that."""
+    # Halved until something is tolerated; then cut between that and the last one that is not.
     low = high = LARGEST
     best = find(low)
     for _ in range(HALVINGS - 1):
@@ -364,6 +366,7 @@ def _actuators(asked: Asked, checks: Sequence[Check]) -> Check:
         plans = _box_of_proof(asked, case, base, found)
     plan = None
     least = _ZERO
+    # The first box in which every input keeps its limit will do, else the one that comes nearest.
     for each in chain(plans, _boxes_of_their_own(asked, case, base, found)):
         worst = each.worst
         if plan is None or worst < least:
@@ -424,6 +427,7 @@ def _box_of_proof(
     loop, v = asked.loop, tuple(base.v)
     proof = case.proof(Separable)
     starts = _starts(asked, asked.domain if proof is None else proof.domain)
+    # A second box, for starts so small that limits are kept.
     for _ in range(2):
         rho = _level_of(v, base.error, starts, _ZERO)
         if base.rho is not None:
@@ -470,7 +474,7 @@ def _boxes_of_their_own(
     plant = Plant(loop=loop, peaks=peaks, room=ROOM)
     for part in SLOWLY:
         for level, own in chain(levels, covering_boxes(plant, error, box, slowly=part)):
-            levels = []
+            levels = []  # those of accuracy are tried once
             plan = _plan_of(plant, level, own, starts, found)
             if plan is not None:
                 yield plan

@@ -45,6 +45,11 @@ from dobc_design.loop.make import loop_of
 
 F = Fraction
 TINY = F(1, 10**30)
+PROVED, REFUTED = Verdict.PROVED, Verdict.REFUTED
+
+
+def ones(loop: Loop) -> tuple[F, ...]:
+    return (F(1),) * loop.n
 
 
 def pinned_by(loop: Loop, functions: Mapping[int, str]) -> Loop:
@@ -68,32 +73,37 @@ def verdict(loop: Loop, v, alpha, rho, **errors) -> Verdict:
 
 def test_saturated_pins_of_all_agents_have_the_rate_of_the_theory():
     """Section 14: k = 5, ubar - dbar = 1/2, |e| <= 4, all pinned, v = 1: 1/8, and nothing above."""
-    loop, ones = saturated(4), (F(1),) * 4
-    assert largest_rate(loop, ones, rho=F(4)) == F(1, 8)
-    assert verdict(loop, ones, "1/8", 4) is Verdict.PROVED
-    assert verdict(loop, ones, F(1, 8) + TINY, 4) is Verdict.REFUTED
-    assert verdict(loop, ones, "1/8", F(4) + TINY) is Verdict.REFUTED
+    loop = saturated(4)
+    v = ones(loop)
+    assert largest_rate(loop, v, rho=F(4)) == F(1, 8)
+    assert verdict(loop, v, "1/8", 4) is PROVED
+    assert verdict(loop, v, F(1, 8) + TINY, 4) is REFUTED
+    assert verdict(loop, v, "1/8", F(4) + TINY) is REFUTED
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_the_rate_of_saturated_pins_is_that_of_the_weakest_agent(seed: int):
     """Section 14, h rising and v = 1: the least of min(k_i, (ubar - dbar)/rho) over all agents."""
     r = Random(f"saturated {seed}")
-    n, rho = r.randint(2, 5), F(r.choice(("1/4", "1", "3")))
+    n = r.randint(2, 5)
+    rho = F(r.choice(("1/4", "1", "3")))
     gains = [F(r.randint(1, 9), 2) for _ in range(n)]
     rooms = [F(r.randint(1, 9), 4) for _ in range(n)]
     pins = {i: f"clip({gains[i]}*y, -{rooms[i]}, {rooms[i]})" for i in range(n)}
-    loop = pinned_by(loop_of(cycle(n, h=r.choice(MONOTONE), gains={})), pins)
+    bare = loop_of(cycle(n, h=r.choice(MONOTONE), gains={}))
+    loop = pinned_by(bare, pins)
+    v = ones(loop)
     rate = min(min(k, room / rho) for k, room in zip(gains, rooms, strict=True))
-    assert verdict(loop, (F(1),) * n, rate, rho) is Verdict.PROVED
-    assert verdict(loop, (F(1),) * n, rate + TINY, rho) is Verdict.REFUTED
-    assert largest_rate(loop, (F(1),) * n, rho=rho) == pytest.approx(rate, rel=1e-8)
+    assert verdict(loop, v, rate, rho) is PROVED
+    assert verdict(loop, v, rate + TINY, rho) is REFUTED
+    assert largest_rate(loop, v, rho=rho) == pytest.approx(rate, rel=1e-8)
 
 
 def test_a_pin_is_a_term_whose_other_node_has_the_weight_zero():
     """h(-s v_i) and nothing else; delays stretch the v_j of nodes that move, and the fixed one
     stays."""
-    loop = pinned_by(loop_of(listening([[2, 1]], "y", n=2, gains={1: 3}, target=0)), {1: "tanh(y)"})
+    usual = loop_of(listening([[2, 1]], "y", n=2, gains={1: 3}, target=0))
+    loop = pinned_by(usual, {1: "tanh(y)"})
     ((first, _), (second, _)) = rows(loop, fractions(1, 2), stretch=F(3, 2))
     assert (first.terms, first.pull, first.own) == ((), F(3), F(1))
     assert second.terms == (Term(0, F(1), F(7, 2), F(-1, 2)), Term(1, F(1), F(2), F(-2)))
@@ -102,28 +112,28 @@ def test_a_pin_is_a_term_whose_other_node_has_the_weight_zero():
 
 def test_a_linear_function_of_a_pin_says_what_the_gain_says():
     """Rates, delays and sampling periods are those of the loop with the gain k in place of k y."""
-    n, v = 4, fractions(1, "1.3", "1.2", "1.1")
-    gains = {1: 5, 3: "1/2"}
-    usual = loop_of(cycle(n, gains=gains))
-    other = pinned_by(loop_of(cycle(n, gains={})), {0: "5*y", 2: "y/2"})
+    v = fractions(1, "1.3", "1.2", "1.1")
+    usual = loop_of(cycle(4, gains={1: 5, 3: "1/2"}))
+    other = pinned_by(loop_of(cycle(4, gains={})), {0: "5*y", 2: "y/2"})
     rate = largest_rate(usual, v, rho=F(1))
     assert rate > F(1, 10)
     assert largest_rate(other, v, rho=F(1)) == pytest.approx(rate, rel=1e-4)
     claim = Separable(v=v, alpha=rate * F(9, 10), rho=F(1))
-    assert verify_separable(other, claim).verdict is Verdict.PROVED
-    delays = [longest_delay(loop, claim, rate=claim.alpha / 2) for loop in (usual, other)]
-    assert delays[0] == delays[1]
+    assert verify_separable(other, claim).verdict is PROVED
+    delay = longest_delay(usual, claim, rate=claim.alpha / 2)
+    assert longest_delay(other, claim, rate=claim.alpha / 2) == delay
     assert largest_period(usual, claim) == largest_period(other, claim)
 
 
-@pytest.mark.parametrize(("h", "face"), [("y + y**2/8", "lower"), ("y - y**2/8", "upper")])
-def test_pins_that_are_not_odd_are_held_on_the_weaker_face(h: str, face: str):
+@pytest.mark.parametrize(("h", "weaker"), [("y + y**2/8", "upper"), ("y - y**2/8", "lower")])
+def test_pins_that_are_not_odd_are_held_on_the_weaker_face(h: str, weaker: str):
     """One agent, |e| <= 1: h(-1) = -7/8 and -h(1) = -9/8, or the other way round; 7/8 holds."""
-    loop = pinned_by(loop_of(listening([], "y", n=1, gains={}, target=0)), {0: h})
-    weaker = {"lower": "upper", "upper": "lower"}[face]
-    assert verdict(loop, fractions(1), "7/8", 1) is Verdict.PROVED
-    refused = verify_separable(loop, Separable(v=fractions(1), alpha=F(7, 8) + TINY, rho=F(1)))
-    assert (refused.verdict, refused.face) == (Verdict.REFUTED, weaker)
+    alone = loop_of(listening([], "y", n=1, gains={}, target=0))
+    loop = pinned_by(alone, {0: h})
+    assert verdict(loop, ones(loop), "7/8", 1) is PROVED
+    faster = Separable(v=ones(loop), alpha=F(7, 8) + TINY, rho=F(1))
+    refused = verify_separable(loop, faster)
+    assert (refused.verdict, refused.face) == (REFUTED, weaker)
 
 
 def test_no_sample_of_the_field_contradicts_a_rate_of_curved_pins():
@@ -131,7 +141,8 @@ def test_no_sample_of_the_field_contradicts_a_rate_of_curved_pins():
     loop = pinned_by(loop_of(cycle(3, h="tanh(y)", gains={2: 1})), {0: "atan(3*y)"})
     v = fractions(1, "1.2", "1.1")
     rate = float(largest_rate(loop, v, rho=F(1)))
-    r, sizes = np.random.default_rng(7), np.array([float(x) for x in v])
+    r = np.random.default_rng(7)
+    sizes = np.array(v, dtype=float)
     for _ in range(4000):
         e = r.uniform(-1, 1, 3) * sizes * r.uniform()
         pull = np.array([np.arctan(-3 * e[0]), -e[1], 0.0])
@@ -143,23 +154,26 @@ def test_no_sample_of_the_field_contradicts_a_rate_of_curved_pins():
 def test_errors_of_gains_act_on_curved_pins():
     """Gains that may be 10 % smaller leave 9/10 of a rate; errors of weights leave a pin as it
     is."""
-    loop, ones = saturated(3), (F(1),) * 3
-    assert verdict(loop, ones, "9/80", 4, gains=F(1, 10)) is Verdict.PROVED
-    assert verdict(loop, ones, F(9, 80) + TINY, 4, gains=F(1, 10)) is Verdict.REFUTED
-    assert verdict(loop, ones, "1/8", 4, weights=F(1, 10)) is Verdict.PROVED
+    loop = saturated(3)
+    v = ones(loop)
+    assert verdict(loop, v, "9/80", 4, gains=F(1, 10)) is PROVED
+    assert verdict(loop, v, F(9, 80) + TINY, 4, gains=F(1, 10)) is REFUTED
+    assert verdict(loop, v, "1/8", 4, weights=F(1, 10)) is PROVED
 
 
 def test_large_networks_with_curved_pins_are_left_to_the_exact_rows(monkeypatch):
     """Floats know a pin by its gain: they would leave these pins out, and prove nothing."""
     monkeypatch.setattr("dobc_design.conditions.separable.decide.MANY_ARCS", 0)
     monkeypatch.setattr("dobc_design.conditions.separable.timing._MANY_ARCS", 0)
-    loop, ones = saturated(4), (F(1),) * 4
-    assert in_arrays(ask(loop_of(cycle(4)), ones, rho=F(4))) is not None
-    assert in_arrays(ask(loop, ones, rho=F(4))) is None
-    assert verdict(loop, ones, "1/8", 4) is Verdict.PROVED
+    loop, usual = saturated(4), loop_of(cycle(4))
+    v = ones(loop)
+    assert in_arrays(ask(usual, v, rho=F(4))) is not None
+    assert in_arrays(ask(loop, v, rho=F(4))) is None
+    assert verdict(loop, v, "1/8", 4) is PROVED
     # while |y| <= 1/10 the pins are 5 y, and arcs of slope 1 beside them leave 1/(1 + 5)
-    claim = Separable(v=ones, alpha=F(5), rho=F(1, 10))
-    assert largest_period(saturated(4, h="y"), claim).period == F("0.166666666")
+    claim = Separable(v=v, alpha=F(5), rho=F(1, 10))
+    linear = saturated(4, h="y")
+    assert largest_period(linear, claim).period == F("0.166666666")
 
 
 def test_an_agent_with_a_curved_pin_is_held():
@@ -170,17 +184,16 @@ def test_an_agent_with_a_curved_pin_is_held():
     assert not stuck_agents(held)
     assert is_stuck(bare, (0, 1, 2))
     assert not is_stuck(held, (0, 1, 2))
-    assert stuck_check(bare, None, domain=NEAR_TARGET).verdict is Verdict.REFUTED
+    assert stuck_check(bare, None, domain=NEAR_TARGET).verdict is REFUTED
     assert stuck_check(held, None, domain=NEAR_TARGET) is None
 
 
 def refusals(loop: Loop) -> dict[str, str | None]:
     """What each topic that asks for linear pins says."""
-    one = (F(1),) * loop.n
     statements = state_theorems(loop)
     linear = linearisation_check(statements, None, estimate=0.1)
     away = (Interval(F(1), F(2)),) * loop.n
-    turned = Separable(v=one, alpha=F(1, 10), rho=None, T=((F(1),),))
+    turned = Separable(v=ones(loop), alpha=F(1, 10), rho=None, T=((F(1),),))
     return {
         "consensus": statements.inapplicable,
         "linearisation": None if linear.applies else linear.reason,
@@ -199,7 +212,8 @@ def test_topics_that_know_a_pin_by_its_gain_refuse_other_pins():
     """They say so; of the loop with gains none of them does."""
     usual = loop_of(cycle(3, h="y", gains={1: 1, 2: 1, 3: 1}))
     told = "does not apply: it is for pins with a gain, and that of agent 2 is not linear."
-    assert set(refusals(pinned_by(usual, {1: "tanh(y)"})).values()) == {told}
+    other = pinned_by(usual, {1: "tanh(y)"})
+    assert set(refusals(other).values()) == {told}
     assert told not in refusals(usual).values()
 
 

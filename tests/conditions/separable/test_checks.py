@@ -47,6 +47,14 @@ def proved(claim=CLAIM, radius=2.0, problem=CUBIC, W=None, disturbance=0.0):
     return max_separable_check(replace(asked, disturbance=disturbance), claim, radius=radius)
 
 
+#: Two agents with h = y, of which the first one is pinned.
+LINEAR = pair("y")
+
+
+def delayed(problem, claim, bound, proof):
+    return delay_check(loop_of(problem), claim, bound, proof, domain=NEAR_TARGET)
+
+
 def sampled(problem, claim, proof):
     case = Case(loop=loop_of(problem), W=None, domain=NEAR_TARGET)
     return sampling_check(case, claim, proof)
@@ -115,7 +123,8 @@ def composite(claim=COMPOSITE, radius=1.5, disturbance=0.5):
 
 def test_the_observers_part_cannot_be_left_out():
     check = composite()
-    less = replace(check, claim=Values({key: check.exact[key] for key in ("v", "alpha", "rho")}))
+    own = {key: check.exact[key] for key in ("v", "alpha", "rho")}
+    less = replace(check, claim=Values(own))
     assert "lacks" in confirmed(less, OBSERVED, W=W)
     assert "kappa must exceed" in confirmed(bent(check, kappa="1/2"), OBSERVED, W=W)
     assert confirmed(check, OBSERVED, W=None).startswith("does not apply")
@@ -137,21 +146,20 @@ def test_agents_that_hear_only_each_other_in_turn_are_shown():
     assert stuck_check(loop_of(CUBIC), None, domain=NEAR_TARGET) is None
     assert not stuck_agents(loop_of(CUBIC))
     # One agent removed: it is then heard from outside.
-    others = [
-        replace(check.witness, labels=labels)
-        for labels in (("2",), ("1", "2", "3"), ("2", "4"), None)
-    ]
-    for witness in (*others, None, replace(check.witness, values=("1",))):
+    for labels in (("2",), ("1", "2", "3"), ("2", "4"), None):
+        witness = replace(check.witness, labels=labels)
+        assert confirmed(replace(check, witness=witness), CROSSED) is not None
+    for witness in (None, replace(check.witness, values=("1",))):
         assert confirmed(replace(check, witness=witness), CROSSED) is not None
 
 
 def test_couplings_between_components_are_neither_proved_nor_refuted():
-    problem = Problem(
-        network=CROSSED.network, coupling=["y1 + y2", "y2"], gains={1: 3}, target=[0, 0]
-    )
+    mixed = {"coupling": ["y1 + y2", "y2"], "gains": {1: 3}, "target": [0, 0]}
+    problem = Problem(network=CROSSED.network, **mixed)
     assert stuck_check(loop_of(problem), None, domain=EVERYWHERE) is None
     assert proved(CLAIM, problem=problem).reason.startswith("does not apply:")
-    check = replace(stuck_check(loop_of(CROSSED), None, domain=NEAR_TARGET), domain=EVERYWHERE)
+    stuck = stuck_check(loop_of(CROSSED), None, domain=NEAR_TARGET)
+    check = replace(stuck, domain=EVERYWHERE)
     assert confirmed(check, problem, domain=EVERYWHERE).startswith("does not apply")
 
 
@@ -161,20 +169,19 @@ def test_couplings_between_components_are_neither_proved_nor_refuted():
 def test_a_delay_is_proved_beside_its_proof_and_confirmed():
     """h = y, v = (1, 3/2): alpha = 1 - theta/1.5; theta = exp(b T) = 1.2 leaves b = 1/5, so T = 5
     ln(1.2) = 0.9116."""
-    problem, claim = pair("y"), Separable(v=V, alpha=F(1, 3), rho=F(2))
-    proof = proved(claim, problem=problem)
-    more, bound = (DelayBound(delay=F(T), rate=F(1, 5)) for T in ("0.9117", "0.9115"))
-    assert (
-        delay_check(loop_of(problem), claim, more, proof, domain=NEAR_TARGET).verdict is UNDECIDED
-    )
-    check = delay_check(loop_of(problem), claim, bound, proof, domain=NEAR_TARGET)
+    proof = proved(CLAIM, problem=LINEAR)
+    bound = DelayBound(delay=F("0.9115"), rate=F(1, 5))
+    check = delayed(LINEAR, CLAIM, bound, proof)
     assert (check.verdict, check.rate, check.domain) == (PROVED, 0.2, proof.domain)
-    assert confirmed(check, problem, beside=proof) is None
-    assert confirmed(bent(check, delay="0.9117"), problem, beside=proof) is not None
-    assert confirmed(bent(check, rate="0.2001"), problem, beside=proof) is not None
-    assert "does not follow" in confirmed(replace(check, rate=0.2001), problem, beside=proof)
+    longer = replace(bound, delay=F("0.9117"))
+    assert delayed(LINEAR, CLAIM, longer, proof).verdict is UNDECIDED
+    assert confirmed(check, LINEAR, beside=proof) is None
+    assert confirmed(bent(check, delay="0.9117"), LINEAR, beside=proof) is not None
+    assert confirmed(bent(check, rate="0.2001"), LINEAR, beside=proof) is not None
+    faster = replace(check, rate=0.2001)
+    assert "does not follow" in confirmed(faster, LINEAR, beside=proof)
     for other in (replace(proof, domain=EVERYWHERE), replace(proof, verdict=UNDECIDED)):
-        assert "needs a proved max-separable check" in confirmed(check, problem, beside=other)
+        assert "needs a proved max-separable check" in confirmed(check, LINEAR, beside=other)
 
 
 def test_with_an_observer_no_delayed_rate_exceeds_beta():
@@ -183,28 +190,25 @@ def test_with_an_observer_no_delayed_rate_exceeds_beta():
     assert proof.verdict is PROVED
     for rate, verdict in (("0.25", PROVED), ("0.2500001", UNDECIDED)):
         bound = DelayBound(delay=F(0), rate=F(rate))
-        assert (
-            delay_check(loop_of(OBSERVED), slow, bound, proof, domain=NEAR_TARGET).verdict
-            is verdict
-        )
+        assert delayed(OBSERVED, slow, bound, proof).verdict is verdict
 
 
 def test_a_sampling_period_is_the_inverse_of_the_stiffest_row():
     """h = y: agent 1 has k = 5 and agent 2 the weight 1, so T = 1/5; a thousandth is kept in
     hand."""
-    problem, claim = pair("y"), Separable(v=V, alpha=F(1, 3), rho=F(2))
-    proof = proved(claim, problem=problem)
-    check = sampled(problem, claim, proof)
+    proof = proved(CLAIM, problem=LINEAR)
+    check = sampled(LINEAR, CLAIM, proof)
     assert check.exact == {"period": "999/5000", "factor": "4667/5000"}
-    assert confirmed(check, problem, beside=proof) is None
-    assert confirmed(bent(check, period="1/5", factor="14/15"), problem, beside=proof) is None
-    assert "overshoot" in confirmed(
-        bent(check, period="0.2000001", factor="14/15"), problem, beside=proof
-    )
-    assert "must be > 0" in confirmed(bent(check, period="0"), problem, beside=proof)
+    assert confirmed(check, LINEAR, beside=proof) is None
+    largest = bent(check, period="1/5", factor="14/15")
+    assert confirmed(largest, LINEAR, beside=proof) is None
+    longer = bent(check, period="0.2000001", factor="14/15")
+    assert "overshoot" in confirmed(longer, LINEAR, beside=proof)
+    none = bent(check, period="0")
+    assert "must be > 0" in confirmed(none, LINEAR, beside=proof)
     # true equals 1 in Python, and is no number in a certificate
     equal = domain_from_json(check.domain.to_json() | {"disturbance": False})
-    assert "with its domain" in confirmed(replace(check, domain=equal), problem, beside=proof)
+    assert "with its domain" in confirmed(replace(check, domain=equal), LINEAR, beside=proof)
 
 
 def test_a_sampling_period_is_for_an_estimate_that_is_not_held():
@@ -214,12 +218,13 @@ def test_a_sampling_period_is_for_an_estimate_that_is_not_held():
     with_estimate = sampled(OBSERVED, COMPOSITE, proof)
     assert with_estimate.verdict is PROVED
     assert "dhat acts continuously" in with_estimate.reason
-    problem, claim = pair("y"), Separable(v=V, alpha=F(1, 3), rho=F(2))
-    without = sampled(problem, claim, proved(claim, problem=problem))
+    without = sampled(LINEAR, CLAIM, proved(CLAIM, problem=LINEAR))
     assert "dhat" not in without.reason
-    T, e, held = 1.0, 1.0, []
+    T = e = 1.0
+    held = []
     for t in np.arange(30.0):
-        e += T * -e + (np.cos(2 * t) - np.cos(2 * (t + T))) / 2 - T * np.sin(2 * t)
+        disturbance = (np.cos(2 * t) - np.cos(2 * (t + T))) / 2
+        e += T * -e + disturbance - T * np.sin(2 * t)
         held.append(abs(e))
     assert max(held[-10:]) > 0.5
 

@@ -69,35 +69,49 @@ def written(path: Path, data: bytes) -> Path:
     return path
 
 
-HOSTILE = {
-    "lie": lambda folder: zipped(folder / "x.npz", x=npy(np.zeros((10, 1)), said=(10**9, 10, 1))),
-    "other shape": lambda folder: zipped(folder / "x.npz", x=npy(np.zeros((11, 1)))),
-    "nan": lambda folder: zipped(folder / "x.npz", x=npy(np.full((10, 1), np.nan))),
-    "nothing known": lambda folder: zipped(folder / "x.npz", y=npy(np.zeros((10, 1)))),
-    "deep head": lambda folder: zipped(
-        folder / "x.npz", x=b"\x93NUMPY\x01\x00\x10\x27" + b"(" * 10_000
-    ),
-    "cut": lambda folder: written(
-        folder / "x.npz", zipped(folder / "y.npz", x=npy(np.zeros((10, 1)))).read_bytes()[:-30]
-    ),
-    "pickle": lambda folder: zipped(folder / "x.npz", x=npy(np.array([{"a": 1}], dtype=object))),
-    "no zip": lambda folder: written(folder / "x.npz", b"PK\x03\x04" + bytes(100)),
-    "gz": lambda folder: written(folder / "x.csv", gzip.compress(bytes(10**6))),
-    "field": lambda folder: written(folder / "x.csv", b'"' + b"1" * 10**6),
-    "control": lambda folder: written(folder / "x.csv", b"1\x1b[2J\n" * 10),
-    "words": lambda folder: written(folder / "x.csv", b"words\n"),
-    "ragged": lambda folder: written(folder / "x.csv", b"1,2\n3\n5,6\n"),
-    "too large": lambda folder: written(folder / "x.csv", b"1e400\n" * 10),
-    "fifo": lambda folder: fifo(folder / "x.npz"),
-    "zero": lambda folder: Path("/dev/zero"),
-    "folder": lambda folder: folder,
-}
+ONES = npy(np.zeros((10, 1)))
+#: Members of an archive.
+ARRAYS: dict[str, bytes] = {}
+ARRAYS["lie"] = npy(np.zeros((10, 1)), said=(10**9, 10, 1))
+ARRAYS["other shape"] = npy(np.zeros((11, 1)))
+ARRAYS["nan"] = npy(np.full((10, 1), np.nan))
+ARRAYS["deep head"] = b"\x93NUMPY\x01\x00\x10\x27" + b"(" * 10_000
+ARRAYS["pickle"] = npy(np.array([{"a": 1}], dtype=object))
+TABLES: dict[str, bytes] = {}
+TABLES["gz"] = gzip.compress(bytes(10**6))
+TABLES["field"] = b'"' + b"1" * 10**6
+TABLES["control"] = b"1\x1b[2J\n" * 10
+TABLES["words"] = b"words\n"
+TABLES["ragged"] = b"1,2\n3\n5,6\n"
+TABLES["too large"] = b"1e400\n" * 10
+OTHERS = ("nothing known", "cut", "no zip", "fifo", "zero", "folder")
 
 
-@pytest.mark.parametrize("kind", HOSTILE)
+def hostile(kind: str, folder: Path) -> Path:
+    """A file of starts, or what stands in its place."""
+    archive = folder / "x.npz"
+    if kind in ARRAYS:
+        return zipped(archive, x=ARRAYS[kind])
+    if kind in TABLES:
+        return written(folder / "x.csv", TABLES[kind])
+    match kind:
+        case "nothing known":
+            return zipped(archive, y=ONES)
+        case "cut":
+            return written(archive, zipped(archive, x=ONES).read_bytes()[:-30])
+        case "no zip":
+            return written(archive, b"PK\x03\x04" + bytes(100))
+        case "fifo":
+            return fifo(archive)
+        case "zero":
+            return Path("/dev/zero")
+    return folder
+
+
+@pytest.mark.parametrize("kind", [*ARRAYS, *TABLES, *OTHERS])
 def test_a_hostile_start_is_refused_by_its_key(tmp_path, kind: str):
     with pytest.raises(SpecError, match="start") as caught:
-        dd.simulate("paper-fixed", t_final=1, start=HOSTILE[kind](tmp_path))
+        dd.simulate("paper-fixed", t_final=1, start=hostile(kind, tmp_path))
     assert caught.value.cure or "start" in str(caught.value.key)
     assert "Error" not in str(caught.value) and str(caught.value).isprintable()
 
@@ -137,17 +151,18 @@ def test_a_number_beyond_floats_is_refused_by_its_key(key: str):
 @pytest.mark.parametrize("key", ["pinning.gains.1", "exosystem", "observer.W"])
 def test_products_beyond_floats_are_refused_by_the_key_of_one_factor(key: str):
     """B K, B C and W B+ of agents with [dynamics], of numbers that all are floats."""
-    huge = {name: "1e200" if name == key else 1 for name in ("pinning.gains.1", "exosystem")}
+    gain = "1e200" if key == "pinning.gains.1" else 1
+    C = "1e200" if key == "exosystem" else 1
+    B, W = "1e200", [[0], [0]]
+    if key == "observer.W":
+        B, W = "1e-200", [["1e200"], [1]]
     problem = dd.Problem(
         network=network_of([[1, 2]]),
         coupling="y1",
-        dynamics={
-            "A": [[0, 1], [0, 0]],
-            "B": [[0], ["1e-200" if key == "observer.W" else "1e200"]],
-        },
-        gains={"1": [[huge["pinning.gains.1"], 0]]},
-        exosystem=dd.Exosystem(A=[[0, 1], [-1, 0]], C=[[huge["exosystem"], 0]]),
-        observer=dd.Observer(W=[["1e200"], [1]] if key == "observer.W" else [[0], [0]]),
+        dynamics={"A": [[0, 1], [0, 0]], "B": [[0], [B]]},
+        gains={"1": [[gain, 0]]},
+        exosystem=dd.Exosystem(A=[[0, 1], [-1, 0]], C=[[C, 0]]),
+        observer=dd.Observer(W=W),
     )
     assert require_floats(problem) is problem
     with pytest.raises(SpecError, match=r"1\.8e308") as caught:
@@ -186,11 +201,10 @@ def test_a_line_of_a_journal_with_a_wrong_field_is_no_line(field: str):
         "error": {},
         "case": True,
     }
-    inside = field in result
-    value = wrong.get(field, [1])
-    assert not _is_line(
-        line | ({"result": result | {field: value}} if inside else {field: value}), plan
-    )
+    change = {field: wrong.get(field, [1])}
+    if field in result:
+        change = {"result": result | change}
+    assert not _is_line(line | change, plan)
 
 
 IMPORT = f"{WITHIN}resource.setrlimit(resource.RLIMIT_CPU, (60, 60))\nimport dobc_design as dd\n"
@@ -240,41 +254,25 @@ def test_help_shows_brackets_and_colons_as_they_are_typed(command_line, monkeypa
 @pytest.mark.parametrize("command", ["certify", "simulate"])
 def test_a_home_that_cannot_be_written_is_no_matter_for_standard_error(tmp_path, command: str):
     """Matplotlib would say where it keeps its fonts instead."""
+    program = [sys.executable, "-m", "dobc_design", command, "clock-sync"]
+    elsewhere = {name: text for name, text in os.environ.items() if name != "MPLCONFIGDIR"}
+    elsewhere["HOME"] = "/proc"
     done = subprocess.run(
-        [
-            sys.executable,
-            "-m",
-            "dobc_design",
-            command,
-            "clock-sync",
-            "--out",
-            str(tmp_path / "out"),
-        ],
+        [*program, "--out", str(tmp_path / "out")],
         capture_output=True,
         check=False,
         timeout=300,
-        env={name: text for name, text in os.environ.items() if name != "MPLCONFIGDIR"}
-        | {"HOME": "/proc"},
+        env=elsewhere,
     )
     assert (done.returncode, done.stderr) == (0, b"")
 
 
 def test_a_cell_of_csv_is_no_formula_and_numbers_stay_numbers():
-    assert [_cell(x) for x in ("=1+1", "@a", "-y", "+a", "\t=1")] == [
-        "'=1+1",
-        "'@a",
-        "'-y",
-        "'+a",
-        "'\t=1",
-    ]
-    assert [_cell(x) for x in ("-1.5", -1.5, "y", True, None, "+3")] == [
-        "-1.5",
-        -1.5,
-        "y",
-        "true",
-        None,
-        "+3",
-    ]
+    for text in ("=1+1", "@a", "-y", "+a", "\t=1"):
+        assert _cell(text) == f"'{text}"
+    for number in ("-1.5", -1.5, "y", None, "+3"):
+        assert _cell(number) == number
+    assert _cell(True) == "true"
 
 
 WIDE = {"initial_states": [-1, "1e400"]}
@@ -295,9 +293,8 @@ def test_numbers_beyond_floats_have_a_verdict_and_a_report(
     an ellipsoid."""
     monkeypatch.setattr("dobc_design.certification.certify.STAGES", certification.STAGES[:stages])
     network = network_of({"G": [[1, 2, weight], [2, 1]]})
-    certificate = dd.certify(
-        dd.Problem(network=network, coupling="y + tanh(y)", gains={"1": 1}, region=region)
-    )
+    given = {"coupling": "y + tanh(y)", "gains": {"1": 1}, "region": region}
+    certificate = dd.certify(dd.Problem(network=network, **given))
     assert {"report.html", "report.md"} <= render_report(certificate).keys()
     assert certificate.verdict.value == verdict
 

@@ -165,20 +165,19 @@ def bound_socket(path: Path) -> None:
         os.chdir(here)
 
 
-KINDS: dict[str, Callable[[Path], object]] = {
-    "nothing": lambda path: None,
-    "directory": lambda path: path.mkdir(),
-    "pipe": os.mkfifo,
-    "link to nowhere": lambda path: path.symlink_to(path.with_name("nowhere")),
-    "link to itself": lambda path: path.symlink_to(path),
-    "endless": lambda path: path.symlink_to("/dev/zero"),
-    "terminal": lambda path: path.symlink_to("/dev/tty"),
-    "socket": bound_socket,
-    "empty": lambda path: path.touch(),
-    "noise": lambda path: path.write_bytes(bytes(range(256)) * 100),
-    # nobody unpacks it
-    "a gzip bomb": lambda path: path.write_bytes(gzip.compress(b"0" * 50_000_000)),
-}
+KINDS: dict[str, Callable[[Path], object]] = {}
+KINDS["nothing"] = lambda path: None
+KINDS["directory"] = lambda path: path.mkdir()
+KINDS["pipe"] = os.mkfifo
+KINDS["link to nowhere"] = lambda path: path.symlink_to(path.with_name("nowhere"))
+KINDS["link to itself"] = lambda path: path.symlink_to(path)
+KINDS["endless"] = lambda path: path.symlink_to("/dev/zero")
+KINDS["terminal"] = lambda path: path.symlink_to("/dev/tty")
+KINDS["socket"] = bound_socket
+KINDS["empty"] = lambda path: path.touch()
+KINDS["noise"] = lambda path: path.write_bytes(bytes(range(256)) * 100)
+# nobody unpacks it
+KINDS["a gzip bomb"] = lambda path: path.write_bytes(gzip.compress(b"0" * 50_000_000))
 
 
 @pytest.mark.parametrize(

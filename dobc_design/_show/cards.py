@@ -151,6 +151,7 @@ def text_of(card: Card) -> str:
         for row in card.rows
     ]
     rows = [*([list(card.heads)] if any(card.heads) else []), *cells]
+    # Columns as wide as their longest cell; no cell is cut.
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     table = ("  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)
     return "\n  ".join([head, *facts, *table, *card.lines])
@@ -185,6 +186,7 @@ def listed(items: Iterable[Any], *, count: int | None = None) -> str:
     """Items as text, the first few of them; ``count`` is how many there are where ``items`` has no
     length."""
     shown = [plain(item, quoted=False) for item in islice(items, MOST_ITEMS)]
+    # What has no length is an iterator, of which only the first items are taken.
     known = len(items) if isinstance(items, (Sequence, AbstractSet, Mapping)) else len(shown)
     more = (known if count is None else count) - len(shown)
     return ", ".join(shown) + (f" and {more} more" if more > 0 else "")

@@ -23,6 +23,7 @@ class Bar:
 
         console = console or Console(stderr=True)
         if not console.is_jupyter:
+            # A log file is no place for a line that moves.
             console.quiet = not console.is_terminal
         left = (
             rich.TextColumn("left"),

@@ -73,8 +73,10 @@ def _directed(value: float | Fraction | None, digits: int, rounding: str) -> str
         return "–"
     if isinstance(value, float) and not math.isfinite(value):
         return str(value)
+    # Decimal divides with the rounding that is asked for; a float would round to nearest first.
     context = decimal.Context(prec=digits, rounding=rounding)
     if isinstance(value, float):
+        # The number that is meant is its shortest text, as in a certificate.
         value = Fraction(repr(value))
     shown = context.divide(decimal.Decimal(value.numerator), decimal.Decimal(value.denominator))
     return f"{float(shown):.{digits}g}"

@@ -150,6 +150,7 @@ def certify(
             path, own, *_ = certificate.save(folder, beside=pages, force=force)
             if apply_fix is not None and cured is not None:
                 write_file(apply_fix, cured, key="--apply-fix")
+    # Only what was wanted has a place that can be told.
     written = _Written(
         certificate=path,
         problem=own,
@@ -168,6 +169,7 @@ def certify(
     elif not quiet:
         show(remark_lines(problem))
         _show(judged, certificate, file=None if apply_fix else file)
+        # A settling time belongs to the whole certificate, not to one of its conditions.
         settled = certificate.settling if theorem is None else None
         show([*settling_parts(settled), *search_parts(found.searches)])
         say("\n" + "\n".join(_places(written, file, problem)))
@@ -220,6 +222,7 @@ def _judged(certificate: Certificate, theorem: str | None) -> _Judged:
         verdict = certificate.verdict.value
         return _Judged(checks=certificate.checks, verdict=verdict, why=certificate.claims.why)
     checks = [each for each in certificate.checks if each.id == theorem]
+    # A condition has one check for each mode: it is proved where all of them are.
     verdict = Verdict.all_of(each.verdict for each in checks).value
     reason = f"This is about {theorem} alone."
     if not checks:
@@ -238,6 +241,7 @@ def _document(found: Searched, judged: _Judged, written: _Written) -> Document:
     certificate = found.certificate
     document = _head(certificate)
     document["checks"] = [each.to_json() for each in judged.checks]
+    # The notes of the report, so that JSON leaves out nothing that people are told.
     document["notes"] = list(shown_notes(certificate))
     document["certificate"] = str(written.certificate)
     document["report"] = None if written.report is None else str(written.report)
@@ -302,6 +306,7 @@ def region(
     problem = load_problem(file)
     folder = certificate_folder(out, problem, force=force)
     with stages as progress, naming_options():
+        # Where no region is asked for, every method says how far it reaches by itself.
         everything = everything or problem.region is None
         certificate = certification.certify(
             problem, everything=everything, settling=settling, progress=progress
@@ -311,6 +316,7 @@ def region(
         document = _head(certificate) | certificate.regions.to_json()
         if search:
             document["searches"] = [each.to_json() for each in found.searches]
+        # The figures are made before a file is written: a failure leaves an earlier run as it was.
         progress("drawing")
         files = write_folder(folder, _drawn(found, document))
     written = [str(path) for path in files]
@@ -382,6 +388,7 @@ def _cured_file(certificate: Certificate, source: str, target: Path) -> bytes:
             cure = "Leave --apply-fix out."
         raise refused("--apply-fix", message, cure)
     text, folder = source_text(source), target.resolve().parent
+    # What the user typed stays, comments included; only the keys of the cure change.
     cured = changed_file(certificate.problem, check.fix.set, text=text, folder=folder)
     return cured.encode("utf-8")
 
@@ -426,6 +433,7 @@ def _check_parts(rows: Sequence[tuple[str, Check]], width: int) -> Iterator[Rend
     for name in ("result", "rate (1/s)", "factor", "margin"):
         table.add_column(name, no_wrap=True)
     if beside:
+        # Sentences may be folded, numbers not.
         table.add_column("what it says", overflow="fold")
     for title, check in rows:
         numbers = (
@@ -475,6 +483,7 @@ def _cures(checks: Sequence[Check], certificate: Certificate, *, file: str | Non
 
     proved = certificate.verdict.value == "proved"
     main = main_cure(checks)
+    # The cure that everything else waits for comes first.
     for check in (main, *other_cures(checks)):
         if check is None or check.fix is None:
             continue

@@ -142,6 +142,7 @@ def _lines(found: Design, *, file: str, out: Path) -> Iterator[str]:
     yield from found.decisions
     yield from found.prices
     if found.binding is not None:
+        # Limits have the names of Python; the user typed options.
         own_names = {"max_gain": "max-gain", "reduce": "keep-exosystem"}
         option = own_names.get(found.binding, found.binding)
         yield f"\nThe limit that fails: --{option}."
@@ -149,6 +150,7 @@ def _lines(found: Design, *, file: str, out: Path) -> Iterator[str]:
     if nearest is not None:
         yield f"\nThe nearest request that was proved possible: {nearest.limits}."
         yield from nearest.decisions
+        # To be typed as it stands, or changed a little.
         options = _option_texts(nearest.request, nearest.labels)
         yield f"    {shlex.join(['dobc', 'design', file, '--out', str(out), *options])}"
     if found.verdict.value != "proved":
@@ -170,6 +172,7 @@ def _option_texts(request: DesignRequest, labels: Sequence[str]) -> list[str]:
         given["--allowed"] = ",".join(labels[i] for i in request.allowed)
     if request.noise:
         given["--noise"] = typed_number(request.noise[0].bound)
+    # What is the default already need not be typed.
     if request.digits != DIGITS:
         given["--digits"] = request.digits
     texts = [text for option, value in given.items() for text in (option, str(value))]

@@ -95,6 +95,7 @@ def examine() -> list[Item]:
         detail = "not installed as a package, so its requirements are not known"
         return [*items, Item("requirements", CORE, detail, False), _main_path(), *_programs()]
     items += [_package(text) for text in requirements]
+    # What is needed comes first; the rest stays in the order of the package.
     items.sort(key=lambda each: each.group != CORE)
     items.insert(sum(each.group == CORE for each in items), _main_path())
     return [*items, *_programs()]
@@ -108,6 +109,7 @@ def _package(text: str) -> Item:
     from packaging.version import InvalidVersion
 
     required = Requirement(text)
+    # As it is typed after pip install: without its marker.
     typed = text.partition(";")[0].replace(" ", "")
     extra = re.search(r"extra == ['\"]([a-z]+)", str(required.marker))
     group = extra[1] if extra else CORE
@@ -138,6 +140,7 @@ def _programs() -> Iterator[Item]:
             yield Item(names[0], PROGRAMS, f"{place}: {purpose}", True)
             continue
         command = None
+        # A command that the machine does not have would be no advice.
         if shutil.which("apt-get"):
             command = f"sudo apt-get install {debian}"
         elif shutil.which("brew"):

@@ -205,7 +205,9 @@ def _rocq(file: str, target: Path, asked: Asked, progress: output.Stage) -> Expo
     )
     own = Certificate(problem=trusted, claims=claims)
     progress("looking at the rows piece by piece")
+    # What is proved of motions says more, but it has no separate rate.
     motions = proved_in_states(own) is not None and not (asked.theorem or asked.rate)
+    # The name of the file is the name of the module in Coq.
     if not target.stem.replace("_", "a").isalnum():
         raise refused(
             "--rocq", "Coq takes file names of letters, digits and _.", "Choose another name."

@@ -181,6 +181,7 @@ def verify(
     except CertificateError as error:
         # Unreadable: what was handed in is wrong, not the machine.
         raise Exit(output.fail(error, output.MISTAKE, as_json=as_json)) from error
+    # Coq takes minutes: it is not asked about claims that do not hold.
     kernel = _let_coq_check(certificate, trusted) if rocq and found.holds else None
     if as_json:
         document: output.Document = {
@@ -248,6 +249,7 @@ def explain(
         return
     text = KINDS.get(id)
     if text is None:
+        # A text of any length may be typed; only its beginning is compared.
         near = get_close_matches(id[:40], KINDS, n=1)
         hint = f"Did you mean {near[0]}? " if near else ""
         raise refused("id", f"{id[:40]!r} is not known.", f"{hint}One of {', '.join(KINDS)}.")

@@ -114,6 +114,7 @@ def scaffold(name: str, *, problem: Problem | None = None, source: str = "") -> 
     another program."""
     from dobc_design.problem.schema import json_schema
 
+    # A test is a function of Python, whose name has no dashes.
     identifier = re.sub(r"\W", "_", name).lower()
     text, verdict = _template("problem.toml", name), "PROVED"
     if problem is not None:

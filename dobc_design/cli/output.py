@@ -54,6 +54,7 @@ def problem_names(incomplete: str) -> list[str]:
     except OSError:
         return found
     for entry in entries:
+        # Hidden files are no problems that somebody looks for.
         if not entry.name.startswith(beginning) or entry.name.startswith("."):
             continue
         if entry.is_dir():
@@ -114,6 +115,7 @@ def naming_options() -> Iterator[None]:
     try:
         yield
     except SpecError as error:
+        # Errors about keys of the problem file keep their names.
         key = error.key
         if key not in NUMBERS:
             raise
@@ -172,6 +174,7 @@ def fail(error: DobcError, code: int, *, as_json: bool) -> int:
             for each in parts
         ]
         more = {"all": bodies} if len(bodies) > 1 else {}
+        # One object, as for a single error; all of them stand beside it.
         print_json({"error": bodies[0] | more})
         return code
     for each in parts:
@@ -297,6 +300,7 @@ def document_table(table: doc.Table, leave_out: Collection[str] = ()) -> Table:
         wanted = "markdown" in column.only and column.head not in leave_out
         if wanted and any(row[k] != NONE for row in table.rows):
             kept.append(k)
+    # Columns that are left out of the heads have to be left out of the rows, too.
     shown = make_table(table.columns[k].head for k in kept)
     for row in table.rows:
         cells = []
@@ -345,6 +349,7 @@ def search_parts(searches: Sequence[Falsification]) -> Iterator[RenderableType]:
 def folder_name(name: str) -> str:
     """A problem's name as one folder name: letters and digits, with dots, dashes and underscores
     between them."""
+    # A dot or a dash in front would hide the folder, or make it an option.
     text = "".join(c if c.isalnum() or c in "._-" else "-" for c in name).lstrip("._-")
     return text[:LONGEST_FOLDER] or "problem"
 

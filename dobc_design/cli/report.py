@@ -123,6 +123,7 @@ def _sides(
     certificates: Sequence[Path], given: Sequence[str] | None, progress: output.Stage
 ) -> list[Checked]:
     """The certificates with their problems, every claim decided again."""
+    # Two certificates need names, a single one has none.
     letters = ("",) if len(certificates) == 1 else ("A", "B")
     problems: list[str | None] = [*(given or ())] or [None] * len(letters)
     return [
@@ -157,6 +158,7 @@ def _files(
 ) -> dict[Path, bytes]:
     """The pages by their places; a PDF goes where --pdf says.  Raises: SpecError where something is
     in the way."""
+    # The PDF has a place of its own, which --pdf names.
     files = {folder / name: data for name, data in pages.items() if not name.endswith(".pdf")}
     output.require_free(folder, [path.name for path in files], force=force)
     if pdf is not None:

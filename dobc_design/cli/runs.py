@@ -142,6 +142,7 @@ def make_runs(
     with answer.progress() as progress:
         problem = output.load_problem(file)
         names = [TRAJECTORY if runs.single else ENSEMBLE, SUMMARY, FIGURE]
+        # A motion of one component is a curve, and many agents would hide each other.
         if runs.single and problem.m > 1 and problem.n <= MOST_MOVING:
             names.append(NETWORK)
         answer.require_free()
@@ -212,6 +213,7 @@ def _intervals(result: Ensemble) -> dict[str, list[float] | None]:
     """Confidence intervals at 95 %; None where there are too few runs, or no bound."""
     intervals: dict[str, list[float] | None] = {}
     for name, interval in result.intervals(0.95).items():
+        # Infinity is no number of JSON.
         bounded = interval is not None and interval[1] != float("inf")
         intervals[name] = list(interval) if interval is not None and bounded else None
     return intervals
@@ -240,6 +242,7 @@ def _reasons(result: Trajectory | Ensemble) -> list[output.Document]:
 
     if isinstance(result, Trajectory):
         return [{"seed": result.seed, "reason": result.reason}] if result.diverged else []
+    # Told by seed, with which the run can be made again.
     early = result.reasons.items()
     return [{"seed": int(result.seeds[run]), "reason": reason} for run, reason in early]
 

@@ -45,6 +45,7 @@ class Stresses:
         SpecError."""
         from dobc_design.simulation.stress import Stress
 
+        # A stress of 0 was asked for, too: only what is not given means none.
         values = [getattr(self, each.name) for each in fields(self) if each.name != "worst"]
         given = any(value not in (None, []) for value in values)
         if self.worst and given:
@@ -129,6 +130,7 @@ def _failure(text: str) -> Failure:
     """An agent that fails, as --fail says it.  Raises: SpecError."""
     from dobc_design.simulation.stress import Failure
 
+    # A label may have an @ of its own: the last one counts.
     agent, found, when = text.rpartition("@")
     time, _, kind = when.partition(":")
     try:

@@ -173,6 +173,7 @@ class _Bar(output.Progress):
 
     def stage(self, state: State) -> None:
         self.resumed = state.resumed
+        # A log of thousands of lines helps nobody.
         tenth = (state.done * 10) // state.total
         if self.moving is not None:
             self.moving(state)

@@ -92,6 +92,7 @@ def to_fmu(problem: Source, *, period: Any, agent: Any = None, sampled_gain: Any
     problem = _loaded(problem)
     problem.require_no_leader("an FMU")
     if agent is None:
+        # A pinned agent has everything that the code can do.
         pinned = problem.pinning.agents
         agent = problem.network.labels[pinned[0] if pinned else 0]
     gain = observer_gain(loop_of(problem))
@@ -118,6 +119,7 @@ def to_sdpa(problem: Source) -> str:
     problem.require_one_exosystem()
     problem.require_integrators("the matrix inequality in SDPA's format")
     found = decide(loop_of(problem), lambda stage: None)
+    # What is written is the inequality of one of these.
     wanted = ("theorem1", "theorem2") if problem.exosystem is not None else ("lemma1",)
     verdicts = [check.verdict for check in found.checks if check.id in wanted]
     pair = None if found.pair is None else (found.pair.P, found.pair.Q)
@@ -285,6 +287,7 @@ def python_script(problem: Source) -> str:
     if plant is not None:
         named |= {"C": plant.C, "B": plant.B, "U0": plant.u0, "AX": plant.A}
     own = problem.dynamics
+    # Only the entries that are there: K of many agents is almost empty.
     K = arrays.pinning_matrix(problem).tocoo()
     return template("loop.py.j2").render(
         title=_inside_docstring(problem.name),

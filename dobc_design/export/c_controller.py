@@ -174,6 +174,7 @@ def longest_period(works: Callable[[Fraction], bool], asked: Fraction) -> Fracti
     None if none does. ``works`` need not be monotone: fractions of ``asked`` are tried from the
     top, then the gap above is halved."""
     trials = [asked * k / _TRIED for k in range(_TRIED - 1, 0, -1)]
+    # Below the least fraction by halves: the limit may be orders of magnitude away.
     trials += [asked / _TRIED / 2**k for k in range(1, _HALVINGS)]
     above = asked
     for trial in trials:
@@ -390,6 +391,7 @@ def _observed(problem: Problem, W: Matrix | None, agents: Sequence[int]) -> _Obs
         return _Observed(exosystem=None, W=None, states=range(0))
     exosystem = problem.groups[place].exosystem
     own = gains_of(loop_of(problem).groups, W)[place]
+    # In a simulation the states of all groups stand side by side.
     before = sum(group.exosystem.order for group in problem.groups[:place])
     states = range(before, before + exosystem.order)
     return _Observed(exosystem=exosystem, W=own, states=states)

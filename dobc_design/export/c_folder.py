@@ -76,6 +76,7 @@ class Recorder:
         self.signal = None if isinstance(signal, Mobile) else signal
         self.sampled = None
         if sampled_gain is not None:
+            # The simulation computes in floats.
             self.sampled = tuple(tuple(map(float, row)) for row in sampled_gain)
         self.last: tuple[Fraction, Trajectory] | None = None
 
@@ -150,6 +151,7 @@ class Recorder:
         run = self.run(controller)
         agent = _recorded_agent(controller)
         i = agent.index
+        # In the order in which the code numbers them.
         others = list(agent.neighbours)
         u = run.u[:, i]
         measured = Recorded(
@@ -220,6 +222,7 @@ def vectors_csv(controller: Controller, recorded: Recorded) -> str:
         head += [f"{name}{c}" for c in p]
     lines = [",".join(head)]
     heard = recorded.heard.reshape(len(recorded.x), -1)
+    # One row a sample, in the order of the head.
     numbers = np.hstack([recorded.x, heard, recorded.u, recorded.v, recorded.dhat])
     for k, row_of_sample in enumerate(numbers.tolist()):
         time = repr(k * float(controller.period))

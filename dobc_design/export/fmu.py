@@ -200,8 +200,10 @@ def _compiled(files: Mapping[str, bytes]) -> _Library | None:
             message = f"the C compiler could not be run: {error}."
             raise SolverError(message, key="--fmu", cure=CURE) from error
         if done.returncode != 0 or not library.exists():
+            # The first line says what is wrong; the others follow from it.
             said = done.stderr.strip().splitlines() or ["no message"]
             message = f"the C compiler refused the FMU's code: {said[0][:200]}."
             raise SolverError(message, key="--fmu", cure=CURE)
+        # FMI has names of its own for some processors.
         machine = MACHINES.get(platform.machine(), platform.machine())
         return _Library(f"{machine}-{system}", library.name, library.read_bytes())

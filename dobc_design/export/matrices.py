@@ -241,6 +241,7 @@ def _blocks(
     # |Q| <= r: the entries of Q beside r I, an arrow that is positive semidefinite.
     gains = [number for number, place in enumerate(places, start=1) if place[0] == "Q"]
     size = len(gains) + 1
+    # F_0 is subtracted, so that r I enters with a minus sign.
     ball: Entries = {(0, i, i): -limits.radius for i in range(size)}
     for k, number in enumerate(gains, start=1):
         ball[number, 0, k] = Fraction(1)
@@ -268,6 +269,7 @@ def _remarks(
     name = "Theorem 1" if modes == 1 else "Theorem 2"
     if problem.exosystem is None:
         name = "Lemma 1"
+    # A line of the file has to stay one, whatever the name is.
     title = "".join(each if 32 <= ord(each) < 127 and each != '"' else "?" for each in problem.name)
     yield f"{title}: {name} ({statements.domain}), written by dobc_design {__version__}"
     if problem.exosystem is None:

@@ -141,6 +141,7 @@ def exosystem_of(loop: ClosedLoop) -> Any:
     p = len(loop.output)
     states = _names("xi", loop.q, 1)
     outputs = _names("d", p, 1)
+    # control.ss takes no system without an input.
     B, D = np.zeros((loop.q, 1)), np.zeros((p, 1))
     return control.ss(
         loop.A, B, loop.output, D, name="exosystem", states=states, inputs=["none"], outputs=outputs

@@ -72,6 +72,7 @@ class ErringAlgebra:
 
     def power(self, base: Erring, exponent: int) -> Erring:
         count = abs(exponent)
+        # The slope is largest at the end that is farthest from 0.
         largest = (abs(base.value) + base.error) ** max(0, count - 1)
         carried = count * largest * base.error
         positive = self._made(base.value**count, carried, times=count)

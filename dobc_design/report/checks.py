@@ -156,6 +156,7 @@ def _reason(check: Check, *, own_cure: bool) -> Reason:
     fix = check.fix
     if fix is None:
         return Reason(text=text, details=details)
+    # The same cure is not told twice.
     if not own_cure:
         return Reason(text=text, details=details, cure=POINTER)
     cure = shortened(fix.text)
@@ -174,6 +175,7 @@ def _exact(check: Check) -> Iterator[tuple[str, str]]:
     for key, value in (check.exact or {}).items():
         if key not in _EXACT:
             continue
+        # A row of Routh's table is a list, a bound a number.
         listed = isinstance(value, (list, tuple))
         yield _EXACT[key], _entries(value) if listed else _number(str(value))
 
@@ -274,6 +276,7 @@ def certify_command(certificate: Certificate) -> str:
     limits = [option for option in options if _is_number_after(TIMED, option)]
     typed += limits[:1]
     tolerances = [rational(text) for text in _tolerances(certificate)]
+    # The first that is asked for is the one that the command repeats.
     known = [number for number in tolerances if number is not None]
     if known:
         typed.append(f"{SETTLING}{known[0]}")

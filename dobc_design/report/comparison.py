@@ -227,6 +227,7 @@ def _checks(sides: Sides) -> Section:
 
 def _compared(a: Check | None, b: Check | None) -> tuple[Cell, ...]:
     """One row: the condition, then each value of A beside that of B."""
+    # What only one of them has still has a name.
     either = next(each for each in (a, b) if each is not None)
     parts = [either.kind.name]
     if either.mode is not None:
@@ -262,6 +263,7 @@ def _starts_of(certificate: Certificate) -> dict[str, str]:
 def differences(first: Problem, second: Problem) -> tuple[list[Difference], int]:
     """The differences in the order of the file, cut after 60 of them, and how many there are in
     all."""
+    # As one program writes them: how a file was typed makes no difference.
     one, other = (parse_toml(problem_text(each).encode("utf-8")) for each in (first, second))
     # Arcs are compared as sets: their order in a file means nothing.
     rows = list(_network(one.pop("network"), other.pop("network")))
@@ -323,6 +325,7 @@ def _flat(tables: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, str]
         key = f"{path}{name}"
         if isinstance(value, Mapping):
             yield from _flat(value, f"{key}.")
+        # Arc by arc, so that one arc that differs is one row.
         elif name == "exceptions":
             for each in value:
                 for arc in _arcs(each["arcs"]):

@@ -108,6 +108,7 @@ def _matrices(certificate: Certificate) -> Iterator[ShownMatrix]:
     yield ShownMatrix("C", "output matrix: d = C ξ acts on the agent", exosystem.C)
     if problem.dynamics is not None:
         yield ShownMatrix("B C", "what takes the place of C in the condition", felt.C)
+    # A reader wants to know whether W was given or designed.
     source = f" ({claims.gain_source})" if claims.gain_source else ""
     found = words.observer_blocks(certificate)
     effect = "effect of the observer: Λ + I ⊗ S has to be negative definite"

@@ -138,6 +138,7 @@ def _optional_changes(found: Findings) -> Iterator[Block]:
 
 @section("Words", "glossary")
 def _glossary(found: Findings) -> Iterator[Block]:
+    # All three, also those that this report does not have: the sign alone explains nothing.
     verdicts = [(words.mark_of(each), words.TEXTS["verdicts"][each.value]) for each in Verdict]
     yield Terms(verdicts)
     yield on_pages(Terms(tuple(words.TEXTS["words"].items())))

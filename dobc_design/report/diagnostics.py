@@ -101,6 +101,7 @@ def _eigenvalue(value: complex) -> str:
     """A real number, or a pair of conjugate ones."""
     if not value.imag:
         return number(value.real)
+    # Conjugate ones are one line.
     size = f"{number(value.imag)}i"
     return f"{number(value.real)} ± {size}" if value.real else f"±{size}"
 

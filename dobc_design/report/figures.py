@@ -104,6 +104,7 @@ def plot_lambda(
     largest must stay below."""
     known = {name: np.sort(np.asarray(each, dtype=float).ravel()) for name, each in spectra.items()}
     everything = np.concatenate(list(known.values()))
+    # The bounds belong to the range, so that none of them lies outside the picture.
     limits = list((bounds or {}).values())
     low = min(everything.min(initial=0.0), 0.0, *limits)
     high = max(everything.max(initial=0.0), 0.0, *limits)
@@ -132,6 +133,7 @@ def plot_envelope(ax: Axes, settling: Settling) -> Axes:
     """The certified bound of |e|_inf over time, on a logarithmic axis; a tick wherever another
     certificate takes over. Solid: no start of the box leaves it.  Dashed: the tolerance."""
     times, bounds = settling.curve(samples=ENVELOPE_SAMPLES)
+    # Room below the least bound, on an axis that has no 0.
     foot, top = float(bounds.min()) * BELOW, float(bounds.max()) * 1.6
     ax.set_yscale("log")
     ax.plot(times, bounds, color=BLUE, linewidth=1.6, zorder=3, label="certified bound")
@@ -157,6 +159,7 @@ def plot_search(ax: Axes, search: Falsification) -> Axes:
     proved."""
     shown = search.suspects[:MOST_SUSPECTS]
     for rank, suspect in enumerate(each for each in shown if each.kind != RESTS):
+        # Below that a curve would show rounding.
         error = np.where(suspect.error > look.SMALLEST, suspect.error, np.nan)
         label = None if rank else "suspect, simulated"
         colour = SERIES[rank % len(SERIES)]
@@ -189,6 +192,7 @@ def draw_network(
     Shapes: places (n, 2), within [-1, 1]."""
     radius, known = _radius(places), list(arcs)
     _draw_arcs(ax, known, places, radius)
+    # Every kind of node is one patch, however many agents it has.
     free = [i for i in range(len(labels)) if i not in pinned]
     reached = [i for i in free if i not in unreached]
     lost = [i for i in free if i in unreached]
@@ -253,6 +257,7 @@ def _radius(places: Positions) -> float:
 def _draw_arcs(ax: Axes, arcs: Sequence[Pair], places: Positions, radius: float) -> None:
     """Arrows from whom is heard to who listens; two opposite ones share a shaft."""
     known, shafts, heads = set(arcs), list[Path](), list[Path]()
+    # Heads stay visible where nodes are tiny.
     size = max(0.75 * radius, 0.03)
     for listener, speaker in arcs:
         start, end = places[speaker], places[listener]
@@ -353,6 +358,7 @@ def _circle(order: Sequence[int]) -> Positions:
 def _packed(graph: Any, components: Sequence[Sequence[int]], n: int) -> Positions:
     """Every component by itself, larger ones first and drawn larger, side by side in rows."""
     places = np.zeros((n, 2))
+    # Equal ones by their first agent, so that a drawing never depends on the order of arcs.
     ordered = sorted(components, key=lambda part: (-len(part), part))
     sizes = [max(math.sqrt(len(part) / len(ordered[0])), 0.15) for part in ordered]
     widest = 2.5 * max(1.0, math.sqrt(sum(size**2 for size in sizes)))

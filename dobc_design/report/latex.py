@@ -96,6 +96,7 @@ def latex_fragments(document: doc.Document, version: str) -> dict[str, bytes]:
                 filled=FILLED,
                 packages=PACKAGES,
             )
+    # main.tex inputs those that are there, before it is one of them itself.
     names = [name.removesuffix(".tex") for name in kept]
     for name in (BIBLIOGRAPHY, MAIN):
         kept[name] = _template(f"{name}.j2").render(
@@ -132,6 +133,7 @@ def tex(text: object) -> str:
 
 
 def _word(word: str) -> str:
+    # A path or a hash would run over the margin.
     pieces = _PIECES.findall(word) if len(word) > _LONG_WORD else [word]
     return r"\allowbreak{}".join(map(_escaped, pieces))
 

@@ -72,6 +72,7 @@ def content(document: doc.Document, *, full: bool = False) -> dict[str, Any]:
     document, verdict = doc.in_form(document, "pdf"), document.verdict
     blocks = list(document.blocks)
     for each in document.details:
+        # Nothing can be opened on paper: without ``full`` it has what a reviewer needs.
         if full or (isinstance(each, doc.Section) and each.name in PRINTED):
             blocks.append(each)
     return {
@@ -253,6 +254,7 @@ def picture_parts(picture: doc.Picture) -> dict[str, str]:
     and caption."""
     # Paper has no dark mode: variables become the colours that they stand for.
     svg = _VARIABLE.sub(r"\1", svg_of(picture))
+    # There is no page from which a font could be inherited.
     svg = svg.replace("font-family: inherit", "font-family: 'DejaVu Sans'")
     box = ElementTree.fromstring(svg).get("viewBox") or "0 0 330 0"
     return {

@@ -133,6 +133,7 @@ def eigenvalue_pictures(certificate: Certificate, analysis: Analysis) -> Iterato
     lambdas: dict[str, Values] = {}
     loops: dict[str, Values] = {}
     for mode in analysis.modes:
+        # A row needs less room than a plane of its own.
         if mode.lambda_eigenvalues and len(lambdas) < 2 * MOST_MODES:
             lambdas[mode.mode] = np.array(mode.lambda_eigenvalues)
         if mode.loop_eigenvalues and len(loops) < MOST_MODES:
@@ -218,6 +219,7 @@ def _state_picture(problem: Problem, trajectory: Trajectory, component: int) -> 
         title = f"States, component {component + 1} of {problem.m}"
     if problem.n > look.MOST_AGENTS:
         who = f"{look.MOST_AGENTS} of the {problem.n} agents"
+    # The text for the blind tells where the curves end.
     end, least, most = (number(value) for value in (times[-1], last.min(), last.max()))
 
     def draw(ax: Axes) -> object:
@@ -298,6 +300,7 @@ def region_pictures(regions: Regions) -> Iterator[Picture]:
         return
     yield _methods_picture(regions)
     if regions.agents:
+        # That some are left out is said only where it is so.
         drawn = len(drawn_agents(regions))
         some = drawn if drawn < len(regions.agents) else None
         sentence = region_words.agents_sentence(regions, drawn=some)

@@ -114,6 +114,7 @@ def _assumed(problem: Problem) -> Iterator[tuple[str, str]]:
     if isinstance(limit, Fraction):
         yield "inputs |uᵢ|", decimal(limit)
     elif isinstance(limit, Mapping) and limit:
+        # A limit of its own for each agent: the range says enough here.
         least, most = decimal(min(limit.values())), decimal(max(limit.values()))
         shown = least if least == most else f"{least} to {most}"
         yield f"inputs |uᵢ| of {counted(len(limit), 'agent')}", shown

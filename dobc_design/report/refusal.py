@@ -60,6 +60,7 @@ def _sentence(side: Checked) -> str:
 
 def refusal_document(sides: Sequence[Checked]) -> Document:
     """One certificate, or two of which at least one does not hold."""
+    # Two certificates of one problem have one name.
     names = " and ".join(dict.fromkeys(each.certificate.problem.name for each in sides))
     identity = []
     blocks: list[Block] = []

@@ -83,6 +83,7 @@ def region_section(
 
 def regions_table(regions: Regions, *, disturbed: bool) -> Table:
     """One row per method; Markdown has sizes in columns of their own."""
+    # Text can be searched for one number; a page has one column of words instead.
     markdown: tuple[Form, ...] = ("markdown",)
     settled = "settled after"
     if regions.tolerance is not None:
@@ -313,6 +314,7 @@ def _search_section(search: Falsification, picture: Picture | None) -> Section:
 
 def _tried(search: Falsification) -> str:
     """How much was looked at."""
+    # A target is ASCII, as in the certificate.
     where = search.target.replace("|e|_inf", "|e|∞").replace("<=", "≤")
     return (
         f"{search.tried} starts from {where} were simulated for {number(search.horizon)} s (seed"
@@ -386,6 +388,7 @@ def _last_error(suspect: Suspect, unbounded: str) -> str:
 
 
 def _modes(suspect: Suspect) -> str:
+    # Modes in the order in which they were on, each once.
     names = list(dict.fromkeys(name for _, name in suspect.modes))
     return ", ".join(names) if len(names) <= _SEVERAL else f"{len(names)} modes in turn"
 

@@ -89,6 +89,7 @@ def problem_section(found: Findings) -> Iterator[Block]:
 def _equations(problem: Problem) -> Iterator[Formula]:
     """The equations of the loop, under the names that the template of the PDF has for them."""
     dynamics = problem.dynamics
+    # The key of texts.toml, and what the template of the PDF adds to it.
     loop, disturbed = [], ""
     if dynamics is not None:
         loop.append("dynamic")

@@ -394,6 +394,7 @@ def dynamics_words(problem: Problem) -> list[str]:
     moves = "Aₓ x" if own.f is None else "f(x)"
     inputs = counted(own.inputs, "input")
     what = f"x′ = {moves} + B (couplings + u + d), {inputs} each"
+    # A goal that needs no input is an equilibrium of the agent by itself.
     held = [tuple(problem.input_at(problem.goal_of(i))) for i in range(problem.n)]
     if not any(any(row) for row in held):
         return [what]
@@ -413,6 +414,7 @@ def _shared(rows: Iterable[tuple[str, str]]) -> list[tuple[str, list[str]]]:
 
 def _starts(region: Region) -> str:
     pairs = [f"[{decimal(lo)}, {decimal(hi)}]" for lo, hi in region.initial_states]
+    # Equal intervals are one.
     inside = pairs[0] if len(set(pairs)) == 1 else " × ".join(pairs)
     text, errors = f"every state in {inside}", region.initial_disturbance
     return text if errors is None else f"{text}, every estimation error up to {decimal(errors)}"
@@ -424,6 +426,7 @@ def _pins(problem: Problem) -> str:
     alike = _shared((_gain(gain), labels[i]) for i, gain in problem.pinning.gains.items())
     if not alike:
         return "nobody is pinned"
+    # With dynamics a gain has the unit that B gives it.
     unit = "" if problem.dynamics is not None else " 1/s"
     told = [f"{gain}{unit} on {names_in_words(names, 6)}" for gain, names in alike[:MOST_MODES]]
     if len(alike) > MOST_MODES:

@@ -115,6 +115,7 @@ def _computed(certificate: Certificate, say: Callable[[str], None]) -> Findings:
 def _drawn_run(problem: Problem, gain: Matrix | None) -> Trajectory:
     """One run with the signal of the problem; without a guarantee in the first mode."""
 
+    # A proof for every signal is shown with one mode; one for some signals with such a signal.
     signal = signal_of(problem)[0] if loop_of(problem).guarantee.phases else None
     run = run_once(make_setting(problem, gain=gain, signal=signal))
     return replace(run, loop_sha256=fingerprint(problem, gain))

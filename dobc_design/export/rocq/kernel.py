@@ -62,6 +62,7 @@ def judged(text: str) -> Judgement:
         raise refused("--rocq", "coqc is not installed.", CURE)
     asked = subprocess.run([coqc, "--print-version"], capture_output=True, text=True, check=False)
     version = asked.stdout.split()
+    # A proof that needs more would take the machine with it.
     begun, most = time.monotonic(), GIBIBYTES * 2**30
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / FILE
@@ -81,6 +82,7 @@ def judged(text: str) -> Judgement:
             ) from error
     if "Cannot find a physical path" in done.stderr or "Unable to locate library" in done.stderr:
         raise refused("--rocq", "Coq is installed, but Coquelicot or Interval is not.", CURE)
+    # Warnings come before it.
     said = done.stderr.rpartition("Error:")[2].split()
     return Judgement(
         accepted=done.returncode == 0,

@@ -427,6 +427,7 @@ def motions_proof(certificate: Certificate) -> str:
 def _refuse_what_is_not_written(problem: Problem) -> None:
     """Raise SpecError for what the library does not know, or what Coq would take too long for."""
     arcs = problem.network.modes.values()
+    # Whatever is first found is told: one reason is enough.
     unknown = None
     if any(each.optional for each in arcs):
         unknown = "arcs that come and go"

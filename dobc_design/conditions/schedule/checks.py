@@ -99,6 +99,7 @@ def confirm(check: Check, loop: Loop, W: Matrix | None, *, domain: Domain) -> st
     """None if everything that a proved or refuted check of this topic claims is confirmed, else
     what is not."""
     if check.id == "schedule" and check.verdict is Verdict.REFUTED:
+        # Only linear couplings are refuted, by a power and without weights.
         return confirm_growth(check, loop, domain)
     claim = read_claim(check, loop, W)
     turned = isinstance(claim, Cycles) and claim.T is not None
@@ -111,6 +112,7 @@ def confirm(check: Check, loop: Loop, W: Matrix | None, *, domain: Domain) -> st
         wrong = not_as_claimed(check, loop, claim.rate, claim, domain)
         return wrong or why_not_cycles(loop, W, claim)
     if check.rate is not None:
+        # Its claim says a time, and nothing of how errors fall before.
         return "a settling time has no rate"
     return why_not(loop, W, claim)
 
@@ -183,6 +185,7 @@ def tube_from_json(data: object, loop: Loop) -> Tube:
 def cycles_from_json(data: object, loop: Loop, *, turned: bool = False) -> Cycles:
     """Read ``Cycles.to_json`` back for this problem, ``turned`` with T; raises as
     ``read_claim``."""
+    # In coordinates z = T e the rows need the gains, enclosed.
     own = ("T", "ranges") if turned else ()
     values = read_object(data, ("rate", "rho", "phases", *own, *observed_in(loop)))
     size = loop.size if turned else loop.n

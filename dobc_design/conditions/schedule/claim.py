@@ -148,6 +148,7 @@ class Cycles:
         """The largest N of errors with |e|_inf <= 1, in any phase that may be first."""
         if not self.phases:
             return ONE
+        # A run may begin with any of these phases, and N is counted from there.
         begun = zip(loop.guarantee.phases, self.phases, strict=True)
         sizes = [spread(self.T, each.v[0]) for phase, each in begun if phase.first]
         return max(sizes, default=ONE)
@@ -237,6 +238,7 @@ class Tube(Shown):
         values = fields_to_json(self, "times", "upper", "lower")
         if self.error is not None:
             values |= self.error.to_json()
+            # A box that moves has no V, so that nothing weighs E against N.
             del values["kappa"]
         return values
 

@@ -88,6 +88,7 @@ def _weights_fall(loop: Loop, claim: Cycles, rate: Fraction) -> Iterator[Need]:
         ends_well = phase.longest is None or each.times[-1] == phase.longest
         yield ends_well, f"{where}: times have to end with its longest."
         for q in phase.successors:
+            # Whatever phase may follow has to begin with weights that are large enough.
             falls = _fits(each, claim.phases[q], phase, rate)
             yield falls, f"{where}: its weights do not fall far enough."
         if claim.T is None:
@@ -137,6 +138,7 @@ def rises(loop: Loop, rho: Fraction | None, *, strictly: bool = True) -> Iterato
 
 def cycles_of(phases: Sequence[Phase]) -> list[tuple[str, ...]]:
     """The smallest sets of modes that may be on over and over, and no other."""
+    # A mode without a longest time may stay on for ever.
     cycles: set[tuple[str, ...]] = {(phase.mode,) for phase in phases if phase.longest is None}
     # any other mode may follow: longer cycles hold two
     if len(phases) > 1 and all(phase.first for phase in phases):
@@ -191,6 +193,7 @@ def _open(rows: MovingRows | None, phase: Phase, each: Weights, claim: Cycles) -
     """Whether a row of the phase is not proved."""
     if rows is None:
         return True
+    # N bounds |e_i| on both sides, and what the estimation error adds is in V already.
     boxes = Box.of(each.v, each.v)
     no_load = np.zeros(len(each.times))
     low = high = 1.0

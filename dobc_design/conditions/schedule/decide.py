@@ -42,6 +42,7 @@ def why_not(loop: Loop, W: Matrix | None, claim: Descent) -> str | None:
 def open_segments(loop: Loop, tube: Tube, *, disturbance: Fraction) -> list[int] | None:
     """The segments of a tube whose rows are not proved; None where rows cannot be decided."""
     boxes = Box.of(tube.upper, tube.lower)
+    # Near the target rows have little room, and need finer tables than far out.
     rows = RowsBySize(loop, tube.most)
     load = np.array([float_above(noise(tube, disturbance, time).hi) for time in tube.times])
     left = list[int]()
@@ -107,6 +108,7 @@ def weights_then(loop: Loop, claim: Descent) -> Sequence[Fraction]:
         return tuple(own.v)
     if isinstance(own, Lure) or turns is None or len(own.phases) != len(turns.phases):
         return (ONE,) * loop.n
+    # Of weights that move those with which the phase begins.
     place, _, _ = turns.at(claim.tube.ends)
     return own.phases[place].v[0]
 
@@ -126,6 +128,7 @@ def tallest(own: Separable | Cycles) -> Fraction:
 
 def bound_after(claim: Descent, time: Fraction) -> Interval:
     """Enclose a bound of |e|_inf from ``time`` (s) on, not before the end of the tube."""
+    # Until it decays the size only does not grow.
     passed = max(ZERO, time - counted_from(claim))
     return shrunk(claim.level, rate_near(claim.certificate), passed) * claim.height
 
@@ -145,6 +148,7 @@ def _needs(loop: Loop, W: Matrix | None, claim: Descent) -> Iterator[Need]:
     yield not loop.pins.curved, str(pins_obstacle(loop))
     yield len(tube.upper[0]) == loop.n, f"a box must have {loop.n} entries, one per agent."
     yield from _observer_holds(loop, W, claim)
+    # The starts are a box with equal sides.
     narrowest = min(tube.upper[0] + tube.lower[0])
     yield narrowest >= claim.radius, "its first box does not hold all starts."
     yield from _rows_hold(loop, claim)
@@ -205,6 +209,7 @@ def _takes_over(loop: Loop, W: Matrix | None, claim: Descent) -> Iterator[Need]:
         else:
             yield from _cycles_hold(loop, W, claim, own)
         yield from _weights_hold(claim, own)
+    # Of a quadratic certificate squares are compared, which need no root.
     lies_in_it = size >= level_at_the_end(loop, claim).hi
     yield lies_in_it, "the last box of the tube does not lie in its level set."
 
@@ -216,6 +221,7 @@ def _cycles_hold(loop: Loop, W: Matrix | None, claim: Descent, own: Cycles) -> I
     begins = not own.phases
     turns = loop.guarantee.round
     if turns is not None and own.phases:
+        # The claim is about errors where a phase begins.
         _, begun, _ = turns.at(claim.tube.ends)
         begins = begun == claim.tube.ends
     yield begins, "weights that move take over only where a phase begins."

@@ -90,6 +90,7 @@ def observed(loop: Loop, W: Matrix | None, T: Matrix | None = None) -> ErrorBoun
         exosystem, W = seen_through(loop, T, W)
     if exosystem is None or W is None:
         return None
+    # A little slower than the observer, so that there is a P.
     rate = OBSERVER * decay_rate(exosystem, W)
     error = propose_error_bound(exosystem, W, rate=rate)
     return None if error is None else with_kappa(error)
@@ -122,6 +123,7 @@ def approach(
             fastest=last.fastest,
             rests=last.rests,
         )
+        # The tightest path is the first; the last of them may end on its way.
         arrives = path.follow(limit)
         if not arrives and (slack, bend) != TRIED[-1]:
             continue
@@ -165,6 +167,7 @@ def _certificates(
 
 def _widest(asked: Asked, error: ErrorBound | None) -> Fraction:
     """The largest box that is followed: as far as the estimation error alone may push, and more."""
+    # At the decay rate beta the load adds up to at most its first value over beta.
     pushed = asked.radius
     if error is not None:
         pushed += asked.disturbance * root_above(error.size, unit=10**6) / error.beta
@@ -227,6 +230,7 @@ class _Path:
         if found is None:
             return False
         after, end = found
+        # The tables reach no further.
         if float(end.max()) > ROOM * float(self.rows.most):
             return False
         self.times.append(after)
@@ -381,6 +385,7 @@ def _near(
         own = error
         if error is not None:
             rate = min(Fraction(plan.rate), SHARE * error.beta)
+            # What V = N + kappa E loses by E has to leave the rate of N.
             own = with_kappa(error, rate=rate, least=Fraction(float(plan.v.min())))
         whole_plan = replace(plan, error=own)
         found = first_certificate(loop, W, whole_plan, everywhere=loop.is_linear)

@@ -165,6 +165,7 @@ class _Flow:
     def _way(self, start: Array, rate: float) -> Way | None:
         shortest = self.phase.shortest
         longest = self.phase.longest
+        # About as fine as the ends of phases are compared.
         step = float(shortest) / ENDS
         chords = Chords(bend=self.bend, pace=self.pace, step=step, floor=1.0)
         way = [(ZERO, start)]
@@ -195,6 +196,7 @@ def propose(
 ) -> Cycles | None:
     """The fastest claim that is proved for weights whose least at the beginning of phases is 1."""
     widest = (ONE if rho is None else rho) * Fraction(_steepest(rho))
+    # Tables reach as far as the largest weights that are tried.
     found = rows_of_phases(loop, widest)
     rows = {mode: each for mode, each in found.items() if each is not None}
     linear = _Linear.at_the_target(loop)
@@ -297,6 +299,7 @@ class _Search:
             return
         most = top if self.error is None else min(top, float(self.error.beta))
         for part, slack, bend in TRIED if self.rho is None else TRIED_CURVED:
+            # The fastest first, with the finest chords.
             rate = part * most
             flows = self._flows(pace=top, slack=slack, bend=bend)
             faster = (1 + part) / 2 * most
@@ -347,6 +350,7 @@ class _Search:
             times = tuple(t for t, _ in way)
             v = tuple(_written(point) for _, point in way)
             phases.append(Weights(times=times, v=v))
+        # A little less than the chords fall by, for the digits that are cut.
         claimed = Fraction(f"{rate * ROOM:.6g}")
         claim = Cycles(phases=tuple(phases), rate=claimed, rho=self.rho)
         if self.error is None:
@@ -454,6 +458,7 @@ class _Linear:
             return self._of_one_round()
         mean = float(np.mean([way.times[-1] for way in self.ways]))
         shrinking = list(self._spreading())
+        # The first steps depend on where the weights began.
         late = shrinking[len(shrinking) // 2 :]
         if not math.isfinite(sum(late)):
             return 0.0
@@ -482,6 +487,7 @@ class _Linear:
         x = [np.ones(n) for _ in self.phases]
         work = sum(_work(phase) for phase in self.phases)
         for _ in range(ITERATIONS):
+            # Only directions matter: sizes are taken out, or they would leave the floats.
             spend(work)
             found = [np.zeros(n) for _ in self.phases]
             for p, phase in enumerate(self.phases):

@@ -225,6 +225,7 @@ class MovingRows:
             arcs = self._arcs([box], face)
             rows = np.arange(len(arcs.pulls))
             sums = Piece(arcs, face, self.kinds, rows).at(1.0)
+            # Any of the modes may be on.
             worst = sums.reshape(len(box.below), self.modes, self.size).max(axis=1)
             found[:, place] = worst + load[:, None] - self.holds * box.below[:, place]
         return found
@@ -273,6 +274,7 @@ class MovingRows:
 
     def _open_parts(self, motion: Motion, parts: _Parts) -> Places:
         """The parts (places) that are not proved as they are."""
+        # In pieces that fit into memory.
         chunk = max(1, TOGETHER // max(1, len(self.layout.rows)))
         failed = list[Places]()
         for k in range(0, len(parts), chunk):
@@ -315,6 +317,7 @@ def _slopes(boxes: Box, times: Sequence[Fraction]) -> Array:
     longest = np.array([float_above(x) for x in lengths])[:, None, None]
     rise = down(boxes.below[1:] - boxes.above[:-1])
     rise = np.where(Box.differ(boxes.same[1:], boxes.same[:-1]), rise, 0.0)
+    # A lower bound of rise / length: the length is known between two floats.
     slopes = np.where(rise >= 0, rise / longest, rise / shortest)
     return np.where(rise == 0, 0.0, down(slopes))
 
@@ -334,6 +337,7 @@ def moving_rows(
     """Rows for boxes with no number beyond ``most``; None where a coupling is not defined or turns
     too often."""
     layout = arc_layout(loop, modes=modes)
+    # A difference of two errors is at most twice the largest.
     radius = 2 * most * (1 + MARGIN)
     far = np.full(len(layout.rows), float_above(2 * most))
     none = far[:0]

@@ -147,6 +147,7 @@ def asked_beside(case: Case, *, tolerance: Fraction | None) -> Asked | str:
             "left out, because nothing says where the agents start: add a [region], or have "
             "every condition run."
         )
+    # What is proved from the smaller box; a larger one may hold none.
     radius, disturbance = min(boxes)
     if not radius:
         return "left out, because the region asked for is the target alone."
@@ -204,6 +205,7 @@ def _by_a_tube(
 ) -> Descent | None:
     """A proved claim by a box that moves, or ``single`` where none is faster."""
     limit = None if single is None else float(single.time)
+    # The tightest tubes come first, so that the first proved one is nearly the fastest.
     for tube, last in propose.approach(loop, W, asked, limit=limit):
         found = _proved(loop, W, asked, tube, last)
         if found is not None:
@@ -235,6 +237,7 @@ def _proved(
         if certificate.rho is not None:
             level = min(level, certificate.rho)  # the whole box may fill the level set exactly
     draft = replace(draft, level=level)
+    # From then on |e|_inf <= height times the size is within the tolerance.
     when = _when(draft, asked.tolerance / draft.height)
     if when is None:
         return None
@@ -317,6 +320,7 @@ def schedule_stage(asked: Region, report: Progress) -> list[Check]:
     loop = asked.loop
     if not loop.guarantee.phases:
         return []
+    # What cannot hold is not searched for.
     grows = growth_check(loop, asked.domain)
     if grows is not None:
         return [grows]
@@ -334,6 +338,7 @@ def _searched(asked: Region, *, turned: bool) -> Check:
     cut = None
     for search in _searches(loop, turned=turned):
         try:
+            # Each search has its own time; one that breaks down leaves the others.
             with at_most(WORK * STAGE), surviving("no weights under the guarantee"):
                 spend(0)
                 claim = search(asked)

@@ -1,8 +1,11 @@
 """A second equilibrium, proved by Krawczyk's test: closed forms and mpmath from outside, and what
 just fails."""
 
+import math
 from fractions import Fraction
+from functools import partial
 from random import Random
+from typing import Any
 
 import mpmath
 import numpy as np
@@ -24,7 +27,7 @@ from scipy.optimize import fsolve
 from texts import exact_matrix
 
 from dobc_design import Observer, Problem, Verdict
-from dobc_design.conditions.check import check_from_json
+from dobc_design.conditions.check import Check, check_from_json
 from dobc_design.conditions.equilibrium.decide import (
     Equilibrium,
     field_at,
@@ -48,8 +51,29 @@ def boxed(*middle: F, half: F = SMALL, mode: str = "G") -> Equilibrium:
     return Equilibrium(mode=mode, box=tuple(Interval(c - half, c + half) for c in middle))
 
 
+ROOT = boxed(-SADDLE, SADDLE)
+
+
+def refusal(problem: Problem, claim: Equilibrium, **part: F) -> str | None:
+    return why_not(loop_of(problem), claim, **part)
+
+
 def is_proved(problem: Problem, claim: Equilibrium) -> bool:
-    return why_not(loop_of(problem), claim) is None
+    return refusal(problem, claim) is None
+
+
+def enclosed(problem: Problem, *point: float, **options: bool) -> Equilibrium | None:
+    return enclose_equilibrium(loop_of(problem), "G", [float(e) for e in point], **options)
+
+
+def refuting(problem: Problem, claim: Equilibrium = ROOT) -> Check | None:
+    return refuting_check(loop_of(problem), claim)
+
+
+def root_near(problem: Problem, start: Any, accuracy: float = 1e-8) -> np.ndarray:
+    """Where SciPy ends, a root or not."""
+    found, *_ = fsolve(lambda e: field(problem, "G", e), start, xtol=accuracy, full_output=True)
+    return found
 
 
 @pytest.mark.parametrize("half", [SADDLE, NODE, -SADDLE])
@@ -57,7 +81,7 @@ def test_the_false_equilibria_of_two_agents_are_proved_around_the_true_root(half
     """2 sin y + y/10 = 0 near y = 3.31 and 5.98: e = (-y/2, y/2); the root is mpmath's at 50
     digits."""
     problem = listening_pair()
-    claim = enclose_equilibrium(loop_of(problem), "G", [float(-half), float(half)])
+    claim = enclosed(problem, -half, half)
     assert claim.box[0].contains(-half)
     assert claim.box[1].contains(half)
     assert max(side.width for side in claim.box) < F(1, 10**4)
@@ -65,7 +89,7 @@ def test_the_false_equilibria_of_two_agents_are_proved_around_the_true_root(half
 
 def test_with_one_pin_the_false_equilibrium_is_at_pi():
     """The free agent rests where sin y = 0, and then the pinned one at its target: e = (0, pi)."""
-    claim = enclose_equilibrium(loop_of(listening_pair(gains={1: "1/10"})), "G", [0.0, 3.14159])
+    claim = enclosed(listening_pair(gains={1: "1/10"}), 0.0, 3.14159)
     with mpmath.workdps(50):
         assert claim.box[1].contains(exact(mpmath.pi))
     assert claim.box[0].contains(0)
@@ -73,61 +97,47 @@ def test_with_one_pin_the_false_equilibrium_is_at_pi():
 
 def test_a_box_is_proved_until_the_root_leaves_it():
     """Shifted by 9/10 of its half width it holds the root, by 11/10 it does not."""
-    problem, half = listening_pair(), F(1, 10**4)
-    assert is_proved(problem, boxed(-SADDLE, SADDLE))
+    problem = listening_pair()
+    half = SMALL
+    assert is_proved(problem, ROOT)
     assert is_proved(problem, boxed(-SADDLE, SADDLE + half * F(9, 10)))
     assert not is_proved(problem, boxed(-SADDLE, SADDLE + half * F(11, 10)))
     assert not is_proved(problem, boxed(-SADDLE - half * F(11, 10), SADDLE))
     # At 0 the test holds as well, so a box that holds 0 is refused, and one that only touches it
     # holds nothing.
-    assert "target itself" in why_not(loop_of(problem), boxed(F(0), F(0)))
-    assert "target itself" in why_not(loop_of(problem), boxed(F(0), half))
-    assert "Krawczyk" in why_not(loop_of(problem), boxed(F(0), half * F(1001, 1000)))
+    assert "target itself" in refusal(problem, boxed(F(0), F(0)))
+    assert "target itself" in refusal(problem, boxed(F(0), half))
+    assert "Krawczyk" in refusal(problem, boxed(F(0), half * F(1001, 1000)))
     # Boxes made here leave room for coarser enclosures: at most nine tenths of each half width is
     # used.
-    claim = enclose_equilibrium(loop_of(problem), "G", [float(-SADDLE), float(SADDLE)])
-    assert why_not(loop_of(problem), claim, part=F(9, 10)) is None
+    claim = enclosed(problem, -SADDLE, SADDLE)
+    assert refusal(problem, claim, part=F(9, 10)) is None
     tight = boxed(-SADDLE, SADDLE + SMALL * F(95, 100))
     assert is_proved(problem, tight)
-    assert why_not(loop_of(problem), tight, part=F(9, 10)) is not None
+    assert refusal(problem, tight, part=F(9, 10)) is not None
 
 
 def test_the_box_has_to_lie_in_the_region_up_to_its_very_edge_goals_taken_into_account():
     """Twin: a region that ends inside the box, or exactly at the root, is not shown to hold the
     start."""
-    claim = boxed(-SADDLE, SADDLE)
-    edge = claim.box[1].hi
-    inside, outside = listening_pair(reach=edge), listening_pair(reach=edge - F(1, 10**9))
-    assert refuting_check(loop_of(inside), claim).verdict is Verdict.REFUTED
-    assert lies_in_region(loop_of(inside), claim)
-    assert not lies_in_region(loop_of(outside), claim)
-    assert refuting_check(loop_of(outside), claim) is None
+    edge = ROOT.box[1].hi
+    inside = listening_pair(reach=edge)
+    outside = listening_pair(reach=edge - F(1, 10**9))
+    assert refuting(inside).verdict is Verdict.REFUTED
+    assert lies_in_region(loop_of(inside), ROOT)
+    assert not lies_in_region(loop_of(outside), ROOT)
+    assert refuting(outside) is None
     # A smaller box around the same root still fits there, but none around a root on the edge.
-    assert (
-        enclose_equilibrium(
-            loop_of(outside), "G", [float(-SADDLE), float(SADDLE)], within_region=True
-        )
-        is not None
-    )
     on_edge = listening_pair(reach=F(f"{float(SADDLE):.15f}"))
-    assert (
-        enclose_equilibrium(
-            loop_of(on_edge), "G", [float(-SADDLE), float(SADDLE)], within_region=True
-        )
-        is None
-    )
+    assert enclosed(outside, -SADDLE, SADDLE, within_region=True) is not None
+    assert enclosed(on_edge, -SADDLE, SADDLE, within_region=True) is None
     # Target 1 and an offset of 2 for agent 2: x = (1 - y/2, 3 + y/2).
-    claim = boxed(-SADDLE, SADDLE)
-    low, high = 1 - SADDLE - F(1, 1000), 3 + SADDLE + F(1, 1000)
-    assert (
-        refuting_check(loop_of(listening_pair(target=1, offsets={2: 2}, reach=[low, high])), claim)
-        is not None
-    )
-    for other in ([low + F(1, 500), high], [low, high - F(1, 500)]):
-        assert (
-            refuting_check(loop_of(listening_pair(target=1, offsets={2: 2}, reach=other)), claim)
-            is None
-        )
+    shifted = partial(listening_pair, target=1, offsets={2: 2})
+    low = 1 - SADDLE - F(1, 1000)
+    high = 3 + SADDLE + F(1, 1000)
+    assert refuting(shifted(reach=[low, high])) is not None
+    assert refuting(shifted(reach=[low + F(1, 500), high])) is None
+    assert refuting(shifted(reach=[low, high - F(1, 500)])) is None
 
 
 def test_an_observer_does_not_matter():
@@ -135,7 +145,7 @@ def test_an_observer_does_not_matter():
     region = {"initial_states": [-5, 5], "initial_disturbance": 0}
     observer = {"exosystem": HARMONIC, "observer": Observer(W=PAPER_GAIN)}
     problem = linked([[1, 2], [2, 1]], coupling="sin(y)", gains="1/10", region=region, **observer)
-    check = refuting_check(loop_of(problem), boxed(-SADDLE, SADDLE))
+    check = refuting(problem)
     assert confirmed(check, problem, W=PAPER_GAIN) is None
     assert "without W" in confirmed(check, problem)
 
@@ -152,17 +162,16 @@ def test_a_folded_line_has_its_equilibrium_at_ten_thirds_exactly():
 def test_couplings_of_vectors_are_decided_too():
     """m = 2, h = (sin y1 + y2/4, sin y2 - y1/4), pins 1/10; mpmath has the root."""
     problem = listening_pair(["sin(y1) + y2/4", "sin(y2) - y1/4"], target=[0, 0])
+    rows = [
+        lambda a, b: 2 * (mpmath.sin(a) + b / 4) + a / 10,
+        lambda a, b: 2 * (mpmath.sin(b) - a / 4) + b / 10,
+    ]
     with mpmath.workdps(50):
-        y = mpmath.findroot(
-            [
-                lambda a, b: 2 * (mpmath.sin(a) + b / 4) + a / 10,
-                lambda a, b: 2 * (mpmath.sin(b) - a / 4) + b / 10,
-            ],
-            (3.5, 0.5),
-        )
-        root = (-exact(y[0]) / 2, -exact(y[1]) / 2, exact(y[0]) / 2, exact(y[1]) / 2)
+        y = mpmath.findroot(rows, (3.5, 0.5))
+        half = [exact(each) / 2 for each in y]
+    root = (-half[0], -half[1], *half)
     assert max(root) > 1
-    claim = enclose_equilibrium(loop_of(problem), "G", [float(e) for e in root])
+    claim = enclosed(problem, *root)
     assert all(side.contains(e) for side, e in zip(claim.box, root, strict=True))
     assert is_proved(problem, boxed(*root))
     assert not is_proved(problem, boxed(*root[:3], root[3] + F(2, 10**4)))
@@ -175,31 +184,22 @@ def test_what_floating_point_finds_in_random_problems_is_proved_and_is_a_root(
     """Weights, exceptions, matrix gains, offsets; SciPy finds the roots and says how far they are
     from zero."""
     proved = 0
+    rounding = F(1, 10**11)
     for seed in seeds:
-        problem, r = random_folded(seed, m=m), Random(f"roots {seed}")
+        problem = random_folded(seed, m=m)
+        r = Random(f"roots {seed}")
         for _ in range(4):
-            start = [r.uniform(-6, 6) for _ in range(problem.n * m)]
-            root, _, status, _ = fsolve(
-                lambda e, p=problem: field(p, "G", e), start, full_output=True
-            )
-            if (
-                status != 1
-                or np.max(np.abs(root)) < 1e-3
-                or np.max(np.abs(field(problem, "G", root))) > 1e-9
-            ):
+            root = root_near(problem, [r.uniform(-6, 6) for _ in range(problem.n * m)])
+            left = np.max(np.abs(field(problem, "G", root)))
+            if np.max(np.abs(root)) < 1e-3 or left > 1e-9:
                 continue
-            claim = enclose_equilibrium(loop_of(problem), "G", root.tolist())
+            claim = enclosed(problem, *root.tolist())
             if claim is None:  # singular there, or on a kink
                 continue
             proved += 1
-            middle = [float(c) for c in claim.middle]
-            polished, *_ = fsolve(
-                lambda e, p=problem: field(p, "G", e), middle, xtol=1e-12, full_output=True
-            )
-            sides = zip(claim.box, polished.tolist(), strict=True)
-            assert all(
-                side.lo - F(1, 10**11) <= F(e) <= side.hi + F(1, 10**11) for side, e in sides
-            )
+            polished = root_near(problem, [float(c) for c in claim.middle], 1e-12)
+            for side, e in zip(claim.box, polished.tolist(), strict=True):
+                assert side.lo - rounding <= F(e) <= side.hi + rounding
     assert proved >= 3
 
 
@@ -209,12 +209,12 @@ def test_boxes_in_which_the_field_does_not_vanish_are_never_proved(m: int):
     is there."""
     refused = 0
     for seed in range(6):
-        problem, r = random_folded(seed, m=m), Random(f"no roots {seed}")
+        problem = random_folded(seed, m=m)
+        r = Random(f"no roots {seed}")
         for _ in range(4):
             half = F(1, r.choice((10, 100, 10**6)))
-            claim = boxed(
-                *[F(r.randint(-3000, 3000), 1000) for _ in range(problem.n * m)], half=half
-            )
+            middle = [F(r.randint(-3000, 3000), 1000) for _ in range(problem.n * m)]
+            claim = boxed(*middle, half=half)
             slopes = slopes_on(loop_of(problem), "G", claim.box)
             value = field(problem, "G", np.array(claim.middle, dtype=float))
             change = np.zeros(problem.n * m)
@@ -234,47 +234,48 @@ def test_no_equilibrium_is_proved_where_there_is_none():
         for _ in range(6):
             scale = r.choice((F(1, 1000), F(1, 10), F(1), F(5)))
             middle = [scale * F(r.randint(-100, 100), 100) for _ in range(problem.n)]
-            assert not is_proved(
-                problem, boxed(*middle, half=scale * F(r.randint(1, 40), 100), mode="G0")
-            )
+            half = scale * F(r.randint(1, 40), 100)
+            assert not is_proved(problem, boxed(*middle, half=half, mode="G0"))
 
 
 def test_a_point_of_a_line_of_equilibria_is_proved_and_large_problems_are_left_alone():
     """Without pins every common shift is an equilibrium; the slopes are singular and nothing is
     isolated."""
-    found = enclose_equilibrium(loop_of(listening_pair(gains=None)), "G", [1.0, 1.0])
-    assert found == Equilibrium(mode="G", box=(Interval.point(1),) * 2)
-    assert enclose_equilibrium(loop_of(listening_pair(gains=None)), "G", [1.0, -1.0]) is None
+    free = listening_pair(gains=None)
+    assert enclosed(free, 1.0, 1.0) == Equilibrium(mode="G", box=(Interval.point(1),) * 2)
+    assert enclosed(free, 1.0, -1.0) is None
     arcs = [[i, i % 61 + 1] for i in range(1, 62)]
     problem = linked(arcs, coupling="sin(y)", gains="1/10", region={"initial_states": [-5, 5]})
-    assert enclose_equilibrium(loop_of(problem), "G", [1.0] * 61) is None
+    assert enclosed(problem, *[1.0] * 61) is None
     assert not is_proved(problem, boxed(*[F(1)] * 61))
-    assert enclose_equilibrium(loop_of(listening_pair()), "G", [float("nan"), 1.0]) is None
+    assert enclosed(listening_pair(), math.nan, 1.0) is None
     assert not is_proved(listening_pair("exp(y) - 1"), boxed(F(0), F(10) ** 6))
 
 
 def test_a_check_is_confirmed_from_its_json_and_for_no_other_problem():
-    problem, claim = listening_pair(), boxed(-SADDLE, SADDLE)
-    check = check_from_json(refuting_check(loop_of(problem), claim).to_json())
+    problem = listening_pair()
+    check = check_from_json(refuting(problem).to_json())
     assert confirmed(check, problem) is None
     assert "-1.65387" in check.reason
     assert confirmed(check, listening_pair(gains="2/10")) is not None
     assert confirmed(check, listening_pair("tanh(y)")) is not None
     # without a region the question is about every neighbourhood of the target
     free = listening_pair(reach=None)
-    assert is_proved(free, claim)
-    assert refuting_check(loop_of(free), claim) is None
+    assert is_proved(free, ROOT)
+    assert refuting(free) is None
 
 
 def test_a_y_that_is_not_invertible_and_a_field_that_is_hardly_known_prove_nothing():
     """Y = 0 maps every box into itself, not into its interior; f(c) in [-1, 1] may be anything."""
-    problem, claim = listening_pair(), boxed(-SADDLE, SADDLE)
-    slopes, value = (
-        slopes_on(loop_of(problem), "G", claim.box),
-        field_at(loop_of(problem), "G", claim.middle),
-    )
-    middle = [[float(slopes[i, j].midpoint) for j in range(2)] for i in range(2)]
+    loop = loop_of(listening_pair())
+    slopes = slopes_on(loop, "G", ROOT.box)
+    value = field_at(loop, "G", ROOT.middle)
+    middle = np.zeros((2, 2))
+    for place, slope in slopes.items():
+        middle[place] = float(slope.midpoint)
     Y = tuple(tuple(map(F, row)) for row in np.linalg.inv(middle).tolist())
-    assert krawczyk_holds(claim, value, slopes, Y, F(1))
-    assert not krawczyk_holds(claim, value, slopes, exact_matrix("0 0; 0 0"), F(1))
-    assert not krawczyk_holds(claim, (Interval(F(-1), F(1)),) * 2, slopes, Y, F(1))
+    nothing = exact_matrix("0 0; 0 0")
+    anything = (Interval(F(-1), F(1)),) * 2
+    assert krawczyk_holds(ROOT, value, slopes, Y, F(1))
+    assert not krawczyk_holds(ROOT, value, slopes, nothing, F(1))
+    assert not krawczyk_holds(ROOT, anything, slopes, Y, F(1))

@@ -162,6 +162,7 @@ class Agents:
         if self.signs is not None:
             runs = np.arange(self.phase.shape[2])[chosen]
             return self.stress.disturbance * self.signs.at(times, runs)
+        # every agent and input has a phase of its own
         wave = np.sin(self.stress.frequency * times + phase)
         return self.stress.disturbance * wave
 
@@ -189,6 +190,7 @@ def _limit(runs: StressedRuns) -> float | Array | None:
     problem = runs.setting.problem
     if common is not None or not runs.stress.worst or problem.actuators is None:
         return common
+    # agents without a limit of their own are not limited
     limits = [problem.actuators.limit_of(label) for label in problem.network.labels]
     found = np.array([np.inf if limit is None else float(limit) for limit in limits])
     return found[:, None, None]
@@ -224,6 +226,7 @@ class Heard:
         """The graphs are those of the modes from now on; what is held on arcs that stay is kept."""
         n = self.runs.setting.loop.n
         links = {mode: Links(self.runs.groups(mode), n) for mode in modes}
+        # arcs of all modes have one place each, so that what is held survives a switch
         codes = np.unique(np.concatenate([each.codes for each in links.values()]))
         values = np.full((len(codes), *self.values.shape[1:]), np.nan)
         stay = np.isin(self.codes, codes)
@@ -244,6 +247,7 @@ class Heard:
         """One number for every arc and run at the next instants from the k-th on: (instants, arcs,
         R)."""
         modes: IndexArray = self.modes[:, k : k + self.block]
+        # a run draws for the arcs that it has: its numbers do not depend on other runs
         counts = np.zeros_like(modes, dtype=np.int64)
         for mode, places in self.places.items():
             counts[modes == mode] = len(places)
@@ -270,6 +274,7 @@ class Heard:
         places = self.places[mode]
         held = said[..., every][links.speakers]
         if self.loss:
+            # drawn for a block of instants at once, which is faster
             drawn = self.drawn[k % self.block][: len(places), every]
             # who is silent for ever is noticed
             arrived = (drawn >= self.loss) | np.isnan(held).any(axis=1)
@@ -284,6 +289,7 @@ class Heard:
             columns = runs[modes == mode]
             changed = columns[self.mode[columns] != mode]
             if len(changed):
+                # an arc that comes back later begins with nothing
                 gone = np.setdiff1d(np.arange(len(self.codes)), self.places[mode])
                 self.values[gone[:, None], :, changed] = np.nan
                 self.mode[changed] = mode

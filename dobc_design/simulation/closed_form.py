@@ -55,6 +55,7 @@ def make_closed_form(F: Array, C: Array, horizon: float) -> ClosedForm | None:
     not finite."""
     if not (np.isfinite(F).all() and np.isfinite(C).all()):
         return None
+    # between anchors |F t| stays below 1/8, for which TERMS are chosen
     spacing = 1 / (4 * max(float(np.linalg.norm(F, 1)), 1e-6 / horizon))
     ratio = horizon / spacing
     if not ratio < min(MOST_ANCHORS, MOST_NUMBERS / (TERMS * C.size)):

@@ -115,6 +115,7 @@ class March:
         self.y = self.start.copy()
         self.t = np.full(count, self.begin)
         self.h = np.zeros(count)
+        # the last switch that is not later than the begin
         self.place = (times <= self.begin).sum(axis=1) - 1
         self.done = np.searchsorted(self.samples, self.t, side="right")
         self.steps = np.zeros(count, dtype=np.int64)
@@ -172,6 +173,7 @@ class March:
         """The new states and their derivatives; all stages stand in K then."""
         K = self.K
         flat = K.reshape(EXTENDED, -1)
+        # of all stages at once: forces depend on time alone
         within = self.t + DOP853.C[1:, None] * h
         forces = self.columns.forces(np.concatenate([within, ends[None]]), self.run_of)
         K[0] = self.f  # the last derivative of a step is the first of the next
@@ -189,6 +191,7 @@ class March:
         """The norm of the error of every run, 1 being the tolerance: from the estimates of orders 5
         and 3, as SciPy combines them."""
         flat = self.K.reshape(EXTENDED, -1)[: STAGES + 1]
+        # of every number by itself: some are large, some small
         scale = self.absolute + np.maximum(np.abs(self.y), np.abs(new)) * self.tolerance
         of_fifth = (DOP853.E5 @ flat).reshape(self.y.shape)
         of_third = (DOP853.E3 @ flat).reshape(self.y.shape)
@@ -208,6 +211,7 @@ class March:
         h = h[chosen]
         y = self.y[:, chosen]
         F = self.interpolant(chosen, h, new, f_new)
+        # the first sample of every run, then the second of those that have two, ...
         for offset in range(int((upto - self.done)[chosen].max())):
             there = np.flatnonzero(self.done[chosen] + offset < upto[chosen])
             own = chosen[there]
@@ -218,6 +222,7 @@ class March:
                 value += row[:, there]
                 value *= part if i % 2 == 0 else 1 - part
             value += y[:, there]
+            # there the polynomial is off by rounding, the step is not
             at_end = self.samples[sample] == ends[own]
             value[:, at_end] = new[:, own[at_end]]
             self.visit(sample, self.run_of[own], value)
@@ -225,6 +230,7 @@ class March:
 
     def interpolant(self, chosen: IndexArray, h: Array, new: Array, f_new: Array) -> Array:
         """SciPy's polynomial of order 7 over the step, for some of the runs: (7, n m, k)."""
+        # no copy where all runs are asked for
         K = self.K if len(chosen) == len(self.run_of) else self.K.take(chosen, axis=2)
         flat = K.reshape(EXTENDED, -1)
         old = self.y[:, chosen]
@@ -246,6 +252,7 @@ class March:
         """Switch the runs that have come to a switch, and retire those that have ended."""
         if switched.any():
             self.switch(switched)
+        # SciPy gives up at the same step size
         collapsed = ~good & (self.h < 10 * np.spacing(self.t))
         collapsed |= switched & ~np.isfinite(self.f).all(axis=0)
         escaped = self.columns.size(self.y) > self.farthest
@@ -271,6 +278,7 @@ class March:
     def retire(self, state: IndexArray) -> None:
         """Put down how runs ended, and go on with the columns of the others."""
         out = state != RUNNING
+        # columns that have ended would cost as much as the others
         keep = np.flatnonzero(state == RUNNING)
         runs = self.run_of[out]
         self.ended[runs] = state[out]
@@ -286,6 +294,7 @@ class March:
 
     def grouped(self, chosen: IndexArray) -> list[tuple[IndexArray, RightHandSide]]:
         """Which of the chosen columns are in which mode, and what they obey there."""
+        # one right-hand side for all columns of a mode: few calls of NumPy
         mode = self.mode[chosen]
         runs = self.run_of[chosen]
         found = []
@@ -297,6 +306,7 @@ class March:
     def derivative(self, y: Array, force: Array, chosen: IndexArray | None = None) -> Array:
         """The derivative of all runs, or of the chosen ones, whose states are y (N, k)."""
         parts = self.parts if chosen is None else self.grouped(chosen)
+        # no copies where all runs are in one mode
         if len(parts) == 1:
             return parts[0][1](y, force)
         result = np.empty_like(y)

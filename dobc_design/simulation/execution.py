@@ -172,6 +172,7 @@ def _samples(setting: Setting, states: Array, xi: Array, xihat: Array) -> Sample
 def run_many(setting: Setting, runs: int, *, progress: Progress = silent) -> Ensemble:
     """``runs`` runs with the seeds seed, seed + 1, ...: each with its own start and its own
     switches."""
+    # refused before anything is made
     most = MOST_KEPT // len(setting.times)
     if whole(runs, "runs", least=1) > most:
         message = f"must be at most {most} with {len(setting.times)} samples of each; got {runs}."
@@ -208,6 +209,7 @@ class _Collector:
         self.method = "DOP853, side by side"
         self.reasons: dict[int, str] = {}
         shape = (len(setting.times), setting.loop.n, setting.loop.m)
+        # the states of all runs would take too much memory
         drawn = min(runs, DRAWN_RUNS, MOST_STATES // int(np.prod(shape)))
         self.states = np.full((drawn, *shape), np.nan)
         self.leader = np.zeros((drawn, shape[0], shape[2]))
@@ -312,6 +314,7 @@ class _Collector:
     def alone(self, run: int) -> None:
         """Make one run by itself."""
         done = run_once(self.setting, seed=self.setting.seed + run)
+        # samples that were reached; steps after them, of a run that diverged, are left out
         count = int(np.searchsorted(self.setting.times, done.times[-1], side="right"))
         self.error[run] = np.nan
         self.error[run, :count] = done.error()[:count]
@@ -442,6 +445,7 @@ class _Chunk:
                 collector.alone(run)
                 continue
             time = times[row]
+            # what an integrator left there belongs to no state of the run
             late = self.setting.times > time
             collector.ended[run] = time
             collector.reasons[run] = reason

@@ -41,6 +41,7 @@ class _FastAlgebra(NumpyAlgebra):
         if not 1 <= exponent <= LARGEST_PRODUCT:
             return base**exponent
         result = None
+        # powers by repeated squaring
         square = base
         rest = exponent
         while rest:
@@ -100,6 +101,7 @@ class _Block:
     def add(self, total: Array, e: Array) -> None:
         """Add what the listeners feel; ``e`` and ``total`` have a row for every agent."""
         own = e[self.rows]
+        # take is faster than an index here
         y = e.take(self.speakers, axis=0)
         # in place: these arrays are as large as the processor's cache allows
         if self.counts is not None:
@@ -118,11 +120,13 @@ class _Block:
         # one product for all slots instead of one for all arcs
         if not isinstance(self.factor, np.ndarray) and self.factor != 1:
             found *= self.factor
+        # no agent stands twice in a block, so that nothing is lost here
         total[self.rows] += found
 
 
 def _blocks(group: ArcGroup, size: int, m: int) -> Iterator[_Block]:
     """Cut the arcs of one coupling into blocks of about ``size``."""
+    # so that the arcs of a listener stand together and are added once
     order = np.argsort(group.listeners, kind="stable")
     listeners = group.listeners[order]
     h = _of_rows(group.coupling, m)
@@ -148,6 +152,7 @@ def _block_of(h: Callable[[Array], Array], arcs: ArcGroup) -> _Block:
     """One block of arcs that stand in the order of their listeners."""
     lowest = int(arcs.listeners[0])
     rows = int(arcs.listeners[-1] - arcs.listeners[0]) + 1
+    # how many agents each listener of the block hears
     counts = np.bincount(arcs.listeners - lowest, minlength=rows)
     if counts.max() <= MOST_SLOTS:
         return _by_slots(h, arcs, lowest, counts)
@@ -168,6 +173,7 @@ def _by_slots(
 ) -> _Block:
     """Order agents by their number of arcs, and the arcs by slots: the i-th slot has the i-th arc
     of every agent that has so many."""
+    # those with many arcs first: every slot is a piece from the beginning
     agents = np.argsort(-counts, kind="stable")
     begins = np.cumsum(counts) - counts
     having = []
@@ -396,6 +402,7 @@ class Network:
 
 def network_of(loop: ClosedLoop, groups: Sequence[ArcGroup], *, runs: int = 1) -> Network:
     """h(e) - K e on arcs that are grouped by coupling."""
+    # with many runs a block holds fewer arcs
     size = max(1, BLOCK // (loop.m * runs))
     blocks = [block for group in groups for block in _blocks(group, size, loop.m)]
     return Network(loop=loop, groups=groups, blocks=tuple(blocks))
@@ -406,6 +413,7 @@ def hears(groups: Sequence[ArcGroup], n: int) -> sp.csr_array:
     own = np.arange(n)
     rows = np.concatenate([own, *(group.listeners for group in groups)])
     columns = np.concatenate([own, *(group.speakers for group in groups)])
+    # a pair that is heard over several arcs is marked once
     marks: Any = sp.csr_array((np.ones(len(rows)), (rows, columns)), shape=(n, n))
     return sp.csr_array(marks != 0).astype(np.float64)
 

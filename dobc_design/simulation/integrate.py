@@ -193,6 +193,7 @@ class Integration:
         times = self.times[: self.done]
         states = self.states[: self.done]
         if reason:
+            # a run that blows up between two samples is to be seen rising
             late = self.late_steps(float(times[-1]))
             times = np.concatenate([times, sorted(late)])
             states = np.concatenate([states, *(late[time][None] for time in sorted(late))])
@@ -260,6 +261,7 @@ class Integration:
     def accept(self, solver: Any, error: float) -> None:
         """Keep a step, whose end has this |e|_inf, and its samples."""
         self.take(solver, solver.t)
+        # a sample that was passed holds what these steps showed
         if self.rise and self.rise[-1][0] <= self.times[self.done - 1]:
             self.rise.clear()
         if error > GROWTH * self.risen:
@@ -284,6 +286,7 @@ class Integration:
     def foresee(self) -> None:
         """Count a step.  Raises: SpecError if the rest of the run needs too many."""
         self.steps += 1
+        # not at every step: the pace of a few says little
         if self.steps % LOOK_AHEAD:
             return
         pace = (self.time - self.looked) / LOOK_AHEAD
@@ -347,6 +350,7 @@ class Integration:
         self.time = time
         self.state = state
         self.evaluations += solver.nfev
+        # the step that the solver proposes for later
         step = float(solver.h_abs)
         # the last step was cut short by the switch
         if self.step is not None and solver.t_bound == time:
@@ -367,6 +371,7 @@ def _stepped(solver: Any) -> bool:
 def fastest_decay(loop: ClosedLoop, groups: Sequence[ArcGroup]) -> float:
     """A Gershgorin bound on the fastest decay of e at the consensus, 1/s; at a kink the steeper
     side counts."""
+    # the circles of Gershgorin: what pulls an agent, and twice what its arcs can do
     rows = np.asarray(abs(loop.K).sum(axis=1)).reshape(loop.n, loop.m)
     for group in groups:
         steepest = []

@@ -46,6 +46,7 @@ def decay_rate(times: Array, error: Array) -> float | None:
     chosen = error > RESOLVED * valid.max()
     if np.count_nonzero(chosen) < LEAST_SAMPLES:
         return None
+    # the slope of least squares does not depend on the origin of time
     about = times[chosen] - times[chosen].mean()
     return -float(about @ np.log(error[chosen]) / (about @ about))
 
@@ -104,6 +105,7 @@ def quantile_interval(values: Array, level: float, confidence: float) -> tuple[f
     count = len(ordered)
     tail = (1 - confidence) / 2
     below = bdtr(np.arange(count), count, level)  # P(at most k values lie below the quantile)
+    # the largest order statistic that is below the quantile with enough probability
     low = int(np.searchsorted(below, tail, side="right")) - 1
     high = int(np.searchsorted(below, 1 - tail, side="left"))
     if low < 0 or high >= count:

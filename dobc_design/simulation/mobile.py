@@ -41,6 +41,7 @@ def near(signal: Mobile, positions: Array, before: IndexArray | None) -> IndexAr
 def _within(positions: Array, radius: float, hysteresis: float, kept: IndexArray) -> IndexArray:
     """All links within the radius, and those ``kept`` within radius + hysteresis."""
     n = len(positions)
+    # a tree: not all n^2 distances
     pairs = cKDTree(positions).query_pairs(radius + hysteresis, output_type="ndarray")
     first, second = pairs.astype(np.int64).T
     distances = np.linalg.norm(positions[first] - positions[second], axis=1)
@@ -56,8 +57,10 @@ def _nearest(positions: Array, count: int, hysteresis: float, kept: IndexArray) 
     n = len(positions)
     if count < 1:
         return np.zeros(0, dtype=np.int64)
+    # the agent itself is the nearest
     _, found = cKDTree(positions).query(positions, k=min(n, count + 1))
     closest = np.repeat(np.arange(n), found.shape[1]) * n + found.ravel()
+    # present neighbours compete even where others are nearer now
     codes = np.unique(np.concatenate([closest, kept]))
     codes = codes[codes // n != codes % n]
     listeners = codes // n
@@ -101,6 +104,7 @@ class Nearby:
         graph = near(self.signal, positions, self.now)
         if self.now is None or not np.array_equal(graph, self.now):
             self.refuse_chatter(time)
+            # a graph that comes back is the same mode as before
             number = self.numbers.setdefault(graph.tobytes(), len(self.codes))
             if number == len(self.codes):
                 self.codes.append(graph)
@@ -112,6 +116,7 @@ class Nearby:
     def refuse_chatter(self, time: float) -> None:
         """Raises: SpecError where graphs changed too often up to this time."""
         many = len(self.times)
+        # many switches at one instant: the states push back what they caused
         chatters = many >= CHATTER and time - self.times[-CHATTER] < 1e-9 * max(1.0, time)
         if many >= MOST_CHANGES or chatters:
             message = f"the graph changed {many} times up to t = {time:.6g} s: it chatters."

@@ -106,6 +106,7 @@ def integral(A: Array, times: float | Array) -> tuple[Array, Array]:
     block = np.zeros((2 * q, 2 * q))
     block[:q, :q] = A
     block[:q, q:] = np.eye(q)
+    # SciPy refuses matrices without rows
     both = expm(block * spans) if q else np.zeros((*np.shape(times), 0, 0))
     return both[..., :q, :q], both[..., :q, q:]
 
@@ -222,6 +223,7 @@ class Stepper:
     def run(self) -> None:
         """From instant to instant, up to the horizon.  Raises: SpecError for too many."""
         # one matrix exponential for all samples, which lie anywhere between instants
+        # samples need not lie at instants, and a period may hold several
         since = self.times - self.instants[self.owner]
         transition = integral(self.loop.A, since)[0]
         added = flow(self.loop, since)
@@ -230,6 +232,7 @@ class Stepper:
             hold = self.compute(k, instant)
             last = int(np.searchsorted(self.owner, k, side="right"))
             following = self.instants[k + 1 : k + 2].tolist()
+            # the samples of this period, then the next instant
             times = [*self.times[done:last].tolist(), *following]
             path = self.path(hold, times, [*added[done:last], self.flow])
             for sample, x in zip(range(done, last), path, strict=False):
@@ -270,6 +273,7 @@ class Stepper:
 
     def go_on(self, hold: Hold, x: Array, time: float, done: int) -> None:
         """The runs stand at the next instant, where so many samples are done."""
+        # what the observer compares the next measurement with
         self.before = hold.measured
         self.held = hold.felt + self.loop.moved(hold.u, hold.measured - self.goal)
         self.x = x
@@ -293,6 +297,7 @@ class Stepper:
         columns.felt = hold.felt
         columns.u = hold.u
         columns.alive = alive
+        # what is not reached stays unknown
         path = np.full((len(times), *self.x.shape), np.nan)
         path[times == hold.begin] = self.x
 
@@ -315,6 +320,7 @@ class Stepper:
             samples=times,
             visit=visit,
         ).run()
+        # the next period begins with the step that this one ended with
         self.steps[alive] = found.steps
         stiff = (
             f"agents are too stiff for {LEAST_STEPS} steps to the sample after t = "
@@ -329,6 +335,7 @@ class Stepper:
     def compute(self, k: int, instant: float) -> Hold:
         """What is measured, exchanged, estimated and commanded at the k-th instant."""
         agents = self.agents
+        # positions decide who hears whom, once in a period
         if self.nearby is not None:
             mode = self.nearby.look(instant, self.x[..., 0])
             agents.heard.move(mode, k)

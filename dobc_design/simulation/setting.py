@@ -30,7 +30,7 @@ from dobc_design.simulation.integrate import STIFF, fastest_decay, observer_deca
 from dobc_design.simulation.mobile import groups_of, motion_switches
 from dobc_design.simulation.signals import Fixed, Mobile, Signal
 from dobc_design.simulation.starts import Given, Starts, make_starts
-from dobc_design.simulation.stress import Stress, required_worst_stress, stress_to_json
+from dobc_design.simulation.stress import Stress, stress_to_json, worst_stress
 from dobc_design.simulation.switches import Switches, drawn_graphs, drawn_switches
 
 TOLERANCE = 1e-9  # relative, of the integrator; the absolute one is a hundredth of it
@@ -196,7 +196,15 @@ def make_setting(problem: Problem, *, gain: Gain | None, **given: Unpack[Options
 
 def _stress(problem: Problem, given: Any) -> Stress | None:
     if given == "worst":
-        return required_worst_stress(problem)
+        worst = worst_stress(problem)
+        if worst == Stress():
+            message = (
+                "has nothing to apply: the problem bounds no disturbance, no measurement noise, no "
+                "input and no signal."
+            )
+            cure = 'Give [uncertainty], [actuators] limit, or [switching] guarantee = "dwell".'
+            raise wrong("stress", message, cure)
+        return worst
     if given is None or isinstance(given, Stress):
         return given
     message = f"must be a Stress; got {str(given)[:40]}."

@@ -100,12 +100,14 @@ class Starts:
         """xi evenly in the ball of every agent: a direction, and the q-th root of a number from 0
         to 1 for the length."""
         n, q = self.xihat.shape
+        # normal numbers have no preferred direction
         directions = rng.standard_normal((n, q))
         exponent: float | Array = 1 / max(1, q)
         if self.own is not None:
             directions = directions * self.own
             exponent = 1 / self.own.sum(axis=1, keepdims=True)
         lengths = np.linalg.norm(directions, axis=1, keepdims=True)
+        # most of a ball's volume is near its surface
         sizes = self.radius * rng.random((n, 1)) ** exponent
         return np.asarray(sizes * directions / np.maximum(lengths, TINY))
 
@@ -191,6 +193,7 @@ def _parts(given: Given | None, n: int, widths: Mapping[str, _Width]) -> Mapping
         return _read(Path(given), n, widths)
     if not isinstance(given, Mapping):
         return {"x": given}
+    # a part that is misspelt would be left out in silence
     unknown = sorted(set(map(str, given)) - set(PARTS))
     if unknown:
         message = f"has an unknown part {shown(unknown[0])}."

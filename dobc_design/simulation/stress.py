@@ -196,19 +196,6 @@ def worst_stress(problem: Problem) -> Stress:
     return Stress(noise=noise, disturbance=disturbance, saturation=common, worst=True)
 
 
-def required_worst_stress(problem: Problem) -> Stress:
-    """The same.  Raises: SpecError where the problem allows nothing."""
-    stress = worst_stress(problem)
-    if stress == Stress():
-        what = (
-            "has nothing to apply: the problem bounds no disturbance, no measurement noise, no "
-            "input and no signal."
-        )
-        cure = 'Give [uncertainty], [actuators] limit, or [switching] guarantee = "dwell".'
-        raise wrong("stress", what, cure)
-    return stress
-
-
 def stress_to_json(stress: Stress) -> str:
     """A stress as one JSON object."""
     given = asdict(stress)

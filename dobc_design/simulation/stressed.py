@@ -57,6 +57,7 @@ class StressedColumns:
         self.loop = runs.setting.loop
         horizon = runs.setting.horizon
         draws = runs.stress.draws
+        # without exchanges and noise nobody waits
         instants = np.zeros(0)
         if draws is not None:
             instants = sample_instants(draws, horizon, name="exchange")
@@ -98,6 +99,7 @@ class StressedColumns:
         due = self.next < len(self.instants) and self.instants[self.next] <= time
         if due:
             self.noise = agents.noise(self.next)
+        # of all runs, those that have ended included: their numbers are not used
         x, _, z = self.split(y)
         e, xihat = self.known(x, z, self.noise)
         # first, so that a frozen agent sends what it measured at this instant
@@ -116,6 +118,7 @@ class StressedColumns:
         chosen = self.alive[runs]
         noise = self.noise.take(chosen, axis=2)
         links = agents.heard.links[mode]
+        # what was heard last; without exchanges everything is heard at once
         held = None
         if agents.stress.exchanges is not None:
             held = agents.heard.values[agents.heard.places[mode]].take(chosen, axis=2)
@@ -181,6 +184,7 @@ class Together:
         self.switches = table_of(runs.switches)
         self.y = self.columns.start
         self.farthest = FARTHEST * np.maximum(1.0, self.columns.size(self.y))
+        # everything that happens in all runs at once
         self.begins = np.unique([0.0, *self.columns.instants, *self.columns.failures])
         count = len(runs.seeds)
         self.everyone = np.arange(count)
@@ -224,6 +228,7 @@ class Together:
             visit=self.seen,
         ).run()
         self.y[:, alive] = found.e
+        # of those that had ended before nothing changes
         self.states[alive] = found.states
         self.ended[alive] = found.times
         going = found.states == DONE
@@ -242,6 +247,7 @@ class Together:
             self.place = self.place + passed
         # the next switch, too: a run has to know when its mode ends
         width = (self.place - first).max() + 2
+        # runs with fewer switches repeat their last one, which never comes
         places = np.minimum(first[:, None] + np.arange(width), times.shape[1] - 1)
         rows = self.everyone[:, None]
         return ModeTable(times=times[rows, places], modes=self.switches.modes[rows, places])
@@ -308,6 +314,7 @@ class _Alone:
         columns = self.columns
         agents = columns.agents
         x, xi, z = columns.split(states.T)  # samples in place of runs
+        # broadcast: no noise is the same for all agents
         noise = np.zeros(1)
         if agents.stress.noise:
             last = np.searchsorted(columns.instants, times, side="right") - 1

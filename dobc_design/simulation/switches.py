@@ -88,6 +88,7 @@ class ModeTable:
 
 def table_of(switches: Sequence[Switches]) -> ModeTable:
     """The switches of some runs as one table."""
+    # one column more: every run has a switch that never comes
     shape = (len(switches), 1 + max(map(len, switches)))
     times = np.full(shape, np.inf)
     modes = np.zeros(shape, dtype=np.int64)
@@ -148,6 +149,7 @@ def drawn_graphs(problem: Problem) -> dict[str, DrawnGraph]:
     random."""
     found = {}
     for mode, arcs in problem.network.modes.items():
+        # the same graphs for every run: what they cost is shared
         draws = np.random.default_rng(0).random((GRAPHS, arcs.optional)) < 0.5
         if not arcs.optional:
             continue
@@ -167,6 +169,7 @@ def drawn_switches(signal: Scheduled, problem: Problem, horizon: float, seed: in
         return switches
     # a stream of its own: the switches of the modes stay as they are without optional arcs
     rng = np.random.default_rng([seed, STREAM, STREAM])
+    # a mode as it stands in the file, or one of its drawn graphs
     names = (*switches.names, *graphs)
     choices = {mode: [names.index(mode)] for mode in switches.names}
     for name, graph in graphs.items():
@@ -207,6 +210,7 @@ def _periodic(signal: Periodic, names: tuple[str, ...], horizon: float) -> Drawn
     given = np.atleast_1d(np.asarray(signal.dwell, dtype=np.float64))
     several = is_list(signal.dwell)
     order = _order(signal.order, names, len(given) if several else None, "dwell")
+    # one dwell time stands for all modes
     ends = np.cumsum(np.broadcast_to(given, len(order)))
     rounds = horizon / float(ends[-1])
     refuse_too_many(rounds * len(order))
@@ -258,6 +262,7 @@ def _markov(
         leaving = float(away.sum())
         if leaving == 0:
             break
+        # the stay in a mode has no memory
         time += float(rng.exponential(1 / leaving))
         if time >= horizon:
             break

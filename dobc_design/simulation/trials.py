@@ -127,6 +127,7 @@ class Trials:
         half."""
         count = len(self.times)
         last = np.max(self.error[-count // 10 :], axis=0, initial=0.0)
+        # over a tenth of the time: an error that oscillates is not 0 by chance
         halfway = self.error[int(0.45 * count) : int(0.55 * count) + 1]
         middle = np.max(halfway, axis=0, initial=0.0)
         with np.errstate(invalid="ignore"):
@@ -147,6 +148,7 @@ def settling_horizon(problem: Problem) -> float:
         return horizon
     loop = loop_of(problem)
     pulls = pull_matrix(loop).toarray()
+    # the mode in which errors last longest
     slowest = np.inf
     for mode in loop.modes:
         jacobian = consensus_jacobian(loop, mode)

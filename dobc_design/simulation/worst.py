@@ -47,7 +47,9 @@ class Signs:
     def integral(self, begin: float, end: float) -> Array:
         """Their integral between two times, (n, m, R)."""
         edges = self.length * np.arange(STEPS + 1)
+        # the last sign holds for ever
         edges[-1] = np.inf
+        # of every stretch the part between the two times
         overlap = np.minimum(edges[1:], end) - np.maximum(edges[:-1], begin)
         return np.tensordot(np.maximum(overlap, 0.0), self.values, axes=1)
 
@@ -73,9 +75,11 @@ def worst_signs(
     if loop.plant is not None:
         entry = entry @ np.kron(np.eye(loop.n), loop.plant.B)
     turns = [seed % len(pulled) for seed in seeds]
+    # the response of the agent whose turn it is, backwards from the horizon
     rows = np.eye(len(pulled), size)[turns]
     step = expm(M * length)
     for k in range(STEPS):
+        # how much the end moves with every residual in this stretch
         response = (rows @ entry).reshape(len(seeds), loop.n, -1)
         response = np.moveaxis(response, 0, -1)
         values[STEPS - 1 - k] = np.where(response < 0, -1.0, 1.0)
@@ -119,8 +123,10 @@ def worst_signal(problem: Problem) -> Periodic | None:
     found = None
     for turns in _rounds(len(phases), ends, least=least, most=most):
         lasting = [end for _, end in turns]
+        # the last turn acts last, so it stands first in the product
         way = reduce(np.matmul, [steps[turn] for turn in reversed(turns)])
         growth = float(np.abs(np.linalg.eigvals(way)).max())
+        # how fast errors grow over the round, in 1/s
         pace = np.log(max(growth, np.finfo(float).tiny)) / sum(lasting)
         if pace > slowest + SLOWER:
             slowest = pace

@@ -19,12 +19,9 @@ from dobc_design.simulation.starts import CORNERS, EDGES, RANDOM, asked_box
 F = Fraction
 SINE = Exosystem(A=[[0, 1], [-1, 0]], C=[[1, 0]])
 P = ((F(2), F(1, 2)), (F(1, 2), F(1)))
-SEPARABLE = Separable(
-    v=(F(1), F(2), F(3)),
-    alpha=F(1),
-    rho=F(4),
-    error=ErrorBound(P=P, beta=F(3), kappa=F(1, 2), size=F(3)),
-)
+V = (F(1), F(2), F(3))
+LOADED = ErrorBound(P=P, beta=F(3), kappa=F(1, 2), size=F(3))
+SEPARABLE = Separable(v=V, alpha=F(1), rho=F(4), error=LOADED)
 FULL = SparseSymmetric(3, {(0, 0): F(2), (0, 1): F(1, 2), (1, 1): F(1), (2, 2): F(3)})
 Q = ((F(1),), (F(1),))
 LURE = Lure(P_e=FULL, ranges=(), radius=F(1), level=F(5), rate=F(1, 4), P=P, Q=Q)
@@ -91,7 +88,7 @@ def test_starts_of_what_holds_everywhere_without_a_matrix_and_of_another_problem
     claim = Lure(P_e=FULL, ranges=(), radius=F(1), level=F(5))
     starts = Boundary(level=level_of(problem(), claim), loop=make_closed_loop(problem(), None))
     assert not np.any(starts.draw(np.random.default_rng(1), 10, RANDOM)[1])
-    everywhere = Separable(v=(F(1), F(2), F(3)), alpha=F(1), rho=None)
+    everywhere = Separable(v=V, alpha=F(1), rho=None)
     known = np.zeros((3, 0, 1))
     first = np.array([[1.0], [0.0], [0.0]])
     assert level_of(problem(0), everywhere).value(first, known) == [1.0]

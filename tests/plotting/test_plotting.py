@@ -35,13 +35,8 @@ def swarm():
         name="swarm </script><b>&",
     )
     start = np.random.default_rng(2).uniform(-1, 1, size=(9, 2))
-    return dd.simulate(
-        problem,
-        signal=dd.signals.Mobile(radius=0.9, hysteresis=0.05),
-        start=start,
-        t_final=5,
-        samples=21,
-    )
+    signal = dd.signals.Mobile(radius=0.9, hysteresis=0.05)
+    return dd.simulate(problem, signal=signal, start=start, t_final=5, samples=21)
 
 
 def by_label(sheet, beginning: str):
@@ -50,12 +45,11 @@ def by_label(sheet, beginning: str):
 
 def test_a_trajectory_shows_band_states_estimates_and_errors_each_with_its_unit(switched):
     axes = switched.plot().figure.axes
-    assert [ax.get_ylabel().split("\n") for ax in axes] == [
-        ["mode"],
-        ["xᵢ", "in its own unit"],
-        ["d and estimate d̂", "in units of x per s"],
-        ["errors", "in the unit of x"],
-    ]
+    band, states, estimates, errors = (ax.get_ylabel() for ax in axes)
+    assert band == "mode"
+    assert states == "xᵢ\nin its own unit"
+    assert estimates == "d and estimate d̂\nin units of x per s"
+    assert errors == "errors\nin the unit of x"
     assert axes[-1].get_yscale() == "log"
     assert axes[-1].get_xlabel() == "time t in s"
 
@@ -163,12 +157,16 @@ def test_an_ensemble_shows_the_quantiles_of_its_runs():
     assert below.get_ylabel() == "|d − d̂|∞, unit of d"
 
 
-EDGES = {
-    "one sample": ring("exp(y) - 1 + y", 3, gains={"1": 5}, region={"initial_states": [0, 2000]}),
-    "at rest": ring("y", 3, gains={"1": 5}, target=2, region={"initial_states": [2, 2]}),
-    "diverging": ring("-y**3", 3, gains={"1": 1}),
-    "huge": ring("y", 3, gains={"1": 5}, region={"initial_states": ["-1e300", "1e300"]}),
-}
+def from_region(coupling: str, low: object, high: object, **given: object) -> dd.Problem:
+    """Three agents that start between two states."""
+    return ring(coupling, 3, gains={"1": 5}, region={"initial_states": [low, high]}, **given)
+
+
+EDGES = {}
+EDGES["one sample"] = from_region("exp(y) - 1 + y", 0, 2000)
+EDGES["at rest"] = from_region("y", 2, 2, target=2)
+EDGES["diverging"] = ring("-y**3", 3, gains={"1": 1})
+EDGES["huge"] = from_region("y", "-1e300", "1e300")
 
 
 @pytest.mark.parametrize("name", EDGES)
@@ -197,15 +195,22 @@ def test_a_figure_shows_itself_and_is_saved_by_its_ending(switched, tmp_path):
 
 # Brettel, Vienot and Mollon's matrices for linear RGB, as simplified by Vienot (1999): red and
 # green blindness.
-BLIND = {
-    "protanopia": [[0.11238, 0.88762, 0], [0.11238, 0.88762, 0], [0.00401, -0.00401, 1]],
-    "deuteranopia": [[0.29275, 0.70725, 0], [0.29275, 0.70725, 0], [-0.02234, 0.02234, 1]],
-}
+BLIND = {}
+BLIND["protanopia"] = """
+    0.11238 0.88762 0
+    0.11238 0.88762 0
+    0.00401 -0.00401 1"""
+BLIND["deuteranopia"] = """
+    0.29275 0.70725 0
+    0.29275 0.70725 0
+    -0.02234 0.02234 1"""
 
 
 @pytest.mark.parametrize("kind", ["normal", *BLIND])
 def test_the_series_colours_differ_for_every_eye(kind: str):
-    matrix = np.eye(3) if kind == "normal" else np.array(BLIND[kind])
+    matrix = np.eye(3)
+    if kind != "normal":
+        matrix = np.array(BLIND[kind].split(), float).reshape(3, 3)
     seen = []
     for colour in look.SERIES[:4]:
         srgb = np.array(to_rgb(colour))

@@ -18,14 +18,19 @@ from dobc_design.simulation.stressed import ALONE, StressedColumns
 
 def mixed() -> Problem:
     """m = 2, q = 3, weights, an exception, matrix gains, offsets: nothing is symmetric."""
+    arcs = [[1, 2, 3], [2, 3], [3, 1, "1/2"], [4, 1]]
+    A = [[0, 1, 2], [3, -4, 5], [6, 7, -8]]
+    C = [[1, 2, 0], [0, 3, 1]]
+    W = [[1, 2], [3, 4], [5, 6]]
+    turning = [[1, 2], [-2, 1]]
     return Problem(
-        network=Network.from_arcs([[1, 2, 3], [2, 3], [3, 1, "1/2"], [4, 1]], arrow="listens_to"),
+        network=Network.from_arcs(arcs, arrow="listens_to"),
         coupling=["y1 + y1*y2", "sin(y2) - y1"],
         exceptions={(1, 2): ["exp(y1) - 1", "2*y2"]},
         target=[1, -2],
-        gains={"1": 3, "4": [[1, 2], [-2, 1]]},
-        exosystem=Exosystem(A=[[0, 1, 2], [3, -4, 5], [6, 7, -8]], C=[[1, 2, 0], [0, 3, 1]]),
-        observer=Observer(W=[[1, 2], [3, 4], [5, 6]]),
+        gains={"1": 3, "4": turning},
+        exosystem=Exosystem(A=A, C=C),
+        observer=Observer(W=W),
         offsets={"2": [1, 0], "3": [0, "1/3"]},
     )
 

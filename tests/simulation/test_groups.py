@@ -19,16 +19,16 @@ GAINS = (3.0, 0.0, 1.0)
 def problem() -> dd.Problem:
     """Agents 1 and 3 feel a sine, agent 2 a ramp."""
     ramp = dd.Exosystem(A=[[0, 1, 0], [0, 0, 0], [0, 0, -1]], C=[[1, 0, 1]])
+    sines = dd.Group(agents=[1, 3], exosystem=HARMONIC, observer=PRINTED)
+    ramps = dd.Group(agents=[2], exosystem=ramp, observer=dd.Observer(W=[[3], [2], [0]]))
+    xi0 = [[1, "1/2"], ["0.3", "-0.2", 1], [-1, 2]]
     return dd.Problem(
         network=dd.Network.from_arcs([[1, 2], [2, 3], [3, 1]], arrow="listens_to"),
         coupling="tanh(y) + y",
         gains={1: 3, 3: 1},
         target=1,
-        groups=[
-            dd.Group(agents=[1, 3], exosystem=HARMONIC, observer=PRINTED),
-            dd.Group(agents=[2], exosystem=ramp, observer=dd.Observer(W=[[3], [2], [0]])),
-        ],
-        simulation={"t_final": 6, "xi0": [[1, "1/2"], ["0.3", "-0.2", 1], [-1, 2]]},
+        groups=[sines, ramps],
+        simulation={"t_final": 6, "xi0": xi0},
     )
 
 

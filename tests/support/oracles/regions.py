@@ -42,11 +42,10 @@ IDS = (
     "actuators",
 )
 COVERING = ("max-separable", "lure")
-SIZES = np.unique(
-    np.concatenate(
-        [np.geomspace(1e-5, 1, 40), np.linspace(0.01, 1, 100), 1 - np.geomspace(1e-6, 0.1, 12)]
-    )
-)
+NEAR_0 = np.geomspace(1e-5, 1, 40)
+EVERYWHERE = np.linspace(0.01, 1, 100)
+NEAR_1 = 1 - np.geomspace(1e-6, 0.1, 12)
+SIZES = np.unique(np.concatenate([NEAR_0, EVERYWHERE, NEAR_1]))
 FEW_SIZES = np.array([1e-3, 0.05, 0.2, 0.4, 0.6, 0.8, 0.9, 1.0])
 ROOM = 1e-9  # what floats leave before mpmath is asked
 UNREADABLE = (
@@ -100,11 +99,11 @@ class Regions:
         gains."""
         k = self.gains.get(i, [[Fraction(0)]])
         off = self.errors[1]
-        rows = [
-            [x - off * abs(x) if c == d else abs(x) * (1 + off) for d, x in enumerate(row)]
-            for c, row in enumerate(k)
-        ]
-        return min(2 * row[c] - sum(row) for c, row in enumerate(rows))
+        least = []
+        for c, row in enumerate(k):
+            beside = sum(map(abs, row)) - abs(row[c])
+            least.append(row[c] - off * abs(row[c]) - beside * (1 + off))
+        return min(least)
 
     def linear(self, arc: tuple[int, int], c: int) -> bool:
         """Whether component c of what the arc says is a polynomial of degree 1 at most."""
@@ -317,15 +316,15 @@ class Regions:
         """What is wrong with P, beta and size."""
         P = rational(e["P"])
         (beta, size) = (exact(e[name]) for name in ("beta", "size"))
-        held = [
-            P,
-            diagonal([fmpq(size)] * P.nrows()) - P,
-            -(self.F.transpose() * P + P * self.F + 2 * fmpq(beta) * P),
-        ]
+        decay = self.F.transpose() * P + P * self.F + 2 * fmpq(beta) * P
+        held = [diagonal([fmpq(size)] * P.nrows()) - P, -decay]
         for c in self.C.tolist():
-            held.append(P - rational([[str(x)] for x in c]) * rational([[str(x) for x in c]]))
-        right = min(beta, size) > 0 and all(positive(X, strict=k == 0) for k, X in enumerate(held))
-        return [] if right else ["P"]
+            column = rational([[str(x)] for x in c])
+            held.append(P - column * column.transpose())
+        right = min(beta, size) > 0 and positive(P, strict=True)
+        if right and all(positive(X, strict=False) for X in held):
+            return []
+        return ["P"]
 
     def _separable(self, check: dict[str, Any], domain: str) -> list[str]:
         rate, wrong = self._holding(check["exact"], check["domain"], domain)
@@ -448,10 +447,8 @@ class Regions:
     def _pull(self, v: list[Fraction], rho: Fraction, base: dict[str, Any]) -> Fraction:
         """max |W|_P sum_j w (v_i + v_j) sup |h(y)/y| over the modes and agents, from samples of
         y."""
-        P, W = (
-            np.array([[float(Fraction(str(x))) for x in row] for row in M.tolist()])
-            for M in (rational(base["P"]), rational(self.W))
-        )
+        P = floats(base["P"])
+        W = floats(self.W)
         roots = np.sqrt(np.einsum("ak,ab,bk->k", W, P, W))
         most = 0.0
         norm = max(sum(roots[k : k + self.m]) for k in range(0, len(roots), self.m))
@@ -461,9 +458,8 @@ class Regions:
                 for i, j, w in arcs:
                     if i == agent:
                         y = float(rho * (v[i] + v[j])) * np.concatenate([-SIZES, SIZES])
-                        lone += float(w * (v[i] + v[j])) * np.max(
-                            np.abs(curve(self.h[i, j]).fast(y) / y)
-                        )
+                        steepest = np.max(np.abs(curve(self.h[i, j]).fast(y) / y))
+                        lone += float(w * (v[i] + v[j])) * steepest
                 most = max(most, lone)
         return Fraction(float(norm * most))
 
@@ -488,11 +484,8 @@ class Regions:
         ):
             return wrong or ["rate, rho or amplitude"]
         for i, label in enumerate(self.document["labels"]):
-            size = (
-                v[i]
-                * max((sum(map(abs, row)) for row in self.gains.get(i, [[0]])), default=0)
-                * (1 + off)
-            )
+            rows = [sum(map(abs, row)) for row in self.gains.get(i, [[0]])]
+            size = v[i] * max(rows, default=0) * (1 + off)
             if not isinstance(table["limit"], dict):
                 limit = table["limit"]
             else:
@@ -526,22 +519,19 @@ class Regions:
         )
 
     def _stuck(self, check: dict[str, Any]) -> list[str]:
-        group = {
-            self.document["labels"].index(label) for label in check["witness"].get("labels") or []
-        }
-        blocked = all(
-            self.held(i) <= 0
-            and any(all(j in group for a, j, _ in arcs if a == i) for arcs in self.modes.values())
-            for i in group
-        )
-        said = (
-            check["witness"]["kind"] == "agents"
-            and check["rate"] is None
-            and check.get("exact") is None
-        )
+        witness = check["witness"]
+        labels = self.document["labels"]
+        group = {labels.index(label) for label in witness.get("labels") or []}
+        blocked = all(self.held(i) <= 0 and self._hears_only(group, i) for i in group)
+        said = witness["kind"] == "agents" and check["rate"] is None
+        said = said and check.get("exact") is None
         if group and blocked and said and self.by_component:
             return []
         return ["agents"]
+
+    def _hears_only(self, group: set[int], agent: int) -> bool:
+        """Whether in some mode the agent hears nobody beside the group."""
+        return any(group >= {j for a, j, _ in arcs if a == agent} for arcs in self.modes.values())
 
     def _equilibrium(self, check: dict[str, Any]) -> list[str]:
         """A root, found by Newton's method from the middle, that lies in the box, which lies in the
@@ -583,7 +573,10 @@ class Regions:
         for i, j, w in self.modes[mode]:
             h = self.h[i, j]
             y = e[j] - e[i]
-            total[i] += float(w) * (
-                curve(h).fast(y) if isinstance(h, str) else field_part(tuple(h))[0](y)
-            )
+            part = curve(h).fast if isinstance(h, str) else field_part(tuple(h))[0]
+            total[i] += float(w) * part(y)
         return total
+
+
+def floats(rows: Any) -> Any:
+    return np.array([[float(exact(str(x))) for x in row] for row in rows])

@@ -27,24 +27,18 @@ class Tube:
         self.own = own
         self.times = [exact(t) for t in own["times"]]
         self.faces = [[[exact(x) for x in box] for box in own[face]] for face in ("upper", "lower")]
-        sizes = {len(box) for face in self.faces for box in face}
+        boxes = [*self.faces[0], *self.faces[1]]
+        sizes = {len(box) for box in boxes}
         counts = {len(self.times), *map(len, self.faces)}
-        if (
-            sizes != {regions.n}
-            or len(counts) != 1
-            or not 1 <= len(self.times) <= 2000
-            or self.times[0] != 0
-        ):
+        if sizes != {regions.n} or len(counts) != 1 or not 1 <= len(self.times) <= 2000:
             raise ValueError("times or boxes")
-        if (
-            any(b <= a for a, b in pairwise(self.times))
-            or min(min(box) for face in self.faces for box in face) <= 0
-        ):
+        falls_back = any(b <= a for a, b in pairwise(self.times))
+        if self.times[0] != 0 or falls_back or min(map(min, boxes)) <= 0:
             raise ValueError("times or boxes")
-        self.size = (
-            mpmath.mpf(0) if regions.A is None else mpmath.sqrt(mp(exact(own["size"]))) * mp(s)
-        )
-        self.beta = mpmath.mpf(0) if regions.A is None else mp(exact(own["beta"]))
+        self.size = self.beta = mpmath.mpf(0)
+        if regions.A is not None:
+            self.size = mpmath.sqrt(mp(exact(own["size"]))) * mp(s)
+            self.beta = mp(exact(own["beta"]))
 
     def noise(self, t: Fraction) -> Any:
         return self.size * mpmath.exp(-self.beta * mp(t))
@@ -63,19 +57,15 @@ class Tube:
         held = np.array([float(r.held(i)) for i in range(r.n)])
         times = np.array(self.times, dtype=float)
         for k in range(len(times) - 1):
-            c = float(self.noise(self.times[k])) * np.exp(
-                -float(self.beta) * PARTS * (times[k + 1] - times[k])
-            )
+            length = times[k + 1] - times[k]
+            c = float(self.noise(self.times[k])) * np.exp(-float(self.beta) * PARTS * length)
             for face, own, other in ((1, upper, lower), (-1, lower, upper)):
-                speed = []
-                for a, b in self._ends(k, face):
-                    speed.append(float((b - a) / (self.times[k + 1] - self.times[k])))
-                u, low = (
-                    (1 - PARTS) * x[k][:, None] + PARTS * x[k + 1][:, None] for x in (own, other)
-                )
+                speed = self._speeds(k, face)
+                u = _between(own, k)
+                low = _between(other, k)
                 for arcs in r.modes.values():
-                    total = c - held[:, None] * u - np.array(speed)[:, None]
-                    size = np.abs(c) + held[:, None] * u + np.abs(np.array(speed))[:, None]
+                    total = c - held[:, None] * u - speed
+                    size = np.abs(c) + held[:, None] * u + np.abs(speed)
                     for i, j, w in arcs:
                         h = curve(r.h[i, j])
                         turns = h.turns(2.0 * float(max(upper.max(), lower.max())))
@@ -86,9 +76,21 @@ class Tube:
                         return True
         return False
 
-    def _ends(self, k: int, face: int) -> Any:
+    def _speeds(self, k: int, face: int) -> Any:
+        """Of every agent's face in the k-th segment, in a column."""
         own = self.faces[0 if face > 0 else 1]
-        return zip(own[k], own[k + 1], strict=True)
+        length = self.times[k + 1] - self.times[k]
+        ends = zip(own[k], own[k + 1], strict=True)
+        return np.array([[float((b - a) / length)] for a, b in ends])
+
+
+def _between(face: Any, k: int) -> Any:
+    return (1 - PARTS) * face[k][:, None] + PARTS * face[k + 1][:, None]
+
+
+def _mixes(gain: list[list[Fraction]]) -> bool:
+    """Whether a gain has an entry beside its diagonal."""
+    return any(any(row[:c]) or any(row[c + 1 :]) for c, row in enumerate(gain))
 
 
 def false_settling(regions: Any, check: dict[str, Any]) -> list[str]:
@@ -102,29 +104,22 @@ def false_settling(regions: Any, check: dict[str, Any]) -> list[str]:
     last = e["last"]
     if min(x for face in tube.faces for x in face[0]) < R:
         return ["the first box"]
-    mixes = any(
-        x
-        for k in regions.gains.values()
-        for c, row in enumerate(k)
-        for d, x in enumerate(row)
-        if c != d
-    )
-    if mixes and tube.faces[0] != tube.faces[1]:
+    if any(map(_mixes, regions.gains.values())) and tube.faces[0] != tube.faces[1]:
         return ["faces"]
-    if regions.A is not None and (wrong := regions.false_observer(e["tube"])):
+    wrong = [] if regions.A is None else regions.false_observer(e["tube"])
+    if wrong:
         return wrong
     if tube.false_rows():
         return ["rows"]
-    level, height, stretch, time, tolerance = (
-        *(exact(last[name]) for name in ("level", "height", "stretch")),
-        *(exact(e[name]) for name in ("time", "tolerance")),
-    )
+    level, height, stretch = (exact(last[name]) for name in ("level", "height", "stretch"))
+    time = exact(e["time"])
+    tolerance = exact(e["tolerance"])
     if min(level, height, stretch, tolerance) <= 0:
         return ["a number"]
     part = _separable if last["kind"] == "max-separable" else _quadratic
-    rate, wrong = part(regions, tube, last["certificate"], (level, height, stretch))
-    if wrong or rate <= 0 or last["kind"] not in ("max-separable", "quadratic"):
-        return [wrong or "rate or kind"]
+    rate, why = part(regions, tube, last["certificate"], (level, height, stretch))
+    if why or rate <= 0 or last["kind"] not in ("max-separable", "quadratic"):
+        return [why or "rate or kind"]
     left = mp(height * level) * mpmath.exp(-mp(rate * (time - tube.times[-1])))
     if time >= tube.times[-1] and left <= mp(tolerance) * (1 + mp(FINE)):
         return []
@@ -134,13 +129,15 @@ def false_settling(regions: Any, check: dict[str, Any]) -> list[str]:
 def _separable(
     regions: Any, tube: Tube, own: dict[str, Any], sizes: tuple[Fraction, ...]
 ) -> tuple[Fraction, str]:
-    (level, height, stretch), v = sizes, regions.vector(own["v"])
+    level, height, stretch = sizes
+    v = regions.vector(own["v"])
     rate = regions.rate_of(own, v)
     most = mp(max(x / y for x, y in zip(tube.widths(), v, strict=True)))
     if regions.A is not None:
-        if rational(own["P"]) != rational(tube.own["P"]) or any(
-            exact(own[name]) != exact(tube.own[name]) for name in ("beta", "size")
-        ):
+        for name in ("beta", "size"):
+            if exact(own[name]) != exact(tube.own[name]):
+                return rate, "another P"
+        if rational(own["P"]) != rational(tube.own["P"]):
             return rate, "another P"
         most += mp(exact(own["kappa"])) * tube.noise(tube.times[-1])
     inside = regions.all_linear() if own["rho"] is None else level <= exact(own["rho"])
@@ -152,23 +149,27 @@ def _separable(
 def _quadratic(
     regions: Any, tube: Tube, own: dict[str, Any], sizes: tuple[Fraction, ...]
 ) -> tuple[Fraction, str]:
-    (level, height, stretch), claim, n = sizes, Quadratic(regions, own), regions.n
+    level, height, stretch = sizes
+    claim = Quadratic(regions, own)
+    n = regions.n
     wrong = claim.false_certificate("global" if regions.all_linear() else "consensus")
     inverse = claim.P_e.inv()
     rows = range(n * regions.m)
     if wrong or height**2 < max(fraction(inverse[k, k]) for k in rows):
         return claim.rate, "; ".join(wrong) or "height"
     wide = [tube.widths()[k // regions.m] for k in rows]
-    most = mp(sum(abs(fraction(claim.P_e[a, b])) * wide[a] * wide[b] for a in rows for b in rows))
+    corner = Fraction(0)
+    for a in rows:
+        for b in rows:
+            corner += abs(fraction(claim.P_e[a, b])) * wide[a] * wide[b]
+    most = mp(corner)
     if claim.P is not None:
         if not positive(fmpq(stretch**2) * rational(tube.own["P"]) - claim.P, strict=False):
             return claim.rate, "stretch"
         most += n * (mp(stretch) * tube.noise(tube.times[-1])) ** 2
     if claim.radius is not None:
-        spread = max(
-            (fraction((z.transpose() * inverse * z)[0, 0]) for z in claim.relied()),
-            default=Fraction(0),
-        )
+        spreads = [fraction((z.transpose() * inverse * z)[0, 0]) for z in claim.relied()]
+        spread = max(spreads, default=Fraction(0))
         if level**2 * spread > claim.radius**2:
             return claim.rate, "the radius"
     return claim.rate, "" if most <= mp(level) ** 2 * (1 + mp(FINE)) else "the level"

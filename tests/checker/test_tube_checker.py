@@ -29,9 +29,8 @@ def found() -> tuple[Document, bytes]:
     }
     arcs = [[1, 2], [2, 3], [3, 1]]
     problem = listening(arcs, "exp(y) - 1 + y", gains={1: 5}, target=0, **observed)
-    return json.loads(certificate_bytes(certify(problem, settling="1/10").claims)), canonical_bytes(
-        problem
-    )
+    claims = certify(problem, settling="1/10").claims
+    return json.loads(certificate_bytes(claims)), canonical_bytes(problem)
 
 
 @pytest.mark.slow
@@ -51,7 +50,8 @@ def found() -> tuple[Document, bytes]:
 def test_numbers_that_the_package_finds_hold_and_are_nearly_as_small_as_they_may_be(
     found, path, factor, code
 ):
-    document, problem = json.loads(json.dumps(found[0])), found[1]
+    claimed, problem = found
+    document = json.loads(json.dumps(claimed))
     (check,) = [each for each in document["checks"] if each["id"] == "settling"]
     part = check["exact"]
     for key in path[:-1]:

@@ -26,6 +26,7 @@ from dobc_design.description.meaning import (
 )
 from dobc_design.exact.matrix import to_float
 from dobc_design.exact.number import nearest
+from dobc_design.loop.make import loop_of
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.uncertainty import Actuators
 
@@ -187,7 +188,7 @@ def _about_region(problem: Problem) -> Sentences:
     region = problem.region
     if region is None or not region.initial_disturbance or problem.leader is not None:
         return
-    goals = [problem.goal_of(i) for i in range(problem.n)] if problem.offsets else [problem.target]
+    goals = loop_of(problem).goals.different(range(problem.n))
     reach = max(
         max(abs(lo - goal[c]), abs(hi - goal[c]))
         for goal in goals

@@ -181,7 +181,12 @@ def _time_scales(problem: Problem) -> tuple[list[Scale], list[Scale]]:
         if group.exosystem.order <= LARGEST_ORDER:
             sines = np.array([part[1] for part in disturbance_parts(group.exosystem)])
             spectra.append(("disturbance", 1j * sines))
-            spectra += [("observer", each) for each in _observer_spectra(group)]
+            spectrum = _error_spectrum(group)
+            rate = group.observer.rate
+            if spectrum is None and rate is not None:
+                spectrum = np.array([-float(rate)])  # asked of a designed W
+            if spectrum is not None:
+                spectra.append(("observer", spectrum))
     fast, slow = list[Scale](), list[Scale]()
     for who, s in spectra:
         size = float(np.abs(s).max(initial=0))
@@ -193,14 +198,10 @@ def _time_scales(problem: Problem) -> tuple[list[Scale], list[Scale]]:
     return fast, slow
 
 
-def _observer_spectra(group: Group) -> Iterator[NDArray[Any]]:
-    """The eigenvalues of the estimation error for a given W, or the rate asked of a designed
-    one."""
+def _error_spectrum(group: Group) -> NDArray[Any] | None:
+    """The eigenvalues of the estimation error for a given W; None without one."""
     A, C, own = to_float(group.exosystem.A), to_float(group.exosystem.C), group.observer
-    if own.W is not None:
-        yield np.linalg.eigvals(A - to_float(own.W) @ C)
-    elif own.rate is not None:
-        yield np.array([-float(own.rate)])
+    return None if own.W is None else np.linalg.eigvals(A - to_float(own.W) @ C)
 
 
 def observer_excess(problem: Problem) -> tuple[float, float] | None:
@@ -429,9 +430,7 @@ def _over_region(problem: Problem, coupling: Coupling) -> Sentences:
 
 def _largest_difference(problem: Problem, region: Region) -> float:
     """By how much two agents may differ in a component, from their goals, at the start."""
-    goals = [problem.target]
-    if problem.offsets:
-        goals = [problem.goal_of(i) for i in range(problem.n)]
+    goals = loop_of(problem).goals.different(range(problem.n))
     widths = []
     for c, (lo, hi) in enumerate(region.initial_states):
         own = [goal[c] for goal in goals]
@@ -515,10 +514,12 @@ def _about_goals(problem: Problem) -> Sentences:
 def _about_observers(problem: Problem) -> Sentences:
     """A given W whose estimation error does not decay, and what stands beside it in vain."""
     for group in loop_of(problem).groups:
-        A, C, own = to_float(group.exosystem.A), to_float(group.exosystem.C), group.observer
-        if own.W is None or group.exosystem.order > LARGEST_ORDER:
+        own = group.observer
+        small = group.exosystem.order <= LARGEST_ORDER
+        spectrum = _error_spectrum(group) if small else None
+        if spectrum is None:
             continue
-        slowest = float(np.linalg.eigvals(A - to_float(own.W) @ C).real.max())
+        slowest = float(spectrum.real.max())
         if slowest >= 0 and observable_reduction(group.exosystem.A, group.exosystem.C)[0]:
             why = f"an eigenvalue of A - W C has real part {significant(slowest)}"
             yield f"With this observer.W the estimation error does not decay ({why}). A sign in W?"

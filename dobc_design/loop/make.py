@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import lru_cache
 from types import MappingProxyType
@@ -60,24 +60,32 @@ def loop_of(problem: Problem) -> Loop:
 @lru_cache(maxsize=16)
 def _made_once(same: _Same) -> Loop:
     problem = same.problem
-    dynamics = problem.dynamics
-    if dynamics is not None:
-        return _loop_with_dynamics(problem, dynamics)
+    region = problem.region
+    modes = problem.network.modes
+    starts = None
+    if region is not None:
+        starts = Starts(states=region.initial_states, disturbance=region.initial_disturbance)
     pins = pins_of(problem.pinning.gains)
-    functions = Functions(problem.couplings, problem.exception_places)
-    return _loop(problem, functions, pins=pins, pulls=pins, drift=None, groups=problem.groups)
-
-
-def _loop_with_dynamics(problem: Problem, dynamics: Dynamics) -> Loop:
-    functions = _acting(problem, dynamics)
-    A, curve = dynamics.about(problem.target)
-    drift = Drift(A=A, B=dynamics.B, place=None)
-    if curve is not None:
-        drift = Drift(A=A, B=dynamics.B, place=len(functions.all))
-        functions = Functions((*functions.all, curve), functions.exceptions)
-    pins, pulls = _pins_with_dynamics(problem, dynamics, A)
-    groups = tuple(_seen_in_states(group, dynamics) for group in problem.groups)
-    return _loop(problem, functions, pins=pins, pulls=pulls, drift=drift, groups=groups)
+    loop = Loop(
+        name=problem.name,
+        labels=problem.network.labels,
+        m=problem.m,
+        modes=modes,
+        functions=problem.couplings,
+        exceptions=problem.exception_places,
+        pins=pins,
+        pulls=pins,
+        drift=None,
+        groups=problem.groups,
+        goals=_goals(problem, is_curved=False),
+        starts=starts,
+        guarantee=guarantee_of(problem.switching, tuple(modes)),
+        uncertainty=problem.uncertainty,
+        actuators=problem.actuators,
+        xi0=problem.simulation.xi0,
+    )
+    dynamics = problem.dynamics
+    return loop if dynamics is None else _with_dynamics(loop, problem, dynamics)
 
 
 class Functions(NamedTuple):
@@ -87,38 +95,24 @@ class Functions(NamedTuple):
     exceptions: Mapping[Arc, int]
 
 
-def _loop(
-    problem: Problem,
-    functions: Functions,
-    *,
-    pins: Pins,
-    pulls: Pins,
-    drift: Drift | None,
-    groups: tuple[Group, ...],
-) -> Loop:
-    """The parts that do not depend on the dynamics of agents, beside those that do."""
-    region = problem.region
-    modes = problem.network.modes
-    starts = None
-    if region is not None:
-        starts = Starts(states=region.initial_states, disturbance=region.initial_disturbance)
-    return Loop(
-        name=problem.name,
-        labels=problem.network.labels,
-        m=problem.m,
-        modes=modes,
-        functions=functions.all,
-        exceptions=functions.exceptions,
+def _with_dynamics(loop: Loop, problem: Problem, dynamics: Dynamics) -> Loop:
+    """The loop of single integrators with all that the dynamics of agents change."""
+    functions, exceptions = _acting(problem, dynamics)
+    A, curve = dynamics.about(problem.target)
+    place = None
+    if curve is not None:
+        place = len(functions)
+        functions = (*functions, curve)
+    pins, pulls = _pins_with_dynamics(problem, dynamics, A)
+    return replace(
+        loop,
+        functions=functions,
+        exceptions=exceptions,
         pins=pins,
         pulls=pulls,
-        drift=drift,
-        groups=groups,
-        goals=_goals(problem, is_curved=drift is not None and drift.place is not None),
-        starts=starts,
-        guarantee=guarantee_of(problem.switching, tuple(modes)),
-        uncertainty=problem.uncertainty,
-        actuators=problem.actuators,
-        xi0=problem.simulation.xi0,
+        drift=Drift(A=A, B=dynamics.B, place=place),
+        groups=tuple(_seen_in_states(group, dynamics) for group in problem.groups),
+        goals=_goals(problem, is_curved=curve is not None),
     )
 
 

@@ -2,13 +2,14 @@
 groups, every subset."""
 
 from fractions import Fraction
+from itertools import permutations
 from random import Random
 
 import numpy as np
 import pytest
 from networks import linked
 from oracles.theorems import Oracle
-from texts import exact_matrix
+from texts import exact_matrix, vector
 
 from dobc_design.conditions.consensus import cures
 from dobc_design.conditions.consensus.cures import best_single, rounded_up, scale_needed
@@ -16,10 +17,19 @@ from dobc_design.conditions.consensus.pinning import network_blocks, smallest_ga
 from dobc_design.loop.make import loop_of
 
 
+def blocks_of(arcs, n=None, *, weighted=False, **more):
+    return network_blocks(loop_of(linked(arcs, n, **more)), weighted=weighted)
+
+
+def proposed(blocks, agents) -> list[cures.PinProposal]:
+    return list(cures.gains_on(blocks, agents, cures.PinProposal(gains={})))
+
+
 def test_gains_are_rounded_up_to_two_digits_or_three_and_never_by_two_percent():
-    values = ("0.99", "1.001", "0.2609", "9.99", "1234", "2.5e-7", "3.01e20", "1e-300")
-    typed = ("0.99", "1.01", "0.261", "10", "1240", "2.5e-7", "3.01e20", "1e-300")
-    assert [rounded_up(Fraction(value)) for value in values] == [Fraction(value) for value in typed]
+    values = vector("0.99 1.001 0.2609 9.99 1234 2.5e-7 3.01e20 1e-300")
+    typed = vector("0.99 1.01 0.261 10 1240 2.5e-7 3.01e20 1e-300")
+    for value, shown in zip(values, typed, strict=True):
+        assert rounded_up(Fraction(value)) == Fraction(shown)
     for k in range(1, 2000):
         exact = Fraction(k, 777)
         assert exact <= rounded_up(exact) <= exact * Fraction(102, 100)
@@ -32,8 +42,8 @@ def test_a_proposal_is_rounded_after_it_is_raised():
 
 def test_the_last_proposal_pins_everybody_and_always_does(monkeypatch):
     """Gershgorin: whatever the couplings are; the proposals before it are not looked at."""
-    before, nothing = cures.gains_on, lambda *arguments: iter(())
-    monkeypatch.setattr(cures, "gains_on", nothing)
+    before = cures.gains_on
+    monkeypatch.setattr(cures, "gains_on", lambda *arguments: iter(()))
     for h in ("y", "-y", "y**3", ["y1 - 3*y2", "y2 + y1"]):
         problem = linked([[1, 2], [2, 3], [3, 1]], coupling=h)
         last = list(cures.several_more(loop_of(problem)))[-1]
@@ -52,34 +62,35 @@ def test_gains_for_a_faster_decay_are_not_larger_than_the_couplings():
     """A cycle held at one agent, slope 1: k = b + (1 - b)^-(n - 1) - 1 up to b = 1; 1/2 is halved
     until k <= 2."""
     for n, b in ((4, 0.25), (6, 0.125)):
-        blocks = network_blocks(
-            loop_of(linked([[i, i % n + 1] for i in range(1, n + 1)], n)), weighted=True
-        )
-        (found,) = cures.gains_on(blocks, [0], cures.PinProposal(gains={}))
-        k, larger = (rate + (1 - rate) ** (1 - n) - 1 for rate in (b, 2 * b))
+        cycle = [[i, i % n + 1] for i in range(1, n + 1)]
+        blocks = blocks_of(cycle, n, weighted=True)
+        (found,) = proposed(blocks, [0])
+        k = b + (1 - b) ** (1 - n) - 1
+        larger = 2 * b + (1 - 2 * b) ** (1 - n) - 1
         assert k < blocks.scale == 2 < larger
         assert found.gains == pytest.approx({0: k} | dict.fromkeys(range(1, n), 0), rel=1e-6)
         assert found.rate == pytest.approx(b, rel=0.05) and found.rate < b
         # any rate can be had
-        (every,) = cures.gains_on(blocks, range(n), cures.PinProposal(gains={}))
+        (every,) = proposed(blocks, range(n))
         assert every.gains == pytest.approx(dict.fromkeys(range(n), 1 / 4))
     # repelling: without gains it is not even stable
-    blocks = network_blocks(loop_of(linked([[1, 2], [2, 1]], coupling="-y")))
-    least, faster = cures.gains_on(blocks, [0, 1], cures.PinProposal(gains={}))
-    assert least.gains == pytest.approx({0: 2, 1: 2}) and least.smallest
-    assert min(faster.gains.values()) > 2.1 and not faster.smallest
+    least, faster = proposed(blocks_of([[1, 2], [2, 1]], coupling="-y"), [0, 1])
+    assert least.smallest
+    assert least.gains == pytest.approx({0: 2, 1: 2})
+    assert not faster.smallest
+    assert min(faster.gains.values()) > 2.1
 
 
 def test_without_couplings_near_the_target_gains_are_those_for_half_a_rate_that_any_gain_has():
     """Slope 0: each agent decays at its own k. There is no size of couplings to stay below."""
     for arcs, h in (([], "y"), ([[1, 2], [2, 1]], "y**3")):
-        blocks = network_blocks(loop_of(linked(arcs, 2, coupling=h)), weighted=True)
+        blocks = blocks_of(arcs, 2, coupling=h, weighted=True)
         assert blocks.scale == 0
-        (found,) = cures.gains_on(blocks, [0, 1], cures.PinProposal(gains={}))
+        (found,) = proposed(blocks, [0, 1])
         assert found.gains == pytest.approx({0: 1, 1: 1})
         assert 0.98 < found.rate < 1
     # agent 2 is not held
-    assert list(cures.gains_on(blocks, [0], cures.PinProposal(gains={}))) == []
+    assert proposed(blocks, [0]) == []
 
 
 def test_the_factor_for_a_pair_is_where_lambda_plus_the_border_becomes_singular():
@@ -88,26 +99,29 @@ def test_the_factor_for_a_pair_is_where_lambda_plus_the_border_becomes_singular(
     factor = scale_needed(loop_of(problem), S)
     matrix = np.array(Oracle(problem).lambda_("G"), dtype=float)
     border = np.kron(np.eye(2), np.array(S, dtype=float))
-    assert np.linalg.eigvalsh(matrix + border / (factor * 1.0001))[-1] < 0
-    assert np.linalg.eigvalsh(matrix + border / (factor * 0.9999))[-1] > 0
-    assert scale_needed(loop_of(linked([[1, 2], [2, 1]], target=[0, 0])), S) is None
+    above = matrix + border / (factor * 1.0001)
+    below = matrix + border / (factor * 0.9999)
+    assert np.linalg.eigvalsh(above)[-1] < 0 < np.linalg.eigvalsh(below)[-1]
+    free = linked([[1, 2], [2, 1]], target=[0, 0])
+    assert scale_needed(loop_of(free), S) is None
 
 
 @pytest.mark.parametrize("seed", range(12))
 def test_the_best_single_agent_is_the_best_of_all_that_were_tried_by_hand(seed):
     r = Random(seed)
     n = r.randint(3, 7)
-    arcs = [
-        [i, j, r.randint(1, 4)]
-        for i in range(1, n + 1)
-        for j in range(1, n + 1)
-        if i != j and r.random() < 0.5
-    ]
-    problem = linked(arcs, n)
-    blocks = network_blocks(loop_of(problem))
-    totals = {a: smallest_gains(blocks, [a]) for a in range(n)}
-    able = {a: float(sum(k)) for a, k in totals.items() if k is not None}
-    found = best_single(blocks, loop_of(problem))
+    arcs = []
+    for i, j in permutations(range(1, n + 1), 2):
+        if r.random() < 0.5:
+            arcs.append([i, j, r.randint(1, 4)])
+    loop = loop_of(linked(arcs, n))
+    blocks = network_blocks(loop)
+    able = {}
+    for agent in range(n):
+        gains = smallest_gains(blocks, [agent])
+        if gains is not None:
+            able[agent] = float(sum(gains))
+    found = best_single(blocks, loop)
     assert bool(found) is bool(able)
     if found:
         assert able[found[0]] == pytest.approx(min(able.values()), rel=1e-5, abs=1e-8)

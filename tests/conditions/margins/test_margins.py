@@ -15,13 +15,15 @@ from dobc_design import Observer, Problem, Verdict
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.recheck import recheck
 from dobc_design.checker.examine import examine
+from dobc_design.conditions.case import Case
 from dobc_design.conditions.check import Check, Values
 from dobc_design.conditions.coverage import read_region
 from dobc_design.conditions.domain import NEAR_TARGET, Box
-from dobc_design.conditions.margins import stage
+from dobc_design.conditions.margins import decide, stage
 from dobc_design.conditions.margins.decide import _amplitude, largest_disturbance
 from dobc_design.conditions.margins.stage import margins_stage
 from dobc_design.conditions.separable.claim import Errors, Separable, rows
+from dobc_design.conditions.separable.coordinates import enclosed_ranges
 from dobc_design.conditions.separable.decide import verify_separable
 from dobc_design.conditions.separable.propose_limits import largest_rate
 from dobc_design.exact.number import number_text
@@ -213,6 +215,22 @@ def test_at_the_target_of_several_modes_one_v_serves_all_corners():
     others = [each for each in certified(problem).checks if each.id != "tolerance"]
     assert accepted(problem, [*others, check]) == (True, True)
     assert accepted(problem, [*others, replace(check, rate=0.001)]) == (False, False)
+
+
+def test_rows_in_coordinates_are_no_proof_that_a_tolerance_rests_on():
+    """With T = 1 they are the same rows, but errors of weights are known by component only."""
+    problem = chain("tanh(y)", region={"initial_states": [-1, 1]})
+    certificate = certified(problem)
+    check, plain = certificate.check("tolerance"), certificate.check("max-separable")
+    loop = loop_of(problem)
+    case = Case(loop=loop, W=None, domain=NEAR_TARGET, checks=(plain,))
+    assert decide.confirm(check, case) is None
+    one = ((F(1),),)
+    claim = plain.claim
+    ranges = enclosed_ranges(loop, one, claim.v, claim.rho)
+    turned = replace(plain, claim=replace(claim, T=one, ranges=ranges))
+    wrong = decide.confirm(check, replace(case, checks=(turned,)))
+    assert wrong == "it needs a proved max-separable check with its domain"
 
 
 def test_agents_that_do_not_know_tolerate_less():

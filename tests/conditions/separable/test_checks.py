@@ -29,6 +29,7 @@ from dobc_design.conditions.separable.claim import (
     separable_from_json,
     stuck_agents,
 )
+from dobc_design.conditions.separable.coordinates import enclosed_ranges
 from dobc_design.loop.make import loop_of
 
 F = Fraction
@@ -227,6 +228,22 @@ def test_a_sampling_period_is_for_an_estimate_that_is_not_held():
         e += T * -e + disturbance - T * np.sin(2 * t)
         held.append(abs(e))
     assert max(held[-10:]) > 0.5
+
+
+def test_rows_in_coordinates_say_nothing_about_delays_and_sampling():
+    """With T = 1 they are the same rows, but what is decided beside them is by component."""
+    loop = loop_of(LINEAR)
+    one = ((F(1),),)
+    ranges = enclosed_ranges(loop, one, V, F(2))
+    turned = proved(replace(CLAIM, T=one, ranges=ranges), problem=LINEAR)
+    assert turned.verdict is PROVED
+    assert confirmed(turned, LINEAR) is None
+    plain = proved(CLAIM, problem=LINEAR)
+    bound = DelayBound(delay=F("0.9115"), rate=F(1, 5))
+    for check in (delayed(LINEAR, CLAIM, bound, plain), sampled(LINEAR, CLAIM, plain)):
+        assert confirmed(check, LINEAR, beside=plain) is None
+        wrong = confirmed(check, LINEAR, beside=turned)
+        assert "needs a proved max-separable check" in wrong
 
 
 # vectors of many agents

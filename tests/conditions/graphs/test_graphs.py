@@ -24,6 +24,7 @@ from dobc_design.conditions.separable.stage import separable_stage
 from dobc_design.errors import SpecError
 from dobc_design.loop.make import loop_of
 
+PROVED, REFUTED, UNDECIDED = Verdict.PROVED, Verdict.REFUTED, Verdict.UNDECIDED
 PAPER = "exp(y) - 1 + y"
 CHAIN = {"A": [[3, 2]], "B": [[2, 1]]}
 WAVE = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
@@ -38,17 +39,27 @@ def problem(
     generator: Any = ((-1, 1), (2, -2)),
     **more: Any,
 ) -> Problem:
-    network = Network.from_arcs(modes, arrow="listens_to", agents=n)
-    switching = Switching(guarantee="markov", generator=[list(row) for row in generator])
-    return Problem(
-        **{"network": network, "coupling": coupling, "gains": {1: 1}, "switching": switching} | more
-    )
+    parts = {
+        "network": Network.from_arcs(modes, arrow="listens_to", agents=n),
+        "coupling": coupling,
+        "gains": {1: 1},
+        "switching": Switching(guarantee="markov", generator=[list(row) for row in generator]),
+    }
+    return Problem(**parts | more)
 
 
 def check_of(found: Any, id: str) -> Any:
-    (check,) = [each for each in found.claims.checks if each.id == id]
     assert verify_twice(found.claims, found.problem).holds
-    return check
+    return found.check(id)
+
+
+def ids(found: Any) -> set[str]:
+    return {each.id for each in found.checks}
+
+
+def side(radius: Any) -> dict[str, Any]:
+    """A region."""
+    return {"initial_states": [f"-{radius}", f"{radius}"]}
 
 
 def drawn(rng: np.random.Generator, *, n: int, count: int) -> tuple[dict[str, Any], Any]:
@@ -131,7 +142,7 @@ def test_almost_surely_iff_every_closed_class_reaches_every_agent(seed: int):
     n = int(rng.integers(2, 6))
     count = int(rng.integers(2, 5))
     modes, generator = drawn(rng, n=n, count=count)
-    region = {"initial_states": [-1, 1]}
+    region = side(1)
     own = problem(modes, n=n, coupling=PAPER, generator=generator, region=region)
     steps = [(p, q) for p, q in permutations(range(count), 2) if generator[p][q] > 0]
     chain = nx.DiGraph(steps)
@@ -156,10 +167,7 @@ def test_almost_surely_iff_every_closed_class_reaches_every_agent(seed: int):
 
 def test_larger_networks_in_the_mean():
     ring = [[i, i % 20 + 1] for i in range(1, 21)]
-    halves = {
-        "odd": [arc for arc in ring if arc[0] % 2],
-        "even": [arc for arc in ring if not arc[0] % 2],
-    }
+    halves = {"odd": ring[::2], "even": ring[1::2]}
     own = problem(halves, n=20, gains={1: 1, 11: 1}, exosystem=WAVE)
     check = check_of(certify(own), "markov")
     assert check.exact["kind"] == "mean"
@@ -170,16 +178,11 @@ def test_larger_networks_in_the_mean():
 
 def test_couplings_that_mix_components_in_mean_square():
     own = problem(coupling=["y1 + y2/4", "y2"], target=[0, 0])
-    found = certify(own)
-    assert check_of(found, "markov").exact["kind"] == "mean square"
-    stiff = problem(
-        {"A": [[1, 2]], "B": [[2, 1]]},
-        n=2,
-        coupling=["y1 + 9*y2", "y2 - 9*y1"],
-        target=[0, 0],
-        gains={1: 1},
-    )
-    assert check_of(certify(stiff), "markov").verdict is Verdict.PROVED
+    check = check_of(certify(own), "markov")
+    assert check.exact["kind"] == "mean square"
+    modes = {"A": [[1, 2]], "B": [[2, 1]]}
+    stiff = problem(modes, n=2, coupling=["y1 + 9*y2", "y2 - 9*y1"], target=[0, 0])
+    assert check_of(certify(stiff), "markov").verdict is PROVED
 
 
 @only(separable_stage, markov_stage)
@@ -188,18 +191,16 @@ def test_an_unstable_mode_that_does_not_last_refutes_nothing():
     more: Any = {"n": 2, "coupling": "-y", "gains": {1: "1/2", 2: 3}}
     modes = {"A": [[1, 2]], "B": [[2, 1]]}
     brief = problem(modes, generator=((-9, 9), (1, -1)), **more)
-    assert certify(brief).verdict is Verdict.PROVED
+    assert certify(brief).verdict is PROVED
     longer = problem(modes, generator=((-1, 1), (9, -9)), **more)
     found = certify(longer)
-    assert found.verdict is Verdict.UNDECIDED
+    assert found.verdict is UNDECIDED
     assert verify_twice(found.claims, found.problem).holds
     for_ever = problem(modes, generator=((0, 0), (9, -9)), **more)
-    assert certify(for_ever).verdict is Verdict.REFUTED
+    assert certify(for_ever).verdict is REFUTED
 
 
-@pytest.mark.parametrize(
-    ("guarantee", "verdict"), [("arbitrary", Verdict.REFUTED), ("markov", Verdict.UNDECIDED)]
-)
+@pytest.mark.parametrize(("guarantee", "verdict"), [("arbitrary", REFUTED), ("markov", UNDECIDED)])
 @only(markov_stage)
 def test_an_equilibrium_of_a_mode_that_does_not_last_refutes_nothing(
     guarantee: str, verdict: Verdict
@@ -207,17 +208,9 @@ def test_an_equilibrium_of_a_mode_that_does_not_last_refutes_nothing(
     """sin vanishes at pi: agent 2 may rest there while it hears agent 1."""
     turns = Switching(signal="markov", guarantee=guarantee, generator=[[-1, 1], [1, -1]])
     modes = {"A": [[2, 1]], "B": [[2, 1], [1, 2]]}
-    network = Network.from_arcs(modes, arrow="listens_to", agents=2)
-    own = Problem(
-        network=network,
-        coupling="sin(y)",
-        gains={1: 1},
-        region={"initial_states": [-4, 4]},
-        switching=turns,
-    )
+    own = problem(modes, n=2, coupling="sin(y)", region=side(4), switching=turns)
     found = certify(own)
-    ids = {each.id for each in found.claims.checks}
-    assert ("equilibrium" in ids) == (verdict is Verdict.REFUTED)
+    assert ("equilibrium" in ids(found)) == (verdict is REFUTED)
     assert found.verdict is verdict
     assert verify_twice(found.claims, found.problem).holds
 
@@ -225,39 +218,29 @@ def test_an_equilibrium_of_a_mode_that_does_not_last_refutes_nothing(
 def test_a_box_as_large_as_couplings_rise_and_nothing_without_the_guarantee():
     switching = Switching(signal="markov", generator=[[-1, 1], [2, -2]])
     found = certify(problem(switching=switching))
-    assert "markov" not in {each.id for each in found.claims.checks}
+    assert "markov" not in ids(found)
     with pytest.raises(SpecError, match=r"switching\.generator is required"):
         Switching(guarantee="markov")
     # sin rises up to pi/2: a box of pi/4 at most; the region asks for more.
-    found = certify(problem(coupling="sin(y)", region={"initial_states": [-2, 2]}))
+    found = certify(problem(coupling="sin(y)", region=side(2)))
     check = check_of(found, "markov")
     assert (check.verdict, check.domain.radius) == (Verdict.PROVED, 0.5)
-    assert found.verdict is Verdict.UNDECIDED
+    assert found.verdict is UNDECIDED
     assert "consensus is proved from |e_i| <= 0.5 (markov)" in found.reason
 
 
 def test_all_pinned_agents_reach_the_target_for_every_graph():
-    own = problem(
-        coupling=PAPER,
-        gains={1: 1, 2: "1/2", 3: 2},
-        switching=MOBILE,
-        region={"initial_states": [-2, 2]},
-    )
+    gains = {1: 1, 2: "1/2", 3: 2}
+    own = problem(coupling=PAPER, gains=gains, switching=MOBILE, region=side(2))
     found = certify(own)
     check = check_of(found, "safety")
-    assert check.reason.startswith(
-        "from |e(0)| <= 2 no agent ever leaves the box |e| <= 2, whatever the graph, its "
-        "switching and the"
-    )
     assert (check.rate, check.claim.rate) == (0.5, Fraction(1, 2))
-    assert (
-        "All agents are pinned, so from there all reach the target for every graph and every motion"
-        in check.reason
-    )
-    assert (
-        "in the region for every graph and every motion, at a rate of at least 0.5 1/s with"
-        in found.reason
-    )
+    kept = "from |e(0)| <= 2 no agent ever leaves the box |e| <= 2, whatever the graph"
+    assert check.reason.startswith(f"{kept}, its switching and the")
+    all_pinned = "All agents are pinned, so from there all reach the target"
+    assert f"{all_pinned} for every graph and every motion" in check.reason
+    pace = "for every graph and every motion, at a rate of at least 0.5 1/s with"
+    assert f"in the region {pace}" in found.reason
 
 
 def test_an_observer_takes_its_part_of_the_box():
@@ -271,36 +254,31 @@ def test_an_observer_takes_its_part_of_the_box():
 
 
 def test_without_a_pin_the_box_holds_and_couplings_that_fall_are_left_open():
-    own = problem(coupling="y + y**3", switching=MOBILE, region={"initial_states": [-2, 2]})
+    own = problem(coupling="y + y**3", switching=MOBILE, region=side(2))
     found = certify(own)
     check = check_of(found, "safety")
-    assert (check.verdict, check.rate, found.verdict) == (Verdict.PROVED, None, Verdict.UNDECIDED)
+    assert (check.verdict, check.rate) == (PROVED, None)
+    assert found.verdict is UNDECIDED
     assert 'agents 2 and 3); a guarantee on time would help (guarantee = "dwell")' in found.reason
-    check = check_of(certify(problem(coupling="-y", gains=5, switching=MOBILE)), "safety")
-    assert check.verdict is Verdict.UNDECIDED
+    falling = problem(coupling="-y", gains=5, switching=MOBILE)
+    check = check_of(certify(falling), "safety")
+    assert check.verdict is UNDECIDED
     assert "not shown to rise" in check.reason
 
 
 def test_other_proofs_of_a_moving_graph_are_about_the_declared_modes():
     modes = {"A": [[2, 1]], "B": [[2, 1], [1, 2]]}
-    own = problem(modes, n=2, coupling=PAPER, switching=MOBILE, region={"initial_states": [-1, 1]})
+    own = problem(modes, n=2, coupling=PAPER, switching=MOBILE, region=side(1))
     found = certify(own)
     assert found.claims.covered_by == "max-separable"
     assert "every mix of their neighbour sets" in found.reason
-    assert (
-        "Graphs that the modes do not list are not covered. From |e(0)| <= 1 no agent ever "
-        "leaves the box |e| <= 1" in found.reason
-    )
+    told = "Graphs that the modes do not list are not covered. From |e(0)| <= 1"
+    assert f"{told} no agent ever leaves the box |e| <= 1" in found.reason
 
 
 def test_no_simulated_agent_that_moves_leaves_the_box():
-    own = problem(
-        {"A": []},
-        n=5,
-        coupling=PAPER,
-        gains={1: 1},
-        switching=Switching(signal="mobile", radius="1/2"),
-    )
+    moving = Switching(signal="mobile", radius="1/2")
+    own = problem({"A": []}, n=5, coupling=PAPER, switching=moving)
     rng = np.random.default_rng(1)
     for seed in range(3):
         start = rng.uniform(-1, 1, (5, 1))
@@ -311,24 +289,22 @@ def test_no_simulated_agent_that_moves_leaves_the_box():
 TWO: dict[str, Any] = {"A": [[2, 1]], "B": []}
 
 
-@pytest.mark.parametrize(
-    ("modes", "generator", "more", "verdict"),
-    [
-        (TWO, [[-1, 1], [0, 0]], {}, "refuted"),  # agent 2 hears nobody in B, which is never left
-        (TWO, [[-1, 1], ["1/1000", "-1/1000"]], {}, "proved"),  # B is left at last
-        (TWO, [[0, 0], [1, -1]], {}, "proved"),  # it ends in A
-        (TWO, [[-1, 1], [0, 0]], {"gains": {1: 1, 2: 1}}, "proved"),  # all are held in B
-        (
-            TWO,
-            [[-1, 1], [0, 0]],
-            {"region": {"initial_states": [0, 0]}},
-            "proved",
-        ),  # nobody starts away from the target
-        # B and C in turn, for ever
-        ({**TWO, "C": []}, [[-2, 1, 1], [0, -1, 1], [0, 1, -1]], {}, "refuted"),
-        ({**TWO, "C": [[2, 1]]}, [[-2, 1, 1], [0, -1, 1], [0, 1, -1]], {}, "proved"),  # C helps
-    ],
-)
+THREE = {**TWO, "C": []}
+TO_B = [[-1, 1], [0, 0]]
+#: B and C in turn, for ever.
+BETWEEN = [[-2, 1, 1], [0, -1, 1], [0, 1, -1]]
+NEVER_LEFT = [
+    (TWO, TO_B, {}, REFUTED),  # agent 2 hears nobody in B, which is never left
+    (TWO, [[-1, 1], ["1/1000", "-1/1000"]], {}, PROVED),  # B is left at last
+    (TWO, [[0, 0], [1, -1]], {}, PROVED),  # it ends in A
+    (TWO, TO_B, {"gains": {1: 1, 2: 1}}, PROVED),  # all are held in B
+    (TWO, TO_B, {"region": side(0)}, None),  # nobody starts away from the target
+    (THREE, BETWEEN, {}, REFUTED),
+    ({**TWO, "C": [[2, 1]]}, BETWEEN, {}, PROVED),  # C helps
+]
+
+
+@pytest.mark.parametrize(("modes", "generator", "more", "verdict"), NEVER_LEFT)
 def test_modes_that_are_never_left_and_hold_agents_apart_refute_consensus(
     modes, generator, more, verdict
 ):
@@ -336,11 +312,12 @@ def test_modes_that_are_never_left_and_hold_agents_apart_refute_consensus(
     error."""
     own = problem(modes, n=2, generator=generator, **more)
     found = certify(own)
-    assert found.verdict.value == verdict or (
-        more.get("region") and found.verdict is not Verdict.REFUTED
-    )
+    if verdict is None:
+        assert found.verdict is not REFUTED
+    else:
+        assert found.verdict is verdict
     assert verify_twice(found.claims, own).holds
-    if verdict == "refuted":
+    if verdict is REFUTED:
         assert "which it never leaves, no pinned agent reaches agent 2" in found.reason
         run = simulate(own, mode=list(modes)[-1], start=[[0.0], [1e-6]], t_final=50)
         assert run.final_error == pytest.approx(1e-6)
@@ -350,8 +327,13 @@ def test_the_second_program_reads_the_generator_once(monkeypatch):
     """And not once for every mode whose Lemma 1 is refuted."""
     guarantee = second_loop(problem()).guarantee
     asked = []
-    monkeypatch.setattr(
-        checker_guarantee, "read", lambda value, shape: asked.append(shape) or read(value, shape)
-    )
-    assert not any(guarantee.may_stay(mode) for mode in guarantee.modes for _ in range(3))
+
+    def counted(value: Any, shape: Any) -> Any:
+        asked.append(shape)
+        return read(value, shape)
+
+    monkeypatch.setattr(checker_guarantee, "read", counted)
+    for mode in guarantee.modes:
+        for _ in range(3):
+            assert not guarantee.may_stay(mode)
     assert len(asked) == 1

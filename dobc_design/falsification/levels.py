@@ -16,7 +16,7 @@ from dobc_design.conditions.kinds import ids_of
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.decide import composite_rate
-from dobc_design.errors import SpecError, wrong
+from dobc_design.errors import refused, wrong
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.matrices import Array
@@ -186,10 +186,10 @@ def _claim_of(problem: Problem, check: Check, W: Matrix | None) -> Separable | L
         claim = claim_of(check, loop_of(problem), W)
     except (KeyError, TypeError, ValueError) as error:
         message = f"certified: the check {check.title} does not fit this problem ({error})."
-        raise SpecError(message, key="certified", cure=OTHER_PROBLEM) from error
+        raise refused("certified", message, OTHER_PROBLEM) from error
     if not isinstance(claim, Separable | Lure):
         message = f"certified: the check {check.title} names no set of starts."
-        raise SpecError(message, key="certified")
+        raise refused("certified", message)
     return claim
 
 

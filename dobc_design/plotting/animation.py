@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dobc_design.errors import SpecError
+from dobc_design.errors import refused
 from dobc_design.plotting.look import (
     BLUE,
     GRID,
@@ -51,7 +51,7 @@ def write_animation(run: Run, path: Path, *, arcs: Arcs | None = None, force: bo
     Raises: SpecError for another ending, or a network that is too large."""
     if path.suffix.lower() != ".html":
         told = f"an animation is saved as .html; got {path.name[:40]!r}."
-        raise SpecError(told, key="path", cure="Choose that ending.")
+        raise refused("path", told, "Choose that ending.")
     page = animation_page(run, arcs=arcs)
     return write_new(path, page.encode("utf-8"), force=force)
 
@@ -114,7 +114,7 @@ def _links(run: Run, arcs: Arcs | None) -> list[NDArray[np.int64]]:
     if agents > MOST_AGENTS or count > MOST_LINKS:
         most = f"an animation shows at most {MOST_AGENTS} agents and {MOST_LINKS} links"
         told = f"{most}; there are {agents} agents and {count} links."
-        raise SpecError(told, key="animation", cure="Draw a part of them yourself.")
+        raise refused("animation", told, "Draw a part of them yourself.")
     return links
 
 

@@ -23,7 +23,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import Locator, LogLocator, StrMethodFormatter
 from numpy.typing import NDArray
 
-from dobc_design.errors import SpecError
+from dobc_design.errors import refused
 
 INK, MUTED, GRID, PAPER = "#1b1e24", "#5b6470", "#d8dce2", "#fefefe"
 BLUE, VERMILLION, GREEN, PURPLE = "#0072b2", "#d55e00", "#009e73", "#cc79a7"
@@ -81,7 +81,7 @@ class Sheet:
         kind = place.suffix.lower().removeprefix(".")
         if kind not in NOTHING:
             told = f"a figure is saved as .png, .svg or .pdf; got {place.name[:40]!r}."
-            raise SpecError(told, key="path", cure="Choose one of these endings.")
+            raise refused("path", told, "Choose one of these endings.")
         return write_new(place, self.file(kind), force=force)
 
     def _repr_png_(self) -> bytes:
@@ -102,7 +102,7 @@ def write_new(place: Path, data: bytes, *, force: bool) -> Path:
     """Write a file that must not be there yet, unless ``force``.  Raises: SpecError."""
     if place.exists() and not force:
         told = f"{str(place)!r} exists already."
-        raise SpecError(told, key="path", cure="Replace it with force=True.")
+        raise refused("path", told, "Replace it with force=True.")
     place.write_bytes(data)
     return place
 

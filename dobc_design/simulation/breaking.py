@@ -21,7 +21,7 @@ from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.claims import certified_period
 from dobc_design.conditions.numbers import bisected
 from dobc_design.conditions.observer.propose import observer_gain
-from dobc_design.errors import SpecError, wrong
+from dobc_design.errors import refused, wrong
 from dobc_design.loop.arrays import error_arcs
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.matrices import Array
@@ -217,7 +217,7 @@ def what_breaks_first(
             f"in {loop.calm.t_final:g} s."
         )
         cure = "Choose a longer horizon, or see what `dobc certify` says."
-        raise SpecError(message, key="t_final", cure=cure)
+        raise refused("t_final", message, cure)
     sweeps = []
     limit = None
     for number, option in enumerate(options):

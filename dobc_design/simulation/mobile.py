@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from dobc_design.conditions.numbers import bisected
-from dobc_design.errors import ShapeError, SpecError, wrong
+from dobc_design.errors import ShapeError, refused, wrong
 from dobc_design.loop.arcs import places_at, split_by
 from dobc_design.loop.arrays import ArcGroup
 from dobc_design.loop.loop import Loop
@@ -120,7 +120,7 @@ class Nearby:
         chatters = many >= CHATTER and time - self.times[-CHATTER] < 1e-9 * max(1.0, time)
         if many >= MOST_CHANGES or chatters:
             message = f"the graph changed {many} times up to t = {time:.6g} s: it chatters."
-            raise SpecError(message, key="signal", cure="Give a (larger) hysteresis.")
+            raise refused("signal", message, "Give a (larger) hysteresis.")
 
     def stay(self, time: float, positions: Array) -> Stay:
         """The graph at a time and positions."""

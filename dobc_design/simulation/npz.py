@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dobc_design.certificate.files import write_atomically
-from dobc_design.errors import SpecError
+from dobc_design.errors import SpecError, refused
 from dobc_design.exact.reading import shown
 from dobc_design.problem.load import read_bytes
 
@@ -42,13 +42,13 @@ def describing(path: Path, *, key: str, what: str, cure: str) -> Iterator[None]:
     try:
         yield
     except SpecError as error:  # there is no such file, or it is none
-        raise SpecError(f"{key}: {error.message}", key=key, cure=error.cure) from None
+        raise refused(key, f"{key}: {error.message}", error.cure) from None
     except MemoryError:
         raise
     except Exception as error:  # noqa: BLE001 - zipfile, zlib, NumPy, csv and json have many words for broken bytes
         reason = str(error) if isinstance(error, UnfitError) else "its bytes are damaged"
         message = f"{key}: {shown(path.name)} does not hold a {what} ({reason})."
-        raise SpecError(message, key=key, cure=cure) from None
+        raise refused(key, message, cure) from None
 
 
 def read_arrays(
@@ -101,6 +101,6 @@ def save_arrays(path: Path, data: bytes, *, force: bool) -> Path:
     CertificateError if it fails."""
     if path.exists() and not force:
         message = f"{shown(str(path))} exists already."
-        raise SpecError(message, key="path", cure="Replace it with force=True.")
+        raise refused("path", message, "Replace it with force=True.")
     write_atomically(path, data)
     return path

@@ -9,7 +9,7 @@ from typing import Any, Literal, TypedDict, Unpack
 import numpy as np
 
 from dobc_design._checks import noun
-from dobc_design.errors import SpecError, wrong
+from dobc_design.errors import refused, wrong
 from dobc_design.loop.arrays import (
     ArcGroup,
     Gain,
@@ -140,7 +140,7 @@ class Setting:
             return drawn_switches(signal, self.problem, self.horizon, seed)
         if signal.motion is None:
             message = "the switches follow from the states."
-            raise SpecError(message, key="signal", cure="Give a motion.")
+            raise refused("signal", message, "Give a motion.")
         return motion_switches(signal, signal.motion, self.exact, self.horizon)
 
     def groups_of(self, switches: Switches, mode: int) -> Sequence[ArcGroup]:
@@ -220,7 +220,7 @@ def _signal(problem: Problem, given: Any, mode: str | None) -> Signal:
         return Fixed() if given is None else given
     if given is not None:
         message = "mode and signal exclude each other."
-        raise SpecError(message, key="signal", cure="Leave one of them out.")
+        raise refused("signal", message, "Leave one of them out.")
     mode_index(mode, tuple(problem.network.modes))  # refuses one that is not there
     return Fixed(mode=mode)
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from dobc_design._checks import noun, put
 from dobc_design._show.cards import Card, Shown, Told
-from dobc_design.errors import ShapeError, SpecError, wrong
+from dobc_design.errors import ShapeError, refused, wrong
 from dobc_design.exact.number import nearest
 from dobc_design.exact.reading import counted, is_list
 from dobc_design.loop.matrices import Array
@@ -183,7 +183,7 @@ class Waypoints(Shown):
             raise wrong("positions", message, cure, kind=ShapeError)
         if not np.isfinite(places).all() or not _increase(times):
             message = "positions must be finite and times must increase."
-            raise SpecError(message, key="times", cure="Sort the instants.")
+            raise refused("times", message, "Sort the instants.")
         positions = [tuple(map(tuple, rows)) for rows in places.tolist()]
         put(self, times=times, positions=tuple(positions))
 
@@ -231,7 +231,7 @@ class Mobile(Told):
         if (self.radius is None) == (self.neighbours is None):
             message = "a mobile signal needs either radius or neighbours, and not both."
             cure = "For example Mobile(radius=2.0, hysteresis=0.2)."
-            raise SpecError(message, key="radius", cure=cure)
+            raise refused("radius", message, cure)
         if self.radius is not None:
             put(self, radius=positive(self.radius, "radius"))
         if self.neighbours is not None:

@@ -16,7 +16,7 @@ import numpy as np
 
 from dobc_design._checks import noun, put
 from dobc_design._show.cards import Shown, Told
-from dobc_design.errors import SpecError, wrong
+from dobc_design.errors import refused, wrong
 from dobc_design.exact.reading import shown
 from dobc_design.problem.network import one_form
 from dobc_design.problem.problem import Problem
@@ -112,7 +112,7 @@ class Stress(Told):
         for agent, count in Counter(each.agent for each in failures).items():
             if count > 1:
                 message = f"agent {shown(agent)} fails twice."
-                raise SpecError(message, key="failures", cure="Leave one of them out.")
+                raise refused("failures", message, "Leave one of them out.")
         put(self, failures=failures)
 
     def _read_gain(self, given: Any) -> None:

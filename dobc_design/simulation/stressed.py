@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from dobc_design.errors import SpecError
+from dobc_design.errors import refused
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import IndexArray
 from dobc_design.simulation.agents import Agents, StressedRuns
@@ -43,7 +43,7 @@ def sample_instants(period: float, horizon: float, *, name: str = "period") -> A
     if count > MOST_SAMPLES:
         what = "samples" if name == "period" else "exchanges"
         message = f"{count:.3g} {what} are too many, at most {MOST_SAMPLES} are simulated."
-        raise SpecError(message, key=name, cure=f"Choose a longer {name} or a shorter horizon.")
+        raise refused(name, message, f"Choose a longer {name} or a shorter horizon.")
     instants = period * np.arange(int(count) + 2)
     return np.asarray(instants[instants <= horizon], dtype=np.float64)
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dobc_design._checks import noun
-from dobc_design.errors import ShapeError, SpecError, wrong
+from dobc_design.errors import ShapeError, refused, wrong
 from dobc_design.exact.reading import counted, is_list, shown
 from dobc_design.loop.arrays import ArcGroup, mode_index
 from dobc_design.loop.matrices import Array
@@ -188,7 +188,7 @@ def refuse_too_many(count: float) -> None:
             "simulated."
         )
         cure = "Choose a longer dwell time or a shorter horizon."
-        raise SpecError(message, key="signal", cure=cure)
+        raise refused("signal", message, cure)
 
 
 def _order(

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Headed
 from dobc_design.certificate.certificate import Certificate
-from dobc_design.errors import SpecError
+from dobc_design.errors import refused
 from dobc_design.exact.reading import shown
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import BoolArray, IndexArray
@@ -218,7 +218,7 @@ class Trajectory(Simulated):
         except ImportError:
             message = "to_pandas needs the package pandas, which is not installed."
             cure = "Install it (pip install dobc_design[store]), or use the arrays themselves."
-            raise SpecError(message, key="pandas", cure=cure) from None
+            raise refused("pandas", message, cure) from None
         modes = np.array(self.switches.names, dtype=object)
         columns: dict[tuple[str, str, int], Any] = {("mode", "", 0): modes[self.mode_index]}
         for name in SAMPLED:
@@ -238,7 +238,7 @@ class Trajectory(Simulated):
         place = Path(path)
         if place.suffix.lower() != ".npz":
             message = f"a trajectory is saved as .npz; got {shown(place.name)}."
-            raise SpecError(message, key="path", cure="Choose that ending.")
+            raise refused("path", message, "Choose that ending.")
         return save_arrays(place, self.to_bytes(), force=force)
 
     def to_bytes(self) -> bytes:
@@ -415,7 +415,7 @@ def bound_of(
         return envelope
     if envelope is not None:
         message = "certificate and envelope exclude each other."
-        raise SpecError(message, key="envelope", cure="Leave one of them out.")
+        raise refused("envelope", message, "Leave one of them out.")
     found: Any = certificate.envelope(run)
     return found if found.sources else None
 

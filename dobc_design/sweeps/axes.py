@@ -33,7 +33,7 @@ from typing import Any
 import numpy as np
 
 from dobc_design._checks import noun
-from dobc_design.errors import Mistakes, SpecError, about
+from dobc_design.errors import Mistakes, SpecError, about, refused
 from dobc_design.exact.number import number_text, parse_number
 from dobc_design.exact.reading import NumberText, is_list, shown
 from dobc_design.problem.changes import typed_number
@@ -107,9 +107,7 @@ def read_axes(over: Mapping[str, Any] | Sequence[str]) -> tuple[Axis, ...]:
     given = list(over.items()) if isinstance(over, Mapping) else [split_axis(text) for text in over]
     if not given:
         cure = "For example pinning.gains.1=1:5:9."
-        raise SpecError(
-            "nothing is varied: a sweep needs at least one KEY=VALUES.", key="over", cure=cure
-        )
+        raise refused("over", "nothing is varied: a sweep needs at least one KEY=VALUES.", cure)
     axes: list[Axis] = []
     errors = Mistakes()
     for key, values in given:
@@ -122,10 +120,8 @@ def read_axes(over: Mapping[str, Any] | Sequence[str]) -> tuple[Axis, ...]:
     paths = [path for axis in axes for path in axis.keys]
     if any(path is not other and path == other[: len(path)] for path in paths for other in paths):
         cure = "Put keys that go together on one side: KEY,KEY=VALUES."
-        raise SpecError(
-            "two axes set the same place, and one would undo the other.",
-            key=axes[0].name,
-            cure=cure,
+        raise refused(
+            axes[0].name, "two axes set the same place, and one would undo the other.", cure
         )
     return tuple(axes)
 
@@ -135,10 +131,8 @@ def split_axis(text: str) -> tuple[str, str]:
     found = _ASSIGNED.fullmatch(text)
     if found is None:
         cure = "For example pinning.gains.1=1:5:9."
-        raise SpecError(
-            f"what is varied must be given as KEY=VALUES; got {shown(text)}.",
-            key=text[:60],
-            cure=cure,
+        raise refused(
+            text[:60], f"what is varied must be given as KEY=VALUES; got {shown(text)}.", cure
         )
     return found[1].strip(), found[2].strip()
 
@@ -234,15 +228,13 @@ def read_keys(text: str) -> tuple[Path, ...]:
             f"{shown(text)} is no key of a problem file: write names with dots between, "
             "indices in brackets."
         )
-        raise SpecError(message, key=text[:60], cure=_EXAMPLE)
+        raise refused(text[:60], message, _EXAMPLE)
     paths = tuple(
         tuple(_step(*step.groups()) for step in _STEP.finditer(path))
         for path in re.findall(_PATH, text)
     )
     if len(set(paths)) < len(paths):
-        raise SpecError(
-            f"{shown(text)} names a key twice.", key=text[:60], cure="Name each key once."
-        )
+        raise refused(text[:60], f"{shown(text)} names a key twice.", "Name each key once.")
     return paths
 
 
@@ -253,7 +245,7 @@ def _step(name: str | None, place: str | None) -> str | int:
         # TOML's basic strings escape as JSON's do
         return one_form(json.loads(name) if name.startswith('"') else name)
     except ValueError:
-        raise SpecError(f"{shown(name)} is no quoted name.", key="key", cure=_EXAMPLE) from None
+        raise refused("key", f"{shown(name)} is no quoted name.", _EXAMPLE) from None
 
 
 def path_text(path: Path) -> str:
@@ -328,7 +320,7 @@ def _require_place(inner: Any, path: Path, depth: int) -> None:
         cure = "Give an index, such as [0]." if isinstance(inner, list) else "Name a key of it."
         if not isinstance(inner, (dict, list)):
             cure = f"Vary {so_far} itself, or write it as a table in the problem file."
-    raise SpecError(f"{path_text(path)}: {so_far} {problem}.", key=path_text(path), cure=cure)
+    raise refused(path_text(path), f"{path_text(path)}: {so_far} {problem}.", cure)
 
 
 def read_value(text: str) -> Any:
@@ -337,10 +329,8 @@ def read_value(text: str) -> Any:
     if text == NONE:
         return None
     if not text or not text.isprintable():
-        raise SpecError(
-            f"a value must be printable text; got {shown(text)}.",
-            key="values",
-            cure="Leave it out.",
+        raise refused(
+            "values", f"a value must be printable text; got {shown(text)}.", "Leave it out."
         )
     if text.startswith("[") and text.endswith("]"):
         return [read_value(part) for part in split(text[1:-1])]
@@ -372,8 +362,8 @@ def value_text(value: Any) -> str:
     # A bool is an int in Python, and would pass for 0 or 1 below.
     if isinstance(value, bool):
         cure = "Use 0 or 1."
-        raise SpecError(
-            f"a value must be a number, text, list or table; got {value}.", key="values", cure=cure
+        raise refused(
+            "values", f"a value must be a number, text, list or table; got {value}.", cure
         )
     return exact_text(parse_number(value, "values"))
 
@@ -398,9 +388,7 @@ def split(text: str) -> list[str]:
     parts = [part.strip() for part in _parts(text)] if text.strip() else []
     if not all(parts):
         cure = "Remove the comma, or add the value."
-        raise SpecError(
-            f"a value is missing between commas in {shown(text)}.", key="values", cure=cure
-        )
+        raise refused("values", f"a value is missing between commas in {shown(text)}.", cure)
     return parts
 
 
@@ -427,7 +415,7 @@ def _parts(text: str) -> Iterator[str]:
 
 def _unbalanced(text: str) -> SpecError:
     message = f"a bracket or quote is left open, or closed too often, in {shown(text)}."
-    return SpecError(message, key="values", cure="Close it.")
+    return refused("values", message, "Close it.")
 
 
 def _in_table(value: Any) -> str:

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from dobc_design import __version__
 from dobc_design._checks import noun, put
 from dobc_design.conditions.numbers import time_to_one_percent
-from dobc_design.errors import SpecError
+from dobc_design.errors import refused
 from dobc_design.exact.number import float_above
 from dobc_design.exact.reading import shown
 from dobc_design.problem.canonical import problem_sha256
@@ -97,14 +97,14 @@ class Task:
     def __post_init__(self) -> None:
         if self.kind not in COLUMNS:
             message = f"task must be one of {', '.join(COLUMNS)}; got {shown(self.kind)}."
-            raise SpecError(message, key="task", cure="Choose one.")
+            raise refused("task", message, "Choose one.")
         put(self, runs=whole(self.runs, "runs", least=1))
         if self.kind == "certify" and self.runs != 1:
             message = "runs is for simulations; a proof is made once."
-            raise SpecError(message, key="runs", cure='Take task="simulate".')
+            raise refused("runs", message, 'Take task="simulate".')
         if self.kind == "simulate" and self.everything:
             message = "everything (--all) is for certify."
-            raise SpecError(message, key="everything", cure="Leave it out.")
+            raise refused("everything", message, "Leave it out.")
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -244,11 +244,11 @@ def make_plan(
     drawn = [axis.name for axis in axes if axis.draw is not None]
     if drawn and samples is None:
         message = f"samples must say how many times {drawn[0]} is drawn."
-        raise SpecError(message, key="samples", cure="For example --samples 100.")
+        raise refused("samples", message, "For example --samples 100.")
     if not drawn and samples is not None:
         message = "samples must be left out when nothing is drawn; every grid point is run once."
         cure = "Draw a key, such as KEY=~uniform(0,1), or leave samples out."
-        raise SpecError(message, key="samples", cure=cure)
+        raise refused("samples", message, cure)
     text, folder = None, None
     if not isinstance(source, Problem):
         text = source_text(source)
@@ -268,7 +268,7 @@ def make_plan(
     if len(plan) > MOST_CASES:
         message = f"a sweep may have at most {MOST_CASES} cases; these axes give {len(plan)}."
         cure = "Take fewer values, or split it into several sweeps."
-        raise SpecError(message, key="over", cure=cure)
+        raise refused("over", message, cure)
     return plan
 
 

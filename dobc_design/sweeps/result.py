@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from dobc_design._checks import noun
 from dobc_design._show.cards import MOST_ROWS, Card, Headed
 from dobc_design.certificate.files import make_folder, write_atomically
-from dobc_design.errors import CertificateError, SpecError
+from dobc_design.errors import CertificateError, SpecError, refused
 from dobc_design.exact.reading import shown
 from dobc_design.sweeps.axes import number_of
 from dobc_design.sweeps.plan import Plan
@@ -199,10 +199,8 @@ def _require_same(folder: Path, plan: Plan) -> None:
     if not head.exists():
         if lines.exists() and lines.stat().st_size:
             message = f"{str(folder)!r} holds {LINES} without {HEAD}, which says what it is about."
-            raise SpecError(
-                message,
-                key="--out",
-                cure="Choose another folder, or add --force to begin anew there.",
+            raise refused(
+                "--out", message, "Choose another folder, or add --force to begin anew there."
             )
         return
     try:
@@ -228,7 +226,7 @@ def _require_same(folder: Path, plan: Plan) -> None:
         first = [f" another {word}" for word in dict.fromkeys(changed)][:2]
         message += f", with{' and'.join(first)}"
     cure = "Choose another folder with --out, or add --force to begin anew there."
-    raise SpecError(f"{message}.", key="--out", cure=cure)
+    raise refused("--out", f"{message}.", cure)
 
 
 def _lock(stream: IO[bytes], folder: Path) -> None:
@@ -243,7 +241,7 @@ def _lock(stream: IO[bytes], folder: Path) -> None:
     except BlockingIOError:
         message = f"another process is at work on the sweep in {str(folder)!r}."
         cure = "Wait for it, or choose another folder with --out."
-        raise SpecError(message, key="--out", cure=cure) from None
+        raise refused("--out", message, cure) from None
 
 
 @noun(eq=False)
@@ -297,7 +295,7 @@ class SweepResult(Headed):
         """One column, case by case.  Raises: SpecError for a name that is none."""
         if name not in self.columns:
             cure = f"One of {', '.join(self.columns)}."
-            raise SpecError(f"{shown(name)} is no column of this sweep.", key="column", cure=cure)
+            raise refused("column", f"{shown(name)} is no column of this sweep.", cure)
         return [row[name] for row in self.rows]
 
     @property
@@ -324,7 +322,7 @@ class SweepResult(Headed):
                 "are not installed."
             )
             cure = "`dobc doctor` says how to install them; .csv and .jsonl need none."
-            raise SpecError(message, key="frame", cure=cure) from None
+            raise refused("frame", message, cure) from None
         columns = self.columns
         # Types are said, so that a column of nothing but None stays a column of numbers.
         table = pd.DataFrame(self.rows, columns=list(columns))
@@ -337,11 +335,9 @@ class SweepResult(Headed):
         suffix = target.suffix.lower()
         if suffix not in (".csv", ".jsonl", ".parquet"):
             message = f"a table is saved as .csv, .jsonl, .parquet; got {target.name[:40]!r}."
-            raise SpecError(message, key="path", cure="Choose one of these.")
+            raise refused("path", message, "Choose one of these.")
         if target.exists() and not force:
-            raise SpecError(
-                f"{str(target)!r} exists already.", key="path", cure="Replace it with force=True."
-            )
+            raise refused("path", f"{str(target)!r} exists already.", "Replace it with force=True.")
         if suffix == ".parquet":
             data: bytes = self.frame().to_parquet(compression="zstd", index=False)
         elif suffix == ".jsonl":
@@ -382,7 +378,7 @@ class SweepResult(Headed):
         numbers = np.array(column)
         if not np.isfinite(numbers).any():
             message = f"no case has a {name}, so there is nothing to be drawn."
-            raise SpecError(message, key="value", cure="Choose another column.")
+            raise refused("value", message, "Choose another column.")
         # The first axes that are worth it, or those that were named.
         chosen = self._drawn_axes(x, y)
         places = [self._places(each) for each in chosen]
@@ -410,7 +406,7 @@ class SweepResult(Headed):
         numeric = {each.name: each.meaning for each in columns if each.kind in ("number", "count")}
         if name not in numeric:
             cure = f"One of {', '.join(numeric)}."
-            raise SpecError(f"{shown(name)} is no numeric column.", key="value", cure=cure)
+            raise refused("value", f"{shown(name)} is no numeric column.", cure)
         return numeric[name]
 
     def _drawn_axes(self, x: str | None, y: str | None) -> list[str]:
@@ -419,11 +415,9 @@ class SweepResult(Headed):
         for key, name in (("x", x), ("y", y)):
             if name is not None and name not in self.axes:
                 cure = f"One of {', '.join(self.axes)}."
-                raise SpecError(f"{shown(name)} is no axis of this sweep.", key=key, cure=cure)
+                raise refused(key, f"{shown(name)} is no axis of this sweep.", cure)
         if x is not None and x == y:
-            raise SpecError(
-                "x and y must be different axes.", key="y", cure="Leave y out for lines."
-            )
+            raise refused("y", "x and y must be different axes.", "Leave y out for lines.")
         listed = {axis.name: len(axis.values) for axis in self.plan.axes if len(axis.values) > 1}
         numbers = [name for name in self.axes if self.columns[name] == "number"]
         # Numbers that are listed first, then those that are drawn, then words.

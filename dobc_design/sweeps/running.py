@@ -25,7 +25,7 @@ from typing import Any, TypeVar
 from dobc_design import __version__
 from dobc_design._checks import noun
 from dobc_design._show.progress import Reports, report_to, shows_progress
-from dobc_design.errors import DobcError, SpecError
+from dobc_design.errors import DobcError, SpecError, refused
 from dobc_design.exact.reading import shown
 from dobc_design.exact.work import read_time_limit
 from dobc_design.problem.canonical import problem_sha256
@@ -355,7 +355,7 @@ def _backend(cluster: str | None, jobs: int | None, cases: int) -> Iterator[Back
         cure = (
             "`dobc doctor` says how to install them; without --cluster this machine's processors "
         )
-        raise SpecError(message, key="--cluster", cure=f"{cure}are used.") from None
+        raise refused("--cluster", message, f"{cure}are used.") from None
     with ExitStack() as stack:
         try:
             address: Any = cluster
@@ -375,7 +375,7 @@ def _backend(cluster: str | None, jobs: int | None, cases: int) -> Iterator[Back
         except (OSError, ValueError) as error:  # a TimeoutError among them
             message = f"there is no Dask scheduler at {shown(cluster)}."
             cure = "Start one with `dask scheduler`, or say --cluster local."
-            raise SpecError(message, key="--cluster", cure=cure) from error
+            raise refused("--cluster", message, cure) from error
         _require_this_version(client.run(_version, on_error="return"))
         yield {"backend": "dask"}
 
@@ -386,7 +386,7 @@ def _require_this_version(found: Mapping[str, Any]) -> None:
         if version != __version__:
             message = f"the worker {worker} has another dobc_design, or none; this program is "
             cure = "Install the same version on all machines of the cluster."
-            raise SpecError(f"{message}{__version__}.", key="--cluster", cure=cure)
+            raise refused("--cluster", f"{message}{__version__}.", cure)
 
 
 def _version() -> str:

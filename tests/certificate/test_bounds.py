@@ -4,6 +4,7 @@ where they hold."""
 import json
 from dataclasses import replace
 from fractions import Fraction
+from functools import partial
 
 import numpy as np
 import pytest
@@ -35,19 +36,21 @@ from dobc_design.report.pictures import error_picture, svg_of
 
 def ring(*, disturbed: bool = True, n: int = 3, **settings) -> Problem:
     """Agents in a directed ring, all pinned."""
-    extra = {}
+    given = {"coupling": "y", "gains": 3, "target": 1, "name": "ring"}
     if disturbed:
-        extra = {"exosystem": Exosystem(A=[[0]], C=[[1]]), "observer": Observer(W=[[4]])}
-    given = {"coupling": "y", "gains": 3, "target": 1, "name": "ring"} | extra | settings
-    network = Network.from_arcs(
-        [[i + 1, (i + 1) % n + 1] for i in range(n)], arrow="listens_to", agents=n
-    )
-    return Problem(network=network, **given)
+        given["exosystem"] = Exosystem(A=[[0]], C=[[1]])
+        given["observer"] = Observer(W=[[4]])
+    arcs = [[i + 1, (i + 1) % n + 1] for i in range(n)]
+    network = Network.from_arcs(arcs, arrow="listens_to", agents=n)
+    return Problem(network=network, **given | settings)
 
 
 REGION = {"initial_states": [0, 2], "initial_disturbance": "1/2"}
 N = 3
-FAR, NEAR = np.linspace(0, 2, N)[:, None], np.linspace(0.9, 1.1, N)[:, None]
+FAR = np.linspace(0, 2, N)[:, None]
+NEAR = np.linspace(0.9, 1.1, N)[:, None]
+#: A start close to the target, with no disturbance.
+QUIET = {"x": NEAR, "xi": 0 * NEAR}
 
 
 @pytest.fixture(scope="module")
@@ -61,25 +64,20 @@ def curved() -> tuple[Problem, Certificate]:
     return problem, replace(certificate, claims=replace(certificate.claims, checks=checks))
 
 
+SIZES = {"method": "interval", "level": "5/2", "radius": "1", "rate": "1/4"}
+FORMS = {"P": [["2"]], "P_e": [[0, 0, "2"], [0, 1, "1/2"], [1, 1, "1"], [2, 2, "3"]]}
+SECTOR = {"coupling": 0, "gains": [[["1", "4"]]]}
 QUADRATIC = Check(
     id="lure",
     verdict=Verdict.PROVED,
     domain=Ball(0.5, 0.25),
     rate=0.25,
     reason="",
-    claim=Values(
-        {
-            "method": "interval",
-            "level": "5/2",
-            "radius": "1",
-            "rate": "1/4",
-            "P": [["2"]],
-            "multipliers": {},
-        }
-        | {"P_e": [[0, 0, "2"], [0, 1, "1/2"], [1, 1, "1"], [2, 2, "3"]]}
-        | {"ranges": [{"coupling": 0, "gains": [[["1", "4"]]]}]}
-    ),
+    claim=Values(SIZES | FORMS | {"multipliers": {}, "ranges": [SECTOR]}),
 )
+
+
+DRAWN = "certified bound on |e|∞"
 
 
 def only(certificate: Certificate, *ids: str) -> Certificate:
@@ -92,14 +90,16 @@ def test_the_max_separable_bound_is_that_of_its_numbers(curved):
     min v))."""
     problem, certificate = curved
     exact = certificate.check("max-separable").exact
-    v, alpha = [float(Fraction(x)) for x in exact["v"]], float(Fraction(exact["alpha"]))
-    beta, kappa, size = (float(Fraction(exact[name])) for name in ("beta", "kappa", "size"))
+    v = [float(Fraction(x)) for x in exact["v"]]
+    names = ("alpha", "beta", "kappa", "size")
+    alpha, beta, kappa, size = (float(Fraction(exact[name])) for name in names)
     run = dd.simulate(problem, start={"x": FAR}, t_final=2)
     bound = only(certificate, "max-separable").envelope(run)
     box, _, disturbance = run.start_size()
     first = box / min(v) + kappa * disturbance * np.sqrt(size)
     t = np.array([0.0, 0.5, 3.0])
-    wanted = max(v) * first * np.exp(-min(alpha, beta - 1 / (kappa * min(v))) * t)
+    rate = min(alpha, beta - 1 / (kappa * min(v)))
+    wanted = max(v) * first * np.exp(-rate * t)
     np.testing.assert_allclose(bound(t), wanted, rtol=1e-9)
     assert (bound(t) >= wanted * (1 - 1e-15)).all()
     assert bound(np.array([1e9])) > 0  # what underflows is not 0
@@ -114,19 +114,21 @@ def test_the_quadratic_bound_is_that_of_its_ellipsoid(curved, radius: float, squ
     P_e = np.array([[2, 0.5, 0], [0.5, 1, 0], [0, 0, 3]])
     check = replace(QUADRATIC, domain=Ball(radius, 0.25))
     claims = replace(certificate.claims, checks=(check,))
-    run = dd.simulate(problem, start={"x": NEAR, "xi": 0 * NEAR}, t_final=2)
+    run = dd.simulate(problem, start=QUIET, t_final=2)
     bound = certified_bound(problem, claims, run)
     _, ball, disturbance = run.start_size()
     assert ball <= radius
     first = np.linalg.eigvalsh(P_e)[-1] * ball**2 + N * 2 * disturbance**2
-    first = first if squared is None else min(first, squared)
+    if squared is not None:
+        first = min(first, squared)
     tallest = 0.0
-    for c in range(N):  # the point of the ellipsoid that is farthest in direction c, by Lagrange
+    # the point of the ellipsoid that is farthest in direction c, by Lagrange
+    for c in range(N):
         direction = np.linalg.solve(P_e, np.eye(N)[c])
-        tallest = max(tallest, direction[c] / np.sqrt(direction @ P_e @ direction))
-    np.testing.assert_allclose(
-        bound([0.0, 2.0]), tallest * np.sqrt(first) * np.exp([0, -0.25 * 2]), rtol=1e-9
-    )
+        length = np.sqrt(direction @ P_e @ direction)
+        tallest = max(tallest, direction[c] / length)
+    wanted = tallest * np.sqrt(first) * np.exp([0, -0.25 * 2])
+    np.testing.assert_allclose(bound([0.0, 2.0]), wanted, rtol=1e-9)
     assert bound.sources == ("lure",)
 
 
@@ -135,16 +137,18 @@ def test_linear_couplings_are_bounded_from_every_start(disturbed: bool):
     """V = e'e + sum eps_i'P eps_i falls at twice the rate; without a region, far away."""
     problem = ring(disturbed=disturbed)
     certificate = dd.certify(problem)
-    start = {"x": [[50.0], [-70.0], [1.0]]} | ({"xi": [[3.0], [4.0], [0.0]]} if disturbed else {})
-    run = dd.simulate(problem, start=start, t_final=3)
-    bound = only(certificate, "theorem1" if disturbed else "lemma1").envelope(run)
+    id = "theorem1" if disturbed else "lemma1"
+    check = certificate.check(id)
+    start = {"x": [[50.0], [-70.0], [1.0]]}
     length = 49**2 + 71**2
     if disturbed:
-        length += 3 * 4**2 * float(Fraction(certificate.check("theorem1").exact["P"][0][0]))
+        start["xi"] = [[3.0], [4.0], [0.0]]
+        length += 3 * 4**2 * float(Fraction(check.exact["P"][0][0]))
+    run = dd.simulate(problem, start=start, t_final=3)
+    bound = only(certificate, id).envelope(run)
     assert bound(0.0) == pytest.approx(np.sqrt(length), rel=1e-9)
     assert (run.error() <= bound(run.times)).all()
-    rate = certificate.check("theorem1" if disturbed else "lemma1").rate
-    assert np.log(bound(0.0) / bound(1.0)) == pytest.approx(rate, rel=1e-9)
+    assert np.log(bound(0.0) / bound(1.0)) == pytest.approx(check.rate, rel=1e-9)
 
 
 def test_no_run_crosses_the_bound_and_a_tenth_of_it_is_crossed(curved):
@@ -157,23 +161,24 @@ def test_no_run_crosses_the_bound_and_a_tenth_of_it_is_crossed(curved):
 
 def test_the_least_of_all_proved_bounds_counts(curved):
     problem, certificate = curved
-    run = dd.simulate(problem, start={"x": NEAR, "xi": 0 * NEAR}, t_final=3)
+    run = dd.simulate(problem, start=QUIET, t_final=3)
     every = certificate.envelope(run)
     assert {"max-separable", "lure"} <= set(every.sources)
     parts = [only(certificate, id).envelope(run)(run.times) for id in every.sources]
     np.testing.assert_array_equal(every(run.times), np.minimum.reduce(parts))
 
 
-@pytest.mark.parametrize(
-    ("given", "reason"),
-    [
-        ({"stress": dd.Stress(noise=0.1)}, "under stress"),
-        ({"observer": "off"}, "here it is off"),
-        ({"signal": dd.signals.Mobile(radius=9)}, "follows from positions"),
-        ({"start": {"x": 9 * FAR}}, "starts outside what is certified"),
-        ({"start": {"x": NEAR, "xi": 9 * FAR}}, "starts outside what is certified"),
-    ],
-)
+#: Runs without a bound, and why.
+UNBOUNDED: list[tuple[dict, str]] = []
+UNBOUNDED.append(({"stress": dd.Stress(noise=0.1)}, "under stress"))
+UNBOUNDED.append(({"observer": "off"}, "here it is off"))
+UNBOUNDED.append(({"signal": dd.signals.Mobile(radius=9)}, "follows from positions"))
+OUTSIDE = "starts outside what is certified"
+UNBOUNDED.append(({"start": {"x": 9 * FAR}}, OUTSIDE))
+UNBOUNDED.append(({"start": {"x": NEAR, "xi": 9 * FAR}}, OUTSIDE))
+
+
+@pytest.mark.parametrize(("given", "reason"), UNBOUNDED)
 def test_where_nothing_is_proved_about_a_run_no_bound_is_shown_and_the_reason_is(
     curved, given, reason: str
 ):
@@ -185,12 +190,8 @@ def test_where_nothing_is_proved_about_a_run_no_bound_is_shown_and_the_reason_is
         assert bound.sources == ()
         with pytest.raises(SpecError, match="no certified bound"):
             bound([0.0])
-    lines = [
-        line.get_label()
-        for ax in done.plot(certificate=certificate).figure.axes
-        for line in ax.get_lines()
-    ]
-    assert "certified bound on |e|∞" not in lines
+    for ax in done.plot(certificate=certificate).figure.axes:
+        assert DRAWN not in [line.get_label() for line in ax.get_lines()]
 
 
 def test_a_certificate_without_regions_bounds_nothing_and_says_what_to_ask_for():
@@ -212,11 +213,10 @@ def test_the_bound_is_drawn_as_far_as_the_integration_can_be_held_against_it():
     """A loop that decays like exp(-3 t): after 20 s the bound is 1e-26 of its start, and the run
     integration error."""
     problem = ring(disturbed=False)
-    run, certificate = dd.simulate(problem, t_final=20), dd.certify(problem)
+    run = dd.simulate(problem, t_final=20)
+    certificate = dd.certify(problem)
     errors = run.plot(certificate=certificate).figure.axes[-1]
-    line = next(
-        each for each in errors.get_lines() if each.get_label() == "certified bound on |e|∞"
-    )
+    line = next(each for each in errors.get_lines() if each.get_label() == DRAWN)
     bound = certificate.envelope(run)(line.get_xdata())
     assert np.array_equal(np.isnan(line.get_ydata()), bound < 1e-9 * bound[0])
     assert bound[-1] < 1e-20
@@ -224,11 +224,12 @@ def test_the_bound_is_drawn_as_far_as_the_integration_can_be_held_against_it():
 
 
 def test_a_settling_time_bounds_by_its_envelope():
-    problem = separable.problems()["observed, linear"]
-    certificate = Certificate(
-        problem=problem, claims=read_claims(separable.certificate("observed, linear", SEEN))
-    )
-    run = dd.simulate(problem, start={"x": [[1], [-1]], "xi": [[0.5], [-0.5]]}, t_final=6)
+    name = "observed, linear"
+    problem = separable.problems()[name]
+    claims = read_claims(separable.certificate(name, SEEN))
+    certificate = Certificate(problem=problem, claims=claims)
+    start = {"x": [[1], [-1]], "xi": [[0.5], [-0.5]]}
+    run = dd.simulate(problem, start=start, t_final=6)
     bound = certificate.envelope(run)
     assert set(bound.sources) == {"theorem1", "theorem1-weighted", "settling"}
     bound = only(certificate, "settling").envelope(run)
@@ -240,10 +241,9 @@ def test_a_settling_time_bounds_by_its_envelope():
 def relay(**changes) -> Problem:
     """Agents 2 and 3 hear the one before, each in one mode."""
     network = Network.from_arcs({"A": [[3, 2]], "B": [[2, 1]]}, arrow="listens_to", agents=3)
-    turns = {"guarantee": "dwell", "dwell": 1, "longest": "11/10"} | changes.pop("turns", {})
-    return Problem(
-        network=network, coupling="2*y", gains={1: 2}, switching=dd.Switching(**turns), **changes
-    )
+    turns = {"guarantee": "dwell", "dwell": 1, "longest": "11/10"}
+    switching = dd.Switching(**turns | changes.pop("turns", {}))
+    return Problem(network=network, coupling="2*y", gains={1: 2}, switching=switching, **changes)
 
 
 def by_hand(name: str, check: dict[str, object]) -> Certificate:
@@ -259,7 +259,8 @@ BY_HAND = {"pair": CUBIC, "chain, observed": OBSERVED, "chain": CHAINED}
 @pytest.mark.parametrize("name", BY_HAND)
 def test_weights_under_a_guarantee_bound_every_run_that_keeps_it(name: str):
     certificate = by_hand(name, BY_HAND[name])
-    problem, rate = certificate.problem, certificate.check("schedule").rate
+    problem = certificate.problem
+    rate = certificate.check("schedule").rate
     own = [{"stress": "worst"}] if name == "pair" else []
     for seed, changes in enumerate([*own, {}, {}, {}]):
         start = {"x": np.random.default_rng(seed).uniform(-1, 1, (problem.n, 1))}
@@ -273,56 +274,63 @@ def test_weights_under_a_guarantee_bound_every_run_that_keeps_it(name: str):
 def test_the_bound_by_weights_is_their_largest_over_their_least():
     """Between two times a quarter of a second apart the bound is that of the earlier weights at the
     later time."""
-    parts = [
-        np.array(A_STARTS, float) + k / 4 * (np.array(A_ENDS, float) - np.array(A_STARTS, float))
-        for k in range(5)
-    ]
-    often = retimed(
-        CHAINED, ["0", "1/4", "1/2", "3/4", "1"], *([f"{x:.6f}" for x in v] for v in parts)
-    )
-    certificate = by_hand("chain", often)
+    first = np.array(A_STARTS, float)
+    change = np.array(A_ENDS, float) - first
+    times = ["0", "1/4", "1/2", "3/4", "1"]
+    parts = list[list[str]]()
+    for k in range(5):
+        v = first + k / 4 * change
+        parts.append([f"{x:.6f}" for x in v])
+    certificate = by_hand("chain", retimed(CHAINED, times, *parts))
     assert dd.verify(certificate.claims, certificate.problem).holds
-    phases = [
-        (np.array(each.times, float), np.array(each.v, float)) for _, each in certificate.weights
-    ]
-    tallest = max((v.max(axis=1) * np.exp(certificate.rate * times)).max() for times, v in phases)
+    tallest = 0.0
+    for _, each in certificate.weights:
+        heights = np.array(each.v, float).max(axis=1)
+        decayed = heights * np.exp(certificate.rate * np.array(each.times, float))
+        tallest = max(tallest, decayed.max())
     run = dd.simulate(certificate.problem, start={"x": [[2], [0], [0]]}, t_final=1)
-    found = float(certificate.envelope(run)(0.0)) / (2 * tallest / phases[0][1][0].min())
+    least = min(map(float, certificate.weights[0][1].v[0]))
+    found = float(certificate.envelope(run)(0.0)) / (2 * tallest / least)
     assert 1 <= found < 1.1
 
 
 SEQUENCE = {"guarantee": "sequence", "longest": None}
 
 
-@pytest.mark.parametrize(
-    ("turns", "signal", "kept"),
-    [
-        ({}, dd.signals.Periodic(dwell=1.05), True),
-        ({}, dd.signals.Periodic(dwell=[1, 1.1]), True),
-        ({}, dd.signals.Periodic(dwell=[1, 1, 1], order=["A", "B", "A"]), False),
-        ({}, dd.signals.Periodic(dwell=[0.9, 1]), False),
-        ({}, dd.signals.Periodic(dwell=1.2), False),
-        ({}, dd.signals.RandomDwell(dwell=1), False),
-        ({}, dd.signals.RandomDwell(dwell=1.05, longest=1.1), True),
-        ({}, dd.signals.RandomDwell(dwell=0.9, longest=1.1), False),
-        ({}, dd.signals.RandomDwell(dwell=1, longest=1.2), False),
-        ({}, dd.signals.Fixed(), False),
-        ({}, dd.signals.Markov(generator=[[-1, 1], [1, -1]]), False),
-        (SEQUENCE, dd.signals.Periodic(dwell=1, order=["A", "B"]), True),
-        (SEQUENCE, dd.signals.Periodic(dwell=[1, 1, 1, 1], order=["A", "B", "A", "B"]), True),
-        (
-            SEQUENCE | {"sequence": ["A", "B", "A", "B"]},
-            dd.signals.Periodic(dwell=1, order=["A", "B", "A", "B"]),
-            True,
-        ),
-        (SEQUENCE, dd.signals.Periodic(dwell=[1, 1, 1, 1.1], order=["A", "B", "A", "B"]), False),
-        (SEQUENCE, dd.signals.Periodic(dwell=1, order=["A", "B", "A"]), False),
-        (SEQUENCE, dd.signals.Periodic(dwell=1, order=["B", "A"]), False),
-        (SEQUENCE, dd.signals.Periodic(dwell=2, order=["A", "B"]), False),
-        (SEQUENCE, dd.signals.RandomDwell(dwell=1), False),
-    ],
-    ids=str,
-)
+ORDER = ["A", "B"]
+TWICE = ["A", "B", "A", "B"]
+Periodic, RandomDwell = dd.signals.Periodic, dd.signals.RandomDwell
+#: Guarantees, and signals that keep them or do not.
+SIGNALS: list[tuple[dict, object, bool]] = []
+
+
+def signal(kept: bool, own: object, **turns) -> None:
+    """One more signal, under the guarantee of ``relay`` with these changes."""
+    SIGNALS.append((turns, own, kept))
+
+
+signal(True, Periodic(dwell=1.05))
+signal(True, Periodic(dwell=[1, 1.1]))
+signal(False, Periodic(dwell=[1, 1, 1], order=["A", "B", "A"]))
+signal(False, Periodic(dwell=[0.9, 1]))
+signal(False, Periodic(dwell=1.2))
+signal(False, RandomDwell(dwell=1))
+signal(True, RandomDwell(dwell=1.05, longest=1.1))
+signal(False, RandomDwell(dwell=0.9, longest=1.1))
+signal(False, RandomDwell(dwell=1, longest=1.2))
+signal(False, dd.signals.Fixed())
+signal(False, dd.signals.Markov(generator=[[-1, 1], [1, -1]]))
+signal(True, Periodic(dwell=1, order=ORDER), **SEQUENCE)
+signal(True, Periodic(dwell=[1, 1, 1, 1], order=TWICE), **SEQUENCE)
+signal(True, Periodic(dwell=1, order=TWICE), **SEQUENCE, sequence=TWICE)
+signal(False, Periodic(dwell=[1, 1, 1, 1.1], order=TWICE), **SEQUENCE)
+signal(False, Periodic(dwell=1, order=["A", "B", "A"]), **SEQUENCE)
+signal(False, Periodic(dwell=1, order=["B", "A"]), **SEQUENCE)
+signal(False, Periodic(dwell=2, order=ORDER), **SEQUENCE)
+signal(False, RandomDwell(dwell=1), **SEQUENCE)
+
+
+@pytest.mark.parametrize(("turns", "signal", "kept"), SIGNALS, ids=str)
 def test_a_run_under_another_signal_has_no_bound_by_the_guarantee(turns, signal, kept):
     problem = relay(turns=turns)
     run = dd.simulate(problem, signal=signal, t_final=1)
@@ -332,22 +340,16 @@ def test_a_run_under_another_signal_has_no_bound_by_the_guarantee(turns, signal,
 
 def test_weights_bound_no_run_in_one_mode():
     certificate = by_hand("pair", CUBIC)
-    run = dd.simulate(
-        certificate.problem, signal=dd.signals.Fixed(), start={"x": [[1], [0]]}, t_final=1
-    )
+    start = {"x": [[1], [0]]}
+    run = dd.simulate(certificate.problem, signal=dd.signals.Fixed(), start=start, t_final=1)
     assert certificate.envelope(run).reason == "the proof is not about the signal of the run"
 
 
 def test_a_settling_time_of_a_sequence_bounds_no_other_signal():
     certificate = by_hand("chain", GOES_ON)
-    start = {"x": [[1], [-1], [0]]}
-    assert (
-        "settling"
-        in certificate.envelope(dd.simulate(certificate.problem, start=start, t_final=2)).sources
-    )
-    stuck = dd.simulate(
-        certificate.problem, start=start, signal=dd.signals.Fixed(mode="A"), t_final=2
-    )
+    run = partial(dd.simulate, certificate.problem, start={"x": [[1], [-1], [0]]}, t_final=2)
+    assert "settling" in certificate.envelope(run()).sources
+    stuck = run(signal=dd.signals.Fixed(mode="A"))
     assert not certificate.envelope(stuck).sources
 
 
@@ -368,11 +370,12 @@ def test_times_without_a_meaning_are_refused(curved, times):
 def test_the_report_draws_the_bound_and_says_whose_it_is(curved):
     """Where the start is not covered, the slope of the rate stands there, as a slope."""
     problem, certificate = curved
-    picture = error_picture(only(certificate, "max-separable"), dd.simulate(problem, t_final=2))
+    box = only(certificate, "max-separable")
+    picture = error_picture(box, dd.simulate(problem, t_final=2))
     assert picture.caption.endswith("Dashed: certified upper bound for this start (max-separable).")
     assert "certified bound" in svg_of(picture)
     outside = dd.simulate(problem, start={"x": 3 * FAR}, t_final=2)
-    picture = error_picture(only(certificate, "max-separable"), outside)
+    picture = error_picture(box, outside)
     assert picture.caption.endswith("the slope of the certified rate, for comparison.")
     assert "certified bound" not in svg_of(picture)
 
@@ -404,12 +407,12 @@ def test_a_run_that_does_not_say_of_which_problem_it_is_has_no_bound(curved):
 def test_the_certified_period_is_that_of_a_proved_check(curved):
     problem, certificate = curved
     claims = certificate.claims
-    assert (
-        certified_period(loop_of(problem), claims) == certificate.check("sampling").claim.period > 0
-    )
+    loop = loop_of(problem)
+    sampling = certificate.check("sampling")
+    period = sampling.claim.period
+    assert certified_period(loop, claims) == period > 0
+    place = claims.checks.index(sampling)
     for verdict in (Verdict.UNDECIDED, Verdict.REFUTED):
-        checks = tuple(
-            replace(each, verdict=verdict) if each.id == "sampling" else each
-            for each in claims.checks
-        )
-        assert certified_period(loop_of(problem), replace(claims, checks=checks)) is None
+        checks = list(claims.checks)
+        checks[place] = replace(sampling, verdict=verdict)
+        assert certified_period(loop, replace(claims, checks=tuple(checks))) is None

@@ -5,6 +5,7 @@ import json
 from contextlib import nullcontext
 from fractions import Fraction
 from functools import cache
+from itertools import product
 from typing import Any
 
 import control
@@ -54,18 +55,16 @@ def oscillators(gain: Any = 2, **more: Any) -> Problem:
     speeds."""
     own = Dynamics(A=[[0, 1], [-1, 0]], B=[[0], [1]])
     gains = {1: [[0, gain]]} if gain else None
-    return Problem(
-        **{"network": RING, "coupling": "y2", "gains": gains, "dynamics": own, "leader": SQUARE}
-        | more
-    )
+    given: dict[str, Any] = {"network": RING, "leader": SQUARE}
+    given |= {"coupling": "y2", "gains": gains, "dynamics": own}
+    return Problem(**given | more)
 
 
 def spiking(gain: Any = 2, **more: Any) -> Problem:
     """FitzHugh-Nagumo nodes that fire, all pinned to a leader that does."""
-    return Problem(
-        **{"network": RING, "coupling": "y", "gains": gain, "dynamics": SPIKES, "leader": SQUARE}
-        | more
-    )
+    given: dict[str, Any] = {"network": RING, "leader": SQUARE}
+    given |= {"coupling": "y", "gains": gain, "dynamics": SPIKES}
+    return Problem(**given | more)
 
 
 # at the target f = (1/2, 0.056): it moves off, in a box whose face f touches at a corner
@@ -74,35 +73,33 @@ AT_REST = {"initial": [0, 0]}
 
 def touching() -> Problem:
     """Agent 1 is pinned to the leader in its first state, and agent 2 hears agent 1."""
-    line, own = (
-        Network.from_arcs([[2, 1]], arrow="listens_to", agents=2),
-        Dynamics(f=list(SPIKES.f or ()), B=[[1], [0]]),
-    )
-    return Problem(
-        network=line, coupling="6*y1", gains={1: [[10, 0]]}, dynamics=own, leader=AT_REST
-    )
+    line = Network.from_arcs([[2, 1]], arrow="listens_to", agents=2)
+    own = Dynamics(f=list(SPIKES.f or ()), B=[[1], [0]])
+    gains = {1: [[10, 0]]}
+    return Problem(network=line, coupling="6*y1", gains=gains, dynamics=own, leader=AT_REST)
 
 
 PROVED, REFUTED, UNDECIDED = Verdict.PROVED, Verdict.REFUTED, Verdict.UNDECIDED
-CASES = {
-    "oscillators": (oscillators(), PROVED, "linearisation"),
-    "touching": (touching(), PROVED, "lure"),
-    "seen": (oscillators(**SEEN), PROVED, "linearisation"),
-    "in formation": (oscillators(offsets={2: [1, 0]}), PROVED, "linearisation"),
-    "in a region": (oscillators(region={"initial_states": [-9, 9]}), PROVED, "linearisation"),
-    "pushed": (oscillators(-2), REFUTED, None),
-    # e alike in all agents obeys e' = A e, and A turns it
-    "nobody pinned": (oscillators(0), REFUTED, None),
-    "spiking": (spiking(), PROVED, "lure"),
-    # f_1 = 0 at two corners of the box, which are no floating-point numbers
-    "along a face": (
-        spiking(dynamics=Dynamics(f=["x2 - x1", "-x1/2 - x2 - x2**3"]), leader=TENTHS),
-        PROVED,
-        "lure",
-    ),
-    "let go": (spiking("9/10"), UNDECIDED, None),  # where |s_1| < 1/4 all errors alike grow
-    "no box": (spiking(leader=SQUARE | {"stays_in": [[-1, 1], [-1, 1]]}), UNDECIDED, None),
-}
+LINEAR = "linearisation"
+#: A problem, what is decided, and the check that proves it.
+CASES: dict[str, tuple[Problem, Verdict, str | None]] = {}
+CASES["oscillators"] = (oscillators(), PROVED, LINEAR)
+CASES["touching"] = (touching(), PROVED, "lure")
+CASES["seen"] = (oscillators(**SEEN), PROVED, LINEAR)
+CASES["in formation"] = (oscillators(offsets={2: [1, 0]}), PROVED, LINEAR)
+WIDE = {"initial_states": [-9, 9]}
+CASES["in a region"] = (oscillators(region=WIDE), PROVED, LINEAR)
+CASES["pushed"] = (oscillators(-2), REFUTED, None)
+# e alike in all agents obeys e' = A e, and A turns it
+CASES["nobody pinned"] = (oscillators(0), REFUTED, None)
+CASES["spiking"] = (spiking(), PROVED, "lure")
+# f_1 = 0 at two corners of the box, which are no floating-point numbers
+FACES = Dynamics(f=["x2 - x1", "-x1/2 - x2 - x2**3"])
+CASES["along a face"] = (spiking(dynamics=FACES, leader=TENTHS), PROVED, "lure")
+# where |s_1| < 1/4 all errors alike grow
+CASES["let go"] = (spiking("9/10"), UNDECIDED, None)
+SMALL = SQUARE | {"stays_in": [[-1, 1], [-1, 1]]}
+CASES["no box"] = (spiking(leader=SMALL), UNDECIDED, None)
 
 
 @cache
@@ -110,14 +107,12 @@ def certified(name: str) -> Certificate:
     return certify(CASES[name][0])
 
 
-LONG = {
-    "along a face": pytest.mark.slow,
-    "let go": pytest.mark.slow,
-    "spiking": pytest.mark.evidence,
-}
+LONG = {"along a face": pytest.mark.slow, "let go": pytest.mark.slow}
+LONG["spiking"] = pytest.mark.evidence
+NAMES = [pytest.param(name, marks=LONG.get(name, ())) for name in CASES]
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=LONG.get(name, ())) for name in CASES])
+@pytest.mark.parametrize("name", NAMES)
 def test_both_programs_agree_on_who_follows(name: str):
     problem, verdict, by = CASES[name]
     certificate = certified(name)
@@ -131,9 +126,8 @@ def test_both_programs_agree_on_who_follows(name: str):
 
 def test_a_linear_leader_leaves_the_claims_of_a_constant_target():
     """e' does not depend on s: everything but the region is that of the target 0."""
-    led, still = (
-        certify(oscillators(**given)) for given in ({}, {"leader": None, "target": [0, 0]})
-    )
+    led = certify(oscillators())
+    still = certify(oscillators(leader=None, target=[0, 0]))
     assert [each.exact for each in led.checks] == [each.exact for each in still.checks]
     assert led.rate == still.rate
 
@@ -142,20 +136,24 @@ def test_why_nothing_is_proved_is_said():
     no_box = certified("no box").check("lure").reason
     assert no_box.startswith("does not apply: [leader] stays_in is not shown to be invariant")
     alone = Network.from_arcs([], arrow="listens_to", agents=1)
-    cubic = {"dynamics": Dynamics(f=["x - x**3"]), "leader": {"initial": 0, "stays_in": [-1, 1]}}
-    let_go = certify(spiking("9/10", network=alone, **cubic))  # where |s| < 1/6 the error grows
-    assert let_go.verdict is UNDECIDED and "no quadratic V" in let_go.check("lure").reason
+    cubic = Dynamics(f=["x - x**3"])
+    led = {"initial": 0, "stays_in": [-1, 1]}
+    # where |s| < 1/6 the error grows
+    let_go = certify(spiking("9/10", network=alone, dynamics=cubic, leader=led))
+    assert let_go.verdict is UNDECIDED
+    assert "no quadratic V" in let_go.check("lure").reason
     undamped = Dynamics(f=["x2", "-x1 - x1**3"])
-    lost = certify(spiking(99, network=alone, dynamics=undamped, leader={"initial": [1, 1]})).check(
-        "lure"
-    )
-    assert "could not be enclosed in a box; give [leader] stays_in" in lost.reason
+    led = {"initial": [1, 1]}
+    lost = certify(spiking(99, network=alone, dynamics=undamped, leader=led))
+    told = "could not be enclosed in a box; give [leader] stays_in"
+    assert told in lost.check("lure").reason
 
 
 def test_the_region_is_asked_for_wherever_the_leader_starts():
     """max |lo - s|, |hi - s| by hand: x in [-3, 5], s in [-1, 2]; x in [0, 1], s in [-2, -2]."""
     region = {"initial_states": [[-3, 5], [0, 1]]}
-    led = oscillators(region=region, leader={"initial": [[-1, 2], -2]}, offsets={2: [1, 0]})
+    leader = {"initial": [[-1, 2], -2]}
+    led = oscillators(region=region, leader=leader, offsets={2: [1, 0]})
     assert asked_radius(loop_of(led)) == (6, 3)
 
 
@@ -164,31 +162,39 @@ def flow(time: float, s: Any) -> list[float]:
     return [s[0] - s[0] ** 3 / 3 - s[1] + 0.5, 0.08 * (s[0] + 0.7 - 0.8 * s[1])]
 
 
-@pytest.mark.parametrize(
-    ("box", "left"),
-    [
-        ([[-3, 3], ["-4.7", "4.7"]], []),
-        # On x1 = 3 f1 = -5.5 - x2, on x1 = -3 6.5 - x2: the twins just fail.
-        ([[-3, 3], ["-5.5", "6.5"]], []),
-        ([[-3, 3], ["-5.51", "6.5"]], [(0, True)]),
-        ([[-3, 3], ["-5.5", "6.51"]], [(0, False)]),
-        # On x2 = hi f2 has the sign of x1 + 0.7 - 0.8 hi.
-        ([[-3, 3], ["-4.7", "4.625"]], []),
-        ([[-3, 3], ["-4.7", "4.624"]], [(1, True)]),
-        ([[-3, 3], ["-2.874", "4.7"]], [(1, False)]),
-        # On x2 = -3 f2 = 0.08 (x1 + 3.1) is 0 at the corner.
-        ([["-3.1", "2.7"], [-3, "4.5"]], []),
-        ([["-3.11", "2.7"], [-3, "4.5"]], [(1, False)]),
-    ],
-)
+#: Boxes, and the faces (component, upper) through which solutions leave them.
+BOXES: list[tuple[Any, list[tuple[int, bool]]]] = []
+
+
+def box_of(first: Any, second: Any, *left: tuple[int, bool]) -> None:
+    """One more box."""
+    BOXES.append(([first, second], list(left)))
+
+
+X = [-3, 3]
+box_of(X, ["-4.7", "4.7"])
+# On x1 = 3 f1 = -5.5 - x2, on x1 = -3 6.5 - x2: the twins just fail.
+box_of(X, ["-5.5", "6.5"])
+box_of(X, ["-5.51", "6.5"], (0, True))
+box_of(X, ["-5.5", "6.51"], (0, False))
+# On x2 = hi f2 has the sign of x1 + 0.7 - 0.8 hi.
+box_of(X, ["-4.7", "4.625"])
+box_of(X, ["-4.7", "4.624"], (1, True))
+box_of(X, ["-2.874", "4.7"], (1, False))
+# On x2 = -3 f2 = 0.08 (x1 + 3.1) is 0 at the corner.
+box_of(["-3.1", "2.7"], [-3, "4.5"])
+box_of(["-3.11", "2.7"], [-3, "4.5"], (1, False))
+
+
+@pytest.mark.parametrize(("box", "left"), BOXES)
 def test_a_box_is_invariant_where_f_points_inwards_on_its_faces(box: Any, left: Any):
     """The twin that just fails is left by a solution that begins at a corner."""
     sides = tuple(Interval(Fraction(lo), Fraction(hi)) for lo, hi in box)
     assert list(open_faces(SPIKES, sides)) == left
-    corners = [[x, y] for x in map(float, box[0]) for y in map(float, box[1])]
-    ends = [
-        solve_ivp(flow, (0, 1e-5), corner, rtol=1e-12, atol=1e-14).y[:, -1] for corner in corners
-    ]
+    ends = []
+    for corner in product(map(float, box[0]), map(float, box[1])):
+        run = solve_ivp(flow, (0, 1e-5), corner, rtol=1e-12, atol=1e-14)
+        ends.append(run.y[:, -1])
     low, high = np.array(box, dtype=float).T
     outside = any((end < low - 1e-12).any() or (end > high + 1e-12).any() for end in ends)
     assert outside is bool(left)
@@ -206,8 +212,10 @@ def test_a_box_is_found_in_which_solutions_stay():
     low, high = np.array([[float(side.lo), float(side.hi)] for side in box]).T
     for start in np.random.default_rng(0).uniform(low, high, (8, 2)):
         states = solve_ivp(flow, (0, 40), start, rtol=1e-9).y.T
-        assert (states >= low - 1e-6).all() and (states <= high + 1e-6).all()
-    given = Leader(initial=leader.initial, stays_in=tuple((side.lo, side.hi) for side in box))
+        assert (states >= low - 1e-6).all()
+        assert (states <= high + 1e-6).all()
+    sides = tuple((side.lo, side.hi) for side in box)
+    given = Leader(initial=leader.initial, stays_in=sides)
     assert enclosure(SPIKES, given) == box
 
 
@@ -216,46 +224,43 @@ def test_slopes_of_nodes_hold_those_between_leader_and_agents():
     2)^2, 1]."""
     own = Dynamics(f=["x - x**3"])
     problem = spiking(4, dynamics=own, leader={"initial": 0, "stays_in": [-1, 1]})
-    ((found,),) = slopes_of_node(loop_of(problem), (Interval(Fraction(-2), Fraction(2)),))
+    errors = Interval(Fraction(-2), Fraction(2))
+    ((found,),) = slopes_of_node(loop_of(problem), (errors,))
     s, e = np.random.default_rng(0).uniform([[-1], [-2]], [[1], [2]], (2, 500))
     means = 1 - 3 * s**2 - 3 * s * e - e**2
-    assert float(found.lo) <= means.min() and means.max() <= float(found.hi)
-    assert found.contains(Interval(Fraction(-26), Fraction(1))) and found.width < Fraction(
-        2701, 100
-    )
+    assert float(found.lo) <= means.min()
+    assert means.max() <= float(found.hi)
+    assert found.contains(Interval(Fraction(-26), Fraction(1)))
+    assert found.width < Fraction(2701, 100)
 
 
 # --- files and runs
 def test_a_file_keeps_the_leader_and_the_box_that_was_found():
     problem = spiking()
-    table = json.loads(canonical_bytes(problem))["leader"]
-    assert table["initial"] == [["-1", "1"], ["-1", "1"]] and len(table["stays_in"]) == 2
-    again = problem_from_canonical(canonical_bytes(problem))
-    assert canonical_bytes(again) == canonical_bytes(problem)
-    assert "stays_in" not in json.loads(canonical_bytes(oscillators()))["leader"]
+    document = canonical_bytes(problem)
+    table = json.loads(document)["leader"]
+    assert table["initial"] == [["-1", "1"], ["-1", "1"]]
+    assert len(table["stays_in"]) == 2
+    assert canonical_bytes(problem_from_canonical(document)) == document
+    linear = json.loads(canonical_bytes(oscillators()))
+    assert "stays_in" not in linear["leader"]
     assert "leader" not in json.loads(canonical_bytes(load_problem("platoon")))
 
 
-MISTAKES = {
-    "leader needs \\[dynamics\\]": {
-        "dynamics": None,
-        "coupling": "y",
-        "gains": 1,
-        "target": [0, 0],
-    },
-    "target must be left out, or 0": {"target": [1, 0]},
-    "leader.stays_in": {"leader": SQUARE | {"stays_in": [[-9, 9], [-9, 9]]}},
-    "leader.initial": {"leader": {"initial": [1]}},
-    "leader.start is an unknown key": {"leader": {"start": [0, 0]}},
-    "leader.stays_in must hold leader.initial": {
-        "dynamics": SPIKES,
-        "coupling": "y",
-        "gains": 1,
-        "leader": SQUARE | {"stays_in": [[-1, 1], ["-1/2", 1]]},
-    },
-    "formation": {"dynamics": SPIKES, "coupling": "y", "gains": 1, "offsets": {1: [1, 0]}},
-    "formation.offsets.2 must be an equilibrium": {"offsets": {2: [0, 1]}},
-}
+CURVED = {"dynamics": SPIKES, "coupling": "y", "gains": 1}
+NO_DYNAMICS = {"dynamics": None, "coupling": "y", "gains": 1}
+LEFT = SQUARE | {"stays_in": [[-9, 9], [-9, 9]]}
+APART = SQUARE | {"stays_in": [[-1, 1], ["-1/2", 1]]}
+#: What is told of a mistake, by what an oscillator is given in place of its own.
+MISTAKES: dict[str, dict[str, Any]] = {}
+MISTAKES["leader needs \\[dynamics\\]"] = NO_DYNAMICS | {"target": [0, 0]}
+MISTAKES["target must be left out, or 0"] = {"target": [1, 0]}
+MISTAKES["leader.stays_in"] = {"leader": LEFT}
+MISTAKES["leader.initial"] = {"leader": {"initial": [1]}}
+MISTAKES["leader.start is an unknown key"] = {"leader": {"start": [0, 0]}}
+MISTAKES["leader.stays_in must hold leader.initial"] = CURVED | {"leader": APART}
+MISTAKES["formation"] = CURVED | {"offsets": {1: [1, 0]}}
+MISTAKES["formation.offsets.2 must be an equilibrium"] = {"offsets": {2: [0, 1]}}
 
 
 @pytest.mark.parametrize("told", MISTAKES)
@@ -267,58 +272,61 @@ def test_a_mistake_is_named(told: str):
 @pytest.mark.slow
 def test_other_claims_beside_the_problem_with_another_leader_fail():
     certificate = certified("spiking")
-    assert not verify(certificate, spiking(leader={"initial": [[-2, 1], [-1, 1]]})).holds
+    other = spiking(leader={"initial": [[-2, 1], [-1, 1]]})
+    assert not verify(certificate, other).holds
     assert b'"lure"' in certificate_bytes(certificate.claims)
 
 
 @pytest.mark.parametrize("problem", [oscillators(**SEEN), spiking(4)], ids=["linear", "nonlinear"])
 def test_runs_are_those_of_the_whole_loop_and_stay_below_what_is_proved(problem: Problem):
     """x, xi, xihat and s by SciPy, x' = A x or f(x) plus B (h + u + d), u = -K (x - s) - dhat."""
-    run, own, n = simulate(problem, t_final=6, samples=13, seed=3), problem.dynamics, problem.n
+    run = simulate(problem, t_final=6, samples=13, seed=3)
+    n = problem.n
+    own = problem.dynamics
     assert own is not None
     B = np.array(own.B, dtype=float)
-    A = np.zeros((2, 2)) if own.A is None else np.array(own.A, dtype=float)
-    K = [
-        np.array(problem.pinning.gains.get(i, np.zeros((B.shape[1], 2))), dtype=float)
-        for i in range(n)
-    ]
-    S, C, W = (np.zeros((0, 0)), np.zeros((1, 0)), np.zeros((0, 1)))
+    A = None if own.A is None else np.array(own.A, dtype=float)
+    nothing = np.zeros((B.shape[1], 2))
+    K = [np.array(problem.pinning.gains.get(i, nothing), dtype=float) for i in range(n)]
+    S, C, W = np.zeros((0, 0)), np.zeros((1, 0)), np.zeros((0, 1))
     if problem.exosystem is not None:
-        S, C, W = (
-            np.array(x, dtype=float)
-            for x in (problem.exosystem.A, problem.exosystem.C, problem.observer.W)
-        )
+        S = np.array(problem.exosystem.A, dtype=float)
+        C = np.array(problem.exosystem.C, dtype=float)
+        W = np.array(problem.observer.W, dtype=float)
+    q = len(S)
 
     def moved(x: Any) -> Any:
-        return np.array([flow(0, each) for each in x]) if own.A is None else x @ A.T
+        if A is None:
+            return np.array([flow(0, each) for each in x])
+        return x @ A.T
 
     def slope(_: float, state: Any) -> Any:
-        x, xi, eps, s = np.split(state, [2 * n, 2 * n + n * len(S), 2 * n + 2 * n * len(S)])
-        x, xi, eps = x.reshape(n, 2), xi.reshape(n, -1), eps.reshape(n, -1)
-        u = -np.array([k @ (each - s) for k, each in zip(K, x, strict=True)]) - (xi - eps) @ C.T
+        x, xi, eps, s = np.split(state, [2 * n, (2 + q) * n, (2 + 2 * q) * n])
+        x = x.reshape(n, 2)
+        xi = xi.reshape(n, -1)
+        eps = eps.reshape(n, -1)
+        pulls = [k @ (each - s) for k, each in zip(K, x, strict=True)]
+        u = -np.array(pulls) - (xi - eps) @ C.T
         heard = x[[2, 0, 1]] - x
-        x_dot = moved(x) + ((heard[:, 1:] if own.A else heard) + u + xi @ C.T) @ B.T
-        return np.concatenate(
-            [x_dot.ravel(), (xi @ S.T).ravel(), (eps @ (S - W @ C).T).ravel(), moved(s[None])[0]]
-        )
+        # oscillators are coupled by their speeds
+        felt = heard if A is None else heard[:, 1:]
+        x_dot = moved(x) + (felt + u + xi @ C.T) @ B.T
+        xi_dot = xi @ S.T
+        eps_dot = eps @ (S - W @ C).T
+        parts = (x_dot, xi_dot, eps_dot, moved(s[None])[0])
+        return np.concatenate([part.ravel() for part in parts])
 
-    start = [run.x[0], run.xi[0], run.xi[0] - run.xihat[0], run.leader[0]]
-    whole = solve_ivp(
-        slope,
-        (0, 6),
-        np.concatenate([each.ravel() for each in start]),
-        t_eval=run.times,
-        rtol=1e-10,
-        atol=1e-12,
-    )
-    assert np.abs(whole.y[: 2 * n].T.reshape(-1, n, 2) - run.x).max() < 1e-7
+    start = (run.x[0], run.xi[0], run.xi[0] - run.xihat[0], run.leader[0])
+    first = np.concatenate([each.ravel() for each in start])
+    whole = solve_ivp(slope, (0, 6), first, t_eval=run.times, rtol=1e-10, atol=1e-12)
+    x = whole.y[: 2 * n].T.reshape(-1, n, 2)
+    assert np.abs(x - run.x).max() < 1e-7
     assert np.abs(whole.y[-2:].T - run.leader).max() < 1e-7
     many = simulate(problem, runs=2, t_final=6, samples=13, seed=3)
-    assert (
-        np.abs(many.states[0] - run.x).max() < 1e-7
-        and np.abs(many.leader[0] - run.leader).max() < 1e-7
-    )
-    assert run.error()[-1] < run.error()[0] / 2 and abs(run.leader[-1]).max() > 0.1
+    assert np.abs(many.states[0] - run.x).max() < 1e-7
+    assert np.abs(many.leader[0] - run.leader).max() < 1e-7
+    assert run.error()[-1] < run.error()[0] / 2
+    assert abs(run.leader[-1]).max() > 0.1
 
 
 @pytest.mark.parametrize(
@@ -327,20 +335,24 @@ def test_runs_are_those_of_the_whole_loop_and_stay_below_what_is_proved(problem:
 def test_python_control_and_casadi_have_the_same_loop(problem: Problem):
     """A response of the first is the run, whose s it has as states; the second has s as an
     input."""
-    run, loop = simulate(problem, t_final=3, samples=7), export.to_control(problem)
+    run = simulate(problem, t_final=3, samples=7)
+    loop = export.to_control(problem)
     tight = {"rtol": 1e-9, "atol": 1e-11}
-    response = control.input_output_response(
-        loop, run.times, 0, loop.start_of(run), solve_ivp_kwargs=tight
-    )
-    assert np.abs(response.outputs[: 2 * problem.n].T.reshape(run.x.shape) - run.x).max() < 1e-6
-    model, z = build_model(problem), run.xihat[3] - run.x[3] @ loop.loop.W.T
+    first = loop.start_of(run)
+    response = control.input_output_response(loop, run.times, 0, first, solve_ivp_kwargs=tight)
+    x = response.outputs[: 2 * problem.n].T.reshape(run.x.shape)
+    assert np.abs(x - run.x).max() < 1e-6
+    model = build_model(problem)
+    z = run.xihat[3] - run.x[3] @ loop.loop.W.T
     parts = [run.x[3].ravel(), run.xi[3].ravel(), z.ravel(), run.leader[3]]
     slopes = [np.ravel(each) for each in model.closed_loop(*parts)]
     known = loop.dynamics(0, np.concatenate(parts), np.zeros(loop.ninputs))
     assert np.abs(np.concatenate(slopes) - known).max() < 1e-12
     eps = (run.xi - run.xihat)[3].ravel()
-    e_dot = np.ravel(model.error_dynamics(run.errors()[3].ravel(), eps, run.leader[3])[0])
-    assert np.abs(slopes[0] - np.tile(slopes[3], problem.n) - e_dot).max() < 1e-12
+    e = run.errors()[3].ravel()
+    e_dot = np.ravel(model.error_dynamics(e, eps, run.leader[3])[0])
+    moves = np.tile(slopes[3], problem.n)
+    assert np.abs(slopes[0] - moves - e_dot).max() < 1e-12
 
 
 @pytest.mark.parametrize(
@@ -361,13 +373,14 @@ def test_what_knows_no_leader_refuses_it(refused: Any):
 @pytest.mark.slow
 def test_errors_near_a_leader_stay_below_the_bound_of_the_certificate(tmp_path: Any):
     problem = spiking(4, leader={"initial": ["1/2", "1/4"]})
-    certificate, rng = certify(problem), np.random.default_rng(1)
-    start = (
-        np.array([0.5, 0.25])
-        + rng.uniform(-1, 1, (3, 2)) * certificate.check("lure").domain.radius / 3
-    )
+    certificate = certify(problem)
+    radius = certificate.check("lure").domain.radius
+    drawn = np.random.default_rng(1).uniform(-1, 1, (3, 2))
+    start = np.array([0.5, 0.25]) + drawn * radius / 3
     run = simulate(problem, start=start, t_final=8)
     bound = certificate.envelope(run)
-    assert bound.sources and (run.error() <= bound(run.times)).all()
-    assert (run.error() > 0).all() and certificate.rate > 0.5
+    assert bound.sources
+    assert (run.error() <= bound(run.times)).all()
+    assert (run.error() > 0).all()
+    assert certificate.rate > 0.5
     run.plot(certificate=certificate).save(tmp_path / "run.png")

@@ -46,9 +46,15 @@ def searched(*args, **more):
 
 
 def region(lo, hi, disturbance=None):
-    return {"initial_states": [lo, hi]} | (
-        {} if disturbance is None else {"initial_disturbance": disturbance}
-    )
+    asked = {"initial_states": [lo, hi]}
+    if disturbance is not None:
+        asked["initial_disturbance"] = disturbance
+    return asked
+
+
+def overall(each, checks, W=None):
+    """The verdict of these checks."""
+    return decide_overall(loop_of(each), checks, W).verdict
 
 
 def test_lemma_1_takes_the_place_of_theorem_1_without_an_exosystem():
@@ -70,12 +76,14 @@ def test_lemma_1_has_to_hold_in_every_mode_and_the_slowest_speaks():
     two = {"a": PAIR, "b": [[1, 2]]}
     certificate = consensus(problem(two, gains={1: 2, 2: 2}))
     assert certificate.verdict is PROVED
-    plain = min(c.rate for c in certificate.checks if c.id == "lemma1")
+    plain = min(certificate.check("lemma1", mode).rate for mode in two)
     assert certificate.covered_by == "theorem2-weighted"
-    assert plain < certificate.rate <= 2  # the eigenvalues are 2 and 4, 2 and 3
-    failing = problem({"a": PAIR, "b": [[1, 2, 50]]}, gains=1)
-    assert [c.verdict for c in consensus(failing).checks if c.id == "lemma1"] == [PROVED, REFUTED]
-    assert consensus(failing).covered_by == "theorem2-weighted"
+    # the eigenvalues are 2 and 4, 2 and 3
+    assert plain < certificate.rate <= 2
+    failing = consensus(problem({"a": PAIR, "b": [[1, 2, 50]]}, gains=1))
+    assert failing.check("lemma1", "a").verdict is PROVED
+    assert failing.check("lemma1", "b").verdict is REFUTED
+    assert failing.covered_by == "theorem2-weighted"
 
 
 def test_a_local_proof_never_covers_a_region():
@@ -103,42 +111,49 @@ def made_up(domain, **more):
     return Check(id="lure", verdict=PROVED, domain=where, reason="", margin=0.0, rate=1.0, **more)
 
 
-@pytest.mark.parametrize(
-    ("domain", "answer"),
-    [
-        ({"kind": "box", "radius": 4.0, "disturbance": 0.5}, True),
-        ({"kind": "box", "radius": 3.999, "disturbance": 0.5}, False),
-        ({"kind": "box", "radius": 4.0, "disturbance": 0.4999}, False),
-        ({"kind": "box", "radius": 4.0}, False),
-        # 16 * 2 agents, sqrt(32) = 5.65685...
-        ({"kind": "ball", "radius": 5.6569, "disturbance": 1}, True),
-        ({"kind": "ball", "radius": 5.6568, "disturbance": 1}, False),
-        ({"kind": "ball", "radius": -5.6569, "disturbance": 1}, False),
-        ({"kind": "cube", "radius": 100.0, "disturbance": 1}, False),
-        ({"radius": 100.0, "disturbance": 1}, False),
-        ("consensus", False),
-        ("global", True),
-    ],
-)
+#: Domains as a certificate has them, and whether they hold what is asked below.
+DOMAINS = []
+
+
+def domain(answer, kind, radius, disturbance=None):
+    """One more domain."""
+    found = {"kind": kind, "radius": radius}
+    if disturbance is not None:
+        found["disturbance"] = disturbance
+    DOMAINS.append((found, answer))
+
+
+domain(True, "box", 4.0, 0.5)
+domain(False, "box", 3.999, 0.5)
+domain(False, "box", 4.0, 0.4999)
+domain(False, "box", 4.0)
+# 16 * 2 agents, sqrt(32) = 5.65685...
+domain(True, "ball", 5.6569, 1)
+domain(False, "ball", 5.6568, 1)
+domain(False, "ball", -5.6569, 1)
+domain(False, "cube", 100.0, 1)
+DOMAINS.append(({"radius": 100.0, "disturbance": 1}, False))
+DOMAINS.append(("consensus", False))
+DOMAINS.append(("global", True))
+
+
+@pytest.mark.parametrize(("domain", "answer"), DOMAINS)
 def test_coverage_is_compared_exactly(domain, answer):
     """R_c = max |lo - xbar|, |hi - xbar| = 4; a ball needs R^2 >= n sum R_c^2."""
     asked = problem(h="tanh(y)", exosystem=CONSTANT, target=1, region=region(0, 5, 0.5))
     check = made_up(domain)
     assert covers(loop_of(asked), check, [check]) is answer
-    assert decide_overall(loop_of(asked), [check], None).verdict is (
-        PROVED if answer else UNDECIDED
-    )
+    assert overall(asked, [check]) is (PROVED if answer else UNDECIDED)
 
 
 def test_a_radius_that_is_a_decimal_is_read_as_its_text():
     """0.1 + 0.2 is 0.30000000000000004 as it is written, and 0.1 is 1/10."""
     asked = problem(h="tanh(y)", region=region(0, "1/10"))
-    assert covers(loop_of(asked), made_up({"kind": "box", "radius": 0.1, "disturbance": 0.0}), [])
-    assert not covers(
-        loop_of(asked),
-        made_up({"kind": "box", "radius": 0.09999999999999999, "disturbance": 0.0}),
-        [],
-    )
+    box = {"kind": "box", "disturbance": 0.0}
+    enough = made_up(box | {"radius": 0.1})
+    assert covers(loop_of(asked), enough, [])
+    less = made_up(box | {"radius": 0.09999999999999999})
+    assert not covers(loop_of(asked), less, [])
     # formation offsets enlarge the radius that is asked for
     asked = problem(h="tanh(y)", target=1, offsets={2: -3}, region=region(0, 5))
     assert asked_radius(loop_of(asked)) == (Fraction(7),)
@@ -146,8 +161,9 @@ def test_a_radius_that_is_a_decimal_is_read_as_its_text():
 
 def test_agents_out_of_reach_in_all_modes_refute():
     assert verdict(gains=None) is REFUTED
-    assert verdict([[1, 2], [2, 1], [3, 4], [4, 3]], gains={1: 1}) is REFUTED
-    assert verdict([[1, 2], [2, 1], [3, 4], [4, 3]], gains={1: 1, 4: 1}) is PROVED
+    two_pairs = [[1, 2], [2, 1], [3, 4], [4, 3]]
+    assert verdict(two_pairs, gains={1: 1}) is REFUTED
+    assert verdict(two_pairs, gains={1: 1, 4: 1}) is PROVED
     # h(0) = 0 is enough: together they stay
     assert verdict(h="clip(y, -1, 1)", gains=None) is REFUTED
     assert verdict(h="clip(y, -1, 1)", gains={1: 1}) is UNDECIDED
@@ -159,14 +175,13 @@ def test_agents_out_of_reach_in_one_mode_only_leave_the_whole_undecided():
     asked = problem(modes, gains={1: 1})
     certificate = consensus(asked)
     assert certificate.verdict is UNDECIDED
-    silent = [replace(check, reason="") for check in certificate.checks]  # texts never decide
-    assert decide_overall(loop_of(asked), silent, None).verdict is UNDECIDED
-    assert (
-        certificate.check("reachability", "a").verdict
-        is certificate.check("reachability", "b").verdict
-        is REFUTED
-    )
-    assert verdict({"a": [[3, 2]]}, gains={3: 1}) is REFUTED  # 2 is heard, but hears nobody
+    # texts never decide
+    silent = [replace(check, reason="") for check in certificate.checks]
+    assert overall(asked, silent) is UNDECIDED
+    for mode in modes:
+        assert certificate.check("reachability", mode).verdict is REFUTED
+    # 2 is heard, but hears nobody
+    assert verdict({"a": [[3, 2]]}, gains={3: 1}) is REFUTED
     assert consensus(linked([], 1, gains=1)).verdict is PROVED
     assert consensus(linked([], 1)).verdict is REFUTED
 
@@ -187,78 +202,70 @@ def test_a_given_gain_refutes_where_its_error_reaches_the_agents_and_a_designed_
     for w, answer in ((-1, REFUTED), (0, REFUTED), (1, PROVED)):
         assert verdict(exosystem=CONSTANT, observer=Observer(W=[[w]])) is answer
     exosystem = Exosystem(A=[[0, 0], [0, 1]], C=[[1, 0]])
-    good, bad = Observer(W=[[1], [0]]), Observer(W=[[-1], [0]])
-    assert verdict(exosystem=exosystem, observer=good) is UNDECIDED
-    assert verdict(exosystem=exosystem, observer=bad) is REFUTED
+    for w, answer in ((1, UNDECIDED), (-1, REFUTED)):
+        assert verdict(exosystem=exosystem, observer=Observer(W=[[w], [0]])) is answer
     # initial_disturbance = 0: xihat(0) = xi(0) is known.
     bad = {"exosystem": CONSTANT, "observer": Observer(W=[[-1]])}
     assert verdict(**bad, region=region(0, 5, 0)) is UNDECIDED
     assert verdict(**bad, region=region(0, 5, "1/1000")) is REFUTED
     # Only the W of the problem refutes: another one can be designed.
-    bad = ((Fraction(-1),),)
-    assert (
-        decide_overall(loop_of(problem(h="abs(y)", exosystem=CONSTANT)), [], bad).verdict
-        is UNDECIDED
-    )
-    given = problem(h="abs(y)", exosystem=CONSTANT, observer=Observer(W=[[-1]]))
-    assert decide_overall(loop_of(given), [], bad).verdict is REFUTED
+    W = ((Fraction(-1),),)
+    free = problem(h="abs(y)", exosystem=CONSTANT)
+    assert overall(free, [], W) is UNDECIDED
+    given = problem(h="abs(y)", **bad)
+    assert overall(given, [], W) is REFUTED
 
 
 def test_an_unstable_linearisation_refutes_and_enough_pinning_cures_it():
     """h = -y on two arcs: J - K has the eigenvalues 2 - k and -k."""
-    assert verdict(h="-y", gains="1/2") is REFUTED
-    assert verdict(h="-y", gains=2) is UNDECIDED  # eigenvalue 0: neither
+    slight = {"h": "-y", "gains": "1/2"}
+    assert verdict(**slight) is REFUTED
+    # eigenvalue 0: neither
+    assert verdict(h="-y", gains=2) is UNDECIDED
     assert verdict(h="-y", gains=3) is PROVED
     assert verdict(h="-sin(y)", gains="1/2") is REFUTED
     # one mode among several is enough: all the time in it is allowed
     modes = {"good": [], "bad": PAIR, "other": [[1, 2]]}
-    assert consensus(linked(modes, coupling="-y", gains="1/2")).verdict is REFUTED
-    assert (
-        consensus(linked({"good": [], "other": []}, 2, coupling="-y", gains="1/2")).verdict
-        is PROVED
-    )
+    assert consensus(problem(modes, **slight)).verdict is REFUTED
+    good = linked({"good": [], "other": []}, 2, coupling="-y", gains="1/2")
+    assert consensus(good).verdict is PROVED
     # it is about starts near the target
-    assert verdict(h="-y", gains="1/2", region=region(-1, 1)) is REFUTED
-    assert verdict(h="-y", gains="1/2", region=region(1, 2)) is UNDECIDED
+    assert verdict(**slight, region=region(-1, 1)) is REFUTED
+    assert verdict(**slight, region=region(1, 2)) is UNDECIDED
     # every start there has e_1 >= 0 in one component, so those near the target are not all allowed
-    assert (
-        verdict(h="-y", gains="1/2", target=[0, 0], region={"initial_states": [[0, 1], [-1, 1]]})
-        is UNDECIDED
-    )
+    half = {"initial_states": [[0, 1], [-1, 1]]}
+    assert verdict(**slight, target=[0, 0], region=half) is UNDECIDED
     # slopes that turn: J - K = -(L (x) R) - K with complex eigenvalues
+    cycle = [[1, 2], [2, 3], [3, 1]]
+    turned = ["y2", "-y1"]
     for gains, answer in (("1/10", REFUTED), (5, PROVED)):
-        assert (
-            verdict([[1, 2], [2, 3], [3, 1]], ["y2", "-y1"], gains=gains, target=[0, 0]) is answer
-        )
+        assert verdict(cycle, turned, gains=gains, target=[0, 0]) is answer
 
 
 @pytest.mark.parametrize("kind", [PROVED, UNDECIDED])
 def test_instability_is_believed_of_a_refuted_lemma_only(kind):
     """A certificate that says "unstable_roots" anywhere else must not turn the verdict."""
     asked = problem(h="tanh(y)", region=region(-1, 1))
-    bent = {"claim": Unstable(roots=1), "verdict": kind}
-    checks = [
-        replace(c, **bent) if c.id == "lemma1" else c
-        for c in at_the_consensus(consensus(asked).checks)
-    ]
-    assert decide_overall(loop_of(asked), checks, None).verdict is UNDECIDED
+    checks = []
+    for check in at_the_consensus(consensus(asked).checks):
+        bent = replace(check, claim=Unstable(roots=1), verdict=kind)
+        checks.append(bent if check.id == "lemma1" else check)
+    assert overall(asked, checks) is UNDECIDED
 
 
 def test_a_gain_that_leaves_a_direction_free_refutes_and_a_skew_one_does_not():
     """k c = 0 for one c on a set that hears nobody else: e_S = c is an equilibrium (theory, section
     2)."""
-    for gain in ([[1, 0], [0, 0]], [[1, -1], [-1, 1]]):
+    first = [[1, 0], [0, 0]]
+    for gain in (first, [[1, -1], [-1, 1]]):
         assert verdict(gains={1: gain}, target=[0, 0]) is REFUTED
-    assert verdict(gains={1: [[1, 0], [0, 0]], 2: [[0, 0], [0, 1]]}, target=[0, 0]) is not REFUTED
+    both = {1: first, 2: [[0, 0], [0, 1]]}
+    assert verdict(gains=both, target=[0, 0]) is not REFUTED
     # by lure: e stays in no kernel of k
     assert searched(gains={1: [[0, 1], [-1, 0]]}, target=[0, 0]) is PROVED
     # a region only if it can be started along
-    free = {1: [[1, 0], [0, 0]]}
-    assert (
-        verdict(gains=free, target=[0, 0], region={"initial_states": [[-1, 1], [-1, 1]]}) is REFUTED
-    )
-    assert (
-        verdict(gains=free, target=[0, 0], region={"initial_states": [[-1, 1], [0, 0]]})
-        is not REFUTED
-    )
+    along = {"initial_states": [[-1, 1], [-1, 1]]}
+    assert verdict(gains={1: first}, target=[0, 0], region=along) is REFUTED
+    across = {"initial_states": [[-1, 1], [0, 0]]}
+    assert verdict(gains={1: first}, target=[0, 0], region=across) is not REFUTED
     assert verdict(gains={1: [[1, 1], [-1, 1]], 2: 1}, target=[0, 0]) is PROVED

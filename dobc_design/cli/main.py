@@ -32,11 +32,32 @@ from dobc_design.cli import (
     doctor,
     export,
     new,
-    output,
     report,
     runs,
     stress,
     sweep,
+)
+from dobc_design.cli.output import (
+    INTERRUPTED,
+    MACHINE,
+    MISTAKE,
+    NOT_READ,
+    Document,
+    File,
+    Json,
+    NobodyReads,
+    NoOutput,
+    Progress,
+    check_target,
+    complain,
+    fail,
+    ids,
+    load_problem,
+    print_json,
+    read_certificate,
+    read_claims,
+    say,
+    write_file,
 )
 from dobc_design.errors import CertificateError, DobcError, SpecError, refused
 
@@ -74,7 +95,7 @@ def _show_version(wanted: bool) -> None:
     if wanted:
         from dobc_design import __version__
 
-        output.say(f"dobc {__version__}")
+        say(f"dobc {__version__}")
         raise Exit(0)
 
 
@@ -122,39 +143,39 @@ def options(
     """Certify disturbance-observer-based consensus control: from a problem file to a proof."""
 
 
-def problems(as_json: output.Json = False) -> None:
+def problems(as_json: Json = False) -> None:
     """List the built-in problems."""
     from dobc_design.problem.load import builtin_names, builtin_summary
 
     rows = [{"name": name, "summary": builtin_summary(name)} for name in builtin_names()]
     if as_json:
-        output.print_json({"problems": rows})
+        print_json({"problems": rows})
         return
     width = max(len(row["name"]) for row in rows)
-    output.say("\n".join(f"{row['name']:<{width}}  {row['summary']}" for row in rows))
+    say("\n".join(f"{row['name']:<{width}}  {row['summary']}" for row in rows))
 
 
 def check(
-    file: output.File,
+    file: File,
     canonical: Annotated[Path | None, Option(help="Write the canonical problem.json here.")] = None,
     force: Annotated[bool, Option("--force", help="Overwrite --canonical.")] = False,
-    as_json: output.Json = False,
+    as_json: Json = False,
 ) -> None:
     """Validate a problem and say in words what it means."""
     from dobc_design.description.words import describe, facts
     from dobc_design.problem.canonical import canonical_bytes, problem_sha256
 
     if canonical is not None:
-        output.check_target(canonical, force=force, key="--canonical")
-    problem = output.load_problem(file)
+        check_target(canonical, force=force, key="--canonical")
+    problem = load_problem(file)
     if canonical is not None:
-        output.write_file(canonical, canonical_bytes(problem), key="--canonical")
+        write_file(canonical, canonical_bytes(problem), key="--canonical")
     if as_json:
         document = {"valid": True, **facts(problem), "problem_sha256": problem_sha256(problem)}
         document["canonical"] = None if canonical is None else str(canonical)
-        output.print_json(document)
+        print_json(document)
         return
-    output.say(describe(problem))
+    say(describe(problem))
 
 
 def verify(
@@ -169,22 +190,22 @@ def verify(
             help="Let Coq check that every motion converges; writes proof.v and the report.",
         ),
     ] = False,
-    as_json: output.Json = False,
+    as_json: Json = False,
 ) -> None:
     """Check every claim of a certificate against the trusted problem, exactly."""
     from dobc_design.certification.certify import verify as run
 
-    data = output.read_certificate(certificate)
-    trusted = output.load_problem(problem)
+    data = read_certificate(certificate)
+    trusted = load_problem(problem)
     try:
         found = run(data, trusted)
     except CertificateError as error:
         # Unreadable: what was handed in is wrong, not the machine.
-        raise Exit(output.fail(error, output.MISTAKE, as_json=as_json)) from error
+        raise Exit(fail(error, MISTAKE, as_json=as_json)) from error
     # Coq takes minutes: it is not asked about claims that do not hold.
     kernel = _let_coq_check(certificate, trusted) if rocq and found.holds else None
     if as_json:
-        document: output.Document = {
+        document: Document = {
             "holds": found.holds,
             "verdict": found.verdict.value if found.holds else None,
             "confirmed": list(found.confirmed),
@@ -193,9 +214,9 @@ def verify(
         }
         if kernel is not None:
             document["rocq"] = kernel.to_json()
-        output.print_json(document)
+        print_json(document)
     else:
-        output.say(str(found) if kernel is None else f"{found}\n{kernel}")
+        say(str(found) if kernel is None else f"{found}\n{kernel}")
     accepted = kernel is None or kernel.accepted
     raise Exit(0 if found.holds and accepted else 1)
 
@@ -210,8 +231,8 @@ def _let_coq_check(path: Path, problem: Problem) -> Judgement:
     from dobc_design.report.write import render_report
 
     folder = path if path.is_dir() else path.parent
-    certificate = Certificate(problem=problem, claims=output.read_claims(path))
-    with output.Progress() as progress:
+    certificate = Certificate(problem=problem, claims=read_claims(path))
+    with Progress() as progress:
         progress("looking at the rows piece by piece")
         text = motions_proof(certificate)
         progress("waiting for coqc")
@@ -228,10 +249,10 @@ def explain(
         str | None,
         Argument(
             help="The id of a check, e.g. theorem1; without it all are listed.",
-            autocompletion=output.ids,
+            autocompletion=ids,
         ),
     ] = None,
-    as_json: output.Json = False,
+    as_json: Json = False,
 ) -> None:
     """Say what a condition means: the theorem in words."""
     from difflib import get_close_matches
@@ -242,10 +263,10 @@ def explain(
         titles = {each: text.title for each, text in KINDS.items()}
         if as_json:
             listed = [{"id": each, "title": title} for each, title in titles.items()]
-            output.print_json({"conditions": listed})
+            print_json({"conditions": listed})
             return
         width = max(map(len, titles))
-        output.say("\n".join(f"{each:<{width}}  {title}" for each, title in titles.items()))
+        say("\n".join(f"{each:<{width}}  {title}" for each, title in titles.items()))
         return
     text = KINDS.get(id)
     if text is None:
@@ -254,17 +275,17 @@ def explain(
         hint = f"Did you mean {near[0]}? " if near else ""
         raise refused("id", f"{id[:40]!r} is not known.", f"{hint}One of {', '.join(KINDS)}.")
     if as_json:
-        output.print_json({"id": id, **{name: getattr(text, name) for name in TOLD}})
+        print_json({"id": id, **{name: getattr(text, name) for name in TOLD}})
         return
-    output.say(f"{text.title}\n\n  {text.plain}\n\n{text.meaning}")
-    output.say(f"Proved:  {text.proved}\nRefuted: {text.refuted}\nSource:  {text.source}")
+    say(f"{text.title}\n\n  {text.plain}\n\n{text.meaning}")
+    say(f"Proved:  {text.proved}\nRefuted: {text.refuted}\nSource:  {text.source}")
 
 
-def schema(as_json: output.Json = True) -> None:
+def schema(as_json: Json = True) -> None:
     """Print the JSON Schema of the problem file."""
     from dobc_design.problem.schema import json_schema
 
-    output.print_json(json_schema())
+    print_json(json_schema())
 
 
 # In the order in which --help lists them.
@@ -300,12 +321,12 @@ def _guarded(run: Callable[[], Any], *, as_json: bool) -> int:
         # typer's way to end after completion
         if error.code in (0, None) or COMPLETING in os.environ:
             return error.code if isinstance(error.code, int) else 0
-        raise output.NobodyReads from error
-    except output.NoOutput:
+        raise NobodyReads from error
+    except NoOutput:
         raise
     except DobcError as error:
-        status = output.MISTAKE if isinstance(error, SpecError) else output.MACHINE
-        return output.fail(error, status, as_json=as_json)
+        status = MISTAKE if isinstance(error, SpecError) else MACHINE
+        return fail(error, status, as_json=as_json)
     except TyperException as error:  # a wrong option or a missing argument
         failure = _wrong_usage(error)
     except KeyboardInterrupt:
@@ -317,10 +338,10 @@ def _guarded(run: Callable[[], Any], *, as_json: bool) -> int:
     except Exception as error:  # noqa: BLE001 - the last line of defence: no traceback reaches a user
         failure = _internal(error)
     else:
-        if code != output.INTERRUPTED:  # typer turns the interrupt into this
+        if code != INTERRUPTED:  # typer turns the interrupt into this
             return code if isinstance(code, int) else 0
         failure = _INTERRUPTED
-    return output.fail(failure, failure.code, as_json=as_json)
+    return fail(failure, failure.code, as_json=as_json)
 
 
 class _Failure(DobcError):
@@ -333,14 +354,14 @@ class _Failure(DobcError):
         cure: str | None = None,
         *,
         key: str | None = None,
-        code: int = output.MACHINE,
+        code: int = MACHINE,
     ) -> None:
         super().__init__(message, key=key, cure=cure)
         self.kind = kind
         self.code = code
 
 
-_INTERRUPTED = _Failure("interrupted", SENTENCE, code=output.INTERRUPTED)
+_INTERRUPTED = _Failure("interrupted", SENTENCE, code=INTERRUPTED)
 
 
 def _wrong_usage(error: TyperException) -> _Failure:
@@ -356,14 +377,14 @@ def _wrong_usage(error: TyperException) -> _Failure:
         )
         cure = f"Write `{stress.MOVED[option]}`."
         key = option
-    return _Failure("usage", message, cure, key=key, code=output.MISTAKE)
+    return _Failure("usage", message, cure, key=key, code=MISTAKE)
 
 
 def _failed_file(error: OSError) -> _Failure:
     """A file that failed us.  Raises: NoOutput where it is standard output."""
     # typer's own output; our files are named
     if error.filename is None and error.errno in _NO_ROOM:
-        kind = output.NobodyReads if error.errno == errno.EPIPE else output.NoOutput
+        kind = NobodyReads if error.errno == errno.EPIPE else NoOutput
         raise kind(error.strerror) from error
     message, place = str(error.strerror or error), None
     if error.filename is not None:
@@ -374,7 +395,7 @@ def _failed_file(error: OSError) -> _Failure:
         f"{message}.",
         "Check disk, paths and permissions.",
         key=place,
-        code=output.MISTAKE if error.errno == errno.ENAMETOOLONG else output.MACHINE,
+        code=MISTAKE if error.errno == errno.ENAMETOOLONG else MACHINE,
     )
 
 
@@ -414,22 +435,22 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
             stream.reconfigure(encoding="utf-8", errors="backslashreplace")
     try:
         if sys.stdout is None:
-            raise output.NoOutput("it is closed")
+            raise NoOutput("it is closed")
         code = _guarded(lambda: _run(given), as_json="--json" in given)
         sys.stdout.flush()
     # nobody reads standard output, or there is no room for it
-    except (output.NoOutput, OSError) as error:
+    except (NoOutput, OSError) as error:
         with suppress(OSError, ValueError, AttributeError):  # Python is not to complain at exit
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        code = output.NOT_READ
-        if not isinstance(error, (output.NobodyReads, BrokenPipeError)):
+        code = NOT_READ
+        if not isinstance(error, (NobodyReads, BrokenPipeError)):
             why = getattr(error, "strerror", None) or error
-            output.complain(
+            complain(
                 f"error: standard output cannot be written: {why}.\n"
                 "       Send it to a file on a disk with free space, or to /dev/null. This "
                 "exit code is not a verdict."
             )
-            code = output.MACHINE
+            code = MACHINE
     sys.exit(code)
 
 

@@ -52,7 +52,7 @@ def loop_section(found: Findings) -> Iterator[Block]:
     certificate = found.certificate
     drawn, legend = pictures.network_pictures(certificate)
     picture = (Pictures(drawn, small=True), Text(legend, "caption"))
-    told: list[Block] = [Facts(words.loop_facts(certificate))]
+    told: list[Block] = [Facts(tuple(words.loop_facts(certificate)))]
     for line in caution_lines(found.problem):
         told.append(Text(words.sentence(line), "warning"))
     notes = words.shown_notes(certificate)[:MOST_NOTES]

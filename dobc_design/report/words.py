@@ -228,7 +228,7 @@ def what_it_means(certificate: Certificate) -> Meaning:
     proved = _proved_of(certificate)
     messages = FIXED["ideal"]
     if certificate.verdict is Verdict.PROVED:
-        says, says_not = _proved(certificate), _left_open(certificate)
+        says, says_not = [*_proved(certificate)], [*_left_open(certificate)]
         timing = [each for each in proved if each.kind.role == "timing"]
         # The model has delays and sampling only where both are proved.
         if len(timing) == len(ids_of("timing")):
@@ -243,46 +243,43 @@ def what_it_means(certificate: Certificate) -> Meaning:
     return Meaning(says=says, says_not=[*says_not, model])
 
 
-def _proved(certificate: Certificate) -> list[str]:
+def _proved(certificate: Certificate) -> Iterator[str]:
     """What a proof says: from where agents go where, for which signals, how fast."""
     problem, domain = certificate.problem, covering_domain(certificate)
     final = certificate.covered_by == "accuracy"
     goes = "ends near its goal, within the final bounds below," if final else "goes to its goal"
     if domain == EVERYWHERE:
-        says = [f"Every agent {goes} from every start, however far: the proof is global."]
+        yield f"Every agent {goes} from every start, however far: the proof is global."
     elif isinstance(domain, Around):
-        says = [f"Every agent {goes} from all {domain_words(domain)}: {_norms(domain)}."]
+        yield f"Every agent {goes} from all {domain_words(domain)}: {_norms(domain)}."
     else:
-        says = [f"There is a neighbourhood of the target from which every agent {goes}."]
+        yield f"There is a neighbourhood of the target from which every agent {goes}."
     if problem.groups and not final:
-        says.append(
+        yield (
             "The estimates converge to the true disturbances, wherever observer and "
             "disturbance start."
         )
     if certificate.covered_by in OF_SIGNALS:
-        signals = [signals_in_words(loop_of(problem), each) for each in _covering(certificate)]
-        says += [f"It holds {each}." for each in signals]
+        for each in _covering(certificate):
+            yield f"It holds {signals_in_words(loop_of(problem), each)}."
     elif len(problem.network.modes) > 1:
-        says.append(
+        yield (
             "The modes may switch at any times and in any order, arbitrarily fast: one V "
             "holds for all modes."
         )
     if certificate.rate:
-        says.append(f"{_decay(certificate)}. The real decay may be faster.")
-    return says
+        yield f"{_decay(certificate)}. The real decay may be faster."
 
 
-def _left_open(certificate: Certificate) -> list[str]:
+def _left_open(certificate: Certificate) -> Iterator[str]:
     """What a proof does not say about starts and signals."""
     domain = covering_domain(certificate)
-    says_not = []
     if isinstance(domain, Around):
-        says_not.append("It says nothing about starts outside that set. They may converge or not.")
+        yield "It says nothing about starts outside that set. They may converge or not."
     elif domain == NEAR_TARGET:
-        says_not.append(FIXED["local"])
+        yield FIXED["local"]
     if certificate.covered_by in OF_SIGNALS and certificate.covered_by != "safety":
-        says_not.append("It says nothing about other signals.")
-    return says_not
+        yield "It says nothing about other signals."
 
 
 def _decay(certificate: Certificate) -> str:
@@ -353,27 +350,27 @@ def shown_notes(certificate: Certificate) -> tuple[str, ...]:
     return (*notes, NO_DELAY if problem.leader is None else NO_DELAY_OF_LEADERS)
 
 
-def loop_facts(certificate: Certificate) -> list[tuple[str, str]]:
+def loop_facts(certificate: Certificate) -> Iterator[tuple[str, str]]:
     """What acts on the agents and what was designed against it, numbers in decimals."""
     problem, claims = certificate.problem, certificate.claims
-    facts = list(_disturbances(problem))
-    facts += [("Agents", told) for told in dynamics_words(problem)]
+    yield from _disturbances(problem)
+    for told in dynamics_words(problem):
+        yield "Agents", told
     # typed with hyphens, shown with minus signs
     h = ", ".join(problem.coupling.texts).replace("-", "−")
-    facts += [("Coupling", f"h(y) = {h}"), ("Target", target_words(problem))]
+    yield "Coupling", f"h(y) = {h}"
+    yield "Target", target_words(problem)
     if problem.region is not None:
-        facts.append(("Starts asked for", _starts(problem.region)))
+        yield "Starts asked for", _starts(problem.region)
     # A large W stands among the matrices only.
     W = claims.W
     if W is not None and len(W) * len(W[0]) <= MOST_NAMES:
         rows = ["; ".join(map(decimal, row)) for row in W]
-        shown = f"({', '.join(rows)})′, {claims.gain_source or 'given'}"
-        facts.append(("Observer gain W", shown))
-    facts.append(("Pinning gains", _pins(problem)))
+        yield "Observer gain W", f"({', '.join(rows)})′, {claims.gain_source or 'given'}"
+    yield "Pinning gains", _pins(problem)
     times = time_words(problem)
     if times:
-        facts.append(("Time scales", times))
-    return facts
+        yield "Time scales", times
 
 
 def _disturbances(problem: Problem) -> Iterator[tuple[str, str]]:

@@ -4,6 +4,7 @@ none."""
 import json
 from dataclasses import replace
 from fractions import Fraction
+from itertools import chain, product
 from math import comb
 from random import Random
 
@@ -47,7 +48,8 @@ def test_claims_come_back_as_they_were_written_and_the_same_problem_gives_the_sa
         data = certificate_bytes(claims)
         assert read_claims(data) == claims
         assert certificate_bytes(read_claims(data)) == data
-        assert seed > 2 or certificate_bytes(certify(a_problem(seed)).claims) == data
+        if seed <= 2:
+            assert certificate_bytes(certify(a_problem(seed)).claims) == data
 
 
 def test_the_document_has_the_fields_of_the_contract(document):
@@ -59,10 +61,10 @@ def test_the_document_has_the_fields_of_the_contract(document):
 
 def test_numbers_longer_than_anybody_types_are_read_back(monkeypatch):
     """The last pair that is tried comes from an exact Lyapunov equation: hundreds of digits."""
-    A = [
-        [f"{(i * 7 + j * 3) % 11 - 50 * (i == j)}/{10**9 + 7 * i + j}" for j in range(4)]
-        for i in range(4)
-    ]
+    A = [["0"] * 4 for _ in range(4)]
+    for i, j in product(range(4), repeat=2):
+        over = (i * 7 + j * 3) % 11 - 50 * (i == j)
+        A[i][j] = f"{over}/{10**9 + 7 * i + j}"
     problem = Problem(
         network=Network.from_arcs([], arrow="listens_to", agents=1),
         coupling="y",
@@ -78,7 +80,8 @@ def test_numbers_longer_than_anybody_types_are_read_back(monkeypatch):
     monkeypatch.setattr("dobc_design.certification.certify.propose_pairs", exact_only)
     certificate = certify(problem)
     data = certificate_bytes(certificate.claims)
-    assert max(len(entry) for row in json.loads(data)["observer"]["P"] for entry in row) > 200
+    P = json.loads(data)["observer"]["P"]
+    assert max(map(len, chain.from_iterable(P))) > 200
     assert read_claims(data) == certificate.claims
     assert verify(data, problem).holds
 
@@ -92,45 +95,45 @@ def changed(document, *path, value):
     return copy
 
 
-OTHERS = {
-    ("extra",): [1],
-    ("program", "path"): ["x"],
-    ("version",): [2, "1", 1.0, True],
-    ("format",): ["other"],
-    ("verdict",): ["perhaps", None],
-    ("rate",): ["0.5", True, 10**400],
-    ("covered_by",): [3],
-    ("reason",): [None],
-    ("notes",): ["text", [1]],
-    ("observer",): [None],
-    ("observer", "K"): [None],
-    ("observer", "W"): [
-        [["1"], ["2", "3"]],
-        [[1.5], [2]],
-        [["nan"], ["1"]],
-        [["1/0"], ["1"]],
-        [],
-        "W",
-    ],
-    ("checks",): [{}],
-    ("checks", 0): [[]],
-    ("checks", 0, "id"): ["theorem9", ["lemma1"]],
-    ("checks", 0, "mode"): [7],
-    ("checks", 0, "verdict"): ["Proved"],
-    ("checks", 0, "margin"): [False],
-    ("checks", 0, "domain"): [None, ["global"]],
-    ("checks", 0, "exact"): [None, "abc"],
-    ("checks", 0, "evidence"): [{}],
-    ("checks", 0, "fix"): [{"kind": "x"}],
-    ("checks", 0, "witness"): [
-        {"kind": "vector"} | each for each in ({"note": "x"}, {"values": "12"}, {"values": [1]})
-    ],
-}
+#: Places of a certificate, each with something that cannot stand there.
+OTHERS = []
 
 
-@pytest.mark.parametrize(
-    ("path", "value"), [(path, value) for path in OTHERS for value in OTHERS[path]]
-)
+def no(*path_and_values):
+    """No one of these values, which come in a list last, may stand at this place."""
+    *path, values = path_and_values
+    for value in values:
+        OTHERS.append((tuple(path), value))
+
+
+no("extra", [1])
+no("program", "path", ["x"])
+no("version", [2, "1", 1.0, True])
+no("format", ["other"])
+no("verdict", ["perhaps", None])
+no("rate", ["0.5", True, 10**400])
+no("covered_by", [3])
+no("reason", [None])
+no("notes", ["text", [1]])
+no("observer", [None])
+no("observer", "K", [None])
+no("observer", "W", [[["1"], ["2", "3"]], [[1.5], [2]], [["nan"], ["1"]]])
+no("observer", "W", [[["1/0"], ["1"]], [], "W"])
+no("checks", [{}])
+no("checks", 0, [[]])
+no("checks", 0, "id", ["theorem9", ["lemma1"]])
+no("checks", 0, "mode", [7])
+no("checks", 0, "verdict", ["Proved"])
+no("checks", 0, "margin", [False])
+no("checks", 0, "domain", [None, ["global"]])
+no("checks", 0, "exact", [None, "abc"])
+no("checks", 0, "evidence", [{}])
+no("checks", 0, "fix", [{"kind": "x"}])
+for more in ({"note": "x"}, {"values": "12"}, {"values": [1]}):
+    no("checks", 0, "witness", [{"kind": "vector"} | more])
+
+
+@pytest.mark.parametrize(("path", "value"), OTHERS)
 def test_other_documents_are_refused(document, path, value):
     """Unknown, missing, doubled and mistyped fields: never a guess, never another exception."""
     with pytest.raises(CertificateError, match="cannot be read"):
@@ -138,13 +141,15 @@ def test_other_documents_are_refused(document, path, value):
 
 
 def test_missing_fields_are_refused(document):
-    for name in document:
-        if name == "factor":  # certificates of earlier versions have none
-            continue
+    # certificates of earlier versions have no factor
+    for name in set(document) - {"factor"}:
+        less = dict(document)
+        del less[name]
         with pytest.raises(CertificateError, match="cannot be read"):
-            read_claims(as_bytes({key: value for key, value in document.items() if key != name}))
+            read_claims(as_bytes(less))
     for name in ("id", "verdict", "domain", "margin", "rate", "reason"):
-        check = {key: value for key, value in document["checks"][0].items() if key != name}
+        check = dict(document["checks"][0])
+        del check[name]
         with pytest.raises(CertificateError, match="cannot be read"):
             read_claims(as_bytes(changed(document, "checks", 0, value=check)))
 
@@ -152,13 +157,12 @@ def test_missing_fields_are_refused(document):
 HEAD = b'"format": "dobc-certificate"'
 
 
-@pytest.mark.parametrize(
-    "data",
-    [
-        *(b"", b"[]", b"null", b"1", b"{", b"\xff\xfe", b"[" * 100_000, b"9" * 5000),
-        *(b"{" + HEAD + b"}", b"{" + HEAD + b", " + HEAD + b', "version": 1}'),
-    ],
-)
+BYTES = [b"", b"[]", b"null", b"1", b"{", b"\xff\xfe", b"[" * 100_000, b"9" * 5000]
+BYTES.append(b"{" + HEAD + b"}")
+BYTES.append(b"{" + HEAD + b", " + HEAD + b', "version": 1}')
+
+
+@pytest.mark.parametrize("data", BYTES)
 def test_other_bytes_are_refused(data):
     with pytest.raises(CertificateError, match="cannot be read"):
         read_claims(data)
@@ -189,24 +193,24 @@ def with_margin(text: str) -> tuple[bytes, Problem]:
     return json.dumps(document).replace('"the margin"', text).encode(), problem
 
 
-@pytest.mark.parametrize(
-    ("text", "true"),
-    [
-        *((text, True) for text in ("0.2", f"0.2{'0' * 30}", f"2{'0' * 49}e-50")),
-        *((text, False) for text in (f"0.2{'0' * 28}2", f"0.2{'0' * 28}21", "1")),
-    ],
-)
+MARGINS = {"0.2": True, f"0.2{'0' * 30}": True, f"2{'0' * 49}e-50": True}
+MARGINS |= {f"0.2{'0' * 28}2": False, f"0.2{'0' * 28}21": False, "1": False}
+
+
+@pytest.mark.parametrize(("text", "true"), MARGINS.items())
 def test_a_number_with_more_digits_than_a_float_is_not_read_as_a_smaller_claim(text, true):
     """2 k = 0.200000000000000000000000000002 and the margin has to stay below; the nearest float
     says 0.2."""
     data, problem = with_margin(text)
     assert (recheck(data, problem).failures == ()) is true
-    assert all(holds for holds, _ in checker.examine(data, canonical_bytes(problem))) is true
+    found = checker.examine(data, canonical_bytes(problem))
+    assert all(holds for holds, _ in found) is true
 
 
-@pytest.mark.parametrize(
-    "text", ["1e-99999999999999999999999", "1e99999999999999999999", "-1e999999999", "1e400"]
-)
+FAR = ["1e-99999999999999999999999", "1e99999999999999999999", "-1e999999999", "1e400"]
+
+
+@pytest.mark.parametrize("text", FAR)
 def test_numbers_that_no_float_comes_near_are_refused_at_once(text):
     data, problem = with_margin(text)
     with pytest.raises(CertificateError, match="cannot be read"):
@@ -244,12 +248,12 @@ def companion_problem(order: int, digits: int) -> Problem:
     """A pair in observer form with W = 0 and nearly (s + 1)^order: long rationals meet in Routh's
     table."""
     random = Random(2)
-    first = [-comb(order, i + 1) - long_number(random, digits) for i in range(order)]
-    A = [[first[i]] + [int(j == i + 1) for j in range(1, order)] for i in range(order)]
-    W = [[0]] * order
-    return network_of_two(
-        exosystem=Exosystem(A=A, C=[[1] + [0] * (order - 1)]), observer=Observer(W=W)
-    )
+    A = []
+    for i in range(order):
+        first = -comb(order, i + 1) - long_number(random, digits)
+        A.append([first, *(int(j == i + 1) for j in range(1, order))])
+    exosystem = Exosystem(A=A, C=[[1] + [0] * (order - 1)])
+    return network_of_two(exosystem=exosystem, observer=Observer(W=[[0]] * order))
 
 
 def star_problem(leaves: int, digits: int) -> Problem:
@@ -262,34 +266,38 @@ def star_problem(leaves: int, digits: int) -> Problem:
 
 
 def vector_check(*values: str) -> Check:
-    parts = {
-        "claim": Values({"unstable_roots": "0"}),
-        "witness": Witness(kind="vector", labels=("1",), values=values),
-    }
-    return Check(id="lemma1", mode="G", verdict=REFUTED, domain=NEAR_TARGET, reason="", **parts)
+    return Check(
+        id="lemma1",
+        mode="G",
+        verdict=REFUTED,
+        domain=NEAR_TARGET,
+        reason="",
+        claim=Values({"unstable_roots": "0"}),
+        witness=Witness(kind="vector", labels=("1",), values=values),
+    )
 
 
 @pytest.mark.parametrize("digits", [LONGEST, LONGEST + 1])
 def test_a_number_of_a_witness_may_be_as_long_as_a_checker_reads_and_no_longer(digits):
     check = vector_check("1" + "0" * (digits - 1))
-    assert (
-        writable(check, NEAR_TARGET) == check
-        if digits <= LONGEST
-        else writable(check, NEAR_TARGET).verdict is UNDECIDED
-    )
+    found = writable(check, NEAR_TARGET)
+    if digits <= LONGEST:
+        assert found == check
+    else:
+        assert found.verdict is UNDECIDED
 
 
 def test_the_common_denominator_of_a_witness_is_bounded():
     """docs/certificate-format.md: 65 536 bits; each of these numbers may stand there alone."""
-    powers = ((2, 30_000), (3, 18_000), (5, 4000))
-    two, three, five = (number_text(Fraction(1, prime**power)) for prime, power in powers)
-    assert (
-        (2**30_000 * 3**18_000).bit_length()
-        < 2**16
-        < (2**30_000 * 3**18_000 * 5**4000).bit_length()
-    )
-    assert writable(vector_check(two, three), NEAR_TARGET) == vector_check(two, three)
-    assert writable(vector_check(two, three, five), NEAR_TARGET).verdict is UNDECIDED
+    powers = (2**30_000, 3**18_000, 5**4000)
+    two, three, five = (number_text(Fraction(1, power)) for power in powers)
+    common = powers[0] * powers[1]
+    assert common.bit_length() < 2**16
+    assert (common * powers[2]).bit_length() > 2**16
+    short = vector_check(two, three)
+    assert writable(short, NEAR_TARGET) == short
+    long = vector_check(two, three, five)
+    assert writable(long, NEAR_TARGET).verdict is UNDECIDED
 
 
 @pytest.mark.parametrize("digits", [LONGEST_COEFFICIENT, LONGEST_COEFFICIENT + 1])
@@ -320,8 +328,12 @@ def test_what_is_no_number_may_be_long():
 def test_an_undecided_check_keeps_its_cure_and_says_what_to_do():
     fix = Fix(kind="pinning", set={"pinning.gains": 1}, text="Pin agent 1.")
     check = writable(replace(vector_check("1" * (LONGEST + 1)), fix=fix), NEAR_TARGET)
-    assert (check.verdict, check.mode, check.fix, check.margin) == (UNDECIDED, "G", fix, None)
-    assert (check.exact, check.witness) == (None, None)
+    assert check.verdict is UNDECIDED
+    assert check.mode == "G"
+    assert check.fix == fix
+    assert check.margin is None
+    assert check.exact is None
+    assert check.witness is None
     assert "it is refuted here" in check.reason
     assert "fewer digits" in check.reason
 
@@ -362,9 +374,8 @@ def test_small_decimals_in_a_polynomial_are_written_as_quotients():
     """The lone checker compares polynomials as texts, in lowest terms."""
     problem = network_of_two(exosystem=Exosystem(A=[[0, 0], [0, "-1e-250"]], C=[[1, 0]]))
     certificate = certify(problem)
-    assert (
-        certificate.check("detectability").exact["unobservable_polynomial"] == f"s + 1/1{'0' * 250}"
-    )
+    exact = certificate.check("detectability").exact
+    assert exact["unobservable_polynomial"] == f"s + 1/1{'0' * 250}"
     assert verify(certificate, problem).failures == ()
 
 
@@ -373,9 +384,7 @@ def test_a_check_that_claims_nothing_any_more_keeps_no_box():
     claim = Values({"v": ["1" * (LONGEST + 1)]})
     check = Check(id="max-separable", verdict=PROVED, domain=box, rate=1.0, reason="", claim=claim)
     check = writable(check, NEAR_TARGET)
-    assert (check.verdict, check.domain, check.rate, check.exact) == (
-        UNDECIDED,
-        NEAR_TARGET,
-        None,
-        None,
-    )
+    assert check.verdict is UNDECIDED
+    assert check.domain == NEAR_TARGET
+    assert check.rate is None
+    assert check.exact is None

@@ -46,7 +46,7 @@ from checker_files.files import (
     network,
     scalar,
 )
-from checker_files.separable import ball, box, claim, second_box
+from checker_files.separable import asked, ball, box, claim, second_box, separable
 from dobc_design import Exosystem, Network, Observer, Problem
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.problem.canonical import canonical_bytes
@@ -83,6 +83,18 @@ def alike(rate: Any = RATE, id: str = "theorem1-weighted", **exact: Any) -> Docu
     return claim(id, "global", rate, {"D": D, "w": {"G": V}, "c": "1/2", "R": R} | exact)
 
 
+STILL = Dynamics(A=[[0]])
+
+
+def linear(A: str, B: str | None = None) -> Dynamics:
+    return Dynamics(A=matrix(A), B=None if B is None else matrix(B))
+
+
+def pendulum(f: str) -> Dynamics:
+    """x1'' = f and an input."""
+    return Dynamics(f=["x2", f], B=matrix("0; 1"))
+
+
 @cache
 def problems() -> dict[str, Problem]:
     def line(**more: Any) -> Problem:
@@ -92,30 +104,28 @@ def problems() -> dict[str, Problem]:
         return line(dynamics=Dynamics(A=[[a]]), coupling=coupling, gains=gain and {1: gain}, **more)
 
     watched = {"exosystem": scalar(0), "observer": Observer(W=[[2]])}
-    planar = {"dynamics": Dynamics(A=matrix("-1 0; 0 -1")), "coupling": "y", "target": [0, 0]}
-    turned = planar | {"dynamics": Dynamics(A=matrix("-1 0; 0 -1"), B=matrix("1 1; 0 1"))}
-    wide = Dynamics(A=matrix("-1 0 0; 0 -1 0; 0 0 -1"), B=matrix("1 0; 0 1; 0 0"))
+    flat = "-1 0; 0 -1"
+    planar = {"dynamics": linear(flat), "coupling": "y", "target": [0, 0]}
     cubic = {"dynamics": Dynamics(f=["x - x**3"]), "coupling": "3*y", "gains": {1: 4}}
-    cubic["leader"] = {"initial": vector("-1/2 1/2"), "stays_in": [-1, 1]}
-    near = {"initial": vector("-1/4 1/4"), "stays_in": [-1, 1]}
-    still = Dynamics(A=[[0]])
-    at_0 = {"leader": {"initial": 0}}
-    groups = Exosystem(A=matrix("0 2; -2 0"), C=matrix("1 0"))
-    drag = {"dynamics": Dynamics(A=matrix("0 1; 0 -3"), B=matrix("0; 1")), "gains": {1: [[1, 0]]}}
-    swing = Dynamics(f=["x2", "-sin(x1) - 3*x2"], B=matrix("0; 1"))
+    stays: Document = {"stays_in": [-1, 1]}
+    drag = {"dynamics": linear("0 1; 0 -3", "0; 1"), "gains": {1: [[1, 0]]}, "coupling": "y1"}
+    acts = {"uncertainty": {"disturbance": "1/10"}}
+    wide = linear("-1 0 0; 0 -1 0; 0 0 -1", "1 0; 0 1; 0 0")
+    three = {"dynamics": wide, "coupling": ["y1", "y2"], "gains": None, "target": [0, 0, 0]}
+    sines = {"network": BOTH_WAYS, "coupling": "sin(y)", "gains": "1/10", "region": WIDE}
+    tanh = {"coupling": "tanh(y1)"}
     made: dict[str, Problem] = {}
     made["line"] = line()
     made["two modes"] = line(network=BOTH)
-    made["comes and goes"] = line(
-        network=Network.from_arcs([[2, 1]], arrow="listens_to", optional=[[1, 2, "1/4"]], agents=2)
-    )
-    made["two inputs a unit"] = alone("1/2", "-y", 1).replace(
-        dynamics=Dynamics(A=[["1/2"]], B=[[2]])
-    )
+    backwards = {"optional": [[1, 2, "1/4"]], "arrow": "listens_to", "agents": 2}
+    made["comes and goes"] = line(network=Network.from_arcs([[2, 1]], **backwards))
+    doubled = Dynamics(A=[["1/2"]], B=[[2]])
+    made["two inputs a unit"] = alone("1/2", "-y", 1).replace(dynamics=doubled)
     made["seen"] = line(**watched)
     made["seen by both"] = line(exosystem=scalar(0), observer=Observer(W=matrix("1/2 2")))
     made["seen slowly"] = line(exosystem=scalar(0), observer=Observer(W=[["1/9"]]))
-    made["harmonic"] = line(exosystem=groups, observer=Observer(W=matrix("16/5; 12/5")))
+    harmonic = Exosystem(A=matrix("0 2; -2 0"), C=matrix("1 0"))
+    made["harmonic"] = line(exosystem=harmonic, observer=Observer(W=matrix("16/5; 12/5")))
     made["other gains"] = line(gains={1: [[1, 1]]})
     made["integrators"] = line(dynamics=None, target=[0, 0], coupling=["y1 + y2", "y2"])
     made["repelled"] = alone(1, "-y", [[-1]])
@@ -127,58 +137,34 @@ def problems() -> dict[str, Problem]:
     made["calm"] = alone(-2)
     made["kinked"] = alone(-2, "abs(y)")
     made["planar"] = line(**planar)
-    made["turned"] = line(**turned)
-    made["pendulum"] = line(dynamics=Dynamics(f=["x2", "-sin(x1) - x2"], B=matrix("0; 1")))
+    made["turned"] = line(**planar | {"dynamics": linear(flat, "1 1; 0 1")})
+    made["pendulum"] = line(dynamics=pendulum("-sin(x1) - x2"))
     made["bent"] = alone(0, "y", 1).replace(dynamics=Dynamics(f=["-x - x**3"]))
     made["cubic pull"] = alone(0).replace(dynamics=Dynamics(f=["-x**3"]))
     made["cubic push"] = alone(0, gain=1).replace(dynamics=Dynamics(f=["x**3"]))
-    made["second"] = line(
-        network=BOTH_WAYS,
-        coupling="sin(y)",
-        dynamics=Dynamics(f=["-x**3"]),
-        gains="1/10",
-        region=WIDE,
-    )
-    made["led"] = line(**cubic)
-    made["led near"] = line(
-        **cubic | {"leader": near, "region": {"initial_states": vector("-1/4 1/4")}}
-    )
+    made["second"] = line(**sines, dynamics=Dynamics(f=["-x**3"]))
+    half = vector("-1/2 1/2")
+    made["led"] = line(**cubic, leader=stays | {"initial": half})
+    quarter = vector("-1/4 1/4")
+    made["led near"] = line(**cubic, leader=stays | {"initial": quarter}, region=asked(quarter))
     made["led, unstable"] = alone("1/2", "y", 4, leader={"initial": [-1, 1]})
-    made["second, still"] = line(
-        network=BOTH_WAYS, coupling="sin(y)", dynamics=still, gains="1/10", region=WIDE
-    )
-    made["second, led"] = line(
-        network=BOTH_WAYS, coupling="sin(y)", dynamics=still, gains="1/10", region=WIDE, **at_0
-    )
-    made["pushed off"] = alone(1, leader={"initial": [0, 3]}, region={"initial_states": [1, 2]})
-    made["pushed elsewhere"] = alone(
-        1, leader={"initial": [3, 4]}, region={"initial_states": [1, 2]}
-    )
-    made["apart"] = alone(
-        0, network=BOTH_WAYS, leader={"initial": [0, 5]}, region={"initial_states": [0, 1]}
-    )
-    made["apart elsewhere"] = alone(
-        0,
-        network=BOTH_WAYS,
-        leader={"initial": [-5, 5]},
-        region={"initial_states": [0, 1]},
-        offsets={1: 3},
-    )
-    made["drag"] = line(coupling="y1", **drag)
-    made["drag, seen"] = line(coupling="y1", **drag, **watched)
-    made["drag, pushed"] = line(coupling="y1", **drag, uncertainty={"disturbance": "1/10"})
-    made["drag, bent"] = line(coupling="tanh(y1)", **drag)
-    made["drag, bent, seen"] = line(coupling="tanh(y1)", **drag, **watched)
+    made["second, still"] = line(**sines, dynamics=STILL)
+    made["second, led"] = line(**sines, dynamics=STILL, leader={"initial": 0})
+    made["pushed off"] = alone(1, leader={"initial": [0, 3]}, region=asked([1, 2]))
+    made["pushed elsewhere"] = alone(1, leader={"initial": [3, 4]}, region=asked([1, 2]))
+    lone: Document = {"network": BOTH_WAYS, "region": asked([0, 1])}
+    made["apart"] = alone(0, **lone, leader={"initial": [0, 5]})
+    made["apart elsewhere"] = alone(0, **lone, leader={"initial": [-5, 5]}, offsets={1: 3})
+    made["drag"] = line(**drag)
+    made["drag, seen"] = line(**drag, **watched)
+    made["drag, pushed"] = line(**drag, **acts)
+    made["drag, bent"] = line(**drag | tanh)
+    made["drag, bent, seen"] = line(**drag | tanh, **watched)
+    swing = pendulum("-sin(x1) - 3*x2")
     made["swinging"] = line(coupling="y1", gains=None, dynamics=swing)
     made["vectors"] = line(coupling=["y1*y2 + y1", "y2"], dynamics=None, target=[0, 0], gains=1)
-    made["three, pushed"] = line(
-        dynamics=wide,
-        coupling=["y1", "y2"],
-        gains=None,
-        target=[0, 0, 0],
-        uncertainty={"disturbance": "1/10"},
-    )
-    made["three"] = line(dynamics=wide, coupling=["y1", "y2"], gains=None, target=[0, 0, 0])
+    made["three"] = line(**three)
+    made["three, pushed"] = line(**three, **acts)
     return made
 
 
@@ -301,7 +287,7 @@ def dynamics_cases() -> Iterator[Case]:
     reached = {"verdict": "proved", "witness": GONE}
     yield fails("calm", "reached without a pin", None, reachability=reached)
     yield holds("calm", "without a pin", None)
-    plain_rows = rows_of("1 1", "1/4", box(1), rho="1")
+    plain_rows = separable(box(1), 0.25, "1 1", "1/4", "1")
     yield fails("bent", "rows do not know what is left of f", plain_rows)
     yield fails("second", "an equilibrium that f moves", second_box())
     # Nobody is pinned, and x' = -x^3 comes to rest at the target; x' = x^3 - x leaves the box |e|
@@ -314,11 +300,6 @@ def dynamics_cases() -> Iterator[Case]:
     yield from _held()
     yield from _files()
     yield from _led()
-
-
-def rows_of(v: str, alpha: str, domain: Any = "global", rho: str | None = None) -> Document:
-    """Max-separable by component, at a rate of 1/4."""
-    return claim("max-separable", domain, 0.25, {"v": vector(v), "alpha": alpha, "rho": rho})
 
 
 def rows(low: str = "1", domain: Any = "global", rate: Any = 0.142, **exact: Any) -> Document:
@@ -453,7 +434,7 @@ def _coordinates() -> Iterator[Case]:
     yield holds("vectors", "by hand", mixed())
     yield fails("vectors", "slopes that it does not have", mixed("7/8", "9/8"))
     yield fails("vectors", "gains that hold nearer only", mixed(rho="1/7"))
-    by_component = changed(rows_of("1 1", "1", box(1), "1"), rate=1)
+    by_component = separable(box(1), 1, "1 1", "1", "1")
     yield fails("vectors", "no coordinates", by_component)
 
 
@@ -477,7 +458,7 @@ def _beside(plain: Case, name: str, code: int, check: Document) -> Case:
     return Case(name, json.dumps(document).encode(), plain.problem, code)
 
 
-FAST = rows_of("1 4", "1/4")
+FAST = separable("global", 0.25, "1 4", "1/4")
 LATE = claim("delay", "global", 0.125, {"delay": "1/8", "rate": "1/8"})
 
 

@@ -17,69 +17,74 @@ from checker_files.settling import tube_cases
 from checker_files.weighted import weighted_cases
 
 EVERY = (
-    *(
-        cases,
-        region_cases,
-        quadratic_cases,
-        groups_cases,
-        tube_cases,
-        weighted_cases,
-        margins_cases,
-        accuracy_cases,
-    ),
-    *(cycles_cases, graphs_cases, dynamics_cases),
+    cases,
+    region_cases,
+    quadratic_cases,
+    groups_cases,
+    tube_cases,
+    weighted_cases,
+    margins_cases,
+    accuracy_cases,
+    cycles_cases,
+    graphs_cases,
+    dynamics_cases,
 )
 #: The cases to try first.
-FIRST: dict[str, tuple[Callable[[], list[Case]], ...]] = {
-    "files": (dynamics_cases,),
-    "loop": (dynamics_cases,),
-    "guarantee": (cycles_cases, graphs_cases),
-    "consensus": (dynamics_cases, cases),
-    "separable": (region_cases,),
-    "margins": (margins_cases, dynamics_cases),
-    "accuracy": (accuracy_cases,),
-    "quadratic": (quadratic_cases,),
-    "schedule": (tube_cases, cycles_cases),
-    "cycles": (cycles_cases,),
-    "graphs": (graphs_cases,),
-    "coordinates": (dynamics_cases, region_cases),
-    "verdict": (dynamics_cases, cases),
-    "examine": (dynamics_cases, cases),
-}
+FIRST: dict[str, tuple[Callable[[], list[Case]], ...]] = {}
+FIRST["files"] = (dynamics_cases,)
+FIRST["loop"] = (dynamics_cases,)
+FIRST["guarantee"] = cycles_cases, graphs_cases
+FIRST["consensus"] = dynamics_cases, cases
+FIRST["separable"] = (region_cases,)
+FIRST["margins"] = margins_cases, dynamics_cases
+FIRST["accuracy"] = (accuracy_cases,)
+FIRST["quadratic"] = (quadratic_cases,)
+FIRST["schedule"] = tube_cases, cycles_cases
+FIRST["cycles"] = (cycles_cases,)
+FIRST["graphs"] = (graphs_cases,)
+FIRST["coordinates"] = dynamics_cases, region_cases
+FIRST["verdict"] = dynamics_cases, cases
+FIRST["examine"] = dynamics_cases, cases
 #: Removals that no case can notice, each with the reason.
-EQUIVALENT = {
-    "not min(whole) > 0": "conjugate gradients stop at the first direction of "
-    "curvature <= 0; as long as they "
-    "run, M is"
-    " positive on all they have seen, so that a v with M v > 0 comes out positive but for "
-    "rounding errors.",
-    "math.isfinite(found)": "every operation on intervals refuses a result that "
-    "is not below LARGEST, so that no "
-    "slope"
-    " is infinite.",
-    "done > PIECES or b - a <= rho * SHORTEST "
-    "or (not a < middle < b)": "it ends the search: without it a row that is"
-    " not shown is cut for ever.",
-    "size <= EQUATIONS": "it bounds the work; what is shown beyond it is true.",
-    "size <= ROWS": "it bounds the work.",
-    "len(X) <= 20": "it bounds the work.",
-    "case.n <= AGENTS": "it bounds the work.",
-    "m <= MOST": "it bounds the work.",
-    "pivots == [*range(m)]": "the rows of a singular T are dependent, so that no "
-    "T X S dominates on its diagonal.",
-    "0 < len(turns) <= ROUND and size <= ROWS": "it bounds the work.",
-    "grown <= GROWTH": "it bounds the work.",
-    "len(G) <= MODES": "it bounds the work.",
-    "not halvings": "it ends the search: without it a part, or a box, that is not shown is halved "
-    "for ever.",
-    "rate * each.times[-1] <= LONGEST": (
-        "it bounds the work: the weights would have to fall as far."
+EQUIVALENT: dict[str, str] = {}
+EQUIVALENT["not min(whole) > 0"] = (
+    "conjugate gradients stop at the first direction of curvature <= 0; as long as they run, M is "
+    "positive on all they have seen, so that a v with M v > 0 comes out positive but for rounding "
+    "errors."
+)
+EQUIVALENT["math.isfinite(found)"] = (
+    "every operation on intervals refuses a result that is not below LARGEST, so that no slope is "
+    "infinite."
+)
+EQUIVALENT["done > PIECES or b - a <= rho * SHORTEST or (not a < middle < b)"] = (
+    "it ends the search: without it a row that is not shown is cut for ever."
+)
+EQUIVALENT["size <= EQUATIONS"] = "it bounds the work; what is shown beyond it is true."
+EQUIVALENT["pivots == [*range(m)]"] = (
+    "the rows of a singular T are dependent, so that no T X S dominates on its diagonal."
+)
+EQUIVALENT["not halvings"] = (
+    "it ends the search: without it a part, or a box, that is not shown is halved for ever."
+)
+EQUIVALENT["rate * each.times[-1] <= LONGEST"] = (
+    "it bounds the work: the weights would have to fall as far."
+)
+EQUIVALENT["low == high"] = (
+    "f less an end of an interval is not shown to vanish at the target, which the reader asks."
+)
+EQUIVALENT |= dict.fromkeys(
+    (
+        "size <= ROWS",
+        "len(X) <= 20",
+        "case.n <= AGENTS",
+        "m <= MOST",
+        "0 < len(turns) <= ROUND and size <= ROWS",
+        "grown <= GROWTH",
+        "len(G) <= MODES",
+        "len(free) <= VERTICES",
     ),
-    "len(free) <= VERTICES": "it bounds the work.",
-    "low == high": "f less an end of an interval is not shown to vanish "
-    "at the target, which the reader "
-    "asks.",
-}
+    "it bounds the work.",
+)
 
 
 def outcome(examine: object, refused: type[Exception], case: Case) -> int | str:

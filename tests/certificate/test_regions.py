@@ -15,7 +15,7 @@ import pytest
 
 from dobc_design import Certificate, Exosystem, Network, Observer, Problem, Region, Verdict
 from dobc_design.certificate.claims import Claims
-from dobc_design.certificate.regions import RegionClaim, Regions
+from dobc_design.certificate.regions import AgentBound, RegionClaim, Regions
 from dobc_design.conditions.check import Check, Values, Witness
 from dobc_design.conditions.domain import EVERYWHERE, NEAR_TARGET, Ball, Box
 from dobc_design.conditions.numbers import claimed
@@ -27,15 +27,10 @@ from dobc_design.exact.symmetric import SparseSymmetric
 
 def chain(n: int = 2, **changes: Any) -> Problem:
     """Agents in a row behind the pinned first one, about the target 1."""
-    settings: dict[str, Any] = {
-        "name": "chain",
-        "network": Network.from_arcs(
-            {"G": [(i + 1, i) for i in range(1, n)]}, arrow="listens_to", agents=n
-        ),
-        "coupling": "sin(y)",
-        "target": 1,
-        "gains": {1: 2},
-    }
+    arcs = {"G": [(i + 1, i) for i in range(1, n)]}
+    settings: dict[str, Any] = {"name": "chain", "target": 1}
+    settings["network"] = Network.from_arcs(arcs, arrow="listens_to", agents=n)
+    settings |= {"coupling": "sin(y)", "gains": {1: 2}}
     return Problem(**settings | changes)
 
 
@@ -44,14 +39,21 @@ def asking(interval: list[Any]) -> Region:
 
 
 def regions(problem: Problem, *checks: Check, verdict: Verdict = Verdict.UNDECIDED) -> Regions:
-    known = {
-        "problem_name": problem.name,
-        "verdict": verdict,
-        "why": Reason(head="Here is why."),
-        "checks": checks,
-    }
-    known |= {"problem_sha256": "0" * 64, "notes": (), "version": "0"}
-    claims = Claims(**dict.fromkeys(("rate", "covered_by", "W", "gain_source", "P", "Q")), **known)
+    claims = Claims(
+        problem_name=problem.name,
+        problem_sha256="0" * 64,
+        verdict=verdict,
+        why=Reason(head="Here is why."),
+        checks=checks,
+        rate=None,
+        covered_by=None,
+        W=None,
+        gain_source=None,
+        P=None,
+        Q=None,
+        notes=(),
+        version="0",
+    )
     return Certificate(problem=problem, claims=claims).regions
 
 
@@ -74,59 +76,66 @@ def max_separable(
 
 
 def lure(*, radius: float, P_e: list[list[Any]], level: str = "1", rate: float = 1.0) -> Check:
-    weights = SparseSymmetric(
-        1 + max(j for _, j, _ in P_e), {(i, j): Fraction(x) for i, j, x in P_e}
-    )
+    size = 1 + max(j for _, j, _ in P_e)
+    form = SparseSymmetric(size, {(i, j): Fraction(x) for i, j, x in P_e})
+    one = Fraction(1)
     return Check(
         id="lure",
         verdict=Verdict.PROVED,
         rate=rate,
         domain=Ball(radius, 0.0),
         reason="from every start in a ball V decays.",
-        claim=Lure(
-            P_e=weights, ranges=(), radius=Fraction(1), level=Fraction(level), rate=Fraction(1)
-        ),
+        claim=Lure(P_e=form, ranges=(), radius=one, level=Fraction(level), rate=one),
     )
+
+
+def local(id: str, reason: str, **more: Any) -> Check:
+    """A check about the target itself, proved unless more is said."""
+    known: dict[str, Any] = {"verdict": Verdict.PROVED, "domain": NEAR_TARGET}
+    return Check(id=id, reason=reason, **known | more)
 
 
 def test_a_ball_holds_a_box_that_is_smaller_by_the_root_of_its_dimension():
     """The corner (b, ..., b) of the box has the norm b sqrt(n m)."""
     unit = [[i, i, "1"] for i in range(4)]
     claim = only(regions(chain(4), lure(radius=2.0, P_e=unit)))
-    assert (claim.kind, claim.box, claim.ball, claim.variant) == ("ball", 1.0, 2.0, "P_e = c I")
+    assert claim.kind == "ball"
+    assert claim.box == 1.0
+    assert claim.ball == 2.0
+    assert claim.variant == "P_e = c I"
 
 
 def test_a_box_holds_the_ball_of_its_radius_and_the_box_in_a_ball_is_rounded_down():
     claim = only(regions(chain(2), lure(radius=1.0, P_e=[[0, 0, "1"], [1, 1, "1"]])))
     assert claim.box is not None
-    assert 2 * claimed(claim.box) ** 2 <= 1 < 2 * (claimed(claim.box) + Fraction(1, 10**6)) ** 2
+    box = claimed(claim.box)
+    assert 2 * box**2 <= 1
+    assert 2 * (box + Fraction(1, 10**6)) ** 2 > 1
     claim = only(regions(chain(), max_separable(radius=0.75)))
-    assert (claim.kind, claim.box, claim.ball) == ("box", 0.75, 0.75)
+    assert claim.kind == "box"
+    assert claim.box == claim.ball == 0.75
 
 
 def test_what_is_asked_is_rounded_up():
     """x in [0, 5] about 1 is |e| <= 4; ten agents need a ball of sqrt(160) = 12.649110640673..."""
     found = regions(chain(10, region=asking([0, 5])))
-    assert found.asked is not None
-    assert (found.asked.box, found.asked.interval) == (4.0, (0.0, 5.0))
-    assert (
-        claimed(found.asked.ball) ** 2
-        >= 160
-        > (claimed(found.asked.ball) - Fraction(2, 10**7)) ** 2
-    )
+    asked = found.asked
+    assert asked is not None
+    assert asked.box == 4.0
+    assert asked.interval == (0.0, 5.0)
+    ball = claimed(asked.ball)
+    assert ball**2 >= 160
+    assert (ball - Fraction(2, 10**7)) ** 2 < 160
 
 
 def test_every_agent_has_its_share_of_the_box_after_what_the_observer_takes():
     """rho = 3, kappa s sqrt(size) = 1 * 1/2 * 2 = 1, so |e_i| <= 2 v_i."""
     problem = chain(exosystem=Exosystem(A=[[0]], C=[[1]]), observer=Observer(W=[[4]]))
-    check = max_separable(
-        radius=1.5, disturbance=0.5, rho="3", P=[["4"]], beta="3", kappa="1", size="4"
-    )
-    agents = regions(problem, check).agents
-    assert [(agent.label, agent.bound, agent.pinned, agent.goal) for agent in agents] == [
-        ("1", 2.0, True, 1.0),
-        ("2", 4.0, False, 1.0),
-    ]
+    part = {"P": [["4"]], "beta": "3", "kappa": "1", "size": "4"}
+    check = max_separable(radius=1.5, disturbance=0.5, rho="3", **part)
+    first, second = regions(problem, check).agents
+    assert first == AgentBound(label="1", bound=2.0, pinned=True, goal=1.0)
+    assert second == AgentBound(label="2", bound=4.0, pinned=False, goal=1.0)
 
 
 def test_the_time_of_a_box_is_the_least_that_the_rate_proves():
@@ -148,7 +157,8 @@ def test_the_time_of_a_ball_takes_the_softest_direction_of_its_weights():
 
 
 def test_times_of_all_methods_are_about_one_tolerance():
-    box, ball = max_separable(), lure(radius=0.5, P_e=[[0, 0, "1"], [1, 1, "1"]])
+    box = max_separable()
+    ball = lure(radius=0.5, P_e=[[0, 0, "1"], [1, 1, "1"]])
     assert regions(chain(), box, ball).tolerance == 0.005
     asked = chain(region=asking([0, 2]))
     assert regions(asked, box, ball).tolerance == 0.01
@@ -173,16 +183,18 @@ def test_the_reason_for_a_limit_names_a_coupling_that_falls():
 
 
 def test_a_local_proof_has_no_radius_and_one_for_every_start_needs_none():
-    check = Check(
-        id="lemma1", mode="G", verdict=Verdict.PROVED, domain=NEAR_TARGET, rate=0.1, reason="yes."
-    )
-    claim = only(regions(chain(), check))
-    assert (claim.kind, claim.box, claim.time) == ("near", None, None)
+    claim = only(regions(chain(), local("lemma1", "yes.", mode="G", rate=0.1)))
+    assert claim.kind == "near"
+    assert claim.box is None
+    assert claim.time is None
     assert "states no radius" in claim.limit
     linear = chain(coupling="2*y", region=asking([0, 2]))
     everywhere = dataclasses.replace(max_separable(rho=None), domain=EVERYWHERE)
     claim = only(regions(linear, everywhere))
-    assert (claim.kind, claim.box, claim.covers, claim.limit) == ("everywhere", None, True, "")
+    assert claim.kind == "everywhere"
+    assert claim.box is None
+    assert claim.covers
+    assert claim.limit == ""
     assert claim.time is not None
     assert 2 * math.exp(-0.5 * claim.time) <= 0.01
 
@@ -190,57 +202,41 @@ def test_a_local_proof_has_no_radius_and_one_for_every_start_needs_none():
 def test_lemma_1_of_several_modes_is_one_row_of_the_slowest_or_of_the_one_that_fails():
     modes = {"G": [(2, 1)], "H": [(2, 1)]}
     problem = chain(network=Network.from_arcs(modes, arrow="listens_to", agents=2))
-    slow = Check(
-        id="lemma1", mode="G", verdict=Verdict.PROVED, domain=NEAR_TARGET, rate=0.1, reason="slow."
-    )
-    fast = Check(
-        id="lemma1", mode="H", verdict=Verdict.PROVED, domain=NEAR_TARGET, rate=0.2, reason="fast."
-    )
-    fails = Check(
-        id="lemma1", mode="H", verdict=Verdict.REFUTED, domain=NEAR_TARGET, reason="it fails."
-    )
+    slow = local("lemma1", "slow.", mode="G", rate=0.1)
+    fast = local("lemma1", "fast.", mode="H", rate=0.2)
+    fails = local("lemma1", "it fails.", mode="H", verdict=Verdict.REFUTED)
     assert only(regions(problem, slow, fast)).rate == 0.1
     assert only(regions(problem, slow, fails)).limit == "it fails."
 
 
 def test_with_a_disturbance_lemma_1_and_the_printed_matrix_are_left_to_the_list_of_checks():
     problem = chain(exosystem=Exosystem(A=[[0]], C=[[1]]), observer=Observer(W=[[4]]))
-    lemma = Check(id="lemma1", mode="G", verdict=Verdict.PROVED, domain=NEAR_TARGET, reason="yes.")
-    printed = Check(
-        id="theorem1-printed", verdict=Verdict.PROVED, domain=NEAR_TARGET, reason="yes."
-    )
-    theorem = Check(id="theorem1", verdict=Verdict.PROVED, domain=NEAR_TARGET, reason="yes.")
+    lemma = local("lemma1", "yes.", mode="G")
+    printed = local("theorem1-printed", "yes.")
+    theorem = local("theorem1", "yes.")
     found = regions(problem, lemma, printed, theorem)
     assert [claim.id for claim in found.claims] == ["theorem1"]
     assert not found.tried
     assert not found.sized
 
 
-@pytest.mark.parametrize(
-    "exact",
-    [{"v": ["1"]}, {"rho": "none"}, {"v": ["1", "0"]}, {"alpha": None}, {"extra": "1"}, {"v": 7}],
-)
+UNREADABLE: list[dict[str, Any]] = [{"v": ["1"]}, {"v": ["1", "0"]}, {"v": 7}]
+UNREADABLE += [{"rho": "none"}, {"alpha": None}, {"extra": "1"}]
+
+
+@pytest.mark.parametrize("exact", UNREADABLE)
 def test_claims_that_cannot_be_read_are_a_certificate_error(exact: dict[str, Any]):
     """A certificate file may come from anybody, and nobody has verified it yet."""
-    with pytest.raises(
-        CertificateError, match="a regional check of this certificate cannot be read"
-    ):
+    told = "a regional check of this certificate cannot be read"
+    with pytest.raises(CertificateError, match=told):
         regions(chain(), max_separable(**exact))
 
 
 def test_another_equilibrium_is_told_by_its_distance():
     witness = Witness(kind="start", values=("-33/20", "8/5"))
-    check = Check(
-        id="equilibrium",
-        verdict=Verdict.REFUTED,
-        domain=NEAR_TARGET,
-        reason="it rests.",
-        witness=witness,
-    )
+    check = local("equilibrium", "it rests.", verdict=Verdict.REFUTED, witness=witness)
     assert regions(chain(), check).rest == 1.65
-    undecided = Check(
-        id="equilibrium", verdict=Verdict.UNDECIDED, domain=NEAR_TARGET, reason="none found."
-    )
+    undecided = local("equilibrium", "none found.", verdict=Verdict.UNDECIDED)
     assert regions(chain(), undecided).rest is None
     assert regions(chain()).rest is None
 

@@ -23,21 +23,23 @@ def programs(shape: str) -> list[tuple[Inequalities, np.ndarray]]:
     border."""
     problem = random_problem(3, coupling="y + y**3/10")
     gains = sample_gains(loop_of(problem), 0.5)
-    loop = float_system(
-        make_templates(loop_of(problem)), gains, radius=0.5, S=np.array([[0.3]]), rate=0.01
-    )
+    templates = make_templates(loop_of(problem))
+    loop = float_system(templates, gains, radius=0.5, S=np.array([[0.3]]), rate=0.01)
     basis = make_basis(loop.size, shape)
-    Y, t = 0.02 * np.eye(loop.size), [0.3] * loop.multipliers
-    tails = {"centring": [0.02], "shifted": [0.02, 5.0], "covering": [0.02, 0.01, 0.001, 0.9]}
-    made = {
-        "centring": centring(loop, basis),
-        "shifted": centring(loop, basis, shift=True),
-        "covering": covering(loop, basis, disturbance=0.01, condition=100.0),
-    }
+    plain = centring(loop, basis)
+    shifted = centring(loop, basis, shift=True)
+    wide = covering(loop, basis, disturbance=0.01, condition=100.0)
+    Y = 0.02 * np.eye(loop.size)
+    t = [0.3] * loop.multipliers
     # theta makes the first two feasible whatever the numbers are; the third is checked where it
     # happens to be.
-    points = [(made[name], made[name].join(Y, [*t, *tails[name]])) for name in made]
-    return [(program, point) for program, point in points if program.holds(point)]
+    tails = [(plain, [0.02]), (shifted, [0.02, 5.0]), (wide, [0.02, 0.01, 0.001, 0.9])]
+    found = []
+    for program, tail in tails:
+        point = program.join(Y, [*t, *tail])
+        if program.holds(point):
+            found.append((program, point))
+    return found
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -47,11 +49,13 @@ def test_gradient_and_hessian_are_the_differences_of_the_barrier(shape):
     for program, point in found:
         gradient, hessian = program.derivatives(point)
         step = 1e-6 * np.eye(len(point))
-        slopes = [(program.barrier(point + e) - program.barrier(point - e)) / 2e-6 for e in step]
-        curves = [
-            (program.derivatives(point + e)[0] - program.derivatives(point - e)[0]) / 2e-6
-            for e in step
-        ]
+        slopes = []
+        curves = []
+        for e in step:
+            slopes.append((program.barrier(point + e) - program.barrier(point - e)) / 2e-6)
+            after = program.derivatives(point + e)[0]
+            before = program.derivatives(point - e)[0]
+            curves.append((after - before) / 2e-6)
         assert np.allclose(gradient, slopes, atol=1e-6 * np.max(np.abs(gradient)))
         assert np.allclose(hessian, curves, atol=1e-6 * np.max(np.abs(hessian)))
 
@@ -60,8 +64,9 @@ def test_gradient_and_hessian_are_the_differences_of_the_barrier(shape):
 def test_the_centre_of_a_box_of_matrices_is_its_middle(shape):
     """0 < Y < I: the centre is I/2."""
     basis = make_basis(3, shape)
-    blocks = (Block(constant=np.eye(3), plain=-1.0), Block(constant=np.zeros((3, 3)), plain=1.0))
-    program = Inequalities(basis=basis, blocks=blocks, count=0)
+    below = Block(constant=np.eye(3), plain=-1.0)
+    above = Block(constant=np.zeros((3, 3)), plain=1.0)
+    program = Inequalities(basis=basis, blocks=(below, above), count=0)
     found = centre(program, program.join(0.1 * np.eye(3), []))
     assert np.allclose(program.split(found)[0], np.eye(3) / 2, atol=1e-2)
 
@@ -70,7 +75,8 @@ def test_the_smallest_trace_above_a_matrix_is_its_own():
     """Minimise tr Y subject to Y > M: Y = M."""
     M = np.array([[2.0, 1.0], [1.0, 3.0]])
     basis = make_basis(2, "full")
-    program = Inequalities(basis=basis, blocks=(Block(constant=-M, plain=1.0),), count=0)
+    block = Block(constant=-M, plain=1.0)
+    program = Inequalities(basis=basis, blocks=(block,), count=0)
     cost = basis.traces(np.eye(2))
     found = minimise(program, program.join(9 * np.eye(2), []), cost, accuracy=1e-7)
     assert np.allclose(program.split(found)[0], M, atol=1e-5)
@@ -81,7 +87,8 @@ def test_hopeless_programs_are_left_early():
     basis = make_basis(1, "full")
     block = Block(constant=-np.diag([1.0, 3.0]), dense={0: np.eye(2)})
     program = Inequalities(basis=basis, blocks=(block,), count=1)
-    start, cost = np.array([0.0, 50.0]), np.array([0.0, 1.0])
+    start = np.array([0.0, 50.0])
+    cost = np.array([0.0, 1.0])
     early = minimise(program, start, cost, hopeless=1.0)
     late = minimise(program, start, cost, accuracy=1e-6)
     assert late[1] == pytest.approx(3, abs=1e-4)

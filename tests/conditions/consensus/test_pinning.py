@@ -3,6 +3,7 @@ agent tried."""
 
 import math
 import warnings
+from dataclasses import dataclass
 from random import Random
 
 import clarabel
@@ -14,6 +15,7 @@ from networks import digraph, linked
 from dobc_design import Problem
 from dobc_design.conditions.consensus import pinning
 from dobc_design.conditions.consensus.pinning import (
+    Blocks,
     cheapest_gains,
     fastest_rate,
     for_rate,
@@ -26,34 +28,36 @@ from dobc_design.conditions.consensus.pinning import (
 from dobc_design.loop.make import loop_of
 
 
+def blocks_of(problem: Problem) -> Blocks:
+    return network_blocks(loop_of(problem))
+
+
 def reference(tables, allowed, costs, caps=None) -> float:
     """The optimum of the semidefinite program, by cvxpy and Clarabel, written out dense; nan if
     there is none."""
     gains = cp.Variable(len(allowed), nonneg=True)
     place = np.eye(len(costs))[:, allowed]
     limits = [table.toarray() + 2 * cp.diag(place @ gains) >> 0 for table in tables]
-    program = cp.Problem(
-        cp.Minimize(costs[allowed] @ gains),
-        limits + ([] if caps is None else [gains <= caps[allowed]]),
-    )
+    if caps is not None:
+        limits.append(gains <= caps[allowed])
+    program = cp.Problem(cp.Minimize(costs[allowed] @ gains), limits)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # "may be inaccurate" at the tolerance asked for
         try:
             program.solve(solver=cp.CLARABEL, tol_gap_abs=1e-10, tol_gap_rel=1e-10, tol_feas=1e-10)
         except cp.SolverError:
             return math.nan
-    return (
-        math.nan
-        if program.value is None or not math.isfinite(program.value)
-        else float(program.value)
-    )
+    if program.value is None or not math.isfinite(program.value):
+        return math.nan
+    return float(program.value)
 
 
 def compare_with_the_program(count: int, seed: int) -> int:
     """How many digraphs had an optimum; each is compared to 1e-6."""
-    r, compared = Random(seed), 0
+    r = Random(seed)
+    compared = 0
     for _ in range(count):
-        blocks = network_blocks(loop_of(digraph(r, r.randint(3, 10))))
+        blocks = blocks_of(digraph(r, r.randint(3, 10)))
         allowed = sorted(r.sample(range(blocks.agents), r.randint(1, blocks.agents)))
         costs = np.array([r.uniform(0.5, 2) for _ in range(blocks.agents)])
         fastest = fastest_rate(blocks, allowed)
@@ -70,9 +74,10 @@ def compare_with_the_program(count: int, seed: int) -> int:
     return compared
 
 
-@pytest.mark.parametrize(
-    ("count", "least"), [(15, 9), pytest.param(170, 100, marks=pytest.mark.slow)]
-)
+MANY = pytest.param(170, 100, marks=pytest.mark.slow)
+
+
+@pytest.mark.parametrize(("count", "least"), [(15, 9), MANY])
 def test_the_closed_form_is_the_optimum_of_the_semidefinite_program(count, least):
     """Theory, section 7: minimise sum c_i k_i subject to Lambda(K) <= -2 beta I."""
     assert compare_with_the_program(count, seed=1) >= least
@@ -81,7 +86,7 @@ def test_the_closed_form_is_the_optimum_of_the_semidefinite_program(count, least
 def test_one_pin_on_the_directed_ten_cycle_reaches_every_rate_below_a_bound_and_none_above(cycle):
     """lambda_max(Lambda) > 4 (cos(pi/10) - 1) = -0.195774 however large the gain (theory, known
     answers)."""
-    blocks = network_blocks(loop_of(cycle(10, pins={})))
+    blocks = blocks_of(cycle(10, pins={}))
     bound = 2 * (1 - math.cos(math.pi / 10))
     assert fastest_rate(blocks, [0]) == pytest.approx(bound, rel=1e-9)
     gains = [smallest_gains(for_rate(blocks, part * bound), [0])[0] for part in (0.5, 0.9, 0.999)]
@@ -94,7 +99,7 @@ def test_the_gain_of_one_pin_on_a_cycle_is_that_of_the_recursion(cycle, n):
     """S v = 0 off the pin on a path of equal steps: v_j = cos((j - n/2) t) / cos(n t/2), 2 - 2 cos
     t = 2 beta/s."""
     s = 2.0  # h'(0); S is 2 s (I - half the adjacency): 4 on the diagonal, -2 beside it
-    blocks = network_blocks(loop_of(cycle(n, pins={})))
+    blocks = blocks_of(cycle(n, pins={}))
     beta = 0.4 * fastest_rate(blocks, [0])
     t = math.acos(1 - beta / s)
     v = [math.cos((j - n / 2) * t) / math.cos(n * t / 2) for j in range(n + 1)]
@@ -105,12 +110,12 @@ def test_the_gain_of_one_pin_on_a_cycle_is_that_of_the_recursion(cycle, n):
 def test_an_agent_whose_gain_would_be_negative_is_set_free():
     """1 hears 2 alone, strongly: pinning both costs less with k_1 = 0 than the formula of the first
     round."""
-    blocks = network_blocks(loop_of(linked([[1, 2, 5], [2, 3], [3, 2]])))
+    blocks = blocks_of(linked([[1, 2, 5], [2, 3], [3, 2]]))
     gains = smallest_gains(blocks, [0, 1, 2])
     assert gains.min() == 0
     assert sum(gains) == pytest.approx(reference(blocks.tables, [0, 1, 2], np.ones(3)), rel=1e-6)
     # no gains can do where a closed group has no allowed agent
-    blocks = network_blocks(loop_of(linked([[1, 2], [2, 1], [3, 4], [4, 3]])))
+    blocks = blocks_of(linked([[1, 2], [2, 1], [3, 4], [4, 3]]))
     assert smallest_gains(blocks, [0]) is None
     assert looseness(blocks, [0]) == math.inf
     assert smallest_gains(blocks, [0, 2]) is not None
@@ -121,7 +126,7 @@ def test_couplings_that_are_no_z_matrix_go_to_the_program_and_a_panic_costs_the_
     monkeypatch,
 ):
     """h = -y on a pair: Lambda = [[2, -2], [-2, 2]] - 2 K needs k = 2 on both agents."""
-    blocks = network_blocks(loop_of(linked([[1, 2], [2, 1]], coupling="-y")))
+    blocks = blocks_of(linked([[1, 2], [2, 1]], coupling="-y"))
     assert not blocks.z
     assert smallest_gains(blocks, [0, 1]) == pytest.approx([2, 2], rel=1e-6)
     assert smallest_gains(blocks, [0]) is None
@@ -144,47 +149,58 @@ def digraphs(r: Random, n: int, modes: int) -> Problem:
     return linked(found, n)
 
 
-def case(seed: int, n: int, modes: int):
+@dataclass(frozen=True)
+class Shared:
     """Blocks at a rate that the chosen agents reach, who they are, and costs."""
+
+    blocks: Blocks
+    chosen: np.ndarray
+    costs: np.ndarray
+
+    def solved(self, caps=None) -> np.ndarray:
+        return solve_shared(self.blocks.tables, self.chosen, self.costs, caps)
+
+    def optimum(self, caps=None) -> float:
+        return reference(self.blocks.tables, np.flatnonzero(self.chosen), self.costs, caps)
+
+
+def case(seed: int, n: int, modes: int) -> Shared:
     r = Random(seed)
-    blocks = network_blocks(loop_of(digraphs(r, n, modes)))
+    blocks = blocks_of(digraphs(r, n, modes))
     allowed = r.sample(range(n), n // 2)
     while fastest_rate(blocks, allowed) <= 0.15:
         allowed.append(r.choice(sorted(set(range(n)) - set(allowed))))
-    return (
-        for_rate(blocks, 0.1),
-        np.isin(range(n), allowed),
-        np.array([r.uniform(0.5, 2) for _ in range(n)]),
-    )
+    costs = np.array([r.uniform(0.5, 2) for _ in range(n)])
+    return Shared(for_rate(blocks, 0.1), np.isin(range(n), allowed), costs)
 
 
 @pytest.mark.parametrize(("n", "modes"), [(6, 2), (9, 3)])
 def test_shared_gains_are_those_of_the_semidefinite_program_and_their_bound_is_below(n, modes):
     """Theory, section 7: a geometric program, solved through its dual."""
-    blocks, chosen, costs = case(n, n, modes)
-    found = solve_shared(blocks.tables, chosen, costs)
-    optimal = reference(blocks.tables, np.flatnonzero(chosen), costs)
-    assert costs @ found.gains == pytest.approx(optimal, rel=1e-6)
-    assert costs @ found.gains * (1 - 1e-6) <= found.bound <= optimal * (1 + 1e-7)
-    assert not np.any(found.gains[~chosen])
+    given = case(n, n, modes)
+    found = given.solved()
+    optimal = given.optimum()
+    cost = given.costs @ found.gains
+    assert cost == pytest.approx(optimal, rel=1e-6)
+    assert cost * (1 - 1e-6) <= found.bound <= optimal * (1 + 1e-7)
+    assert not np.any(found.gains[~given.chosen])
     loads = np.sum([v**2 for (v,) in found.vectors], axis=0)
-    assert np.all(loads[chosen] <= costs[chosen] * (1 + 1e-12))
+    assert np.all((loads <= given.costs * (1 + 1e-12))[given.chosen])
 
 
 def test_shared_gains_with_caps_are_those_of_the_semidefinite_program():
-    blocks, chosen, costs = case(3, 8, 2)
-    free = solve_shared(blocks.tables, chosen, costs)
+    given = case(3, 8, 2)
+    free = given.solved()
     caps = np.full(8, 0.9 * free.gains.max())
-    held = solve_shared(blocks.tables, chosen, costs, caps)
+    held = given.solved(caps)
     assert np.all(held.gains <= caps * (1 + 1e-9))
-    assert costs @ held.gains > costs @ free.gains
-    assert costs @ held.gains == pytest.approx(
-        reference(blocks.tables, np.flatnonzero(chosen), costs, caps), rel=1e-6
-    )
+    cost = given.costs @ held.gains
+    assert cost > given.costs @ free.gains
+    assert cost == pytest.approx(given.optimum(caps), rel=1e-6)
     # Agents that cannot hold all modes share none: in the second nobody is heard by 2 and 3 but
     # each other.
     problem = linked({"A": [[2, 1], [3, 2]], "B": [[2, 3], [3, 2]]}, 3)
-    blocks = for_rate(network_blocks(loop_of(problem)), 0.01)
+    blocks = for_rate(blocks_of(problem), 0.01)
     assert solve_shared(blocks.tables, np.array([True, False, False]), np.ones(3)) is None
 
 
@@ -193,7 +209,8 @@ def test_the_rate_of_a_large_network_is_estimated_from_below_and_closely(monkeyp
     eigenvalues."""
     pairs = [(i, i + 1) for i in range(1, 30)] + [(3, 20), (7, 25), (11, 16)]
     problem = linked([arc for i, j in pairs for arc in ([i, j], [j, i])], 30, coupling="y")
-    blocks, pins = network_blocks(loop_of(problem)), (0, 9, 17, 28)
+    blocks = blocks_of(problem)
+    pins = (0, 9, 17, 28)
     exact = fastest_rate(blocks, pins)
     monkeypatch.setattr(pinning, "LARGE", 0)
     assert 0.95 * exact <= rough_rate(blocks, pins) <= exact * (1 + 1e-9)

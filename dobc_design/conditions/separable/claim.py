@@ -376,6 +376,7 @@ def rows(
     Raises: ShapeError unless v has one entry per agent."""
     require_one_per_agent(loop, v)
     pulls = held_gains(loop) if held else holding_gains(loop, error=errors.gains)
+    # Many agents are in the same situation: their row is decided once.
     found: dict[Row, Place] = {}
     for mode in loop.modes if modes is None else modes:
         heard_by = _heard(loop, mode, v, agents, loose=not held)
@@ -413,6 +414,7 @@ def _heard(
 ) -> dict[int, dict[Heard, Fraction]]:
     """For every one of these agents (default: all) what it hears in a mode, by total weight."""
     arcs = loop.modes[mode]
+    # Arcs that come and go are the last ones.
     sure = len(arcs) - arcs.optional if loose else len(arcs)
     if agents is None:
         numbers = np.arange(len(arcs))

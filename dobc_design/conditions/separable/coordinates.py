@@ -75,6 +75,7 @@ def reaches(loop: Loop, T: Matrix, v: Sequence[Fraction], rho: Fraction) -> dict
     for arcs in loop.modes.values():
         listeners, speakers = arcs.listeners.tolist(), arcs.speakers.tolist()
         places = coupling_places(loop, arcs).tolist()
+        # A difference is at most as large as both of its errors together.
         for i, j, place in zip(listeners, speakers, places, strict=True):
             known, own, other = found[place], sizes[i], sizes[j]
             for c in range(loop.m):
@@ -173,6 +174,7 @@ def slowest_row(
     slowest: list[Slowest] = []
     for mode in loop.modes if modes is None else modes:
         spend(len(loop.modes[mode]) * m * 2 ** (m - 1) * corners.most // _A_STEP)
+        # A row is convex in x, and what arcs add to it in their gains: corners decide.
         totals, unit = sums.of_mode(loop, mode)
         for i, (of_own, of_arcs) in enumerate(zip(alone, totals, strict=True)):
             for c in range(m):

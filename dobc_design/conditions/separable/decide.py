@@ -193,6 +193,7 @@ def in_arrays(question: Question) -> Many | None:
     """The question in arrays where there are many arcs; None for few, for couplings that turn
     often, and where pins are curved."""
     loop, rho = question.loop, question.rho
+    # Floats know a pin by its gain alone.
     if loop.pins.curved:
         return None
     is_rising = all(kind.is_nondecreasing for kind in question.profiles)
@@ -250,6 +251,7 @@ def first_failure(
             stretch=question.stretch,
             errors=question.errors,
         )
+        # Both faces have the same terms, so that a row is made once for the two.
         for row, place in found:
             for face in batch.faces:
                 answer = _decide(question, claim, row, place, face)
@@ -431,6 +433,7 @@ def upper_bound(sides: Sequence[Side], S: Interval) -> Interval:
     rising: list[Side] = []
     total = change = others = ZERO
     smooth = not S.is_point
+    # Where h rises, phi is what it takes at the right end; else all of its maxima count.
     for side in sides:
         if not _rises(side, S):
             others = others + _largest(side, S) * side.weight
@@ -597,6 +600,7 @@ def covers(claim: Separable, *, radius: Fraction, disturbance: Fraction) -> bool
         )
     if claim.rho is None:
         return True
+    # What the errors leave of rho has to be enough for those of the estimates.
     room = claim.rho - radius * claim.spread
     if claim.error is None:
         return room >= 0

@@ -110,6 +110,7 @@ class Field:
         total = np.zeros((len(self.grid), self.size))
         for group in self.modes[mode]:
             own, other = v[group.listeners], v[group.speakers]
+            # Some s at a time, so that arrays stay small.
             together = max(1, AT_ONCE // max(1, len(own)))
             for first in range(0, len(self.grid), together):
                 values, _ = _sup(group, face, self.grid[first : first + together, None], own, other)
@@ -160,6 +161,7 @@ def field_of(loop: Loop, *, rho: float, errors: Errors = EXACT) -> Field:
     for arcs in loop.modes.values():
         weights = np.array(arcs.weights, dtype=float)
         groups = []
+        # Arcs that come and go are groups of their own, which count where they pull outward.
         for kind, own in split_by(2 * coupling_places(loop, arcs) + arcs.uncertain):
             h, tops, bottoms = shapes[kind // 2]
             group = Group(
@@ -561,6 +563,8 @@ class Cover:
         best = self._beside(first)
         if best is None or best.rate <= first:
             return best
+        # A faster observer's part wants a larger kappa and rho, with which N is slower: V is as
+        # fast as the slower of the two.
         gained, low, high = first, 0.0, 2 * best.rate * ABOVE
         for _ in range(rounds):
             rate = (low + high) / 2

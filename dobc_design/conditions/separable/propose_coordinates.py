@@ -120,6 +120,7 @@ class Agents:
         node = self.loop.drift_place
         sizes = rho * np.vstack([v, 0 * v[:1]]) @ np.abs(np.linalg.inv(T)).T
         far: dict[int, Array] = {}
+        # The last row is the target, whose error is 0.
         for groups in self.modes:
             for group in groups:
                 apart = np.max(sizes[group.listeners] + sizes[group.speakers], axis=0)
@@ -265,6 +266,7 @@ class Rows:
             rate = float(np.min(-best / v))
             if rate > 0 and (not found or rate > found[-1][0]):
                 found.append((rate, v))
+            # Inverse iteration, on the rows that are the largest at v.
             u = solved_whole(M, v)
             if u is None:
                 break
@@ -373,6 +375,7 @@ def propose_coordinates(
     loop = cover.loop
     if loop.m > MOST_COMPONENTS:
         return None
+    # Of a large network a part is enough to choose T.
     part = Agents.of(loop, most=LARGE)
     gains = part.gains_near(float(cover.radius))
     if gains is None:
@@ -504,6 +507,7 @@ class Search:
         flattest v that keeps ``enough`` of the best rate."""
         v = self.agents.ones
         rate, best = 0.0, None
+        # Weights belong to gains, and gains to how far the weights reach: one after the other.
         for _ in range(1 if self.agents.loop.is_linear else ROUNDS):
             rows = self.rows(v, error)
             found = [] if rows is None else rows.vectors()

@@ -65,6 +65,7 @@ def propose_error_bound(exosystem: Exosystem, W: Matrix, *, rate: float = 0.0) -
     bound_at = _least_bound if len(error) <= LARGEST_PROGRAM else _lyapunov_bound
     low, high = rate, fastest
     best = None
+    # What beta costs may have several valleys, so that a grid looks at it, then a finer one.
     for _ in range(REFINEMENTS):
         betas = np.linspace(low, high, GRID + 2)[1:-1].tolist()
         found = [bound_at(error, C, beta) for beta in betas]
@@ -76,6 +77,7 @@ def propose_error_bound(exosystem: Exosystem, W: Matrix, *, rate: float = 0.0) -
         low, high = max(rate, best.beta - width), min(fastest, best.beta + width)
     if best is None:
         return None
+    # More is given away until the rounded numbers are inside; exact arithmetic decides later.
     for slack in SLACKS:
         rounded = _rounded(best, rate=rate, slack=slack)
         if rounded is None or _is_inside(error, C, rounded):

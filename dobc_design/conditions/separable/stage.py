@@ -186,6 +186,7 @@ def largest_claim(asked: Asked) -> Found | None:
     found = at(asked.radius)
     if found is not None or asked.domain == EVERYWHERE:
         return found
+    # Boxes may be far too large: halved first, then cut between the last one and the next.
     low, high = _short(asked.radius / 2**HALVINGS), asked.radius
     nearest = at(low)
     if nearest is None:
@@ -199,6 +200,7 @@ def largest_claim(asked: Asked) -> Found | None:
         high = radius
     plans: list[tuple[_Box, SeparablePlan]] = []  # that floating point covers, increasing
     close = next(part for size, part in CLOSE if loop.n <= size)
+    # Floating point says quickly where no v is left; the largest box that it covers is proved.
     while high - low > close * high:
         radius = _short((low + high) / 2)
         if not low < radius < high:

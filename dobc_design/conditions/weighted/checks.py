@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from fractions import Fraction
+from functools import partial
 
-from dobc_design.conditions.check import Check, Claim, read_object
+from dobc_design.conditions.check import Check, Claim, read_object, undecided_check
 from dobc_design.conditions.consensus.claim import Statements
 from dobc_design.conditions.numbers import (
     claimed,
@@ -15,9 +14,8 @@ from dobc_design.conditions.numbers import (
     vector_from_json,
 )
 from dobc_design.conditions.reason import Reason
-from dobc_design.conditions.weighted import decide
 from dobc_design.conditions.weighted.decide import Weighted, why_not
-from dobc_design.conditions.weighted.network import Alike, alike_holds, network_of
+from dobc_design.conditions.weighted.network import Alike, network_of
 from dobc_design.exact.matrix import Matrix
 from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
@@ -51,36 +49,21 @@ def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Claim:
     )
 
 
-def holds(
-    claim: Weighted | Alike, statements: Statements, W: Matrix | None, *, rate: Fraction
-) -> bool:
-    """Whether the claim proves V' <= -2 rate V near the target, for the gain W (q, m) of the
-    observer."""
-    if isinstance(claim, Alike):
-        return alike_holds(claim, statements, W, rate=rate)
-    return decide.holds(claim, statements, W, rate=rate)
-
-
 def weighted_check(
-    id: str,
-    statements: Statements,
-    W: Matrix | None,
-    claim: Weighted | Alike | None,
-    *,
-    rate: float,
+    statements: Statements, W: Matrix | None, claim: Weighted | Alike | None, *, rate: float
 ) -> Check:
     """The check of a proposed claim at a proposed rate (1/s, as it is written): proved, or
     undecided."""
-    undecided = Check(id=id, verdict=Verdict.UNDECIDED, domain=statements.domain, reason="")
+    id = id_for(statements.loop)
+    undecided = partial(undecided_check, id, statements.domain)
     reason = why_not(statements)
     # Agents with dynamics that feel their neighbours alike may still have the other form.
     alike = isinstance(claim, Alike)
     if reason is not None and not alike and isinstance(network_of(statements), Reason):
-        return replace(undecided, reason=reason, applies=False)
-    if claim is None or not holds(claim, statements, W, rate=claimed(rate)):
-        reason = "no weights D were found for which the condition is proved."
-        return replace(undecided, reason=reason)
-    V = "e'(D (x) R)e" if isinstance(claim, Alike) else "e'De"
+        return undecided(reason, applies=False)
+    if claim is None or not claim.holds(statements, W, rate=claimed(rate)):
+        return undecided("no weights D were found for which the condition is proved.")
+    V = "e'(D (x) R)e" if alike else "e'De"
     if statements.loop.groups:
         V += " + sum eps_i' P eps_i"
     pace = f", V' <= -2 ({text_below(rate)}) V" if rate else ""
@@ -111,6 +94,6 @@ def confirm(check: Check, loop: Loop, W: Matrix | None, *, statements: Statement
         if reason is not None:
             return reason
     rate = claimed(check.rate or 0.0)
-    if not isinstance(claim, Weighted | Alike) or not holds(claim, statements, W, rate=rate):
+    if not isinstance(claim, Weighted | Alike) or not claim.holds(statements, W, rate=rate):
         return "the rows N w > 0 do not hold with that rate"
     return None

@@ -60,6 +60,12 @@ class Weighted:
             values |= fields_to_json(self, "P")
         return values
 
+    def holds(self, statements: Statements, W: Matrix | None, *, rate: Fraction) -> bool:
+        """Whether the claim proves V' <= -2 rate V near the target, for the gain W (q, m) of the
+        observer."""
+        sigma = observer_bounds(statements.loop, self.P, W, rate=rate)
+        return sigma is not None and network_holds(self, statements, rate=rate, sigma=sigma)
+
 
 ZERO = Fraction(0)
 _SMALLEST = 2.0**-240  # a product of four numbers above keeps its digits
@@ -76,13 +82,6 @@ def why_not(statements: Statements) -> str | None:
         if any(x for c, row in enumerate(k) for d, x in enumerate(row) if c != d):
             return "does not apply: a pinning gain mixes components."
     return None
-
-
-def holds(claim: Weighted, statements: Statements, W: Matrix | None, *, rate: Fraction) -> bool:
-    """Whether the claim proves V' <= -2 rate V near the target, for the gain W (q, m) of the
-    observer."""
-    sigma = observer_bounds(statements.loop, claim.P, W, rate=rate)
-    return sigma is not None and network_holds(claim, statements, rate=rate, sigma=sigma)
 
 
 def network_holds(

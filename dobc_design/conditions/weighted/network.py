@@ -52,6 +52,21 @@ class Alike:
         own = {"c": number_text(self.strength), **fields_to_json(self, "R")}
         return {**self.weights.to_json(), **own}
 
+    def holds(self, statements: Statements, W: Matrix | None, *, rate: Fraction) -> bool:
+        """Whether the claim proves V' < -2 rate V near the target, for the gain W (q, m)."""
+        network = network_of(statements)
+        if not isinstance(network, Network):
+            return False
+        # Errors of observers that decay faster than the rate are a summand of V (see above).
+        exosystem = statements.loop.joint_exosystem
+        if exosystem is not None and (
+            W is None or not hurwitz_with_rate(error_matrix(exosystem, W), rate)
+        ):
+            return False
+        if not holds_of_agents(self.R, network, self.strength, rate):
+            return False
+        return network_holds(self.weights, network.statements, rate=self.strength)
+
 
 @noun(eq=False)
 class Network:
@@ -122,24 +137,6 @@ def _part(M: Matrix, G: Matrix) -> Fraction | None:
         pairs += zip(row, other, strict=True)
     g = next(x / y for x, y in pairs if y)
     return g if all(x == g * y for x, y in pairs) else None
-
-
-def alike_holds(claim: Alike, statements: Statements, W: Matrix | None, *, rate: Fraction) -> bool:
-    """Whether the claim proves V' < -2 rate V near the target, for the gain W (q, m)."""
-    network = network_of(statements)
-    if isinstance(network, Reason):
-        return False
-    # Errors of observers that decay faster than the rate are a summand of V (see above).
-    exosystem = statements.loop.joint_exosystem
-    if exosystem is not None and W is None:
-        return False
-    if exosystem is not None and W is not None:
-        error = error_matrix(exosystem, W)
-        if not hurwitz_with_rate(error, rate):
-            return False
-    if not holds_of_agents(claim.R, network, claim.strength, rate):
-        return False
-    return network_holds(claim.weights, network.statements, rate=claim.strength)
 
 
 def holds_of_agents(R: Matrix, network: Network, strength: Fraction, rate: Fraction) -> bool:

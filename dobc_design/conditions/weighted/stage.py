@@ -71,10 +71,10 @@ def weighted_stage(statements: Statements, W: Matrix | None, *, rate: float = 0.
             found = alike_proposals(loop, network, W, least=least)
         # The first that exact arithmetic proves; the next one tells how fast it could be.
         for claim, speed in found:
-            check = weighted_check(id, statements, W, claim, rate=speed)
+            check = weighted_check(statements, W, claim, rate=speed)
             if check.verdict is Verdict.PROVED:
                 return _with_fastest(check, speed, next(found, None))
-        check = weighted_check(id, statements, W, None, rate=0.0)
+        check = weighted_check(statements, W, None, rate=0.0)
         pair = disagreeing(alone) if len(modes) > 1 else None
         if pair is None:
             return check

@@ -16,7 +16,7 @@ from dobc_design.certification.recheck import recheck
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.weighted import decide
 from dobc_design.conditions.weighted.checks import confirm
-from dobc_design.conditions.weighted.decide import Weighted, holds, rows_hold
+from dobc_design.conditions.weighted.decide import Weighted, rows_hold
 from dobc_design.conditions.weighted.propose import proposals
 from dobc_design.conditions.weighted.stage import weighted_stage
 from dobc_design.exact.symmetric import Doubles
@@ -173,13 +173,13 @@ def test_a_claim_fails_above_the_true_rate_and_with_a_wrong_number(seed):
     problem = digraph(seed)
     statements, claim, rate = proposal(problem)
     mu = Fraction(true_rate(problem))
-    assert holds(claim, statements, None, rate=rate)
-    assert not holds(claim, statements, None, rate=mu * (1 + Fraction(1, 10**6)))
+    assert claim.holds(statements, None, rate=rate)
+    assert not claim.holds(statements, None, rate=mu * (1 + Fraction(1, 10**6)))
     (mode,) = claim.w
     w = list(claim.w[mode])
     w[0] *= 100
     wrong = replace(claim, w={mode: tuple(w)})
-    assert not holds(wrong, statements, None, rate=rate)
+    assert not wrong.holds(statements, None, rate=rate)
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -201,7 +201,7 @@ def test_what_is_accepted_is_definite_for_an_eigenvalue_solver(seed):
         if min(w) > 0 and abs(least) > 1e-9:
             exact = tuple(Fraction(float(x)) for x in w)
             claim = Weighted(D=tuple(D), w={mode: exact})
-            accepted = holds(claim, statements, None, rate=rate)
+            accepted = claim.holds(statements, None, rate=rate)
             assert accepted is (least > 0)
             tally.append(accepted)
     assert any(tally)

@@ -7,7 +7,7 @@ A Problem never asks for these words, since some of them are computed.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from dobc_design.description.contradictions import warnings
@@ -60,7 +60,7 @@ def _order_words(problem: Problem) -> str:
     return "no disturbance."
 
 
-def _mode_lines(problem: Problem, mode: str, arcs: Arcs) -> list[str]:
+def _mode_lines(problem: Problem, mode: str, arcs: Arcs) -> Iterator[str]:
     """The arcs of a mode, and whom they do not reach."""
     labels = problem.network.labels
     loose, by = "", ""
@@ -74,11 +74,13 @@ def _mode_lines(problem: Problem, mode: str, arcs: Arcs) -> list[str]:
         if problem.dynamics is not None:
             held = " (nothing but their own dynamics holds them)"
         reached = f"  NOT REACHED from a pinned agent: {missing}{held}."
-    listening = [f"  {text}" for text in _listening(labels, arcs)]
-    return [f'Mode "{mode}": {counted(len(arcs), "arc")}{loose}.', *listening, reached]
+    yield f'Mode "{mode}": {counted(len(arcs), "arc")}{loose}.'
+    for text in _listening(labels, arcs):
+        yield f"  {text}"
+    yield reached
 
 
-def _listening(labels: Names, arcs: Arcs) -> list[str]:
+def _listening(labels: Names, arcs: Arcs) -> Iterator[str]:
     """Whom each agent hears, of the first agents."""
     heard: dict[int, list[str]] = defaultdict(list)
     # Large networks are not gone through: the first agents say what the arrow means.
@@ -87,12 +89,10 @@ def _listening(labels: Names, arcs: Arcs) -> list[str]:
         heard[listener].append(labels[speaker] + of)
         if len(heard) > LISTED:
             break
-    rows = []
     for i, names in list(heard.items())[:LISTED]:
-        rows.append(f"{labels[i]} listens to {', '.join(names[:LISTED])}")
+        yield f"{labels[i]} listens to {', '.join(names[:LISTED])}"
     if len(heard) > LISTED:
-        rows.append("...")
-    return rows
+        yield "..."
 
 
 def _sentence(name: str, words: str) -> str:
@@ -113,18 +113,18 @@ def size_words(network: Network) -> str:
     return f"{n} agents, {arcs}, labels {some([*map(named, network.labels)], FIRST)}"
 
 
-def dynamics_lines(problem: Problem) -> list[str]:
+def dynamics_lines(problem: Problem) -> Iterator[str]:
     """The equation of agents with [dynamics], and the constant inputs that hold their goals."""
     own = problem.dynamics
     if own is None:
-        return []
+        return
     moves = "f(x)"
     by = f"f = ({', '.join(own.f or ())})"
     if own.f is None:
         moves = "A x"
         by = f"A = [{_rows_text(own.A or ())}]"
     equation = f"x' = {moves} + B (couplings + u + d), {counted(own.inputs, 'input')} each"
-    lines = [f"Agents: {equation}, {by}, B = [{_rows_text(own.B)}]."]
+    yield f"Agents: {equation}, {by}, B = [{_rows_text(own.B)}]."
     first: dict[Any, str] = {}  # the first agent with each input
     for i in reversed(range(problem.n)):
         first[problem.input_at(problem.goal_of(i))] = problem.network.labels[i]
@@ -134,8 +134,7 @@ def dynamics_lines(problem: Problem) -> list[str]:
             whose = f" for {label}" if len(first) > 1 else ""
             held.append(f"{vector_text(u)}{whose}")
     if held:
-        lines.append(f"Inputs u0 that hold the goals: {some(held, LISTED)}.")
-    return lines
+        yield f"Inputs u0 that hold the goals: {some(held, LISTED)}."
 
 
 def _rows_text(matrix: Sequence[Sequence[Any]]) -> str:
@@ -172,31 +171,32 @@ def _who_knows(problem: Problem) -> str:
     return f"the pinned agents alone know it ({names})"
 
 
-def meaning_lines(problem: Problem) -> list[str]:
+def meaning_lines(problem: Problem) -> Iterator[str]:
     """The disturbance and the time scales, what does not fit together, and what looks like a
     slip."""
-    lines = [_sentence(name, words) for name, words in disturbance_facts(problem)]
+    for name, words in disturbance_facts(problem):
+        yield _sentence(name, words)
     times = time_words(problem)
     if times:
-        lines.append(f"Time scales near the target: {times}.")
-    return [*lines, *caution_lines(problem)]
+        yield f"Time scales near the target: {times}."
+    yield from caution_lines(problem)
 
 
-def disturbance_facts(problem: Problem) -> list[tuple[str, str]]:
+def disturbance_facts(problem: Problem) -> Iterator[tuple[str, str]]:
     """Whose disturbance it is, and its parts in words."""
-    found = []
     for group in problem.groups[:LISTED]:
         of = f" of {some(group.agents, LISTED)}" if problem.is_grouped else ""
-        found.append((f"disturbance{of}", disturbance_words(problem, group)))
+        yield f"disturbance{of}", disturbance_words(problem, group)
     if problem.undisturbed:
-        found.append((f"disturbance of {some(problem.undisturbed, LISTED)}", "none"))
-    return found
+        yield f"disturbance of {some(problem.undisturbed, LISTED)}", "none"
 
 
-def caution_lines(problem: Problem) -> list[str]:
+def caution_lines(problem: Problem) -> Iterator[str]:
     """What does not fit together, and what looks like a slip."""
-    lines = [f"Warning: {warning}" for warning in warnings(problem)]
-    return lines + [f"Look at this: {remark}" for remark in remarks(problem)]
+    for warning in warnings(problem):
+        yield f"Warning: {warning}"
+    for remark in remarks(problem):
+        yield f"Look at this: {remark}"
 
 
 def facts(problem: Problem) -> Document:

@@ -46,6 +46,7 @@ def _graphml_graph(text: str) -> tuple[ElementTree.Element, ElementTree.Element 
         raise Unfit(
             None, f"is not valid GraphML ({reason_of(error)})", "Export it again."
         ) from None
+    # Namespaces differ from program to program; tags without them do not.
     tags = [(_tag(node), node) for node in root.iter()]
     graphs = [node for tag, node in tags if tag == "graph"]
     if len(graphs) > 1:
@@ -126,6 +127,7 @@ def gml(text: str) -> Graph:
     edges = [_plain_entries(value) for key, value in graphs[0] if key == "edge"]
     if not all("id" in node for node in nodes):
         raise Unfit(None, "has a node without an id", "Export it again.")
+    # Edges name ids, people name labels.
     ids = [node["id"] for node in nodes]
     labels = ids
     if all("label" in node for node in nodes):

@@ -318,6 +318,7 @@ def find_columns(first: Row, rows: Rows, index: Mapping[str, int]) -> Columns:
     number, cells = first
     if len(cells) < 2 or (cells[0] in index and cells[1] in index):
         return PLAIN  # agents may be called from and to
+    # From_Node, "from node" and fromNode are one name.
     names = [re.sub("[^a-z0-9]", "", cell.lower()) for cell in cells]
     third = cells[2] if len(cells) > 2 else ""
     third_is_number = _NUMBER.fullmatch(third) is not None

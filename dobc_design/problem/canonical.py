@@ -90,6 +90,7 @@ def matrix_text(matrix: Matrix) -> list[list[str]]:
 
 def canonical_document(problem: Problem) -> Document:
     """The document behind problem.json: JSON types only."""
+    # Sorted, so that equal problems have one text whatever their files looked like.
     exceptions = []
     for arc, coupling in sorted(problem.exceptions.items()):
         exceptions.append({"arc": list(arc), "h": coupling_text(coupling)})
@@ -126,6 +127,7 @@ def _mode(name: str, arcs: Arcs) -> Document:
 def _arc_rows(arcs: Arcs) -> list[list[Any]]:
     """[listener, speaker, weight] of every arc; arcs mostly share few weights, whose texts are made
     once."""
+    # To write a Fraction takes long; a million arcs mostly have a handful of weights.
     place, different = distinct_weights(arcs.weights)
     texts = [number_text(weight) for weight in different]
     weights = map(texts.__getitem__, place.tolist())
@@ -169,6 +171,7 @@ def _table_of(noun: Any) -> Document | None:
     if noun is None:
         return None
     every = {each.name: getattr(noun, each.name) for each in fields(noun)}
+    # Keys that came later are left out where they say nothing: older hashes stay valid.
     later = _later_keys(type(noun))
     return {name: x for name, x in every.items() if x is not None or name not in later}
 
@@ -216,6 +219,7 @@ def _load(data: bytes, name: str) -> Document:
         raise wrong(named(name), f"is not valid JSON ({reason_of(error)}).", _CURE) from None
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise not_a(PROBLEM, document, name=name)
+    # A version that does not fit would let one problem have two texts, and two hashes.
     version, known = document.get("version"), _version_of(document)
     if version != known or type(version) is not int:  # true and 1.0 equal 1
         raise mistake(
@@ -378,6 +382,7 @@ class _Reader:
 def _object(value: Any, key: str, *keys: str, later: Names = ()) -> Document:
     """An object with all of ``keys``, and some of ``later``, which are not null where they
     stand."""
+    # Neither more nor less: a key that is not read could change what a certificate is about.
     known = isinstance(value, dict) and set(keys) <= set(value) <= {*keys, *later}
     if not known or any(value[name] is None for name in later if name in value):
         raise _wrong(key, f"an object with the keys {', '.join(keys)}", value)

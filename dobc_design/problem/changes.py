@@ -381,6 +381,7 @@ def _coupling(problem: Problem, labels: Names) -> Document:
 
 def _settings(problem: Problem, labels: Names) -> dict[str, Document]:
     """The tables after [coupling], those that say something, with the keys that say something."""
+    # The same tables as problem.json has, with the numbers that somebody would type.
     tables = converted(settings_of(problem), typed_number)
     for group in (tables["exosystem"] or {}).get("groups", ()):
         group["agents"] = [labels[i] for i in group["agents"]]

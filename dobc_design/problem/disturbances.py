@@ -86,6 +86,7 @@ def read_exosystem(
     if table is None:
         return Disturbances()
     errors = Mistakes()
+    # [exosystem] itself and its groups are read alike, each under its own key.
     places: dict[str, ExosystemTable | GroupTable] = {"exosystem": table}
     for number, group in enumerate(table.groups):
         places[group_key(number)] = group

@@ -65,6 +65,7 @@ class Dynamics(Shown):
                 "must have either A or f, and one of them only.",
                 'Write A = [[0, 1], [0, 0]], or f = ["x2", "-sin(x1)"].',
             )
+        # A is linear and exact; f is kept as text, and its slopes are taken where they are needed.
         drift, texts = None, None
         if f is None:
             drift = read_matrix(A, "dynamics.A")
@@ -129,6 +130,7 @@ class Dynamics(Shown):
                 "must be rational at the target.",
                 "Move the target, or what f holds, to 0.",
             )
+        # The error e drifts by f(goal + e) - f(goal), written as an expression of e.
         moved = []
         for x, name in zip(goal, variable_names(m), strict=True):
             moved.append(f"({number_text(x)} + {name})" if x else name)
@@ -142,6 +144,7 @@ class Dynamics(Shown):
             _check_slopes(self, goal)  # says it of f as it is written
             raise
         slopes = whole.jacobian_at_zero()
+        # Proofs need exact slopes at the goal: a kink, or an irrational slope, has none.
         bad = []
         for text, row in zip(f, slopes, strict=True):
             kinked = any(name in text for name in whole.nonsmooth)
@@ -260,6 +263,7 @@ def _read_nodes(f: Any) -> Texts:
 
 def _read_node(text: Any, m: int, *, key: str) -> str:
     """One component of f as canonical text in x1..xm.  Raises: SpecError, ExpressionError."""
+    # The parser of couplings reads y: an x of the file becomes one, so that a y cannot be meant.
     if not isinstance(text, str) or re.search(r"\by[0-9]*\b", text):
         names = "x" if m == 1 else f"x1 to x{m}"
         raise wrong(key, f"must be an expression in {names}; got {shown(text)}.", _EXAMPLE)

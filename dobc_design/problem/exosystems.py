@@ -143,6 +143,7 @@ def of_parts(
             )
     # A ramp starts somewhere: it has the constant in it.
     shapes = [polynomial(1 if ramp else 0)] if constant or ramp else []
+    # Sines of both keys are compared with each other: 0.5 Hz and 3.14 rad/s may be one.
     sines: dict[Fraction, str] = {}
     for key, value in (("frequencies", frequencies), ("hz", hz)):
         if value is not None:
@@ -302,6 +303,7 @@ def _require_parts(parts: Sequence[Exosystem]) -> int:
 def block_diagonal(blocks: Sequence[Matrix]) -> Matrix:
     """Matrices along the diagonal, zeros elsewhere."""
     zero = Fraction(0)
+    # Row by row, with zeros on both sides of each block.
     width = sum(len(block[0]) for block in blocks)
     before = 0  # columns of the blocks that are placed
     rows: list[tuple[Fraction, ...]] = []

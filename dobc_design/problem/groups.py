@@ -150,6 +150,7 @@ class Group(Shown):
                 f"must be a list of labels, at least one; got {shown(agents)}.",
                 "For example agents = [1, 2].",
             )
+        # A caller may give a mapping or a matrix here: say which noun is meant.
         own = Observer() if observer is None else observer
         for key, value, kind in (("exosystem", exosystem, Exosystem), ("observer", own, Observer)):
             if not isinstance(value, kind):
@@ -184,6 +185,7 @@ def read_groups(
     first agent, agents in the order of the labels; none without a disturbance.  ``m``: how many
     components a disturbance has; ``states``: how many an agent has, where these are others.
     Raises: SpecError or ShapeError naming the key."""
+    # The observer of the problem serves all agents that are in no group.
     common = Observer() if observer is None else observer
     if exosystem is not None and states is not None and exosystem.outputs != m:
         rows = counted(m, "row")
@@ -211,6 +213,7 @@ def read_groups(
         rest = [label for label in labels if label not in owner]
         _check_rest(rest, exosystem, common, states)
     errors.raise_all()
+    # Groups stand in the order of their first agents, whatever the order in the file.
     members: dict[int, list[str]] = {}  # by group, in the order of their first agents
     for label in labels:
         if label in owner or exosystem is not None:
@@ -312,6 +315,7 @@ def _check_rest(
 ) -> None:
     """Those in no group have [exosystem]'s own A and C, or no disturbance; of nobody nothing may be
     said."""
+    # A, C, W or P that nobody uses is a slip: something is said in vain.
     why = "the agents in no group have no disturbance"
     if not rest:
         why = "every agent is in a group of exosystem.groups"
@@ -328,6 +332,7 @@ def _check_rest(
 
 def _check_all_have_p(groups: Sequence[Group]) -> None:
     """P is given for every group or for none.  Raises: SpecError."""
+    # Psi is tested with one P for all: it cannot be half given.
     given = [group.name for group in groups if group.observer.P is not None]
     missing = [group.name for group in groups if group.observer.P is None]
     if given and missing:
@@ -424,6 +429,7 @@ def group_numbers(groups: Sequence[Group], labels: Names) -> list[int]:
 def agent_blocks(S: Matrix, groups: Sequence[Group], labels: Names) -> list[Matrix]:
     """For each agent the block (m, m) of its group, 0 without a disturbance: S (G m, G m), or (m,
     m) for one group or none."""
+    # S of a single group is the block of everybody, also where it leaves agents out.
     blocks = group_blocks(S, max(1, len(groups)))
     m = len(blocks[0])
     with_nothing = (*blocks, zeros(m, m))

@@ -103,6 +103,7 @@ def enclosure(dynamics: Dynamics, leader: Leader) -> Box | None:
             return box
         sides = list(box)
         for c, upper in faces:
+            # A face moves by a part of the width, to a round number, as a person would write.
             step = max(sides[c].width, abs(sides[c].midpoint) / 10, Fraction(1, 100)) / _PART
             unit = Fraction(10) ** floor(log10(step))
             farther = (
@@ -149,6 +150,7 @@ def _points_inwards(node: Node, face: Box, sign: int) -> bool:
         if _least(node, part, sign) >= 0:
             continue
         pieces += 1
+        # If the sign is wrong at a point, no finer division can prove it.
         middle = tuple(Interval.point(x.midpoint) for x in part)
         widest = max(range(len(part)), key=[x.width for x in part].__getitem__)
         if pieces > _MOST_PIECES or not part[widest].width or _least(node, middle, sign) < 0:

@@ -138,6 +138,7 @@ def parse_toml(data: bytes) -> Document:
 
 def _check_nesting(data: bytes) -> None:
     """Refuse brackets, and dotted keys, that are nested too deeply for the parser."""
+    # Brackets inside strings and comments do not nest.
     bare = _TEXTS.sub(b"''", data)
     depth = 0
     for match in _BRACKET.finditer(bare):
@@ -150,6 +151,7 @@ def _check_nesting(data: bytes) -> None:
 
 def _check_depth(document: Table) -> None:
     """Refuse tables that are nested too deeply, however they were written."""
+    # Level by level, without recursion: this looks for what is too deep for it.
     level: list[Any] = [document]
     for _ in range(MAX_NESTING + 1):
         deeper: list[Any] = []
@@ -209,6 +211,7 @@ def read_problem_tables(document: Table, *, folder: Path | None, default_name: s
         tables = ProblemFile.model_validate(document)
     except ValidationError as error:
         raise explain(error) from None
+    # A file may be called in ways in which no problem may be.
     name = default_name if is_name(default_name) else "problem"
     if tables.name is not None:
         name = tables.name
@@ -279,6 +282,7 @@ def _build(tables: ProblemFile, *, folder: Path | None, name: str) -> Problem:
     p = errors.tried(inputs, given.first)
     if network is None or p is None:
         raise SpecError.several(errors)
+    # With [dynamics] couplings take m states to p inputs; else both are the same.
     states = None if dynamics is None else dynamics.dimension
     divided = errors.tried(given.divided, network.labels, observer, states)
     if divided is None:
@@ -378,6 +382,7 @@ def _exceptions(
     given = tables.coupling.exceptions
     if not given:
         return {}
+    # Numbers in place of pairs: a network may have a million arcs.
     codes, index = network.arc_codes(), network.index
     result: dict[Arc, Coupling] = {}
     errors = Mistakes()
@@ -421,6 +426,7 @@ def _exception_arcs(value: Any, *, key: str, index: Index, arrow: str) -> list[A
         raise wrong(
             key, f"must be a list of arcs; got {shown(value)}.", "For example [[1, 2], [2, 3]]."
         )
+    # A weight here would be ignored, which nobody would notice.
     for place, arc in enumerate(value):
         if is_list(arc) and len(arc) == 3:
             raise wrong(
@@ -438,6 +444,7 @@ SUFFIX = ".toml"
 def builtin_names() -> Texts:
     """Names of the built-in problems, in the order they are best read."""
     folder = files("dobc_design.problems")
+    # The examples of the paper come first, all others by name.
     names = sorted(
         item.name[: -len(SUFFIX)] for item in folder.iterdir() if item.name.endswith(SUFFIX)
     )

@@ -155,6 +155,7 @@ class Arcs:
             return NotImplemented
         if (self.weights, self.optional) != (other.weights, other.optional):
             return False
+        # The cheap parts have been compared: arrays of a million arcs come last.
         same = np.array_equal(self.listeners, other.listeners)
         return same and np.array_equal(self.speakers, other.speakers)
 
@@ -168,6 +169,7 @@ def joined(always: Arcs, optional: Arcs) -> Arcs:
     """The arcs of a mode that has these optional ones."""
     first = np.concatenate([always.listeners, optional.listeners])
     second = np.concatenate([always.speakers, optional.speakers])
+    # Arcs of problems know listeners, so that nothing is turned round here.
     every = directed(first, second, always.weights + optional.weights, arrow="listens_to")
     return replace(every, optional=len(optional))
 
@@ -178,6 +180,7 @@ def parse_weights(values: Sequence[Any], *, key: str) -> tuple[Fraction, ...]:
     result = []
     # A network has few different weights: equal texts are parsed once.
     for position, value in enumerate(values):
+        # 1 and 1.0 are one number, but true is none: such a value is read by itself and refused.
         plain = isinstance(value, (str, int, float)) and not isinstance(value, bool)
         token = number_key(value) if plain else object()
         if token not in known:
@@ -208,6 +211,7 @@ def directed(
     # Arcs are frozen, and hashed by the bytes of their ends.
     for ends in (first, second):
         ends.setflags(write=False)
+    # This is the only place where the meaning of [a, b] counts.
     if arrow == "listens_to":
         return Arcs(first, second, weights)
     return Arcs(second, first, weights)
@@ -285,6 +289,7 @@ def check_arcs(modes: Mapping[str, Arcs], labels: Names, *, mode: str) -> None:
             f"has {len(arcs)} arcs; optional cannot be {arcs.optional}.",
             "Give how many come and go.",
         )
+    # The order of these checks is the order in which mistakes are told.
     for ends in (arcs.listeners, arcs.speakers):
         outside = np.flatnonzero((ends < 0) | (ends >= n))
         if len(outside):
@@ -293,6 +298,7 @@ def check_arcs(modes: Mapping[str, Arcs], labels: Names, *, mode: str) -> None:
                 f"index {ends[outside[0]]} leaves the graph; agents are numbered 0 to {n - 1}.",
                 "Correct the index.",
             )
+    # h(0) = 0: such an arc would do nothing, so that another one is meant.
     loops = np.flatnonzero(arcs.listeners == arcs.speakers)
     if len(loops):
         name = named(labels[int(arcs.listeners[loops[0]])])
@@ -325,6 +331,7 @@ def negative_weight(
     count."""
     every = chain.from_iterable(modes.values())
     signed = ((listener, speaker, weight < 0) for listener, speaker, weight in every)
+    # Whether the signs balance is a question about all modes together.
     arcs = modes[mode]
     listener = named(labels[int(arcs.listeners[place])])
     speaker = named(labels[int(arcs.speakers[place])])
@@ -436,6 +443,7 @@ class Network(Shown):
         )
 
     def __repr__(self) -> str:
+        # One more than is shown tells that there are more.
         first = islice(self.modes.items(), MOST_ITEMS + 1)
         few = [f"{name} with {counted(len(arcs), 'arc')}" for name, arcs in first]
         modes = listed(few, count=len(self.modes))
@@ -536,10 +544,12 @@ class Network(Shown):
             4
         """
         graphs = _modes(graph, isinstance(graph, Mapping) and not hasattr(graph, "edges"))
+        # The first graph says in which order agents stand; the others may list them in another.
         labels: Texts = ()
         arcs = {}
         for name, each in graphs.items():
             key = f"network.modes.{named(name)}"
+            # Duck typing: networkx is not imported here.
             if not hasattr(each, "edges") or not hasattr(each, "is_directed"):
                 cure = "For lists of pairs there is Network.from_arcs,"
                 raise wrong(
@@ -591,6 +601,7 @@ class Network(Shown):
         """
         check_repairs(None, drop_loops, key="matrix")
         matrices = _modes(matrix, isinstance(matrix, Mapping) and not hasattr(matrix, "tocoo"))
+        # Without labels the first matrix says how many agents there are.
         names = None if labels is None else labels_of(labels)
         size = 0 if names is None else len(names)
         modes = {}
@@ -675,6 +686,7 @@ def _modes(value: Any, several: bool) -> Document:
 def distinct_weights(weights: Sequence[Fraction]) -> tuple[IndexArray, tuple[Fraction, ...]]:
     """For every arc the place of its weight among the different ones, and these; arcs mostly share
     few objects."""
+    # Objects first, values of the few different ones then: a Fraction is slow to compare.
     ids = np.fromiter(map(id, weights), dtype=np.int64, count=len(weights))
     if len(ids) and np.all(ids == ids[0]):
         return np.zeros(len(ids), dtype=np.int64), (weights[0],)

@@ -47,6 +47,7 @@ class Pinning(Shown):
     gains: Mapping[int, Matrix]
 
     def __post_init__(self) -> None:
+        # By agent, so that equal pins are equal in whatever order they are written.
         acting = {i: k for i, k in sorted(self.gains.items()) if any(map(any, k))}
         put(self, gains=MappingProxyType(acting))
 

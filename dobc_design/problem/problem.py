@@ -5,7 +5,7 @@ A Problem is frozen, exact and cannot exist invalid.  It holds no solver's answe
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import field, fields
 from fractions import Fraction
 from functools import partial
@@ -15,7 +15,7 @@ from types import MappingProxyType
 from typing import Any
 
 from dobc_design._checks import noun, put
-from dobc_design._show.cards import MOST_ITEMS, Card, Facts, Shown, listed, plain
+from dobc_design._show.cards import MOST_ITEMS, Card, Shown, listed, plain
 from dobc_design._show.text import significant
 from dobc_design.coupling.coupling import Coupling, make_coupling
 from dobc_design.errors import Mistakes, ShapeError, SpecError, about, mistake, wrong
@@ -255,6 +255,7 @@ class Problem(Shown):
         Raises: SpecError for an unknown argument, and where a new network has other agents, or
         another order, and what belongs to them is not given.
         """
+        # A misspelt argument would otherwise be reported by Python, without a cure.
         known = signature(Problem).parameters
         for name in changes:
             if name not in known:
@@ -278,6 +279,7 @@ class Problem(Shown):
         network = changes.get("network")
         if not isinstance(network, Network) or network.labels == self.network.labels:
             return
+        # One row serves everybody; a row for each agent belongs to these agents.
         starts = max(len(self.simulation.x0 or ()), len(self.simulation.xi0 or ())) > 1
         own = {
             "gains": self.pinning.gains,
@@ -330,34 +332,32 @@ class Problem(Shown):
     def _size(self) -> str:
         return f"{counted(self.n, 'agent')} with {counted(self.m, 'state component')} each"
 
-    def _facts(self) -> Facts:
+    def _facts(self) -> Iterator[tuple[str, Any]]:
         """What is stated, as it is; what it means is computed for ``dobc check``."""
-        facts: Facts = [("target", self.target[0])]
-        if self.m > 1:
-            facts = [("target", (self.target,))]
+        yield "target", self.target[0] if self.m == 1 else (self.target,)
         if self.dynamics is not None:
             for name, value in self.dynamics._card().facts:
-                facts.append((f"dynamics.{name}", value))
+                yield f"dynamics.{name}", value
         modes = self.network.modes
         few = islice(modes.items(), MOST_ITEMS + 1)
         arcs = [f"{name} ({counted(len(each), 'arc')})" for name, each in few]
-        facts.append(("modes", listed(arcs, count=len(modes))))
+        yield "modes", listed(arcs, count=len(modes))
         pins = []
         for i, k in islice(self.pinning.gains.items(), MOST_ITEMS + 1):
             gain = plain(k[0][0]) if is_scalar_matrix(k) else "a matrix"
             pins.append(f"{self.network.labels[i]} (k = {gain})")
-        facts.append(("pinned", listed(pins, count=len(self.pinning.gains)) or "nobody"))
+        yield "pinned", listed(pins, count=len(self.pinning.gains)) or "nobody"
         for group in self.groups[:MOST_ITEMS]:
             of = f" of group {group.name}" if self.is_grouped else ""
-            facts += [(f"{name}{of}", value) for name, value in group._card().facts]
+            for name, value in group._card().facts:
+                yield f"{name}{of}", value
         if self.undisturbed:
-            facts.append((f"disturbance of {some(self.undisturbed, LISTED)}", "none"))
+            yield f"disturbance of {some(self.undisturbed, LISTED)}", "none"
         if self.leader is not None:
-            facts.append(("leader", self.leader))
-        facts += table_words(self)
+            yield "leader", self.leader
+        yield from table_words(self)
         if self.notes:
-            facts.append(("notes", "  ".join(self.notes)))
-        return facts
+            yield "notes", "  ".join(self.notes)
 
     def __repr__(self) -> str:
         pinned = counted(len(self.pinning.gains), "pinned agent")
@@ -499,6 +499,7 @@ class Problem(Shown):
     def input_at(self, goal: Vector) -> Vector:
         """u0 (p,), the constant input that holds a goal; beside a leader, which no input holds, its
         offset."""
+        # The input that holds a goal is an affair of the dynamics; single integrators need none.
         own = self.dynamics
         if own is not None and not (self.leader and own.f):
             held = own.feedforward(goal)
@@ -507,40 +508,39 @@ class Problem(Shown):
         return (Fraction(0),) * self.inputs
 
 
-def table_words(problem: Problem) -> list[tuple[str, str]]:
+def table_words(problem: Problem) -> Iterator[tuple[str, str]]:
     """What the tables of the file beside network, pins and disturbance say: a name, and the rest of
     a sentence."""
     labels, modes = problem.network.labels, tuple(problem.network.modes)
-    found = []
     if problem.exceptions:
-        found.append(("other couplings", exception_words(problem.exceptions, labels)))
+        yield "other couplings", exception_words(problem.exceptions, labels)
     if problem.offsets:
-        found.append(("formation offsets", offset_words(problem.offsets, labels)))
+        yield "formation offsets", offset_words(problem.offsets, labels)
     for group in problem.groups[:LISTED]:
         of = f" of {some(group.agents, LISTED)}" if problem.is_grouped else ""
-        found.append((f"observer gain W{of}", observer_words(group.observer)))
+        yield f"observer gain W{of}", observer_words(group.observer)
     if problem.region is not None:
-        found.append(("region asked for", region_words(problem.region)))
+        yield "region asked for", region_words(problem.region)
     if problem.actuators is not None:
         said = limit_words(problem.actuators, problem.n)
         if problem.groups or problem.actuators.amplitude is not None:
             said += f"; {amplitude_words(problem.actuators, problem.simulation)}"
-        found.append(("actuators", said))
+        yield "actuators", said
     if problem.uncertainty is not None:
-        found.append(("uncertainty", uncertainty_words(problem.uncertainty)))
+        yield "uncertainty", uncertainty_words(problem.uncertainty)
     if problem.switching is not None:
-        found.append(("switching in simulations", switching_words(problem.switching, modes)))
+        yield "switching in simulations", switching_words(problem.switching, modes)
     assumed = guarantee_words(problem.switching, modes)
     if assumed:
-        found.append(("proofs may assume", assumed))
-    found.append(("simulations", simulation_words(problem.simulation)))
-    return found
+        yield "proofs may assume", assumed
+    yield "simulations", simulation_words(problem.simulation)
 
 
 def _limits_of_dynamics(actuators: Actuators) -> SpecError:
     """Says that no proof counts the limits of agents with [dynamics] yet, and what simulations say
     of them."""
     what = "is not known for agents with [dynamics]: no proof counts their limits yet."
+    # The smallest limit is the one that a run meets first.
     limits = [actuators.limit]
     if isinstance(actuators.limit, Mapping):
         limits = list(actuators.limit.values())
@@ -560,6 +560,7 @@ def dimension_of(
 ) -> int:
     """m: that of the dynamics, else the rows of C, else the length of target, else of h, else 1
     (the contract)."""
+    # The noun that is surest of it decides, and its key is named where it is too large.
     key, m = "coupling.h", 1
     if dynamics is not None:
         key, m = "dynamics", dynamics.dimension

@@ -58,6 +58,7 @@ def read_region(value: Any, *, dimension: int, with_exosystem: bool) -> Region |
 
 def read_pairs(value: Any, *, key: str, dimension: int) -> Pairs:
     """One pair for all components, or one for each.  Raises: SpecError naming the key."""
+    # [False, True] is neither plain nor nested, and so refused below.
     lists = [is_list(entry) for entry in value] if is_list(value) else [False, True]
     nested = all(lists)
     rows = list(value) if nested else [value] * dimension

@@ -68,6 +68,7 @@ def _read_xi0(value: Any, *, n: int, orders: tuple[int, ...]) -> Rows:
 
 def _read_different_xi0(value: Any, key: str, orders: tuple[int, ...]) -> Rows:
     """Starts of exosystems that differ in order, 0 for agents without a disturbance."""
+    # Rows may have different lengths here, so that a plain list is not one row each.
     lists = [is_list(row) for row in value] if is_list(value) else []
     alike = set(orders) - {0}
     if len(alike) == 1 and lists and not any(lists):

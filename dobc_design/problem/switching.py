@@ -182,6 +182,7 @@ def check_switching(switching: Switching | None, modes: Names) -> Switching | No
                     f"One of {names}.",
                 )
             )
+    # The generator has no names: its rows are the modes in their order.
     rows = 0 if switching.generator is None else len(switching.generator)
     if rows and rows != len(modes):
         errors.append(
@@ -312,6 +313,7 @@ def _unfit_guarantee(own: Switching) -> Iterator[SpecError]:
 
 def _instants(sequence: Any, dwell: Any) -> tuple[Any, Any]:
     """The schedule of a round and its period, for modes that last differently long."""
+    # A list of times needs a list of modes beside it, one for one.
     modes = _read_sequence(sequence, "switching.sequence")
     if len(dwell) != len(modes):
         raise wrong(

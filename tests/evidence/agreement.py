@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from evidence.row import Row
-from networks import network_of
+from networks import linked
 from random_problems import random_problem
 
 from dobc_design import Exosystem, Group, Problem, certify, verify
@@ -114,25 +114,26 @@ def run(count: int, seed: int) -> Row:
 
 def kinds(problem: Problem) -> Iterator[str]:
     """Those of KINDS that a problem is of."""
-    diagonal = all(
-        tuple(tuple(K[0][0] * (i == j) for j in range(problem.m)) for i in range(problem.m)) == K
-        for K in problem.pinning.gains.values()
-    )
     edged = problem.region is not None and any(problem.network.modes.values())
-    found = (
-        problem.m > 1,
-        any(not h.by_component for h in problem.couplings),
-        problem.is_grouped,
-        bool(problem.groups),
-        not diagonal,
-        any(h.nonsmooth for h in problem.couplings),
-        len(problem.network.modes) > 1,
-        problem.region is None,
-        edged and _defined(problem, 1) and not _defined(problem, 2),
-        edged and not _defined(problem, 1),
-        problem.uncertainty is not None,
-    )
-    yield from (kind for kind, true in zip(KINDS, found, strict=True) if true)
+    found = [problem.m > 1]
+    found.append(any(not h.by_component for h in problem.couplings))
+    found.append(problem.is_grouped)
+    found.append(bool(problem.groups))
+    found.append(not all(map(_is_scalar, problem.pinning.gains.values())))
+    found.append(any(h.nonsmooth for h in problem.couplings))
+    found.append(len(problem.network.modes) > 1)
+    found.append(problem.region is None)
+    found.append(edged and _defined(problem, 1) and not _defined(problem, 2))
+    found.append(edged and not _defined(problem, 1))
+    found.append(problem.uncertainty is not None)
+    for kind, true in zip(KINDS, found, strict=True):
+        if true:
+            yield kind
+
+
+def _is_scalar(K: Any) -> bool:
+    """Whether a gain is a number times the identity."""
+    return bool((np.array(K) == K[0][0] * np.eye(len(K), dtype=int)).all())
 
 
 def _defined(problem: Problem, times: int) -> bool:
@@ -152,32 +153,29 @@ def any_problem(seed: int) -> Problem:
     n = r.randint(1, 5)
     m = r.choice((1, 2))
     chain = [(i, r.randint(1, i - 1)) for i in range(2, n + 1) if r.random() < 0.9]
-    pairs = [(i, j) for i in range(1, n + 1) for j in range(1, n + 1) if i != j]
-    modes = {
-        mode: [
-            [*pair, r.choice(("1", "1/2", "5/4"))]
-            for pair in pairs
-            if pair in chain or r.random() < 0.25
-        ]
-        for mode in ("a", "b")[: r.choice((1, 1, 2))]
-    }
-    given: dict[str, Any] = {
-        "gains": {i: _gain(r, m) for i in range(1, n + 1) if i == 1 or r.random() < 0.3}
-    }
+    modes: dict[str, list[Any]] = {}
+    for mode in ("a", "b")[: r.choice((1, 1, 2))]:
+        modes[mode] = []
+        for i in range(1, n + 1):
+            for j in range(1, n + 1):
+                if i != j and ((i, j) in chain or r.random() < 0.25):
+                    modes[mode].append([i, j, r.choice(("1", "1/2", "5/4"))])
+    gains = {i: _gain(r, m) for i in range(1, n + 1) if i == 1 or r.random() < 0.3}
+    given: dict[str, Any] = {"gains": gains}
     kind = r.random()
     if kind < 0.2 and n > 1:
         rest = tuple(str(i) for i in range(2, n + 1))
-        given["groups"] = [
-            Group(agents=each, exosystem=_exosystem(r, m)) for each in (("1",), rest)
-        ]
+        first = Group(agents=("1",), exosystem=_exosystem(r, m))
+        given["groups"] = [first, Group(agents=rest, exosystem=_exosystem(r, m))]
     elif kind < 0.4:
         given["exosystem"] = _exosystem(r, m)
     if r.random() < 0.8:
-        ends = [
-            sorted(r.choice((-1, 1)) * r.choice((0, 1, 2, 3, 5, 8)) for _ in "ab") for _ in range(m)
-        ]
+        ends = []
+        for _ in range(m):
+            ends.append(sorted(r.choice((-1, 1)) * r.choice((0, 1, 2, 3, 5, 8)) for _ in "ab"))
         unit = r.choice((5, 10))
-        given["region"] = {"initial_states": [[f"{lo}/{unit}", f"{hi}/{unit}"] for lo, hi in ends]}
+        states = [[f"{lo}/{unit}", f"{hi}/{unit}"] for lo, hi in ends]
+        given["region"] = {"initial_states": states}
         if kind < 0.4 and len(given) > 2:
             given["region"]["initial_disturbance"] = r.choice(("0", "1/10", "1/2"))
     listed = m == 2 and r.random() < 0.5
@@ -186,26 +184,24 @@ def any_problem(seed: int) -> Problem:
         given["uncertainty"] = {name: r.choice(("1/100", "1/20", "0")) for name in names}
         given["uncertainty"] |= {"known_to_agents": r.random() < 0.7}
         given["actuators"] = {"amplitude": r.choice(("0", "1/2")), "limit": r.choice((2, 10, None))}
-    return Problem(
-        network=network_of(modes, n),
-        coupling=r.choice(LISTS if listed else r.choice((SMOOTH, EDGES, KINKS))),
-        target=[r.choice(("0", "0", "0", "1/5")) for _ in range(m)],
-        **given,
-    )
+    coupling = r.choice(LISTS if listed else r.choice((SMOOTH, EDGES, KINKS)))
+    target = [r.choice(("0", "0", "0", "1/5")) for _ in range(m)]
+    return linked(modes, n, coupling, target=target, **given)
+
+
+MATRICES = (
+    [[1, 0], [0, 0]],
+    [[1, -1], [-1, 1]],
+    [[2, 1], [-1, 2]],
+    [[0, 0], [0, 3]],
+    [[1, 1], [1, 1]],
+)
 
 
 def _gain(r: Random, m: int) -> Any:
     if m == 1 or r.random() < 0.4:
         return r.choice(("1/10", "1", "2", "5"))
-    return r.choice(
-        (
-            [[1, 0], [0, 0]],
-            [[1, -1], [-1, 1]],
-            [[2, 1], [-1, 2]],
-            [[0, 0], [0, 3]],
-            [[1, 1], [1, 1]],
-        )
-    )
+    return r.choice(MATRICES)
 
 
 def _exosystem(r: Random, m: int) -> Exosystem:

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 from evidence.row import Row
-from networks import network_of
+from networks import linked
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.sparse.csgraph import breadth_first_order
@@ -152,14 +152,9 @@ def _drawn(r: Random, kind: str, coupling: str, missing: bool) -> Case:
     for mode, own in modes.items():
         for (i, j), w in own.items():
             weights[mode][i - 1, j - 1] = float(w)
+    switching = Switching(**turns)
     return Case(
-        problem=Problem(
-            network=network_of(arcs, n),
-            coupling=coupling,
-            gains=pins,
-            switching=Switching(**turns),
-            **reach,
-        ),
+        problem=linked(arcs, n, coupling, gains=pins, switching=switching, **reach),
         weights=weights,
         gains=np.array([float(pins.get(i, 0)) for i in range(1, n + 1)]),
         shortest=shortest,

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 from evidence.row import Row
-from networks import linked, network_of, random_arcs
+from networks import linked, random_arcs
 from scipy.linalg import expm
 from simulated_runs import simulate, simulate_many
 
@@ -39,14 +39,13 @@ def loop(rng: np.random.Generator, *, coupling: list[str] | str | None = None) -
     rows = dyadic(m, m)
     linear = [" + ".join(f"({a})*y{c + 1}" for c, a in enumerate(row)) for row in rows]
     h = linear if m > 1 else linear[0].replace("y1", "y")
-    return Problem(
-        network=network_of({"a": graph(), "b": graph()}, n),
-        coupling=h if coupling is None else coupling,
-        target=dyadic(m),
-        gains={str(i + 1): 2 for i in range(0, n, 2)},
-        exosystem=Exosystem(A=dyadic(q, q), C=dyadic(m, q)) if q else None,
-        observer=Observer(W=dyadic(q, m)) if q else None,
-    )
+    modes = {"a": graph(), "b": graph()}
+    given: dict[str, Any] = {"target": dyadic(m)}
+    given["gains"] = {str(i + 1): 2 for i in range(0, n, 2)}
+    if q:
+        given["exosystem"] = Exosystem(A=dyadic(q, q), C=dyadic(m, q))
+        given["observer"] = Observer(W=dyadic(q, m))
+    return linked(modes, n, h if coupling is None else coupling, **given)
 
 
 def start_of(problem: Problem, rng: np.random.Generator) -> dict[str, Any]:

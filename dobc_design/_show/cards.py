@@ -10,12 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from enum import Enum
 from fractions import Fraction
 from itertools import islice
 from typing import Any
 
+from dobc_design._checks import noun
 from dobc_design._show import text as _text
 from dobc_design._show.text import Fragment, escape_html, mathml
 
@@ -47,7 +48,7 @@ class Formula(str):
     __slots__ = ()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Card:
     """What is shown of one value.
 

@@ -9,7 +9,7 @@ import math
 import threading
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from fractions import Fraction
 from os import PathLike
 from pathlib import Path
@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from dobc_design._checks import noun
 from dobc_design._show.text import significant_away_from_zero, significant_towards_zero
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.files import write_atomically
@@ -272,7 +273,7 @@ def _region(problem: Problem, radius: Fraction) -> dict[str, Any]:
     return region
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Preview:
     """Estimates for one problem: numbers in floating point, in a fraction of a second, and no
     proofs.  ``lambda_max``: the largest eigenvalue of Lambda over all modes in 1/s, None where h

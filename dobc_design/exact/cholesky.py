@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from dobc_design._checks import noun
 from dobc_design.exact.number import from_fmpq_mat, to_fmpq
 from dobc_design.exact.symmetric import IntegerSymmetric, SparseSymmetric
 
@@ -181,7 +182,7 @@ _BLOCK: Final = 256
 _DIRECTION_BITS: Final = 60
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Scaled:
     """D M D (n, n), D = diag(2^-exponents): whole numbers of 2^-bits, rounded down, and the nearest
     doubles.
@@ -235,7 +236,7 @@ def scaled(M: SparseSymmetric | IntegerSymmetric) -> Scaled | list[int] | None:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class _Entries:
     """D = diag(2^-exponents), and 2^bits D M D at (rows, columns), rounded down, in Python's
     integers."""

@@ -19,6 +19,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from dobc_design._checks import noun
 from dobc_design._show.cards import Shown
 from dobc_design.errors import CertificateError, ShapeError, wrong
 from dobc_design.exact.cholesky import (
@@ -41,7 +42,7 @@ from dobc_design.verdict import Decided, Verdict
 _WITNESS_BITS: Final = (1, 2, 4, 8, 16, 32, 64)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class Definiteness(Shown, Decided):
     """A decision with its proof method, a short sentence that names the path by size and
     structure.  Refuted: an integer ``witness`` v and the ``value`` v'Mv, <= 0, or < 0 against

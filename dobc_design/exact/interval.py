@@ -16,6 +16,7 @@ from fractions import Fraction
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Final, Self, cast
 
+from dobc_design._checks import noun
 from dobc_design._show.cards import Told
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix
@@ -529,7 +530,7 @@ def _brief(value: Fraction) -> str:
 IntervalMatrix = tuple[tuple[Interval, ...], ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Discretisation:
     """Enclosures of exp(A T) and of (1/T) times its integral from 0 to T, both (q, q)."""
 

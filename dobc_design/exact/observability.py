@@ -7,9 +7,7 @@ because d = C xi depends on that part only. No eigenvalue is computed.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from dobc_design._checks import require_shape, require_square
+from dobc_design._checks import noun, require_shape, require_square
 from dobc_design._show.cards import Shown
 from dobc_design.exact.matrix import (
     Matrix,
@@ -32,7 +30,7 @@ from dobc_design.exact.polynomial import (
 from dobc_design.verdict import Decided, Verdict
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class Observability(Shown, Decided):
     """Rank of the observability matrix of (A, C), A (q, q), and what C never sees.  ``verdict`` is
     PROVED iff rank = size; ``unobservable`` is a basis of the states xi0 from which d = C xi stays
@@ -44,7 +42,7 @@ class Observability(Shown, Decided):
     unobservable: tuple[Vector, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class Detectability(Shown, Decided):
     """Whether what C never sees dies out by itself.  ``unobservable_polynomial`` is the
     characteristic polynomial of A on the unobservable subspace, highest power first, (1,) if that

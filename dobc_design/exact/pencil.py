@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
+from dobc_design._checks import noun
 from dobc_design.errors import ShapeError
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.symmetric import SparseSymmetric, Symmetric
@@ -18,7 +19,7 @@ Place = tuple[str, int, int]  # unknown, row, column
 ZERO = Fraction(0)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Unknown:
     """A matrix to be found."""
 
@@ -46,7 +47,7 @@ class Deviation:
     size: Fraction
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Pencil:
     """F(x) = constant + sum over places of x[place] coefficients[place], to be negative definite.
     ``deviations``: what the constant may differ by where slopes are irrational; none if it is

@@ -8,12 +8,11 @@ No root is ever computed.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
-from dobc_design._checks import require_square
+from dobc_design._checks import noun, require_square
 from dobc_design._show.cards import Shown
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix
@@ -26,7 +25,7 @@ if TYPE_CHECKING:
 Coefficients = tuple[Fraction, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class RouthTable(Shown, Decided):
     """Routh's test of one polynomial.  ``first_column`` is for the polynomial made monic, and ends
     with the first entry <= 0. ``verdict`` is PROVED iff every root has a negative real part, else

@@ -11,7 +11,7 @@ from typing import Any, Final, TypeAlias, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from dobc_design._checks import require_square
+from dobc_design._checks import noun, require_square
 from dobc_design._show.cards import Card, Shown, plain
 from dobc_design._show.text import MAX_SHOWN
 from dobc_design.errors import ShapeError, SpecError, wrong
@@ -173,7 +173,7 @@ _MANTISSA: Final = 53
 _LIMIT: Final = 1 << 62
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+@noun(eq=False)
 class IntegerSymmetric(Shown):
     """A symmetric matrix (size, size): values / denominator at the places (rows, columns), rows <=
     columns.
@@ -396,7 +396,7 @@ def in_integers(M: Symmetric) -> IntegerSymmetric | None:
     return IntegerSymmetric.from_sparse(M) if short else None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Rows:
     """Both triangles, row by row: row i has the columns and values from starts[i] on. No row is
     empty."""

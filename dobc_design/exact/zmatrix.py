@@ -11,13 +11,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dobc_design._checks import noun
 from dobc_design.exact.symmetric import (
     DENOMINATOR_BITS,
     IntegerSymmetric,
@@ -44,7 +45,7 @@ _SMALLEST: Final = 2.0**-500
 _FLAT: Final = 1e-15
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Found:
     """A vector that proves M definite, or directions of a kind, as integers, that may refute it."""
 
@@ -67,7 +68,7 @@ def proves(M: Symmetric, vector: Sequence[int], *, strict: bool = True) -> bool:
     return bool((signs >= int(strict)).all())
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class FloatRows:
     """A matrix made ready for ``bound``: its diagonal ``own`` (n,), rounded up, and ``sizes`` of
     what is above it at (``rows``, ``columns``), so far up that every rounding in the sums of both

@@ -13,11 +13,11 @@ disturbance.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
 from typing import Any
 
+from dobc_design._checks import noun
 from dobc_design.certificate.claims import Claims, certified_period
 from dobc_design.conditions.consensus.claim import (
     ModeJacobian,
@@ -119,7 +119,7 @@ def sampled_observer_statement(Ad: Matrix, Cd: Matrix, L: Matrix, *, period: Fra
     return _about("sampled", period, verdict, text)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Step:
     """How a state moves near its goal in one period, without a disturbance: x + motion (x - goal) +
     push v, motion (m, m), push (m, p)."""
@@ -253,7 +253,7 @@ SHORTEST, LONGEST = Fraction(1, 10**6), Fraction(10**6)  # periods, s
 MOST_AGENTS = 200
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Hearing:
     """One arc of an agent in one mode: place among its neighbours, place among the couplings,
     weight."""
@@ -263,7 +263,7 @@ class Hearing:
     weight: Fraction
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class AgentNumbers:
     """One agent: index, label, goal (m), gain (p, m), u0 (p) that holds the goal (None for
     integrators), neighbours by index, and its arcs mode by mode."""
@@ -277,7 +277,7 @@ class AgentNumbers:
     modes: tuple[tuple[Hearing, ...], ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Controller:
     """A sampled controller with the numbers of its code.  Shapes: Ad (q, q), Cd (p, q), L (q, p),
     rounded to ``precision``; () without an exosystem.  ``motion`` (m, m), ``push`` (m, p),
@@ -360,7 +360,7 @@ def make_controller(
     return controller
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class _Observed:
     """The exosystem and the W (q, p) that agents share, None without a disturbance, and the places
     of its states among those of all groups."""
@@ -397,7 +397,7 @@ def _observed(problem: Problem, W: Matrix | None, agents: Sequence[int]) -> _Obs
     return _Observed(exosystem=exosystem, W=own, states=states)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class _Plan:
     """What a controller is at every period: whose it is, and what its numbers come from; the
     ``plant`` of integrators has A = 0 and B = I."""

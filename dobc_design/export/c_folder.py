@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 from os import PathLike
@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dobc_design import __version__
+from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Headed
 from dobc_design._show.text import significant
 from dobc_design.certificate.files import write_folder
@@ -276,7 +277,7 @@ COMPILE = (
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class CCode(Headed):
     """C99 of a sampled controller: the files by name, the numbers in them, and what is decided
     about them. ``tolerance``: how far u, v and dhat may be from the double-precision loop along the

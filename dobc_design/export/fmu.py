@@ -18,7 +18,6 @@ import subprocess
 import tempfile
 import zipfile
 from collections.abc import Mapping
-from dataclasses import dataclass
 from importlib import resources
 from os import PathLike
 from pathlib import Path
@@ -26,6 +25,7 @@ from typing import NamedTuple
 from xml.sax.saxutils import quoteattr
 
 from dobc_design import __version__
+from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Shown
 from dobc_design.certificate.files import write_atomically
 from dobc_design.errors import SolverError
@@ -54,7 +54,7 @@ BUILD = f"""<?xml version="1.0" encoding="UTF-8"?>
 """
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@noun
 class Fmu(Shown):
     """The bytes of an FMU and the platform its library is for, None where there is no compiler:
     sources only then."""

@@ -19,13 +19,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
 import numpy as np
 
 from dobc_design import __version__
+from dobc_design._checks import noun
 from dobc_design._show.text import latex_matrix, latex_rows, latex_text
 from dobc_design.conditions.consensus.claim import Statements, state_theorems
 from dobc_design.errors import SpecError, refused
@@ -135,7 +135,7 @@ DEFAULT = Fraction(100)  # rho and r where no pair is known
 ROOM = 2  # rho and r beyond what a proved pair needs
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Normalisation:
     """I <= P <= ratio I and |Q| <= radius (Frobenius); ``why`` says where they come from."""
 
@@ -216,7 +216,7 @@ def _above(value: float) -> Fraction:
 Entries = dict[tuple[int, int, int], Fraction]  # number of F, row, column (upper triangle)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class _Block:
     """A block along the diagonal of every F; F_0 has the number 0."""
 

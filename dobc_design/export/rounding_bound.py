@@ -17,6 +17,7 @@ from itertools import accumulate, repeat
 import numpy as np
 from numpy.typing import NDArray
 
+from dobc_design._checks import noun
 from dobc_design.coupling.expression import Expression, evaluated
 from dobc_design.coupling.functions import FUNCTIONS, applied
 from dobc_design.exact.matrix import to_float
@@ -103,7 +104,7 @@ class ErringAlgebra:
         return Erring(np.asarray(value), np.asarray(carried + rounding))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Recorded:
     """One agent's samples in the double-precision loop.  Shapes: x (S, m), u, v, dhat (S, p), heard
     (S, neighbours, m), xihat (S, q), modes (S,)."""

@@ -14,6 +14,7 @@ from functools import wraps
 from itertools import chain, compress
 from typing import TYPE_CHECKING, Any, Final, Literal, ParamSpec
 
+from dobc_design._checks import noun
 from dobc_design._show.text import latex_matrix
 from dobc_design.exact.matrix import Matrix
 
@@ -187,7 +188,7 @@ class Name:
         return ", ".join(self.parts)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Reason:
     """Why a verdict was reached: a sentence, values with their names, and a cure with its lines of
     the problem file."""
@@ -277,7 +278,7 @@ class Only(Block):
     blocks: Sequence[Block]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Document:
     """A whole document; ``details`` are closed on a page, and printed only where the whole report
     is asked for."""

@@ -8,9 +8,9 @@ certified starts.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from dobc_design._checks import noun
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.exact.reading import counted
 from dobc_design.report.checks import certify_command
@@ -27,7 +27,7 @@ MARK = Mark("✗", "refuted")  # for its colour; the word beside it says "not co
 UNCONFIRMED = "not confirmed"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Checked:
     """A certificate with what became of its claims when they were decided again; ``letter``: A or B
     of two, else ""."""

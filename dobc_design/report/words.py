@@ -7,11 +7,11 @@ import math
 import re
 import tomllib
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from importlib.resources import files
 from typing import Any, Final
 
+from dobc_design._checks import noun
 from dobc_design._show.cards import SIGNS
 from dobc_design._show.text import (
     capitalize_first,
@@ -214,7 +214,7 @@ def sentence(text: str) -> str:
     return capitalize_first(text)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Meaning:
     """What the overall verdict says, and what it does not, in sentences."""
 

@@ -10,11 +10,11 @@ import shutil
 import subprocess
 import tempfile
 import time
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+from dobc_design._checks import noun
 from dobc_design.errors import SolverError, refused
 
 THEOREM = "every_motion_converges"
@@ -23,7 +23,7 @@ MINUTES, GIBIBYTES = 30, 8  # after which, and beyond which, coqc is ended
 CURE = "On Debian or Ubuntu: apt install coq libcoq-coquelicot libcoq-interval."
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Judgement:
     """``accepted``: coqc ended without an error.  ``axioms``: what the theorem assumes, as Coq
     prints it; ``message``: what it said against the file; ``sha256`` of the file; ``coq``: its

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
 from fractions import Fraction
 
+from dobc_design._checks import noun
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.consensus.claim import (
     Jacobians,
@@ -147,7 +147,7 @@ def rocq_proof(certificate: Certificate, *, rate: bool = False) -> str:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class _Mode:
     """A graph: its arcs as Coq reads them, and the squares that -Psi is the sum of, and -(Psi + 2
     rate V)."""

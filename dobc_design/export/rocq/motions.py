@@ -19,6 +19,7 @@ from functools import cached_property, partial
 from importlib.resources import files
 from itertools import pairwise, product
 
+from dobc_design._checks import noun
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.claims import claim_of, reading_claims
 from dobc_design.conditions.check import Check
@@ -103,7 +104,7 @@ class RocqAlgebra(Infix):
         return Piece(CALLS[name].format(*inside), ATOM)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Arc:
     """What an agent hears on a part of a row, for arguments in [low, high], and why its coupling is
     at most h(s step): it rises (everywhere, or here: rising), falls, or has its peak there, rising
@@ -120,7 +121,7 @@ class Arc:
     turn: Fraction = Fraction(0)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Part:
     """A row for s in [low, high]; ``near`` 0 its slope decides."""
 
@@ -463,7 +464,7 @@ def _theory(name: str) -> str:
     return re.sub(required, "", text, flags=re.MULTILINE).strip() + "\n"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class _Group:
     """Exosystem and observer of agents, and inequalities about P as sums of squares, by name."""
 

@@ -52,6 +52,7 @@ _NAMES = {
     "simulation.trajectory": "Ensemble Trajectory load_trajectory",
     "sweeps.result": "SweepResult",
     "sweeps.running": "sweep",
+    "synthesis.block_lmi": "BlockLMI block_lmi",
     "synthesis.designs": "design design_observer design_pinning trade_off",
     "synthesis.joint.claim": "Design TradeOff",
     "synthesis.observer.claim": "ObserverDesign poles",
@@ -63,7 +64,7 @@ _HOMES = {name: module for module, names in _NAMES.items() for name in names.spl
 #: Types that functions return (the widget needs an extra): here for annotations, and no part of
 #: ``__all__``.
 _TYPES = (
-    "Analysis Designer Falsification Model ObserverDesign Pinning PinningDesign Settling "
+    "Analysis BlockLMI Designer Falsification Model ObserverDesign Pinning PinningDesign Settling "
     "Suspect SweepResult TradeOff"
 )
 __all__ = sorted({"__version__", *_HOMES} - set(_TYPES.split()))  # noqa: PLE0605

@@ -43,6 +43,8 @@ from dobc_design.simulation.trajectory import Trajectory as Trajectory
 from dobc_design.simulation.trajectory import load_trajectory as load_trajectory
 from dobc_design.sweeps.result import SweepResult as SweepResult
 from dobc_design.sweeps.running import sweep as sweep
+from dobc_design.synthesis.block_lmi import BlockLMI as BlockLMI
+from dobc_design.synthesis.block_lmi import block_lmi as block_lmi
 from dobc_design.synthesis.designs import design as design
 from dobc_design.synthesis.designs import design_observer as design_observer
 from dobc_design.synthesis.designs import design_pinning as design_pinning

@@ -61,9 +61,10 @@ def block_lmi(problem: Source, *, margin: Number | None = None, floor: Number = 
     loop = loop_of(stated)
     require_theorems(loop)
     lowest = None if margin is None else float(parse_number(margin, key="margin"))
-    return BlockLMI(
-        stated=stated, loop=loop, margin=lowest, floor=float(parse_number(floor, key="floor"))
-    )
+    least = float(parse_number(floor, key="floor"))
+    if least <= 0:
+        raise wrong("floor", "must be > 0: P >= floor I keeps P invertible.", "Leave it out for 1.")
+    return BlockLMI(stated=stated, loop=loop, margin=lowest, floor=least)
 
 
 def require_theorems(loop: Loop) -> None:

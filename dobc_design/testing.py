@@ -1,0 +1,182 @@
+"""Assertions about theorem conditions, for unit tests of your own; any test runner will do.
+
+    from dobc_design.testing import assert_proved
+
+    def test_the_fleet_reaches_its_target():
+        assert_proved("fleet.toml", rate=0.5)
+
+A failure is an AssertionError that says which condition failed, why, with which witness, and what
+would cure it.  What passes is decided exactly, as by ``certify``; nothing is compared in floats.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+from dobc_design.certificate.certificate import Certificate
+from dobc_design.certification.certify import certify, verify
+from dobc_design.conditions.check import Check, Witness
+from dobc_design.conditions.kinds import KINDS
+from dobc_design.conditions.numbers import claimed
+from dobc_design.errors import SpecError
+from dobc_design.exact.number import Number, number_text, parse_number
+from dobc_design.problem.load import Source, load_problem
+from dobc_design.problem.region import Region
+from dobc_design.verdict import Verdict
+
+__all__ = ["assert_condition", "assert_proved", "assert_refuted", "assert_verified"]
+
+
+def assert_proved(
+    problem: Source,
+    *,
+    rate: Number | None = None,
+    region: Region | Mapping[str, Any] | None = None,
+) -> Certificate:
+    """The verdict of ``certify`` is proved, with at least ``rate`` (1/s), from ``region``.
+
+    ``problem``: a Problem, a path or a built-in name; ``region`` takes the place of its own.
+    Returns: the certificate.  Raises: AssertionError with reasons, witnesses and cures otherwise;
+    SpecError for a wrong problem or a rate <= 0.
+    Example:
+        >>> from dobc_design.testing import assert_proved
+        >>> assert_proved("clock-sync").covered_by
+        'theorem1-weighted'
+    """
+    stated = load_problem(problem)
+    if region is not None:
+        stated = stated.replace(region=region)
+    certificate = certify(stated, rate=rate)
+    if certificate.verdict is not Verdict.PROVED:
+        raise AssertionError(_told(certificate, Verdict.PROVED))
+    if rate is not None:
+        _require_rate(f"{stated.name}", certificate.rate, parse_number(rate, key="rate"))
+    return certificate
+
+
+def assert_refuted(problem: Source) -> Certificate:
+    """The verdict of ``certify`` is refuted: there is a proof that consensus fails.
+
+    Returns: the certificate.  Raises: AssertionError with the reason otherwise.
+    Example:
+        >>> from dobc_design.testing import assert_refuted
+        >>> problem = dd.load_problem("paper-fixed")
+        >>> assert_refuted(problem.replace(gains={})).verdict.value
+        'refuted'
+    """
+    certificate = certify(problem)
+    if certificate.verdict is not Verdict.REFUTED:
+        raise AssertionError(_told(certificate, Verdict.REFUTED))
+    return certificate
+
+
+def assert_condition(
+    problem: Source,
+    condition: str,
+    *,
+    mode: str | None = None,
+    verdict: Verdict = Verdict.PROVED,
+    rate: Number | None = None,
+    margin: Number | None = None,
+) -> Check:
+    """One condition has this verdict: "lemma1", "theorem1", "hurwitz", "max-separable", ...
+
+    ``condition``: an id as `dobc explain` lists them; ``mode``: of a condition that is decided for
+    each mode, by default all of them; ``rate`` (1/s) and ``margin``: at least that is proved.
+    Returns: the check, the last one of several modes.
+    Raises: AssertionError otherwise; SpecError for an id that does not exist.
+    Example:
+        >>> from dobc_design.testing import assert_condition
+        >>> assert_condition("paper-fixed", "hurwitz", rate=1).id
+        'hurwitz'
+    """
+    if condition not in KINDS:
+        known = ", ".join(KINDS)
+        raise SpecError(f"There is no condition {condition!r}.", key="condition", cure=known)
+    stated = load_problem(problem)
+    certificate = certify(stated)
+    chosen = _chosen(certificate, condition, mode)
+    if not chosen:  # a condition that was not needed for the verdict
+        certificate = certify(stated, everything=True)
+        chosen = _chosen(certificate, condition, mode)
+    if not chosen:
+        present = ", ".join(dict.fromkeys(check.title for check in certificate.checks))
+        raise AssertionError(f"{condition} was not examined here. There are {present}.")
+    for check in chosen:
+        if check.verdict is not verdict:
+            words = f"{check.title} is {check.verdict.value}, not {verdict.value}."
+            raise AssertionError("\n".join([words, *_about(check)]))
+        for name, proved, wanted in (
+            ("rate", check.rate, rate),
+            ("margin", check.margin, margin),
+        ):
+            if wanted is not None:
+                _require_rate(check.title, proved, parse_number(wanted, key=name), name=name)
+    return chosen[-1]
+
+
+def _chosen(certificate: Certificate, condition: str, mode: str | None) -> list[Check]:
+    """The checks of this id, in this mode where one is named."""
+    same = [check for check in certificate.checks if check.id == condition]
+    return [check for check in same if mode in (None, check.mode)]
+
+
+def assert_verified(folder: str | Path, problem: Source) -> None:
+    """The certificate in ``folder`` holds for ``problem``, in both programs.
+
+    Raises: AssertionError naming the claims that fail; CertificateError where it cannot be read.
+    Example:
+        >>> from dobc_design.testing import assert_verified
+        >>> certificate = dd.certify("clock-sync")
+        >>> paths = certificate.save("clock-sync-certificate")
+        >>> assert_verified("clock-sync-certificate", "clock-sync")
+    """
+    data = (Path(folder) / "certificate.json").read_bytes()
+    found = verify(data, problem)
+    if not found.holds:
+        raise AssertionError(f"The certificate in {folder} does not hold.\n{found}")
+
+
+def _require_rate(
+    who: str, proved: float | None, wanted: Fraction, *, name: str = "rate"
+) -> None:
+    """Raises: AssertionError unless the proved number reaches the wanted one, exactly."""
+    if proved is None:
+        raise AssertionError(f"{who} is proved without a {name}; {number_text(wanted)} is asked.")
+    if claimed(proved) < wanted:
+        raise AssertionError(
+            f"{who}: the proved {name} is {proved:.6g}, less than the {number_text(wanted)} asked."
+        )
+
+
+def _told(certificate: Certificate, wanted: Verdict) -> str:
+    """Why the verdict is not the wanted one, check by check."""
+    name = certificate.problem.name
+    lines = [
+        f"{name} is {certificate.verdict.value}, not {wanted.value}.",
+        certificate.reason,
+    ]
+    for check in certificate.checks:
+        if check.verdict is not Verdict.PROVED and check.applies:
+            lines += [f"{check.title} is {check.verdict.value}.", *_about(check)]
+    return "\n".join(lines)
+
+
+def _about(check: Check) -> Iterator[str]:
+    """Reason, witness and cure of a check, a line each."""
+    yield f"  Reason: {check.reason}"
+    if check.witness is not None:
+        yield f"  Witness: {_witness_words(check.witness)}"
+    if check.fix is not None:
+        yield f"  Cure: {check.fix.text}"
+
+
+def _witness_words(witness: Witness) -> str:
+    values = [*(witness.labels or ()), *(witness.values or ())]
+    shown = ", ".join(values[:12])
+    if len(values) > 12:
+        shown += f" and {len(values) - 12} more"
+    return f"{witness.kind} {shown}"

@@ -140,15 +140,13 @@ def assert_verified(folder: str | Path, problem: Source) -> None:
         raise AssertionError(f"The certificate in {folder} does not hold.\n{found}")
 
 
-def _require_rate(
-    who: str, proved: float | None, wanted: Fraction, *, name: str = "rate"
-) -> None:
+def _require_rate(who: str, proved: float | None, wanted: Fraction, *, name: str = "rate") -> None:
     """Raises: AssertionError unless the proved number reaches the wanted one, exactly."""
     if proved is None:
         raise AssertionError(f"{who} is proved without a {name}; {number_text(wanted)} is asked.")
     if claimed(proved) < wanted:
         raise AssertionError(
-            f"{who}: the proved {name} is {proved:.6g}, less than the {number_text(wanted)} asked."
+            f"{who}: the proved {name} is {proved}, less than the {number_text(wanted)} asked."
         )
 
 

@@ -40,7 +40,7 @@ THIRD_PARTY = {
     "simulation": {"pandas", *NUMBERS},
     "solvers": {"clarabel", "cvxpy", *NUMBERS},
     "sweeps": {"distributed", "joblib", "numpy", "pandas", "pyarrow"},
-    "synthesis": {"control", "pandas", *NUMBERS},
+    "synthesis": {"control", "cvxpy", "pandas", *NUMBERS},
 }
 # Packages that only some modules of their room may use.
 ONLY_IN = {"pydantic": ("problem.load", "problem.schema"), "typst": ("report.pdf",)}

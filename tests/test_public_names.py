@@ -19,7 +19,7 @@ import dobc_design
 _NAMES = """
 Certificate Check Coupling Design Dynamics Ensemble Exosystem Failure Group Network Observer
 Problem Region Stress
-Switching Trajectory Verdict __version__ analyse build_model certify
+Switching Trajectory Verdict __version__ analyse block_lmi build_model certify
 describe design design_observer
 design_pinning exact exosystems export falsify from_pandapower load_problem load_trajectory poles
 problem_from_file
@@ -28,7 +28,7 @@ write_report
 """
 #: Types that functions return, and what the modules among the names hold for users.
 TYPES = (
-    "Analysis Falsification Model ObserverDesign Pinning PinningDesign Settling Suspect "
+    "Analysis BlockLMI Falsification Model ObserverDesign Pinning PinningDesign Settling Suspect "
     "SweepResult TradeOff"
 )
 INSIDE = """

@@ -116,11 +116,15 @@ def scaffold(name: str, *, problem: Problem | None = None, source: str = "") -> 
 
     # A test is a function of Python, whose name has no dashes.
     identifier = re.sub(r"\W", "_", name).lower()
-    text, verdict = _template("problem.toml", name), "PROVED"
+    text, verdict = _template("problem.toml", name), "proved"
     if problem is not None:
         text, verdict = _converted(name, problem, source)
     test = _template("test.py.txt", name)
+    assertion = f"testing.assert_{verdict}(PROBLEM)"
+    if verdict == "undecided":
+        assertion = "assert dd.certify(PROBLEM).verdict is dd.Verdict.UNDECIDED"
     test = test.replace("@IDENTIFIER@", identifier).replace("@VERDICT@", verdict)
+    test = test.replace("@ASSERTION@", assertion)
     texts = {
         f"{name}.toml": text,
         f"{name}.ipynb": _template("notebook.ipynb.txt", name),
@@ -145,5 +149,5 @@ def _converted(name: str, problem: Problem, source: str) -> tuple[str, str]:
     whole = problem_text(problem)
     text = changed_text(whole, {"name": name}) or whole
     text = re.sub(r"^(name = .*?)[ \t]*#.*$", r"\1", text, count=1, flags=re.MULTILINE)
-    verdict = certify(problem).verdict.name
+    verdict = certify(problem).verdict.value
     return f"#:schema ./{SCHEMA}\n# Made by dobc new from {visible(source)}.\n\n{text}", verdict

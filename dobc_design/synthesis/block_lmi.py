@@ -10,7 +10,6 @@ is a proposal: ``BlockLMI.certify`` rounds it and decides it exactly.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
@@ -151,7 +150,7 @@ class BlockLMI:
         return self._asked
 
     @property
-    def W(self) -> Array | None:
+    def W(self) -> Array | None:  # noqa: N802 - the paper's letter
         """P^-1 Q (q, m), 1/s, of the values found; None before."""
         if self.P.value is None or self.Q.value is None:
             return None

@@ -3,8 +3,10 @@ elsewhere."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
+from difflib import get_close_matches
 from functools import wraps
+from inspect import signature
 from typing import Any, ParamSpec, TypeVar
 
 P = ParamSpec("P")
@@ -48,10 +50,13 @@ class Bar:
 
 
 def shows_progress(function: Callable[P, R]) -> Callable[P, R]:
-    """The function, to which ``progress=True`` hands a bar that lasts as long as it runs."""
+    """The function, to which ``progress=True`` hands a bar that lasts as long as it runs; an
+    argument that it does not have is answered with the name of the one that was meant."""
+    known = tuple(signature(function).parameters)
 
     @wraps(function)
     def run(*args: P.args, **given: P.kwargs) -> R:
+        require_known(function.__name__, given, known)
         if given.get("progress") is not True:
             return function(*args, **given)
         given["progress"] = bar = Bar()
@@ -59,6 +64,37 @@ def shows_progress(function: Callable[P, R]) -> Callable[P, R]:
             return function(*args, **given)
 
     return run
+
+
+#: What other packages call arguments that have another name here.
+ELSEWHERE = {
+    "x0": "start",
+    "X0": "start",
+    "initial_state": "start",
+    "T": "t_final",
+    "tf": "t_final",
+    "t_end": "t_final",
+    "horizon": "t_final",
+    "rng": "seed",
+    "random_state": "seed",
+    "n_runs": "runs",
+    "timeout": "time_limit",
+    "decay": "rate",
+    "verbose": "progress",
+}
+
+
+def require_known(function: str, given: Iterable[str], known: Sequence[str]) -> None:
+    """Raises: TypeError that names the argument which was probably meant."""
+    for name in given:
+        if name in known:
+            continue
+        meant = [each for each in (ELSEWHERE.get(name),) if each in known]
+        meant += get_close_matches(name, known, n=1)
+        hint = f" Did you mean {meant[0]}?" if meant else ""
+        raise TypeError(
+            f"{function}() has no argument {name!r}.{hint} Its arguments are {', '.join(known)}."
+        )
 
 
 def report_to(progress: Reports[S]) -> Callable[[S], None]:

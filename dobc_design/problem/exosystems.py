@@ -39,17 +39,20 @@ __all__ = [
 class Exosystem(Shown):
     """Generator of one agent's disturbance: xi' = A xi, d = C xi (eq. 12).
 
-    Shapes: A (q, q) in 1/s, C (m, q).  Accepts nested sequences or arrays of exact numbers.
+    Shapes: A (q, q) in 1/s, C (m, q).  Accepts nested sequences or arrays of exact numbers, or a
+    python-control StateSpace in place of both.
     Raises: ShapeError or SpecError naming exosystem.A or exosystem.C.
     Example:
-        >>> dd.Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]]).order
+        >>> dd.Exosystem([[0, 2], [-2, 0]], [[1, 0]]).order
         2
     """
 
     A: Matrix
     C: Matrix
 
-    def __init__(self, *, A: Sequence[Sequence[Any]], C: Sequence[Sequence[Any]]) -> None:
+    def __init__(self, A: Any, C: Sequence[Sequence[Any]] | None = None) -> None:
+        if C is None:
+            A, C = _matrices_of(A)
         dynamics, output = read_matrix(A, "exosystem.A"), read_matrix(C, "exosystem.C")
         require_square(dynamics, "exosystem.A")
         q = len(dynamics)
@@ -73,21 +76,18 @@ class Exosystem(Shown):
         """m, the number of disturbance components."""
         return len(self.C)
 
-    @classmethod
-    def from_control(cls, system: Any) -> Exosystem:
-        """Take A and C from a control.StateSpace; floats are read as their shortest decimal text.
-        Raises: SpecError for a system in discrete time or without A and C."""
-        if not hasattr(system, "A") or not hasattr(system, "C"):
-            raise wrong(
-                "exosystem",
-                f"must be a state-space system with A and C; got {type(system).__name__}.",
-                "For a transfer function: control.ss(system).",
-            )
-        if getattr(system, "dt", None):
-            what = "must be in continuous time, xi' = A xi; got one with the time step"
-            what += f" {shown(system.dt)}."
-            raise wrong("exosystem", what, "Give the continuous-time system.")
-        return cls(A=np.asarray(system.A).tolist(), C=np.asarray(system.C).tolist())
+
+def _matrices_of(system: Any) -> tuple[Any, Any]:
+    """A and C of a control.StateSpace; floats are read as their shortest decimal text.  Raises:
+    SpecError for a system in discrete time or without A and C."""
+    if not hasattr(system, "A") or not hasattr(system, "C"):
+        what = f"must be A and C, or a state-space system with both; got {type(system).__name__}."
+        raise wrong("exosystem", what, "For a transfer function: control.ss(system).")
+    if getattr(system, "dt", None):
+        what = "must be in continuous time, xi' = A xi; got one with the time step"
+        what += f" {shown(system.dt)}."
+        raise wrong("exosystem", what, "Give the continuous-time system.")
+    return np.asarray(system.A).tolist(), np.asarray(system.C).tolist()
 
 
 LARGEST_DEGREE = 20

@@ -477,6 +477,12 @@ def load_problem(source: Source) -> Problem:
     """
     if isinstance(source, Problem):
         return source
+    if not isinstance(source, str | PathLike):
+        cure = "From a dict: Problem(**arguments)." if isinstance(source, Mapping) else ""
+        raise TypeError(
+            "a problem is a Problem, the path of a problem file or the name of a built-in problem; "
+            f"got {type(source).__name__}. {cure}".rstrip()
+        )
     path = Path(source)
     if isinstance(source, str) and not os.path.isfile(source):  # unlike Path, it takes any text
         if source in builtin_names():

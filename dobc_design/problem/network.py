@@ -17,11 +17,12 @@ from unicodedata import normalize
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from dobc_design._checks import noun, put
 from dobc_design._show.cards import MOST_ITEMS, MOST_ROWS, Card, Shown, cut, listed
 from dobc_design.errors import Mistakes, SpecError, about, mistake, wrong
-from dobc_design.exact.number import number_key, parse_number
+from dobc_design.exact.number import nearest, number_key, parse_number
 from dobc_design.exact.reading import (
     Document,
     Names,
@@ -469,6 +470,46 @@ class Network(Shown):
         """The first mode with optional arcs; None if there is none."""
         return next((name for name, arcs in self.modes.items() if arcs.optional), None)
 
+    @property
+    def adjacency(self) -> dict[str, Any]:
+        """Mode -> SciPy sparse array (n, n) of float weights: entry (i, j) where agent i listens to
+        agent j, counted from 0.  ``from_sparse(..., arrow="listens_to")`` reads it back.
+
+        Example:
+            >>> network = dd.Network.from_arcs([[2, 1, 0.5]], arrow="listens_to", agents=2)
+            >>> network.adjacency["G"].toarray().tolist()
+            [[0.0, 0.0], [0.5, 0.0]]
+        """
+        found = {}
+        for name, arcs in self.modes.items():
+            places = arcs.listeners, arcs.speakers
+            weights = np.array([nearest(w) for _, _, w in arcs])
+            found[name] = sparse.csr_array((weights, places), shape=(self.size, self.size))
+        return found
+
+    def to_networkx(self, mode: str | None = None) -> Any:
+        """A networkx.DiGraph of one mode, by default the first: an edge from who listens to whom it
+        listens to, with the attribute 'weight'.  ``from_networkx(..., arrow="listens_to")`` reads
+        it back.
+
+        Raises: SpecError for a mode that does not exist.
+        Example:
+            >>> list(dd.load_problem("paper-fixed").network.to_networkx().edges)[0]
+            ('1', '2')
+        """
+        import networkx
+
+        name = next(iter(self.modes)) if mode is None else mode
+        if name not in self.modes:
+            raise wrong("mode", f"must be one of {', '.join(self.modes)}; got {shown(mode)}.")
+        graph = networkx.DiGraph(name=name)
+        graph.add_nodes_from(self.labels)
+        for i, j, weight in self.modes[name]:
+            decimal = nearest(weight)
+            exact = Fraction(repr(decimal)) == weight
+            graph.add_edge(self.labels[i], self.labels[j], weight=decimal if exact else weight)
+        return graph
+
     def arc_codes(self) -> set[int]:
         """listener * n + speaker of every arc of every mode."""
         codes: set[int] = set()
@@ -586,7 +627,8 @@ class Network(Shown):
         labels: Sequence[Any] | None = None,
         drop_loops: bool = False,
     ) -> Network:
-        """Build a network from a SciPy sparse matrix, or a mapping of mode name to matrix.
+        """Build a network from a SciPy sparse matrix or a NumPy array, or a mapping of mode name to
+        matrix.
 
         Entry (i, j) is the arc [i, j] under ``arrow`` and its value the weight; entries that are
         stored twice are added, stored zeros are no arcs.  ``labels`` defaults to 1..n;
@@ -607,14 +649,8 @@ class Network(Shown):
         modes = {}
         for name, each in matrices.items():
             key = f"network.modes.{named(name)}"
-            if not hasattr(each, "tocoo") or len(each.shape) != 2:
-                raise wrong(
-                    key,
-                    f"must be a SciPy sparse matrix; got {type(each).__name__}.",
-                    "Wrap it: scipy.sparse.coo_array(matrix).",
-                )
             # A copy: adding up duplicates works in place, and the matrix is the user's.
-            table = each.tocoo(copy=True)
+            table = _as_coo(each, key)
             table.sum_duplicates()
             rows, columns = table.shape
             if rows != columns or size not in (0, rows):
@@ -637,6 +673,19 @@ class Network(Shown):
             second = table.col[keep].astype(np.int64)
             modes[name] = directed(first, second, weights, arrow=arrow)
         return cls(labels=labels_of(size) if names is None else names, modes=modes)
+
+
+def _as_coo(matrix: Any, key: str) -> Any:
+    """A copy of a SciPy sparse matrix or of an array (n, n) as a coo_array.  Raises: SpecError."""
+    if hasattr(matrix, "tocoo") and len(matrix.shape) == 2:
+        return matrix.tocoo(copy=True)
+    if isinstance(matrix, np.ndarray) and matrix.ndim == 2 and matrix.dtype.kind in "biuf":
+        return sparse.coo_array(matrix)
+    raise wrong(
+        key,
+        f"must be a SciPy sparse matrix or a NumPy array (n, n); got {type(matrix).__name__}.",
+        "Wrap it: numpy.array(matrix).",
+    )
 
 
 def _check_different(labels: Names) -> None:

@@ -364,6 +364,20 @@ class Problem(Shown):
         return f"<Problem {self.name}: {self.network!r}, {pinned}>"
 
     @property
+    def gains(self) -> dict[str, Any]:
+        """Label of each pinned agent -> its gain k, a Fraction, or rows of an m x m (p x m) matrix;
+        in 1/s.
+
+        Example:
+            >>> dd.load_problem("paper-fixed").gains
+            {'1': Fraction(5, 1), '6': Fraction(5, 1)}
+        """
+        labels = self.network.labels
+        return {
+            labels[i]: k[0][0] if is_scalar_matrix(k) else k for i, k in self.pinning.gains.items()
+        }
+
+    @property
     def n(self) -> int:
         """Number of agents."""
         return self.network.size
@@ -587,7 +601,7 @@ _KINDS: Mapping[str, tuple[type, str]] = {
     "network": (Network, "Make one with Network.from_arcs, from_networkx or from_sparse."),
     "exosystem": (
         Exosystem,
-        "Make one with Exosystem(A=..., C=...) or Exosystem.from_control(system).",
+        "Make one with Exosystem(A, C) or Exosystem(system), with a control.StateSpace.",
     ),
     "observer": (Observer, "Make one with Observer(W=..., P=...) or Observer(rate=...)."),
     "switching": (Switching, "Make one with Switching(signal=..., dwell=...)."),

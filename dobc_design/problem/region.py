@@ -30,7 +30,7 @@ class Region(Shown):
     """
 
     initial_states: Pairs
-    initial_disturbance: Fraction | None
+    initial_disturbance: Fraction | None = None
 
     def _card(self) -> Card:
         pairs = [f"[{shown_number(lo)}, {shown_number(hi)}]" for lo, hi in self.initial_states]

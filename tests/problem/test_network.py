@@ -219,7 +219,7 @@ def test_entries_stored_twice_are_added_and_stored_zeros_are_no_arcs():
             None,
             r"modes\.B.*\(2 x 2\); got shape \(3",
         ),
-        (np.eye(2), None, "must be a SciPy sparse matrix; got ndarray"),
+        ([[0, 1]], None, r"must be a SciPy sparse matrix or a NumPy array \(n, n\); got list"),
         (sparse.csr_array([[0, -1], [0, 0]]), None, "must be > 0"),
         (sparse.csr_array(np.array([[0, 1], [0, 0]], dtype=bool)), None, "not a boolean"),
     ],

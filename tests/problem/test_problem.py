@@ -154,18 +154,18 @@ def test_a_problem_is_frozen_hashable_and_its_mappings_cannot_be_changed():
 
 def test_a_state_space_system_is_an_exosystem():
     system = control.ss([[0, 2], [-2, 0]], [[0], [0]], [[1, 0]], [[0]])
-    exosystem = Exosystem.from_control(system)
+    exosystem = Exosystem(system)
     assert exosystem == SINE
-    assert scalar("1/10") == Exosystem.from_control(control.ss([[0.1]], [[1]], [[0.3]], [[0]])).A
+    assert scalar("1/10") == Exosystem(control.ss([[0.1]], [[1]], [[0.3]], [[0]])).A
 
 
 def test_a_system_in_discrete_time_or_without_a_state_is_refused():
     """x[k + 1] = A x[k] would be taken for x' = A x in silence."""
     for step in (0.1, True):
         with pytest.raises(SpecError, match="must be in continuous time"):
-            Exosystem.from_control(control.ss([[0.5]], [[1]], [[1]], [[0]], step))
+            Exosystem(control.ss([[0.5]], [[1]], [[1]], [[0]], step))
     with pytest.raises(SpecError, match="got TransferFunction"):
-        Exosystem.from_control(control.tf([1], [1, 1]))
+        Exosystem(control.tf([1], [1, 1]))
 
 
 @pytest.mark.parametrize(
@@ -180,7 +180,7 @@ def test_a_system_in_discrete_time_or_without_a_state_is_refused():
         (
             {"exosystem": control.ss([[0]], [[1]], [[1]], [[0]])},
             "exosystem",
-            r"Exosystem\.from_control",
+            r"Exosystem\(system\)",
         ),
         ({"exosystem": SINE, "observer": {"W": [[1], [1]]}}, "observer", "must be an Observer"),
         ({"switching": "random"}, "switching", "must be a Switching"),

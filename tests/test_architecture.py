@@ -20,7 +20,7 @@ from house import PACKAGE, ROOT, House, circles, house_on_disk, inner_circles, r
 NUMBERS, PLOTS = {"numpy", "scipy"}, {"matplotlib", "numpy"}
 THIRD_PARTY = {
     "_show": {"latex2mathml", "rich"},
-    "analysis": set(NUMBERS),
+    "analysis": {"control", *NUMBERS},
     "certificate": {"numpy"},
     "certification": {"numpy"},
     "cli": {"packaging", "rich", "typer"},

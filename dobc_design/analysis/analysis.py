@@ -8,11 +8,11 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Sequence
 from fractions import Fraction
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import sparse
+from scipy import linalg, sparse
 from scipy.sparse.csgraph import connected_components
 
 from dobc_design._checks import noun, require_shape, require_square
@@ -21,12 +21,16 @@ from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.reason import Reason
 from dobc_design.conditions.weighted.network import Network as Alike
 from dobc_design.conditions.weighted.network import network_of
+from dobc_design.errors import wrong
+from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Matrix, multiply, subtract, to_float
 from dobc_design.loop.arcs import closed_groups, split_by, unreached
 from dobc_design.loop.arrays import Gain, chosen_gain
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.matrices import consensus_jacobian, pull_matrix
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import group_numbers
 from dobc_design.problem.problem import Problem
 
 
@@ -231,13 +235,98 @@ class Analysis(Headed):
     """Diagnostics of a problem, one entry per mode in ``graphs`` and ``modes``.
 
     ``observability`` is None without an exosystem, ``spectrum`` also without an observer gain.
+    ``obsv``, ``poles``, ``observer`` and ``error_system`` are for going on with NumPy and
+    python-control.
     """
 
+    loop: Loop
+    W: Matrix | None
     name: str
     observability: ObservabilityResult | None
     spectrum: SpectrumResult | None
     graphs: tuple[GraphFacts, ...]
     modes: tuple[ModeSpectrum, ...]
+
+    @property
+    def obsv(self) -> NDArray[np.float64]:
+        """The observability matrix of (A, C): C, C A, ..., C A^(q-1), (m q, q).  Raises: SpecError
+        without an exosystem."""
+        exosystem = self._exosystem()
+        return _observability_matrix(to_float(exosystem.A), to_float(exosystem.C))
+
+    @property
+    def poles(self) -> NDArray[np.complex128]:
+        """The eigenvalues of A - W C (q,), slowest first, in 1/s.  Raises: SpecError without a
+        gain."""
+        self._gain()
+        return np.array(self.spectrum.eigenvalues if self.spectrum else ())
+
+    @property
+    def observer(self) -> Any:
+        """The observer (13) of one agent as a control.StateSpace: z' = (A - W C)(z + W x) - W v,
+        dhat = C (z + W x); inputs x and v (the couplings and u), m each.
+
+        Where agents differ in their exosystem it holds all groups side by side.  Raises: SpecError
+        without a gain.
+        """
+        import control
+
+        exosystem = self._exosystem()
+        A, C, W = (to_float(each) for each in (exosystem.A, exosystem.C, self._gain()))
+        F = A - W @ C
+        direct = np.hstack([C @ W, np.zeros((len(C), W.shape[1]))])
+        return control.ss(F, np.hstack([F @ W, -W]), C, direct)
+
+    def error_system(self, mode: str | None = None) -> Any:
+        """The error system (22) at the consensus as a control.StateSpace: states e (n m) and eps of
+        all agents; the input w (n m) adds to e', the output is e.
+
+        ``mode``: by default the first.  Raises: SpecError without a gain, KeyError for a mode that
+        does not exist, and UndefinedError where a coupling has no slope at 0.
+        Example:
+            >>> system = dd.analyse("paper-fixed").error_system()
+            >>> system.nstates, bool(max(system.poles().real) < 0)
+            (30, True)
+        """
+        import control
+
+        loop = self.loop
+        jacobian = consensus_jacobian(loop, mode or next(iter(loop.modes)))
+        if jacobian is None:
+            raise UndefinedError("a coupling has no slope at 0, so there is no linearisation")
+        network = (jacobian - pull_matrix(loop)).toarray()
+        residuals = self._residuals()
+        inside = linalg.block_diag(*(F for F, _ in residuals))
+        acting = linalg.block_diag(*(C for _, C in residuals))
+        rows, columns = inside.shape[0], network.shape[0]
+        A = np.block([[network, acting], [np.zeros((rows, columns)), inside]])
+        eye = np.eye(columns, columns + rows)
+        return control.ss(A, eye.T, eye, np.zeros((columns, columns)))
+
+    def _residuals(self) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+        """A - W C and C of every agent; without rows where it has no disturbance."""
+        loop = self.loop
+        nothing = np.zeros((0, 0)), np.zeros((loop.m, 0))
+        kinds = []
+        for place, group in enumerate(loop.groups):
+            A, C = to_float(group.exosystem.A), to_float(group.exosystem.C)
+            W = group.observer.W if loop.is_grouped else self._gain()
+            if W is None:
+                raise wrong("observer.W", f"of group {place + 1} is missing.", "Give every W.")
+            kinds.append((A - to_float(W) @ C, C))
+        return [[*kinds, nothing][k] for k in group_numbers(loop.groups, loop.labels)]
+
+    def _exosystem(self) -> Exosystem:
+        exosystem = self.loop.joint_exosystem
+        if exosystem is None:
+            raise wrong("exosystem", "is missing: there is no disturbance to observe.")
+        return exosystem
+
+    def _gain(self) -> Matrix:
+        if self.W is None:
+            cure = "Give observer.W, or take the one that certify designs: certificate.W_exact."
+            raise wrong("observer.W", "is missing.", cure)
+        return self.W
 
     @property
     def lines(self) -> tuple[str, ...]:
@@ -270,6 +359,8 @@ def analyse(problem: Problem, *, gain: Gain | None = None) -> Analysis:
         alike = network_of(state_theorems(loop))
     modes = tuple(problem.network.modes)
     return Analysis(
+        loop=loop,
+        W=W,
         name=problem.name,
         observability=observability,
         spectrum=spectrum,

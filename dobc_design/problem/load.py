@@ -477,12 +477,7 @@ def load_problem(source: Source) -> Problem:
     """
     if isinstance(source, Problem):
         return source
-    if not isinstance(source, str | PathLike):
-        cure = "From a dict: Problem(**arguments)." if isinstance(source, Mapping) else ""
-        raise TypeError(
-            "a problem is a Problem, the path of a problem file or the name of a built-in problem; "
-            f"got {type(source).__name__}. {cure}".rstrip()
-        )
+    _require_source(source)
     path = Path(source)
     if isinstance(source, str) and not os.path.isfile(source):  # unlike Path, it takes any text
         if source in builtin_names():
@@ -497,6 +492,16 @@ def load_problem(source: Source) -> Problem:
                 f"did you mean {near[0]}?",
             )
     return read_problem_file(path)
+
+
+def _require_source(source: object) -> None:
+    """Raises: TypeError for what is neither a path nor a name."""
+    if not isinstance(source, str | PathLike):
+        cure = " From a dict: Problem(**arguments)." if isinstance(source, Mapping) else ""
+        raise TypeError(
+            "a problem is a Problem, the path of a problem file or the name of a built-in problem; "
+            f"got {type(source).__name__}.{cure}"
+        )
 
 
 def source_text(source: str | PathLike[str]) -> str | None:

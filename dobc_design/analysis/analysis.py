@@ -251,8 +251,10 @@ class Analysis(Headed):
     def obsv(self) -> NDArray[np.float64]:
         """The observability matrix of (A, C): C, C A, ..., C A^(q-1), (m q, q).  Raises: SpecError
         without an exosystem."""
+        import control
+
         exosystem = self._exosystem()
-        return _observability_matrix(to_float(exosystem.A), to_float(exosystem.C))
+        return np.asarray(control.obsv(to_float(exosystem.A), to_float(exosystem.C)))
 
     @property
     def poles(self) -> NDArray[np.complex128]:

@@ -497,7 +497,7 @@ def load_problem(source: Source) -> Problem:
 def _require_source(source: object) -> None:
     """Raises: TypeError for what is neither a path nor a name."""
     if not isinstance(source, str | PathLike):
-        cure = " From a dict: Problem(**arguments)." if isinstance(source, Mapping) else ""
+        cure = " From a dict: Problem(**arguments)." if isinstance(source, dict) else ""
         raise TypeError(
             "a problem is a Problem, the path of a problem file or the name of a built-in problem; "
             f"got {type(source).__name__}.{cure}"

@@ -38,7 +38,7 @@ THIRD_PARTY = {
     "problem": {"pydantic", "tomlkit", *NUMBERS},
     "report": {"jinja2", "networkx", "typst", *PLOTS},
     "simulation": {"pandas", *NUMBERS},
-    "solvers": {"clarabel", "cvxpy", *NUMBERS},
+    "solvers": {"clarabel", *NUMBERS},
     "sweeps": {"distributed", "joblib", "numpy", "pandas", "pyarrow"},
     "synthesis": {"control", "cvxpy", "pandas", *NUMBERS},
 }

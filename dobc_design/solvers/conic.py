@@ -25,7 +25,6 @@ from dobc_design.solvers.program import (
     Array,
     Program,
     Solution,
-    as_sparse,
     assemble,
     is_solver_failure,
 )
@@ -197,33 +196,6 @@ def _cone_of(pencil: Pencil, places: Sequence[Place]) -> Cone:
         if place in pencil.coefficients:
             rows[:, k] = svec_exact(pencil.coefficients[place])
     return Cone("semidefinite", rows, -svec_exact(pencil.constant))
-
-
-def build_dense(program: Program) -> tuple[Any, dict[str, Any]]:
-    """The cvxpy problem of a Program, the block LMI of the paper, and its variables; the oracle of
-    the reduced form."""
-    import cvxpy as cp
-
-    first = program.pencils[0]
-    variables: dict[str, Any] = {}
-    for unknown in first.unknowns:
-        shape = (unknown.rows, unknown.columns)
-        name = unknown.name
-        variables[name] = cp.Variable(shape, symmetric=unknown.symmetric, name=name)
-    P = variables["P"]
-    constraints = [_affine(cp, each, variables) << 0 for each in program.pencils]
-    constraints.append(P >> np.eye(first.unknowns[0].rows) * float(program.floor))
-    cost = cp.trace(P)
-    if "Q" in variables:
-        cost = cost + cp.sum_squares(variables["Q"])
-    return cp.Problem(cp.Minimize(cost), constraints), variables
-
-
-def _affine(cp: Any, pencil: Pencil, variables: dict[str, Any]) -> Any:
-    total = cp.Constant(as_sparse(pencil.constant))
-    for (name, i, j), coefficient in pencil.coefficients.items():
-        total = total + variables[name][i, j] * as_sparse(coefficient)
-    return total
 
 
 def solve_in_turn(programs: Iterable[Program]) -> Iterator[Solution]:

@@ -17,9 +17,9 @@ from dobc_design.conditions.consensus.claim import reduced
 from dobc_design.conditions.consensus.propose import float_lambda, largest_eigenvalue
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import to_float
+from dobc_design.exact.pencil import Pencil
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.problem import Problem
-from dobc_design.solvers import conic
 from dobc_design.solvers.conic import solve_directly
 from dobc_design.solvers.program import Program, Solution, as_sparse, assemble
 from dobc_design.synthesis.observer.decide import StateSpace
@@ -36,7 +36,7 @@ class Margin(Program):
 
 def solve_dense(program: Program, *, solver: str = "CLARABEL") -> Solution:
     """The answer of one of cvxpy's solvers; without values where it finds no point."""
-    problem, variables = conic.build_dense(program)
+    problem, variables = dense_problem(program)
     if isinstance(program, Margin):
         problem = _margin(program, variables)
     with warnings.catch_warnings():
@@ -54,16 +54,35 @@ def solve_dense(program: Program, *, solver: str = "CLARABEL") -> Solution:
     return Solution(status=str(problem.status), objective=float(problem.value), values=values)
 
 
+def dense_problem(program: Program) -> tuple[Any, dict[str, Any]]:
+    """The cvxpy problem of a Program, with all its rows, and its variables."""
+    first = program.pencils[0]
+    variables: dict[str, Any] = {}
+    for unknown in first.unknowns:
+        shape = (unknown.rows, unknown.columns)
+        name = unknown.name
+        variables[name] = cp.Variable(shape, symmetric=unknown.symmetric, name=name)
+    constraints = [affine(each, variables) << 0 for each in program.pencils]
+    constraints.append(variables["P"] >> np.eye(first.unknowns[0].rows) * float(program.floor))
+    cost = cp.trace(variables["P"])
+    if "Q" in variables:
+        cost = cost + cp.sum_squares(variables["Q"])
+    return cp.Problem(cp.Minimize(cost), constraints), variables
+
+
+def affine(pencil: Pencil, variables: dict[str, Any]) -> Any:
+    """F(P, Q) of a pencil as an expression of cvxpy."""
+    total = cp.Constant(as_sparse(pencil.constant))
+    for (name, i, j), coefficient in pencil.coefficients.items():
+        total = total + variables[name][i, j] * as_sparse(coefficient)
+    return total
+
+
 def _margin(program: Margin, variables: dict[str, Any]) -> Any:
-    P = variables["P"]
-    Q = variables.get("Q")
-    t = cp.Variable()
-    constraints = []
-    for pencil in program.pencils:
-        total = cp.Constant(as_sparse(pencil.constant))
-        for (name, i, j), coefficient in pencil.coefficients.items():
-            total = total + variables[name][i, j] * as_sparse(coefficient)
-        constraints.append(total << t * np.eye(pencil.size))
+    P, Q, t = variables["P"], variables.get("Q"), cp.Variable()
+    constraints = [
+        affine(pencil, variables) << t * np.eye(pencil.size) for pencil in program.pencils
+    ]
     one = np.eye(P.shape[0])
     constraints += [P >> one * float(1 + program.floor), P << one * float(program.ratio)]
     if Q is not None:

@@ -35,7 +35,7 @@ THIRD_PARTY = {
     "loop": NUMBERS,
     "model": {"casadi", "sympy", *NUMBERS},
     "plotting": PLOTS,
-    "problem": {"pydantic", "tomlkit", *NUMBERS},
+    "problem": {"networkx", "pydantic", "tomlkit", *NUMBERS},
     "report": {"jinja2", "networkx", "typst", *PLOTS},
     "simulation": {"pandas", *NUMBERS},
     "solvers": {"clarabel", *NUMBERS},

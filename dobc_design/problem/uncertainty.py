@@ -116,7 +116,7 @@ def read_uncertainty(value: Any) -> Uncertainty | None:
     return Uncertainty(**_known(value, Uncertainty))
 
 
-def read_actuators(value: Any, *, labels: Names) -> Actuators | None:
+def read_actuators(value: Any, labels: Names) -> Actuators | None:
     """Read the [actuators] table.  Raises: SpecError that names every wrong key and every unknown
     agent."""
     if value is None:

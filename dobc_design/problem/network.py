@@ -180,7 +180,7 @@ def parse_weights(values: Sequence[Any], key: str) -> tuple[Fraction, ...]:
     result = []
     # A network has few different weights: equal texts are parsed once.
     for position, value in enumerate(values):
-        # 1 and 1.0 are one number, but true is none: such a value is read by itself and refused.
+        # For Python true equals 1: it must not be taken for a weight that was read already.
         plain = isinstance(value, (str, int, float)) and not isinstance(value, bool)
         token = number_key(value) if plain else object()
         if token not in known:

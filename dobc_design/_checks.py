@@ -84,6 +84,11 @@ def noun(cls: type[T] | None = None, *, eq: bool = True) -> Any:
     return made if cls is None else made(cls)
 
 
+def later() -> Any:
+    """A field that problem.json has only where it was given."""
+    return field(default=None, metadata=LATER)
+
+
 def put(made: object, **values: Any) -> None:
     """Set fields of a frozen noun that is being made."""
     for name, value in values.items():

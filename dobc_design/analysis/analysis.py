@@ -53,6 +53,7 @@ def check_spectrum(A: Matrix, C: Matrix, W: Matrix) -> SpectrumResult:
     m, _ = require_shape(C, (None, q), name="C", because="one column per exosystem state")
     because = "one row per exosystem state, one column per disturbance component"
     require_shape(W, (q, m), name="W", because=because)
+    # Exact as long as possible: only the difference is rounded.
     dynamics = to_float(subtract(A, multiply(W, C)))
     poles = _slowest_first(np.linalg.eigvals(dynamics))
     return SpectrumResult(eigenvalues=poles, rate=-poles[0].real)
@@ -348,6 +349,7 @@ def analyse(problem: Problem, *, gain: Gain | None = None) -> Analysis:
     """Collect the diagnostics; ``gain`` (q, m) takes the place of problem.observer.W.  Of agents
     with [dynamics] Lambda and J - K are those of their errors.  Raises: SpecError."""
     loop = loop_of(problem)
+    # A gain that is handed in takes the place of the file's, for this diagnosis only.
     W = chosen_gain(loop, gain)
     exosystem = loop.joint_exosystem
     observability, spectrum = None, None

@@ -122,6 +122,7 @@ class CertifiedBound(Shown):
             )
         bounds: list[Array] = []
         for each in self.envelopes:
+            # A larger height and a smaller rate claim less.
             height = float_above(each.height) * (1 + IN_HAND)
             falling = np.exp(-float_below(each.rate) * t)
             bounds.append(height * falling + np.finfo(float).tiny)  # exp may underflow
@@ -168,6 +169,7 @@ def certified_settling(loop: Loop, claims: Claims) -> Settling | None:
 def is_inside(domain: object, starts: Starts) -> bool:
     """Whether a check with this domain is about these starts; not for one that holds close to the
     target only."""
+    # What is proved near the target only names no radius, so that no start is known to lie there.
     if not isinstance(domain, Around):
         return domain == EVERYWHERE
     reach = starts.box if domain.kind == "box" else starts.ball
@@ -180,6 +182,7 @@ def envelope_of(loop: Loop, check: Check, claim: Claim | None, starts: Starts) -
     """The bound of one check; None for one that gives none by itself."""
     domain = check.domain
     disturbance = starts.disturbance
+    # Maxima of weights are bounded by the box of the starts, quadratic forms by their ball.
     radius = starts.box if isinstance(claim, Separable | Cycles | Kept) else starts.ball
     if isinstance(domain, Around):  # of a run that exceeds the region by rounding
         radius *= ROOM
@@ -215,8 +218,10 @@ def _square_of_forms(
     """A bound of |e|_inf^2 where V = e'De + ... or e'(D (x) R)e + ... is at most what it is for
     these starts; None for other claims."""
     if isinstance(claim, Weighted):
+        # e'De lies between least(D) |e|^2 and largest(D) |e|^2.
         first = largest(claim.D) * radius**2 + _errors(loop, claim.P, disturbance)
         return first / least(claim.D)
+    # What estimation errors add to this V is not bounded here.
     if isinstance(claim, Alike) and not disturbance:
         form = SparseSymmetric.from_dense(claim.R)
         first = largest(claim.weights.D) * eigenvalue_bound(form) * radius**2
@@ -282,6 +287,7 @@ def starts_of(loop: Loop, radius: Number | None, disturbance: Number | None) -> 
         error = parse_number(disturbance, "disturbance")
     elif region is not None:
         error = region.disturbance or error
+    # The sides come first, so that a wrong radius is named before a wrong disturbance.
     if min(sides) < 0 or error < 0 or (error and not loop.groups):
         key = "radius" if min(sides) < 0 else "disturbance"
         what = "must be >= 0, and without an [exosystem] there is no disturbance."
@@ -381,6 +387,7 @@ def certified_bound(problem: Problem, claims: Claims, run: RunLike) -> Certified
     if reason:
         return CertifiedBound(reason=reason)
     loop = loop_of(problem)
+    # Problems made in Python often share a name: the fingerprint tells them apart.
     other = (run.name, run.labels) != (loop.name, loop.labels)
     if other or run.loop_sha256 != loop_sha256(problem, claims.W):
         own = repr(run.name) if other else "another problem of that name, or with another gain W"
@@ -410,6 +417,7 @@ def keeps_guarantee(loop: Loop, signal: Mapping[str, Any]) -> bool:
     if not phases:
         return True
     kind = signal.get("signal")
+    # A signal without an order takes the modes as they stand in the file.
     order = list(signal.get("order") or loop.modes)
     lasting = np.atleast_1d(signal.get("dwell") or 0.0)
     shortest = float(phases[0].shortest)
@@ -417,6 +425,7 @@ def keeps_guarantee(loop: Loop, signal: Mapping[str, Any]) -> bool:
     if loop.guarantee.kind == "sequence":
         each_lasts = np.broadcast_to(lasting, len(order)).tolist()
         turns = list(zip(order, each_lasts, strict=True))
+        # A sequence that is written out twice is the same signal.
         once = turns[: shortest_period(turns)]
         stated = [(phase.mode, float(phase.shortest)) for phase in phases]
         return kind == "periodic" and once == stated
@@ -452,6 +461,7 @@ def _other_loop(run: RunLike) -> str:
 
 def _nothing(claims: Claims, starts: Starts) -> str:
     """Why no check bounds these starts."""
+    # A proof under the guarantee that holds these starts lacks a rate, or the signal.
     for check in claims.checks:
         if check.id == "schedule" and check.verdict is Verdict.PROVED:
             if not is_inside(check.domain, starts):

@@ -43,6 +43,7 @@ def with_factors(case: Case) -> tuple[Check, ...]:
     found: list[Check] = []
     for check in case.checks:
         factor = factor_of(check, case)
+        # A check may always claim less: no factor is better than one beyond all use.
         known = factor is not None and factor <= MOST
         found.append(replace(check, factor=decimal_above(factor) if factor and known else None))
     return tuple(found)
@@ -64,6 +65,7 @@ def factor_of(check: Check, case: Case) -> Fraction | None:
     from it."""
     if check.verdict is not Verdict.PROVED or not check.rate:
         return None
+    # V = e'e is |e|^2 itself, beside what the estimation error adds.
     if check.kind.is_of_paper:
         return ONE
     claim = claim_of(check, case.loop, case.W)

@@ -59,6 +59,7 @@ def write_together(files: Mapping[Path, bytes], *, without: Iterable[Path] = ())
                 names[path] = str(path.parent / f"{_prefix(path)}{secrets.token_hex(8)}{_SUFFIX}")
                 stack.callback(_remove, names[path])  # what is not renamed is removed at the end
                 _write_down(names[path], data)
+            # Every byte is on the disk by now, before the first old file goes.
             for path, name in names.items():
                 os.replace(name, path)
             for path in without:

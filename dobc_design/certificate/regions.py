@@ -220,6 +220,7 @@ def certified_regions(loop: Loop, claims: Claims) -> Regions:
 def _tolerance(checks: Sequence[Check], asked: Asked | None) -> float | None:
     """That of a proved settling time, so that all times are about the same; else a part of the
     radius."""
+    # Whoever asked for a settling time named the tolerance.
     for check in checks:
         if check.verdict is Verdict.PROVED and isinstance(check.claim, Descent):
             return _down(check.claim.tolerance)
@@ -295,6 +296,7 @@ class _Gatherer:
         if isinstance(lure, Lure):
             method = {"interval": "interval bound, ", "vertices": "corners, "}.get(lure.method, "")
             variant = f"{method}P_e {'= c I' if lure.shape == 'identity' else lure.shape}"
+        # Without a region nothing is asked that could be covered.
         covering = False
         if kind != "none" and self.asked is not None:
             covering = covers(self.loop, check, self.checks)
@@ -330,6 +332,7 @@ class _Gatherer:
         bound = None
         with suppress(ValueError):  # too close to a singular matrix
             bound = envelope_of(self.loop, check, check.claim, starts)
+        # A bound that does not fall never reaches the tolerance.
         if bound is None or not bound.rate:
             return None
         steps = math.log(bound.height / claimed(self.tolerance)) / float(bound.rate)
@@ -378,6 +381,7 @@ def _agents(loop: Loop, check: Check) -> tuple[AgentBound, ...]:
     # What estimation errors may take of V is not there for |e_i| <= room v_i.
     room = claim.rho - error_share(claim, claimed(domain.disturbance), unit=_UNIT)
     radius = float(domain.radius)
+    # Goals of several components, or that move with a leader, are no single number.
     pinned = set(loop.pulls.nodes)
     has_goals = loop.m == 1 and not loop.goals.moves
     found: list[AgentBound] = []

@@ -152,6 +152,7 @@ def _read_matrix(value: Any, key: str) -> Matrix | None:
     rows = value if isinstance(value, list) else []
     if not rows or not all(isinstance(row, list) and row for row in rows):
         raise TypeError(f"{key} must be a list of rows")
+    # A ragged list is no matrix, whatever its entries are.
     if len({len(row) for row in value}) != 1:
         raise TypeError(f"{key} must have rows of equal length")
     read = partial(read_rational, key=key)
@@ -201,6 +202,7 @@ def writable(check: Check, domain: Domain) -> Check:
     shorter = check
     if isinstance(claim, Unstable):  # Lemma 1 may leave out its lower bound
         shorter = replace(check, claim=Unstable(roots=claim.roots))
+    # What may be left out goes before the whole proof does.
     for each in (check, shorter):
         if _fits(each):
             return each

@@ -598,6 +598,7 @@ def _proposed_pairs(
 ) -> Iterator[tuple[Matrix, Matrix, str]]:
     """Pairs in turn, block diagonal; the last of a group, which must do, stands in when its others
     are used up."""
+    # What one group needs says nothing of the others: each has proposals of its own.
     each = []
     for group, W in zip(groups, gains, strict=True):
         decay = decay_rate(group.exosystem, W)

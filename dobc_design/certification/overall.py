@@ -124,6 +124,7 @@ def _proved(loop: Loop, checks: Sequence[Check], best: Check) -> Overall:
         why = Reason(head=f"{told}.", advice=f"{cures}.", is_open=True)
         return Overall(verdict=Verdict.UNDECIDED, why=why)
     # The rate is that of the plant with all that is stated, not that of the model alone.
+    # Without tables the proof carries the verdict itself.
     carrier = best
     for id in (ACCURACY, TOLERANCE):
         if id in stated.wanted:

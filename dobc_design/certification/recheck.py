@@ -385,6 +385,7 @@ def _size_failures(claims: Claims, loop: Loop) -> list[str]:
     q, outputs = loop.q, loop.m * max(1, len(loop.groups))
     shapes = {"W": (claims.W, (q, outputs)), "P": (claims.P, (q, q)), "Q": (claims.Q, (q, outputs))}
     failures = []
+    # Shapes first: what follows multiplies these matrices.
     for name, (matrix, shape) in shapes.items():
         if matrix is not None and (len(matrix), len(matrix[0])) != shape:
             failures.append(f"{name}: expected shape {shape}")
@@ -402,6 +403,7 @@ def _size_failures(claims: Claims, loop: Loop) -> list[str]:
 def _block_failures(claims: Claims, loop: Loop) -> list[str]:
     """Where agents have different exosystems: P and W have a block for each group, and a gain that
     is given stands in its block."""
+    # An entry between two groups would let one observer read the states of another.
     orders = [group.exosystem.order for group in loop.groups]
     failures = []
     if claims.P is not None and blocks_of(claims.P, [(each, each) for each in orders]) is None:

@@ -144,6 +144,7 @@ class Check(Shown, Decided):
     def norm(self) -> str:
         """The norm of its bound: the largest component of all errors, or the Euclidean length of
         all of them."""
+        # Of a chain the mean of the squared length decays.
         in_mean_square = self.id == "markov" and (self.exact or {}).get("kind") == "mean square"
         return "|e|" if self.kind.topic in EUCLIDEAN or in_mean_square else "|e|_inf"
 
@@ -222,6 +223,7 @@ def cut_check(
 
 def withdrawn(check: Check, domain: Domain, reason: str) -> Check:
     """The same check undecided: it claims nothing any more.  ``domain``: that of Lemma 1."""
+    # A fact of the network or of the exosystem alone is about every start.
     domain = EVERYWHERE if check.kind.role == "part" else domain
     nothing: dict[str, Any] = dict.fromkeys(("margin", "rate", "factor", "claim", "witness"))
     return replace(check, verdict=Verdict.UNDECIDED, domain=domain, reason=reason, **nothing)
@@ -232,6 +234,7 @@ def limited(id: str, domain: Domain, decide: Callable[[], Check]) -> Check:
     it came."""
     try:
         with at_most(STAGE):
+            # Time that has run out already is noticed before anything is begun.
             spend(0)
             return decide()
     except WorkLimitError as limit:
@@ -350,6 +353,7 @@ def _fix_from_json(data: Any) -> Fix:
 def differs(check: Check, own: Check) -> str | None:
     """What a claimed check says otherwise than our own one for the same question; None if
     nothing."""
+    # What follows from the verdict is compared only where that is the same.
     if own.verdict is not check.verdict:
         return f"it is {own.verdict.value}"
     if not agrees(check.exact, own.exact):
@@ -415,6 +419,7 @@ def number_or_none(value: Any) -> float | None:
     if not math.isfinite(value):
         raise ValueError(f"expected a finite number, got {value!r}")
     nearest = float(value)
+    # Rounding towards 0 would claim less than what is written.
     if abs(nearest) < abs(value):
         return math.nextafter(nearest, math.copysign(math.inf, value))
     return nearest

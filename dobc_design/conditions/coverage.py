@@ -40,6 +40,7 @@ def covering(loop: Loop, checks: Sequence[Check]) -> list[Check]:
 
 def _speaks_for_all_modes(loop: Loop, check: Check, checks: Sequence[Check]) -> bool:
     """Whether Lemma 1 is proved for every mode, and this check is the slowest of them."""
+    # With an observer Lemma 1 is a part of the theorems, and no proof by itself.
     if loop.groups:
         return False
     lemmas = [other for other in checks if other.kind.is_lemma]
@@ -71,6 +72,7 @@ def holds_region(loop: Loop, domain: Domain) -> bool:
 def is_box_near(loop: Loop, domain: Domain) -> bool:
     """Whether a domain is a box around the target, of errors and, with an exosystem, of estimation
     errors."""
+    # Of radius 0 it is the target alone.
     if not isinstance(domain, Around) or domain.radius <= 0:
         return False
     return not loop.groups or domain.disturbance > 0
@@ -147,6 +149,7 @@ def read_region(
     """Decimals that are not below what is asked; a point counts as a small region."""
     region = loop.starts
     if region is None:
+        # Where nothing is asked for, the largest box up to some size is looked for.
         reach = (CAP,) * loop.m
         disturbance = _disturbance_of_runs(loop)
     else:

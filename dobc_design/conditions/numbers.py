@@ -111,6 +111,7 @@ def decimal_above(value: Fraction) -> float:
     cut."""
     if value <= 0:
         return 0.0
+    # No radius is so large; the digits of such numbers take long.
     if value > LARGEST:
         return float(LARGEST)
     unit = Fraction(10) ** (_DIGITS - 1 - len(str(int(value))))
@@ -201,6 +202,7 @@ def time_to_one_percent(rate: float | None, factor: float | None) -> float:
     """After how many seconds factor exp(-rate t) is a hundredth: ln(100 factor) / rate; infinite
     where one is None."""
     if not rate or factor is None:
+        # Without a rate nothing is known of when.
         return math.inf
     return (math.log(100) + math.log(factor)) / rate
 
@@ -305,6 +307,7 @@ def matrix_from_json(rows: Any) -> Matrix:
 
 def form_from_json(rows: Any) -> Matrix:
     """The same for a P, whose entries need a short common denominator."""
+    # What is decided of P multiplies its digits.
     P = matrix_from_json(rows)
     if not is_short(P):
         raise ValueError("P needs too long a common denominator")
@@ -314,6 +317,7 @@ def form_from_json(rows: Any) -> Matrix:
 def vector_to_json(v: Vector | Doubles) -> list[str] | dict[str, str]:
     """A list of rationals, or for many agents the base64 of little-endian doubles where those are
     exact."""
+    # Text of very many numbers takes long to write and to read.
     if len(v) > MANY_AGENTS:
         doubles = v.array if isinstance(v, Doubles) else np.array([float(x) for x in v])
         if isinstance(v, Doubles) or all(

@@ -122,11 +122,13 @@ _CURES_NEAR = {
 def _cure(loop: Loop, checks: Sequence[Check], id: str) -> str:
     """What would help; final bounds of linear couplings scale with the bounds of [uncertainty], and
     hold everywhere."""
+    # Where no common weights exist, no margin of theirs does.
     if any(check.id == MAX_SEPARABLE and check.verdict is Verdict.REFUTED for check in checks):
         return "pins or arcs by which every agent is reached in every mode"
     found = _first(checks, id)
     if id == LIMIT and found is not None and found.reason.endswith(NO_ROOM):
         return "a larger limit"
+    # Smaller bounds would only scale what is proved.
     if id == ACCURACY and loop.is_linear:
         return "larger gains or more pinned agents"
     return _CURES[id] if loop.starts is not None else _CURES_NEAR[id]

@@ -69,7 +69,7 @@ class Coupling(Shown):
         for position, expression in enumerate(self.components):
             own_key = key if self.by_component else f"{key}[{position}]"
             with errors:
-                _check_at_zero(expression, key=own_key)
+                _check_at_zero(expression, own_key)
         errors.raise_all()
 
     @property
@@ -255,7 +255,7 @@ def _refuse_numbered_names(text: str, *, dimension: int, key: str) -> None:
         )
 
 
-def _check_at_zero(expression: Expression, *, key: str) -> None:
+def _check_at_zero(expression: Expression, key: str) -> None:
     quoted = f"{key} {excerpt(expression.text)}"
     origin = (tree.ZERO,) * expression.dimension
     try:

@@ -416,7 +416,7 @@ def _over_region(problem: Problem, coupling: Coupling) -> Sentences:
         (dead, "is 0, so that agents do not react"),
     ):
         if len(places):
-            where = _where(places, step=2 * width / (SAMPLES // 2))
+            where = _where(places, 2 * width / (SAMPLES // 2))
             yield f"{h} {what} for {where} (about); {allowed}.{angle}"
             return
     if 0 < slope * width * FAR_APART < largest:
@@ -438,7 +438,7 @@ def _largest_difference(problem: Problem, region: Region) -> float:
     return max(widths)
 
 
-def _where(places: Array, *, step: float) -> str:
+def _where(places: Array, step: float) -> str:
     """Where samples lie, as an inequality; what is within one ``step`` of 0 begins there."""
     least = float(np.abs(places).min())
     size = significant(least if least > step else 0.0, 2)

@@ -76,7 +76,7 @@ def to_c(
     wanted = [agents] if isinstance(agents, (str, int)) else agents
     controller = recorder.controller(period, agents=wanted, precision=precision)
     certified = None if claims is None else certified_sampling(problem, claims, controller.period)
-    return c_code(controller, recorder.recorded(controller), certified=certified)
+    return c_code(recorder.recorded(controller), certified=certified)
 
 
 def to_fmu(problem: Source, *, period: Any, agent: Any = None, sampled_gain: Any = None) -> Fmu:

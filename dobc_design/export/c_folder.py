@@ -156,6 +156,7 @@ class Recorder:
         others = list(agent.neighbours)
         u = run.u[:, i]
         measured = Recorded(
+            controller=controller,
             agent=agent,
             modes=_modes_in_code(controller, run),
             x=run.x[:, i],
@@ -168,7 +169,7 @@ class Recorder:
         e = run.x[:, i] - run.goal[i]
         # v is what an agent does in all: its couplings, which no simulation records, and u.
         exact = np.zeros_like(e)
-        felt = felt_with_error(controller, measured, e, exact, 0.0)
+        felt = felt_with_error(measured, e, exact, 0.0)
         return replace(measured, v=felt.value + u)
 
 
@@ -211,11 +212,12 @@ def _limits_text(controller: Controller) -> str:
     return ", ".join(texts)
 
 
-def vectors_csv(controller: Controller, recorded: Recorded) -> str:
+def vectors_csv(recorded: Recorded) -> str:
     """The samples as CSV: time, mode, x, heard values, u, v, dhat; numbers in full double
     precision."""
-    m = range(1, controller.problem.m + 1)
-    p = range(1, controller.problem.inputs + 1)
+    problem = recorded.controller.problem
+    m = range(1, problem.m + 1)
+    p = range(1, problem.inputs + 1)
     head = ["time", "mode", *(f"x{c}" for c in m)]
     for j in range(len(recorded.agent.neighbours)):
         head += [f"heard{j}_{c}" for c in m]
@@ -226,23 +228,22 @@ def vectors_csv(controller: Controller, recorded: Recorded) -> str:
     # One row a sample, in the order of the head.
     numbers = np.hstack([recorded.x, heard, recorded.u, recorded.v, recorded.dhat])
     for k, row_of_sample in enumerate(numbers.tolist()):
-        time = repr(k * float(controller.period))
+        time = repr(k * float(recorded.controller.period))
         mode = str(int(recorded.modes[k]))
         lines.append(",".join([time, mode, *map(repr, row_of_sample)]))
     return "\n".join(lines) + "\n"
 
 
-def vectors_header(controller: Controller, recorded: Recorded) -> str:
+def vectors_header(recorded: Recorded, tolerance: float) -> str:
     """vectors.h: the same as constant arrays, with the tolerance that is derived for this
     precision."""
-    agent = recorded.agent
+    controller, agent = recorded.controller, recorded.agent
     place = next(i for i, each in enumerate(controller.agents) if each.index == agent.index)
     count = len(recorded.x)
     heard = recorded.heard
     if not agent.neighbours:  # C has no arrays of length 0
         heard = np.zeros((count, 1, controller.problem.m))
     # Derived and not measured: the test must not fail on another processor.
-    tolerance = rounding_bound(controller, recorded)
     if not np.isfinite(tolerance):
         raise refused(
             "export",
@@ -417,10 +418,10 @@ def _config(place: int, agent: AgentNumbers, precision: str) -> str:
     return ", ".join([*fields, f"{{{counts}}}", f"{{{', '.join(arcs)}}}"])
 
 
-def c_code(
-    controller: Controller, recorded: Recorded, *, certified: Statement | None = None
-) -> CCode:
+def c_code(recorded: Recorded, *, certified: Statement | None = None) -> CCode:
     """All files.  ``certified``: what a certificate says about the sampling period."""
+    controller = recorded.controller
+    tolerance = rounding_bound(recorded)
     statements = controller.statements
     if certified is not None:
         statements = (*statements, certified)
@@ -428,20 +429,21 @@ def c_code(
         "dobc_agent.h": header_text(controller),
         "dobc_agent.c": source_text(controller),
         "main.c": template("main.c.j2").render(compile=COMPILE),
-        "vectors.h": vectors_header(controller, recorded),
-        "vectors.csv": vectors_csv(controller, recorded),
-        "README.txt": readme(controller, recorded, statements),
+        "vectors.h": vectors_header(recorded, tolerance),
+        "vectors.csv": vectors_csv(recorded),
+        "README.txt": readme(recorded, statements, tolerance),
     }
     return CCode(
         files={name: text.encode("utf-8") for name, text in texts.items()},
         controller=controller,
         statements=statements,
-        tolerance=rounding_bound(controller, recorded),
+        tolerance=tolerance,
     )
 
 
-def readme(controller: Controller, recorded: Recorded, statements: Sequence[Statement]) -> str:
+def readme(recorded: Recorded, statements: Sequence[Statement], tolerance: float) -> str:
     """README.txt."""
+    controller = recorded.controller
     problem = controller.problem
     labels = [agent.label for agent in controller.agents]
     heard = [problem.network.labels[index] for index in recorded.agent.neighbours]
@@ -466,7 +468,7 @@ def readme(controller: Controller, recorded: Recorded, statements: Sequence[Stat
         limits=_limits_text(controller),
         items=_items,
         fill=partial(textwrap.fill, width=WIDTH),
-        bound=f"{rounding_bound(controller, recorded):.1e}",
+        bound=f"{tolerance:.1e}",
         version=__version__,
     )
 

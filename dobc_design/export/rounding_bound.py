@@ -106,9 +106,10 @@ class ErringAlgebra:
 
 @noun(eq=False)
 class Recorded:
-    """One agent's samples in the double-precision loop.  Shapes: x (S, m), u, v, dhat (S, p), heard
-    (S, neighbours, m), xihat (S, q), modes (S,)."""
+    """One agent's samples in the double-precision loop of a controller.  Shapes: x (S, m), u, v,
+    dhat (S, p), heard (S, neighbours, m), xihat (S, q), modes (S,)."""
 
+    controller: Controller
     agent: AgentNumbers
     modes: NDArray[np.int64]
     x: Array
@@ -119,18 +120,19 @@ class Recorded:
     v: Array
 
 
-def rounding_bound(controller: Controller, recorded: Recorded) -> float:
+def rounding_bound(recorded: Recorded) -> float:
     """The largest difference of u, v and dhat between C code of the controller's precision and the
     recorded samples."""
     # The recorded loop is in double precision: its own errors stand between the two as well.
     with np.errstate(all="ignore"):
-        own = _bound(controller, recorded, ROUNDOFF[controller.precision])
-        loops = _bound(controller, recorded, ROUNDOFF["double"])
+        own = _bound(recorded, ROUNDOFF[recorded.controller.precision])
+        loops = _bound(recorded, ROUNDOFF["double"])
     return 2 * (own + loops)
 
 
-def _bound(controller: Controller, recorded: Recorded, u: float) -> float:
-    agent, q = recorded.agent, controller.q
+def _bound(recorded: Recorded, u: float) -> float:
+    controller, agent = recorded.controller, recorded.agent
+    q = controller.q
     m = controller.problem.m
     goal = to_float((agent.goal,))[0]
     gain = abs(to_float(agent.gain))
@@ -139,7 +141,7 @@ def _bound(controller: Controller, recorded: Recorded, u: float) -> float:
     size_of_e = abs(e)
     own = u * (abs(recorded.x) + abs(goal) + size_of_e)
     # Every operation below adds one u of its result; a product of a row and a column one for each.
-    felt = felt_with_error(controller, recorded, e, own, u)
+    felt = felt_with_error(recorded, e, own, u)
     pull = own @ gain.T + (m + 2) * u * size_of_e @ gain.T
     sized = abs(felt.value) + size_of_e @ gain.T
     if agent.rest is not None:
@@ -152,7 +154,7 @@ def _bound(controller: Controller, recorded: Recorded, u: float) -> float:
     L = abs(to_float(controller.L))
     size = abs(recorded.xihat) @ Cd.T
     held = felt.error + pull + (q + 2) * u * size + 3 * u * (sized + size)
-    surprise = _innovation(controller, recorded, held, u)
+    surprise = _innovation(recorded, held, u)
     local = surprise.error + (q + 2) * u * size[:-1]
     moved = abs(recorded.xihat[:-1]) @ abs(Ad).T + surprise.value @ L.T
     estimate = (q + m + 3) * u * moved + local @ L.T
@@ -162,9 +164,10 @@ def _bound(controller: Controller, recorded: Recorded, u: float) -> float:
     return float(np.max(held) + np.max(Cd @ carried))
 
 
-def _innovation(controller: Controller, recorded: Recorded, held: Array, u: float) -> Erring:
+def _innovation(recorded: Recorded, held: Array, u: float) -> Erring:
     """Sizes of what the samples tell beside the expected disturbance, and bounds on the errors, (S
     - 1, p) each."""
+    controller = recorded.controller
     motion = to_float(controller.motion)
     push = to_float(controller.push)
     watch = to_float(controller.watch)
@@ -187,14 +190,12 @@ def _innovation(controller: Controller, recorded: Recorded, held: Array, u: floa
     return Erring(size, error @ abs(watch).T)
 
 
-def felt_with_error(
-    controller: Controller, recorded: Recorded, e: Array, own: Array, u: float
-) -> Erring:
+def felt_with_error(recorded: Recorded, e: Array, own: Array, u: float) -> Erring:
     """The couplings at every sample with bounds on their errors, (S, p) each; ``own`` bounds the
     error of e."""
     algebra = ErringAlgebra(u)
-    couplings = controller.problem.couplings
-    total = np.zeros((len(e), controller.problem.inputs))
+    problem = recorded.controller.problem
+    total = np.zeros((len(e), problem.inputs))
     error, size = total.copy(), total.copy()
     for mode, hearings in enumerate(recorded.agent.modes):
         here = recorded.modes == mode
@@ -202,7 +203,7 @@ def felt_with_error(
             heard = recorded.heard[here, arc.neighbour]
             y = heard - e[here]
             difference = Erring(y, own[here] + u * (abs(heard) + abs(y)))
-            h = with_errors(couplings[arc.coupling].components, difference, algebra)
+            h = with_errors(problem.couplings[arc.coupling].components, difference, algebra)
             weight = float(arc.weight)
             total[here] += weight * h.value
             size[here] += abs(weight * h.value)

@@ -51,6 +51,7 @@ def ascend(flow: Flow, starts: StartSet, start: Pair, objective: Objective) -> P
     """A start, e (n m,) and eps (n, q), that ends farther away than ``start``; ``start`` itself if
     none is found."""
     e, eps = start
+    # how far each number of a start may move
     lengths = np.concatenate([part.ravel() for part in starts.reach])
 
     def projected(at: Array) -> Array:
@@ -70,6 +71,7 @@ def ascend(flow: Flow, starts: StartSet, start: Pair, objective: Objective) -> P
             break
         moved = projected(best + step * lengths * scaled / largest)
         found = _height(flow, objective, moved)
+        # longer steps as long as they lead uphill, shorter ones after one that did not
         if found.value > height.value:
             best = moved
             height = found

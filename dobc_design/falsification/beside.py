@@ -64,6 +64,7 @@ def search_beside(
     if problem.groups and W is None:
         return Searched(certificate=certificate, searches=())
     if runs is None:
+        # fewer runs of large networks, which take longer
         runs = max(LEAST_RUNS, min(RUNS, MOST_ROWS // (problem.n * problem.m)))
     questions = [Question(runs=runs, seed=seed, radius=_radius(certificate))]
     check = regional_check(certificate)
@@ -86,6 +87,7 @@ def _radius(certificate: Certificate) -> float | None:
 
 def _refuted(certificate: Certificate, refuting: Check) -> Certificate:
     """The certificate with one more check, where nothing was decided and this is news."""
+    # a proof or refutation that stands there is not overruled by another one
     known = refuting.id in {each.id for each in certificate.checks}
     if known or certificate.verdict is not Verdict.UNDECIDED:
         return certificate

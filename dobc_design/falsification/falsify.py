@@ -88,6 +88,7 @@ def falsify(
     problem = load_problem(problem)
     gain = observer_gain(loop_of(problem))
     if isinstance(certified, Certificate):
+        # what was certified holds with this gain
         gain = certified.claims.W
         certified = regional_check(certified)
         if certified is None:

@@ -59,6 +59,7 @@ class BoxLevel:
     def gradient(self, e: Array, eps: Array) -> Pair:
         """A (sub)gradient of V at one state e (n m,), eps (n, q) with V > 0."""
         z = turned(self.T, e)
+        # V is a maximum: only its largest term moves it
         place = int(np.argmax(np.abs(z) / self.height))
         along = np.zeros_like(e)
         along[place] = np.sign(z[place]) / self.height[place]
@@ -107,6 +108,7 @@ class Ellipsoid:
 
     def value(self, e: Array, eps: Array) -> Array:
         """V of states, (R,)."""
+        # rounding may take a square below 0
         squares = np.maximum(0.0, np.sum((self.P_e @ e) * e, axis=0))
         of_observers = np.sum(observer_norms(self.P, eps) ** 2, axis=0)
         return np.asarray(np.sqrt(squares + of_observers))
@@ -119,6 +121,7 @@ class Ellipsoid:
 
     def directions(self, standard: Array) -> Array:
         """Errors that are spread over the set."""
+        # the axes of the ellipsoid, and how long they are
         values, vectors = np.linalg.eigh(self.P_e)
         lengths = np.sqrt(np.maximum(values, TINY))
         return np.asarray(vectors @ (standard / lengths[:, None]))
@@ -153,6 +156,7 @@ def _box_level(problem: Problem, claim: Separable) -> BoxLevel:
     if len(claim.v) != count:
         message = f"must have {count} weights v for this problem; got {len(claim.v)}."
         raise wrong("certified", message, OTHER_PROBLEM)
+    # what holds everywhere has no boundary: any level stands for it
     rho = EVERYWHERE if claim.rho is None else float(claim.rho)
     P = None
     if claim.error is not None:
@@ -225,6 +229,7 @@ class Boundary:
         """How far the set reaches from side to side, by number of e and of eps."""
         width = 0.0
         if self.level.P is not None:
+            # of the axes of |eps_i|_P <= 1 about the middle one
             mean = float(np.trace(self.level.P)) / self.loop.q
             width = 2 / np.sqrt(max(TINY, mean))
         return self.level.lengths, width * self.loop.owned
@@ -251,6 +256,7 @@ class Boundary:
     def project(self, e: Array, eps: Array) -> Pair:
         """Starts on the same rays from the target."""
         eps = np.zeros_like(eps) if self.level.P is None else eps * self.loop.owned[:, :, None]
+        # V grows along every ray in proportion to the distance
         size = np.maximum(self.level.value(e, eps), TINY)
         return e / size, eps / size
 

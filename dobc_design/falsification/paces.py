@@ -42,6 +42,7 @@ def drawn_signals(
     paces = rng.choice(PACES, count)
     longest = 2 * int(paces.max(initial=1))
     shape = (count, longest)
+    # no pace is preferred: stays are as long and as short as those of a Poisson process
     stays = rng.exponential(size=shape) * (horizon / paces)[:, None]
     times = np.zeros((count, 1 + longest))
     times[:, 1:] = np.cumsum(stays, axis=1)
@@ -74,6 +75,7 @@ def _kept(
     times: list[float] = []
     modes: list[int] = []
     time = 0.0
+    # a guarantee may say in which phases a signal begins
     firsts = [place for place, phase in enumerate(phases) if phase.first]
     place = int(rng.choice(firsts))
     while time < horizon:
@@ -82,6 +84,7 @@ def _kept(
         modes.append(names.index(phase.mode))
         shortest = float(phase.shortest)
         if phase.longest is None:
+            # it may last for ever, for which the horizon stands
             longest = rng.choice((2 * shortest, horizon))
         else:
             longest = float(phase.longest)

@@ -164,6 +164,7 @@ class _Search:
     def run(self, count: int) -> Falsification:
         """Search with so many runs."""
         rng = np.random.default_rng(self.seed)
+        # derivatives of a large loop cost more than many more runs
         uphill = min(MOST_ASCENTS, count // 5) if self.is_small else 0
         self.say("simulating random starts, corners and edges")
         first = self.simulate(self.drawn(rng, count - uphill))
@@ -205,10 +206,12 @@ class _Search:
         """What the ascent begins with: how far V is above its bound, or |e| at the end; (R,)."""
         if self.level is None:
             last = trials.error[-1]
+            # a run that ended early has diverged
             last = np.where(np.isnan(last), np.inf, last)
             return np.where(trials.unfinished, -np.inf, last)
         values = trials.values
         first = values[0]
+        # by how much V has decayed less than certified
         growth = np.log(np.maximum(values, TINY) / np.maximum(first, TINY))
         certified = self.level.rate * trials.times[:, None]
         early = np.where(values > SPENT * first, growth + certified, -np.inf)
@@ -245,6 +248,7 @@ class _Search:
     def flow(self, mode: int) -> Flow:
         """The flow that is climbed in one mode: as long as its steps allow."""
         loop = self.arena.loop
+        # fixed steps have to follow the fastest motion on the way
         fastest = STEEPER * fastest_decay(loop, self.arena.networks(mode).groups)
         if loop.q:
             fastest = max(fastest, float(np.linalg.norm(loop.F, 2)))
@@ -260,6 +264,7 @@ class _Search:
         if self.level is None:
             return []
         values = trials.values
+        # a certified V is below this bound at all times
         decay = np.exp(-self.level.rate * trials.times)
         bound = values[0] * decay[:, None] * (1 + BEYOND) + FLOOR
         seen = np.where(np.isnan(values), np.inf, values)
@@ -277,6 +282,7 @@ class _Search:
             chosen = worst[trials.stalled[worst]][:MOST_AGAIN]
             if not len(chosen):
                 continue
+            # slow runs look like those that rest: only more time tells them apart
             again = self.simulate(trials.starts.of(chosen), longer=LONGER)
             ends: list[Array] = []
             for run in np.flatnonzero(again.stalled).tolist():
@@ -293,6 +299,7 @@ class _Search:
         loop = loop_of(self.problem)
         if loop.is_linear or not self.is_small:
             return []
+        # the same effort for one mode and for many
         count = max(1, NEWTON_STARTS // len(self.arena.modes))
         stalled: list[Array] = []
         for trials in done:
@@ -365,6 +372,7 @@ class _Search:
         unfinished = sum(int(trials.unfinished.sum()) for trials in done)
         if unfinished:
             notes.append(f"{unfinished} runs took too many steps; nothing is said about them.")
+        # whether a disturbance was asked for that no run has
         asked = self.starts.reach[1].any()
         if asked and not any(trials.starts.eps.any() for trials in done):
             notes.append(
@@ -406,6 +414,7 @@ def _observed_rate(done: list[Trials]) -> float | None:
     rates = []
     for trials in done:
         values = trials.values
+        # up to where V is spent; below that integration errors decay no more
         counts = np.sum(values > SPENT * values[0], axis=0)
         for run in np.flatnonzero((counts > 1) & ~trials.unfinished):
             last = int(counts[run]) - 1

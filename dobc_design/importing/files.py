@@ -84,9 +84,9 @@ def problem_from_file(
     data = read_bytes(path, limit=LARGEST, what="file")
     if suffix == ".m":
         text = data.decode("utf-8", errors="replace")
-        return grid_problem(read_matpower(text, name=path.name), name=name)
+        return grid_problem(read_matpower(text, path.name), name=name)
     if is_pandapower(data):
-        return grid_problem(read_pandapower(data, name=path.name), name=name)
+        return grid_problem(read_pandapower(data, path.name), name=name)
     return load_problem(path)
 
 

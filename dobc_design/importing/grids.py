@@ -203,7 +203,7 @@ class _Row:
         return str(number)
 
 
-def read_matpower(text: str, *, name: str) -> Grid:
+def read_matpower(text: str, name: str) -> Grid:
     """Read a case file; its ``name`` is for messages.  Raises: SpecError that names line, table,
     row and column."""
     # Without comments and continued lines, and as many lines as before, for messages.
@@ -348,7 +348,7 @@ def from_pandapower(net: Any, *, name: str | None = None, gain: Any = 1) -> Prob
     return grid_problem(grid, name=title, gain=gain)
 
 
-def read_pandapower(data: bytes, *, name: str) -> Grid:
+def read_pandapower(data: bytes, name: str) -> Grid:
     """Read the JSON of pandapower.to_json.  Raises: SpecError."""
     try:
         document = json.loads(data)
@@ -400,7 +400,7 @@ def _grid(tables: Tables, *, base: Any, source: str) -> Grid:
         buses = tuple(str(row["index"]) for row in tables["bus"] if _on(row))
         sources = [*tables["ext_grid"], *tables["gen"]]
         generators = tuple(str(row["bus"]) for row in sources if _on(row))
-        branches = tuple(_branches(tables, base=float(base)))
+        branches = tuple(_branches(tables, float(base)))
     except SpecError:
         raise
     except (KeyError, TypeError, ValueError, ArithmeticError, AttributeError) as error:
@@ -413,7 +413,7 @@ def _grid(tables: Tables, *, base: Any, source: str) -> Grid:
     return Grid(buses=buses, branches=branches, generators=generators, source=source)
 
 
-def _branches(tables: Tables, *, base: float) -> Iterator[Branch]:
+def _branches(tables: Tables, base: float) -> Iterator[Branch]:
     """What is in service, with reactances in p.u. on ``base`` MVA; closed bus couplers have 0."""
     switches = tables["switch"]
     # A line behind an open switch carries nothing.

@@ -50,6 +50,7 @@ def coupling_places(loop: Loop, arcs: Arcs) -> IndexArray:
 def places_at(places: Mapping[Arc, int], codes: IndexArray, *, size: int) -> IndexArray:
     """The place of the coupling of arcs given by listener * size + speaker: that in ``places``, by
     (listener, speaker), else 0."""
+    # Most problems have one coupling, and then nothing has to be searched.
     if not places:
         return np.zeros(len(codes), dtype=np.int64)
     special = np.array([i * size + j for i, j in places], dtype=np.int64)
@@ -65,6 +66,7 @@ def split_by(kinds: IndexArray) -> Iterator[tuple[int, IndexArray]]:
     """Every number that occurs, rising, with its positions in their order."""
     if not len(kinds):
         return
+    # Stable, so that arcs of one kind keep their order.
     order = np.argsort(kinds, kind="stable")
     numbers, starts = np.unique(kinds[order], return_index=True)
     yield from zip(numbers.tolist(), np.split(order, starts[1:]), strict=True)
@@ -80,6 +82,7 @@ def unreached(loop: Loop, arcs: Iterable[Arcs], *, pins: Pins | None = None) -> 
     ends = _ends(arcs)
     speakers = np.append(ends.speakers, np.full(len(pinned), fixed))
     listeners = np.append(ends.listeners, pinned)
+    # Along the direction of influence: from who is heard to who hears.
     links = np.ones(len(speakers))
     graph = sp.csr_array((links, (speakers, listeners)), shape=(loop.n + 1, loop.n + 1))
     met = breadth_first_order(graph, fixed, return_predecessors=False)
@@ -112,6 +115,7 @@ def closed_groups(loop: Loop, arcs: Iterable[Arcs]) -> tuple[tuple[int, ...], ..
     graph = sp.coo_array((links, (listeners, speakers)), shape=(loop.n, loop.n))
     _, labels = connected_components(graph, connection="strong")
     component = labels.astype(np.int64)
+    # A component is open if one of its agents hears another component.
     hearer = component[listeners]
     listening = set(hearer[hearer != component[speakers]].tolist())
     closed = list[tuple[int, ...]]()

@@ -38,6 +38,7 @@ def require_floats(problem: Problem) -> Problem:
 def require_float_errors(loop: Loop) -> None:
     """Refuse products of numbers of the file that do not fit into floats, such as B K of agents
     with [dynamics].  Raises: SpecError that names the key of one."""
+    # Products of two numbers that fit may not fit themselves.
     if loop.drift is None:
         return  # the numbers of the file as they stand
     _refuse_large("coupling", _constants(loop.functions))
@@ -224,6 +225,7 @@ def required_gain(loop: Loop, gain: Gain | None) -> Array:
 def disturbance_arrays(loop: Loop, gain: Gain | None) -> Disturbance:
     """Exosystem and observer for the gain W.  Raises: SpecError or ShapeError, also for entries
     outside the blocks."""
+    # Agents that share an exosystem share one small matrix; others need a block each.
     W = required_gain(loop, gain)
     if not loop.is_grouped:
         A, C = exosystem_arrays(loop)
@@ -260,6 +262,7 @@ def exosystem_arrays(loop: Loop) -> tuple[Array, Array]:
 
 def goals(problem: Problem) -> Array:
     """Return where the agents are to go, xbar + offset_i in row i: (n, m)."""
+    # Only agents with an offset differ from the target.
     result = np.tile(to_float((problem.target,)), (problem.n, 1))
     for agent in problem.offsets:
         result[agent] = to_float((problem.goal_of(agent),))[0]
@@ -297,6 +300,7 @@ def _split(
     which, different = distinct_weights(arcs_of_mode.weights)
     weights = to_float((different,))[0][which]
     codes = arcs_of_mode.listeners * size + arcs_of_mode.speakers
+    # Arcs are grouped by function, so that each is evaluated on one long array.
     kinds = places_at(places, codes, size=size)
     if there is not None:
         kinds = np.where(there, kinds, -1)

@@ -63,6 +63,7 @@ class Guarantee:
     @property
     def round(self) -> Round | None:
         """The phases over and over; None where it is not known which mode is on at which time."""
+        # Only a sequence has one first phase: of a dwell time any mode may be the first.
         if sum(phase.first for phase in self.phases) != 1:
             return None
         lengths = (phase.shortest for phase in self.phases)
@@ -81,6 +82,7 @@ class Guarantee:
     def modes_on(self, times: Sequence[Fraction]) -> list[str | None]:
         """The mode that is on from each time (s) to the next: "" where any may be, None where it
         changes in between."""
+        # Without a round the mode at a time is unknown, which is not the same as a change.
         turns = self.round
         if turns is None:
             return [""] * (len(times) - 1)
@@ -93,6 +95,7 @@ class Guarantee:
     def may_stay(self, mode: str, modes: Names) -> bool:
         """Whether a signal that keeps the guarantee may stay in this one of the modes for ever."""
         if self.kind == "markov" and self.generator is not None:
+            # A chain leaves a mode at the rate minus its diagonal entry.
             place = list(modes).index(mode)
             return self.generator[place][place] == 0
         if not self.phases:
@@ -134,6 +137,7 @@ def guarantee_of(stated: Switching | None, modes: Names) -> Guarantee:
         return Guarantee(kind="arbitrary")
     kind = stated.guarantee or "arbitrary"
     phases: tuple[Phase, ...] = ()
+    # With one mode there is nothing to switch, whatever is stated.
     several = len(modes) > 1
     if kind == "dwell" and several:
         phases = _dwelling(stated, modes)
@@ -198,5 +202,6 @@ def _in_turn(turns: Sequence[tuple[str, Fraction]]) -> tuple[Phase, ...]:
 
 def shortest_period(turns: Sequence[object]) -> int:
     """The least length of a beginning that, over and over, gives the whole."""
+    # Fewer phases mean fewer certificates that have to fit together.
     size = len(turns)
     return next(k for k in range(1, size + 1) if size % k == 0 and turns[k:] == turns[:-k])

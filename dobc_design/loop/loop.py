@@ -120,6 +120,7 @@ class Goals:
     def leaders_box(self) -> tuple[Interval, ...]:
         """The box that the leader never leaves; 0 without one.  Raises: UndefinedError where none
         is known."""
+        # A proof must not go on with slopes at one point: it is stopped here.
         if self.stays_in is None:
             raise UndefinedError(self.unbounded)
         return self.stays_in
@@ -133,6 +134,7 @@ class Goals:
 
     def different(self, nodes: Iterable[int]) -> set[Vector]:
         """The goals of these nodes, each once."""
+        # Without a formation n agents need not be gone through.
         if not self.offsets:
             return {self.target}
         return {self.of(node) for node in nodes}

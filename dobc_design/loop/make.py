@@ -140,6 +140,7 @@ def _goals(problem: Problem, *, is_curved: bool) -> Goals:
 def _pins_with_dynamics(problem: Problem, dynamics: Dynamics, A: Matrix) -> tuple[Pins, Pins]:
     """The pins B K_i, and B K_i - A of every agent; agents often share one matrix."""
     stated = problem.pinning.gains
+    # Agents without a pin share one gain of 0, so that it is multiplied once.
     none = zeros(dynamics.inputs, dynamics.dimension)
     acting = dict[int, Matrix]()
     pulling = dict[int, Matrix]()
@@ -157,6 +158,7 @@ def _seen_in_states(group: Group, dynamics: Dynamics) -> Group:
     exosystem = group.exosystem
     observer = group.observer
     seen = multiply(dynamics.B, exosystem.C)
+    # z is driven by all of x: a gain that the file gives for inputs is spread over the states.
     W = on_states(observer.W, dynamics)
     return Group(
         agents=group.agents,

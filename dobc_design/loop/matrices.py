@@ -32,6 +32,7 @@ def consensus_jacobian(loop: Loop, mode: str) -> sp.csr_array | None:
     0, or where slopes move with a leader."""
     if loop.slopes_move:
         return None
+    # Different functions are few: their slopes are taken once each.
     table = arc_table(loop, mode)
     slopes = dict[int, Array]()
     for place in np.unique(table.coupling).tolist():

@@ -128,7 +128,7 @@ def read_arcs_file(
         # Plain tables are read many lines at a time; all others, and all mistakes, line by line.
         table = file.table()
         plain = None if table is None else plain_columns(file.text, table, places, known)
-        arcs = None if plain is None else _plain_arcs(plain, arrow=arrow)
+        arcs = None if plain is None else _plain_arcs(plain, arrow)
         if arcs is None:
             repairs = _Repairs(merge=merge, drop_loops=drop_loops)
             arcs = _arcs(file, known, index=places, arrow=arrow, repairs=repairs)
@@ -139,7 +139,7 @@ def read_arcs_file(
     return FileArcs(labels=tuple(places), arcs=arcs)
 
 
-def _plain_arcs(plain: PlainColumns, *, arrow: str) -> Arcs | None:
+def _plain_arcs(plain: PlainColumns, arrow: str) -> Arcs | None:
     """The arcs of plain columns; None where one is to be refused or repaired, which ``_arcs`` does
     line by line."""
     a, b = plain.first, plain.second

@@ -415,7 +415,7 @@ def _arcs(value: Any, key: str) -> Arcs:
         if not isinstance(row, list) or len(row) != 3 or not type(row[0]) is type(row[1]) is int:
             raise _wrong(f"{key}[{position}]", "[listener, speaker, weight] with indices", row)
         _text(row[2], f"{key}[{position}][2]")
-    weights = parse_weights([row[2] for row in rows], key=key)
+    weights = parse_weights([row[2] for row in rows], key)
     try:
         listeners = np.array([row[0] for row in rows], dtype=np.int64)
         speakers = np.array([row[1] for row in rows], dtype=np.int64)

@@ -8,11 +8,10 @@ A = 0 and B = I.
 from __future__ import annotations
 
 import re
-from dataclasses import field
 from fractions import Fraction
 from typing import Any
 
-from dobc_design._checks import LATER, noun, put, require_square
+from dobc_design._checks import later, noun, put, require_square
 from dobc_design._show.cards import Shown
 from dobc_design.coupling.coupling import Coupling, make_coupling
 from dobc_design.coupling.expression import LONGEST_MADE, Expression, parse_expression
@@ -54,8 +53,8 @@ class Dynamics(Shown):
         1
     """
 
-    A: Matrix | None = field(metadata=LATER)
-    f: Texts | None = field(metadata=LATER)
+    A: Matrix | None = later()
+    f: Texts | None = later()
     B: Matrix
 
     def __init__(self, *, A: Any = None, f: Any = None, B: Any = None) -> None:

@@ -9,13 +9,12 @@ section 13).
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import field
 from fractions import Fraction
 from functools import lru_cache
 from math import ceil, floor, log10
 from typing import Any
 
-from dobc_design._checks import LATER, noun
+from dobc_design._checks import later, noun
 from dobc_design._show.cards import Shown
 from dobc_design.coupling.tree import IntervalAlgebra, Node, evaluate
 from dobc_design.errors import wrong
@@ -42,7 +41,7 @@ class Leader(Shown):
     """
 
     initial: Pairs
-    stays_in: Pairs | None = field(default=None, metadata=LATER)
+    stays_in: Pairs | None = later()
 
 
 def read_leader(value: Any, *, dynamics: Dynamics | None) -> Leader | None:

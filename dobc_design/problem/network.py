@@ -175,13 +175,13 @@ def joined(always: Arcs, optional: Arcs) -> Arcs:
     return replace(every, optional=len(optional))
 
 
-def parse_weights(values: Sequence[Any], *, key: str) -> tuple[Fraction, ...]:
+def parse_weights(values: Sequence[Any], key: str) -> tuple[Fraction, ...]:
     """Read weights exactly, each distinct value once."""
     known: dict[object, Fraction] = {number_key(1): ONE}
     result = []
     # A network has few different weights: equal texts are parsed once.
     for position, value in enumerate(values):
-        # 1 and 1.0 are one number, but true is none: such a value is read by itself and refused.
+        # For Python true equals 1: it must not be taken for a weight that was read already.
         plain = isinstance(value, (str, int, float)) and not isinstance(value, bool)
         token = number_key(value) if plain else object()
         if token not in known:
@@ -200,7 +200,7 @@ def arcs_from_pairs(pairs: Sequence[Sequence[Any]], *, index: Index, arrow: str,
     errors.raise_all()
     first = np.array([arc[0] for arc in found], dtype=np.int64)
     second = np.array([arc[1] for arc in found], dtype=np.int64)
-    weights = parse_weights([arc[2] for arc in found], key=key)
+    weights = parse_weights([arc[2] for arc in found], key)
     return directed(first, second, weights, arrow=arrow)
 
 
@@ -542,8 +542,8 @@ class Network(Shown):
             ('tail', 'head')
         """
         check_repairs(merge, drop_loops, key="arcs")
-        lists = _lists_of_arcs(arcs, key="arcs")
-        more = {} if optional is None else _lists_of_arcs(optional, key="optional")
+        lists = _lists_of_arcs(arcs, "arcs")
+        more = {} if optional is None else _lists_of_arcs(optional, "optional")
         more = {name: pairs for name, pairs in more.items() if pairs}
         unknown = set(more) - set(lists)
         if unknown:
@@ -668,7 +668,7 @@ class Network(Shown):
             values = table.data[keep]
             # tolist would turn float32 into float64, whose decimal text is another one.
             single = values.dtype == np.float32
-            weights = parse_weights(list(values) if single else values.tolist(), key=key)
+            weights = parse_weights(list(values) if single else values.tolist(), key)
             first = table.row[keep].astype(np.int64)
             second = table.col[keep].astype(np.int64)
             modes[name] = directed(first, second, weights, arrow=arrow)
@@ -701,7 +701,7 @@ def _check_different(labels: Names) -> None:
         seen.add(label)
 
 
-def _lists_of_arcs(value: Any, *, key: str) -> dict[str, list[Any]]:
+def _lists_of_arcs(value: Any, key: str) -> dict[str, list[Any]]:
     """Mode -> its arcs as they are written; one list without a name is mode G.  Raises:
     SpecError."""
     lists = {}

@@ -120,7 +120,7 @@ class GainForm:
     def read(self, value: Any, *, key: str) -> Matrix:
         """A gain, given as a number or as a matrix.  Raises: SpecError, ShapeError."""
         if not is_list(value):
-            return self._read_number(value, key=key)
+            return self._read_number(value, key)
         p, m = self.shape
         because = "one row per input, one column per component"
         if p == m:
@@ -129,7 +129,7 @@ class GainForm:
         self.check(gain, key=key)
         return gain
 
-    def _read_number(self, value: Any, *, key: str) -> Matrix:
+    def _read_number(self, value: Any, key: str) -> Matrix:
         """A gain given as a number, a multiple of ``unit``."""
         if self.unit is None:
             p, m = self.shape

@@ -192,7 +192,7 @@ class Problem(Shown):
             "switching": lambda: check_switching(switching, tuple(network.modes)),
             "simulation": read_runs,
             "uncertainty": lambda: read_uncertainty(uncertainty),
-            "actuators": lambda: read_actuators(actuators, labels=labels),
+            "actuators": lambda: read_actuators(actuators, labels),
             "leader": lambda: read_leader(leader, dynamics=own),
             "notes": lambda: _read_notes(notes),
         }

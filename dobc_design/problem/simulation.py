@@ -3,11 +3,10 @@ start."""
 
 from __future__ import annotations
 
-from dataclasses import field
 from fractions import Fraction
 from typing import Any
 
-from dobc_design._checks import LATER, noun
+from dobc_design._checks import later, noun
 from dobc_design.errors import ShapeError, wrong
 from dobc_design.exact.matrix import Vector
 from dobc_design.exact.number import parse_number
@@ -32,7 +31,7 @@ class Simulation:
     t_final: Fraction
     seed: int
     xi0: Rows | None
-    x0: Rows | None = field(default=None, metadata=LATER)
+    x0: Rows | None = later()
 
 
 def read_simulation(value: Any, *, n: int, orders: tuple[int, ...], m: int = 1) -> Simulation:

@@ -6,12 +6,12 @@ What a proof makes of a guarantee is in ``loop/guarantee.py``.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import field, fields
+from dataclasses import fields
 from fractions import Fraction
 from itertools import accumulate, pairwise
 from typing import Any
 
-from dobc_design._checks import LATER, noun, put
+from dobc_design._checks import later, noun, put
 from dobc_design._show.cards import Shown
 from dobc_design.errors import Mistakes, ShapeError, SpecError, wrong
 from dobc_design.exact.matrix import Matrix
@@ -81,15 +81,15 @@ class Switching(Shown):
 
     signal: str
     dwell: Fraction | None = None
-    sequence: Texts | None = field(default=None, metadata=LATER)
-    period: Fraction | None = field(default=None, metadata=LATER)
-    generator: Matrix | None = field(default=None, metadata=LATER)
-    schedule: Schedule | None = field(default=None, metadata=LATER)
-    radius: Fraction | None = field(default=None, metadata=LATER)
-    neighbours: int | None = field(default=None, metadata=LATER)
-    hysteresis: Fraction | None = field(default=None, metadata=LATER)
-    guarantee: str | None = field(default=None, metadata=LATER)
-    longest: Fraction | None = field(default=None, metadata=LATER)
+    sequence: Texts | None = later()
+    period: Fraction | None = later()
+    generator: Matrix | None = later()
+    schedule: Schedule | None = later()
+    radius: Fraction | None = later()
+    neighbours: int | None = later()
+    hysteresis: Fraction | None = later()
+    guarantee: str | None = later()
+    longest: Fraction | None = later()
 
     def __init__(
         self,

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import field
 from fractions import Fraction
 from types import MappingProxyType
 from typing import Any
@@ -15,6 +14,7 @@ from dobc_design.errors import Mistakes, wrong
 from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import Document, Names, items, positive_number, shown, shown_number
 
+ZERO = Fraction(0)
 RELATIVE = ("weights", "gains")
 ABSOLUTE = ("disturbance", "drift", "measurement")
 
@@ -32,12 +32,12 @@ class Uncertainty(Shown):
     Raises: SpecError that names every wrong key.
     """
 
-    weights: Fraction = field(default=Fraction(0))
-    gains: Fraction = field(default=Fraction(0))
+    weights: Fraction = ZERO
+    gains: Fraction = ZERO
     known_to_agents: bool = True
-    disturbance: Fraction = field(default=Fraction(0))
-    drift: Fraction = field(default=Fraction(0))
-    measurement: Fraction = field(default=Fraction(0))
+    disturbance: Fraction = ZERO
+    drift: Fraction = ZERO
+    measurement: Fraction = ZERO
 
     def __post_init__(self) -> None:
         errors = Mistakes()
@@ -116,7 +116,7 @@ def read_uncertainty(value: Any) -> Uncertainty | None:
     return Uncertainty(**_known(value, Uncertainty))
 
 
-def read_actuators(value: Any, *, labels: Names) -> Actuators | None:
+def read_actuators(value: Any, labels: Names) -> Actuators | None:
     """Read the [actuators] table.  Raises: SpecError that names every wrong key and every unknown
     agent."""
     if value is None:

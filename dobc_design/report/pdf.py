@@ -24,7 +24,33 @@ from matplotlib.ft2font import FT2Font
 
 from dobc_design._show.text import capitalize_first, significant, typeset
 from dobc_design.errors import refused
-from dobc_design.report import document as doc
+from dobc_design.report.document import (
+    Block,
+    Box,
+    Cell,
+    Code,
+    Column,
+    Document,
+    Facts,
+    Formula,
+    List,
+    Mark,
+    Matrices,
+    Name,
+    Picture,
+    Pictures,
+    Reason,
+    Section,
+    ShownMatrix,
+    Signatures,
+    Table,
+    Terms,
+    Text,
+    Words,
+    in_form,
+    leads,
+    plain,
+)
 from dobc_design.report.pictures import svg_of
 
 STANDARD: Final[Literal["ua-1"]] = "ua-1"  # PDF/UA-1: readable by assistive technology
@@ -48,7 +74,7 @@ _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 _JOINT = re.compile(r"([/_.,;:@-])")
 
 
-def pdf_page(document: doc.Document, *, full: bool = False) -> bytes:
+def pdf_page(document: Document, *, full: bool = False) -> bytes:
     """The bytes of the PDF; ``full``: with all details.  Raises: SpecError without the package
     typst."""
     require_typst()
@@ -67,13 +93,13 @@ def require_typst() -> None:
         ) from error
 
 
-def content(document: doc.Document, *, full: bool = False) -> dict[str, Any]:
+def content(document: Document, *, full: bool = False) -> dict[str, Any]:
     """Everything that the template shows, as JSON: strings, lists and numbers' digits."""
-    document, verdict = doc.in_form(document, "pdf"), document.verdict
+    document, verdict = in_form(document, "pdf"), document.verdict
     blocks = list(document.blocks)
     for each in document.details:
         # Nothing can be opened on paper: without ``full`` it has what a reviewer needs.
-        if full or (isinstance(each, doc.Section) and each.name in PRINTED):
+        if full or (isinstance(each, Section) and each.name in PRINTED):
             blocks.append(each)
     return {
         "kind": document.kind,
@@ -137,47 +163,47 @@ def _soft_word(word: str, longest: int) -> str:
     return _SOFT.join(pieces)
 
 
-def _blocks(blocks: Iterable[doc.Block], level: int = 1) -> Iterator[Shown]:
+def _blocks(blocks: Iterable[Block], level: int = 1) -> Iterator[Shown]:
     found = list(blocks)
     for block, after in zip_longest(found, found[1:]):
         match block:
-            case doc.Section(title=title, blocks=inner):
+            case Section(title=title, blocks=inner):
                 yield _heading(title, level)
                 yield from _blocks(inner, level + 1)
-            case doc.Box():
+            case Box():
                 yield _heading(block.title, level)
                 yield _text(f"{block.mark.symbol} {block.word}. {block.reason}")
                 yield _text(block.note)
-            case doc.Text(words, style):
-                yield _text(words, "lead" if doc.leads(block, after) else style)
+            case Text(words, style):
+                yield _text(words, "lead" if leads(block, after) else style)
             case _:
                 yield from _plain_block(block)
 
 
-def _plain_block(block: doc.Block) -> Iterator[Shown]:
+def _plain_block(block: Block) -> Iterator[Shown]:
     """A block that is shown by itself, wherever it stands."""
     match block:
-        case doc.List(items) if items:
-            yield {"kind": "list", "items": [soft(doc.plain(item), 40) for item in items]}
-        case doc.Code(lines):
+        case List(items) if items:
+            yield {"kind": "list", "items": [soft(plain(item), 40) for item in items]}
+        case Code(lines):
             yield {"kind": "code", "lines": [soft(line, 60) for line in lines]}
-        case doc.Formula(label=label, typst=Fraction() as bound):
+        case Formula(label=label, typst=Fraction() as bound):
             label = f"{capitalize_first(label)} is"
             yield {"kind": "bound", "label": label, "number": number_parts(bound)}
-        case doc.Formula(label=label, number=number, typst=name):
+        case Formula(label=label, number=number, typst=name):
             yield {"kind": "formula", "name": name, "label": label, "number": number}
-        case doc.Matrices(items):
+        case Matrices(items):
             yield from map(_matrix, items)
-        case doc.Pictures(items) if items:
+        case Pictures(items) if items:
             yield {"kind": "pictures", "items": [picture_parts(item) for item in items]}
-        case doc.Facts(rows):
+        case Facts(rows):
             yield _pairs(("", ""), rows)
-        case doc.Terms(items):
+        case Terms(items):
             meanings = [(word, capitalize_first(meaning)) for word, meaning in items]
             yield _pairs(("word", "meaning"), meanings)
-        case doc.Table():
+        case Table():
             yield _table(block)
-        case doc.Signatures(heads, roles):
+        case Signatures(heads, roles):
             yield {"kind": "signatures", "heads": ["role", *heads], "roles": list(roles)}
 
 
@@ -185,18 +211,18 @@ def _heading(title: str, level: int) -> Shown:
     return {"kind": "heading", "level": level, "text": soft(title)}
 
 
-def _text(words: doc.Words, style: str = "plain") -> Shown:
-    return {"kind": "text", "text": soft(doc.plain(words), 40), "style": style}
+def _text(words: Words, style: str = "plain") -> Shown:
+    return {"kind": "text", "text": soft(plain(words), 40), "style": style}
 
 
-def _pairs(heads: Sequence[str], rows: Iterable[Sequence[doc.Cell]]) -> Shown:
+def _pairs(heads: Sequence[str], rows: Iterable[Sequence[Cell]]) -> Shown:
     """Names and what stands beside them, which has the room that is left."""
     name, beside = heads
-    columns = (doc.Column(name, width=0), doc.Column(beside, width=1))
-    return _table(doc.Table(caption="", columns=columns, rows=list(rows)))
+    columns = (Column(name, width=0), Column(beside, width=1))
+    return _table(Table(caption="", columns=columns, rows=list(rows)))
 
 
-def _table(table: doc.Table) -> Shown:
+def _table(table: Table) -> Shown:
     styles = [column.style for column in table.columns]
     rows = [[_cell(*each) for each in zip(row, styles, strict=True)] for row in table.rows]
     return {
@@ -207,18 +233,18 @@ def _table(table: doc.Table) -> Shown:
     }
 
 
-def _cell(cell: doc.Cell, style: str = "plain") -> Any:
+def _cell(cell: Cell, style: str = "plain") -> Any:
     """A list of lines, or a coloured verdict."""
     match cell:
         case str() if style == "code":
             return [soft(part) for part in cell.split(", ") if part]
         case str() if style == "number":
             return [soft(typeset(cell))]
-        case doc.Mark(_, verdict):
+        case Mark(_, verdict):
             return {"mark": verdict, "text": str(cell)}
-        case doc.Name(parts, id):
+        case Name(parts, id):
             return [soft(part) for part in (*parts, id) if part]
-        case doc.Reason():
+        case Reason():
             details = [f"{name}: {value}" for name, value in cell.details]
             cure = [] if cell.cure is None else [f"Cure: {cell.cure}", *cell.lines]
             return [soft(line) for line in (cell.text, *details, *cure)]
@@ -226,7 +252,7 @@ def _cell(cell: doc.Cell, style: str = "plain") -> Any:
             return [soft(cell)]
 
 
-def _matrix(shown: doc.ShownMatrix) -> Shown:
+def _matrix(shown: ShownMatrix) -> Shown:
     """A matrix from its exact entries, or a sentence where it is too large."""
     name, label = MATRIX_NAMES.get(shown.name, shown.name), capitalize_first(shown.what)
     if shown.latex is None:
@@ -249,7 +275,7 @@ def number_parts(value: Fraction, *, exact: bool = True) -> Shown:
     return parts | {"digits": mantissa, "power": str(int(power)) if power else None}
 
 
-def picture_parts(picture: doc.Picture) -> dict[str, str]:
+def picture_parts(picture: Picture) -> dict[str, str]:
     """A figure for the template: its SVG with fixed colours and font, its text alternative, title
     and caption."""
     # Paper has no dark mode: variables become the colours that they stand for.

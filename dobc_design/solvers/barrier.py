@@ -229,6 +229,7 @@ def centre(
     if cost is None:
         cost = np.zeros(len(point))
     value = float(cost @ point) + problem.barrier(point)
+    # A step costs the third power of the unknowns and of the rows of every block.
     cubes = len(point) ** 3 + sum(len(block.constant) ** 3 for block in problem.blocks)
     work = STEP + BLOCK * len(problem.blocks) + cubes // CUBES
     for _ in range(MOST_STEPS):

@@ -131,6 +131,7 @@ def svec(matrix: Any) -> Array:
 def svec_exact(matrix: Symmetric) -> Array:
     """``svec`` of an exact matrix, from its entries.  Raises: OverflowError beyond the floats."""
     result = np.zeros(matrix.size * (matrix.size + 1) // 2)
+    # Entries above the diagonal stand for two, so that inner products stay those of matrices.
     for (i, j), entry in matrix.entries.items():
         weight = 1.0 if i == j else ROOT2
         result[j * (j + 1) // 2 + i] = float(entry) * weight
@@ -177,6 +178,7 @@ def solve_directly(program: Program, *, time_limit: float = 60.0) -> Solution:
     first = program.pencils[0]
     places = [place for unknown in first.unknowns for place in unknown.places()]
     cost = np.array([float(name == "P" and i == j) for name, i, j in places])
+    # |Q|^2 keeps W = P^-1 Q small; half of x'diag(squares)x is minimised, hence 2.
     squares = np.array([2.0 * (name == "Q") for name, _, _ in places])
     floor = positive(first.unknowns[0], floor=program.floor)
     try:

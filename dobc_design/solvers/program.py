@@ -85,6 +85,7 @@ def assemble(pencil: Pencil, numbers: Sequence[float]) -> dict[str, Array]:
     remaining = iter(numbers)
     for unknown in pencil.unknowns:
         array = np.zeros((unknown.rows, unknown.columns))
+        # The numbers of all unknowns follow each other: each takes its own and leaves the rest.
         for (_, i, j), number in zip(unknown.places(), remaining, strict=False):
             array[i, j] = number
             if unknown.symmetric:

@@ -16,41 +16,31 @@ from dobc_design import Dynamics, Exosystem, Observer, Problem
 from dobc_design.errors import SpecError
 
 RING = network_of([["a", "b"], ["b", "c"], ["c", "a"]])
+DOUBLE = Dynamics(A=[[0, 1], [0, 0]], B=[[0], [1]])
 SINE: dict[str, Any] = {"A": [[0, 2], [-2, 0]]}
 
 
 def double_integrators() -> dd.Problem:
     """p'' = u + d, m = 2, p = 1: linear couplings, gains that are numbers, no u0."""
-    return dd.Problem(
-        name="carts",
-        network=RING,
-        dynamics=Dynamics(A=[[0, 1], [0, 0]], B=[[0], [1]]),
-        coupling="y1 + 2*y2",
-        target=[1, 0],
-        gains={"a": 2, "b": 1},
-        exosystem=dd.Exosystem(**SINE, C=[[1, 0]]),
-        observer=dd.Observer(W=[["16/5"], ["12/5"]]),
-        simulation={"t_final": 6, "xi0": ["0.4", "0.3"]},
-    )
+    given: dict[str, Any] = {"name": "carts", "network": RING, "dynamics": DOUBLE}
+    given["exosystem"] = dd.Exosystem(**SINE, C=[[1, 0]])
+    given["observer"] = dd.Observer(W=[["16/5"], ["12/5"]])
+    given["simulation"] = {"t_final": 6, "xi0": ["0.4", "0.3"]}
+    return dd.Problem(coupling="y1 + 2*y2", target=[1, 0], gains={"a": 2, "b": 1}, **given)
 
 
 def three_states() -> dd.Problem:
     """m = 3, p = 2: u0 and offsets are not 0, couplings saturate, B is no part of the identity, W
     acts on x."""
-    return dd.Problem(
-        name="plants",
-        network=RING,
-        dynamics=Dynamics(
-            A=[[0, 1, 0], [-1, "-1/2", "1/4"], [0, "1/2", -1]], B=[[0, 0], [2, 0], [1, 1]]
-        ),
-        coupling=["tanh(y1 + y2)", "y3 + y2*y3**2"],
-        target=[1, 0, 2],
-        gains={"a": [[1, 2, 0], [0, 0, 1]]},
-        offsets={"c": [1, 0, 1]},
-        exosystem=dd.Exosystem(**SINE, C=[[1, 0], ["1/2", 1]]),
-        observer=dd.Observer(W=[[0, 1, "1/2"], ["1/3", 0, 2]]),
-        simulation={"t_final": 4},
-    )
+    A = [[0, 1, 0], [-1, "-1/2", "1/4"], [0, "1/2", -1]]
+    given: dict[str, Any] = {"name": "plants", "network": RING}
+    given["dynamics"] = Dynamics(A=A, B=[[0, 0], [2, 0], [1, 1]])
+    given["coupling"] = ["tanh(y1 + y2)", "y3 + y2*y3**2"]
+    given["gains"] = {"a": [[1, 2, 0], [0, 0, 1]]}
+    given["exosystem"] = dd.Exosystem(**SINE, C=[[1, 0], ["1/2", 1]])
+    given["observer"] = dd.Observer(W=[[0, 1, "1/2"], ["1/3", 0, 2]])
+    given["simulation"] = {"t_final": 4}
+    return dd.Problem(target=[1, 0, 2], offsets={"c": [1, 0, 1]}, **given)
 
 
 def pendulums() -> dd.Problem:
@@ -156,7 +146,6 @@ def full_loop(
 
 
 EDGE = 1e-6  # of the largest real part, within which a verdict may be undecided
-DOUBLE = Dynamics(A=[[0, 1], [0, 0]], B=[[0], [1]])
 #: p'' = -a M p - b M p' on the directed 10-cycle: pins, the gain of the arcs, and b^2/a at which
 #: the loop is stable (Yu, Chen, Cao 2010; theory, section 13).
 THRESHOLDS = (({1: 3}, 2, 1.399166), ({1: 5, 6: 5}, 2, 0.637488), ({1: 1}, 1, 3.148023))

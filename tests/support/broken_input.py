@@ -351,29 +351,38 @@ def _certificates() -> tuple[bytes, ...]:
     )
 
 
-TARGETS = (
-    Target(name="problem.toml", run=read_toml, seeds=cache(_toml_seeds)),
-    Target(
+@cache
+def _canonical_seeds() -> tuple[bytes, ...]:
+    return tuple(map(canonical_bytes, _problems()))
+
+
+def _targets() -> Iterator[Target]:
+    yield Target(name="problem.toml", run=read_toml, seeds=cache(_toml_seeds))
+    yield Target(
         name="problem.json",
         run=read_canonical,
-        seeds=cache(lambda: tuple(canonical_bytes(p) for p in _problems())),
+        seeds=_canonical_seeds,
         is_json=True,
-    ),
-    Target(
+    )
+    yield Target(
         name="expression",
         run=read_expression,
         seeds=lambda: tuple(text.encode() for text in EXPRESSIONS),
-    ),
-    Target(name="arcs file", run=read_arcs, seeds=lambda: ARCS),
-    Target(name="certificate.json", run=read_certificate, seeds=_certificates, is_json=True),
-    Target(name="checker, certificate", run=check_certificate, seeds=_certificates, is_json=True),
-    Target(
+    )
+    yield Target(name="arcs file", run=read_arcs, seeds=lambda: ARCS)
+    yield Target(name="certificate.json", run=read_certificate, seeds=_certificates, is_json=True)
+    yield Target(
+        name="checker, certificate", run=check_certificate, seeds=_certificates, is_json=True
+    )
+    yield Target(
         name="checker, problem",
         run=check_problem,
-        seeds=cache(lambda: tuple(canonical_bytes(p) for p in _problems())),
+        seeds=_canonical_seeds,
         is_json=True,
-    ),
-)
+    )
+
+
+TARGETS = tuple(_targets())
 
 
 def mutants(target: Target, seed: int) -> Iterator[bytes]:

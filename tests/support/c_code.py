@@ -7,10 +7,11 @@ import shutil
 import subprocess
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from networks import network_of
+from networks import linked
 
 from dobc_design import Exosystem, Observer, Problem
 
@@ -106,23 +107,16 @@ OTHER = (
 def planar() -> Problem:
     """m = 2, q = 3, every function of the grammar, matrix gains, a formation, two modes, names that
     need care."""
-    return Problem(
-        network=network_of(
-            {
-                'mode "one" */': [["a.b", "c??/"], ["c??/", 'd"\\', 2], ['d"\\', "a.b"]],
-                "two' \\": [["a.b", 'd"\\'], ["c??/", "a.b"]],
-            }
-        ),
-        coupling=[EVERY, OTHER],
-        target=[1, -2],
-        gains={"a.b": 3, 'd"\\': [[2, 1], [-1, 2]]},
-        exceptions={(0, 1): ["y1", "2*y2"]},
-        exosystem=Exosystem(A=[[0, 1, 0], [-1, 0, 0], [0, 0, 0]], C=[[1, 0, 1], [0, 1, 0]]),
-        observer=Observer(W=[[2, 0], [0, 2], [1, 0]]),
-        offsets={"c??/": [1, 0]},
-        name='trouble */ *\\ """ here ???/ \\',
-        simulation={"t_final": 4, "seed": 3, "xi0": [[1, 0, 2], [0, 1, -1], [3, 0, 0]]},
-    )
+    first = [["a.b", "c??/"], ["c??/", 'd"\\', 2], ['d"\\', "a.b"]]
+    modes = {'mode "one" */': first, "two' \\": [["a.b", 'd"\\'], ["c??/", "a.b"]]}
+    given: dict[str, Any] = {"target": [1, -2], "offsets": {"c??/": [1, 0]}}
+    given["gains"] = {"a.b": 3, 'd"\\': [[2, 1], [-1, 2]]}
+    given["exceptions"] = {(0, 1): ["y1", "2*y2"]}
+    given["exosystem"] = Exosystem(A=[[0, 1, 0], [-1, 0, 0], [0, 0, 0]], C=[[1, 0, 1], [0, 1, 0]])
+    given["observer"] = Observer(W=[[2, 0], [0, 2], [1, 0]])
+    given["name"] = 'trouble */ *\\ """ here ???/ \\'
+    given["simulation"] = {"t_final": 4, "seed": 3, "xi0": [[1, 0, 2], [0, 1, -1], [3, 0, 0]]}
+    return linked(modes, None, [EVERY, OTHER], **given)
 
 
 def write_all(files: Mapping[str, bytes], folder: Path) -> Path:

@@ -22,7 +22,7 @@ from unittest.mock import patch
 
 import pytest
 from certified import made_once
-from networks import network_of
+from networks import linked, network_of
 
 from dobc_design import Certificate, Exosystem, Group, Network, Problem, certify
 from dobc_design.certification import certify as certification
@@ -67,52 +67,40 @@ def listens(arcs: Any, n: int) -> Network:
     return network_of(arcs, n)
 
 
+RISING = "exp(y) - 1 + y"
+
+
 @cache
 def problems() -> dict[str, Problem]:
     two = {"a": [[2, 1, "2/3"], [3, 2]], "b": [[2, 3, "1/2"], [3, 1, "7/5"]]}
     pair = {"a": [[2, 1], [1, 2, "1/2"]], "b": [[2, 1, 2]]}
     plane = Exosystem(A=((0, 1), (-1, 0)), C=((1, 0), (0, 1)))
     line = Exosystem(A=((0,),), C=((1,), ("1/2",)))
+    starts = {"initial_states": [-1, 1], "initial_disturbance": "1/2"}
     made: dict[str, Problem] = {}
-    made["small"] = Problem(  # the one that is changed
-        network=listens({"a": [[2, 1], [3, 2]], "b": [[2, 1, 2], [3, 1]]}, 3),
-        coupling="exp(y) - 1 + y",
-        gains={1: 3, 2: 1},
-        exosystem=SINE,
-        region={"initial_states": [-1, 1], "initial_disturbance": "1/2"},
-    )
-    made["rich"] = Problem(  # m = 2, matrix gains, a formation, weights, groups
-        network=listens(two, 3),
-        coupling="exp(y) - 1 + y",
-        exceptions={(2, 0): "atan(2*y)"},
-        target=["1/2", -1],
-        gains={1: [[3, "1/2"], [-1, 4]], 2: 2, 3: 1},
-        offsets={2: [1, "-3/2"], 3: ["1/3", 0]},
-        groups=[Group(agents=[1, 3], exosystem=plane), Group(agents=[2], exosystem=line)],
-        region={"initial_states": [-1, 1], "initial_disturbance": "1/2"},
-    )
+    # the one that is changed
+    small = {"a": [[2, 1], [3, 2]], "b": [[2, 1, 2], [3, 1]]}
+    held = {"gains": {1: 3, 2: 1}, "exosystem": SINE, "region": starts}
+    made["small"] = linked(small, 3, RISING, **held)
+    # m = 2, matrix gains, a formation, weights, groups
+    given: dict[str, Any] = {"exceptions": {(2, 0): "atan(2*y)"}, "target": ["1/2", -1]}
+    given["gains"] = {1: [[3, "1/2"], [-1, 4]], 2: 2, 3: 1}
+    given["offsets"] = {2: [1, "-3/2"], 3: ["1/3", 0]}
+    given["groups"] = [Group(agents=[1, 3], exosystem=plane), Group(agents=[2], exosystem=line)]
+    made["rich"] = linked(two, 3, RISING, **given, region=starts)
     # no exosystem; arcs that rise, fall, have a peak and are bounded on a piece
-    made["turning"] = Problem(
-        network=listens(pair, 2),
-        coupling="y/(1 + y**2/9)",
-        exceptions={(0, 1): "-tanh(y)/4"},
-        gains={1: 3, 2: "1/2"},
-        region={"initial_states": [-2, 2]},
-    )
-    made["bent"] = Problem(  # the same kinds of arcs, in few pieces
-        network=listens([[2, 1], [1, 2, "1/2"], [3, 2]], 3),
-        coupling="y*exp((1 - y**2)/2)",
-        exceptions={(0, 1): "-tanh(y)/4", (2, 1): "y/(1 + y**2/9)"},
-        gains={1: 3, 2: 3, 3: 2},
-        region={"initial_states": [-3, 3]},
-    )
-    made["exact"] = Problem(  # estimates that start exact: a bound of 0 on the estimation error
-        network=listens([[2, 1]], 2),
-        coupling="tanh(y)",
-        gains={1: 2},
-        exosystem=Exosystem(A=((0,),), C=((1,),)),
-        region={"initial_states": [-1, 1], "initial_disturbance": 0},
-    )
+    falls = {(0, 1): "-tanh(y)/4"}
+    given = {"gains": {1: 3, 2: "1/2"}, "region": {"initial_states": [-2, 2]}}
+    made["turning"] = linked(pair, 2, "y/(1 + y**2/9)", exceptions=falls, **given)
+    # the same kinds of arcs, in few pieces
+    given = {"gains": {1: 3, 2: 3, 3: 2}, "region": {"initial_states": [-3, 3]}}
+    given["exceptions"] = falls | {(2, 1): "y/(1 + y**2/9)"}
+    three = [[2, 1], [1, 2, "1/2"], [3, 2]]
+    made["bent"] = linked(three, 3, "y*exp((1 - y**2)/2)", **given)
+    # estimates that start exact: a bound of 0 on the estimation error
+    given = {"gains": {1: 2}, "exosystem": Exosystem(A=((0,),), C=((1,),))}
+    given["region"] = starts | {"initial_disturbance": 0}
+    made["exact"] = linked([[2, 1]], 2, "tanh(y)", **given)
     return made
 
 

@@ -267,9 +267,8 @@ def loop_of(problem: Problem) -> Loop:
         F = to_float(exosystem.A) - W @ C
         A = np.block([[A, np.kron(one, C)], [np.zeros((n * q, n)), np.kron(one, F)]])
         B[:, -n:] -= float((C @ W)[0, 0]) * one
-        B = np.vstack(
-            [B, np.hstack([-np.kron(one, W), np.eye(n * q), -np.kron(one, F @ W) - np.kron(L, W)])]
-        )
+        noise = -np.kron(one, F @ W) - np.kron(L, W)
+        B = np.vstack([B, np.hstack([-np.kron(one, W), np.eye(n * q), noise])])
     plant = problem.uncertainty
     counts = ((plant.disturbance, n), (plant.drift, n * q), (plant.measurement, n))
     limits = np.concatenate([np.full(count, float(limit)) for limit, count in counts])
@@ -327,12 +326,8 @@ def second_order(seed: int) -> tuple[Problem, Loop]:
         }
         C = np.array([[1.0, 0.0]])
         W = np.array([[a], [b]])
-        A = np.block(
-            [
-                [A, np.vstack([np.zeros((n, 2 * n)), np.kron(one, C)])],
-                [np.zeros((2 * n,) * 2), np.kron(one, F)],
-            ]
-        )
+        border = np.vstack([np.zeros((n, 2 * n)), np.kron(one, C)])
+        A = np.block([[A, border], [np.zeros((2 * n,) * 2), np.kron(one, F)]])
         B = np.block([[B, np.zeros((2 * n, 2 * n))], [-np.kron(one, W), np.eye(2 * n)]])
     limits = [float(Fraction(plant["disturbance"]))] * n + [0.05] * (2 * n * (seed % 2))
     problem = linear_problem(

@@ -179,12 +179,14 @@ def why_not(loop: Loop, claim: Equilibrium, *, part: Fraction = ONE) -> str | No
         return "the box holds the target itself."
     try:
         value = field_at(loop, claim.mode, claim.middle)
+        # A point is one itself: others may lie around it, so that no test of a box would hold.
         if claim.is_point:
             exactly = all(each == NOTHING for each in value)
             return None if exactly else "the point is not shown to be an equilibrium exactly."
         slopes = slopes_on(loop, claim.mode, claim.box)
     except UndefinedError as error:
         return f"the couplings are not bounded on the box: {error}"
+    # Any Y makes a valid test; a good one makes it succeed.
     Y = _preconditioner(slopes, sides)
     if Y is None or not krawczyk_holds(claim, value, slopes, Y, part):
         return "Krawczyk's test does not show an equilibrium in the box."
@@ -205,6 +207,7 @@ def lies_in_region(loop: Loop, claim: Equilibrium) -> bool:
 def refuting_check(loop: Loop, claim: Equilibrium) -> Check | None:
     """The check that consensus fails in the region; None unless the equilibrium is proved and lies
     there."""
+    # Without a region only what happens near the target is asked.
     if loop.starts is None or not lies_in_region(loop, claim):
         return None
     if why_not(loop, claim) is not None:
@@ -279,6 +282,7 @@ def krawczyk_holds(
     centres = tuple(each.midpoint for each in value)
     blurs = tuple(each.width / 2 + s for each, s in zip(value, spread, strict=True))
     for own, left, width in zip(Y, rest, half, strict=True):
+        # How far the image of X reaches from the middle, in this row.
         moved = abs(dot(own, centres))
         blur = dot(tuple(map(abs, own)), blurs)
         linear = dot(tuple(map(abs, left)), half)

@@ -59,6 +59,7 @@ def proved_equilibria(
     """Proved equilibria of one mode that the points lead to, among those of which ``holds`` is
     true, the nearest to the target first."""
     roots = [root for root in find_roots(loop, mode, points) if holds(root)]
+    # The nearest says most about the region.
     roots.sort(key=largest)
     enclose = partial(enclose_equilibrium, loop, mode, within_region=within_region)
     found: list[Equilibrium] = []
@@ -99,6 +100,7 @@ def _boxes_around(point: Sequence[float]) -> Iterator[tuple[Box, Fraction]]:
     size = math.ceil(math.log10(max(map(abs, point))))
     for digits in HALF_WIDTHS:
         half = Fraction(10) ** (size - digits)
+        # A short middle keeps the rationals of the proof short.
         unit = Fraction(10) ** (digits + EXTRA_DIGITS - size)
         middle = [Fraction(round(x * unit)) / unit for x in exact]
         yield tuple(Interval(c - half, c + half) for c in middle), IN_HAND
@@ -140,6 +142,7 @@ def find_roots(loop: Loop, mode: str, points: Sequence[Array]) -> Iterator[Array
     least = AT_TARGET * max(map(largest, points), default=0.0)
     for point in points:
         spend(ROOT_WORK)
+        # Points that lead to the target say nothing.
         root = _root(value, slope, point, least)
         if root is None:
             continue
@@ -151,6 +154,7 @@ def find_roots(loop: Loop, mode: str, points: Sequence[Array]) -> Iterator[Array
 
 def _root(value: Vectors, slope: Vectors, start: Array, least: float) -> Array | None:
     """A root with |e|_inf > ``least`` of a function with this derivative, or None."""
+    # It stops by itself where floats end; what is close is decided below.
     limits = {"maxiter": STEPS, "xtol": 0.0, "ftol": 0.0}
     e = optimize.root(value, start, jac=slope, method="lm", options=limits).x
     steepest = np.abs(slope(e)).sum(axis=1).max()

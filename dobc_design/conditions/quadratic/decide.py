@@ -28,6 +28,7 @@ from dobc_design.conditions.check import (
 from dobc_design.conditions.consensus.claim import Pair
 from dobc_design.conditions.consensus.decide import schur_block
 from dobc_design.conditions.consensus.network import name_agents
+from dobc_design.conditions.coverage import Asked
 from dobc_design.conditions.domain import EVERYWHERE, Ball, Domain
 from dobc_design.conditions.numbers import (
     claimed,
@@ -312,31 +313,22 @@ def certified_ball(loop: Loop, lure: Lure, *, disturbance: float) -> float:
     return shorten(radius * (1 - IN_HAND), digits=_DIGITS)
 
 
-def lure_check(
-    loop: Loop,
-    W: Matrix | None,
-    lure: Lure,
-    *,
-    radius: float,
-    disturbance: float,
-    domain: Domain,
-    remark: str = "",
-) -> Check:
-    """Decide ``lure`` as a proof for every start with |e| <= radius and |eps_i| <= disturbance (all
-    starts without a level): PROVED or UNDECIDED, with that ``domain``, because one claim that fails
-    says nothing against the others."""
-    reason = quadratic_obstacle(loop, W)
+def lure_check(asked: Asked, lure: Lure, *, radius: float, remark: str = "") -> Check:
+    """Decide ``lure`` as a proof for every start with |e| <= radius and |eps_i| as asked (all
+    starts without a level): PROVED or UNDECIDED, because one claim that fails says nothing against
+    the others.  ``remark`` is added to the reason."""
+    loop = asked.loop
+    disturbance = asked.disturbance
+    undecided = partial(undecided_check, "lure", asked.domain)
+    reason = quadratic_obstacle(loop, asked.W)
     if reason is not None:
-        return undecided_check("lure", domain, reason, applies=False)
+        return undecided(reason, applies=False)
     decision = verify_lure(loop, lure)
     if not decision.is_proved:
-        return undecided_check("lure", domain, decision.reason)
-    if lure.level is not None and not covers(
-        loop, lure, radius=claimed(radius), disturbance=claimed(disturbance)
-    ):
-        return undecided_check(
-            "lure", domain, "the ball asked for is not inside the invariant set."
-        )
+        return undecided(decision.reason)
+    inside = covers(loop, lure, radius=claimed(radius), disturbance=claimed(disturbance))
+    if not inside and lure.level is not None:
+        return undecided("the ball asked for is not inside the invariant set.")
     errors = f" and |eps_i| <= {disturbance:.6g}" if loop.groups else ""
     within = "" if lure.level is None else f" with |e| <= {radius:.6g}{errors}"
     V = "e'P_e e" + ("" if lure.P is None else " + sum eps_i'P eps_i")

@@ -102,16 +102,8 @@ def quadratic_stage(asked: Asked, report: Progress) -> list[Check]:
         with at_most(work):
             best, remark = _timed(asked, best)
     remark += _remark(asked, best, found)
-    check = lure_check(
-        loop,
-        asked.W,
-        best.lure,
-        radius=0.0 if math.isinf(best.radius) else best.radius,
-        disturbance=asked.disturbance,
-        domain=asked.domain,
-        remark=remark,
-    )
-    return [check]
+    radius = 0.0 if math.isinf(best.radius) else best.radius
+    return [lure_check(asked, best.lure, radius=radius, remark=remark)]
 
 
 def _too_large(rows: int, modes: int) -> str | None:

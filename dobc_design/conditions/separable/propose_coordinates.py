@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import islice, product
 from typing import Any, NamedTuple
@@ -406,27 +406,29 @@ class Promise(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """Weights for these coordinates."""
+    """Weights for these coordinates, beside the observer's part ``error``."""
 
     agents: Agents
     cover: Cover
     T: Matrix
     everywhere: bool = False
     least: float = 0.0
+    error: ErrorBound | None = None
 
     def claims(self, rate: float) -> Iterator[Separable]:
         """Claims whose rows hold, the fastest first; ``rate``: what is expected."""
         for error in self.errors(rate):
+            search = replace(self, error=error)
             for enough in (1.0,) if self.agents.loop.is_linear else PATIENCE:
-                seen, v = self.weights(error, enough)
+                seen, v = search.weights(enough)
                 if v is None:
                     continue
                 claim = None
-                soonest = self.sooner(v, seen, error)
+                soonest = search.sooner(v, seen)
                 if soonest is not None:
-                    claim = self.fastest_claim(soonest, seen, error)
+                    claim = search.fastest_claim(soonest, seen)
                 if claim is None:
-                    claim = self.fastest_claim(v, seen, error)
+                    claim = search.fastest_claim(v, seen)
                 if claim is not None:
                     yield claim
 
@@ -445,45 +447,46 @@ class Search:
 
     def promise(self) -> Promise:
         """What these coordinates promise."""
-        rate, v = self.weights(None, 1.0)
+        rate, v = self.weights(1.0)
         if v is None:
             return Promise(math.inf, 0.0)
         T = to_float(self.T)
         time = time_to_one_percent(rate, _factor(T, v))
-        rows = self.rows(v, None)
+        rows = self.rows(v)
         flat = None if rows is None else rows.least(PROMISED * rate)
         if flat is not None:
             time = min(time, time_to_one_percent(PROMISED * rate, _factor(T, flat)))
         return Promise(time, rate)
 
-    def rows(self, v: Array, error: ErrorBound | None) -> Rows | None:
+    def rows(self, v: Array) -> Rows | None:
         """The rows for the gains that go with v (n, m); None where these are not known."""
         T = to_float(self.T)
-        rho = float(self.cover.radius) * _spread(T, v) + float(self.offset(error))
+        rho = float(self.cover.radius) * _spread(T, v) + float(self.offset)
         gains = self.agents.gains_at(T, v, rho)
         return None if gains is None else Rows.of(self.agents, T, gains)
 
-    def fastest_claim(self, v: Array, rate: float, error: ErrorBound | None) -> Separable | None:
+    def fastest_claim(self, v: Array, rate: float) -> Separable | None:
         """The claim with one of the roundings of v (n, m) that has the largest rate; None if none
         holds."""
         plan = SeparablePlan(v=v.ravel(), rate=rate, rho=self.cover.radius)
         tried = 1 if self.agents.loop.n > LARGE else 3
-        claims = [self.claim(each, error) for each in islice(rounded_vectors(plan), tried)]
+        claims = map(self.claim, islice(rounded_vectors(plan), tried))
         held = [claim for claim in claims if claim is not None]
         return max(held, key=lambda claim: claim.alpha, default=None)
 
-    def sooner(self, v: Array, rate: float, error: ErrorBound | None) -> Array | None:
+    def sooner(self, v: Array, rate: float) -> Array | None:
         """The v (n, m) of a smaller rate that promises the least time to one percent, for the gains
         that go with ``v``, whose rate is given; None if none is earlier."""
         T = to_float(self.T)
         # V is no faster than that, whatever the rows allow
+        error = self.error
         limit = math.inf if error is None else float(error.beta - 1 / error.kappa)
         longest = min(rate, limit)
         first = time_to_one_percent(longest, _factor(T, v))
         if not 0 < first * longest < math.inf or self.agents.size > LARGE:
             return None
         shortest = max(math.log(100) / first, self.least * (1 + KEPT))
-        rows = self.rows(v, error)
+        rows = self.rows(v)
         if rows is None or longest <= shortest:
             return None
         found: list[tuple[float, Array]] = []
@@ -502,14 +505,14 @@ class Search:
         time, best = min(found, key=lambda each: each[0])
         return best if time < EARLIER * first else None
 
-    def weights(self, error: ErrorBound | None, enough: float) -> tuple[float, Array | None]:
+    def weights(self, enough: float) -> tuple[float, Array | None]:
         """v (n, m) with min v = 1 that goes with the gains where it is used, and its rate; the
         flattest v that keeps ``enough`` of the best rate."""
         v = self.agents.ones
         rate, best = 0.0, None
         # Weights belong to gains, and gains to how far the weights reach: one after the other.
         for _ in range(1 if self.agents.loop.is_linear else ROUNDS):
-            rows = self.rows(v, error)
+            rows = self.rows(v)
             found = [] if rows is None else rows.vectors()
             if not found:
                 break
@@ -519,19 +522,21 @@ class Search:
             v = best
         return rate, best
 
-    def offset(self, error: ErrorBound | None) -> Fraction:
+    @property
+    def offset(self) -> Fraction:
         """What the estimation error adds to rho."""
+        error = self.error
         if error is None:
             return Fraction(0)
         return error.kappa * self.cover.disturbance * root_above(error.size, unit=10**6)
 
-    def claim(self, v: Any, error: ErrorBound | None) -> Separable | None:
+    def claim(self, v: Any) -> Separable | None:
         """The claim with these weights at the largest rate; None if its rows do not hold, or V does
         not fall."""
         loop, T = self.agents.loop, self.T
         rho = None
         if not self.everywhere:
-            rho = rounded_up(self.cover.radius * spread(T, v) + self.offset(error), digits=6)
+            rho = rounded_up(self.cover.radius * spread(T, v) + self.offset, digits=6)
         try:
             ranges = enclosed_ranges(loop, T, v, rho)
         except (UndefinedError, SpecError):
@@ -539,5 +544,5 @@ class Search:
         alpha = rounded_down(slowest_row(loop, T, v, ranges).rate)
         if not alpha:
             return None
-        claim = Separable(T=T, v=v, alpha=alpha, rho=rho, ranges=ranges, error=error)
+        claim = Separable(T=T, v=v, alpha=alpha, rho=rho, ranges=ranges, error=self.error)
         return claim if composite_rate(claim) > 0 else None

@@ -175,6 +175,7 @@ def _by_agent(value: Any, index: Mapping[str, int], *, key: str, why: str) -> di
 def typed_gains(gains: Mapping[int, float], limits: Limits) -> dict[int, Fraction]:
     """Gains rounded up to the digits asked for, or their caps where those are less; what is nearly
     0 is left out."""
+    # A gain of the size of rounding errors would pin an agent for nothing.
     least = max(gains.values(), default=0.0) * NOISE
     typed = dict[int, Fraction]()
     for agent, k in sorted(gains.items()):

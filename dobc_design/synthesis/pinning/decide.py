@@ -350,6 +350,7 @@ def _too_few(pins: int, structure: Structure, labels: Sequence[str], scope: Scop
 
 def apart(groups: Sequence[Collection[int]]) -> list[int]:
     """Places of groups without a common agent, the smallest first: each needs a pin of its own."""
+    # Small groups first: they leave the most agents for others.
     used = set[int]()
     kept = list[int]()
     for k in sorted(range(len(groups)), key=lambda k: (len(groups[k]), k)):
@@ -364,6 +365,7 @@ def _fewest(groups: Sequence[frozenset[int]], least: int) -> tuple[int, ...] | N
     up."""
     if len(apart(groups)) == len(groups):
         return tuple(sorted(min(group) for group in groups))
+    # One budget for all sizes, in a list, because the search counts it down.
     steps = [MOST_STEPS]
     for size in range(least, len(groups) + 1):
         found = _of_size(groups, size, steps)

@@ -192,6 +192,7 @@ class PinningProposer:
 
     def _hitting(self, allowed: Sequence[int], groups: Sequence[Sequence[int]]) -> list[int]:
         """Agents that meet all groups, always the one that meets most of those that are left."""
+        # Groups without an allowed agent are refuted elsewhere.
         may = set(allowed)
         left = [may & set(group) for group in groups if may & set(group)]
         chosen = list[int]()

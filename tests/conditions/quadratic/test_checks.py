@@ -15,7 +15,7 @@ from texts import exact_matrix
 
 from dobc_design import Observer, Problem, Region, Verdict
 from dobc_design.conditions.check import Check, Values
-from dobc_design.conditions.coverage import covers
+from dobc_design.conditions.coverage import covers, read_region
 from dobc_design.conditions.domain import EVERYWHERE, NEAR_TARGET, Ball, Domain
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import (
@@ -25,8 +25,9 @@ from dobc_design.conditions.quadratic.decide import (
 )
 from dobc_design.conditions.quadratic.propose import design_lure
 from dobc_design.conditions.quadratic.sectors import enclose_ranges
-from dobc_design.exact.matrix import multiply
+from dobc_design.exact.matrix import Matrix, multiply
 from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.loop.loop import Loop
 from dobc_design.loop.make import loop_of
 
 PAIR = exact_matrix("1/2 -1/4; -1/4 1/3")
@@ -77,14 +78,14 @@ def observed() -> tuple[Problem, Lure]:
 
 
 def check_of(problem: Problem, lure: Lure, radius: float, disturbance: float = 0.0) -> Check:
-    return lure_check(
-        loop_of(problem),
-        problem.observer.W,
-        lure,
-        radius=radius,
-        disturbance=disturbance,
-        domain=NEAR_TARGET,
-    )
+    return checked(loop_of(problem), problem.observer.W, lure, radius, disturbance)
+
+
+def checked(
+    loop: Loop, W: Matrix | None, lure: Lure, radius: float, disturbance: float = 0.0
+) -> Check:
+    asked = read_region(loop, W, domain=NEAR_TARGET, everything=False)
+    return lure_check(replace(asked, disturbance=disturbance), lure, radius=radius)
 
 
 def refusal(
@@ -186,7 +187,7 @@ def test_a_claim_comes_back_from_json_as_it_went_in():
 def test_without_a_gain_the_check_does_not_apply():
     problem, lure = observed()
     loop = loop_of(problem)
-    check = lure_check(loop, None, lure, radius=1.0, disturbance=0.0, domain=NEAR_TARGET)
+    check = checked(loop, None, lure, 1.0)
     assert check.verdict is Verdict.UNDECIDED
     assert check.reason.startswith("does not apply:")
     assert "does not apply" in str(confirmed(check_of(problem, lure, 1.0), problem))

@@ -117,11 +117,6 @@ def refused(key: str | None, message: str, cure: str | None = None) -> SpecError
     return SpecError(message, key=key, cure=cure)
 
 
-def mistake(key: str | None, message: str, cure: str | None = None) -> SpecError:
-    """Return the error "MESSAGE" about a key, which the message names where it wants to."""
-    return SpecError(message, key=key, cure=cure)
-
-
 class Mistakes(list[SpecError]):
     """Errors that are kept while more is read, so that all are told at once: ``with errors:`` keeps
     what is raised inside."""

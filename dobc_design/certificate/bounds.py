@@ -48,7 +48,6 @@ from dobc_design.loop.loop import Loop
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.canonical import loop_sha256
 from dobc_design.problem.problem import Problem
-from dobc_design.verdict import Verdict
 
 Array = NDArray[np.float64]
 #: Rows of a full P_e up to which the diagonal of its inverse is computed; beyond, its least
@@ -135,18 +134,14 @@ def envelopes_of(loop: Loop, claims: Claims, starts: Starts) -> Iterator[Envelop
     """Bounds that hold for all of ``starts``, from every proved check whose domain holds them."""
     for check in claims.checks:
         bounds = check.kind.is_consensus or check.kind.role == "safety"
-        if check.verdict is Verdict.PROVED and bounds and is_inside(check.domain, starts):
+        if check.is_proved and bounds and is_inside(check.domain, starts):
             found = envelope_of(loop, check, claim_of(check, loop, claims.W), starts)
             if found is not None:
                 yield found
     lemmas = [check for check in claims.checks if check.kind.is_lemma]
     rates: list[float] = []
     for check in lemmas:
-        if (
-            check.verdict is Verdict.PROVED
-            and check.domain == EVERYWHERE
-            and check.rate is not None
-        ):
+        if check.is_proved and check.domain == EVERYWHERE and check.rate is not None:
             rates.append(check.rate)
     # e'e falls under every signal where Lemma 1 holds in every mode.
     if not loop.groups and lemmas and len(rates) == len(lemmas):
@@ -158,7 +153,7 @@ def certified_settling(loop: Loop, claims: Claims) -> Settling | None:
     CertificateError."""
     with reading_claims():
         found = next((check for check in claims.checks if check.kind.role == "settling"), None)
-        if found is None or found.verdict is not Verdict.PROVED:
+        if found is None or not found.is_proved:
             return None
         descent = claim_of(found, loop, claims.W)
         if not isinstance(descent, Descent):
@@ -321,7 +316,7 @@ def bound_of_plant(loop: Loop, claims: Claims, starts: Starts) -> CertifiedBound
             "errors that remain"
         )
         return CertifiedBound(reason=reason)
-    proved = {check.id: check for check in claims.checks if check.verdict is Verdict.PROVED}
+    proved = {check.id: check for check in claims.checks if check.is_proved}
     limit = proved.get(LIMIT)
     tolerance = proved.get(TOLERANCE)
     if stated.limit and (limit is None or not is_inside(limit.domain, starts)):
@@ -463,7 +458,7 @@ def _nothing(claims: Claims, starts: Starts) -> str:
     """Why no check bounds these starts."""
     # A proof under the guarantee that holds these starts lacks a rate, or the signal.
     for check in claims.checks:
-        if check.id == "schedule" and check.verdict is Verdict.PROVED:
+        if check.id == "schedule" and check.is_proved:
             if not is_inside(check.domain, starts):
                 break
             if check.rate is None:

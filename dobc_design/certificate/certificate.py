@@ -128,7 +128,7 @@ class Certificate(Headed):
         a claim that cannot be read."""
         with reading_claims():
             for check in self.checks:
-                if check.id != "schedule" or check.verdict is not Verdict.PROVED:
+                if check.id != "schedule" or not check.is_proved:
                     continue
                 claim = claim_of(check, self._loop, self.claims.W)
                 if isinstance(claim, Cycles) and claim.phases and claim.T is None:

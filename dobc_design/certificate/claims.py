@@ -76,7 +76,7 @@ def box_of(checks: Sequence[Check], loop: Loop, W: Matrix | None) -> Separable |
     """What the proved max-separable certificate claims, on which others rest; None without one.
     Raises: as ``claim_of``."""
     for check in checks:
-        if check.id == MAX_SEPARABLE and check.verdict is Verdict.PROVED:
+        if check.id == MAX_SEPARABLE and check.is_proved:
             claim = claim_of(check, loop, W)
             return claim if isinstance(claim, Separable) else None
     return None
@@ -104,6 +104,6 @@ def certified_period(loop: Loop, claims: Claims) -> Fraction | None:
     with reading_claims():
         for check in claims.checks:
             bound = claim_of(check, loop, claims.W)
-            if check.verdict is Verdict.PROVED and isinstance(bound, SamplingBound):
+            if check.is_proved and isinstance(bound, SamplingBound):
                 return bound.period
     return None

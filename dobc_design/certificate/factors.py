@@ -29,7 +29,6 @@ from dobc_design.conditions.weighted.network import Alike
 from dobc_design.exact.number import root_above
 from dobc_design.exact.symmetric import Doubles, SparseSymmetric, largest, least
 from dobc_design.loop.loop import Loop
-from dobc_design.verdict import Verdict
 
 ONE = Fraction(1)
 MOST = Fraction(10) ** 300  # factors above are of no use to anybody
@@ -63,7 +62,7 @@ def factor_obstacle(check: Check, case: Case) -> str | None:
 def factor_of(check: Check, case: Case) -> Fraction | None:
     """The factor of one check of a case; None for one without a rate, and where no bound follows
     from it."""
-    if check.verdict is not Verdict.PROVED or not check.rate:
+    if not check.is_proved or not check.rate:
         return None
     # V = e'e is |e|^2 itself, beside what the estimation error adds.
     if check.kind.is_of_paper:

@@ -222,11 +222,11 @@ def _tolerance(checks: Sequence[Check], asked: Asked | None) -> float | None:
     radius."""
     # Whoever asked for a settling time named the tolerance.
     for check in checks:
-        if check.verdict is Verdict.PROVED and isinstance(check.claim, Descent):
+        if check.is_proved and isinstance(check.claim, Descent):
             return _down(check.claim.tolerance)
     radii: list[Fraction] = []
     for check in checks:
-        proved = check.verdict is Verdict.PROVED and check.kind.is_consensus
+        proved = check.is_proved and check.kind.is_consensus
         if proved and isinstance(check.domain, Around):
             radii.append(claimed(check.domain.radius))
     size = min(radii, default=None) if asked is None else claimed(asked.box)
@@ -237,7 +237,7 @@ def _chosen(loop: Loop, checks: Sequence[Check]) -> Iterator[Check]:
     """The checks of Lemma 1 (once for all modes, only without disturbance), of the theorems and of
     regions."""
     lemmas = [check for check in checks if check.kind.is_lemma]
-    open_lemmas = [check for check in lemmas if check.verdict is not Verdict.PROVED]
+    open_lemmas = [check for check in lemmas if not check.is_proved]
     speaker: Check | None = None  # for all modes: the first that is not proved, or the slowest
     if open_lemmas:
         speaker = open_lemmas[0]
@@ -280,7 +280,7 @@ class _Gatherer:
         kind = "none"
         box = ball = disturbance = rate = None
         domain = check.domain
-        if check.verdict is Verdict.PROVED:
+        if check.is_proved:
             rate = check.rate
             kind = {"global": "everywhere", "consensus": "near"}.get(str(domain), "none")
             if isinstance(domain, Around):
@@ -326,7 +326,7 @@ class _Gatherer:
             starts = Starts(radius, radius, claimed(domain.disturbance))
         elif asked is not None and domain == EVERYWHERE:
             starts = Starts(claimed(asked.box), claimed(asked.ball), claimed(asked.disturbance))
-        if check.verdict is not Verdict.PROVED or starts is None or self.tolerance is None:
+        if not check.is_proved or starts is None or self.tolerance is None:
             return None
         # In floating point, and a little more: a time that is shown has to be late enough.
         bound = None

@@ -119,7 +119,7 @@ def _beside(confirm: Callable[[Check, Case], str | None], *ids: str) -> Confirm:
         proofs = []
         for id in ids:
             proof = trusted.named(id)
-            if proof is None or id == check.id or proof.verdict is not Verdict.PROVED:
+            if proof is None or id == check.id or not proof.is_proved:
                 continue
             read = TOPICS[proof.kind.topic].read
             if read is not None:

@@ -524,7 +524,7 @@ class _Run:
         obstacle = next((each for each in failing if each.verdict is Verdict.REFUTED), None)
         # Psi < 0 needs Lambda < 0 in every mode, and a W in every group.
         known = [W for W in gains if W is not None]
-        unproved = any(lemma.verdict is not Verdict.PROVED for lemma in lemmas)
+        unproved = any(not lemma.is_proved for lemma in lemmas)
         blocked = obstacle is not None or unproved or len(known) < len(gains)
         large = next(filter(None, (too_large(group.exosystem) for group in self.loop.groups)), None)
         # Time is asked for where a search would begin, and nowhere else.

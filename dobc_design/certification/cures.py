@@ -130,7 +130,7 @@ class _Cures:
             fixes["hurwitz"] = model
         network = None
         # Weights of V hold many networks that V = e'e does not; then no pin is missing.
-        failed = any(each.kind.is_lemma and each.verdict is not Verdict.PROVED for each in checks)
+        failed = any(each.kind.is_lemma and not each.is_proved for each in checks)
         lacking = failed and not _has_weights(checks)
         if lacking and not _held_with_weights(problem, self.found.statements):
             self.progress("looking for a cure")
@@ -219,7 +219,7 @@ class _Cures:
             fix = Fix(kind="pair", set={"observer.P": typed_matrix(P)}, text=text)
             decided = self.decide(changed_problem(problem, fix.set)).checks
             cured = next(each for each in decided if each.id == check.id)
-            if cured.verdict is Verdict.PROVED:
+            if cured.is_proved:
                 return {check.id: fix}
         return {}
 
@@ -247,7 +247,7 @@ def _holds(problem: Problem, checks: Sequence[Check]) -> bool:
 
 
 def _has_weights(checks: Iterable[Check]) -> bool:
-    proved = (check for check in checks if check.verdict is Verdict.PROVED)
+    proved = (check for check in checks if check.is_proved)
     return any(check.kind.topic == "weighted" for check in proved)
 
 
@@ -289,11 +289,11 @@ def _model_parts(problem: Problem) -> list[Fix]:
     exosystem, observer = problem.exosystem, problem.observer
     if exosystem is None or observer.W is None:
         return parts
-    if hurwitz_check(exosystem, observer.W).verdict is Verdict.PROVED:
+    if hurwitz_check(exosystem, observer.W).is_proved:
         return parts
     W = design_gain(exosystem, rate=observer.rate).W
     check = None if W is None else hurwitz_check(exosystem, W)
-    if W is None or check is None or check.verdict is not Verdict.PROVED:
+    if W is None or check is None or not check.is_proved:
         return parts
     pace = f" at least like exp(-{text_below(check.rate)} t)" if check.rate else ""
     changes: dict[str, Any] = {"observer.W": typed_matrix(W)}

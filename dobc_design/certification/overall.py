@@ -192,7 +192,7 @@ def _moving_words(loop: Loop, checks: Sequence[Check], best: Check | None) -> st
             )
         words += ". Graphs that the modes do not list are not covered."
     for check in checks:
-        is_safe = check.kind.role == "safety" and check.verdict is Verdict.PROVED
+        is_safe = check.kind.role == "safety" and check.is_proved
         if is_safe and check is not best:
             words += f" {capitalize_first(check.reason)}"
     return words
@@ -419,16 +419,14 @@ def _reached(loop: Loop, checks: Sequence[Check]) -> Reason | None:
     """How far the regional proofs reach, and what would help; None if none was tried or applies."""
     # Those that are not about such a problem at all would only distract.
     tried = [check for check in checks if check.kind.role == "region" and check.applies]
-    proved = [check for check in tried if check.verdict is Verdict.PROVED]
+    proved = [check for check in tried if check.is_proved]
     if not tried:
         return None
     if tried[0].verdict is Verdict.REFUTED and not proved:
         signals = " Consensus may still hold for some signals." if loop.switches else ""
         head = f"{tried[0].reason}{signals} More pinned agents would help."
         return Reason(head=head, is_open=True)
-    near = proved or any(
-        check.kind.is_consensus and check.verdict is Verdict.PROVED for check in checks
-    )
+    near = proved or any(check.kind.is_consensus and check.is_proved for check in checks)
     smaller = (
         "a smaller [region], larger gains or more pinned agents"
         if near
@@ -483,9 +481,7 @@ def _cut_reason(checks: Sequence[Check]) -> Reason | None:
         told += (
             " `dobc certify --all` searches longer." if any(check.longer for check in cut) else ""
         )
-    regions = [
-        check for check in checks if check.kind.role == "region" and check.verdict is Verdict.PROVED
-    ]
+    regions = [check for check in checks if check.kind.role == "region" and check.is_proved]
     reach = [_domain_in_words(check) for check in regions]
     if reach:
         told = f"{told} So far consensus is proved from {', '.join(reach)}."
@@ -499,7 +495,7 @@ def _undecided_reason(loop: Loop, checks: Sequence[Check]) -> Reason:
     cut = _cut_reason(checks)
     if cut is not None:
         return cut
-    proved = [check for check in checks if check.verdict is Verdict.PROVED]
+    proved = [check for check in checks if check.is_proved]
     somewhere = any(check.kind.role == "region" for check in proved)
     if loop.switches and not somewhere:
         for check in checks:
@@ -523,7 +519,7 @@ def _undecided_reason(loop: Loop, checks: Sequence[Check]) -> Reason:
         near = "consensus is proved near the target only, and the region asked for is larger."
         return Reason(head=f"{near} {ALONE}", is_open=True)
     ids = ("lure", *SPEAKING) if loop.slopes_move else SPEAKING
-    unproved = [check for check in checks if check.verdict is not Verdict.PROVED]
+    unproved = [check for check in checks if not check.is_proved]
     speaking = [check for check in unproved if check.id in ids]
     first = min(speaking, key=lambda check: ids.index(check.id), default=None)
     if first is None:

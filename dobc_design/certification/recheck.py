@@ -238,7 +238,7 @@ def _disagrees(verdict: Verdict, refusal: str) -> str:
 
 def _theorem_is_proved(checks: Iterable[Check]) -> bool:
     """Whether the pair (P, Q) of a certificate belongs to a proof."""
-    return any(check.kind.is_theorem and check.verdict is Verdict.PROVED for check in checks)
+    return any(check.kind.is_theorem and check.is_proved for check in checks)
 
 
 def recheck(certificate: Claims | bytes, problem: Problem) -> Recheck:
@@ -292,7 +292,7 @@ def trust(claims: Claims, loop: Loop) -> Trusted:
     statements = state_theorems(loop)
     vectors = {}
     for check in claims.checks:
-        if not check.kind.is_lemma or check.verdict is not Verdict.PROVED:
+        if not check.kind.is_lemma or not check.is_proved:
             continue
         exact = check.exact
         if exact is not None and set(exact) == {"v"}:
@@ -339,7 +339,7 @@ def confirm(check: Check, trusted: Trusted) -> str | None:
     if not expected and (check.mode is not None or check.margin is not None):
         return "a regional check has no mode and no margin"
     wanted = EVERYWHERE if check.kind.role == "part" else domain
-    if (expected or check.verdict is not Verdict.PROVED) and check.domain != wanted:
+    if (expected or not check.is_proved) and check.domain != wanted:
         # a proof for a region names its starts; every other domain is known
         return f"the domain must be '{wanted}'"
     # What nobody decided has nothing that others could rest on.

@@ -10,11 +10,11 @@ from typing import Any
 
 from dobc_design._checks import noun
 from dobc_design._show.cards import Shown
-from dobc_design.verdict import Verdict
+from dobc_design.verdict import Decided, Verdict
 
 
 @noun
-class Statement(Shown):
+class Statement(Shown, Decided):
     """What was decided, and how.  ``kind``: "detectable", "hurwitz", "rate", "region", "gain",
     "noise", "lyapunov", "peak", "sampled" or a reason for impossibility.  ``text`` is a sentence;
     ``exact`` holds exact values as text."""

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dobc_design.errors import mistake
+from dobc_design.errors import refused
 from dobc_design.exact.reading import shown
 from dobc_design.importing.grids import grid_problem, is_pandapower, read_matpower, read_pandapower
 from dobc_design.problem.arcs_file import READERS, read_arcs_file
@@ -55,19 +55,19 @@ def problem_from_file(
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         what = f"{shown(path.name)} must end in one of {', '.join(SUFFIXES)}, which say what kind "
-        raise mistake(path.name, f"{what}of file it is.", "Rename or convert it.")
+        raise refused(path.name, f"{what}of file it is.", "Rename or convert it.")
     given = {"arrow": arrow is not None, "merge": merge is not None, "drop_loops": drop_loops}
     for option, is_given in given.items():
         if is_given and suffix not in READERS:
             what = f"{option} is for files of arcs ({', '.join(READERS)}); {shown(path.name)} says "
             key = f"--{option.replace('_', '-')}"
-            raise mistake(key, f"{what}itself who listens.", "Leave it out.")
+            raise refused(key, f"{what}itself who listens.", "Leave it out.")
     name = path.stem if is_name(path.stem) else "problem"
     if suffix in READERS:
         if arrow is None:
             what = "arrow must say what a pair a, b of the file means; there is no default, "
             what += "because a wrong guess is never noticed."
-            raise mistake("--arrow", what, "listens_to: a hears b.  sends_to: a is heard by b.")
+            raise refused("--arrow", what, "listens_to: a hears b.  sends_to: a is heard by b.")
         labels, arcs = read_arcs_file(
             path.name,
             folder=path.resolve().parent,

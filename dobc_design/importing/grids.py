@@ -21,7 +21,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from dobc_design._checks import noun
-from dobc_design.errors import SpecError, mistake, wrong
+from dobc_design.errors import SpecError, refused, wrong
 from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import Names, Table, Texts, named, shown, some
 from dobc_design.problem.exosystems import constant
@@ -70,7 +70,7 @@ def grid_problem(grid: Grid, *, name: str, gain: Any = 1) -> Problem:
     becomes = merged(grid.buses, [branch.ends for branch in grid.branches if not branch.reactance])
     weights = _weights(grid, becomes)
     if not weights:
-        raise mistake("branch", f"{grid.source} has no branch in service.", "A grid needs lines.")
+        raise refused("branch", f"{grid.source} has no branch in service.", "A grid needs lines.")
     arcs = []
     for (a, b), weight in weights.items():
         arcs += [[a, b, abs(weight)], [b, a, abs(weight)]]
@@ -110,13 +110,13 @@ def _check_ends(grid: Grid) -> None:
         a, b = branch.ends
         for end in branch.ends:
             if end not in known:
-                raise mistake(
+                raise refused(
                     branch.place,
                     f"{branch.place} names bus {named(end)}, which is not there.",
                     "Add the bus, or take the branch out of service.",
                 )
         if a == b:
-            raise mistake(branch.place, f"{branch.place} leads from bus {named(a)} to itself.")
+            raise refused(branch.place, f"{branch.place} leads from bus {named(a)} to itself.")
 
 
 def _weights(grid: Grid, becomes: Mapping[str, str]) -> dict[tuple[str, str], Fraction]:
@@ -213,7 +213,7 @@ def read_matpower(text: str, name: str) -> Grid:
     for table in ("bus", "branch"):
         if table not in tables:
             what = f"{name} must hold the table mpc.{table} of a MATPOWER case, in numbers; it is "
-            raise mistake(f"mpc.{table}", f"{what}not there.", CURE)
+            raise refused(f"mpc.{table}", f"{what}not there.", CURE)
     unit = _unit(plain, tables["bus"], name)
     kinds = {row.bus(): row.number(2) for row in tables["bus"]}
     isolated = {bus for bus, kind in kinds.items() if kind == ISOLATED}
@@ -272,7 +272,7 @@ def _check_cells(cells: Names, table: str, place: str, row: int) -> None:
     """Raise SpecError for a row that is too short, or that holds anything but numbers."""
     least = USED[table][-1]
     if len(cells) < least:
-        raise mistake(
+        raise refused(
             f"mpc.{table}",
             f"{place} must have at least {least} columns; row {row} has {len(cells)}.",
             CURE,
@@ -394,7 +394,7 @@ def _grid(tables: Tables, *, base: Any, source: str) -> Grid:
     try:
         if any(_on(row) for row in tables["trafo3w"]):
             what = "three-winding transformers cannot be imported: their star point may have a "
-            raise mistake(
+            raise refused(
                 "trafo3w", f"{what}negative reactance.", "Replace them by two-winding transformers."
             )
         buses = tuple(str(row["index"]) for row in tables["bus"] if _on(row))
@@ -405,7 +405,7 @@ def _grid(tables: Tables, *, base: Any, source: str) -> Grid:
         raise
     except (KeyError, TypeError, ValueError, ArithmeticError, AttributeError) as error:
         what = f"{source} has a table with a column that is missing or holds no number "
-        raise mistake(
+        raise refused(
             "pandapower",
             f"{what}({str(error)[:60]}).",
             "Write it anew with a current version of pandapower.",

@@ -18,7 +18,7 @@ import numpy as np
 
 from dobc_design._checks import LATER
 from dobc_design.coupling.coupling import Coupling
-from dobc_design.errors import SpecError, mistake, reason_of, wrong
+from dobc_design.errors import SpecError, reason_of, refused, wrong
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import Document, Names, Table, Texts, named, shown
@@ -222,7 +222,7 @@ def _load(data: bytes, name: str) -> Document:
     # A version that does not fit would let one problem have two texts, and two hashes.
     version, known = document.get("version"), _version_of(document)
     if version != known or type(version) is not int:  # true and 1.0 equal 1
-        raise mistake(
+        raise refused(
             "version",
             f"problem.json has version {shown(version)}; this program knows {VERSION} to "
             f"{VERSION_UNDISTURBED}, and reads this one as {known}.",
@@ -404,7 +404,7 @@ def _text(value: Any, key: str) -> str:
 
 
 def _wrong(key: str, wanted: str, value: object) -> SpecError:
-    return mistake(key, f"problem.json: {key} must be {wanted}; got {shown(value)}.", _CURE)
+    return refused(key, f"problem.json: {key} must be {wanted}; got {shown(value)}.", _CURE)
 
 
 def _arcs(value: Any, key: str) -> Arcs:

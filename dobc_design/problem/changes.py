@@ -20,7 +20,7 @@ from typing import Any
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
-from dobc_design.errors import SpecError, mistake
+from dobc_design.errors import SpecError, refused
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import nearest, number_text
 from dobc_design.exact.reading import Document, Names, Table, is_scalar_matrix, shown
@@ -131,7 +131,7 @@ def changed_problem(problem: Problem, changes: Table) -> Problem:
     SpecError."""
     for key in changes:
         if key not in CHANGEABLE:
-            raise mistake(
+            raise refused(
                 key,
                 f"{shown(key)} is no key that a change may set.",
                 f"One of {', '.join(CHANGEABLE)}.",
@@ -166,7 +166,7 @@ def _changed(noun: Any, table: str, changes: Table) -> Any:
 def _changed_groups(problem: Problem, changes: Table) -> Document:
     """The groups with other gains.  Raises: SpecError for a change of all agents."""
     if any(key in _OF_ALL for key in changes):
-        raise mistake(
+        raise refused(
             "exosystem.groups",
             "exosystem and observer cannot be changed by key where agents have different ones.",
             "Make the problem anew with other groups.",
@@ -316,7 +316,7 @@ def changed_file(
     anew = problem_text(wanted)
     if _gives(anew, wanted, folder=folder):
         return anew
-    raise mistake(
+    raise refused(
         "problem",
         "the changed problem cannot be written as a problem file: it is too large, or a number in "
         "it too long.",

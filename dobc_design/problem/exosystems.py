@@ -17,7 +17,7 @@ import numpy as np
 
 from dobc_design._checks import noun, put, require_square
 from dobc_design._show.cards import Shown
-from dobc_design.errors import ShapeError, mistake, wrong
+from dobc_design.errors import ShapeError, refused, wrong
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import nearest, parse_number
 from dobc_design.exact.reading import counted, is_list, read_matrix, shown, shown_number
@@ -275,7 +275,7 @@ def total(*parts: Exosystem) -> Exosystem:
     if len({part.outputs for part in parts}) > 1:
         sizes = ", ".join(str(part.outputs) for part in parts)
         what = "the parts of a total must have equally many components, because they are added;"
-        raise mistake(
+        raise refused(
             "parts", f"{what} got {sizes}.", "stacked(...) gives every part components of its own."
         )
     C = [[x for part in parts for x in part.C[row]] for row in range(outputs)]

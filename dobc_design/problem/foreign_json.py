@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from dobc_design.errors import SpecError, mistake
+from dobc_design.errors import SpecError, refused
 from dobc_design.exact.reading import Table, named
 
 _TO_FILE = "with networkx.write_graphml(graph, file), which `dobc new NAME --from FILE` reads."
@@ -87,10 +87,10 @@ def not_a(wanted: str, document: Any, *, name: str) -> SpecError:
     only = _WANTED[wanted]
     if not isinstance(document, Mapping):
         kind = "a list" if isinstance(document, list) else "a single value"
-        return mistake("format", f"{named(name)} is not {wanted}: it holds {kind}.", only)
+        return refused("format", f"{named(name)} is not {wanted}: it holds {kind}.", only)
     for what, fits, cure in _KINDS:
         if fits(document):
-            return mistake("format", f"{named(name)} is not {wanted} but {what}.", cure or only)
+            return refused("format", f"{named(name)} is not {wanted} but {what}.", cure or only)
     keys = ", ".join(named(str(key)) for key in list(document)[:4]) or "none"
     what = f'{named(name)} is not {wanted}: it has no "format" of dobc_design; its keys are {keys}'
-    return mistake("format", f"{what}{', ...' if len(document) > 4 else ''}.", only)
+    return refused("format", f"{what}{', ...' if len(document) > 4 else ''}.", only)

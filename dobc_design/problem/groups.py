@@ -16,7 +16,7 @@ from typing import Any
 
 from dobc_design._checks import noun, put, require_square
 from dobc_design._show.cards import Card, Shown, listed
-from dobc_design.errors import Mistakes, ShapeError, SpecError, about, mistake, wrong
+from dobc_design.errors import Mistakes, ShapeError, SpecError, about, refused, wrong
 from dobc_design.exact.matrix import Matrix, zeros
 from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import (
@@ -200,7 +200,7 @@ def read_groups(
         return (Group(agents=labels, exosystem=exosystem, observer=common),)
     if not groups and observer is not None:
         what = "has no meaning without an [exosystem]: there is no disturbance to estimate."
-        raise mistake("observer", f"[observer] {what}", "Remove it, or give the exosystem.")
+        raise refused("observer", f"[observer] {what}", "Remove it, or give the exosystem.")
     if not groups:
         return ()
     errors = Mistakes()
@@ -336,7 +336,7 @@ def _check_all_have_p(groups: Sequence[Group]) -> None:
     given = [group.name for group in groups if group.observer.P is not None]
     missing = [group.name for group in groups if group.observer.P is None]
     if given and missing:
-        raise mistake(
+        raise refused(
             "exosystem.groups",
             f"P is given for the group of agent {shown(given[0])} and missing for that of agent "
             f"{shown(missing[0])}; Psi holds the P of all groups at once, so that they are tested "

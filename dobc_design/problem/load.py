@@ -24,7 +24,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from dobc_design.coupling.coupling import Coupling, make_coupling
-from dobc_design.errors import Mistakes, SpecError, about, mistake, wrong
+from dobc_design.errors import Mistakes, SpecError, about, refused, wrong
 from dobc_design.exact.reading import (
     Document,
     NumberText,
@@ -88,13 +88,13 @@ def read_bytes(path: Path, *, limit: int = MAX_BYTES, what: str = PROBLEM) -> by
     except FileNotFoundError:
         known = " and no built-in problem of that name" if what == PROBLEM else ""
         cure = "`dobc problems` lists the built-in ones." if known else "Check the path."
-        raise mistake(path.name, f"there is no file {name}{known}.", cure) from None
+        raise refused(path.name, f"there is no file {name}{known}.", cure) from None
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         reason = getattr(error, "strerror", None) or error
-        raise mistake(path.name, f"{name} cannot be read: {reason}.", "Check the path.") from None
+        raise refused(path.name, f"{name} cannot be read: {reason}.", "Check the path.") from None
     if kind:
         cure = "Name the file in it." if kind == "folder" else "Write it to a file first."
-        raise mistake(path.name, f"{shown(str(path))} is a {kind}, not a {what}.", cure)
+        raise refused(path.name, f"{shown(str(path))} is a {kind}, not a {what}.", cure)
     if max(state.st_size, len(data)) > limit:
         raise _too_large(limit, what)
     return data
@@ -112,7 +112,7 @@ def parse_toml(data: bytes) -> Document:
             cure="Save it as UTF-8.",
         ) from None
     if not text.strip():
-        raise mistake(
+        raise refused(
             "network",
             "the problem file is empty.",
             "Copy a built-in one to start from: `dobc problems`.",
@@ -188,7 +188,7 @@ def read_problem_file(path: Path) -> Problem:
         kind, arrow = "a file of arcs", " --arrow listens_to (or sends_to)"
         if suffix == ".m":
             kind, arrow = "a MATPOWER case", ""
-        raise mistake(
+        raise refused(
             path.name,
             f"{shown(path.name)} is {kind}, not a problem file.",
             f"`dobc new NAME --from FILE{arrow}` makes a problem of it; in Python "
@@ -362,7 +362,7 @@ def _mode(value: Any, *, index: Index, arrow: str, key: str, folder: Path | None
     known = isinstance(value, dict) and set(value) <= {"file", "merge", "drop_loops"}
     if not known or not is_text(value.get("file")):
         wanted = 'a list of arcs, { file = "arcs.csv" } or a table with arcs and optional'
-        raise mistake(
+        raise refused(
             key,
             f"{key} must be {wanted}; got {shown(value)}.",
             'For example [[1, 2], [2, 3]]; beside file may stand merge = "sum" and drop_loops '
@@ -486,7 +486,7 @@ def load_problem(source: Source) -> Problem:
             )
         near = get_close_matches(source[:100], builtin_names(), n=1)
         if near and not os.path.exists(source):
-            raise mistake(
+            raise refused(
                 path.name,
                 f"there is no file {shown(source)} and no built-in problem of that name.",
                 f"did you mean {near[0]}?",

@@ -21,7 +21,7 @@ from scipy import sparse
 
 from dobc_design._checks import noun, put
 from dobc_design._show.cards import MOST_ITEMS, MOST_ROWS, Card, Shown, cut, listed
-from dobc_design.errors import Mistakes, SpecError, about, mistake, wrong
+from dobc_design.errors import Mistakes, SpecError, about, refused, wrong
 from dobc_design.exact.number import nearest, number_key, parse_number
 from dobc_design.exact.reading import (
     Document,
@@ -58,7 +58,7 @@ def label_text(value: object, *, place: str = "network.agents") -> str:
     """Turn a label as given into its text; 1 and "1" are one label."""
     # Numbers with a point stay text when a file is read: 1.0 is no label.
     if isinstance(value, (bool, NumberText)) or not isinstance(value, (str, int, np.integer)):
-        raise mistake(
+        raise refused(
             "network.agents",
             f"{place}: a label must be text or a whole number; got {shown(value)}.",
             "Write it in quotes.",
@@ -68,7 +68,7 @@ def label_text(value: object, *, place: str = "network.agents") -> str:
     except ValueError:  # a whole number with more digits than Python prints
         text = ""
     if not is_label(text):
-        raise mistake(
+        raise refused(
             "network.agents",
             f"{place}: a label must be {WANTED}; got {shown(value)}.",
             "Rename that agent.",
@@ -268,7 +268,7 @@ def check_arrow(arrow: object) -> None:
     """Refuse anything but "listens_to" and "sends_to"."""
     if arrow not in ARROWS:
         what = 'network.arrow must be "listens_to" or "sends_to": it says what [a, b] means;'
-        raise mistake(
+        raise refused(
             "network.arrow",
             f"{what} got {shown(arrow)}.",
             '"listens_to": a hears b. "sends_to": a is heard by b.',
@@ -374,7 +374,7 @@ def _read_pair(pair: Sequence[Any], index: Index, *, key: str) -> tuple[int, int
         try:
             text = label_text(end, place=f"{key}[{position}]")
         except SpecError as error:
-            raise mistake(f"{key}[{position}]", error.message, error.cure) from None
+            raise refused(f"{key}[{position}]", error.message, error.cure) from None
         if text not in index:
             what = f"arc {shown(list(pair))} leaves the graph;"
             what += f" there is no agent {shown(text)}{_range(index)}."
@@ -601,7 +601,7 @@ class Network(Shown):
             try:
                 nodes = labels_of(list(each.nodes))
             except SpecError as error:  # grids of networkx have tuples
-                raise mistake(
+                raise refused(
                     error.key, error.message, "networkx.relabel_nodes(graph, str) gives text."
                 ) from None
             labels = labels or nodes

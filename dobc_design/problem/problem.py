@@ -18,7 +18,7 @@ from dobc_design._checks import noun, put
 from dobc_design._show.cards import MOST_ITEMS, Card, Shown, listed, plain
 from dobc_design._show.text import significant
 from dobc_design.coupling.coupling import Coupling, make_coupling
-from dobc_design.errors import Mistakes, ShapeError, SpecError, about, mistake, wrong
+from dobc_design.errors import Mistakes, ShapeError, SpecError, about, refused, wrong
 from dobc_design.exact import reading
 from dobc_design.exact.matrix import Vector
 from dobc_design.exact.reading import (
@@ -259,7 +259,7 @@ class Problem(Shown):
         known = signature(Problem).parameters
         for name in changes:
             if name not in known:
-                raise mistake(
+                raise refused(
                     name,
                     f"a problem has no argument {name!r}.",
                     f"Its arguments are {', '.join(known)}.",

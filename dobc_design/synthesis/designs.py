@@ -71,7 +71,7 @@ def _beside_given_gains(problem: Problem, found: Design, report: Callable[[str],
     """The design with the certificate of the problem's own gains, where these are proved, too, and
     both have a time to one percent."""
     own = found.certificate
-    if found.verdict is not Verdict.PROVED or own is None or not problem.pinning.agents:
+    if not found.is_proved or own is None or not problem.pinning.agents:
         return found
     # Its own gains tell a user what the design buys.
     report("certifying the gains of the problem")

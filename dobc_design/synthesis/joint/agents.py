@@ -71,7 +71,7 @@ def obstacle(problem: Problem, request: DesignRequest, structure: Structure) -> 
         return unreached
     if found is not None:
         # Agents that settle by themselves, or by what f has beside its slopes, need no pin.
-        settled = routh(characteristic_polynomial(A)).verdict is Verdict.PROVED
+        settled = routh(characteristic_polynomial(A)).is_proved
         if settled or bend is not None:
             return replace(found, verdict=Verdict.UNDECIDED)
         return found
@@ -89,7 +89,7 @@ def _unreached(A: Matrix, B: Matrix, rate: Fraction, *, bent: bool) -> Statement
     A holds the slopes of an f that has more beside them, which may make it fall."""
     hidden = decide_detectable(transpose(A), transpose(B))
     moved = shifted(hidden.unobservable_polynomial, -rate)
-    if routh(moved).verdict is Verdict.PROVED:
+    if routh(moved).is_proved:
         return None
     roots = np.roots([float(x) for x in hidden.unobservable_polynomial])
     s = max(roots, key=lambda s: (s.real, s.imag))

@@ -234,7 +234,7 @@ class Design(Answer):
             return "" if self.obstacle is None else self.obstacle.text
         wanted = self.request.rate
         # What the certificate says is true, and not what was asked.
-        too_slow = self.verdict is not Verdict.PROVED and proof.verdict is Verdict.PROVED
+        too_slow = not self.is_proved and proof.verdict is Verdict.PROVED
         if too_slow and wanted is not None:
             asked = f"{typed_number(wanted)} was asked for"
             return f"the rate proved is {self.rate or 0:.4g} 1/s, {asked}."

@@ -177,12 +177,12 @@ def search_design(problem: Problem, request: DesignRequest, progress: Progress) 
     possible."""
     slower = list[Design]()
     found = attempt(problem, request, progress, slower=slower)
-    if found.verdict is Verdict.PROVED:
+    if found.is_proved:
         return found
     for weaker, part in _weaker(problem, request, found):
         progress("looking for the nearest possible request")
         nearest = attempt(problem, weaker, progress, part=part)
-        if nearest.verdict is Verdict.PROVED:
+        if nearest.is_proved:
             slower.append(nearest)
             break
     if not slower:
@@ -244,7 +244,7 @@ def _first_proved(ground: Ground, slower: list[Design] | None) -> Design:
     most = MOST_QUICK if ground.problem.region is None else MOST_TRIES
     for proposal in islice(of_region(ground), most):
         design = _certified(ground, proposal)
-        if design.verdict is Verdict.PROVED:
+        if design.is_proved:
             if ground.part <= HALF:
                 return design
             if best is not None and (design.rate or 0.0) <= DECISIVE * (best.rate or 0.0):
@@ -605,7 +605,7 @@ def of_consensus(ground: Ground) -> Iterator[Proposal]:
         for observer, rate in product(ground.every_observer(), few):
             ground.progress("looking for gains near the consensus")
             found = ground.pinning(rate, agents, request.pins or FEWEST)
-            if found.verdict is Verdict.PROVED:
+            if found.is_proved:
                 best = _with_more_pins(ground, found, rate, agents)
                 gains = {index[label]: k for label, k in best.gains.items()}
                 yield Proposal(observer=observer, gains=gains, aim=float(rate), near=best)
@@ -623,7 +623,7 @@ def _with_more_pins(
         return found
     index = ground.problem.network.index
     more = ground.pinning(rate, [index[label] for label in plain.gains])
-    cheaper = more.verdict is Verdict.PROVED and (more.cost or 0) < (found.cost or 0)
+    cheaper = more.is_proved and (more.cost or 0) < (found.cost or 0)
     return more if cheaper else found
 
 
@@ -638,7 +638,7 @@ def _slow_start(ground: Ground) -> tuple[tuple[int, ...], list[Fraction]]:
         scale = claimed(float(f"{blocks.scale:.1g}"))
     slow = scale * START
     start = ground.pinning(slow, request.allowed, request.pins or FEWEST, conservative=True)
-    if start.verdict is not Verdict.PROVED:
+    if not start.is_proved:
         return request.allowed, [slow]
     pinned = tuple(sorted(problem.network.index[label] for label in start.gains))
     fastest = _fastest_near(ground, pinned, scale)
@@ -654,7 +654,7 @@ def _fastest_near(ground: Ground, pinned: Sequence[int], high: Fraction) -> Frac
 
     def does(rate: Fraction) -> bool:
         found = ground.pinning(_three_digits(rate), pinned, conservative=True)
-        return found.verdict is Verdict.PROVED
+        return found.is_proved
 
     fastest, _ = bisected(
         does,

@@ -18,7 +18,6 @@ from dobc_design.synthesis.joint.pins import PinSets
 from dobc_design.synthesis.joint.search import attempt, observer_at, region_search
 from dobc_design.synthesis.observer.claim import ObserverDesign
 from dobc_design.synthesis.pinning.decide import structure_of
-from dobc_design.verdict import Verdict
 
 SLOWEST, QUICKEST = 0.25, 4.0  # rates of a curve, of the design's own or of its observer's
 FASTEST = 1.9  # of a design that aims at half of the fastest rate
@@ -104,7 +103,7 @@ class Curve:
         for rate in _spread(own.rate or 0.0, FASTEST, self.count):
             asked = replace(self.request, rate=rate, allowed=pinned)
             each = attempt(self.problem, asked, self.progress)
-            if each.verdict is Verdict.PROVED and each.cost is not None:
+            if each.is_proved and each.cost is not None:
                 cost = float(each.cost)
                 point = TradePoint(x=float(rate), y=cost, pinned=tuple(each.gains), proved=True)
                 found.append(point)

@@ -23,7 +23,7 @@ from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import is_list, shown, shown_number
 from dobc_design.problem.canonical import matrix_text
 from dobc_design.problem.changes import typed_number
-from dobc_design.verdict import Verdict
+from dobc_design.verdict import Decided, Verdict
 
 CHANNELS = ("measurement", "disturbance", "exosystem")
 NORMS = {"hinf": "H-infinity", "h2": "H2"}
@@ -292,7 +292,7 @@ class Envelope:
 
 
 @noun
-class Answer(Shown):
+class Answer(Shown, Decided):
     """What every design on request has: the verdict, and what was decided on the way.
 
     ``obstacle``: what stands in the way of the request, where that has a statement.
@@ -358,7 +358,7 @@ class ObserverDesign(Answer):
     relaxed: bool = False
 
     def _why(self) -> str:
-        proved = self.verdict is Verdict.PROVED
+        proved = self.is_proved
         if self.relaxed:
             return "every group meets this request."
         if self.groups and not proved:

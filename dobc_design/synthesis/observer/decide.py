@@ -115,7 +115,7 @@ def hurwitz_statement(F: Matrix) -> Statement:
     """State whether F = A - W C is Hurwitz, by Routh's first column."""
     table = roots.decide_hurwitz(F)
     column = ", ".join(number_text(x) for x in table.first_column)
-    if table.verdict is Verdict.PROVED:
+    if table.is_proved:
         return proved("hurwitz", "A - WC is Hurwitz.", routh=column)
     text = "A - WC is not Hurwitz: the estimate does not follow the disturbance."
     return refuted("hurwitz", text, routh=column)
@@ -241,7 +241,7 @@ def channel(exosystem: Exosystem, W: Matrix, name: str) -> StateSpace:
 def h2_squared(system: StateSpace) -> Fraction | None:
     """The square of the H2 norm, exactly; None if it is infinite (F not Hurwitz or D not 0)."""
     passes_at_once = any(x for row in system.D for x in row)
-    if passes_at_once or roots.decide_hurwitz(system.F).verdict is not Verdict.PROVED:
+    if passes_at_once or not roots.decide_hurwitz(system.F).is_proved:
         return None
     X = solve_lyapunov(transpose(system.F), multiply(system.B, transpose(system.B)))
     if X is None:  # cannot be for a Hurwitz F
@@ -252,12 +252,12 @@ def h2_squared(system: StateSpace) -> Fraction | None:
 
 def hinf_below(system: StateSpace, gamma: Fraction) -> bool:
     """Whether F is Hurwitz and the H-infinity norm is < gamma: exact both ways."""
-    if gamma <= 0 or roots.decide_hurwitz(system.F).verdict is not Verdict.PROVED:
+    if gamma <= 0 or not roots.decide_hurwitz(system.F).is_proved:
         return False
     F, B, C, D = system.F, system.B, system.C, system.D
     # The norm is not below the gain at infinite frequency, the norm of D.
     room = subtract(scale(gamma * gamma, identity(len(B[0]))), multiply(transpose(D), D))
-    if decide_positive_definite(room).verdict is not Verdict.PROVED:
+    if not decide_positive_definite(room).is_proved:
         return False
     R = inverse(room)
     closed = add(F, multiply(multiply(B, R), multiply(transpose(D), C)))
@@ -317,7 +317,7 @@ def envelope_statement(
     above = subtract(P, scale(envelope.lower, unit))
     below = subtract(scale(envelope.upper, unit), P)
     for part in (above, below, decay):
-        if decide_positive_semidefinite(part).verdict is not Verdict.PROVED:
+        if not decide_positive_semidefinite(part).is_proved:
             return None
     stretch = root_above(envelope.upper / envelope.lower)
     return proved(
@@ -374,7 +374,7 @@ def why_impossible(exosystem: Exosystem, request: claim.ObserverRequest) -> Stat
     region or noise."""
     found = decide_detectable(exosystem.A, exosystem.C)
     hidden = found.unobservable_text
-    if found.verdict is not Verdict.PROVED:
+    if not found.is_proved:
         never = f"the part {hidden} never reaches d = C xi and does not decay."
         text = f"no W exists: (A, C) is not detectable; {never} {LEAVE_OUT}"
         return refuted("detectable", text, polynomial=hidden)
@@ -414,7 +414,7 @@ def reduced_exosystem(problem: Problem, *, reduce: bool) -> Reduction:
     if problem.exosystem is None:
         return Reduction()
     check = detectability_check(problem.exosystem, loop_of(problem))
-    if check.verdict is Verdict.PROVED:
+    if check.is_proved:
         return Reduction()
     # What C never sees does not act on the agents, so that it may be left out.
     if check.fix is not None and reduce:
@@ -431,7 +431,7 @@ def _inside_a_sentence(text: str) -> str:
 def _undetectable_groups(problem: Problem, *, reduce: bool) -> Iterator[Statement]:
     for group in problem.groups:
         check = detectability_check(group.exosystem)
-        if check.verdict is Verdict.PROVED:
+        if check.is_proved:
             continue
         why = _inside_a_sentence(check.reason)
         text = f"no W exists for the group of agent {group.name}: {why}"
@@ -451,7 +451,7 @@ def _undetectable_groups(problem: Problem, *, reduce: bool) -> Iterator[Statemen
 def largest_hidden_rate(polynomial: Coefficients) -> Fraction | None:
     """A rate (1/s) that the hidden eigenvalues reach, proved, close to the largest; None if there
     is none."""
-    if len(polynomial) < 2 or roots.routh(polynomial).verdict is not Verdict.PROVED:
+    if len(polynomial) < 2 or not roots.routh(polynomial).is_proved:
         return None
 
     def reached(rate: Fraction) -> bool:
@@ -472,7 +472,7 @@ def _too_quiet(exosystem: Exosystem, request: claim.ObserverRequest) -> Statemen
     measurement channel below |s|."""
     A = observable_reduction(exosystem.A, exosystem.C)[0]
     polynomial = characteristic_polynomial(A) if A else (Fraction(1),)
-    if len(polynomial) < 2 or roots.routh(polynomial).verdict is Verdict.PROVED:
+    if len(polynomial) < 2 or roots.routh(polynomial).is_proved:
         return None
     for limit in request.noise:
         because = _follows_exactly(polynomial, limit)

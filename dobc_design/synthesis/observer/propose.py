@@ -38,7 +38,6 @@ from dobc_design.solvers.conic import solve_directly
 from dobc_design.solvers.program import GIVEN_UP, Array, Program, round_matrix
 from dobc_design.synthesis.observer import claim
 from dobc_design.synthesis.observer.decide import channel
-from dobc_design.verdict import Verdict
 
 # how far inside the regions a gain is designed, so that rounding stays inside
 SLACKS = (1e-6, 1e-3, 0.01, 0.1)
@@ -119,7 +118,7 @@ def make_plant(exosystem: Exosystem, request: claim.ObserverRequest) -> Plant:
         A, C = _sampled(A, C, period)
         regions = (disk, *request.regions)
     T = np.eye(len(A))
-    if decide_observable(exosystem.A, exosystem.C).verdict is not Verdict.PROVED:
+    if not decide_observable(exosystem.A, exosystem.C).is_proved:
         # Orthonormal rows that span what C sees of the exosystem.
         rows = observable_reduction(exosystem.A, exosystem.C)[2]
         T = np.zeros((0, exosystem.order))

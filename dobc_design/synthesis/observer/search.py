@@ -37,7 +37,7 @@ def search_groups(problem: Problem, request: ObserverRequest) -> ObserverDesign:
         return found[0]
     designs = {group.name: each for group, each in zip(groups, found, strict=True)}
     whole = _side_by_side(designs, request)
-    if whole.verdict is Verdict.PROVED:
+    if whole.is_proved:
         return whole
     return replace(whole, nearest=_nearest_of_all(designs, request))
 
@@ -49,7 +49,7 @@ def _nearest_of_all(
     known = dict[str, ObserverDesign]()
     # A group that meets the request as it is keeps its design.
     for name, design in designs.items():
-        near = design if design.verdict is Verdict.PROVED else design.nearest
+        near = design if design.is_proved else design.nearest
         if near is None:
             return None
         known[name] = near
@@ -69,13 +69,13 @@ def search_observer(exosystem: Exosystem, request: ObserverRequest) -> ObserverD
     """Decide a request: PROVED with a W, REFUTED with the reason, or UNDECIDED; with the nearest
     possible request."""
     found = _attempt(exosystem, request)
-    if found.verdict is Verdict.PROVED:
+    if found.is_proved:
         return found
     weaker = _weaker(exosystem, found)
     if weaker is None:
         return found
     nearest = _attempt(exosystem, weaker)
-    if nearest.verdict is not Verdict.PROVED:
+    if not nearest.is_proved:
         return found
     if request.noise and not weaker.noise:
         # The bounds that were given up become what the gain without them reaches.
@@ -146,7 +146,7 @@ def _attempt(exosystem: Exosystem, request: ObserverRequest) -> ObserverDesign:
     # A solver's word counts for nothing: what it proposes is decided exactly, as it is rounded.
     for W, source in propose_gains(exosystem, request):
         statements = decide.gain_statements(exosystem, W, request)
-        if all(statement.verdict is Verdict.PROVED for statement in statements):
+        if all(statement.is_proved for statement in statements):
             design = ObserverDesign(
                 verdict=Verdict.PROVED,
                 request=request,

@@ -343,7 +343,7 @@ class PinningDesign(Answer):
             return " ".join([self.whole.reason, *self.whole.decisions])
         if self.obstacle is not None:
             return self.obstacle.text
-        if self.verdict is not Verdict.PROVED:
+        if not self.is_proved:
             return NONE_FOUND
         over = ""
         # What proves it, or what bounds the cost.

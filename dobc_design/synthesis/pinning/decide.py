@@ -58,7 +58,6 @@ from dobc_design.synthesis.pinning.claim import (
     PinningRequest,
     Structure,
 )
-from dobc_design.verdict import Verdict
 
 ZERO = Fraction(0)
 BITS = 40  # of the largest entry of a rounded multiplier
@@ -267,10 +266,10 @@ def _are_slow(enclosed: Enclosed, rate: Fraction, vectors: list[Any]) -> bool:
         matrix[j, i] = matrix[i, j]
     # Rounded directions may have become dependent.
     gram = _from_integers(columns.T @ columns)
-    if decide_positive_definite(gram).verdict is not Verdict.PROVED:
+    if not decide_positive_definite(gram).is_proved:
         return False
     form = _from_integers(columns.T @ (matrix @ columns))
-    return decide_positive_semidefinite(form).verdict is Verdict.PROVED
+    return decide_positive_semidefinite(form).is_proved
 
 
 def _from_integers(table: Any) -> SparseSymmetric:

@@ -124,11 +124,11 @@ def search_pinning(problem: Problem, request: PinningRequest, progress: Progress
     weights_help = why_not(statements) is None and not decide.is_undirected(statements)
     attempt = _weighted_attempt if weights_help and not request.conservative else _attempt
     found = attempt(task)
-    if found.verdict is Verdict.PROVED:
+    if found.is_proved:
         return found
     for weaker in _weaker(task, found.obstacle):
         nearest = attempt(task.asking(weaker))
-        if nearest.verdict is Verdict.PROVED:
+        if nearest.is_proved:
             return replace(found, nearest=nearest)
     return found
 
@@ -170,7 +170,7 @@ def _weighted_attempt(task: Task) -> PinningDesign:
         found = _with_weights(task, proposer, agents)
         if found is not None:
             designs.append(found)
-    if plain.verdict is Verdict.PROVED:
+    if plain.is_proved:
         designs.append(_unbounded(plain))
     if not designs:
         return task.fails(None)

@@ -41,7 +41,6 @@ from dobc_design.synthesis.pinning.claim import (
 )
 from dobc_design.synthesis.pinning.propose import slow_directions
 from dobc_design.synthesis.pinning.propose_regions import propose_for_box
-from dobc_design.verdict import Verdict
 
 # rates faster than asked
 BOX_TILTS = (Fraction(1, 10**7), Fraction(1, 10**5), Fraction(1, 1000), Fraction(1, 50))
@@ -85,7 +84,7 @@ def search_region(problem: Problem, request: PinningRequest, region: Any) -> Pin
     for halvings in range(1, SLOWER + 1):
         rate = claimed(shorten(request.rate / 2**halvings, digits=3))
         nearest = _attempt(problem, replace(request, rate=rate), asked)
-        if nearest.verdict is Verdict.PROVED:
+        if nearest.is_proved:
             return replace(design, nearest=nearest)
     return design
 
@@ -132,14 +131,14 @@ def _attempt(problem: Problem, request: PinningRequest, region: Region) -> Pinni
         return task.fails(obstacle)
     found = _on(task, request.allowed)
     most = request.pins
-    if found.verdict is not Verdict.PROVED or most is None:
+    if not found.is_proved or most is None:
         return found
     if most == FEWEST:
         return _with_fewest(task, found)
     if len(found.gains) <= int(most):
         return found
     fewer = _on(task, _heaviest(task, found, int(most)))
-    if fewer.verdict is Verdict.PROVED:
+    if fewer.is_proved:
         return fewer
     none = f"no {most} of the allowed agents were found with which {REACHES}"
     rate = shown_number(request.rate)
@@ -166,7 +165,7 @@ def _with_fewest(task: Task, found: PinningDesign) -> PinningDesign:
     while low < len(found.gains):
         middle = (low + len(found.gains)) // 2
         fewer = _on(task, _heaviest(task, found, middle))
-        if fewer.verdict is Verdict.PROVED:
+        if fewer.is_proved:
             found = fewer
         else:
             low = middle + 1

@@ -11,7 +11,7 @@ from networks import (
     HIDDEN,
     NOISY_BOX,
     linear_rate,
-    problem_of,
+    linked,
     ring,
     star,
     two_leaders,
@@ -135,7 +135,7 @@ def test_a_group_that_is_alone_in_one_mode_only_is_refuted_for_arbitrary_switchi
         ({"A": [[3, 2]], "B": [[2, 1]]}, True),
         ({"A": [[3, 2], [2, 1]]}, False),
     ):
-        problem = problem_of(modes, 3)
+        problem = linked(modes, 3)
         found = structural_obstacle(
             problem, pins, structure_of(problem, range(3) if pins else (0,))
         )

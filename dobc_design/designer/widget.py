@@ -31,11 +31,11 @@ from dobc_design.errors import DobcError, refused
 from dobc_design.exact.number import number_text, parse_number
 from dobc_design.exact.reading import is_scalar_matrix
 from dobc_design.loop.make import loop_of
+from dobc_design.plotting.networks import positions
 from dobc_design.problem.changes import problem_text
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
-from dobc_design.report.figures import positions
 from dobc_design.report.plant import plant_numbers
 from dobc_design.simulation.runs import simulate
 

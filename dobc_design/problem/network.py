@@ -499,9 +499,7 @@ class Network(Shown):
         """
         import networkx
 
-        name = next(iter(self.modes)) if mode is None else mode
-        if name not in self.modes:
-            raise wrong("mode", f"must be one of {', '.join(self.modes)}; got {shown(mode)}.")
+        name = next(iter(self.modes)) if mode is None else self.require_mode(mode)
         graph = networkx.DiGraph(name=name)
         graph.add_nodes_from(self.labels)
         for i, j, weight in self.modes[name]:
@@ -509,6 +507,12 @@ class Network(Shown):
             exact = Fraction(repr(decimal)) == weight
             graph.add_edge(self.labels[i], self.labels[j], weight=decimal if exact else weight)
         return graph
+
+    def require_mode(self, mode: str) -> str:
+        """The name of a mode.  Raises: SpecError where there is none of that name."""
+        if mode not in self.modes:
+            raise wrong("mode", f"must be one of {', '.join(self.modes)}; got {shown(mode)}.")
+        return mode
 
     def arc_codes(self) -> set[int]:
         """listener * n + speaker of every arc of every mode."""

@@ -319,6 +319,27 @@ class Problem(Shown):
                 found[name] = getattr(self, name)
         return found
 
+    def plot(self, mode: str | None = None, ax: Any = None) -> Any:
+        """The network as a picture: every mode, at most six, or ``mode`` alone.  An arrow points to
+        the agent that listens; pinned agents are blue squares; an agent that no path of arcs joins
+        to a pinned one is dashed.  Positions say nothing.
+
+        Returns: a Sheet, which shows itself in Jupyter and saves itself, ``save("network.svg")``;
+        with Matplotlib's ``ax`` these axes, with ``mode``, by default the first.
+        Raises: SpecError for a mode that does not exist, or too many agents or arcs to be drawn.
+        Example:
+            >>> sheet = dd.load_problem("paper-switching").plot()
+            >>> len(sheet.figure.axes)  # one for each mode
+            4
+        """
+        from dobc_design.plotting.networks import network_sheet
+
+        network = self.network
+        names = network.modes if mode is None else (network.require_mode(mode),)
+        modes = {name: [(i, j) for i, j, _ in network.modes[name]] for name in names}
+        pinned = self.pinning.agents
+        return network_sheet(self.name, modes, labels=network.labels, pinned=pinned, ax=ax)
+
     def _card(self) -> Card:
         facts = [*self.coupling._card().facts, *self._facts()]
         return Card(title=self.name, text=self._size(), facts=facts)

@@ -26,8 +26,9 @@ from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.regions import RegionClaim, Regions
 from dobc_design.conditions.schedule.settling import Settling
 from dobc_design.falsification.suspect import Falsification
-from dobc_design.plotting import look, runs
+from dobc_design.plotting import look, networks, runs
 from dobc_design.plotting.look import Sheet
+from dobc_design.plotting.networks import MOST_AGENTS, MOST_ARCS, MOST_MODES
 from dobc_design.plotting.regions import (
     drawn_agents,
     height_of,
@@ -55,8 +56,6 @@ if TYPE_CHECKING:
 
 Values = NDArray[Any]
 
-MOST_MODES = 6
-MOST_AGENTS, MOST_ARCS = 300, 1500  # of a network that is drawn; beyond, it would be a grey ball
 _NAMES = ("ink", "muted", "grid", "paper", "blue", "vermillion", "green", "purple")
 _COLOURS = {name: getattr(look, name.upper()) for name in _NAMES}
 VARIABLES = {colour: f"var(--figure-{name}, {colour})" for name, colour in _COLOURS.items()}
@@ -83,7 +82,7 @@ def network_pictures(certificate: Certificate) -> tuple[list[Picture], str]:
     if problem.n > MOST_AGENTS or total > MOST_ARCS:
         return [], f"A network of {problem.n} agents and {total} arcs is too large to be drawn."
     # The modes stand on the same places, so that they can be compared.
-    places = figures.positions({pair for each in pairs.values() for pair in each}, problem.n)
+    places = networks.positions({pair for each in pairs.values() for pair in each}, problem.n)
     drawn = []
     lost_in = {name: unreached_agents(certificate, name) for name in pairs}
     for place, (name, arcs) in enumerate(pairs.items(), 1):
@@ -93,7 +92,7 @@ def network_pictures(certificate: Certificate) -> tuple[list[Picture], str]:
         if lost:
             alt += f"; not reached: {agents_in_words(problem, sorted(lost))}"
         draw = partial(
-            figures.draw_network,
+            networks.draw_network,
             labels=labels,
             arcs=arcs,
             places=places,
@@ -106,7 +105,7 @@ def network_pictures(certificate: Certificate) -> tuple[list[Picture], str]:
             alt=f"{alt}.",
             draw=draw,
             width=3.4,
-            height=3.4 * figures.proportions(places),
+            height=3.4 * networks.proportions(places),
         )
         drawn.append(picture)
     return drawn, _network_legend(problem, lost=any(lost_in.values()))
@@ -114,10 +113,10 @@ def network_pictures(certificate: Certificate) -> tuple[list[Picture], str]:
 
 def _network_legend(problem: Problem, *, lost: bool) -> str:
     labels, modes = problem.network.labels, len(problem.network.modes)
-    text = f"{figures.LEGEND} Blue squares are pinned agents, circles are agents without a pin"
+    text = f"{networks.LEGEND} Blue squares are pinned agents, circles are agents without a pin"
     text += "; a dashed orange circle is an agent that no pin reaches." if lost else "."
-    alike = figures.drawn_labels(labels)[1]
-    if len(labels) > figures.MOST_LABELLED:
+    alike = networks.drawn_labels(labels)[1]
+    if len(labels) > networks.MOST_LABELLED:
         text += " Labels are left out."
     elif alike:
         text += f" “{alike}” is left out of the labels."

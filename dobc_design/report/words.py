@@ -494,6 +494,9 @@ def _mode_sentence(arcs: Arcs, problem: Problem) -> str:
     n = problem.n
     if not weights:
         return "nobody listens to anybody."
+    # Matplotlib comes with pictures, and words are asked for without them.
+    from dobc_design.plotting.networks import common_offsets
+
     count = counted(len(weights), "arc")
     if set(weights.values()) != {1}:
         count += ", with weights"
@@ -507,14 +510,6 @@ def _mode_sentence(arcs: Arcs, problem: Problem) -> str:
     count += "; whoever listens is also listened to"
     alike = all(weights[i, j] == weights[j, i] for i, j in weights)
     return f"{count} (undirected)." if alike and not problem.exceptions else f"{count}."
-
-
-def common_offsets(pairs: Iterable[tuple[int, int]], n: int) -> tuple[int, ...] | None:
-    """The steps s with "every agent i listens to i + s (mod n)" when they are all there is, else
-    None."""
-    known = list(pairs)
-    steps = {(speaker - listener) % n for listener, speaker in known}
-    return tuple(sorted(steps)) if known and len(known) == n * len(steps) else None
 
 
 def problem_words(problem: Problem) -> str:

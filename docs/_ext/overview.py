@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import dobc_design as dd
 from dobc_design._show.text import lower
-from dobc_design.plotting import look
-from dobc_design.report import figures
+from dobc_design.plotting import look, networks
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -44,12 +43,12 @@ def overview() -> look.Sheet:
 
     def draw(figure: Figure) -> None:
         left, right = figure.subplots(1, 2, width_ratios=[1, 2])
-        places = figures.positions(pairs, problem.n)
+        places = networks.positions(pairs, problem.n)
         settings: dict[str, Any] = {
             "labels": problem.network.labels,
             "pinned": problem.pinning.agents,
         }
-        figures.draw_network(left, arcs=pairs, places=places, **settings)
+        networks.draw_network(left, arcs=pairs, places=places, **settings)
         left.set_title("squares know the target")
         rows = look.thinned_rows(len(runs.times), MOST_POINTS)
         for error in runs.error:

@@ -1,0 +1,143 @@
+"""Pictures of networks: what is drawn where, and what ``problem.plot`` shows."""
+
+import networkx as nx
+import numpy as np
+import pytest
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
+
+import dobc_design as dd
+from dobc_design.errors import SpecError
+from dobc_design.plotting import look
+from dobc_design.plotting.networks import draw_network, drawn_labels, positions
+
+
+def new_axes():
+    return Figure().add_subplot()
+
+
+def ring(n: int) -> list[tuple[int, int]]:
+    return [(i, (i + 1) % n) for i in range(n)]
+
+
+def test_a_ring_stands_on_a_circle_in_any_order():
+    order = np.random.default_rng(0).permutation(9)
+    pairs = [(int(order[i]), int(order[j])) for i, j in ring(9)]
+    places = positions(pairs, 9)
+    assert np.allclose(np.hypot(*places.T), 1)
+    steps = [np.hypot(*(places[i] - places[j])) for i, j in pairs]
+    assert np.allclose(steps, steps[0])
+
+
+@pytest.mark.parametrize(
+    ("pairs", "n"), [([], 1), ([], 5), ([(0, 1)], 2), ([(0, 1), (2, 3), (3, 4)], 6), (ring(3), 3)]
+)
+def test_positions_are_finite_and_apart(pairs: list[tuple[int, int]], n: int):
+    places = positions(pairs, n)
+    assert places.shape == (n, 2)
+    assert np.isfinite(places).all()
+    assert np.abs(places).max(initial=0) <= 1 + 1e-9
+    assert len(np.unique(places.round(6), axis=0)) == n
+
+
+def test_the_arrow_points_at_the_listener_and_pinned_and_unreached_agents_look_different():
+    settings = {
+        "labels": ["a", "b", "c"],
+        "places": positions(ring(3), 3),
+        "pinned": [0],
+        "unreached": {2},
+    }
+    ax = draw_network(new_axes(), arcs=[(0, 1)], **settings)
+    assert len({patch.get_facecolor()[:3] for patch in ax.patches}) >= 2
+    assert any(patch.get_linestyle() not in ("solid", "-") for patch in ax.patches)
+    # Agent 0 listens to agent 1, so information runs from 1 to 0: the head is near 0.
+    places = np.array([[-1.0, 0.0], [1.0, 0.0]])
+    ax = draw_network(new_axes(), labels=["a", "b"], arcs=[(0, 1)], places=places)
+    heads = next(patch for patch in ax.patches if patch.get_edgecolor()[3] == 0)
+    assert heads.get_path().vertices[:, 0].max() < -0.5
+
+
+def test_labels_lose_what_they_share():
+    assert drawn_labels(["uav-1", "uav-2", "uav-12"]) == (["1", "2", "12"], "uav-")
+    # these fit into their nodes
+    assert drawn_labels(["T1", "T2", "T12"]) == (["T1", "T2", "T12"], "")
+    assert drawn_labels(["11", "12"]) == (["11", "12"], "")
+    assert drawn_labels(["gateway", "s1"]) == (["gateway", "s1"], "")
+    assert drawn_labels(["only"]) == (["only"], "")
+    assert drawn_labels(["s", "s1"]) == (["s", "s1"], "")
+
+
+def test_positions_are_reproducible_for_large_networks():
+    pairs = [
+        (i, j) for i, j in np.random.default_rng(1).integers(0, 200, (400, 2)).tolist() if i != j
+    ]
+    assert np.array_equal(positions(pairs, 200), positions(pairs, 200))
+
+
+@pytest.fixture
+def two_modes():
+    """c is pinned; d is heard by nobody and hears nobody in the first mode, in the second b."""
+    network = dd.Network.from_arcs(
+        {"day": [["a", "b"], ["b", "c"]], "$night_1$": [["c", "b"], ["d", "b"]]},
+        arrow="listens_to",
+        agents=["a", "b", "c", "d"],
+    )
+    return dd.Problem(network=network, coupling="y", gains={"c": 1}, name="mine $x$")
+
+
+def patches_in(ax, colour: str):
+    return [patch for patch in ax.patches if to_hex(patch.get_edgecolor()) == colour]
+
+
+def count_of_nodes(patches) -> int:
+    """Every node of a compound path begins with one MOVETO."""
+    return sum(int((patch.get_path().codes == 1).sum()) for patch in patches)
+
+
+def test_the_picture_of_a_problem_has_a_place_for_every_mode_and_explains_its_signs(two_modes):
+    figure = two_modes.plot().figure
+    assert [ax.get_title("left") for ax in figure.axes] == ["mode day", "mode $night_1$"]
+    assert figure.get_suptitle() == "mine $x$"
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == [
+        "pinned",
+        "not pinned",
+        "reached from no pinned agent",
+        "points to the agent that listens",
+    ]
+
+
+def test_pinned_agents_are_blue_and_agents_that_no_pin_reaches_are_dashed(two_modes):
+    """The oracle of who is reached is networkx on the exported graph, arrows turned round."""
+    for mode, ax in zip(two_modes.network.modes, two_modes.plot().figure.axes, strict=True):
+        hears = two_modes.network.to_networkx(mode).reverse()
+        reached = {"c", *nx.descendants(hears, "c")}
+        assert count_of_nodes(patches_in(ax, look.BLUE)) == 1
+        assert count_of_nodes(patches_in(ax, look.VERMILLION)) == 4 - len(reached)
+
+
+def test_without_pins_nobody_is_called_unreached(two_modes):
+    figure = two_modes.replace(gains={}).plot().figure
+    assert not any(patches_in(ax, look.VERMILLION) for ax in figure.axes)
+    words = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert words == ["agent", "points to the agent that listens"]
+
+
+def test_one_mode_is_drawn_alone_and_into_axes_that_are_given(two_modes):
+    (only,) = two_modes.plot("$night_1$").figure.axes
+    assert only.get_title("left") == "mode $night_1$"
+    ax = Figure().add_subplot()
+    assert two_modes.plot(ax=ax) is ax
+    assert ax.get_title("left") == "mode day"
+
+
+def test_a_picture_of_a_network_saves_itself(two_modes, tmp_path):
+    assert two_modes.plot().save(tmp_path / "network.svg").read_bytes().startswith(b"<?xml")
+
+
+def test_an_unknown_mode_and_a_network_too_large_to_be_drawn_are_refused(two_modes):
+    with pytest.raises(SpecError, match=r"mode must be one of day, \$night_1\$; got 'noon'"):
+        two_modes.plot("noon")
+    crowd = dd.Network.from_arcs([], arrow="listens_to", agents=301)
+    with pytest.raises(SpecError, match=r"301 agents and 0 arcs are too many to be drawn"):
+        dd.Problem(network=crowd, coupling="y").plot()

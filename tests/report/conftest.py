@@ -34,6 +34,7 @@ from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.reason import Reason
 from dobc_design.exact.matrix import matrix
 from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.loop.make import loop_of
 from dobc_design.report import pages
 from dobc_design.report.pictures import Picture, svg_of
 
@@ -152,6 +153,8 @@ def make_analysis(problem: Problem) -> Analysis:
     seen = ObservabilityResult(order=2, rank=2, singular_values=(2.0, 1.0), modes=margins)
     return Analysis(
         name=problem.name,
+        loop=loop_of(problem),
+        W=None,
         observability=seen,
         spectrum=SpectrumResult(eigenvalues=(-1.6 + 2.5j, -1.6 - 2.5j), rate=1.6),
         graphs=tuple(graphs),

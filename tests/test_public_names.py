@@ -158,6 +158,40 @@ def test_dir_shows_the_public_names():
     assert set(PUBLIC) <= set(dir(dobc_design))
 
 
+@pytest.fixture(scope="module")
+def shown_nouns():
+    problem = dobc_design.load_problem("clock-sync")
+    return problem, problem.network, dobc_design.certify(problem)
+
+
+def completed(noun: object) -> list[str]:
+    """The names that completion shows of a value."""
+    return [name for name in dir(noun) if not name.startswith("_")]
+
+
+def test_every_name_that_completion_shows_is_explained(shown_nouns):
+    """By its own docstring, or, of a field, in that of its class."""
+    for noun in shown_nouns:
+        known = inspect.getdoc(type(noun))
+        for name in completed(noun):
+            own = inspect.getattr_static(type(noun), name).__doc__
+            assert own or re.search(rf"``{name}``|\b{name}(, \w+)*: ", known), name
+
+
+def test_completion_and_reference_leave_out_what_is_for_the_package_itself(shown_nouns):
+    problem, network, _ = shown_nouns
+    assert {"gains", "plot", "replace", "network", "m"} <= set(completed(problem))
+    assert {"modes", "from_arcs", "adjacency", "to_networkx"} <= set(completed(network))
+    page = next(page for page in REFERENCE if page.name == "python-problems.md").read_text("utf-8")
+    for noun in (problem, network):
+        name = type(noun).__name__
+        left_out = re.search(rf":: {name}\n.*\n +:exclude-members: (.*)", page)[1].split(", ")
+        assert not set(left_out) & set(completed(noun))
+        # Everything else is shown, and what is left out is still there.
+        everything = {name for name in object.__dir__(noun) if not name.startswith("_")}
+        assert everything == {*left_out, *completed(noun)}
+
+
 def test_an_unknown_name_is_an_attribute_error():
     with pytest.raises(AttributeError, match="no_such_name"):
         dobc_design.no_such_name  # noqa: B018  the access itself is what is tested

@@ -47,7 +47,8 @@ class Certificate(Headed):
     """A problem and the claims about it; shows itself as text, and as a table in Jupyter.
 
     ``verdict``, ``reason``, ``rate`` (1/s), ``factor``, ``covered_by`` and ``checks`` are the same
-    facts as in ``certify --json``; ``claims`` holds everything that certificate.json holds.
+    facts as in ``certify --json``; ``problem`` is what they are about, ``claims``
+    holds everything that certificate.json holds.
     """
 
     problem: Problem

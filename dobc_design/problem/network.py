@@ -36,6 +36,8 @@ from dobc_design.exact.reading import (
 )
 from dobc_design.problem.signs import opposition_advice
 
+#: What is for the package itself; completion and the reference leave it out.
+INTERNAL = frozenset({"arc_codes", "loose", "require_mode"})
 MOST_AGENTS = 10_000_000
 LONGEST_LABEL = 200
 WANTED = f"text of 1 to {LONGEST_LABEL} printable characters"
@@ -398,6 +400,7 @@ class Network(Shown):
     """Agents by label, and the arcs of every mode.  One mode without optional arcs: fixed topology;
     else switching.
 
+    ``labels``: one text for each agent; ``modes``: the name of a mode -> its ``Arcs``.
     Two networks are equal when labels, modes and arcs are, in the same order.
     """
 
@@ -422,6 +425,9 @@ class Network(Shown):
                     "Name it, for example Ga.",
                 )
             check_arcs(self.modes, self.labels, mode=name)
+
+    def __dir__(self) -> list[str]:
+        return [name for name in object.__dir__(self) if name not in INTERNAL]
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Network):

@@ -67,6 +67,21 @@ from dobc_design.problem.tables import (
 )
 from dobc_design.problem.uncertainty import Actuators, Uncertainty, read_actuators, read_uncertainty
 
+#: What is for the package itself; completion and the reference leave it out.
+INTERNAL = frozenset(
+    (
+        "coupling_place",
+        "exception_places",
+        "input_at",
+        "joint_exosystem",
+        "joint_observer",
+        "leads",
+        "require_fixed_arcs",
+        "require_integrators",
+        "require_no_leader",
+        "require_one_exosystem",
+    )
+)
 LARGEST_DIMENSION = 100  # every gain is an m x m matrix
 
 
@@ -94,10 +109,11 @@ class Problem(Shown):
             dynamics; it knows no ``target`` then.
         uncertainty, actuators: an Uncertainty and Actuators, or mappings: what the plant may add,
             what it can give.
+        name: of the problem; results are saved under it.
         notes: sentences on what is assumed or stands in; they are shown wherever a result is shown.
     Further attributes:
+        pinning: who is pinned, with which gains.
         couplings: the default one and those of the exceptions, each once.
-        exception_places: the place among them of the coupling of every arc with its own.
     Raises: SpecError (or ShapeError, ExpressionError) that names every wrong key.
     Example:
         >>> network = dd.Network.from_arcs([["tail", "head"]], arrow="listens_to")
@@ -123,6 +139,7 @@ class Problem(Shown):
     leader: Leader | None
     notes: Texts
     couplings: tuple[Coupling, ...] = field(init=False, compare=False)
+    # the place among them of the coupling of every arc with its own
     exception_places: Mapping[Arc, int] = field(init=False, compare=False)
 
     def __init__(
@@ -239,6 +256,9 @@ class Problem(Shown):
         for agent in self.offsets:
             key = f"formation.offsets.{self.network.labels[agent]}"
             check_goal(own, self.goal_of(agent), key=key)
+
+    def __dir__(self) -> list[str]:
+        return [name for name in object.__dir__(self) if name not in INTERNAL]
 
     def __hash__(self) -> int:
         return hash((self.name, self.network, self.coupling, self.target, self.pinning))

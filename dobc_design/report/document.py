@@ -28,6 +28,8 @@ PAGES: Final[tuple[Form, ...]] = ("html", "pdf")  # with pictures, and room for 
 IN_TEXT: Final[tuple[Form, ...]] = ("markdown", "latex")
 # whole documents; LaTeX fragments are parts of a paper
 READ: Final[tuple[Form, ...]] = ("html", "markdown", "pdf")
+#: The details that every printed report has: what is signed is on paper.
+PRINTED: Final = ("region", "cure", "checks", "condition", "recheck", "signatures")
 
 
 class Own(str):

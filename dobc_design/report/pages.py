@@ -22,7 +22,10 @@ def html_page(document: doc.Document, *, full: bool = False) -> str:
     """The page; ``full``: with its details open, to be printed.  The same document gives the same
     text."""
     shown = doc.in_form(document, "html")
-    return _html_template().render(document=shown, full=full, leads=doc.leads) + "\n"
+    return (
+        _html_template().render(document=shown, full=full, leads=doc.leads, printed=doc.PRINTED)
+        + "\n"
+    )
 
 
 def markdown_page(document: doc.Document) -> str:

@@ -25,6 +25,7 @@ from matplotlib.ft2font import FT2Font
 from dobc_design._show.text import capitalize_first, significant, typeset
 from dobc_design.errors import refused
 from dobc_design.report.document import (
+    PRINTED,
     Block,
     Box,
     Cell,
@@ -61,7 +62,6 @@ MATRIX_NAMES = {
     r"\Lambda": "Lambda",
     "A_x": "A x",
 }
-PRINTED = ("recheck", "signatures")  # the details that belong to every printed report
 # digits of numerator and denominator that are still printed as a fraction
 LONGEST_NUMBER = 12
 LONGEST_WORD = 16  # in a cell; longer ones may be broken anywhere

@@ -3,8 +3,6 @@ the same bytes."""
 
 import json
 import re
-import shutil
-import subprocess
 import sys
 from fractions import Fraction
 from importlib.util import find_spec
@@ -12,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from reports import HOSTILE, pdf_content
+from reports import HOSTILE, POPPLER, pdf_content, texts
 
 from dobc_design import Certificate, Exosystem, Group, Network, Observer, Problem, certify
 from dobc_design.errors import SpecError
@@ -26,18 +24,9 @@ from dobc_design.report.pdf import compile_pdf, number_parts, pdf_page, picture_
 needs_typst = pytest.mark.skipif(
     find_spec("typst") is None, reason="needs the extra `pdf`: pip install 'dobc_design[pdf]'"
 )
-POPPLER = shutil.which("pdftotext")
 needs_poppler = pytest.mark.skipif(POPPLER is None, reason="needs pdftotext (poppler-utils)")
 SAID = ("Traceability", "Signatures", "Approved by", "0.2618 1/s", "0.5822", "9.9.9", "dobc verify")
 MARGIN = 14 * 72 / 25.4  # pt; the page has 18 mm
-
-
-def texts(data: bytes, folder: Path, *options: str) -> str:
-    """What pdftotext reads."""
-    path = folder / "report.pdf"
-    path.write_bytes(data)
-    command = [str(POPPLER), *options, str(path), "-"]
-    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=True).stdout
 
 
 def squeezed(text: str) -> str:

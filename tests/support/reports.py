@@ -1,6 +1,9 @@
 """Reports and comparisons in their forms, from what a test has at hand, and a page taken apart."""
 
+import shutil
+import subprocess
 from html.parser import HTMLParser
+from pathlib import Path
 from typing import Any
 
 from dobc_design.certificate.certificate import Certificate
@@ -24,7 +27,16 @@ HOSTILE = (
     "a\nb\n\nc",
     "x" * 200,
 )
+POPPLER = shutil.which("pdftotext")
 VOID = {"meta", "br", "link", "img", "hr", "input", "col", "wbr", "mspace"}
+
+
+def texts(data: bytes, folder: Path, *options: str) -> str:
+    """What pdftotext reads of a PDF."""
+    path = folder / "report.pdf"
+    path.write_bytes(data)
+    command = [str(POPPLER), *options, str(path), "-"]
+    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=True).stdout
 
 
 def html_report(certificate: Certificate, **shown: Any) -> str:

@@ -27,6 +27,7 @@ from dobc_design.conditions.numbers import MATRIX_BITS, doubles_from_json, is_sh
 from dobc_design.conditions.reason import Reason
 from dobc_design.errors import CertificateError, DobcError, reason_of
 from dobc_design.exact.matrix import is_symmetric, multiply
+from dobc_design.exact.reading import shown
 from dobc_design.exact.work import last_call
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.make import loop_of
@@ -137,6 +138,8 @@ def verify_twice(certificate: Claims | bytes, problem: Problem) -> Recheck:
                 f"the certificate cannot be read: {error}."
             ) from error
         refusals = [f"it cannot read the files: {error}"]
+        if foreign:
+            refusals = ["the files do not belong together"]
     said = f"it refuses: {refusals[0]}" if refusals else "it accepts every claim"
     if own.holds is not bool(refusals):
         return replace(own, lone_checker=said)
@@ -273,8 +276,13 @@ def _foreign_parts(claims: Claims, problem: Problem) -> list[str]:
     """What is not about this problem, or stands there twice."""
     failures = []
     if claims.problem_sha256 != problem_sha256(problem):
-        failures.append("problem: the certificate is about another problem (its hash differs)")
-    elif claims.problem_name != problem.name:
+        made = shown(claims.problem_name)
+        names = f"another problem, {made}, and not about {shown(problem.name)}"
+        if claims.problem_name == problem.name:
+            names = f"another problem, an earlier or later version of {made}"
+        # All that follows would differ for this one reason.
+        return [f"problem: the certificate is about {names} (its hash differs); name that one"]
+    if claims.problem_name != problem.name:
         failures.append("problem: its name is not what it says")
     if claims.notes[: len(problem.notes)] != problem.notes:
         failures.append("notes: those of the problem are missing or changed")

@@ -77,7 +77,11 @@ def certify(
     ] = False,
     theorem: Annotated[
         str | None,
-        Option(help="Show and judge only this condition, e.g. lemma1.", autocompletion=ids),
+        Option(
+            metavar="ID",
+            help="Show and judge only this condition, e.g. lemma1.",
+            autocompletion=ids,
+        ),
     ] = None,
     settling: Tolerance = None,
     settling_radius: Annotated[
@@ -91,7 +95,8 @@ def certify(
     rate: Annotated[
         str | None,
         Option(
-            help="Look for proofs with at least this rate, 1/s; default: the least time to 1 %."
+            metavar="NUMBER",
+            help="Look for proofs with at least this rate, 1/s; default: the least time to 1 %.",
         ),
     ] = None,
     time_limit: TimeLimit = None,

@@ -23,23 +23,30 @@ def design(
     file: output.File,
     out: Annotated[Path, Option(help="Write the designed problem here, a new .toml file.")],
     rate: Annotated[
-        str | None, Option(help="The certified decay rate to be reached, in 1/s.")
+        str | None,
+        Option(metavar="NUMBER", help="The certified decay rate to be reached, in 1/s."),
     ] = None,
     pins: Annotated[
-        str | None, Option(help="Largest number of pinned agents; default: the fewest.")
+        str | None,
+        Option(metavar="NUMBER", help="Largest number of pinned agents; default: the fewest."),
     ] = None,
     max_gain: Annotated[
-        str | None, Option("--max-gain", help="The largest pinning gain, in 1/s.")
+        str | None,
+        Option("--max-gain", metavar="NUMBER", help="The largest pinning gain, in 1/s."),
     ] = None,
     noise: Annotated[
         str | None,
         Option(
-            help="Bound on the gain from measurement noise to the estimated disturbance, in 1/s."
+            metavar="NUMBER",
+            help="Bound on the gain from measurement noise to the estimated disturbance, in 1/s.",
         ),
     ] = None,
     allowed: Annotated[
         list[str] | None,
-        Option(help="Labels of agents that may be pinned, with commas; may be repeated."),
+        Option(
+            metavar="LABELS",
+            help="Labels of agents that may be pinned, with commas; may be repeated.",
+        ),
     ] = None,
     digits: Annotated[int, Option(help="Significant digits of W and of the gains.")] = DIGITS,
     keep_exosystem: Annotated[

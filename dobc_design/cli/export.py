@@ -31,7 +31,8 @@ class Targets:
     """What is written, and where to; exactly one of them."""
 
     c: Annotated[
-        Path | None, Option("--c", help="Write C99 of the sampled agents into this folder.")
+        Path | None,
+        Option("--c", metavar="FOLDER", help="Write C99 of the sampled agents into this folder."),
     ] = None
     fmu: Annotated[Path | None, Option("--fmu", help="Write one agent as an FMU (FMI 3.0).")] = None
     sdpa: Annotated[
@@ -54,17 +55,21 @@ class Asked:
     """The options beside the target."""
 
     period: Annotated[
-        str | None, Option(help="With --c, --fmu: seconds from sample to sample.")
+        str | None,
+        Option(metavar="SECONDS", help="With --c, --fmu: seconds from sample to sample."),
     ] = None
     precision: Annotated[str | None, Option(help="With --c: double (default) or float.")] = None
-    agent: Annotated[str | None, Option(help="With --c, --fmu: only the agent of this label.")] = (
-        None
-    )
+    agent: Annotated[
+        str | None,
+        Option(metavar="LABEL", help="With --c, --fmu: only the agent of this label."),
+    ] = None
     certificate: Annotated[
-        Path | None, Option(help="With --c: say whether this certificate proves the period.")
+        Path | None,
+        Option(metavar="CERT", help="With --c: say whether this certificate proves the period."),
     ] = None
     problem: Annotated[
-        str | None, Option(help="With --rocq: problem; default problem.json beside it.")
+        str | None,
+        Option(metavar="FILE", help="With --rocq: problem; default problem.json beside it."),
     ] = None
     rate: Annotated[bool, Option("--rate", help="With --rocq: also state the certified rate.")] = (
         False
@@ -95,7 +100,11 @@ Exported = tuple[output.Document, str]
 @in_groups
 def export(
     file: Annotated[
-        str, Argument(help="For --rocq a certificate.json or its folder, else a problem.")
+        str,
+        Argument(
+            metavar="FILE",
+            help="For --rocq a certificate.json or its folder, else a problem.",
+        ),
     ],
     targets: Targets,
     asked: Asked,

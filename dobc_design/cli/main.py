@@ -13,6 +13,7 @@ import errno
 import io
 import logging
 import os
+import re
 import sys
 import warnings
 from collections.abc import Callable, Sequence
@@ -60,6 +61,7 @@ from dobc_design.cli.output import (
     write_file,
 )
 from dobc_design.errors import CertificateError, DobcError, SpecError, refused
+from dobc_design.exact.number import parse_number
 
 if TYPE_CHECKING:
     from typer.exceptions import TyperException
@@ -72,11 +74,32 @@ TOLD = ("title", "statement", "plain", "meaning", "proved", "refuted", "source")
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF, errno.EPIPE)
 
 
+#: What help says of a value in place of its type in Python; of all others TEXT.
+_WORDS = {"path": "FILE", "int": "NUMBER", "float": "NUMBER"}
+
+
+def _in_words(name: str) -> str:
+    """ "--out FILE" for "--out <path>"; an argument is named by its word already."""
+    if not name.startswith("-"):
+        return name.partition(" <")[0]
+    return re.sub("<(.*)>", lambda found: _WORDS.get(found[1], "TEXT"), name)
+
+
 class _Command(TyperCommand):
-    """One of the commands; its line in the list of them is never cut off."""
+    """One of the commands; its line in the list of them is never cut off, and its help does not
+    speak of the types of Python."""
 
     def get_short_help_str(self, limit: int = 45) -> str:
         return self.help or ""
+
+    def collect_usage_pieces(self, ctx: Any) -> list[str]:
+        # typer writes {FILE} and {KEY=VALUES...}...
+        return [piece.partition("}")[0].lstrip("{") for piece in super().collect_usage_pieces(ctx)]
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        write = formatter.write_dl
+        formatter.write_dl = lambda rows: write([(_in_words(name), text) for name, text in rows])
+        super().format_options(ctx, formatter)
 
 
 app = Typer(
@@ -179,9 +202,12 @@ def check(
 
 
 def verify(
-    certificate: Annotated[Path, Argument(help="certificate.json, or the folder it lies in.")],
+    certificate: Annotated[
+        Path, Argument(metavar="CERT", help="certificate.json, or the folder it lies in.")
+    ],
     problem: Annotated[
-        str, Option(help="The trusted problem: TOML, problem.json or a built-in name.")
+        str,
+        Option(metavar="FILE", help="The trusted problem: TOML, problem.json or a built-in name."),
     ],
     rocq: Annotated[
         bool,
@@ -248,6 +274,7 @@ def explain(
     id: Annotated[
         str | None,
         Argument(
+            metavar="ID",
             help="The id of a check, e.g. theorem1; without it all are listed.",
             autocompletion=ids,
         ),
@@ -370,6 +397,14 @@ def _wrong_usage(error: TyperException) -> _Failure:
     option = getattr(error, "option_name", None)
     message, cure = error.format_message(), f"See `{command} --help`."
     key = None
+    unread: Any = error.__cause__
+    parameter: Any = getattr(error, "param", None)
+    if hasattr(unread, "errors") and parameter is not None:  # pydantic met what is no number
+        try:
+            parse_number(unread.errors()[0]["input"], parameter.opts[0])
+        except SpecError as refusal:
+            message, key = refusal.message, refusal.key
+            cure = refusal.cure or cure
     if command == "dobc simulate" and option in stress.MOVED:
         message = (
             f"{option} is no option of simulate: what a loop withstands is a command of "

@@ -51,7 +51,9 @@ def new(
         bool,
         Option("--drop-loops", help="With --from: leave out arcs from an agent to itself."),
     ] = False,
-    out: Annotated[Path | None, Option(help="Folder for the files; default ./NAME.")] = None,
+    out: Annotated[
+        Path | None, Option(metavar="FOLDER", help="Folder for the files; default ./NAME.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Start a project: write a problem file to edit, a notebook and a test. All three work without

@@ -83,11 +83,14 @@ Verbose = Annotated[
 File = Annotated[
     str,
     Argument(
-        help="A problem file, or the name of a built-in problem.", autocompletion=problem_names
+        metavar="FILE",
+        help="A problem file, or the name of a built-in problem.",
+        autocompletion=problem_names,
     ),
 ]
 CertificateFolder = Annotated[
-    Path | None, Option(help="Folder for the files; default ./NAME-certificate.")
+    Path | None,
+    Option(metavar="FOLDER", help="Folder for the files; default ./NAME-certificate."),
 ]
 Tolerance = Annotated[
     str | None,

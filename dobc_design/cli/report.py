@@ -26,11 +26,14 @@ class Asked:
 
     problem: Annotated[
         list[str] | None,
-        Option(help="The problem, once for each; default problem.json beside it."),
+        Option(metavar="FILE", help="The problem, once for each; default problem.json beside it."),
     ] = None
     out: Annotated[
         Path | None,
-        Option(help="Folder; default that of CERT, or for two ./NAME-NAME-comparison."),
+        Option(
+            metavar="FOLDER",
+            help="Folder; default that of CERT, or for two ./NAME-NAME-comparison.",
+        ),
     ] = None
     pdf: Annotated[
         Path | None, Option("--pdf", help="Also write a PDF; needs dobc_design[pdf].")
@@ -38,7 +41,9 @@ class Asked:
     full: Annotated[bool, Option("--full", help="With all details open, also in the PDF.")] = False
     latex: Annotated[
         Path | None,
-        Option("--latex", metavar="DIR", help="Also as LaTeX fragments and BibTeX, into DIR."),
+        Option(
+            "--latex", metavar="FOLDER", help="Also as LaTeX fragments and BibTeX, into FOLDER."
+        ),
     ] = None
     force: Annotated[bool, Option("--force", help="Overwrite files there.")] = False
 

@@ -55,8 +55,12 @@ class Runs:
     t_final: Annotated[
         float | None, Option("--t-final", help="Horizon in s; default the problem's.")
     ] = None
-    mode: Annotated[str | None, Option(help="Stay in this mode, whatever [switching] says.")] = None
-    start: Annotated[str | None, Option(help="Start from a CSV or .npz file.")] = None
+    mode: Annotated[
+        str | None, Option(metavar="MODE", help="Stay in this mode, whatever [switching] says.")
+    ] = None
+    start: Annotated[str | None, Option(metavar="FILE", help="Start from a CSV or .npz file.")] = (
+        None
+    )
     observer: Annotated[
         str,
         Option(help="closed-form, full-loop (the reference), or off: d is not compensated."),
@@ -73,10 +77,11 @@ class Answer:
     """What is shown of the runs, and where it goes."""
 
     certificate: Annotated[
-        Path | None, Option(help="Show the bounds that this certificate proves.")
+        Path | None, Option(metavar="CERT", help="Show the bounds that this certificate proves.")
     ] = None
     out: Annotated[
-        Path | None, Option(help="Folder for arrays (.npz), figures and summary.json.")
+        Path | None,
+        Option(metavar="FOLDER", help="Folder for arrays (.npz), figures and summary.json."),
     ] = None
     force: Annotated[bool, Option("--force", help="Overwrite files in --out.")] = False
     quiet: output.Quiet = False

@@ -33,7 +33,8 @@ class Stresses:
     period: Annotated[float | None, Option(help="Period in s of sample and hold.")] = None
     loss: Annotated[float | None, Option(help="Probability that a packet is lost.")] = None
     fail: Annotated[
-        list[str] | None, Option(help="LABEL@TIME or LABEL@TIME:freeze; may be repeated.")
+        list[str] | None,
+        Option(metavar="LABEL@TIME", help="Or LABEL@TIME:freeze; may be repeated."),
     ] = None
     worst: Annotated[
         bool,

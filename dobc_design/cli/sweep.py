@@ -43,16 +43,24 @@ def sweep(
         bool, Option("--all", help="With --task certify: run every condition.")
     ] = False,
     out: Annotated[
-        Path | None, Option(help="Folder, new or of this sweep; default ./NAME-sweep.")
+        Path | None,
+        Option(metavar="FOLDER", help="Folder, new or of this sweep; default ./NAME-sweep."),
     ] = None,
     jobs: Annotated[int | None, Option(help="Processes; default one per processor.")] = None,
     cluster: Annotated[
         str | None,
-        Option(help="Address of a Dask scheduler, or local: a cluster on this machine."),
+        Option(
+            metavar="ADDRESS",
+            help="Address of a Dask scheduler, or local: a cluster on this machine.",
+        ),
     ] = None,
     time_limit: Annotated[
         str | None,
-        Option("--time-limit", help="Time limit of one case in s; the other cases continue."),
+        Option(
+            "--time-limit",
+            metavar="SECONDS",
+            help="Time limit of one case; the other cases continue.",
+        ),
     ] = None,
     force: Annotated[
         bool, Option("--force", help="Replace the sweep in the folder, also another one.")

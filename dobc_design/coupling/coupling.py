@@ -288,7 +288,10 @@ def _not_zero(expression: Expression, value: Interval, *, key: str) -> Expressio
     exact = number_text(value.lo)
     if not value.is_point or len(exact) > _LONGEST_NUMBER:
         return ExpressionError(
-            f"{quoted} must vanish at y = 0 but is about {value.floats()[0]:.3g}.", key=key
+            f"{quoted} must vanish at y = 0 but is about {value.floats()[0]:.3g}.",
+            key=key,
+            cure="Agents that agree must feel nothing. A distance that they are to keep is stated "
+            "by [formation] offsets, a goal by target.",
         )
     if not language.variables_used(expression.node):
         return ExpressionError(

@@ -216,7 +216,7 @@ _ROWS = (
         arguments=(3, 3),
         latex=r"\operatorname{clip}",
         takes_powers=False,
-        others="sat saturate",
+        others="sat saturate saturation",
     ),
 )
 FUNCTIONS = {row.name: row for row in _ROWS}
@@ -240,6 +240,7 @@ _INVERSES = [name for name in FUNCTIONS if name[0] == "a" and name[1:] in FUNCTI
 _ONLY_INVERSES = f"the only inverse functions are {' and '.join(_INVERSES)}"
 _INVERSES_ELSEWHERE = "atan2 asin acos acosh atanh arcsin arccos arccosh arctanh"
 _STEEP = "a coupling must be continuous; a steep one is tanh(100*y)"
+_DIFFERENCE = "y is the difference x_j - x_i; write y for it"
 # Names of other languages, and what to write here.
 FOREIGN = {
     "e": "the number e is written exp(1), and e**y is exp(y)",
@@ -249,4 +250,6 @@ FOREIGN = {
     "log1p": "write log(1 + y) for log1p(y)",
     "sign": _STEEP,
     "sgn": _STEEP,
-} | dict.fromkeys(_INVERSES_ELSEWHERE.split(), _ONLY_INVERSES)
+}
+FOREIGN |= dict.fromkeys(_INVERSES_ELSEWHERE.split(), _ONLY_INVERSES)
+FOREIGN |= dict.fromkeys(("xi", "xj", "x_i", "x_j"), _DIFFERENCE)

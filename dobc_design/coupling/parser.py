@@ -151,6 +151,10 @@ def unknown_name(token: Token, *, dimension: int, called: bool) -> Fault:
         return token.fault(why, repair)
     variables, functions = tree.names_in_words(dimension), " ".join(FUNCTIONS)
     why = f"the names are {variables}, pi, and the functions {functions}"
+    if word in OTHER_NAMES:
+        why = f"it is called {OTHER_NAMES[word]} here"
+    elif word == "x":
+        why = f"the difference x_j - x_i is called {variables} here"
     repair = _guess_name(token, names=names, called=called)
     return token.fault(why, repair)
 
@@ -337,7 +341,7 @@ class _Parser:
         while self._skip(","):
             arguments.append(self._sum())
         self._close(parenthesis)
-        _check_arguments(name, arguments)
+        _check_arguments(name, arguments, end=self.tokens[self.place - 1].start)
         # Where all arguments are known numbers, min, max, clip and abs of them are, too.
         node = tree.Node("call", tuple(argument.node for argument in arguments), name.text)
         return _Operand(node, _fold(name.text, [argument.value for argument in arguments]))
@@ -398,13 +402,17 @@ def _bounded(value: Fraction, token: Token) -> Fraction:
     return value
 
 
-def _check_arguments(name: Token, arguments: list[_Operand]) -> None:
+def _check_arguments(name: Token, arguments: list[_Operand], *, end: int) -> None:
     fewest, most = FUNCTIONS[name.text].arguments
     if not fewest <= len(arguments) <= most:
         found = f"{quote(name)} with {len(arguments)} argument(s)"
         more = "" if most == fewest else " or more"
         wanted = counted(fewest, "argument") + more
-        raise Fault(name.start, found, f"{name.text} takes {wanted}")
+        # sat(y), of other languages, has the bounds -1 and 1.
+        bounds = (
+            Repair(end, end, ", -1, 1") if name.text == "clip" and len(arguments) == 1 else None
+        )
+        raise Fault(name.start, found, f"{name.text} takes {wanted}", bounds)
     if name.text != "clip":
         return
     low, high = arguments[1].value, arguments[2].value

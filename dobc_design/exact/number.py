@@ -54,6 +54,20 @@ def from_fmpq_mat(matrix: fmpq_mat) -> tuple[tuple[Fraction, ...], ...]:
 MAX_CHARACTERS: Final = 200
 MAX_EXPONENT: Final = 400
 _DECIMAL: Final = re.compile(r"([+-]?)([0-9]+)(?:\.([0-9]+))?(?:[eE]([+-]?[0-9]+))?")
+# What people write behind a number, and what that is times the unit of a key.
+_UNITS: Final = {
+    "%": ("1/100", ""),
+    "ms": ("1/1000", "s"),
+    "min": ("60", "s"),
+    "s": ("1", "s"),
+    "kHz": ("1000", "Hz"),
+    "Hz": ("1", "Hz"),
+    "rad/s": ("1", "rad/s"),
+    "1/s": ("1", "1/s"),
+    "/s": ("1", "1/s"),
+    "": ("1", ""),
+}
+_WITH_UNIT: Final = re.compile(rf"\s*({_DECIMAL.pattern})\s*({'|'.join(_UNITS)})\s*")
 _QUOTIENT: Final = re.compile(r"([+-]?[0-9]+)/([+-]?[0-9]+)")
 # Longest numerator or denominator that MAX_CHARACTERS with MAX_EXPONENT can spell, in bits.
 _MAX_BITS: Final = 2000
@@ -230,7 +244,7 @@ def read_text(
         return Fraction(_integer(quotient[1]), denominator)
     decimal = _DECIMAL.fullmatch(text)
     if not decimal:
-        raise refusal(f"must be {_EXAMPLES}")
+        raise refusal(f"must be {_EXAMPLES}", cure=_number_alone(text, key))
     sign, whole, part, exponent = (
         decimal[1],
         decimal[2],
@@ -243,6 +257,16 @@ def read_text(
     return Fraction(_integer(sign + whole + part)) * Fraction(10) ** (exponent - len(part))
 
 
+def _number_alone(text: str, key: str) -> str | None:
+    """The cure for a number with its unit, or in the writing of another language."""
+    found = _WITH_UNIT.fullmatch(text.replace(",", ".").replace("\u2212", "-"))
+    if not found:
+        return None
+    factor, unit = _UNITS[found[6]]
+    value = decimal_text(read_text(found[1], key=key) * Fraction(factor))
+    return f"Write {value}, without the unit, if {key} is in {unit}." if unit else f"Write {value}."
+
+
 def _integer(digits: str) -> int:
     """An integer of any length: Python itself refuses to read more than 4300 digits at once."""
     if len(digits) <= MAX_CHARACTERS:
@@ -252,11 +276,13 @@ def _integer(digits: str) -> int:
     return int(fmpz(digits.removeprefix("+")))
 
 
-def _refusal(key: str, value: object, must: str, shown: str | None = None) -> SpecError:
+def _refusal(
+    key: str, value: object, must: str, shown: str | None = None, cure: str | None = None
+) -> SpecError:
     if shown is None:
         try:
             shown = repr(value)
         except ValueError:  # an integer with more digits than Python prints
             shown = type(value).__name__
     shown = shown if len(shown) <= 60 else shown[:57] + "..."
-    return wrong(key, f"{must}; got {shown}.")
+    return wrong(key, f"{must}; got {shown}.", cure)

@@ -54,8 +54,13 @@ class Exosystem(Shown):
         if C is None:
             A, C = _matrices_of(A)
         dynamics, output = read_matrix(A, "exosystem.A"), read_matrix(C, "exosystem.C")
-        require_square(dynamics, "exosystem.A")
         q = len(dynamics)
+        width = len(dynamics[0])
+        if q != width == len(output) == len(output[0]):
+            what = f"must be square; got shape ({q}, {width}), and C is {width}x{width}."
+            cure = "A and C look exchanged: exchange them."
+            raise wrong("exosystem.A", what, cure, kind=ShapeError)
+        require_square(dynamics, "exosystem.A")
         if len(output[0]) != q:
             raise wrong(
                 "exosystem.C",
@@ -175,12 +180,11 @@ def _add_sines(found: dict[Fraction, str], value: Any, *, key: str) -> None:
         w = parse_number(each, name)
         if w <= 0 or (in_hz and not Fraction(1, 10**15) < w < 10**15):
             limits = "between 1e-15 and 1e15 Hz" if in_hz else "> 0 (rad/s)"
-            raise wrong(
-                name,
-                f"must be {limits}; got {shown_number(w)}.",
-                "A constant part is added by constant = true, in Python by total(constant(), "
-                "harmonics(...)).",
-            )
+            cure = "A constant part is added by constant = true, in Python by total(constant(), "
+            cure += "harmonics(...))."
+            if w < 0:
+                cure = f"Write {shown_number(-w)}: the sign is part of the phase, which is free."
+            raise wrong(name, f"must be {limits}; got {shown_number(w)}.", cure)
         # 2 pi f is irrational: the claim is about the rounded frequency, which is written down.
         if in_hz:
             w = Fraction(f"{math.tau * w.numerator / w.denominator:.{DIGITS}g}")

@@ -101,6 +101,7 @@ def labels_of(agents: int | Iterable[Any]) -> Texts:
             "must name at least one agent; got none.",
             "Give a count, or a list of labels.",
         )
+    _check_different(labels)
     return tuple(labels)
 
 
@@ -199,11 +200,24 @@ def arcs_from_pairs(pairs: Sequence[Sequence[Any]], *, index: Index, arrow: str,
     for position, pair in errors.few(enumerate(pairs)):
         with errors:
             found.append(_read_pair(pair, index, key=f"{key}[{position}]"))
+    if errors and _is_adjacency(pairs):
+        size = len(pairs)
+        what = f"must be a list of arcs [a, b]; got {size} rows of {size} numbers, which look like"
+        cure = "List the pairs whose entry is not 0; Network.from_sparse in Python reads a matrix."
+        raise wrong(key, f"{what} an adjacency matrix.", cure)
     errors.raise_all()
     first = np.array([arc[0] for arc in found], dtype=np.int64)
     second = np.array([arc[1] for arc in found], dtype=np.int64)
     weights = parse_weights([arc[2] for arc in found], key)
     return directed(first, second, weights, arrow=arrow)
+
+
+def _is_adjacency(rows: Sequence[Any]) -> bool:
+    """Whether refused arcs are the rows of a matrix; two or three rows are so if all is 0 or 1."""
+    if not all(is_list(row) and len(row) == len(rows) for row in rows):
+        return False
+    entries = {str(entry) for row in rows for entry in row}
+    return len(rows) > 3 or entries == {"0", "1"}
 
 
 def directed(
@@ -410,7 +424,6 @@ class Network(Shown):
     def __post_init__(self) -> None:
         # A copy that nobody can change: a Network is hashed, and certificates are about it.
         put(self, modes=MappingProxyType(dict(self.modes)), labels=labels_of(self.labels))
-        _check_different(self.labels)
         if not self.modes:
             raise wrong(
                 "network.modes",

@@ -165,7 +165,7 @@ def read_pinning(gains: Any, *, network: Network, form: GainForm) -> Pinning:
         raise wrong(
             "pinning.gains",
             f"must be a table of label = gain, or one number for all agents; got {shown(gains)}.",
-            "For example gains = { 1 = 5.0, 6 = 2 }.",
+            "For example gains = { 1 = 5.0, 6 = 2 }: a list does not say whose gains they are.",
         )
     if not isinstance(gains, Mapping):
         gain = form.read(gains, key="pinning.gains")

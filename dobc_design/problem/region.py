@@ -69,7 +69,7 @@ def read_pairs(value: Any, *, key: str, dimension: int) -> Pairs:
         raise wrong(
             key,
             f"must be a pair [lo, hi]{several}; got {shown(value)}.",
-            "For example [0, 5].",
+            "For example [0, 5]: every start from 0 to 5.",
             kind=ShapeError,
         )
     pairs = []

@@ -5,6 +5,7 @@ must be, and a line to copy.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Iterator
 from difflib import get_close_matches
 from functools import cache
 from itertools import islice
@@ -30,6 +31,7 @@ EXAMPLES = {
     "coupling.exceptions.arcs": "arcs = [[1, 2]]",
     "coupling.exceptions.h": 'h = "2*y"',
     "pinning": "[pinning] and below it gains = { 1 = 5.0, 6 = 2 }",
+    "pinning.gains": "gains = { 1 = 5.0, 6 = 2 }: the label of an agent, and its gain",
     "exosystem": "[exosystem] and below it A = [[0, 2], [-2, 0]] and C = [[1, 0]]",
     "exosystem.A": "A = [[0, 2], [-2, 0]]",
     "exosystem.C": "C = [[1, 0]]",
@@ -44,8 +46,20 @@ EXAMPLES = {
 
 def explain(error: ValidationError) -> SpecError:
     """Turn what pydantic found into one error that names every key (the first twenty)."""
-    items = error.errors(include_url=False)
+    items = _causes(error.errors(include_url=False))
     return SpecError.several([_explain(item) for item in islice(items, MOST_ERRORS)])
+
+
+def _causes(items: Iterable[Any]) -> Iterator[Any]:
+    """What pydantic found, once for each cause: all that stands in a table in place of its only key
+    is one mistake."""
+    told = set[str]()
+    for item in items:
+        table = _without_places(key_text(item["loc"][:-1]))
+        if table not in told:
+            yield item
+        if len(known_keys(table)) == 1:
+            told.add(table)
 
 
 def _explain(item: Any) -> SpecError:
@@ -88,6 +102,13 @@ def _unknown_key(key: str, location: Location) -> SpecError:
     known = known_keys(_without_places(table))
     place = f" in [{table}]" if table else ""
     cure = f"Known keys{place}: {', '.join(known)}."
+    if len(known) == 1:
+        cure = f"Write {EXAMPLES.get(f'{table}.{known[0]}', known[0])}."
+        return wrong(key, f"{what}, which has one key, {known[0]}.", cure)
+    if name in known_keys(""):
+        head = f"Write [{name}] as the head of a table of its own."
+        cure = head if name in _tables() else "Write it above the first table."
+        return wrong(key, f"{what}; it belongs to the top of the file.", cure)
     # Other capitals first: for difflib "a" and "A" have nothing in common.
     near = [other for other in known if other.lower() == name.lower()]
     near += get_close_matches(name[:100], known, n=1, cutoff=0.7)

@@ -128,11 +128,13 @@ class Switching(Shown):
                 sequence = None
                 dwell = None
         if not isinstance(signal, str) or signal not in SIGNALS:
-            raise wrong(
-                "switching.signal",
-                f"must be one of {', '.join(SIGNALS)}; got {shown(signal)}.",
-                'For example signal = "random".',
-            )
+            what = f"must be one of {', '.join(SIGNALS)}; got {shown(signal)}."
+            cure = 'For example signal = "random".'
+            if signal is None:
+                what = "is required and missing; a guarantee may stand in its place."
+                cure = 'Write guarantee = "dwell" if proofs may rely on the dwell time, or signal '
+                cure += '= "random" for simulations.'
+            raise wrong("switching.signal", what, cure)
         given = {
             "dwell": dwell,
             "sequence": sequence,

@@ -18,9 +18,10 @@ import tomlkit
 from bad_files import BAD_FILES, listing, write_case
 from certified import certify_once
 from problem_texts import CHAIN
+from typer.main import get_command
 
 from dobc_design import __version__
-from dobc_design.cli.main import main
+from dobc_design.cli.main import app, main
 from dobc_design.cli.output import EXIT
 from dobc_design.conditions.kinds import KINDS
 from dobc_design.errors import SolverError, SpecError
@@ -248,7 +249,9 @@ def test_a_certificate_that_was_changed_or_is_of_another_problem_leaves_with_1(
     dobc, certified, old, new
 ):
     ran = dobc("verify", certified, "--problem", "uav-swarm", "--json")
-    assert (ran.code, "another problem" in ran.json["failures"][0]) == (1, True)
+    (failure,) = ran.json["failures"]
+    assert ran.code == 1
+    assert "another problem, 'paper-fixed', and not about 'uav-swarm'" in failure
     path = certified / "certificate.json"
     text = path.read_text(encoding="utf-8")
     assert old in text
@@ -287,6 +290,46 @@ def test_schema_version_and_help_are_printed(dobc):
     assert all(
         command in ran.out for command in ("certify", "verify", "check", "explain", "doctor")
     )
+
+
+@pytest.mark.parametrize("command", sorted(get_command(app).commands))
+def test_help_names_values_in_words_and_not_by_types_of_python(dobc, command):
+    """FILE and NUMBER, not <path>, <float> or <list[Path]>."""
+    told = dobc(command, "--help").out
+    assert told.startswith(f"Usage: dobc {command} [OPTIONS]")
+    assert not re.search(r"<\w|[{}]|list\[", told)
+    values = re.findall(r"^  --[a-z-]+ ([A-Za-z@]+)", told, re.MULTILINE)
+    assert [value for value in values if not value.isupper()] == ["sum"] * (command == "new")
+
+
+def test_help_says_what_is_a_file_and_what_a_number(dobc):
+    assert "Usage: dobc sweep [OPTIONS] FILE KEY=VALUES...\n" in dobc("sweep", "--help").out
+    assert "Usage: dobc report [OPTIONS] CERT [CERT]\n" in dobc("report", "--help").out
+    told = dobc("simulate", "--help").out
+    assert all(text in told for text in ("--t-final NUMBER", "--start FILE", "--out FOLDER"))
+
+
+@pytest.mark.parametrize(
+    ("line", "key", "cure"),
+    [
+        ("export paper-fixed --c code --period 20ms", "--period", "Write 0.02, without the unit"),
+        ("simulate paper-fixed --t-final 10s", "--t-final", "Write 10, without the unit"),
+        ("simulate paper-fixed --t-final 2,5", "--t-final", "Write 2.5."),
+        ("stress paper-fixed --loss 5%", "--loss", "Write 0.05."),
+        ("certify paper-fixed --time-limit 1min", "--time-limit", "Write 60, without the unit"),
+    ],
+)
+def test_a_number_with_its_unit_is_answered_by_the_number(dobc, line, key, cure):
+    """A slip of the command line, told as one of a problem file is."""
+    ran = dobc(*line.split(), "--json")
+    assert (ran.code, ran.json["error"]["key"]) == (2, key)
+    assert ran.json["error"]["message"].startswith(f"{key} must be a number such as 3.2")
+    assert ran.json["error"]["cure"].startswith(cure)
+    assert listing(Path()) == []
+
+
+def test_a_fraction_of_runs_is_refused_as_no_whole_number(dobc):
+    assert "valid integer" in dobc("simulate", "paper-fixed", "--runs", "2.5").err
 
 
 GOOD = (

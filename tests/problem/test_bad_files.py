@@ -8,7 +8,7 @@ its own.
 import time
 
 import pytest
-from bad_files import BAD_FILES, VALID, VALID_BUT_NASTY, listing, write_case
+from bad_files import BAD_FILES, SLIPS, VALID, VALID_BUT_NASTY, listing, write_case
 
 from dobc_design.errors import SpecError
 from dobc_design.problem.canonical import canonical_bytes, problem_from_canonical
@@ -41,7 +41,8 @@ def test_a_bad_file_is_refused_by_key_and_in_words(case, tmp_path):
 
 def test_there_are_many_bad_files_and_no_two_share_a_name():
     names = [case.id for case in (*BAD_FILES, *VALID_BUT_NASTY)]
-    assert len(BAD_FILES) >= 120
+    assert len(BAD_FILES) >= 170
+    assert len(SLIPS) >= 25
     assert len(set(names)) == len(names)
 
 
@@ -52,6 +53,16 @@ def test_a_nasty_but_valid_file_loads_and_survives_the_canonical_form(case, tmp_
     problem = read_problem_file(path)
     assert listing(tmp_path) == before
     assert problem_from_canonical(canonical_bytes(problem)) == problem
+
+
+@pytest.mark.parametrize("case", SLIPS, ids=lambda case: case.id)
+def test_a_slip_is_one_message_that_says_what_to_write(case, tmp_path):
+    """One cause, one message: what follows from the slip is not told beside it."""
+    with pytest.raises(SpecError) as caught:
+        read_problem_file(write_case(case, tmp_path))
+    (error,) = caught.value.errors
+    assert error.key == case.expect_key
+    assert error.cure or "; write " in error.message
 
 
 def read(text: str, **options: str) -> Problem:

@@ -172,6 +172,10 @@ def kind(lines: str) -> str:
     return swap(f"{A}\n{C}\n", f"{lines}\n")
 
 
+def observer(lines: str) -> str:
+    return swap(f"{W}\n{P}\n", f"{lines}\n")
+
+
 def mode(value: str) -> str:
     return swap(GA, f"Ga = {value}")
 
@@ -638,6 +642,93 @@ def _arc_files() -> Iterator[BadFile]:
     )
 
 
+BOTH = f"{A}\n{C}"
+FOUR_ROWS = "[[0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1], [1, 0, 0, 0]]"
+
+
+def _slips() -> Iterator[BadFile]:
+    """What people write who know another notation, or another program: each is one mistake, which
+    is told once, with its cure."""
+    yield bad(
+        "slip-A-and-C-exchanged",
+        swap(BOTH, "A = [[1, 0]]\nC = [[0, 2], [-2, 0]]"),
+        "exosystem.A",
+        "a and c look exchanged",
+    )
+    yield bad("slip-dwell-alone", without('signal = "random"'), "switching.signal", "guarantee =")
+    yield bad(
+        "slip-label-twice-below-numbered-arcs",
+        agents('["a", "b", "a"]'),
+        "network.agents",
+        "'a' appears twice",
+    )
+    yield bad(
+        "slip-key-below-the-last-table",
+        without("target = 1.0") + "target = 1.0\n",
+        "simulation.target",
+        "above the first table",
+    )
+    yield bad(
+        "slip-table-in-a-table",
+        end("[network.pinning]\ngains = { 1 = 1 }"),
+        "network.pinning",
+        "write [pinning]",
+    )
+    yield bad(
+        "slip-adjacency-matrix",
+        mode(FOUR_ROWS),
+        "network.modes.Ga",
+        "4 rows of 4 numbers",
+        "from_sparse",
+    )
+    yield bad(
+        "slip-adjacency-matrix-of-another-size",
+        mode("[[0, 1, 0], [1, 0, 1], [0, 1, 0]]"),
+        "network.modes.Ga",
+        "3 rows of 3 numbers",
+    )
+    yield bad("slip-hz-0", kind("hz = 0"), "exosystem.hz", "constant = true")
+    yield bad("slip-percent", end('[uncertainty]\nweights = "5%"'), "uncertainty.weights", "0.05.")
+    yield bad("slip-hz-with-its-unit", kind('hz = "0.5 Hz"'), "exosystem.hz", "write 0.5,")
+    yield gains("slip-gain-with-its-unit", '1 = "2/s"', "1", "write 2,", "in 1/s")
+    yield bad("slip-rate-with-its-unit", observer('rate = "2 1/s"'), "observer.rate", "write 2,")
+    yield bad("slip-rate-with-a-comma", observer('rate = "2,5"'), "observer.rate", "write 2.5.")
+    yield bad(
+        "slip-time-in-ms", swap("t_final = 20.0", 't_final = "20ms"'), "simulation.t_final", "0.02,"
+    )
+    yield expression("slip-sat", "sat(y)", "did you mean", "clip(y, -1, 1)")
+    yield expression("slip-shifted", "2*tanh(y-1)", "about -1.52", "offsets")
+    yield expression("slip-minus-of-a-text", "2*tanh(y) \u2212 y/10", "2*tanh(y) - y/10")
+    yield expression("slip-x-for-y", "tanh(x)", "is called y here", "tanh(y)")
+    yield expression("slip-both-states", "2*tanh(xj - xi)", "write y for it")
+    yield bad(
+        "slip-region-of-one-number",
+        swap("initial_states = [0, 5]", "initial_states = 5"),
+        "region.initial_states",
+        "every start from",
+    )
+    yield bad(
+        "slip-region-backwards",
+        swap("initial_states = [0, 5]", "initial_states = [5, 0]"),
+        "region.initial_states",
+        "exchange",
+    )
+    yield bad("slip-gains-in-a-list", swap(GAINS, "gains = [2, 2]"), "pinning.gains", "whose")
+    yield bad(
+        "slip-pins-and-a-gain",
+        swap(GAINS, "agents = [1, 2]\nk = 2"),
+        "pinning.agents",
+        "gains = { 1 =",
+    )
+    yield bad("slip-no-arrow", without('arrow = "listens_to"'), "network.arrow", "listens_to")
+    yield bad(
+        "slip-frequency-below-0", kind("frequencies = [-2]"), "exosystem.frequencies[0]", "write 2:"
+    )
+
+
+SLIPS = list(_slips())
+
+
 def _bad_files() -> Iterator[BadFile]:
     yield from _toml_and_bytes()
     yield from UNKNOWN_KEYS
@@ -651,6 +742,7 @@ def _bad_files() -> Iterator[BadFile]:
     yield from _switching()
     yield from _starts()
     yield from _arc_files()
+    yield from SLIPS
 
 
 BAD_FILES = list(_bad_files())

@@ -42,7 +42,7 @@ def test_a_change_touches_files_that_are_there_and_no_more_than_it_may(change: s
 def test_the_version_is_one_in_all_files_that_a_release_changes():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
     cited = re.search(r"^version: (.+)$", (ROOT / "CITATION.cff").read_text("utf-8"), re.MULTILINE)
-    logged = re.search(r"^## \[(.+?)\]", (ROOT / "docs/changelog.md").read_text("utf-8"), re.M)
+    logged = re.search(r"^## \[(\d.+?)\]", (ROOT / "docs/changelog.md").read_text("utf-8"), re.M)
     assert {dobc_design.__version__, cited[1], logged[1]} == {project["version"]}
 
 

@@ -74,6 +74,7 @@ class Problem:
             "format": text,
             "name": text,
             "notes": [text],
+            "units?": (text,) * self.m,  # for words and figures; no claim depends on them
             "target": states,
             "modes": [{"name": text, "arcs": arcs, "optional?": arcs}],
             "coupling": {"h": self.read_h, "exceptions": [exception]},

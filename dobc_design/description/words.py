@@ -31,11 +31,12 @@ def describe(problem: Problem) -> str:
     others = ""
     if problem.exceptions:
         others = f" ({counted(len(problem.exceptions), 'arc')} with another)"
-    target = leader_words(problem) or vector_text(problem.target)
+    target = leader_words(problem) or vector_text(problem.target, problem.units)
     h = "; ".join(problem.coupling.texts)
+    units = f", in {problem.unit or ', '.join(problem.units)}" if problem.units else ""
     lines = [
         f"{problem.name}: {size_words(network)}.",
-        f"{counted(problem.m, 'state component')} each, {_order_words(problem)}",
+        f"{counted(problem.m, 'state component')} each{units}, {_order_words(problem)}",
         f"Target: {target}. Coupling: h = {h}{others}.",
         *dynamics_lines(problem),
     ]
@@ -212,6 +213,8 @@ def facts(problem: Problem) -> Document:
         "dimension": problem.m,
         "exosystem_order": problem.q,
     }
+    if problem.units:
+        found["units"] = list(problem.units)
     if problem.dynamics is not None:
         found["inputs"] = problem.inputs
     found["modes"] = modes

@@ -61,6 +61,7 @@ _KEYS = (
 )
 _TABLES = ("exosystem", "observer", "offsets", "region", "switching", "simulation")
 _LATER_TABLES = ("uncertainty", "actuators", "dynamics", "leader")
+_LATER = (*_LATER_TABLES, "units")
 _ALWAYS = ("observer", "simulation")  # tables that are never null
 
 
@@ -111,7 +112,11 @@ def canonical_document(problem: Problem) -> Document:
 
 def texts_of(problem: Problem) -> Document:
     """What stands at the top of a problem file and is text."""
-    return {"name": problem.name, "notes": list(problem.notes)}
+    found: Document = {"name": problem.name, "notes": list(problem.notes)}
+    # A key that came later: problems without it keep their hash.
+    if problem.units:
+        found["units"] = list(problem.units)
+    return found
 
 
 def _mode(name: str, arcs: Arcs) -> Document:
@@ -265,7 +270,7 @@ class _Reader:
     """Reads the document strictly: every key, no other, and no value of another kind."""
 
     def __init__(self, document: Table) -> None:
-        self.document = _object(document, "problem.json", *_KEYS, *_TABLES, later=_LATER_TABLES)
+        self.document = _object(document, "problem.json", *_KEYS, *_TABLES, later=_LATER)
         labels = _list(document["labels"], "labels")
         self.labels = [_text(label, "labels") for label in labels]
 
@@ -282,6 +287,7 @@ class _Reader:
         return Problem(
             name=_text(document["name"], "name"),
             notes=_list(document["notes"], "notes"),
+            units=self.units(),
             network=Network(labels=labels_of(self.labels), modes=self.modes()),
             coupling=coupling["h"],
             exceptions=self.exceptions(coupling["exceptions"]),
@@ -299,6 +305,10 @@ class _Reader:
             dynamics=self.table(Dynamics, "dynamics"),
             leader=self.table(Leader, "leader"),
         )
+
+    def units(self) -> list[Any] | None:
+        """The unit of every state component; None without units."""
+        return _list(self.document["units"], "units") if "units" in self.document else None
 
     def table(self, noun: Any, key: str) -> Document | None:
         """A table with the keys of this noun; None where there is none, and need not be."""

@@ -49,7 +49,7 @@ from dobc_design.problem.groups import (
 from dobc_design.problem.leader import Leader, read_leader
 from dobc_design.problem.network import Arc, Network
 from dobc_design.problem.pinning import GainForm, Pinning, by_label, read_pinning
-from dobc_design.problem.region import Pairs, Region, read_region
+from dobc_design.problem.region import Pairs, Region, read_region, read_units
 from dobc_design.problem.simulation import Simulation, read_simulation
 from dobc_design.problem.switching import Switching, check_switching
 from dobc_design.problem.tables import (
@@ -110,6 +110,7 @@ class Problem(Shown):
         uncertainty, actuators: an Uncertainty and Actuators, or mappings: what the plant may add,
             what it can give.
         name: of the problem; results are saved under it.
+        units: of the states, such as "m/s", or one for each component; words and figures show them.
         notes: sentences on what is assumed or stands in; they are shown wherever a result is shown.
     Further attributes:
         pinning: who is pinned, with which gains.
@@ -138,6 +139,7 @@ class Problem(Shown):
     dynamics: Dynamics | None
     leader: Leader | None
     notes: Texts
+    units: Texts
     couplings: tuple[Coupling, ...] = field(init=False, compare=False)
     # the place among them of the coupling of every arc with its own
     exception_places: Mapping[Arc, int] = field(init=False, compare=False)
@@ -163,6 +165,7 @@ class Problem(Shown):
         leader: Leader | Table | None = None,
         name: str = "problem",
         notes: Names = (),
+        units: str | Names | None = None,
     ) -> None:
         _check_kinds(network=network, exosystem=exosystem, observer=observer, switching=switching)
         _check_groups(groups)
@@ -212,6 +215,7 @@ class Problem(Shown):
             "actuators": lambda: read_actuators(actuators, labels),
             "leader": lambda: read_leader(leader, dynamics=own),
             "notes": lambda: _read_notes(notes),
+            "units": lambda: read_units(units, dimension=m),
         }
         errors = Mistakes()
         for part, read in parts.items():
@@ -376,6 +380,8 @@ class Problem(Shown):
     def _facts(self) -> Iterator[tuple[str, Any]]:
         """What is stated, as it is; what it means is computed for ``dobc check``."""
         yield "target", self.target[0] if self.m == 1 else (self.target,)
+        if self.units:
+            yield "units", ", ".join(self.units)
         if self.dynamics is not None:
             for name, value in self.dynamics._card().facts:
                 yield f"dynamics.{name}", value
@@ -427,6 +433,11 @@ class Problem(Shown):
     def m(self) -> int:
         """Number of state components of one agent."""
         return len(self.target)
+
+    @property
+    def unit(self) -> str:
+        """The unit that all state components share, "" where they do not or none is given."""
+        return self.units[0] if len(set(self.units)) == 1 else ""
 
     @property
     def inputs(self) -> int:
@@ -570,12 +581,12 @@ def table_words(problem: Problem) -> Iterator[tuple[str, str]]:
     if problem.exceptions:
         yield "other couplings", exception_words(problem.exceptions, labels)
     if problem.offsets:
-        yield "formation offsets", offset_words(problem.offsets, labels)
+        yield "formation offsets", offset_words(problem.offsets, labels, problem.units)
     for group in problem.groups[:LISTED]:
         of = f" of {some(group.agents, LISTED)}" if problem.is_grouped else ""
         yield f"observer gain W{of}", observer_words(group.observer)
     if problem.region is not None:
-        yield "region asked for", region_words(problem.region)
+        yield "region asked for", region_words(problem.region, problem.units)
     if problem.actuators is not None:
         said = limit_words(problem.actuators, problem.n)
         if problem.groups or problem.actuators.amplitude is not None:

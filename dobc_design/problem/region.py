@@ -10,12 +10,15 @@ from dobc_design._show.cards import Card, Facts, Shown, listed
 from dobc_design.errors import Mistakes, ShapeError, wrong
 from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import (
+    Texts,
     is_list,
+    is_text,
     keyed,
     shown,
     shown_number,
 )
 
+LONGEST_UNIT = 20  # characters
 Pair = tuple[Fraction, Fraction]
 Pairs = tuple[Pair, ...]  # one for each state component
 
@@ -54,6 +57,30 @@ def read_region(value: Any, *, dimension: int, with_exosystem: bool) -> Region |
         disturbance = _read_disturbance(disturbance, with_exosystem=with_exosystem)
     errors.raise_all()
     return Region(initial_states=states, initial_disturbance=disturbance)
+
+
+def read_units(value: Any, *, dimension: int) -> Texts:
+    """The unit of every state component; one text is for all of them, None for no units.  Raises:
+    SpecError."""
+    if value is None or value == ():
+        return ()
+    texts = (value,) * dimension if is_text(value) else value
+    fits = is_list(texts) and len(texts) == dimension
+    if not fits or not all(map(_is_unit, texts)):
+        several = f", or {dimension} of them, one per state component" if dimension > 1 else ""
+        raise wrong(
+            "units",
+            f"must be a text of 1 to {LONGEST_UNIT} printable characters{several}; got "
+            f"{shown(value)}.",
+            'For example units = "m/s".',
+        )
+    return tuple(texts)
+
+
+def _is_unit(value: object) -> bool:
+    if not isinstance(value, str) or not is_text(value) or len(value) > LONGEST_UNIT:
+        return False
+    return value.isprintable() and bool(value) and value == value.strip()
 
 
 def read_pairs(value: Any, *, key: str, dimension: int) -> Pairs:

@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, PlainValidator, WithJsonSchem
 
 from dobc_design.problem.exosystems import KINDS, PARTS
 from dobc_design.problem.network import ARROWS, LONGEST_LABEL, MOST_AGENTS
+from dobc_design.problem.region import LONGEST_UNIT
 from dobc_design.problem.switching import GUARANTEES, SIGNALS
 
 SCHEMA_VERSION = 1
@@ -76,6 +77,7 @@ _OPTIONAL = {
     "description": "optional: arcs that come and go at any time.",
 }
 _INSTANT = {"type": "array", "minItems": 2, "maxItems": 2, "prefixItems": [_NUMBER, _TEXT]}
+_UNIT = {"type": "string", "minLength": 1, "maxLength": LONGEST_UNIT}
 _NOTE = {"type": "string", "maxLength": 1000}
 
 
@@ -104,6 +106,7 @@ _COUPLING = {"description": "In y, applied by component; or a list of m expressi
 CouplingText = Annotated[Given, WithJsonSchema(_COUPLING | _either(_TEXT, _list_of(_TEXT)))]
 ArcList = Annotated[Given, WithJsonSchema(_list_of(_list_of(_LABEL, 2, 2)))]
 Texts = Annotated[Given, WithJsonSchema(_either(_NOTE, _list_of(_NOTE, None)))]
+Units = Annotated[Given, WithJsonSchema(_either(_UNIT, _list_of(_UNIT)))]
 Name = Annotated[Given, WithJsonSchema({"type": "string", "minLength": 1, "maxLength": 100})]
 Version = Annotated[Given, WithJsonSchema({"type": "integer", "const": SCHEMA_VERSION})]
 Seed = Annotated[Given, WithJsonSchema({"type": "integer", "minimum": 0, "maximum": 2**63 - 1})]
@@ -294,6 +297,7 @@ class ProblemFile(_Table):
         default=(), description="What is assumed or stands in; shown wherever a result is shown."
     )
     target: NumberOrList = Field(default=0, description="xbar: a number, or m numbers.")
+    units: Units = _optional('Of the states, for words and figures: "m/s", or m such texts.')
     network: NetworkTable
     coupling: CouplingTable
     pinning: PinningTable | None = None

@@ -25,9 +25,14 @@ LISTED = 30  # agents, modes, limits, ... in one sentence
 MOST_COUPLINGS = 8  # beside the default one, and arcs with each of them
 
 
-def vector_text(values: Sequence[Any]) -> str:
-    """A vector: a number, or (1, 2)."""
-    texts = [decimal_text(value) for value in values]
+def in_units(texts: Sequence[str], units: Names) -> list[str]:
+    """What is said of every state component, with its unit; ``units`` are empty or as many."""
+    return [" ".join(each) for each in zip(texts, units, strict=True)] if units else list(texts)
+
+
+def vector_text(values: Sequence[Any], units: Names = ()) -> str:
+    """A vector: a number, or (1, 2), with the units of its components."""
+    texts = in_units([decimal_text(value) for value in values], units)
     return texts[0] if len(texts) == 1 else f"({', '.join(texts)})"
 
 
@@ -55,9 +60,9 @@ def exception_words(exceptions: Mapping[tuple[int, int], Coupling], labels: Name
     return "; ".join(said)
 
 
-def offset_words(offsets: Mapping[int, Sequence[Any]], labels: Names) -> str:
+def offset_words(offsets: Mapping[int, Sequence[Any]], labels: Names, units: Names = ()) -> str:
     """Where the agents of a formation go, from the target."""
-    return some([f"{labels[i]}: {vector_text(x)}" for i, x in offsets.items()], LISTED)
+    return some([f"{labels[i]}: {vector_text(x, units)}" for i, x in offsets.items()], LISTED)
 
 
 def observer_words(observer: Observer) -> str:
@@ -69,10 +74,10 @@ def observer_words(observer: Observer) -> str:
     return f"to be designed for a decay rate of {decimal_text(observer.rate)} 1/s"
 
 
-def region_words(region: Region) -> str:
+def region_words(region: Region, units: Names = ()) -> str:
     """The starts that a certificate has to cover."""
     pairs = [f"[{decimal_text(lo)}, {decimal_text(hi)}]" for lo, hi in region.initial_states]
-    said = f"initial states in {', '.join(pairs)}"
+    said = f"initial states in {', '.join(in_units(pairs, units))}"
     if region.initial_disturbance is None:
         return said
     return f"{said}, estimation error at most {decimal_text(region.initial_disturbance)}"

@@ -36,7 +36,7 @@ from dobc_design.loop.make import loop_of
 from dobc_design.problem.network import Arcs
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.region import Region
-from dobc_design.problem.tables import switching_words
+from dobc_design.problem.tables import in_units, switching_words
 from dobc_design.report import document as doc
 from dobc_design.verdict import Verdict
 
@@ -361,7 +361,7 @@ def loop_facts(certificate: Certificate) -> Iterator[tuple[str, str]]:
     yield "Coupling", f"h(y) = {h}"
     yield "Target", target_words(problem)
     if problem.region is not None:
-        yield "Starts asked for", _starts(problem.region)
+        yield "Starts asked for", _starts(problem.region, problem.units)
     # A large W stands among the matrices only.
     W = claims.W
     if W is not None and len(W) * len(W[0]) <= MOST_NAMES:
@@ -409,8 +409,9 @@ def _shared(rows: Iterable[tuple[str, str]]) -> list[tuple[str, list[str]]]:
     return list(alike.items())
 
 
-def _starts(region: Region) -> str:
+def _starts(region: Region, units: Sequence[str]) -> str:
     pairs = [f"[{decimal(lo)}, {decimal(hi)}]" for lo, hi in region.initial_states]
+    pairs = in_units(pairs, units)
     # Equal intervals are one.
     inside = pairs[0] if len(set(pairs)) == 1 else " × ".join(pairs)
     text, errors = f"every state in {inside}", region.initial_disturbance
@@ -516,7 +517,9 @@ def problem_words(problem: Problem) -> str:
     """The size of the problem, its pins, its region and its switching, each in a sentence."""
     told = [size_sentence(problem), pin_sentence(problem)]
     if problem.region is not None:
-        told.append(f"The proof has to cover all starts with {_starts(problem.region)}.")
+        told.append(
+            f"The proof has to cover all starts with {_starts(problem.region, problem.units)}."
+        )
     switching = problem.switching
     if switching is not None:
         allowed = "allow any signal"
@@ -635,12 +638,12 @@ def agents_in_words(problem: Problem, agents: Iterable[int]) -> str:
 def target_words(problem: Problem) -> str:
     """The target, a vector or a leader."""
     leader = typeset(leader_words(problem)).replace(" x [", " × [").replace("s'", "s′")
-    return leader or vector_text(problem.target)
+    return leader or vector_text(problem.target, problem.units)
 
 
-def vector_text(vector: Vector) -> str:
-    """A vector as text."""
-    entries = [decimal_text(x) for x in vector[:MOST_NAMES]]
+def vector_text(vector: Vector, units: Sequence[str] = ()) -> str:
+    """A vector as text, with the units of its components."""
+    entries = in_units([decimal_text(x) for x in vector], units)[:MOST_NAMES]
     if len(vector) == 1:
         return entries[0]
     if len(vector) > MOST_NAMES:

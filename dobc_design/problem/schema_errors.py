@@ -102,9 +102,6 @@ def _unknown_key(key: str, location: Location) -> SpecError:
     known = known_keys(_without_places(table))
     place = f" in [{table}]" if table else ""
     cure = f"Known keys{place}: {', '.join(known)}."
-    if len(known) == 1:
-        cure = f"Write {EXAMPLES.get(f'{table}.{known[0]}', known[0])}."
-        return wrong(key, f"{what}, which has one key, {known[0]}.", cure)
     if name in known_keys(""):
         head = f"Write [{name}] as the head of a table of its own."
         cure = head if name in _tables() else "Write it above the first table."
@@ -114,6 +111,9 @@ def _unknown_key(key: str, location: Location) -> SpecError:
     near += get_close_matches(name[:100], known, n=1, cutoff=0.7)
     if near:
         return wrong(key, f'{what}; did you mean "{near[0]}"?', cure)
+    if len(known) == 1:
+        cure = f"Write {EXAMPLES.get(f'{table}.{known[0]}', known[0])}."
+        return wrong(key, f"{what}, which has one key, {known[0]}.", cure)
     homes = [f"[{home}]" for home in _tables() if home and name in known_keys(home)]
     if homes:
         return wrong(key, f"{what}; it belongs in {' or '.join(homes)}.", cure)

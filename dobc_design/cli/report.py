@@ -39,6 +39,10 @@ class Asked:
         Path | None, Option("--pdf", help="Also write a PDF; needs dobc_design[pdf].")
     ] = None
     full: Annotated[bool, Option("--full", help="With all details open, also in the PDF.")] = False
+    lmi: Annotated[
+        bool,
+        Option("--lmi", help="With a solver's answer to the block LMI (at most 600 rows)."),
+    ] = False
     latex: Annotated[
         Path | None,
         Option(
@@ -71,6 +75,8 @@ class Asked:
                 raise refused(
                     "--pdf", f"{str(pdf)!r} must end in .pdf.", f"For example {pdf.name}.pdf."
                 )
+        if self.lmi and given != 1:
+            raise refused("--lmi", "a solver is asked for one certificate.", "Name one.")
         if self.latex is not None and given != 1:
             raise refused(
                 "--latex", "LaTeX fragments are of one certificate.", "Name one certificate."
@@ -144,7 +150,7 @@ def _pages(sides: Sequence[Checked], asked: Asked, progress: output.Stage) -> di
     if not all(side.found.holds for side in sides):
         return render_refusal(sides, pdf=pdf)
     if len(found) == 1:
-        return render_report(found[0], pdf=pdf, full=asked.full, progress=progress)
+        return render_report(found[0], pdf=pdf, full=asked.full, lmi=asked.lmi, progress=progress)
     return render_comparison(*found, pdf=pdf)
 
 

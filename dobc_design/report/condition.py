@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from dobc_design._show.text import latex_decimal
 from dobc_design.certificate.certificate import Certificate
+from dobc_design.exact.reading import counted
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.problem import Problem
 from dobc_design.report import words
@@ -20,6 +21,7 @@ from dobc_design.report.document import (
     Text,
     on_pages,
     section,
+    to_read,
 )
 from dobc_design.report.findings import Findings
 
@@ -33,6 +35,7 @@ def condition_section(found: Findings) -> Iterator[Block]:
     certificate, problem = found.certificate, found.problem
     yield from _about_errors(problem)
     yield from _asked(problem)
+    yield from _size(found)
     matrices = Matrices(tuple(_matrices(certificate)))
     if matrices.items:
         yield matrices
@@ -94,6 +97,24 @@ def _asked(problem: Problem) -> Iterator[Block]:
     yield Formula(_LATEX["existence"], typst="existence")
     if problem.is_grouped:
         yield Text(words.FIXED["by_group"])
+
+
+def _size(found: Findings) -> Iterator[Block]:
+    """How large the inequality is as it is printed, what is decided instead, and what a solver says
+    of it where one was asked."""
+    loop = loop_of(found.problem)
+    if len(loop.groups) == 1 and not loop.is_grouped:
+        m, q = loop.m, loop.groups[0].exosystem.order
+        rows, unknowns = loop.n * (m + q), q * (q + 1) // 2 + q * m
+        told = (
+            f"As printed, (18) is a linear matrix inequality of {counted(len(loop.modes), 'block')}"
+            f" with {rows} rows and {unknowns} unknowns (dobc_design.block_lmi). The equivalent "
+            f"condition is decided with matrices of {loop.n * m} rows (Λ + I ⊗ S) and {q} (Ω₀); "
+            "P and Q are sought for one agent, whatever the number of agents."
+        )
+        yield to_read(Text(told))
+    if found.lmi:
+        yield to_read(Text(f"Beside the proof, in floating point: {found.lmi}"))
 
 
 def _matrices(certificate: Certificate) -> Iterator[ShownMatrix]:

@@ -42,6 +42,7 @@ class Findings:
     worst: Trajectory | None = None  # the run with a slow signal that keeps the guarantee
     lambdas: Mapping[str, Matrix] = field(default_factory=dict)  # mode -> Lambda at the target
     searches: Sequence[Falsification] = ()  # for starts that do not converge
+    lmi: str = ""  # what a solver says of the block matrix inequality
     kernel: str = ""  # what Coq says of the motions
 
     @property

@@ -34,6 +34,8 @@ from dobc_design.simulation.setting import make_setting
 from dobc_design.simulation.signals import signal_of
 from dobc_design.simulation.trajectory import Trajectory
 from dobc_design.simulation.worst import worst_signal
+from dobc_design.solvers.program import is_solver_failure
+from dobc_design.synthesis.block_lmi import block_lmi
 
 DRAWN = 2000  # rows (n m) up to which diagnostics and a simulation go into the report
 DRAWN_ORDER = 100  # of the exosystem, likewise
@@ -48,6 +50,7 @@ def write_report(
     searches: Sequence[Falsification] = (),
     pdf: bool = False,
     latex: bool = False,
+    lmi: bool = False,
     progress: Reports[str] = None,
 ) -> Path:
     """Write report.html and report.md into ``folder`` and return the path of the page; see
@@ -55,10 +58,11 @@ def write_report(
 
     ``searches``: what ``falsify`` found.  ``pdf``: report.pdf too, which needs the extra
     `pdf`. ``latex``: the folder latex too, with fragments for a paper and a BibTeX file.
+    ``lmi``: what a solver says of ``block_lmi``, beside the proof (at most 600 rows).
     ``progress``: as in ``certify``.
     Raises: CertificateError when the machine refuses, SpecError without the extra.
     """
-    files = render_report(certificate, searches=searches, pdf=pdf, progress=progress)
+    files = render_report(certificate, searches=searches, pdf=pdf, lmi=lmi, progress=progress)
     if latex:
         make_folder(Path(folder, "latex"))
         files |= {f"latex/{name}": data for name, data in render_latex(certificate).items()}
@@ -71,11 +75,13 @@ def render_report(
     searches: Sequence[Falsification] = (),
     pdf: bool = False,
     full: bool = False,
+    lmi: bool = False,
     kernel: str = "",
     progress: Reports[str] = None,
 ) -> dict[str, bytes]:
     """The bytes of report.html and report.md by name, and with ``pdf`` of report.pdf.  ``full``:
-    details are open on the page and printed in the PDF.  ``kernel``: what Coq says of proof.v,
+    details are open on the page and printed in the PDF.  ``lmi``: a solver is asked for the block
+    matrix inequality.  ``kernel``: what Coq says of proof.v,
     where it was asked.  Diagnostics and one simulation are computed here and handed to the report,
     which computes nothing."""
     from dobc_design.report.pdf import require_typst
@@ -85,6 +91,9 @@ def render_report(
     say = report_to(progress)
     # What is computed may fail without the proof being less true; see ``_computed``.
     found = _computed(certificate, say)
+    if lmi:
+        say("asking a solver for the block matrix inequality")
+        found = replace(found, lmi=_solver_words(certificate.problem))
     say("writing the report")
     document = report_document(replace(found, searches=searches, kernel=kernel))
     if pdf:
@@ -119,6 +128,20 @@ def _drawn_run(problem: Problem, gain: Matrix | None) -> Trajectory:
     signal = signal_of(problem)[0] if loop_of(problem).guarantee.phases else None
     run = run_once(make_setting(problem, gain=gain, signal=signal))
     return replace(run, loop_sha256=fingerprint(problem, gain))
+
+
+def _solver_words(problem: Problem) -> str:
+    """What a solver says of the block matrix inequality, or why it was not asked."""
+    try:
+        lmi = block_lmi(problem)
+        lmi.problem().solve()
+    except SpecError as error:
+        return str(error)
+    except BaseException as error:
+        if not is_solver_failure(error):
+            raise
+        return "the solver failed on the block matrix inequality, which says nothing about it."
+    return f"a solver was asked for P and Q of (18). {lmi.status}"
 
 
 def _slow_run(problem: Problem, gain: Matrix | None) -> Trajectory | None:

@@ -176,6 +176,9 @@ def test_latex_fragments_go_to_a_folder_of_their_own_and_replace_nothing(dobc):
     assert code == 2
     assert "exists already" in err and "--force" in err
     assert not Path("page2").exists()
+    code, _, err = dobc("report", "A", "B", "--lmi")
+    assert code == 2
+    assert "--lmi" in err
     code, _, err = dobc("report", "A", "B", "--latex", "tex2")
     assert code == 2
     assert "of one certificate" in err

@@ -70,7 +70,17 @@ if TYPE_CHECKING:
     from dobc_design.problem.problem import Problem
 
 COMPLETING = "_DOBC_COMPLETE"  # set by a shell that wants to know how a word may go on
-TOLD = ("title", "statement", "plain", "meaning", "proved", "refuted", "source")  # of a condition
+TOLD = (
+    "title",
+    "means",
+    "statement",
+    "plain",
+    "letters",
+    "meaning",
+    "proved",
+    "refuted",
+    "source",
+)  # of a condition
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF, errno.EPIPE)
 
 
@@ -304,8 +314,13 @@ def explain(
     if as_json:
         print_json({"id": id, **{name: getattr(text, name) for name in TOLD}})
         return
-    say(f"{text.title}\n\n  {text.plain}\n\n{text.meaning}")
-    say(f"Proved:  {text.proved}\nRefuted: {text.refuted}\nSource:  {text.source}")
+    letters = text.letters
+    width = max(map(len, letters), default=0)
+    where = [f"  {letter:<{width}}  {stands_for}" for letter, stands_for in letters.items()]
+    say(f"{text.title}\n\n{text.means}\n")
+    say(f"Proved:  {text.proved}\nRefuted: {text.refuted}\n")
+    say("\n".join(["The condition", f"  {text.plain}", *(["where", *where] if where else [])]))
+    say(f"\n{text.meaning}\nSource: {text.source}")
 
 
 def schema(as_json: Json = True) -> None:

@@ -6,6 +6,7 @@ What reads a claim and what confirms it are found by the topic, in ``certificate
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Sequence
 from importlib.resources import files
@@ -34,8 +35,8 @@ MAX_SEPARABLE: Final = "max-separable"
 class Kind(Shown):
     """One kind of check.  ``topic``: its folder in ``conditions/``.  ``name`` and ``decides`` are
     the words of reports, the fields from ``title`` to ``source`` those of `dobc explain`;
-    ``statement`` is LaTeX.  ``decided_in``: its modules, ``checker``: the file of the second
-    checker that decides it again.  ``signals``: whether its proof is about every switching signal
+    ``means`` is the question in plain words, ``statement`` is LaTeX.  ``decided_in``: its modules,
+    ``checker``: the file of the second checker that decides it again.  ``signals``: whether its proof is about every switching signal
     or only about some, those of a guarantee or of a Markov chain."""
 
     id: str
@@ -44,6 +45,7 @@ class Kind(Shown):
     name: str
     decides: str
     title: str
+    means: str
     statement: str
     plain: str
     proved: str
@@ -61,6 +63,21 @@ class Kind(Shown):
     def meaning(self) -> str:
         """What it decides, in one sentence."""
         return f"It decides {self.decides}."
+
+    @property
+    def letters(self) -> dict[str, str]:
+        """What the letters of the condition, and of what is proved, stand for, in the order in
+        which they occur."""
+        found: dict[str, str] = {}
+        # "A" begins sentences, too, so only the condition itself is searched for it.
+        beside = [word for word in _WORD.findall(self.proved) if word not in ("A", "I")]
+        waiting = [*_WORD.findall(self.plain), *beside]
+        while waiting:
+            letter = waiting.pop(0)
+            if letter in LETTERS and letter not in found:
+                found[letter] = LETTERS[letter]
+                waiting += _WORD.findall(LETTERS[letter])
+        return found
 
     @property
     def is_consensus(self) -> bool:
@@ -89,6 +106,9 @@ class Kind(Shown):
         return self.name.partition(":")[0].removesuffix(" certificate").removesuffix(" proof")
 
 
+_WORD: Final = re.compile(r"[A-Za-z]\w*")
+_LETTERS: Final = (files("dobc_design.conditions") / "letters.toml").read_text("utf-8")
+LETTERS: Final[dict[str, str]] = tomllib.loads(_LETTERS)
 _TEXT: Final = (files("dobc_design.conditions") / "kinds.toml").read_text("utf-8")
 KINDS: Final = {id: Kind(id=id, **row) for id, row in tomllib.loads(_TEXT).items()}
 

@@ -31,7 +31,7 @@ from peers import peer_table
 from pinning import large_design, pinning_bars, shared_design
 from simulation import simulation_bars
 
-from dobc_design import Exosystem, Network, Problem, Switching, certify
+from dobc_design import Exosystem, Network, Problem, Switching, block_lmi, certify
 from dobc_design.conditions.consensus.claim import reduced, state_theorems
 from dobc_design.exact.cholesky import Scaled, bad_direction, proves_by_integers, scaled
 from dobc_design.exact.symmetric import SparseSymmetric
@@ -91,6 +91,10 @@ def bars() -> Iterator[Bar]:
         f"{lmi}, tr P + |Q|^2, n = 100 sparse", problem(100, random_balanced(100)), bar=200
     )
     yield against_dense(f"{lmi}, tr P + |Q|^2, n = 50 dense", problem(50, complete(50)), bar=1000)
+    for n, bar in ((10, 10), (30, 30), (100, 200)):
+        yield against_block_lmi(
+            f"{lmi} by dd.block_lmi, n = {n} sparse", problem(n, random_balanced(n)), bar=bar
+        )
     yield tiny("tiny observer SDP: Clarabel directly vs rebuilt in cvxpy")
     paths = "definiteness, exact LDL' vs"
     yield against_elimination(
@@ -127,6 +131,20 @@ def against_dense(what: str, given: Problem, *, bar: float) -> Bar:
     agree = "" if difference <= 1e-5 else "THE ANSWERS DIFFER: "
     note = f"{slow:.3g} s / {1e3 * fast:.3g} ms; {agree}optima {difference:.0e} apart"
     return Bar(what=what, bar=bar, ratio=slow / fast, note=note)
+
+
+def against_block_lmi(what: str, given: Problem, *, bar: float) -> Bar:
+    """Both from the problem object to a P and Q, the block with the constraints that users get."""
+
+    def dense() -> None:
+        lmi = block_lmi(given)
+        lmi.problem().solve(solver="CLARABEL")
+        if lmi.W is None:
+            raise RuntimeError(lmi.status)
+
+    slow = median_of(dense, repeats=3)
+    fast = median_of(partial(solve_reduced, given), repeats=15, inner=10)
+    return Bar(what=what, bar=bar, ratio=slow / fast, note=f"{slow:.3g} s / {1e3 * fast:.3g} ms")
 
 
 def tiny(what: str) -> Bar:

@@ -36,8 +36,9 @@ class Kind(Shown):
     """One kind of check.  ``topic``: its folder in ``conditions/``.  ``name`` and ``decides`` are
     the words of reports, the fields from ``title`` to ``source`` those of `dobc explain`;
     ``means`` is the question in plain words, ``statement`` is LaTeX.  ``decided_in``: its modules,
-    ``checker``: the file of the second checker that decides it again.  ``signals``: whether its proof is about every switching signal
-    or only about some, those of a guarantee or of a Markov chain."""
+    ``checker``: the file of the second checker that decides it again.  ``signals``: whether its
+    proof is about every switching signal or only about some, those of a guarantee or of a Markov
+    chain."""
 
     id: str
     topic: str

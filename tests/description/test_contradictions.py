@@ -23,103 +23,105 @@ SOUND: dict[str, Any] = {
 }
 HZ_AND_RAD = exosystems.of_parts(hz=["1/2"], frequencies=["1/2"])
 TWICE = exosystems.of_parts(hz=["1/2"], frequencies=["3.14"])
-CASES: tuple[tuple[str, dict[str, Any], dict[str, Any], str], ...] = (
-    (
-        "a limit below the amplitude that is stated",
-        {"actuators": {"limit": "1/2", "amplitude": 2}},
-        {"actuators": {"limit": "2.1", "amplitude": 2}},
-        "The actuator limit 0.5 of every agent is below the disturbance, which reaches 2 "
-        "(actuators.amplitude)",
-    ),
-    (
-        "a limit that the disturbance takes to the last",
-        {"actuators": {"limit": 2, "amplitude": 2}},
-        {"actuators": {"limit": "2.001", "amplitude": 2}},
-        "The actuator limit 2 of every agent equals the disturbance, which reaches 2 "
-        "(actuators.amplitude): cancelling",
-    ),
-    (
-        "a limit below the amplitude of the runs",
-        {"actuators": {"limit": 4}, "simulation": {"xi0": [3, 4]}},
-        {"actuators": {"limit": "5.1"}, "simulation": {"xi0": [3, 4]}},
-        "The actuator limit 4 of every agent is below the disturbance, which reaches 5 "
-        "(from simulation.xi0)",
-    ),
-    (
-        "a limit of one agent",
-        {"actuators": {"limit": {1: 9, 3: 1}, "amplitude": 2}},
-        {"actuators": {"limit": {1: 9, 3: 3}, "amplitude": 2}},
-        "The actuator limit 1 of agent 3 is below the disturbance",
-    ),
-    (
-        "runs with more than the stated amplitude",
-        {"actuators": {"limit": 9, "amplitude": 2}, "simulation": {"xi0": [3, 4]}},
-        {"actuators": {"limit": 9, "amplitude": 5}, "simulation": {"xi0": [3, 4]}},
-        "The disturbance that simulation.xi0 starts reaches 5, more than actuators.amplitude = 2",
-    ),
-    (
-        "an observer far faster than the network",
-        {"observer": Observer(rate=101)},
-        {"observer": Observer(rate=99)},
-        "The observer decays at 101 1/s, 101 times as fast as the network (1 1/s)",
-    ),
-    (
-        "a gain W far faster than the network",
-        {"exosystem": Exosystem(A=[[0]], C=[[1]]), "observer": Observer(W=[[500]])},
-        {"exosystem": Exosystem(A=[[0]], C=[[1]]), "observer": Observer(W=[[50]])},
-        "The observer decays at 500 1/s, 500 times as fast as the network (1 1/s)",
-    ),
-    (
-        "weights that are mostly error",
-        {"uncertainty": {"weights": "0.6"}},
-        {"uncertainty": {"weights": "0.5"}},
-        "uncertainty.weights = 0.6 says that every arc weight may be 60 % off, from 0.4 to "
-        "1.6 times",
-    ),
-    (
-        "gains that are mostly error",
-        {"uncertainty": {"gains": "0.8"}},
-        {"uncertainty": {"gains": "0.08"}},
-        "uncertainty.gains = 0.8 says that every gain may be 80 % off",
-    ),
-    (
-        "one sine in hz and in rad/s",
-        {"exosystem": TWICE},
-        {"exosystem": exosystems.of_parts(hz=["1/2"], frequencies=["3.2"])},
-        "The sines of 3.14 and 3.14159 rad/s (0.499747 and 0.5 Hz) differ only over "
-        "3.95e+03 s. Is it one sine",
-    ),
-    (
-        "one number in both units",
-        {"exosystem": HZ_AND_RAD},
-        {"exosystem": exosystems.of_parts(hz=["1/2"], frequencies=["0.51"])},
-        "The disturbance has a sine of 0.5 Hz and one of 0.5 rad/s.",
-    ),
-    (
-        "agents that do not know errors which nobody states",
-        {"uncertainty": {"known_to_agents": False, "drift": 1}},
-        {"uncertainty": {"known_to_agents": False, "weights": "0.1"}},
-        "uncertainty.known_to_agents = false has no effect",
-    ),
-    (
-        "a dwell time that no proof uses",
-        {"network": TWO_MODES, "switching": Switching(guarantee="arbitrary", dwell="1/2")},
-        {"network": TWO_MODES, "switching": Switching(guarantee="dwell", dwell="1/2")},
-        "switching.dwell = 0.5 s counts in simulations only",
-    ),
-    (
-        "an estimation error as large as the region",
-        {"region": {"initial_states": [0, 3], "initial_disturbance": 2}},
-        {"region": {"initial_states": [0, 3], "initial_disturbance": "1.9"}},
-        "region.initial_disturbance = 2 is as large as the region itself, which reaches 2 "
-        "from the target",
-    ),
+CASES: list[Any] = []
+
+
+def contradiction(name: str, words: str, wrong: dict, right: dict) -> None:
+    CASES.append(pytest.param(wrong, right, words, id=name))
+
+
+contradiction(
+    "a limit below the amplitude that is stated",
+    "The actuator limit 0.5 of every agent is below the disturbance, which reaches 2 "
+    "(actuators.amplitude)",
+    {"actuators": {"limit": "1/2", "amplitude": 2}},
+    {"actuators": {"limit": "2.1", "amplitude": 2}},
+)
+contradiction(
+    "a limit that the disturbance takes to the last",
+    "The actuator limit 2 of every agent equals the disturbance, which reaches 2 "
+    "(actuators.amplitude): cancelling",
+    {"actuators": {"limit": 2, "amplitude": 2}},
+    {"actuators": {"limit": "2.001", "amplitude": 2}},
+)
+contradiction(
+    "a limit below the amplitude of the runs",
+    "The actuator limit 4 of every agent is below the disturbance, which reaches 5 "
+    "(from simulation.xi0)",
+    {"actuators": {"limit": 4}, "simulation": {"xi0": [3, 4]}},
+    {"actuators": {"limit": "5.1"}, "simulation": {"xi0": [3, 4]}},
+)
+contradiction(
+    "a limit of one agent",
+    "The actuator limit 1 of agent 3 is below the disturbance",
+    {"actuators": {"limit": {1: 9, 3: 1}, "amplitude": 2}},
+    {"actuators": {"limit": {1: 9, 3: 3}, "amplitude": 2}},
+)
+contradiction(
+    "runs with more than the stated amplitude",
+    "The disturbance that simulation.xi0 starts reaches 5, more than actuators.amplitude = 2",
+    {"actuators": {"limit": 9, "amplitude": 2}, "simulation": {"xi0": [3, 4]}},
+    {"actuators": {"limit": 9, "amplitude": 5}, "simulation": {"xi0": [3, 4]}},
+)
+contradiction(
+    "an observer far faster than the network",
+    "The observer decays at 101 1/s, 101 times as fast as the network (1 1/s)",
+    {"observer": Observer(rate=101)},
+    {"observer": Observer(rate=99)},
+)
+contradiction(
+    "a gain W far faster than the network",
+    "The observer decays at 500 1/s, 500 times as fast as the network (1 1/s)",
+    {"exosystem": Exosystem(A=[[0]], C=[[1]]), "observer": Observer(W=[[500]])},
+    {"exosystem": Exosystem(A=[[0]], C=[[1]]), "observer": Observer(W=[[50]])},
+)
+contradiction(
+    "weights that are mostly error",
+    "uncertainty.weights = 0.6 says that every arc weight may be 60 % off, from 0.4 to 1.6 times",
+    {"uncertainty": {"weights": "0.6"}},
+    {"uncertainty": {"weights": "0.5"}},
+)
+contradiction(
+    "gains that are mostly error",
+    "uncertainty.gains = 0.8 says that every gain may be 80 % off",
+    {"uncertainty": {"gains": "0.8"}},
+    {"uncertainty": {"gains": "0.08"}},
+)
+contradiction(
+    "one sine in hz and in rad/s",
+    "The sines of 3.14 and 3.14159 rad/s (0.499747 and 0.5 Hz) differ only over "
+    "3.95e+03 s. Is it one sine",
+    {"exosystem": TWICE},
+    {"exosystem": exosystems.of_parts(hz=["1/2"], frequencies=["3.2"])},
+)
+contradiction(
+    "one number in both units",
+    "The disturbance has a sine of 0.5 Hz and one of 0.5 rad/s.",
+    {"exosystem": HZ_AND_RAD},
+    {"exosystem": exosystems.of_parts(hz=["1/2"], frequencies=["0.51"])},
+)
+contradiction(
+    "agents that do not know errors which nobody states",
+    "uncertainty.known_to_agents = false has no effect",
+    {"uncertainty": {"known_to_agents": False, "drift": 1}},
+    {"uncertainty": {"known_to_agents": False, "weights": "0.1"}},
+)
+contradiction(
+    "a dwell time that no proof uses",
+    "switching.dwell = 0.5 s counts in simulations only",
+    {"network": TWO_MODES, "switching": Switching(guarantee="arbitrary", dwell="1/2")},
+    {"network": TWO_MODES, "switching": Switching(guarantee="dwell", dwell="1/2")},
+)
+contradiction(
+    "an estimation error as large as the region",
+    "region.initial_disturbance = 2 is as large as the region itself, which reaches 2 "
+    "from the target",
+    {"region": {"initial_states": [0, 3], "initial_disturbance": 2}},
+    {"region": {"initial_states": [0, 3], "initial_disturbance": "1.9"}},
 )
 
 
-@pytest.mark.parametrize(
-    ("wrong", "right", "words"), [case[1:] for case in CASES], ids=[case[0] for case in CASES]
-)
+@pytest.mark.parametrize(("wrong", "right", "words"), CASES)
 def test_a_contradiction_is_named_with_its_numbers_and_its_twin_is_not(
     wrong: dict[str, Any], right: dict[str, Any], words: str
 ):

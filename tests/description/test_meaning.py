@@ -28,25 +28,33 @@ SOUND: dict[str, Any] = {
 }
 
 
+DISTURBANCES: list[Any] = []
+
+
+def disturbance(words: str, exosystem: Exosystem) -> None:
+    DISTURBANCES.append((exosystem, words))
+
+
+disturbance("constant", exosystems.constant())
+disturbance("constant and ramp", exosystems.ramp())
+disturbance("polynomial of degree 2", exosystems.polynomial(2))
+disturbance("sine of 2 rad/s (0.3183 Hz, period 3.142 s)", SINE)
+disturbance(
+    "constant + sine of 3.142 rad/s (0.5 Hz, period 2 s)",
+    exosystems.total(exosystems.constant(), exosystems.harmonics("3.14159265358979")),
+)
+disturbance("constant and ramp", exosystems.stacked(exosystems.ramp(), exosystems.constant()))
+disturbance(
+    "sine of 2 rad/s (0.3183 Hz, period 3.142 s, decaying like exp(-1 t))",
+    Exosystem(A=[[-1, 2], [-2, -1]], C=[[1, 0]]),
+)
+disturbance("a part growing like exp(3 t)", Exosystem(A=[[3]], C=[[1]]))
+disturbance("none: the exosystem never reaches d", Exosystem(A=[[0, 2], [-2, 0]], C=[[0, 0]]))
+
+
 @pytest.mark.parametrize(
     ("exosystem", "words"),
-    [
-        (exosystems.constant(), "constant"),
-        (exosystems.ramp(), "constant and ramp"),
-        (exosystems.polynomial(2), "polynomial of degree 2"),
-        (SINE, "sine of 2 rad/s (0.3183 Hz, period 3.142 s)"),
-        (
-            exosystems.total(exosystems.constant(), exosystems.harmonics("3.14159265358979")),
-            "constant + sine of 3.142 rad/s (0.5 Hz, period 2 s)",
-        ),
-        (exosystems.stacked(exosystems.ramp(), exosystems.constant()), "constant and ramp"),
-        (
-            Exosystem(A=[[-1, 2], [-2, -1]], C=[[1, 0]]),
-            "sine of 2 rad/s (0.3183 Hz, period 3.142 s, decaying like exp(-1 t))",
-        ),
-        (Exosystem(A=[[3]], C=[[1]]), "a part growing like exp(3 t)"),
-        (Exosystem(A=[[0, 2], [-2, 0]], C=[[0, 0]]), "none: the exosystem never reaches d"),
-    ],
+    DISTURBANCES,
 )
 def test_the_disturbance_in_words(exosystem: Exosystem, words: str):
     problem = Problem(**SOUND | {"exosystem": exosystem})
@@ -56,187 +64,157 @@ def test_the_disturbance_in_words(exosystem: Exosystem, words: str):
 WIDE = {"initial_states": [-180, 180], "initial_disturbance": "1/2"}
 TWO_MODES = Network.from_arcs({"a": CHAIN, "b": [*CHAIN, (1, 3)]}, arrow="listens_to", agents=4)
 PLANE = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0], [0, 0]])
-SLIPS: tuple[tuple[str, dict[str, Any], str], ...] = (
-    (
-        "a sign in A",
-        {"exosystem": Exosystem(A=[[0, 2], [2, 0]], C=[[1, 0]])},
-        "grows like exp(2 t). A sign missing",
+SLIPS: list[Any] = []
+
+
+def slip(name: str, words: str, /, **changes: Any) -> None:
+    SLIPS.append(pytest.param(changes, words, id=name))
+
+
+slip(
+    "a sign in A",
+    "grows like exp(2 t). A sign missing",
+    exosystem=Exosystem(A=[[0, 2], [2, 0]], C=[[1, 0]]),
+)
+slip(
+    "two equal sines",
+    "grows without limit",
+    exosystem=Exosystem(
+        A=[[0, 2, 1, 0], [-2, 0, 0, 1], [0, 0, 0, 2], [0, 0, -2, 0]], C=[[1, 0, 0, 0]]
     ),
-    (
-        "two equal sines",
-        {
-            "exosystem": Exosystem(
-                A=[[0, 2, 1, 0], [-2, 0, 0, 1], [0, 0, 0, 2], [0, 0, -2, 0]], C=[[1, 0, 0, 0]]
-            )
-        },
-        "grows without limit",
+)
+slip("a degree too much", "grows without limit", exosystem=exosystems.polynomial(3))
+slip(
+    "C misses a part",
+    "The constant does not appear in d",
+    exosystem=Exosystem(A=[[0, 2, 0], [-2, 0, 0], [0, 0, 0]], C=[[1, 0, 0]]),
+)
+slip("C is zero", "does not appear in d", exosystem=Exosystem(A=[[0, 2], [-2, 0]], C=[[0, 0]]))
+slip("what fades", "decays by itself", exosystem=Exosystem(A=[[-1]], C=[[1]]))
+slip("nobody pinned", "No agent is pinned", gains={})
+slip(
+    "arrows turned round",
+    "with the other network.arrow",
+    network=Network.from_arcs(CHAIN, arrow="sends_to", agents=4),
+)
+slip("a deaf pin", "Agent 1 is pinned, but nobody listens to it", gains={1: 2})
+slip("an empty mode", "In mode b nobody listens", **heard({"a": CHAIN, "b": []}))
+slip("a mode twice", "Modes a and b have the same arcs", **heard({"a": CHAIN, "b": CHAIN}))
+slip(
+    "a weight in another unit",
+    "weights of the arcs differ",
+    **heard([(1, 2), (2, 3), (3, 4, 5_000_000)]),
+)
+slip(
+    "a gain in another unit",
+    "gains differ by more than a factor of a million",
+    gains={4: 2, 3: 3_000_000},
+)
+slip("a sign in h", "repels near 0", coupling="-tanh(y)")
+slip("a cube", "vanishes to first order", coupling="y**3")
+slip("a logarithm", "is not defined for y <= -1", coupling="log(1 + y)")
+slip("a pole", "pushes neighbours apart for |y| > 1.6 (about)", coupling="tan(y)")
+slip("a sine too far", "falls, so that agents pull less for |y| > 1.6 (about)", coupling="sin(y)")
+slip("degrees", "sin, cos and tan take radians", coupling="sin(y)", region=WIDE)
+slip("an even coupling", "pushes neighbours apart for y < 0", coupling="abs(y)")
+slip("one side only", "is 0, so that agents do not react for y < 0", coupling="max(y, 0)")
+slip(
+    "an exponential too far",
+    "over the region; the region allows",
+    coupling="exp(y) - 1",
+    region=WIDE,
+)
+slip(
+    "a saturation too low", "saturates: it never exceeds 0.1", coupling="tanh(50*y)/10", region=WIDE
+)
+slip("a target outside", "The target 5 is outside region.initial_states [0, 2]", target=5)
+slip(
+    "one start only", "single point 1", region={"initial_states": [1, 1], "initial_disturbance": 1}
+)
+slip("an offset outside", "The goal (target + offset) of 2 is outside", offsets={2: 7})
+slip(
+    "no error allowed", "only if every observer starts", region=STARTS | {"initial_disturbance": 0}
+)
+slip("a sign in W", "estimation error does not decay", observer=Observer(W=[[-3], [1]]))
+slip("a start outside", "simulation.x0 is outside", simulation={"x0": [9]})
+slip("a run at rest", "the simulated runs have no disturbance", simulation={"xi0": [0, 0]})
+slip(
+    "one mode for ever",
+    "switching.dwell = 50 s is longer",
+    switching=Switching(signal="random", dwell=50),
+    simulation={"t_final": 20},
+)
+slip(
+    "a damped sine",
+    "decays by itself: sine of 2 rad/s",
+    exosystem=exosystems.stacked(
+        exosystems.constant(), Exosystem(A=[[-1, 2], [-2, -1]], C=[[1, 0]])
     ),
-    ("a degree too much", {"exosystem": exosystems.polynomial(3)}, "grows without limit"),
-    (
-        "C misses a part",
-        {"exosystem": Exosystem(A=[[0, 2, 0], [-2, 0, 0], [0, 0, 0]], C=[[1, 0, 0]])},
-        "The constant does not appear in d",
-    ),
-    (
-        "C is zero",
-        {"exosystem": Exosystem(A=[[0, 2], [-2, 0]], C=[[0, 0]])},
-        "does not appear in d",
-    ),
-    ("what fades", {"exosystem": Exosystem(A=[[-1]], C=[[1]])}, "decays by itself"),
-    ("nobody pinned", {"gains": {}}, "No agent is pinned"),
-    (
-        "arrows turned round",
-        {"network": Network.from_arcs(CHAIN, arrow="sends_to", agents=4)},
-        "with the other network.arrow",
-    ),
-    ("a deaf pin", {"gains": {1: 2}}, "Agent 1 is pinned, but nobody listens to it"),
-    ("an empty mode", heard({"a": CHAIN, "b": []}), "In mode b nobody listens"),
-    ("a mode twice", heard({"a": CHAIN, "b": CHAIN}), "Modes a and b have the same arcs"),
-    (
-        "a weight in another unit",
-        heard([(1, 2), (2, 3), (3, 4, 5_000_000)]),
-        "weights of the arcs differ",
-    ),
-    (
-        "a gain in another unit",
-        {"gains": {4: 2, 3: 3_000_000}},
-        "gains differ by more than a factor of a million",
-    ),
-    ("a sign in h", {"coupling": "-tanh(y)"}, "repels near 0"),
-    ("a cube", {"coupling": "y**3"}, "vanishes to first order"),
-    ("a logarithm", {"coupling": "log(1 + y)"}, "is not defined for y <= -1"),
-    ("a pole", {"coupling": "tan(y)"}, "pushes neighbours apart for |y| > 1.6 (about)"),
-    (
-        "a sine too far",
-        {"coupling": "sin(y)"},
-        "falls, so that agents pull less for |y| > 1.6 (about)",
-    ),
-    ("degrees", {"coupling": "sin(y)", "region": WIDE}, "sin, cos and tan take radians"),
-    ("an even coupling", {"coupling": "abs(y)"}, "pushes neighbours apart for y < 0"),
-    ("one side only", {"coupling": "max(y, 0)"}, "is 0, so that agents do not react for y < 0"),
-    (
-        "an exponential too far",
-        {"coupling": "exp(y) - 1", "region": WIDE},
-        "over the region; the region allows",
-    ),
-    (
-        "a saturation too low",
-        {"coupling": "tanh(50*y)/10", "region": WIDE},
-        "saturates: it never exceeds 0.1",
-    ),
-    ("a target outside", {"target": 5}, "The target 5 is outside region.initial_states [0, 2]"),
-    (
-        "one start only",
-        {"region": {"initial_states": [1, 1], "initial_disturbance": 1}},
-        "single point 1",
-    ),
-    ("an offset outside", {"offsets": {2: 7}}, "The goal (target + offset) of 2 is outside"),
-    (
-        "no error allowed",
-        {"region": STARTS | {"initial_disturbance": 0}},
-        "only if every observer starts",
-    ),
-    ("a sign in W", {"observer": Observer(W=[[-3], [1]])}, "estimation error does not decay"),
-    ("a start outside", {"simulation": {"x0": [9]}}, "simulation.x0 is outside"),
-    ("a run at rest", {"simulation": {"xi0": [0, 0]}}, "the simulated runs have no disturbance"),
-    (
-        "one mode for ever",
-        {"switching": Switching(signal="random", dwell=50), "simulation": {"t_final": 20}},
-        "switching.dwell = 50 s is longer",
-    ),
-    (
-        "a damped sine",
-        {
-            "exosystem": exosystems.stacked(
-                exosystems.constant(), Exosystem(A=[[-1, 2], [-2, -1]], C=[[1, 0]])
-            )
-        },
-        "decays by itself: sine of 2 rad/s",
-    ),
-    ("a row of zeros in C", {"exosystem": PLANE, "target": [1, 1]}, "acts on state component 2"),
-    ("an agent too many", heard(CHAIN, 5), "without any arc: 5"),
-    ("two chains", heard([(1, 2), (3, 4)]), "No path of arcs leads from a pinned agent to 1, 2"),
-    ("an offset forgotten", {"offsets": {2: "1/2", 3: "1/2"}}, "2, 3 have the same goal"),
-    (
-        "an error in another unit",
-        {"region": STARTS | {"initial_disturbance": 5000}},
-        "initial_disturbance = 5000 and the width 2",
-    ),
-    (
-        "a disturbance larger than asked",
-        {"simulation": {"xi0": [3, 4]}},
-        "simulation.xi0 has length 5, more than",
-    ),
-    (
-        "a sign in P",
-        {"observer": Observer(W=[[3], [1]], P=[[1, 2], [2, 1]])},
-        "P is not positive definite",
-    ),
-    (
-        "a rate beside W",
-        {"observer": Observer(W=[[3], [1]], rate=2)},
-        "observer.rate has no effect",
-    ),
-    (
-        "one pole of W too fast",
-        {"observer": Observer(W=[[40001], [19998]])},
-        "The observer (2.5e-05 s) is more than 1000 times faster",
-    ),
-    (
-        "rad per ms",
-        {"exosystem": exosystems.harmonics(31416)},
-        "Hz, or rad per ms, in place of rad/s?",
-    ),
-    ("Hz for rad/s", {"exosystem": exosystems.harmonics("0.01")}, "needs 628 s for a period"),
-    (
-        "a gain in micro",
-        {"gains": {4: "1/1000000"}},
-        "Is a gain, a rate or a frequency in another unit?",
-    ),
-    (
-        "a run too short",
-        {"simulation": {"t_final": "1/10"}},
-        "is shorter than the slowest time constant, 1 s",
-    ),
-    (
-        "a run too long",
-        {"simulation": {"t_final": 100_000}},
-        "more than 10000 times the slowest time constant",
-    ),
-    (
-        "nothing happens",
-        {"exosystem": None, "region": None, "simulation": {"x0": [1]}},
-        "in the runs nothing happens",
-    ),
-    (
-        "a dwell time in ms",
-        {"switching": Switching(signal="random", dwell="1/100000")},
-        "far below every time scale",
-    ),
-    (
-        "switching alone",
-        {"switching": Switching(signal="random", dwell=1)},
-        "There is one mode only",
-    ),
-    (
-        "a mode left out",
-        {"network": TWO_MODES, "switching": Switching(signal="periodic", dwell=1, sequence=["a"])},
-        "never makes b active",
-    ),
-    (
-        "a chain that stops",
-        {
-            "network": TWO_MODES,
-            "switching": Switching(signal="markov", generator=[[-1, 1], [0, 0]]),
-        },
-        "never leaves b",
-    ),
+)
+slip("a row of zeros in C", "acts on state component 2", exosystem=PLANE, target=[1, 1])
+slip("an agent too many", "without any arc: 5", **heard(CHAIN, 5))
+slip("two chains", "No path of arcs leads from a pinned agent to 1, 2", **heard([(1, 2), (3, 4)]))
+slip("an offset forgotten", "2, 3 have the same goal", offsets={2: "1/2", 3: "1/2"})
+slip(
+    "an error in another unit",
+    "initial_disturbance = 5000 and the width 2",
+    region=STARTS | {"initial_disturbance": 5000},
+)
+slip(
+    "a disturbance larger than asked",
+    "simulation.xi0 has length 5, more than",
+    simulation={"xi0": [3, 4]},
+)
+slip(
+    "a sign in P", "P is not positive definite", observer=Observer(W=[[3], [1]], P=[[1, 2], [2, 1]])
+)
+slip("a rate beside W", "observer.rate has no effect", observer=Observer(W=[[3], [1]], rate=2))
+slip(
+    "one pole of W too fast",
+    "The observer (2.5e-05 s) is more than 1000 times faster",
+    observer=Observer(W=[[40001], [19998]]),
+)
+slip("rad per ms", "Hz, or rad per ms, in place of rad/s?", exosystem=exosystems.harmonics(31416))
+slip("Hz for rad/s", "needs 628 s for a period", exosystem=exosystems.harmonics("0.01"))
+slip("a gain in micro", "Is a gain, a rate or a frequency in another unit?", gains={4: "1/1000000"})
+slip(
+    "a run too short",
+    "is shorter than the slowest time constant, 1 s",
+    simulation={"t_final": "1/10"},
+)
+slip(
+    "a run too long",
+    "more than 10000 times the slowest time constant",
+    simulation={"t_final": 100_000},
+)
+slip(
+    "nothing happens",
+    "in the runs nothing happens",
+    exosystem=None,
+    region=None,
+    simulation={"x0": [1]},
+)
+slip(
+    "a dwell time in ms",
+    "far below every time scale",
+    switching=Switching(signal="random", dwell="1/100000"),
+)
+slip("switching alone", "There is one mode only", switching=Switching(signal="random", dwell=1))
+slip(
+    "a mode left out",
+    "never makes b active",
+    network=TWO_MODES,
+    switching=Switching(signal="periodic", dwell=1, sequence=["a"]),
+)
+slip(
+    "a chain that stops",
+    "never leaves b",
+    network=TWO_MODES,
+    switching=Switching(signal="markov", generator=[[-1, 1], [0, 0]]),
 )
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"), [slip[1:] for slip in SLIPS], ids=[slip[0] for slip in SLIPS]
-)
+@pytest.mark.parametrize(("changes", "words"), SLIPS)
 def test_a_slip_is_named(changes: dict[str, Any], words: str):
     assert any(words in remark for remark in remarks(Problem(**SOUND | changes)))
 

@@ -76,66 +76,68 @@ def test_words_say_what_else_is_asked():
     ]
 
 
-TABLES = (
-    (
-        {"actuators": {"limit": {"a": "1/2", "b": 2}, "amplitude": 3}},
-        "Actuators: |u_i| by component is at most a: 0.5, b: 2; the inputs of the other "
-        "agents have no limit; |d_i| is "
-        "at most 3 by component.",
-    ),
-    (
-        {"actuators": {"limit": 4}},
-        "Actuators: |u_i| is at most 4 by component, for every agent; how large |d_i| may be ",
-    ),
-    (
-        {"actuators": {"amplitude": 3}, "simulation": {"xi0": [1]}},
-        "Actuators: inputs have no limit; |d_i| is at most 3 by component.",
-    ),
-    (
-        {"actuators": {"limit": 4}, "simulation": {"xi0": [1]}},
-        "; |d_i| is as large as from simulation.xi0.",
-    ),
-    (
-        {
-            "uncertainty": {
-                "weights": "0.05",
-                "gains": "0.02",
-                "disturbance": "0.1",
-                "drift": "0.01",
-                "measurement": 1,
-            }
-        },
-        "Uncertainty: every arc weight may be 5 % off; every gain may be 2 % off; a "
-        "disturbance that no exosystem "
-        "generates, |w_i|, is at most 0.1; |xi' - A xi| is at most 0.01; the noise of "
-        "every measured state is at "
-        "most 1.",
-    ),
-    (
-        {"uncertainty": {"weights": "0.05", "known_to_agents": False}},
-        "Uncertainty: every arc weight may be 5 % off; the observers do not know the true weights.",
-    ),
-    ({"observer": Observer(rate=3)}, "Observer gain W: to be designed for a decay rate of 3 1/s."),
-    (
-        {"simulation": {"t_final": 7, "seed": 3, "x0": [2], "xi0": [1]}},
-        "Simulations: 7 s, seed 3; they start at x0, all agents at 2; the exosystem starts "
-        "at xi0, 1 for all agents.",
-    ),
-    (
-        {"exceptions": {(0, 1): "2*y", (1, 2): "tanh(y)"}},
-        "Other couplings: h = 2*y where a listens to b; h = tanh(y) where b listens to c.",
-    ),
-    ({"offsets": {"a": 1}}, "Formation offsets: a: 1."),
-    (
-        {"region": {"initial_states": [0, 1], "initial_disturbance": 1}},
-        "Region asked for: initial states in [0, 1]",
-    ),
+TABLES: list[Any] = []
+
+
+def table(words: str, /, **tables: Any) -> None:
+    first_key = next(iter(tables))
+    TABLES.append(pytest.param(tables, words, id=first_key))
+
+
+table(
+    "Actuators: |u_i| by component is at most a: 0.5, b: 2; the inputs of the other "
+    "agents have no limit; |d_i| is "
+    "at most 3 by component.",
+    actuators={"limit": {"a": "1/2", "b": 2}, "amplitude": 3},
+)
+table(
+    "Actuators: |u_i| is at most 4 by component, for every agent; how large |d_i| may be ",
+    actuators={"limit": 4},
+)
+table(
+    "Actuators: inputs have no limit; |d_i| is at most 3 by component.",
+    actuators={"amplitude": 3},
+    simulation={"xi0": [1]},
+)
+table(
+    "; |d_i| is as large as from simulation.xi0.", actuators={"limit": 4}, simulation={"xi0": [1]}
+)
+table(
+    "Uncertainty: every arc weight may be 5 % off; every gain may be 2 % off; a "
+    "disturbance that no exosystem "
+    "generates, |w_i|, is at most 0.1; |xi' - A xi| is at most 0.01; the noise of "
+    "every measured state is at "
+    "most 1.",
+    uncertainty={
+        "weights": "0.05",
+        "gains": "0.02",
+        "disturbance": "0.1",
+        "drift": "0.01",
+        "measurement": 1,
+    },
+)
+table(
+    "Uncertainty: every arc weight may be 5 % off; the observers do not know the true weights.",
+    uncertainty={"weights": "0.05", "known_to_agents": False},
+)
+table("Observer gain W: to be designed for a decay rate of 3 1/s.", observer=Observer(rate=3))
+table(
+    "Simulations: 7 s, seed 3; they start at x0, all agents at 2; the exosystem starts "
+    "at xi0, 1 for all agents.",
+    simulation={"t_final": 7, "seed": 3, "x0": [2], "xi0": [1]},
+)
+table(
+    "Other couplings: h = 2*y where a listens to b; h = tanh(y) where b listens to c.",
+    exceptions={(0, 1): "2*y", (1, 2): "tanh(y)"},
+)
+table("Formation offsets: a: 1.", offsets={"a": 1})
+table(
+    "Region asked for: initial states in [0, 1]",
+    region={"initial_states": [0, 1], "initial_disturbance": 1},
 )
 
 
-@pytest.mark.parametrize(
-    ("tables", "words"), TABLES, ids=[next(iter(tables)) for tables, _ in TABLES]
-)
+@pytest.mark.parametrize(("tables", "words"), TABLES)
 def test_every_table_of_the_file_is_repeated_in_words(tables: dict[str, Any], words: str):
     """In the text of `check`, of print(problem), and in the HTML view."""
     given = {"exosystem": Exosystem(A=[[0]], C=[[1]]), **tables}

@@ -4,6 +4,7 @@ anybody."""
 import json
 from collections.abc import Iterator
 from fractions import Fraction
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -122,48 +123,66 @@ def test_the_hash_changes_with_the_order_of_modes_and_with_labels():
     )
 
 
+NO_PROBLEMS: list[Any] = []
+
+
+def no_problem(message: str, data: bytes) -> None:
+    NO_PROBLEMS.append((data, message))
+
+
+no_problem("not valid JSON", b"\xff\xfe{}")
+no_problem("not valid JSON", b"[" * 100_000)
+no_problem("not valid JSON", b'{"a":' * 100_000)
+no_problem("not valid JSON", b'{"format":' + b"9" * 5000 + b"}")
+no_problem("a key twice", b'{"format":"dobc-problem","format":"dobc-problem"}')
+no_problem("is not a problem but a certificate", b'{"format":"dobc-certificate"}')
+no_problem("has version 2; this program knows 1", b'{"format":"dobc-problem","version":2}')
+no_problem("has version True", b'{"format":"dobc-problem","version":true}')
+no_problem(
+    "an object with the keys format, version, name", b'{"format":"dobc-problem","version":1}'
+)
+
+
 @pytest.mark.parametrize(
     ("data", "message"),
-    [
-        (b"\xff\xfe{}", "not valid JSON"),
-        (b"[" * 100_000, "not valid JSON"),
-        (b'{"a":' * 100_000, "not valid JSON"),
-        (b'{"format":' + b"9" * 5000 + b"}", "not valid JSON"),
-        (b'{"format":"dobc-problem","format":"dobc-problem"}', "a key twice"),
-        (b'{"format":"dobc-certificate"}', "is not a problem but a certificate"),
-        (b'{"format":"dobc-problem","version":2}', "has version 2; this program knows 1"),
-        (b'{"format":"dobc-problem","version":true}', "has version True"),
-        (b'{"format":"dobc-problem","version":1}', "an object with the keys format, version, name"),
-    ],
+    NO_PROBLEMS,
 )
 def test_what_is_no_problem_json_is_refused(data, message):
     with pytest.raises(SpecError, match=message):
         problem_from_canonical(data)
 
 
+WRONG: list[Any] = []
+
+
+def wrong(message: str, path: tuple, value: Any) -> None:
+    WRONG.append((path, value, message))
+
+
+wrong("name must be text", ("name",), 5)
+wrong("notes must be a list", ("notes",), "text")
+wrong(r"notes\[0\] must be text", ("notes",), ["\ud800"])
+wrong("labels must be text", ("labels",), ["a", "b", 3])
+wrong("dimension must be the number of state components, 1; got 2", ("dimension",), 2)
+wrong("1 number", ("target",), [])
+wrong(r"modes\[0\]\.name must be text", ("modes", 0, "name"), 5)
+wrong("different from the others; got 'A'", ("modes", 1, "name"), "A")
+wrong(r"must be \[listener, speaker, weight\]", ("modes", 0, "arcs", 0), [0, 1])
+wrong("too large", ("modes", 0, "arcs", 0), [0, 10**30, "1"])
+wrong("leaves the graph", ("modes", 0, "arcs", 0), [0, -1, "1"])
+wrong("must be text", ("modes", 0, "arcs", 0, 2), 1)
+wrong("must be an expression", ("coupling", "h"), None)
+wrong("a list of 2", ("coupling", "exceptions", 0, "arc"), [0])
+wrong("must be the index of an agent; got -1", ("coupling", "exceptions", 0, "arc"), [-1, 1])
+wrong("must be an expression", ("coupling", "exceptions", 0, "h"), {"y": 1})
+wrong("not listed already", ("gains",), [[0, [["1"]]], [0, [["2"]]]])
+wrong("exosystem must be an object with the keys A, C", ("exosystem",), {"A": [["1"]]})
+wrong("simulation must be an object", ("simulation",), None)
+
+
 @pytest.mark.parametrize(
     ("path", "value", "message"),
-    [
-        (("name",), 5, "name must be text"),
-        (("notes",), "text", "notes must be a list"),
-        (("notes",), ["\ud800"], r"notes\[0\] must be text"),
-        (("labels",), ["a", "b", 3], "labels must be text"),
-        (("dimension",), 2, "dimension must be the number of state components, 1; got 2"),
-        (("target",), [], "1 number"),
-        (("modes", 0, "name"), 5, r"modes\[0\]\.name must be text"),
-        (("modes", 1, "name"), "A", "different from the others; got 'A'"),
-        (("modes", 0, "arcs", 0), [0, 1], r"must be \[listener, speaker, weight\]"),
-        (("modes", 0, "arcs", 0), [0, 10**30, "1"], "too large"),
-        (("modes", 0, "arcs", 0), [0, -1, "1"], "leaves the graph"),
-        (("modes", 0, "arcs", 0, 2), 1, "must be text"),
-        (("coupling", "h"), None, "must be an expression"),
-        (("coupling", "exceptions", 0, "arc"), [0], "a list of 2"),
-        (("coupling", "exceptions", 0, "arc"), [-1, 1], "must be the index of an agent; got -1"),
-        (("coupling", "exceptions", 0, "h"), {"y": 1}, "must be an expression"),
-        (("gains",), [[0, [["1"]]], [0, [["2"]]]], "not listed already"),
-        (("exosystem",), {"A": [["1"]]}, "exosystem must be an object with the keys A, C"),
-        (("simulation",), None, "simulation must be an object"),
-    ],
+    WRONG,
 )
 def test_a_wrong_value_is_refused_by_its_key(path, value, message):
     changed = document()

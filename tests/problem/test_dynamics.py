@@ -4,6 +4,7 @@ section 13)."""
 import json
 from fractions import Fraction
 from random import Random
+from typing import Any
 
 import numpy as np
 import pytest
@@ -74,33 +75,31 @@ def test_gains_may_push_away():
     assert agents(gains={1: [[-3, 6]]}).pinning.gains == {0: ((-3, 6),)}
 
 
+NO_DYNAMICS: list[Any] = []
+
+
+def no_dynamics(kind: Any, message: str, /, **given: Any) -> None:
+    NO_DYNAMICS.append((given, message, kind))
+
+
+no_dynamics(ShapeError, "dynamics.A must be square", A=[[0, 1]])
+no_dynamics(
+    ShapeError, "dynamics.B must have 1 row, one per state component; got 2.", A=[[0]], B=[[1], [0]]
+)
+no_dynamics(
+    SpecError, "dynamics.B must have full column rank", A=[[0, 0], [0, 0]], B=[[1, 2], [1, 2]]
+)
+no_dynamics(SpecError, "dynamics.B must have full column rank", A=[[0, 0], [0, 0]], B=[[0], [0]])
+no_dynamics(
+    SpecError, "dynamics.B must have full column rank", A=[[0, 0], [0, 0]], B=[[1, 0, 1], [0, 1, 0]]
+)
+no_dynamics(SpecError, "dynamics must have either A or f")
+no_dynamics(SpecError, "dynamics must have either A or f", A=[[0]], f=["x"])
+
+
 @pytest.mark.parametrize(
     ("given", "message", "kind"),
-    [
-        ({"A": [[0, 1]]}, "dynamics.A must be square", ShapeError),
-        (
-            {"A": [[0]], "B": [[1], [0]]},
-            "dynamics.B must have 1 row, one per state component; got 2.",
-            ShapeError,
-        ),
-        (
-            {"A": [[0, 0], [0, 0]], "B": [[1, 2], [1, 2]]},
-            "dynamics.B must have full column rank",
-            SpecError,
-        ),
-        (
-            {"A": [[0, 0], [0, 0]], "B": [[0], [0]]},
-            "dynamics.B must have full column rank",
-            SpecError,
-        ),
-        (
-            {"A": [[0, 0], [0, 0]], "B": [[1, 0, 1], [0, 1, 0]]},
-            "dynamics.B must have full column rank",
-            SpecError,
-        ),
-        ({}, "dynamics must have either A or f", SpecError),
-        ({"A": [[0]], "f": ["x"]}, "dynamics must have either A or f", SpecError),
-    ],
+    NO_DYNAMICS,
 )
 def test_what_cannot_be_dynamics_is_named(given, message, kind):
     with pytest.raises(kind) as caught:
@@ -108,56 +107,48 @@ def test_what_cannot_be_dynamics_is_named(given, message, kind):
     assert message in str(caught.value)
 
 
+MISTAKES: list[Any] = []
+
+
+def mistake(key: str, words: Any, /, **given: Any) -> None:
+    MISTAKES.append((given, key, words))
+
+
+mistake("target", ("A x + B u0 = 0", "The nearest one is [0, 0]."), target=[0, 1])
+mistake("target", ("The nearest one is [3, 0].",), target=[3, 1])
+mistake("formation.offsets.2", ("The nearest one is [0, 0].",), offsets={2: [0, 1]})
+mistake("uncertainty.weights", ("Remove it, or give 0.",), uncertainty={"weights": "1/10"})
+mistake(
+    "actuators",
+    ("Remove [actuators], certify", "dobc stress FILE --saturation 3"),
+    actuators={"limit": 3},
+)
+mistake("coupling.h", ("1 expression", "one per input"), coupling=["y1", "y2"])
+mistake("coupling.h[0]", ('did you mean "y1"',), coupling="y")
+mistake(
+    "coupling.h",
+    ("a list of 2 expressions, one per input", "y1 to y3"),
+    coupling="y",
+    dynamics={"A": [[0] * 3] * 3, "B": [[1, 0], [0, 1], [0, 0]]},
+    target=[0] * 3,
+)
+mistake("pinning.gains.1", ("one row per input", "shape (2, 2)"), gains={1: [[1, 0], [0, 1]]})
+mistake("pinning.gains.1", (">= 0",), gains={1: -1})
+mistake("pinning.gains.1", ("1 x 2 matrix", "the coupling is not linear"), coupling="sin(y1)")
+mistake(
+    "exosystem.C",
+    ("1 row, one per input of [dynamics]",),
+    exosystem=Exosystem(A=[[0]], C=[[1], [0]]),
+)
+mistake("observer.W", ("column",), exosystem=HARMONIC, observer=Observer(W=[[1, 0, 0], [0, 1, 0]]))
+mistake(
+    "dynamics", ("at most 100 state components",), dynamics={"A": [[0] * 101] * 101}, coupling="y"
+)
+
+
 @pytest.mark.parametrize(
     ("given", "key", "words"),
-    [
-        ({"target": [0, 1]}, "target", ("A x + B u0 = 0", "The nearest one is [0, 0].")),
-        ({"target": [3, 1]}, "target", ("The nearest one is [3, 0].",)),
-        ({"offsets": {2: [0, 1]}}, "formation.offsets.2", ("The nearest one is [0, 0].",)),
-        ({"uncertainty": {"weights": "1/10"}}, "uncertainty.weights", ("Remove it, or give 0.",)),
-        (
-            {"actuators": {"limit": 3}},
-            "actuators",
-            ("Remove [actuators], certify", "dobc stress FILE --saturation 3"),
-        ),
-        ({"coupling": ["y1", "y2"]}, "coupling.h", ("1 expression", "one per input")),
-        ({"coupling": "y"}, "coupling.h[0]", ('did you mean "y1"',)),
-        (
-            {
-                "coupling": "y",
-                "dynamics": {"A": [[0] * 3] * 3, "B": [[1, 0], [0, 1], [0, 0]]},
-                "target": [0] * 3,
-            },
-            "coupling.h",
-            ("a list of 2 expressions, one per input", "y1 to y3"),
-        ),
-        (
-            {"gains": {1: [[1, 0], [0, 1]]}},
-            "pinning.gains.1",
-            ("one row per input", "shape (2, 2)"),
-        ),
-        ({"gains": {1: -1}}, "pinning.gains.1", (">= 0",)),
-        (
-            {"coupling": "sin(y1)"},
-            "pinning.gains.1",
-            ("1 x 2 matrix", "the coupling is not linear"),
-        ),
-        (
-            {"exosystem": Exosystem(A=[[0]], C=[[1], [0]])},
-            "exosystem.C",
-            ("1 row, one per input of [dynamics]",),
-        ),
-        (
-            {"exosystem": HARMONIC, "observer": Observer(W=[[1, 0, 0], [0, 1, 0]])},
-            "observer.W",
-            ("column",),
-        ),
-        (
-            {"dynamics": {"A": [[0] * 101] * 101}, "coupling": "y"},
-            "dynamics",
-            ("at most 100 state components",),
-        ),
-    ],
+    MISTAKES,
 )
 def test_mistakes_are_named_with_key_and_cure(given, key, words):
     with pytest.raises(SpecError) as caught:

@@ -4,6 +4,7 @@ people."""
 import json
 import pickle
 from fractions import Fraction
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -158,36 +159,43 @@ def test_a_canonical_section_with_other_keys_or_null_is_refused(later):
         problem_from_canonical(json.dumps(document).encode())
 
 
+SECTIONS: list[Any] = []
+
+
+def section_in_words(words: str, /, **section: Any) -> None:
+    SECTIONS.append((section, words))
+
+
+section_in_words("random, a mode drawn anew every 0.5 s", signal="random", dwell=0.5)
+section_in_words(
+    "periodic, Gb, Ga in turn, 2 s each", signal="periodic", dwell=2, sequence=["Gb", "Ga"]
+)
+section_in_words('periodic, Ga, Gb, a."b" in turn, a round in 3 s', signal="periodic", period=3)
+section_in_words(
+    "Ga from 0 s, Gb from 1 s, and so again every 3 s",
+    signal="periodic",
+    period=3,
+    schedule=[[0, "Ga"], [1, "Gb"]],
+)
+section_in_words(
+    "Ga from 0 s, Gb from 1/3 s", signal="schedule", schedule=[[0, "Ga"], ["1/3", "Gb"]]
+)
+section_in_words(
+    'a Markov chain, whose stays last on average: Ga 0.5 s, Gb for ever, a."b" 1 s',
+    signal="markov",
+    generator=[[-2, 2, 0], [0, 0, 0], [0, 1, -1]],
+)
+section_in_words(
+    "an agent hears its 2 nearest neighbours; the arcs of the modes", signal="mobile", neighbours=2
+)
+section_in_words(
+    "everyone within 2 in the unit of x, with a hyst", signal="mobile", radius=2, hysteresis="1/4"
+)
+
+
 @pytest.mark.parametrize(
     ("section", "words"),
-    [
-        ({"signal": "random", "dwell": 0.5}, "random, a mode drawn anew every 0.5 s"),
-        (
-            {"signal": "periodic", "dwell": 2, "sequence": ["Gb", "Ga"]},
-            "periodic, Gb, Ga in turn, 2 s each",
-        ),
-        ({"signal": "periodic", "period": 3}, 'periodic, Ga, Gb, a."b" in turn, a round in 3 s'),
-        (
-            {"signal": "periodic", "period": 3, "schedule": [[0, "Ga"], [1, "Gb"]]},
-            "Ga from 0 s, Gb from 1 s, and so again every 3 s",
-        ),
-        (
-            {"signal": "schedule", "schedule": [[0, "Ga"], ["1/3", "Gb"]]},
-            "Ga from 0 s, Gb from 1/3 s",
-        ),
-        (
-            {"signal": "markov", "generator": [[-2, 2, 0], [0, 0, 0], [0, 1, -1]]},
-            'a Markov chain, whose stays last on average: Ga 0.5 s, Gb for ever, a."b" 1 s',
-        ),
-        (
-            {"signal": "mobile", "neighbours": 2},
-            "an agent hears its 2 nearest neighbours; the arcs of the modes",
-        ),
-        (
-            {"signal": "mobile", "radius": 2, "hysteresis": "1/4"},
-            "everyone within 2 in the unit of x, with a hyst",
-        ),
-    ],
+    SECTIONS,
 )
 def test_check_says_the_signal_in_words(section, words: str):
     text = describe(Problem(network=NETWORK, coupling="y", switching=Switching(**section)))

@@ -196,15 +196,23 @@ def test_canonical_and_compact_text_parse_back_to_the_same_tree_and_latex_become
     assert "<math" in convert(expression.latex)
 
 
+CANONICAL: list[Any] = []
+
+
+def canonical_text(text: str, canonical: str) -> None:
+    CANONICAL.append((text, canonical))
+
+
+canonical_text("exp( y )-1+y", "exp(y) - 1 + y")
+canonical_text("y*(2*3)", "y*(2*3)")
+canonical_text("0.50*y", "0.5*y")
+canonical_text("1e-30*y", "1e-30*y")
+canonical_text("y**.5", "sqrt(y)")
+
+
 @pytest.mark.parametrize(
     ("text", "canonical"),
-    [
-        ("exp( y )-1+y", "exp(y) - 1 + y"),
-        ("y*(2*3)", "y*(2*3)"),
-        ("0.50*y", "0.5*y"),
-        ("1e-30*y", "1e-30*y"),
-        ("y**.5", "sqrt(y)"),
-    ],
+    CANONICAL,
 )
 def test_canonical_text_has_no_parenthesis_more_than_it_needs(text, canonical):
     assert str(parse_expression(text)) == canonical
@@ -314,15 +322,23 @@ def test_what_is_not_in_the_language_is_refused_with_place_and_advice(text, mess
     assert len(str(caught.value)) < 500
 
 
+WRONG_NAMES: list[Any] = []
+
+
+def wrong_name(text: str, message: str) -> None:
+    WRONG_NAMES.append((text, message))
+
+
+wrong_name("y", r'the variables are y1 to y3; did you mean "y1"')
+wrong_name("y4", "the variables are y1 to y3$")
+wrong_name("y0", "the variables are y1 to y3$")
+wrong_name("y_2", 'did you mean "y2"')
+wrong_name("", "write a function of y1 to y3")
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
-    [
-        ("y", r'the variables are y1 to y3; did you mean "y1"'),
-        ("y4", "the variables are y1 to y3$"),
-        ("y0", "the variables are y1 to y3$"),
-        ("y_2", 'did you mean "y2"'),
-        ("", "write a function of y1 to y3"),
-    ],
+    WRONG_NAMES,
 )
 def test_vector_expressions_say_which_variables_there_are(text, message):
     with pytest.raises(ExpressionError, match=message):

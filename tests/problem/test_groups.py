@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from networks import network_of
 
-from dobc_design import Exosystem, Network, Problem, exosystems
+from dobc_design import Exosystem, Problem, exosystems
 from dobc_design.description.words import describe, facts
 from dobc_design.errors import SpecError
 from dobc_design.problem.canonical import (
@@ -298,7 +299,7 @@ def test_a_kind_gives_every_state_component_a_disturbance_of_its_own():
 
 
 def test_groups_in_python_are_named_by_labels_and_read_like_those_of_a_file():
-    network = Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to")
+    network = network_of([[1, 2], [2, 1]])
     one = Group(agents=[2], exosystem=CONSTANT, observer=Observer(W=[[2]]))
     problem = Problem(network=network, coupling="y", exosystem=OSCILLATOR, groups=[one])
     assert [group.name for group in problem.groups] == ["1", "2"]

@@ -14,21 +14,22 @@ import pytest
 import sympy
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from networks import network_of
 from random_problems import random_problem
 
-from dobc_design import Exosystem, Network, Observer, Pinning, Problem, load_problem
+from dobc_design import Exosystem, Observer, Pinning, Problem, load_problem
 from dobc_design.coupling.coupling import make_coupling
 from dobc_design.errors import ExpressionError, ShapeError, SpecError
 from dobc_design.problem.region import Region
 from dobc_design.problem.simulation import Simulation
 from dobc_design.problem.switching import Switching
 
-CHAIN = Network.from_arcs([("a", "b"), ("b", "c")], arrow="listens_to")
+CHAIN = network_of([("a", "b"), ("b", "c")])
 SINE = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
 PLANE = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0], [0, 1]])
 
 
-NAMED = Network.from_arcs([["b", "lead"]], arrow="listens_to")
+NAMED = network_of([["b", "lead"]])
 
 
 def make(**changes: object) -> Problem:
@@ -54,16 +55,24 @@ def test_the_smallest_problem_has_one_component_no_pins_and_no_disturbance():
     assert not problem.is_linear
 
 
+GAINS: list[Any] = []
+
+
+def gain(value: Any, expected: Any) -> None:
+    GAINS.append((value, expected))
+
+
+gain(5, 5)
+gain("9/16", Fraction(9, 16))
+gain(Decimal("0.5"), Fraction(1, 2))
+gain(Fraction(1, 3), Fraction(1, 3))
+gain([[2]], 2)
+gain(np.array([[0.5]]), Fraction(1, 2))
+
+
 @pytest.mark.parametrize(
     ("value", "expected"),
-    [
-        (5, 5),
-        ("9/16", Fraction(9, 16)),
-        (Decimal("0.5"), Fraction(1, 2)),
-        (Fraction(1, 3), Fraction(1, 3)),
-        ([[2]], 2),
-        (np.array([[0.5]]), Fraction(1, 2)),
-    ],
+    GAINS,
 )
 def test_gains_may_be_of_any_exact_kind(value, expected):
     assert make(gains={"a": value}).pinning.gains == {0: scalar(expected)}
@@ -87,15 +96,23 @@ def test_matrix_gains_need_a_positive_semidefinite_symmetric_part():
         make(coupling="y", exosystem=PLANE, gains={"a": [[1, 3], [0, 1]]})
 
 
+DIMENSIONS: list[Any] = []
+
+
+def dimension(m: int, /, **changes: Any) -> None:
+    DIMENSIONS.append((changes, m))
+
+
+dimension(2, exosystem=PLANE, target=5)
+dimension(3, target=[1, 2, 3])
+dimension(2, coupling=["y1", "y2"])
+dimension(4, coupling=make_coupling("y", dimension=4))
+dimension(1)
+
+
 @pytest.mark.parametrize(
     ("changes", "m"),
-    [
-        ({"exosystem": PLANE, "target": 5}, 2),
-        ({"target": [1, 2, 3]}, 3),
-        ({"coupling": ["y1", "y2"]}, 2),
-        ({"coupling": make_coupling("y", dimension=4)}, 4),
-        ({}, 1),
-    ],
+    DIMENSIONS,
 )
 def test_m_is_the_rows_of_c_else_the_length_of_target_else_of_h_else_1(changes, m):
     problem = make(**changes)
@@ -298,7 +315,7 @@ def test_all_mistakes_are_told_at_once_and_are_value_errors():
 
 
 def test_the_same_agent_under_two_spellings_is_refused():
-    numbered = Network.from_arcs([(1, 2)], arrow="listens_to")
+    numbered = network_of([(1, 2)])
     with pytest.raises(SpecError, match=r"pinning\.gains\.1 appears twice"):
         make(network=numbered, gains={1: 1, "1": 2})
     with pytest.raises(SpecError, match=r"formation\.offsets\.1 appears twice"):
@@ -358,15 +375,23 @@ def test_replace_changes_what_is_named_and_of_a_region_only_the_keys_given():
         problem.replace(pinning={1: 2})
 
 
+IN_SYMPY: list[Any] = []
+
+
+def in_sympy(text: str, expression: Any) -> None:
+    IN_SYMPY.append((expression, text))
+
+
+in_sympy("y/3 + tanh(y)", lambda y: sympy.tanh(y) + sympy.Rational(1, 3) * y)
+in_sympy("y*abs(y) + 0.3*y", lambda y: 0.3 * y + sympy.Abs(y) * y)
+in_sympy("max(y, 2*y)", lambda y: sympy.Max(y, 2 * y))
+in_sympy("exp(1)*y", lambda y: sympy.exp(1) * y)
+in_sympy("exp(y) - 1", lambda y: sympy.exp(y) - 1)
+
+
 @pytest.mark.parametrize(
     ("expression", "text"),
-    [
-        (lambda y: sympy.tanh(y) + sympy.Rational(1, 3) * y, "y/3 + tanh(y)"),
-        (lambda y: 0.3 * y + sympy.Abs(y) * y, "y*abs(y) + 0.3*y"),
-        (lambda y: sympy.Max(y, 2 * y), "max(y, 2*y)"),
-        (lambda y: sympy.exp(1) * y, "exp(1)*y"),
-        (lambda y: sympy.exp(y) - 1, "exp(y) - 1"),
-    ],
+    IN_SYMPY,
 )
 def test_a_coupling_may_be_given_as_a_sympy_expression(expression: Any, text: str):
     problem = load_problem("paper-fixed")
@@ -379,7 +404,7 @@ def test_a_coupling_may_be_given_as_a_sympy_expression(expression: Any, text: st
 def test_a_network_with_other_agents_needs_gains_of_its_own():
     """Gains stand by agent: with the labels in another order they would move to others."""
     problem = Problem(network=NAMED, coupling="y", gains={"lead": 1})
-    turned = Network.from_arcs([["b", "lead"]], arrow="listens_to", agents=NAMED.labels[::-1])
+    turned = network_of([["b", "lead"]], NAMED.labels[::-1])
     with pytest.raises(SpecError, match=r"or the same in another order\. Give gains"):
         problem.replace(network=turned)
     assert problem.replace(network=turned, gains={"lead": 1}).pinning.agents == (

@@ -9,8 +9,9 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from networks import network_of
 
-from dobc_design import Network, Problem
+from dobc_design import Problem
 from dobc_design.description.words import describe, facts
 from dobc_design.errors import SpecError
 from dobc_design.problem.canonical import (
@@ -24,9 +25,7 @@ from dobc_design.problem.load import read_problem_text
 from dobc_design.problem.switching import KEYS, SIGNALS, Switching
 
 MODES = ("Ga", "Gb", 'a."b"')
-NETWORK = Network.from_arcs(
-    {name: [[1, 2], [2, 3]] for name in MODES}, arrow="listens_to", agents=3
-)
+NETWORK = network_of({name: [[1, 2], [2, 3]] for name in MODES}, 3)
 modes = st.sampled_from(MODES)
 numbers = st.fractions(min_value=Fraction(1, 1000), max_value=1000, max_denominator=1000)
 

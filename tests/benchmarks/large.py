@@ -28,7 +28,8 @@ from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.consensus.decide import enclosed_lambda
 from dobc_design.conditions.consensus.network import shown_bound
 from dobc_design.conditions.consensus.propose import (
-    _answer_at,
+    Dominating,
+    _first_answer,
     _work,
     dominating_vector,
     float_lambda,
@@ -291,11 +292,15 @@ def _lambda_row(kind: str, n: int) -> str:
     recheck, _ = cpu(lambda: [ready.bound(v) for _ in range(20)], repeats=5)
     low = found.least
     high = float(v @ -(table @ v)) / float(v @ v)
+
+    def answer_at(shift: float) -> Dominating:
+        return _first_answer(_work(table + shift * sp.eye_array(table.shape[0])))
+
     while high - low > 2e-3 * low:  # where 1 % is, which is not counted
         middle = (low + high) / 2
-        low, high = (middle, high) if _answer_at(_work(table), middle).least > 0 else (low, middle)
-    sides = [_answer_at(_work(table), shift) for shift in (0.99 * low, 1.01 * high)]
-    if not (sides[0].least > 0 > sides[1].least):
+        low, high = (middle, high) if answer_at(middle).least >= 0 else (low, middle)
+    sides = [answer_at(shift) for shift in (0.99 * low, 1.01 * high)]
+    if not (sides[0].least >= 0 > sides[1].least):
         raise RuntimeError(f"{kind}, n = {n}: not decided at 1 %")
     return (
         f"{kind:<12} {n:>8} {table.nnz - n:>8} {found.first:>11} {found.products:>6} "

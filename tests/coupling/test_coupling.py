@@ -5,6 +5,7 @@ Oracles: closed forms, SymPy.
 
 import time
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 import pytest
@@ -44,16 +45,24 @@ def test_a_list_couples_the_components():
     np.testing.assert_allclose(coupling.value(y), expected, rtol=1e-14)
 
 
+LINEAR: list[Any] = []
+
+
+def linearity(h: Any, linear: bool) -> None:
+    LINEAR.append((h, linear))
+
+
+linearity(["y1 - y2", "y2"], True)
+linearity(["y1 - y2", "y2*y1"], False)
+linearity("2*y - y/3", True)
+linearity("sin(1)*y", True)
+linearity("0", True)
+linearity("y + 0*y**2", False)
+
+
 @pytest.mark.parametrize(
     ("h", "linear"),
-    [
-        (["y1 - y2", "y2"], True),
-        (["y1 - y2", "y2*y1"], False),
-        ("2*y - y/3", True),
-        ("sin(1)*y", True),
-        ("0", True),
-        ("y + 0*y**2", False),
-    ],
+    LINEAR,
 )
 def test_linear_couplings_are_known_by_their_degree(h, linear):
     assert make_coupling(h, dimension=2).is_linear is linear
@@ -71,27 +80,34 @@ def test_kinks_are_named_over_all_components():
     )
 
 
+NO_COUPLINGS: list[Any] = []
+
+
+def no_coupling(h: str, message: str) -> None:
+    NO_COUPLINGS.append((h, message))
+
+
+no_coupling(
+    "exp(y) + y",
+    r'^coupling\.h "exp\(y\) \+ y" must vanish .* equals 1; did you mean "exp\(y\) '
+    r'\+ y - 1"\?$',
+)
+no_coupling("exp(y - 1)", r"must vanish at y = 0 but is about 0\.368\. .* offsets, a goal by")
+no_coupling(
+    "exp(1 + y) - exp(1)",
+    r"cannot be shown to vanish at y = 0 .*rewrite it\. For example exp\(1\)\*",
+)
+no_coupling("log(y)", r"but is undefined there: log is not defined on the whole of \[0, 0\]")
+no_coupling("exp(exp(99 + y)) - 1", "is undefined there: exp of .* too large")
+no_coupling(
+    "sqrt(y)", r"around y = 0 \(seen on \|y\| <= 2\^-40\): sqrt is not defined on .* \[-1/10995116"
+)
+no_coupling("sqrt(abs(y))", "bounded slope around y = 0 .*: sqrt has no bounded slope on")
+
+
 @pytest.mark.parametrize(
     ("h", "message"),
-    [
-        (
-            "exp(y) + y",
-            r'^coupling\.h "exp\(y\) \+ y" must vanish .* equals 1; did you mean "exp\(y\) '
-            r'\+ y - 1"\?$',
-        ),
-        ("exp(y - 1)", r"must vanish at y = 0 but is about 0\.368\. .* offsets, a goal by"),
-        (
-            "exp(1 + y) - exp(1)",
-            r"cannot be shown to vanish at y = 0 .*rewrite it\. For example exp\(1\)\*",
-        ),
-        ("log(y)", r"but is undefined there: log is not defined on the whole of \[0, 0\]"),
-        ("exp(exp(99 + y)) - 1", "is undefined there: exp of .* too large"),
-        (
-            "sqrt(y)",
-            r"around y = 0 \(seen on \|y\| <= 2\^-40\): sqrt is not defined on .* \[-1/10995116",
-        ),
-        ("sqrt(abs(y))", "bounded slope around y = 0 .*: sqrt has no bounded slope on"),
-    ],
+    NO_COUPLINGS,
 )
 def test_a_coupling_must_vanish_at_zero_and_be_lipschitz_around_it(h, message):
     """Theory, section 0: h_ij(0) = 0 is required and must be checked exactly."""
@@ -114,37 +130,36 @@ def test_suggestions_are_themselves_accepted():
         make_coupling(str(caught.value).split('did you mean "')[1].rstrip('"?'), dimension=1)
 
 
+MISTYPED: list[Any] = []
+
+
+def mistyped(error: type, key: str, h: Any, message: str) -> None:
+    MISTYPED.append((h, error, key, message))
+
+
+mistyped(
+    ExpressionError, "coupling.h", "y1", r'"y1" in column 1; a single .* list of 2 .* y1 to y2'
+)
+mistyped(ExpressionError, "coupling.h", "y + y2", 'found "y2" in column 5')
+mistyped(
+    ShapeError, "coupling.h", ["y1"], r"must have 2 expressions, one per state component; got 1"
+)
+mistyped(
+    ExpressionError,
+    "coupling.h",
+    3,
+    "must be an expression in y, in quotes, or a list of them; got 3",
+)
+mistyped(ExpressionError, "coupling.h[1]", ["y1", 2], r"must be an expression in text; got int")
+mistyped(
+    ExpressionError, "coupling.h[1]", ["y1", "y1 + 1"], r'^coupling\.h\[1\] "y1 \+ 1" must vanish'
+)
+mistyped(ExpressionError, "coupling.h[0]", ["y", "y1"], 'did you mean "y1"')
+
+
 @pytest.mark.parametrize(
     ("h", "error", "key", "message"),
-    [
-        (
-            "y1",
-            ExpressionError,
-            "coupling.h",
-            r'"y1" in column 1; a single .* list of 2 .* y1 to y2',
-        ),
-        ("y + y2", ExpressionError, "coupling.h", 'found "y2" in column 5'),
-        (
-            ["y1"],
-            ShapeError,
-            "coupling.h",
-            r"must have 2 expressions, one per state component; got 1",
-        ),
-        (
-            3,
-            ExpressionError,
-            "coupling.h",
-            "must be an expression in y, in quotes, or a list of them; got 3",
-        ),
-        (["y1", 2], ExpressionError, "coupling.h[1]", r"must be an expression in text; got int"),
-        (
-            ["y1", "y1 + 1"],
-            ExpressionError,
-            "coupling.h[1]",
-            r'^coupling\.h\[1\] "y1 \+ 1" must vanish',
-        ),
-        (["y", "y1"], ExpressionError, "coupling.h[0]", 'did you mean "y1"'),
-    ],
+    MISTYPED,
 )
 def test_errors_name_the_key_as_the_user_typed_it(h, error, key, message):
     with pytest.raises(error, match=message) as caught:

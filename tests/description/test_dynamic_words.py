@@ -1,10 +1,12 @@
 """What is said of agents with [dynamics]: by `dobc check`, in the card and in the report."""
 
 import re
+from typing import Any
 
 import pytest
 from agents import double_integrators, pendulums, three_states
 from certified import certified, consensus_claims
+from networks import network_of
 
 import dobc_design as dd
 from dobc_design.description.meaning import remarks, time_words
@@ -20,36 +22,29 @@ def test_check_tells_the_equation_the_inputs_and_the_row_gains():
     """x' = A x + B (couplings + u + d); no u0 where it is 0; k = [2 4] stands for 2 times y1 + 2
     y2."""
     text = describe(double_integrators())
-    assert (
-        "Agents: x' = A x + B (couplings + u + d), 1 input each, A = [0 1; 0 0], B = [0; 1]."
-        in text
-    )
+    linear = "Agents: x' = A x + B (couplings + u + d), 1 input each, A = [0 1; 0 0], B = [0; 1]."
+    assert linear in text
     assert "Pinned: a (k = [2 4]), b (k = [1 2])." in text
     assert "u0" not in text
-    assert "x' = f(x) + B (couplings + u + d), 1 input each, f = (x2, -x1**3 - x2/2)" in describe(
-        pendulums()
-    )
-    assert "Inputs u0 that hold the goals: 1." in describe(pendulums())
-    assert facts(double_integrators())["inputs"] == 1 and "inputs" not in facts(
-        dd.load_problem("paper-fixed")
-    )
+    text = describe(pendulums())
+    assert "x' = f(x) + B (couplings + u + d), 1 input each, f = (x2, -x1**3 - x2/2)" in text
+    assert "Inputs u0 that hold the goals: 1." in text
+    assert facts(double_integrators())["inputs"] == 1
+    assert "inputs" not in facts(dd.load_problem("paper-fixed"))
 
 
 def test_inputs_that_hold_the_goals_are_named_by_agent():
     """A goal + B u0 = 0: at (1, 0, 2) for a and b, at (2, 0, 3) for c."""
-    assert "Inputs u0 that hold the goals: (0.625, 2.375) for c, (0.25, 1.75) for a." in describe(
-        three_states()
-    )
+    held = "Inputs u0 that hold the goals: (0.625, 2.375) for c, (0.25, 1.75) for a."
+    assert held in describe(three_states())
 
 
 def test_agents_that_no_pin_reaches_are_not_said_to_drift():
     """A Hurwitz A holds them: no remark; with A = 0 there is one."""
-    alone = dd.Network.from_arcs([["a", "b"]], arrow="listens_to")
+    alone = network_of([["a", "b"]])
     held = dd.Problem(network=alone, coupling="y", dynamics={"A": [[-1]]})
-    assert (
-        "NOT REACHED from a pinned agent: a, b (nothing but their own dynamics holds them)."
-        in describe(held)
-    )
+    words = "NOT REACHED from a pinned agent: a, b (nothing but their own dynamics holds them)."
+    assert words in describe(held)
     assert not any("pinned" in remark for remark in remarks(held))
     free = dd.Problem(network=alone, coupling="y", dynamics={"A": [[0]]})
     assert any("No agent is pinned" in remark for remark in remarks(free))
@@ -57,28 +52,23 @@ def test_agents_that_no_pin_reaches_are_not_said_to_drift():
 
 def test_couplings_are_not_judged_without_b():
     """h = -y with B = -1 attracts; h = 2 y2 with p = 1 does not vanish to first order."""
-    pair = dd.Network.from_arcs([["a", "b"]], arrow="listens_to")
-    turned = dd.Problem(
-        network=pair, coupling="-y", dynamics={"A": [[0]], "B": [[-1]]}, gains={"b": [[-1]]}
-    )
-    damped = dd.Problem(
-        network=pair,
-        coupling="2*y2",
-        dynamics={"A": [[0, 1], [-1, 0]], "B": [[0], [1]]},
-        gains={"b": [[0, 1]]},
-    )
-    assert not any("coupling" in remark for each in (turned, damped) for remark in remarks(each))
+    pair = network_of([["a", "b"]])
+    turning = dd.Dynamics(A=[[0]], B=[[-1]])
+    turned = dd.Problem(network=pair, coupling="-y", dynamics=turning, gains={"b": [[-1]]})
+    spring = dd.Dynamics(A=[[0, 1], [-1, 0]], B=[[0], [1]])
+    damped = dd.Problem(network=pair, coupling="2*y2", dynamics=spring, gains={"b": [[0, 1]]})
+    for problem in (turned, damped):
+        assert "coupling" not in "\n".join(remarks(problem))
 
 
 def test_silent_inputs_and_time_scales_are_those_of_the_plant():
     """A zero row of C is an input without disturbance; the time scale of x' = -4 x is 0.25 s."""
-    alone = dd.Network.from_arcs([], arrow="listens_to", agents=["a"])
+    alone = network_of([], ["a"])
     plant = {"A": [[-4, 0], [0, -4]]}
     exosystem = dd.Exosystem(A=[[0]], C=[[1], [0]])
-    problem = dd.Problem(
-        network=alone, coupling=["y1", "y2"], dynamics=plant, target=[0, 0], exosystem=exosystem
-    )
-    assert any("acts on input 2" in remark for remark in remarks(problem))
+    given: dict[str, Any] = {"dynamics": plant, "exosystem": exosystem, "target": [0, 0]}
+    problem = dd.Problem(network=alone, coupling=["y1", "y2"], **given)
+    assert "acts on input 2" in "\n".join(remarks(problem))
     assert "0.25 s (network)" in time_words(problem)
 
 
@@ -89,10 +79,10 @@ def test_report_shows_the_plant_and_says_nothing_of_integrators_alone(problem):
     document = report_document(Findings(certificate=certified(problem)))
     page, text = html_page(document), markdown_page(document)
     moves = "A_x x_i" if problem.dynamics.f is None else "f(x_i)"
-    assert rf"\dot x_i = {moves} + B" in text and r"u_i = -K_i e_i - \hat{d}_i + u^0_i" in text
-    assert (
-        "single integrators" not in text and "dobc design" not in text and "dobc export" not in text
-    )
+    assert rf"\dot x_i = {moves} + B" in text
+    assert r"u_i = -K_i e_i - \hat{d}_i + u^0_i" in text
+    for advice in ("single integrators", "dobc design", "dobc export"):
+        assert advice not in text
     assert "those of integrators with the couplings B h" in text
     assert ("<mi>f</mi>" in page) is (problem.dynamics.f is not None)
     assert not re.search(r"\[[^]]*\] 1/s on", text)
@@ -101,7 +91,9 @@ def test_report_shows_the_plant_and_says_nothing_of_integrators_alone(problem):
 def test_report_of_integrators_is_as_it_was():
     """No word of dynamics where there are none."""
     text = markdown_page(report_document(Findings(certificate=certified("clock-sync"))))
-    assert "single integrators" in text and "u^0_i" not in text and "of their own" not in text
+    assert "single integrators" in text
+    assert "u^0_i" not in text
+    assert "of their own" not in text
 
 
 def test_every_equation_of_the_report_has_its_formula_for_the_pdf():
@@ -121,18 +113,13 @@ def test_full_report_has_diagnostics_runs_and_the_slow_signal_of_a_guarantee(mon
     """Eigenvalues and Lambda of the errors, one simulated run, and one under the slowest signal
     allowed."""
     arcs = {"ring": [["a", "b"], ["b", "c"], ["c", "a"]], "line": [["c", "b"], ["b", "a"]]}
-    problem = double_integrators().replace(
-        network=dd.Network.from_arcs(arcs, arrow="listens_to"),
-        switching=dd.Switching(signal="periodic", dwell=2, guarantee="dwell"),
-    )
+    slow = dd.Switching(signal="periodic", dwell=2, guarantee="dwell")
+    problem = double_integrators().replace(network=network_of(arcs), switching=slow)
     monkeypatch.setattr(pages, "html_page", lambda document, full: "")  # only the text is looked at
     files = render_report(dd.Certificate(problem=problem, claims=consensus_claims(problem)))
     text = files["report.md"].decode("utf-8")
-    assert (
-        "J − K, mode ring" in text
-        and "A − WC" in text
-        and "One run of 6 s in mode ring, line" in text
-    )
+    for part in ("J − K, mode ring", "A − WC", "One run of 6 s in mode ring, line"):
+        assert part in text
 
 
 def test_a_row_gain_with_one_entry_is_no_number():

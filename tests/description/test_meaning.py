@@ -4,265 +4,182 @@ import re
 from typing import Any
 
 import pytest
+from networks import network_of
 
 from dobc_design import Exosystem, Network, Observer, Problem, Switching, exosystems
 from dobc_design.description.meaning import disturbance_words, remarks, time_words
 from dobc_design.problem.load import builtin_names, load_problem
 
-SINE = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
+TURNING = [[0, 2], [-2, 0]]
+SINE = Exosystem(A=TURNING, C=[[1, 0]])
+DAMPED = Exosystem(A=[[-1, 2], [-2, -1]], C=[[1, 0]])
+UNSEEN = Exosystem(A=TURNING, C=[[0, 0]])
+CONSTANT = exosystems.constant()
 CHAIN = [(1, 2), (2, 3), (3, 4)]
 
 
 def heard(arcs: Any, n: int = 4) -> dict[str, Any]:
-    return {"network": Network.from_arcs(arcs, arrow="listens_to", agents=n)}
+    return {"network": network_of(arcs, n)}
 
 
-STARTS = {"initial_states": [0, 2], "initial_disturbance": "1/2"}
-SOUND: dict[str, Any] = {
-    **heard(CHAIN),
-    "coupling": "tanh(y)",
-    "gains": {4: 2},
-    "target": 1,
-    "exosystem": SINE,
-    "region": STARTS,
-}
+def region(*states: int, error: Any = "1/2") -> dict[str, Any]:
+    return {"initial_states": list(states), "initial_disturbance": error}
+
+
+SOUND: dict[str, Any] = heard(CHAIN)
+SOUND["coupling"] = "tanh(y)"
+SOUND["gains"] = {4: 2}
+SOUND["target"] = 1
+SOUND["exosystem"] = SINE
+SOUND["region"] = region(0, 2)
+
+
+def sound(**changes: Any) -> Problem:
+    return Problem(**SOUND | changes)
+
+
+DISTURBANCES: list[Any] = []
+
+
+def disturbance(words: str, exosystem: Exosystem) -> None:
+    DISTURBANCES.append((exosystem, words))
+
+
+disturbance("constant", CONSTANT)
+disturbance("constant and ramp", exosystems.ramp())
+disturbance("polynomial of degree 2", exosystems.polynomial(2))
+disturbance("sine of 2 rad/s (0.3183 Hz, period 3.142 s)", SINE)
+HALF_HERTZ = exosystems.harmonics("3.14159265358979")
+BOTH = exosystems.total(CONSTANT, HALF_HERTZ)
+disturbance("constant + sine of 3.142 rad/s (0.5 Hz, period 2 s)", BOTH)
+disturbance("constant and ramp", exosystems.stacked(exosystems.ramp(), CONSTANT))
+disturbance("sine of 2 rad/s (0.3183 Hz, period 3.142 s, decaying like exp(-1 t))", DAMPED)
+disturbance("a part growing like exp(3 t)", Exosystem(A=[[3]], C=[[1]]))
+disturbance("none: the exosystem never reaches d", UNSEEN)
 
 
 @pytest.mark.parametrize(
     ("exosystem", "words"),
-    [
-        (exosystems.constant(), "constant"),
-        (exosystems.ramp(), "constant and ramp"),
-        (exosystems.polynomial(2), "polynomial of degree 2"),
-        (SINE, "sine of 2 rad/s (0.3183 Hz, period 3.142 s)"),
-        (
-            exosystems.total(exosystems.constant(), exosystems.harmonics("3.14159265358979")),
-            "constant + sine of 3.142 rad/s (0.5 Hz, period 2 s)",
-        ),
-        (exosystems.stacked(exosystems.ramp(), exosystems.constant()), "constant and ramp"),
-        (
-            Exosystem(A=[[-1, 2], [-2, -1]], C=[[1, 0]]),
-            "sine of 2 rad/s (0.3183 Hz, period 3.142 s, decaying like exp(-1 t))",
-        ),
-        (Exosystem(A=[[3]], C=[[1]]), "a part growing like exp(3 t)"),
-        (Exosystem(A=[[0, 2], [-2, 0]], C=[[0, 0]]), "none: the exosystem never reaches d"),
-    ],
+    DISTURBANCES,
 )
 def test_the_disturbance_in_words(exosystem: Exosystem, words: str):
-    problem = Problem(**SOUND | {"exosystem": exosystem})
+    problem = sound(exosystem=exosystem)
     assert disturbance_words(problem, problem.groups[0]) == words
 
 
-WIDE = {"initial_states": [-180, 180], "initial_disturbance": "1/2"}
-TWO_MODES = Network.from_arcs({"a": CHAIN, "b": [*CHAIN, (1, 3)]}, arrow="listens_to", agents=4)
-PLANE = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0], [0, 0]])
-SLIPS: tuple[tuple[str, dict[str, Any], str], ...] = (
-    (
-        "a sign in A",
-        {"exosystem": Exosystem(A=[[0, 2], [2, 0]], C=[[1, 0]])},
-        "grows like exp(2 t). A sign missing",
-    ),
-    (
-        "two equal sines",
-        {
-            "exosystem": Exosystem(
-                A=[[0, 2, 1, 0], [-2, 0, 0, 1], [0, 0, 0, 2], [0, 0, -2, 0]], C=[[1, 0, 0, 0]]
-            )
-        },
-        "grows without limit",
-    ),
-    ("a degree too much", {"exosystem": exosystems.polynomial(3)}, "grows without limit"),
-    (
-        "C misses a part",
-        {"exosystem": Exosystem(A=[[0, 2, 0], [-2, 0, 0], [0, 0, 0]], C=[[1, 0, 0]])},
-        "The constant does not appear in d",
-    ),
-    (
-        "C is zero",
-        {"exosystem": Exosystem(A=[[0, 2], [-2, 0]], C=[[0, 0]])},
-        "does not appear in d",
-    ),
-    ("what fades", {"exosystem": Exosystem(A=[[-1]], C=[[1]])}, "decays by itself"),
-    ("nobody pinned", {"gains": {}}, "No agent is pinned"),
-    (
-        "arrows turned round",
-        {"network": Network.from_arcs(CHAIN, arrow="sends_to", agents=4)},
-        "with the other network.arrow",
-    ),
-    ("a deaf pin", {"gains": {1: 2}}, "Agent 1 is pinned, but nobody listens to it"),
-    ("an empty mode", heard({"a": CHAIN, "b": []}), "In mode b nobody listens"),
-    ("a mode twice", heard({"a": CHAIN, "b": CHAIN}), "Modes a and b have the same arcs"),
-    (
-        "a weight in another unit",
-        heard([(1, 2), (2, 3), (3, 4, 5_000_000)]),
-        "weights of the arcs differ",
-    ),
-    (
-        "a gain in another unit",
-        {"gains": {4: 2, 3: 3_000_000}},
-        "gains differ by more than a factor of a million",
-    ),
-    ("a sign in h", {"coupling": "-tanh(y)"}, "repels near 0"),
-    ("a cube", {"coupling": "y**3"}, "vanishes to first order"),
-    ("a logarithm", {"coupling": "log(1 + y)"}, "is not defined for y <= -1"),
-    ("a pole", {"coupling": "tan(y)"}, "pushes neighbours apart for |y| > 1.6 (about)"),
-    (
-        "a sine too far",
-        {"coupling": "sin(y)"},
-        "falls, so that agents pull less for |y| > 1.6 (about)",
-    ),
-    ("degrees", {"coupling": "sin(y)", "region": WIDE}, "sin, cos and tan take radians"),
-    ("an even coupling", {"coupling": "abs(y)"}, "pushes neighbours apart for y < 0"),
-    ("one side only", {"coupling": "max(y, 0)"}, "is 0, so that agents do not react for y < 0"),
-    (
-        "an exponential too far",
-        {"coupling": "exp(y) - 1", "region": WIDE},
-        "over the region; the region allows",
-    ),
-    (
-        "a saturation too low",
-        {"coupling": "tanh(50*y)/10", "region": WIDE},
-        "saturates: it never exceeds 0.1",
-    ),
-    ("a target outside", {"target": 5}, "The target 5 is outside region.initial_states [0, 2]"),
-    (
-        "one start only",
-        {"region": {"initial_states": [1, 1], "initial_disturbance": 1}},
-        "single point 1",
-    ),
-    ("an offset outside", {"offsets": {2: 7}}, "The goal (target + offset) of 2 is outside"),
-    (
-        "no error allowed",
-        {"region": STARTS | {"initial_disturbance": 0}},
-        "only if every observer starts",
-    ),
-    ("a sign in W", {"observer": Observer(W=[[-3], [1]])}, "estimation error does not decay"),
-    ("a start outside", {"simulation": {"x0": [9]}}, "simulation.x0 is outside"),
-    ("a run at rest", {"simulation": {"xi0": [0, 0]}}, "the simulated runs have no disturbance"),
-    (
-        "one mode for ever",
-        {"switching": Switching(signal="random", dwell=50), "simulation": {"t_final": 20}},
-        "switching.dwell = 50 s is longer",
-    ),
-    (
-        "a damped sine",
-        {
-            "exosystem": exosystems.stacked(
-                exosystems.constant(), Exosystem(A=[[-1, 2], [-2, -1]], C=[[1, 0]])
-            )
-        },
-        "decays by itself: sine of 2 rad/s",
-    ),
-    ("a row of zeros in C", {"exosystem": PLANE, "target": [1, 1]}, "acts on state component 2"),
-    ("an agent too many", heard(CHAIN, 5), "without any arc: 5"),
-    ("two chains", heard([(1, 2), (3, 4)]), "No path of arcs leads from a pinned agent to 1, 2"),
-    ("an offset forgotten", {"offsets": {2: "1/2", 3: "1/2"}}, "2, 3 have the same goal"),
-    (
-        "an error in another unit",
-        {"region": STARTS | {"initial_disturbance": 5000}},
-        "initial_disturbance = 5000 and the width 2",
-    ),
-    (
-        "a disturbance larger than asked",
-        {"simulation": {"xi0": [3, 4]}},
-        "simulation.xi0 has length 5, more than",
-    ),
-    (
-        "a sign in P",
-        {"observer": Observer(W=[[3], [1]], P=[[1, 2], [2, 1]])},
-        "P is not positive definite",
-    ),
-    (
-        "a rate beside W",
-        {"observer": Observer(W=[[3], [1]], rate=2)},
-        "observer.rate has no effect",
-    ),
-    (
-        "one pole of W too fast",
-        {"observer": Observer(W=[[40001], [19998]])},
-        "The observer (2.5e-05 s) is more than 1000 times faster",
-    ),
-    (
-        "rad per ms",
-        {"exosystem": exosystems.harmonics(31416)},
-        "Hz, or rad per ms, in place of rad/s?",
-    ),
-    ("Hz for rad/s", {"exosystem": exosystems.harmonics("0.01")}, "needs 628 s for a period"),
-    (
-        "a gain in micro",
-        {"gains": {4: "1/1000000"}},
-        "Is a gain, a rate or a frequency in another unit?",
-    ),
-    (
-        "a run too short",
-        {"simulation": {"t_final": "1/10"}},
-        "is shorter than the slowest time constant, 1 s",
-    ),
-    (
-        "a run too long",
-        {"simulation": {"t_final": 100_000}},
-        "more than 10000 times the slowest time constant",
-    ),
-    (
-        "nothing happens",
-        {"exosystem": None, "region": None, "simulation": {"x0": [1]}},
-        "in the runs nothing happens",
-    ),
-    (
-        "a dwell time in ms",
-        {"switching": Switching(signal="random", dwell="1/100000")},
-        "far below every time scale",
-    ),
-    (
-        "switching alone",
-        {"switching": Switching(signal="random", dwell=1)},
-        "There is one mode only",
-    ),
-    (
-        "a mode left out",
-        {"network": TWO_MODES, "switching": Switching(signal="periodic", dwell=1, sequence=["a"])},
-        "never makes b active",
-    ),
-    (
-        "a chain that stops",
-        {
-            "network": TWO_MODES,
-            "switching": Switching(signal="markov", generator=[[-1, 1], [0, 0]]),
-        },
-        "never leaves b",
-    ),
-)
+WIDE = region(-180, 180)
+SHORTER = [*CHAIN, (1, 3)]
+TWO_MODES = network_of({"a": CHAIN, "b": SHORTER}, 4)
+SLIPS: list[Any] = []
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"), [slip[1:] for slip in SLIPS], ids=[slip[0] for slip in SLIPS]
-)
+def slip(name: str, words: str, /, **changes: Any) -> None:
+    SLIPS.append(pytest.param(changes, words, id=name))
+
+
+def disturbed(name: str, words: str, A: Any, *C: Any) -> None:
+    slip(name, words, exosystem=Exosystem(A=A, C=C))
+
+
+def run(name: str, words: str, **simulation: Any) -> None:
+    slip(name, words, simulation=simulation)
+
+
+disturbed("a sign in A", "grows like exp(2 t). A sign missing", [[0, 2], [2, 0]], [1, 0])
+TWO_SINES = [[0, 2, 1, 0], [-2, 0, 0, 1], [0, 0, 0, 2], [0, 0, -2, 0]]
+disturbed("two equal sines", "grows without limit", TWO_SINES, [1, 0, 0, 0])
+slip("a degree too much", "grows without limit", exosystem=exosystems.polynomial(3))
+SINE_AND_CONSTANT = [[0, 2, 0], [-2, 0, 0], [0, 0, 0]]
+disturbed("C misses a part", "The constant does not appear in d", SINE_AND_CONSTANT, [1, 0, 0])
+slip("C is zero", "does not appear in d", exosystem=UNSEEN)
+disturbed("what fades", "decays by itself", [[-1]], [1])
+slip("nobody pinned", "No agent is pinned", gains={})
+TURNED = Network.from_arcs(CHAIN, arrow="sends_to", agents=4)
+slip("arrows turned round", "with the other network.arrow", network=TURNED)
+slip("a deaf pin", "Agent 1 is pinned, but nobody listens to it", gains={1: 2})
+slip("an empty mode", "In mode b nobody listens", **heard({"a": CHAIN, "b": []}))
+slip("a mode twice", "Modes a and b have the same arcs", **heard({"a": CHAIN, "b": CHAIN}))
+HEAVY = [(1, 2), (2, 3), (3, 4, 5_000_000)]
+slip("a weight in another unit", "weights of the arcs differ", **heard(HEAVY))
+LARGE = {4: 2, 3: 3_000_000}
+slip("a gain in another unit", "gains differ by more than a factor of a million", gains=LARGE)
+slip("a sign in h", "repels near 0", coupling="-tanh(y)")
+slip("a cube", "vanishes to first order", coupling="y**3")
+slip("a logarithm", "is not defined for y <= -1", coupling="log(1 + y)")
+slip("a pole", "pushes neighbours apart for |y| > 1.6 (about)", coupling="tan(y)")
+slip("a sine too far", "falls, so that agents pull less for |y| > 1.6 (about)", coupling="sin(y)")
+slip("degrees", "sin, cos and tan take radians", coupling="sin(y)", region=WIDE)
+slip("an even coupling", "pushes neighbours apart for y < 0", coupling="abs(y)")
+slip("one side only", "is 0, so that agents do not react for y < 0", coupling="max(y, 0)")
+ALLOWED = "over the region; the region allows"
+slip("an exponential too far", ALLOWED, coupling="exp(y) - 1", region=WIDE)
+LOW = "saturates: it never exceeds 0.1"
+slip("a saturation too low", LOW, coupling="tanh(50*y)/10", region=WIDE)
+slip("a target outside", "The target 5 is outside region.initial_states [0, 2]", target=5)
+slip("one start only", "single point 1", region=region(1, 1, error=1))
+slip("an offset outside", "The goal (target + offset) of 2 is outside", offsets={2: 7})
+slip("no error allowed", "only if every observer starts", region=region(0, 2, error=0))
+slip("a sign in W", "estimation error does not decay", observer=Observer(W=[[-3], [1]]))
+run("a start outside", "simulation.x0 is outside", x0=[9])
+run("a run at rest", "the simulated runs have no disturbance", xi0=[0, 0])
+LONG = Switching(signal="random", dwell=50)
+LONGER = "switching.dwell = 50 s is longer"
+slip("one mode for ever", LONGER, switching=LONG, simulation={"t_final": 20})
+FADING = exosystems.stacked(CONSTANT, DAMPED)
+slip("a damped sine", "decays by itself: sine of 2 rad/s", exosystem=FADING)
+PLANE = Exosystem(A=TURNING, C=[[1, 0], [0, 0]])
+slip("a row of zeros in C", "acts on state component 2", exosystem=PLANE, target=[1, 1])
+slip("an agent too many", "without any arc: 5", **heard(CHAIN, 5))
+slip("two chains", "No path of arcs leads from a pinned agent to 1, 2", **heard([(1, 2), (3, 4)]))
+slip("an offset forgotten", "2, 3 have the same goal", offsets={2: "1/2", 3: "1/2"})
+FAR = region(0, 2, error=5000)
+slip("an error in another unit", "initial_disturbance = 5000 and the width 2", region=FAR)
+run("a disturbance larger than asked", "simulation.xi0 has length 5, more than", xi0=[3, 4])
+INDEFINITE = Observer(W=[[3], [1]], P=[[1, 2], [2, 1]])
+slip("a sign in P", "P is not positive definite", observer=INDEFINITE)
+GIVEN_TWICE = Observer(W=[[3], [1]], rate=2)
+slip("a rate beside W", "observer.rate has no effect", observer=GIVEN_TWICE)
+FAST = Observer(W=[[40001], [19998]])
+FASTER = "The observer (2.5e-05 s) is more than 1000 times faster"
+slip("one pole of W too fast", FASTER, observer=FAST)
+slip("rad per ms", "Hz, or rad per ms, in place of rad/s?", exosystem=exosystems.harmonics(31416))
+slip("Hz for rad/s", "needs 628 s for a period", exosystem=exosystems.harmonics("0.01"))
+slip("a gain in micro", "Is a gain, a rate or a frequency in another unit?", gains={4: "1/1000000"})
+run("a run too short", "is shorter than the slowest time constant, 1 s", t_final="1/10")
+run("a run too long", "more than 10000 times the slowest time constant", t_final=100_000)
+QUIET: dict[str, Any] = {"exosystem": None, "region": None}
+slip("nothing happens", "in the runs nothing happens", **QUIET, simulation={"x0": [1]})
+SHORT = Switching(signal="random", dwell="1/100000")
+slip("a dwell time in ms", "far below every time scale", switching=SHORT)
+slip("switching alone", "There is one mode only", switching=Switching(signal="random", dwell=1))
+ONE_OF_TWO = Switching(signal="periodic", dwell=1, sequence=["a"])
+slip("a mode left out", "never makes b active", network=TWO_MODES, switching=ONE_OF_TWO)
+STOPPING = Switching(signal="markov", generator=[[-1, 1], [0, 0]])
+slip("a chain that stops", "never leaves b", network=TWO_MODES, switching=STOPPING)
+
+
+@pytest.mark.parametrize(("changes", "words"), SLIPS)
 def test_a_slip_is_named(changes: dict[str, Any], words: str):
-    assert any(words in remark for remark in remarks(Problem(**SOUND | changes)))
+    assert words in "\n".join(remarks(sound(**changes)))
 
 
-@pytest.mark.parametrize(
-    ("xi0", "words"),
-    [
-        (["3/10", "2/5"], "period 3.142 s, amplitude 0.5 in simulations)"),  # sqrt(0.3^2 + 0.4^2)
-        ([[0, 0], [0, "1/4"], [0, 0], ["1/8", 0]], "amplitude 0.25 in simulations)"),
-    ],
-)
+STARTS = []
+# sqrt(0.3^2 + 0.4^2)
+STARTS.append((["3/10", "2/5"], "period 3.142 s, amplitude 0.5 in simulations)"))
+OF_EACH = [[0, 0], [0, "1/4"], [0, 0], ["1/8", 0]]
+STARTS.append((OF_EACH, "amplitude 0.25 in simulations)"))
+
+
+@pytest.mark.parametrize(("xi0", "words"), STARTS)
 def test_the_amplitude_is_said_where_it_is_known(xi0: Any, words: str):
-    problem = Problem(**SOUND | {"simulation": {"xi0": xi0}})
+    problem = sound(simulation={"xi0": xi0})
     assert words in disturbance_words(problem, problem.groups[0])
 
 
 def test_close_sines_have_amplitudes_of_their_own():
-    problem = Problem(
-        **SOUND
-        | {
-            "exosystem": exosystems.total(
-                exosystems.constant(), exosystems.harmonics(["1e-7", 10**6, "1000000.5"])
-            ),
-            "simulation": {"xi0": [3, 1, 0, 1, 0, 5, 0]},
-        }
-    )
+    close = exosystems.harmonics(["1e-7", 10**6, "1000000.5"])
+    exosystem = exosystems.total(CONSTANT, close)
+    problem = sound(exosystem=exosystem, simulation={"xi0": [3, 1, 0, 1, 0, 5, 0]})
     words = disturbance_words(problem, problem.groups[0])
     assert re.findall(r"(\d+) in simulations", words) == ["3", "1", "1", "5"]
 
@@ -273,22 +190,18 @@ def test_the_time_scales_of_a_chain_are_those_of_its_diagonal():
         "fastest 0.5 s (network), slowest 1 s (network); sample and integrate with steps of at "
         "most 0.05 s"
     )
-    assert time_words(Problem(**SOUND | {"exosystem": exosystems.harmonics(1)})) == words
+    assert time_words(sound(exosystem=exosystems.harmonics(1))) == words
 
 
 def test_a_sound_problem_draws_no_remark():
-    assert remarks(Problem(**SOUND)) == ()
+    assert remarks(sound()) == ()
 
 
 def test_numbers_that_no_float_holds_stop_no_remark():
     exosystem = Exosystem(A=[["1e400"]], C=[[1]])
-    given = {
-        "exosystem": exosystem,
-        "gains": {4: "1e400"},
-        "target": "1e400",
-        "simulation": {"t_final": "1e400"},
-    }
-    assert "A sign missing in exosystem.A?" in "".join(remarks(Problem(**SOUND | given)))
+    run_to = {"t_final": "1e400"}
+    huge = sound(exosystem=exosystem, gains={4: "1e400"}, target="1e400", simulation=run_to)
+    assert "A sign missing in exosystem.A?" in "".join(remarks(huge))
 
 
 @pytest.mark.parametrize("name", builtin_names())

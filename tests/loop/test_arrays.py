@@ -4,8 +4,9 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from networks import network_of
 
-from dobc_design import Exosystem, Network, Observer, Problem
+from dobc_design import Exosystem, Observer, Problem
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.loop.arrays import (
     chosen_gain,
@@ -24,14 +25,12 @@ from dobc_design.loop.matrices import consensus_jacobian
 
 def triangle(**settings) -> Problem:
     """1 hears 2 (weight 3), 2 hears 3, 1 hears 3; the last arc may have a coupling of its own."""
-    network = Network.from_arcs([[1, 2, 3], [2, 3], [1, 3]], arrow="listens_to", agents=3)
+    network = network_of([[1, 2, 3], [2, 3], [1, 3]], 3)
     return Problem(**({"network": network, "coupling": "2*y"} | settings))
 
 
 def two_modes() -> Problem:
-    return Problem(
-        network=Network.from_arcs({"a": [[1, 2]], "b": [[2, 1]]}, arrow="listens_to"), coupling="y"
-    )
+    return Problem(network=network_of({"a": [[1, 2]], "b": [[2, 1]]}), coupling="y")
 
 
 EXOSYSTEM = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
@@ -96,13 +95,11 @@ def test_arcs_of_errors_have_the_functions_of_the_loop_and_those_of_the_plant_it
 
 
 def test_what_no_arc_of_the_mode_uses_makes_no_group():
-    network = Network.from_arcs({"a": [[1, 2]], "b": [[2, 1]]}, arrow="listens_to")
+    network = network_of({"a": [[1, 2]], "b": [[2, 1]]})
     problem = Problem(network=network, coupling="y", exceptions={(0, 1): "sin(y)"})
     assert [group.coupling.texts for group in error_arcs(loop_of(problem), "a")] == [("sin(y)",)]
     assert [group.coupling.texts for group in error_arcs(loop_of(problem), "b")] == [("y",)]
-    problem = Problem(
-        network=Network.from_arcs({"a": [[1, 2]], "b": []}, arrow="listens_to"), coupling="y"
-    )
+    problem = Problem(network=network_of({"a": [[1, 2]], "b": []}), coupling="y")
     assert error_arcs(loop_of(problem), "b") == ()
     assert consensus_jacobian(loop_of(problem), "b").nnz == 0
 

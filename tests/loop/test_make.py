@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from networks import network_of
 
 import dobc_design as dd
 from dobc_design.exact.matrix import Matrix, to_float
@@ -18,7 +19,7 @@ PENDULUM = dd.Dynamics(f=["x2", "-sin(x1)"], B=[[0], [2]])
 
 
 def network() -> dd.Network:
-    return dd.Network.from_arcs(ARCS, arrow="listens_to", agents=3)
+    return network_of(ARCS, 3)
 
 
 def integrators() -> dd.Problem:

@@ -6,8 +6,9 @@ from itertools import permutations
 
 import numpy as np
 import pytest
+from networks import network_of
 
-from dobc_design import Exosystem, Network, Observer, Problem, load_problem
+from dobc_design import Exosystem, Observer, Problem, load_problem
 from dobc_design.loop.arrays import goals, pinning_matrix
 from dobc_design.model.model import build_model
 
@@ -44,7 +45,7 @@ def random_problem(coupling, seed: int, *, q: int = 2, n: int = 5, **settings) -
         return rng.integers(-9, 10, size=(rows, columns)).tolist()
 
     return Problem(
-        network=Network.from_arcs(arcs, arrow="listens_to", agents=[*range(n)]),
+        network=network_of(arcs, [*range(n)]),
         coupling=coupling,
         exceptions={(arcs[0][0], arcs[0][1]): special},
         target=entries(1, m)[0],
@@ -144,7 +145,7 @@ def test_each_mode_has_its_own_arcs_and_without_any_still_its_pins():
         found = column(build_model(problem, mode).h(e))
         np.testing.assert_allclose(found, coupling_sum(problem, mode, e))
     assert build_model(problem).mode == "Ga"
-    lonely = Network.from_arcs({"a": []}, arrow="listens_to", agents=2)
+    lonely = network_of({"a": []}, 2)
     model = build_model(Problem(network=lonely, coupling="y", gains=2))
     assert column(model.h([1.0, 2.0])).tolist() == [0, 0]
     e_dot, _ = model.error_dynamics([1.0, 2.0], [])
@@ -154,7 +155,7 @@ def test_each_mode_has_its_own_arcs_and_without_any_still_its_pins():
 def test_a_thousand_agents_are_built_in_a_few_seconds():
     rng = np.random.default_rng(0)
     arcs = {(int(i), int(j)) for i, j in rng.integers(0, 1000, size=(6000, 2)) if i != j}
-    network = Network.from_arcs(sorted(arcs), arrow="listens_to", agents=[*range(1000)])
+    network = network_of(sorted(arcs), [*range(1000)])
     problem = Problem(
         network=network,
         coupling="exp(y) - 1 + y",

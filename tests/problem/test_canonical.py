@@ -4,10 +4,12 @@ anybody."""
 import json
 from collections.abc import Iterator
 from fractions import Fraction
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from networks import network_of
 from random_problems import random_problem
 
 from dobc_design import Exosystem, Network, Observer, Problem, Switching
@@ -17,40 +19,41 @@ from dobc_design.problem.canonical import canonical_bytes, problem_from_canonica
 
 def network(weight: float) -> Network:
     arcs = {"A": [("a", "b"), ("b", "c", weight)], "B": [("c", "a")]}
-    return Network.from_arcs(arcs, arrow="listens_to", agents=["a", "b", "c"])
+    return network_of(arcs, ["a", "b", "c"])
 
 
-PARTS = {
-    "name": "rich",
-    "network": network(2.5),
-    "coupling": "exp(y) - 1 + y",
-    "exceptions": {(0, 1): "2*y"},
-    "target": "1/3",
-    "gains": {"a": 5, "c": "9/16"},
-    "exosystem": Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]]),
-    "observer": Observer(W=[["16/5"], ["12/5"]], P=[["1/2", "-1/4"], ["-1/4", "1/3"]], rate=1),
-    "offsets": {"b": 1.5},
-    "region": {"initial_states": [0, 5], "initial_disturbance": 0.5},
-    "switching": Switching(signal="random", dwell=0.5),
-    "simulation": {"t_final": 20, "seed": 7, "xi0": [1, 0]},
-    "notes": ["A stand-in."],
-}
+#: One problem, and for each of its fields another value.
+PARTS: dict[str, Any] = {}
+OTHERS: dict[str, Any] = {}
 
-OTHERS = {
-    "name": "other",
-    "network": network(2.25),
-    "coupling": "exp(y) - 1 + 2*y",
-    "exceptions": {(0, 1): "3*y"},
-    "target": "2/3",
-    "gains": {"a": 5, "c": "9/15"},
-    "exosystem": Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 1]]),
-    "observer": Observer(W=[["16/5"], ["12/5"]], rate=1),
-    "offsets": {"c": 1.5},
-    "region": {"initial_states": [0, 5], "initial_disturbance": 0.25},
-    "switching": Switching(signal="random"),
-    "simulation": {"t_final": 20, "seed": 8, "xi0": [1, 0]},
-    "notes": [],
-}
+
+def field(name: str, own: Any, other: Any) -> None:
+    PARTS[name] = own
+    OTHERS[name] = other
+
+
+SINE = [[0, 2], [-2, 0]]
+W = [["16/5"], ["12/5"]]
+P = [["1/2", "-1/4"], ["-1/4", "1/3"]]
+BOX = {"initial_states": [0, 5]}
+RUN = {"t_final": 20, "xi0": [1, 0]}
+field("name", "rich", "other")
+field("network", network(2.5), network(2.25))
+field("coupling", "exp(y) - 1 + y", "exp(y) - 1 + 2*y")
+field("exceptions", {(0, 1): "2*y"}, {(0, 1): "3*y"})
+field("target", "1/3", "2/3")
+field("gains", {"a": 5, "c": "9/16"}, {"a": 5, "c": "9/15"})
+field("exosystem", Exosystem(A=SINE, C=[[1, 0]]), Exosystem(A=SINE, C=[[1, 1]]))
+field("observer", Observer(W=W, P=P, rate=1), Observer(W=W, rate=1))
+field("offsets", {"b": 1.5}, {"c": 1.5})
+field("region", BOX | {"initial_disturbance": 0.5}, BOX | {"initial_disturbance": 0.25})
+field("switching", Switching(signal="random", dwell=0.5), Switching(signal="random"))
+field("simulation", RUN | {"seed": 7}, RUN | {"seed": 8})
+field("notes", ["A stand-in."], [])
+
+
+def hash_with(**changes: Any) -> str:
+    return problem_sha256(Problem(**PARTS | changes))
 
 
 def document() -> dict:
@@ -77,93 +80,95 @@ def test_the_bytes_are_utf_8_json_with_sorted_keys_and_no_white_space():
     assert data.endswith(b"\n")
     assert "Zürich 東京".encode() in data
     parsed = json.loads(data)
-    assert (
-        data
-        == json.dumps(parsed, sort_keys=True, ensure_ascii=False, separators=(",", ":")).encode()
-        + b"\n"
-    )
+    dense = json.dumps(parsed, sort_keys=True, ensure_ascii=False, separators=(",", ":"))
+    assert data == dense.encode() + b"\n"
 
 
 def test_the_arrow_and_the_way_a_number_is_typed_leave_no_trace():
     """Arcs are stored as listens_to index triples."""
     sends = Network.from_arcs({"G": [(2, 1)]}, arrow="sends_to", agents=2)
-    listens = Network.from_arcs({"G": [(1, 2)]}, arrow="listens_to", agents=2)
-    texts = [
-        canonical_bytes(Problem(network=network, coupling="y")) for network in (sends, listens)
-    ]
-    assert texts[0] == texts[1]
-    assert json.loads(texts[0])["modes"] == [{"name": "G", "arcs": [[0, 1, "1"]]}]
-    hashes = {
-        problem_sha256(Problem(**PARTS | {"target": value}))
-        for value in (3.2, "16/5", "3.20", Fraction(16, 5))
-    }
-    assert len(hashes) == 1
+    listens = network_of({"G": [(1, 2)]}, 2)
+    text = canonical_bytes(Problem(network=sends, coupling="y"))
+    assert canonical_bytes(Problem(network=listens, coupling="y")) == text
+    assert json.loads(text)["modes"] == [{"name": "G", "arcs": [[0, 1, "1"]]}]
+    typed = hash_with(target=3.2)
+    for value in ("16/5", "3.20", Fraction(16, 5)):
+        assert hash_with(target=value) == typed
 
 
-@pytest.mark.parametrize("field", sorted(PARTS))
-def test_the_hash_changes_with_every_field(field):
-    assert problem_sha256(Problem(**PARTS)) != problem_sha256(
-        Problem(**PARTS | {field: OTHERS[field]})
-    )
+@pytest.mark.parametrize("name", sorted(PARTS))
+def test_the_hash_changes_with_every_field(name):
+    assert hash_with() != hash_with(**{name: OTHERS[name]})
 
 
 def test_the_hash_changes_with_the_order_of_modes_and_with_labels():
     own = PARTS["network"]
     turned = Network(labels=own.labels, modes=dict(reversed(own.modes.items())))
     renamed = Network(labels=("c", "b", "a"), modes=own.modes)
-    assert (
-        len(
-            {
-                problem_sha256(Problem(**PARTS | {"network": each}))
-                for each in (own, turned, renamed)
-            }
-        )
-        == 3
-    )
+    hashes = {hash_with(), hash_with(network=turned), hash_with(network=renamed)}
+    assert len(hashes) == 3
+
+
+NO_PROBLEMS: list[Any] = []
+
+
+def no_problem(message: str, data: bytes) -> None:
+    NO_PROBLEMS.append((data, message))
+
+
+no_problem("not valid JSON", b"\xff\xfe{}")
+no_problem("not valid JSON", b"[" * 100_000)
+no_problem("not valid JSON", b'{"a":' * 100_000)
+no_problem("not valid JSON", b'{"format":' + b"9" * 5000 + b"}")
+no_problem("a key twice", b'{"format":"dobc-problem","format":"dobc-problem"}')
+no_problem("is not a problem but a certificate", b'{"format":"dobc-certificate"}')
+no_problem("has version 2; this program knows 1", b'{"format":"dobc-problem","version":2}')
+no_problem("has version True", b'{"format":"dobc-problem","version":true}')
+no_problem(
+    "an object with the keys format, version, name", b'{"format":"dobc-problem","version":1}'
+)
 
 
 @pytest.mark.parametrize(
     ("data", "message"),
-    [
-        (b"\xff\xfe{}", "not valid JSON"),
-        (b"[" * 100_000, "not valid JSON"),
-        (b'{"a":' * 100_000, "not valid JSON"),
-        (b'{"format":' + b"9" * 5000 + b"}", "not valid JSON"),
-        (b'{"format":"dobc-problem","format":"dobc-problem"}', "a key twice"),
-        (b'{"format":"dobc-certificate"}', "is not a problem but a certificate"),
-        (b'{"format":"dobc-problem","version":2}', "has version 2; this program knows 1"),
-        (b'{"format":"dobc-problem","version":true}', "has version True"),
-        (b'{"format":"dobc-problem","version":1}', "an object with the keys format, version, name"),
-    ],
+    NO_PROBLEMS,
 )
 def test_what_is_no_problem_json_is_refused(data, message):
     with pytest.raises(SpecError, match=message):
         problem_from_canonical(data)
 
 
+WRONG: list[Any] = []
+
+
+def wrong(message: str, path: tuple, value: Any) -> None:
+    WRONG.append((path, value, message))
+
+
+wrong("name must be text", ("name",), 5)
+wrong("notes must be a list", ("notes",), "text")
+wrong(r"notes\[0\] must be text", ("notes",), ["\ud800"])
+wrong("labels must be text", ("labels",), ["a", "b", 3])
+wrong("dimension must be the number of state components, 1; got 2", ("dimension",), 2)
+wrong("1 number", ("target",), [])
+wrong(r"modes\[0\]\.name must be text", ("modes", 0, "name"), 5)
+wrong("different from the others; got 'A'", ("modes", 1, "name"), "A")
+wrong(r"must be \[listener, speaker, weight\]", ("modes", 0, "arcs", 0), [0, 1])
+wrong("too large", ("modes", 0, "arcs", 0), [0, 10**30, "1"])
+wrong("leaves the graph", ("modes", 0, "arcs", 0), [0, -1, "1"])
+wrong("must be text", ("modes", 0, "arcs", 0, 2), 1)
+wrong("must be an expression", ("coupling", "h"), None)
+wrong("a list of 2", ("coupling", "exceptions", 0, "arc"), [0])
+wrong("must be the index of an agent; got -1", ("coupling", "exceptions", 0, "arc"), [-1, 1])
+wrong("must be an expression", ("coupling", "exceptions", 0, "h"), {"y": 1})
+wrong("not listed already", ("gains",), [[0, [["1"]]], [0, [["2"]]]])
+wrong("exosystem must be an object with the keys A, C", ("exosystem",), {"A": [["1"]]})
+wrong("simulation must be an object", ("simulation",), None)
+
+
 @pytest.mark.parametrize(
     ("path", "value", "message"),
-    [
-        (("name",), 5, "name must be text"),
-        (("notes",), "text", "notes must be a list"),
-        (("notes",), ["\ud800"], r"notes\[0\] must be text"),
-        (("labels",), ["a", "b", 3], "labels must be text"),
-        (("dimension",), 2, "dimension must be the number of state components, 1; got 2"),
-        (("target",), [], "1 number"),
-        (("modes", 0, "name"), 5, r"modes\[0\]\.name must be text"),
-        (("modes", 1, "name"), "A", "different from the others; got 'A'"),
-        (("modes", 0, "arcs", 0), [0, 1], r"must be \[listener, speaker, weight\]"),
-        (("modes", 0, "arcs", 0), [0, 10**30, "1"], "too large"),
-        (("modes", 0, "arcs", 0), [0, -1, "1"], "leaves the graph"),
-        (("modes", 0, "arcs", 0, 2), 1, "must be text"),
-        (("coupling", "h"), None, "must be an expression"),
-        (("coupling", "exceptions", 0, "arc"), [0], "a list of 2"),
-        (("coupling", "exceptions", 0, "arc"), [-1, 1], "must be the index of an agent; got -1"),
-        (("coupling", "exceptions", 0, "h"), {"y": 1}, "must be an expression"),
-        (("gains",), [[0, [["1"]]], [0, [["2"]]]], "not listed already"),
-        (("exosystem",), {"A": [["1"]]}, "exosystem must be an object with the keys A, C"),
-        (("simulation",), None, "simulation must be an object"),
-    ],
+    WRONG,
 )
 def test_a_wrong_value_is_refused_by_its_key(path, value, message):
     changed = document()
@@ -176,12 +181,13 @@ def test_a_wrong_value_is_refused_by_its_key(path, value, message):
 
 
 def tables(value: object) -> Iterator[dict]:
-    children = (
-        value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
-    )
-    yield from [value] if isinstance(value, dict) else []
-    for child in children:
-        yield from tables(child)
+    """Every object of a JSON document, the outermost first."""
+    if isinstance(value, dict):
+        yield value
+        value = list(value.values())
+    if isinstance(value, list):
+        for child in value:
+            yield from tables(child)
 
 
 def test_no_key_may_be_missing_and_none_added_anywhere():

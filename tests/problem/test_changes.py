@@ -3,6 +3,7 @@
 import tomllib
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import pytest
 from campaigns.certificates import a_problem
@@ -29,19 +30,26 @@ from dobc_design.problem.load import (
     source_text,
 )
 
+TYPED: list[Any] = []
+
+
+def typed_as(value: Any, typed: Any) -> None:
+    TYPED.append((value, typed))
+
+
+typed_as(5, 5)
+typed_as("42/100", 0.42)
+typed_as("9/16", 0.5625)
+typed_as("1/3", "1/3")
+typed_as("-16/5", -3.2)
+typed_as(0, 0)
+typed_as(10**20, 1e20)
+typed_as("1e-7", 1e-07)
+
 
 @pytest.mark.parametrize(
     ("value", "typed"),
-    [
-        (5, 5),
-        ("42/100", 0.42),
-        ("9/16", 0.5625),
-        ("1/3", "1/3"),
-        ("-16/5", -3.2),
-        (0, 0),
-        (10**20, 1e20),
-        ("1e-7", 1e-07),
-    ],
+    TYPED,
 )
 def test_a_rational_is_written_the_short_way(value, typed):
     assert typed_number(Fraction(value)) == typed

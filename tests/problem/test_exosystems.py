@@ -1,6 +1,7 @@
 """Shapes of disturbances: exact matrices, observable, and the signals they are named after."""
 
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 import pytest
@@ -66,23 +67,29 @@ def test_stacked_gives_every_part_its_own_component():
     assert two.A == ((0, 0, 0), (0, 0, 1), (0, 0, 0))
 
 
+NO_SHAPES: list[Any] = []
+
+
+def no_shape(match: str, call: Any) -> None:
+    NO_SHAPES.append((call, match))
+
+
+no_shape(r"frequencies\[1\] must differ", lambda: shapes.harmonics([1, 1]))
+no_shape(r"frequencies\[0\] must be > 0", lambda: shapes.harmonics([0]))
+no_shape("degree must be an integer from 0 to 20", lambda: shapes.polynomial(-1))
+no_shape("fundamental must be > 0", lambda: shapes.periodic(0, harmonics_kept=1))
+no_shape("harmonics_kept must be an integer >= 1", lambda: shapes.periodic(1, harmonics_kept=0))
+no_shape("at least one Exosystem", shapes.total)
+no_shape(
+    "equally many",
+    lambda: shapes.total(shapes.constant(), shapes.stacked(shapes.constant(), shapes.ramp())),
+)
+no_shape("at least one Exosystem", lambda: shapes.stacked(3))
+
+
 @pytest.mark.parametrize(
     ("call", "match"),
-    [
-        (lambda: shapes.harmonics([1, 1]), r"frequencies\[1\] must differ"),
-        (lambda: shapes.harmonics([0]), r"frequencies\[0\] must be > 0"),
-        (lambda: shapes.polynomial(-1), "degree must be an integer from 0 to 20"),
-        (lambda: shapes.periodic(0, harmonics_kept=1), "fundamental must be > 0"),
-        (lambda: shapes.periodic(1, harmonics_kept=0), "harmonics_kept must be an integer >= 1"),
-        (shapes.total, "at least one Exosystem"),
-        (
-            lambda: shapes.total(
-                shapes.constant(), shapes.stacked(shapes.constant(), shapes.ramp())
-            ),
-            "equally many",
-        ),
-        (lambda: shapes.stacked(3), "at least one Exosystem"),
-    ],
+    NO_SHAPES,
 )
 def test_what_is_no_shape_is_refused(call, match):
     with pytest.raises(SpecError, match=match):

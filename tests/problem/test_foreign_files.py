@@ -11,36 +11,35 @@ from dobc_design.errors import CertificateError, SpecError
 from dobc_design.problem.canonical import canonical_bytes
 
 GRAPH = nx.DiGraph([("a", "b")])
-FOREIGN = {
-    "node-link": (
-        nx.node_link_data(GRAPH),
-        "networkx's node-link form.*node_link_graph.*write_graphml",
-    ),
-    "adjacency": (nx.adjacency_data(GRAPH), "networkx's adjacency form.*adjacency_graph"),
-    "cytoscape": (nx.cytoscape_data(GRAPH), "a graph of Cytoscape.*cytoscape_graph"),
-    "package.json": (
-        {"name": "x", "version": "1.0.0", "dependencies": {}},
-        "package.json of a JavaScript project",
-    ),
-    "notebook": ({"cells": [], "metadata": {}, "nbformat": 4}, "a Jupyter notebook"),
-    "geojson": ({"type": "FeatureCollection", "features": []}, "GeoJSON"),
-    "schema": ({"$schema": "http://json-schema.org/draft-07/schema#"}, "a JSON Schema"),
-    "toml as json": (
-        {"network": {"agents": 2, "arrow": "listens_to"}},
-        "a problem file in JSON.*as TOML",
-    ),
-    "pandapower": ({"_module": "pandapower.auxiliary"}, "a pandapower network.*--from FILE"),
-    "run": ({"format": "dobc-trajectory"}, "another file of dobc_design"),
-    "list": ([1, 2], "it holds a list"),
-    "number": (3, "it holds a single value"),
-    "unknown": ({"a": 1, "b\x1b": 2}, r'no "format" of dobc_design; its keys are a, b\\x1b'),
-    "empty": ({}, "its keys are none"),
-}
+FOREIGN = []
 
 
-@pytest.mark.parametrize("kind", FOREIGN)
-def test_it_is_named_where_a_problem_or_a_certificate_is_wanted(kind, tmp_path):
-    document, said = FOREIGN[kind]
+def foreign(kind: str, said: str, document: object) -> None:
+    FOREIGN.append(pytest.param(document, said, id=kind))
+
+
+NODE_LINK = "networkx's node-link form.*node_link_graph.*write_graphml"
+foreign("node-link", NODE_LINK, nx.node_link_data(GRAPH))
+foreign("adjacency", "networkx's adjacency form.*adjacency_graph", nx.adjacency_data(GRAPH))
+foreign("cytoscape", "a graph of Cytoscape.*cytoscape_graph", nx.cytoscape_data(GRAPH))
+PACKAGE = {"name": "x", "version": "1.0.0", "dependencies": {}}
+foreign("package.json", "package.json of a JavaScript project", PACKAGE)
+foreign("notebook", "a Jupyter notebook", {"cells": [], "metadata": {}, "nbformat": 4})
+foreign("geojson", "GeoJSON", {"type": "FeatureCollection", "features": []})
+foreign("schema", "a JSON Schema", {"$schema": "http://json-schema.org/draft-07/schema#"})
+AS_JSON = {"network": {"agents": 2, "arrow": "listens_to"}}
+foreign("toml as json", "a problem file in JSON.*as TOML", AS_JSON)
+foreign("pandapower", "a pandapower network.*--from FILE", {"_module": "pandapower.auxiliary"})
+foreign("run", "another file of dobc_design", {"format": "dobc-trajectory"})
+foreign("list", "it holds a list", [1, 2])
+foreign("number", "it holds a single value", 3)
+UNKNOWN = r'no "format" of dobc_design; its keys are a, b\\x1b'
+foreign("unknown", UNKNOWN, {"a": 1, "b\x1b": 2})
+foreign("empty", "its keys are none", {})
+
+
+@pytest.mark.parametrize(("document", "said"), FOREIGN)
+def test_it_is_named_where_a_problem_or_a_certificate_is_wanted(document, said, tmp_path):
     path = tmp_path / "mine.json"
     path.write_text(json.dumps(document))
     with pytest.raises(SpecError, match=f"mine.json is not a problem.*{said}") as caught:

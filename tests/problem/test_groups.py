@@ -4,10 +4,12 @@ Python."""
 import pickle
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import pytest
+from networks import network_of
 
-from dobc_design import Exosystem, Network, Problem, exosystems
+from dobc_design import Exosystem, Problem, exosystems
 from dobc_design.description.words import describe, facts
 from dobc_design.errors import SpecError
 from dobc_design.problem.canonical import (
@@ -130,30 +132,36 @@ def test_a_group_may_have_no_disturbance_beside_agents_that_share_one():
     assert problem_sha256(read(everybody)) == problem_sha256(read(""))
 
 
+MISTAKES: list[Any] = []
+
+
+def mistake(match: str, text: str) -> None:
+    MISTAKES.append((text, match))
+
+
+mistake(r"groups\[0\]\.none must be true", "agents = [1]\nnone = false")
+mistake(r"groups\[0\]\.none stands beside hz", "agents = [1]\nnone = true\nhz = 1")
+mistake(
+    r"groups\[0\]\.none stands beside A and C", "agents = [1]\nnone = true\nA = [[0]]\nC = [[1]]"
+)
+mistake(r"groups\[0\]\.none stands beside W", "agents = [1]\nnone = true\nW = [[1]]")
+mistake(r"groups\[0\]\.agents must be a list of labels", "agents = []\nnone = true")
+mistake(r"groups\[0\]\.agents\[0\].*no agent", "agents = [9]\nnone = true")
+mistake(r"groups\[0\]\.agents\[1\].*already", "agents = [1, 1]\nnone = true")
+mistake(
+    r"agents\[0\].*already", "agents = [1]\nnone = true\n[[exosystem.groups]]\nagents = [1]\nhz = 1"
+)
+mistake("apply to no agent", "agents = [1, 2, 3, 4]\nnone = true\n[exosystem]\nhz = 1")
+mistake(
+    r"observer\.W must have shape",
+    "agents = [1]\nnone = true\n[exosystem]\nhz = 1\n[observer]\nW = [[1]]",
+)
+mistake(r"observer\.W.*no disturbance", "agents = [1]\nhz = 1\n[observer]\nW = [[1]]")
+
+
 @pytest.mark.parametrize(
     ("text", "match"),
-    [
-        ("agents = [1]\nnone = false", r"groups\[0\]\.none must be true"),
-        ("agents = [1]\nnone = true\nhz = 1", r"groups\[0\]\.none stands beside hz"),
-        (
-            "agents = [1]\nnone = true\nA = [[0]]\nC = [[1]]",
-            r"groups\[0\]\.none stands beside A and C",
-        ),
-        ("agents = [1]\nnone = true\nW = [[1]]", r"groups\[0\]\.none stands beside W"),
-        ("agents = []\nnone = true", r"groups\[0\]\.agents must be a list of labels"),
-        ("agents = [9]\nnone = true", r"groups\[0\]\.agents\[0\].*no agent"),
-        ("agents = [1, 1]\nnone = true", r"groups\[0\]\.agents\[1\].*already"),
-        (
-            "agents = [1]\nnone = true\n[[exosystem.groups]]\nagents = [1]\nhz = 1",
-            r"agents\[0\].*already",
-        ),
-        ("agents = [1, 2, 3, 4]\nnone = true\n[exosystem]\nhz = 1", "apply to no agent"),
-        (
-            "agents = [1]\nnone = true\n[exosystem]\nhz = 1\n[observer]\nW = [[1]]",
-            r"observer\.W must have shape",
-        ),
-        ("agents = [1]\nhz = 1\n[observer]\nW = [[1]]", r"observer\.W.*no disturbance"),
-    ],
+    MISTAKES,
 )
 def test_a_mistake_about_agents_without_a_disturbance_is_named(text: str, match: str):
     with pytest.raises(SpecError, match=match):
@@ -212,54 +220,68 @@ def test_check_says_who_has_which_disturbance():
     assert "groups" not in facts(read("[exosystem]\nA = [[0]]\nC = [[1]]\n"))
 
 
+KINDS: list[Any] = []
+
+
+def kind_of(kind: str, shape: Exosystem) -> None:
+    KINDS.append((kind, shape))
+
+
+kind_of('kind = "constant"', exosystems.constant())
+kind_of('kind = "ramp"', exosystems.ramp())
+kind_of('kind = "harmonics"\nfrequencies = [2, "1/3"]', exosystems.harmonics([2, "1/3"]))
+kind_of('kind = "harmonics"\nfrequencies = 2', exosystems.harmonics(2))
+kind_of("constant = true", exosystems.constant())
+kind_of("ramp = true\nconstant = true", exosystems.ramp())
+kind_of("hz = 0.5", exosystems.harmonics("3.14159265359"))
+kind_of(
+    "constant = true\nhz = [50, 0.5]\nfrequencies = 2",
+    exosystems.total(
+        exosystems.constant(), exosystems.harmonics([2, "314.159265359", "3.14159265359"])
+    ),
+)
+
+
 @pytest.mark.parametrize(
     ("kind", "shape"),
-    [
-        ('kind = "constant"', exosystems.constant()),
-        ('kind = "ramp"', exosystems.ramp()),
-        ('kind = "harmonics"\nfrequencies = [2, "1/3"]', exosystems.harmonics([2, "1/3"])),
-        ('kind = "harmonics"\nfrequencies = 2', exosystems.harmonics(2)),
-        ("constant = true", exosystems.constant()),
-        ("ramp = true\nconstant = true", exosystems.ramp()),
-        ("hz = 0.5", exosystems.harmonics("3.14159265359")),
-        (
-            "constant = true\nhz = [50, 0.5]\nfrequencies = 2",
-            exosystems.total(
-                exosystems.constant(), exosystems.harmonics([2, "314.159265359", "3.14159265359"])
-            ),
-        ),
-    ],
+    KINDS,
 )
 def test_a_kind_stands_for_the_matrices_of_its_constructor(kind, shape):
     assert read(f"[exosystem]\n{kind}\n").exosystem == shape
 
 
+MEANINGLESS: list[Any] = []
+
+
+def meaningless(message: str, text: str) -> None:
+    MEANINGLESS.append((text, message))
+
+
+meaningless("exosystem is empty", "constant = false")
+meaningless("exosystem.ramp must be true or false; got 1", "ramp = 1")
+meaningless(r"exosystem.hz\[1\] must be between 1e-15 and 1e15 Hz; got 0", "hz = [1, 0]")
+meaningless("exosystem.hz must be between", 'hz = "1e-310"')
+meaningless("exosystem.hz must be between", 'hz = "1e400"')
+meaningless("exosystem.hz must hold at least one number", "constant = true\nhz = []")
+meaningless("exosystem.hz cannot stand beside kind", 'kind = "constant"\nhz = [1]')
+meaningless("exosystem.constant cannot stand beside kind", 'kind = "ramp"\nconstant = false')
+meaningless(r"exosystem.hz\[2\] must differ from exosystem.hz\[0\]", "hz = [1, 2, 1]")
+meaningless("exosystem.hz stands beside A and C", "hz = 1\nA = [[0]]\nC = [[1]]")
+meaningless(
+    "exosystem.hz must differ from exosystem.frequencies, .* are 3.14159",
+    "hz = 0.5\nfrequencies = 3.14159265359",
+)
+meaningless(
+    r"For a sine write hz = \[0.5\] or frequencies", 'A = [[0, "2*pi"], ["-2*pi", 0]]\nC = [[1, 0]]'
+)
+meaningless(
+    r"exosystem.groups\[0\].hz must be between", '[[exosystem.groups]]\nagents = [1]\nhz = "-1"'
+)
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
-    [
-        ("constant = false", "exosystem is empty"),
-        ("ramp = 1", "exosystem.ramp must be true or false; got 1"),
-        ("hz = [1, 0]", r"exosystem.hz\[1\] must be between 1e-15 and 1e15 Hz; got 0"),
-        ('hz = "1e-310"', "exosystem.hz must be between"),
-        ('hz = "1e400"', "exosystem.hz must be between"),
-        ("constant = true\nhz = []", "exosystem.hz must hold at least one number"),
-        ('kind = "constant"\nhz = [1]', "exosystem.hz cannot stand beside kind"),
-        ('kind = "ramp"\nconstant = false', "exosystem.constant cannot stand beside kind"),
-        ("hz = [1, 2, 1]", r"exosystem.hz\[2\] must differ from exosystem.hz\[0\]"),
-        ("hz = 1\nA = [[0]]\nC = [[1]]", "exosystem.hz stands beside A and C"),
-        (
-            "hz = 0.5\nfrequencies = 3.14159265359",
-            "exosystem.hz must differ from exosystem.frequencies, .* are 3.14159",
-        ),
-        (
-            'A = [[0, "2*pi"], ["-2*pi", 0]]\nC = [[1, 0]]',
-            r"For a sine write hz = \[0.5\] or frequencies",
-        ),
-        (
-            '[[exosystem.groups]]\nagents = [1]\nhz = "-1"',
-            r"exosystem.groups\[0\].hz must be between",
-        ),
-    ],
+    MEANINGLESS,
 )
 def test_a_disturbance_in_words_that_means_nothing_is_refused(text: str, message: str):
     with pytest.raises(SpecError, match=message):
@@ -277,7 +299,7 @@ def test_a_kind_gives_every_state_component_a_disturbance_of_its_own():
 
 
 def test_groups_in_python_are_named_by_labels_and_read_like_those_of_a_file():
-    network = Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to")
+    network = network_of([[1, 2], [2, 1]])
     one = Group(agents=[2], exosystem=CONSTANT, observer=Observer(W=[[2]]))
     problem = Problem(network=network, coupling="y", exosystem=OSCILLATOR, groups=[one])
     assert [group.name for group in problem.groups] == ["1", "2"]

@@ -2,6 +2,7 @@
 alone."""
 
 from fractions import Fraction
+from typing import Any
 
 import networkx as nx
 import numpy as np
@@ -59,22 +60,30 @@ def test_a_count_gives_labels_from_one_and_a_mapping_one_mode_each_in_its_order(
     assert list(network.modes) == ["B", "A"]
 
 
+WRONG_ARCS: list[Any] = []
+
+
+def wrong_arcs(arcs: Any, key: str, message: str) -> None:
+    WRONG_ARCS.append((arcs, key, message))
+
+
+wrong_arcs(
+    [(1, 2), (1, 2)], "network.modes.G[1]", "1 listens to 2 already; this arc is a duplicate"
+)
+wrong_arcs([(1, 2), (3, 3)], "network.modes.G[1]", "agent 3 must not listen to itself")
+wrong_arcs(
+    [(1, 2, 0)], "network.modes.G[0]", "must be > 0, because it multiplies h; 1 listens to 2 with 0"
+)
+wrong_arcs([(1, 2, float("nan"))], "network.modes.G[0][2]", "must be a number")
+wrong_arcs([(1, 4)], "network.modes.G[0]", r"there is no agent '4' \(agents: 1, 2, 3\)")
+wrong_arcs([(1, 2.0)], "network.modes.G[0][1]", "must be text or a whole number; got 2.0")
+wrong_arcs([(1, 10**5000)], "network.modes.G[0][1]", "thousands of digits")
+wrong_arcs([(1,)], "network.modes.G[0]", r"must be an arc \[a, b\] or \[a, b, weight\]")
+
+
 @pytest.mark.parametrize(
     ("arcs", "key", "message"),
-    [
-        ([(1, 2), (1, 2)], "network.modes.G[1]", "1 listens to 2 already; this arc is a duplicate"),
-        ([(1, 2), (3, 3)], "network.modes.G[1]", "agent 3 must not listen to itself"),
-        (
-            [(1, 2, 0)],
-            "network.modes.G[0]",
-            "must be > 0, because it multiplies h; 1 listens to 2 with 0",
-        ),
-        ([(1, 2, float("nan"))], "network.modes.G[0][2]", "must be a number"),
-        ([(1, 4)], "network.modes.G[0]", r"there is no agent '4' \(agents: 1, 2, 3\)"),
-        ([(1, 2.0)], "network.modes.G[0][1]", "must be text or a whole number; got 2.0"),
-        ([(1, 10**5000)], "network.modes.G[0][1]", "thousands of digits"),
-        ([(1,)], "network.modes.G[0]", r"must be an arc \[a, b\] or \[a, b, weight\]"),
-    ],
+    WRONG_ARCS,
 )
 def test_a_wrong_arc_is_named(arcs, key, message):
     with pytest.raises(SpecError, match=message) as caught:
@@ -149,15 +158,23 @@ def test_several_graphs_are_modes_over_the_nodes_of_the_first():
         Network.from_networkx({"A": first, "B": second}, arrow="listens_to")
 
 
+NO_GRAPHS: list[Any] = []
+
+
+def no_graph(graph: Any, message: str) -> None:
+    NO_GRAPHS.append((graph, message))
+
+
+no_graph(nx.DiGraph([(1, 1)]), "must not listen to itself")
+no_graph(nx.grid_2d_graph(2, 2), r"must be text or a whole number; got \(0, 0\)")
+no_graph(nx.Graph([(1, "1")]), "'1' appears twice")
+no_graph([(1, 2)], "must be a networkx graph; got list")
+no_graph({"A": 5}, r"network\.modes\.A must be a networkx graph; got int")
+
+
 @pytest.mark.parametrize(
     ("graph", "message"),
-    [
-        (nx.DiGraph([(1, 1)]), "must not listen to itself"),
-        (nx.grid_2d_graph(2, 2), r"must be text or a whole number; got \(0, 0\)"),
-        (nx.Graph([(1, "1")]), "'1' appears twice"),
-        ([(1, 2)], "must be a networkx graph; got list"),
-        ({"A": 5}, r"network\.modes\.A must be a networkx graph; got int"),
-    ],
+    NO_GRAPHS,
 )
 def test_a_graph_that_is_no_network_is_refused(graph, message):
     with pytest.raises(SpecError, match=message):
@@ -205,24 +222,30 @@ def test_entries_stored_twice_are_added_and_stored_zeros_are_no_arcs():
     assert matrix.nnz == 3
 
 
+NO_MATRICES: list[Any] = []
+
+
+def no_matrix(matrix: Any, labels: Any, message: str) -> None:
+    NO_MATRICES.append((matrix, labels, message))
+
+
+no_matrix(sparse.csr_array((2, 3)), None, r"must be square.*got shape \(2, 3\)")
+no_matrix(
+    sparse.csr_array((2, 2)), ["a"], r"one row and column per agent \(1 x 1\); got shape \(2, 2\)"
+)
+no_matrix(
+    {"A": sparse.csr_array((2, 2)), "B": sparse.csr_array((3, 3))},
+    None,
+    r"modes\.B.*\(2 x 2\); got shape \(3",
+)
+no_matrix([[0, 1]], None, r"must be a SciPy sparse matrix or a NumPy array \(n, n\); got list")
+no_matrix(sparse.csr_array([[0, -1], [0, 0]]), None, "must be > 0")
+no_matrix(sparse.csr_array(np.array([[0, 1], [0, 0]], dtype=bool)), None, "not a boolean")
+
+
 @pytest.mark.parametrize(
     ("matrix", "labels", "message"),
-    [
-        (sparse.csr_array((2, 3)), None, r"must be square.*got shape \(2, 3\)"),
-        (
-            sparse.csr_array((2, 2)),
-            ["a"],
-            r"one row and column per agent \(1 x 1\); got shape \(2, 2\)",
-        ),
-        (
-            {"A": sparse.csr_array((2, 2)), "B": sparse.csr_array((3, 3))},
-            None,
-            r"modes\.B.*\(2 x 2\); got shape \(3",
-        ),
-        ([[0, 1]], None, r"must be a SciPy sparse matrix or a NumPy array \(n, n\); got list"),
-        (sparse.csr_array([[0, -1], [0, 0]]), None, "must be > 0"),
-        (sparse.csr_array(np.array([[0, 1], [0, 0]], dtype=bool)), None, "not a boolean"),
-    ],
+    NO_MATRICES,
 )
 def test_a_matrix_that_is_no_network_is_refused(matrix, labels, message):
     with pytest.raises(SpecError, match=message):

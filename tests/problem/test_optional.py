@@ -119,16 +119,26 @@ def test_only_such_a_problem_has_the_key_and_version_3():
         )
 
 
+WRONG_MODES: list[Any] = []
+
+
+def wrong_modes(key: str, modes: str) -> None:
+    WRONG_MODES.append((modes, key))
+
+
+wrong_modes(
+    "network.modes.G.optional[1]", "G = { arcs = [[1, 2]], optional = [[2, 3], [1, 2, 5]] }"
+)
+wrong_modes("network.modes.G.optional[1]", "G = { arcs = [[1, 2]], optional = [[2, 3], [2, 3]] }")
+wrong_modes("network.modes.G.arcs[1]", "G = { arcs = [[1, 2], [3, 3]], optional = [[2, 3]] }")
+wrong_modes("network.modes.G.optional[0]", "G = { arcs = [[1, 2]], optional = [[2, 9]] }")
+wrong_modes("network.modes.G", "G = { arcs = [[1, 2]], optional = [[2, 3]], more = 1 }")
+wrong_modes("network.modes.G", "G = { optional = [[2, 3]] }")
+
+
 @pytest.mark.parametrize(
     ("modes", "key"),
-    [
-        ("G = { arcs = [[1, 2]], optional = [[2, 3], [1, 2, 5]] }", "network.modes.G.optional[1]"),
-        ("G = { arcs = [[1, 2]], optional = [[2, 3], [2, 3]] }", "network.modes.G.optional[1]"),
-        ("G = { arcs = [[1, 2], [3, 3]], optional = [[2, 3]] }", "network.modes.G.arcs[1]"),
-        ("G = { arcs = [[1, 2]], optional = [[2, 9]] }", "network.modes.G.optional[0]"),
-        ("G = { arcs = [[1, 2]], optional = [[2, 3]], more = 1 }", "network.modes.G"),
-        ("G = { optional = [[2, 3]] }", "network.modes.G"),
-    ],
+    WRONG_MODES,
 )
 def test_what_cannot_be_is_named(modes: str, key: str):
     with pytest.raises(SpecError) as error:

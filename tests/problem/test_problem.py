@@ -14,21 +14,22 @@ import pytest
 import sympy
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from networks import network_of
 from random_problems import random_problem
 
-from dobc_design import Exosystem, Network, Observer, Pinning, Problem, load_problem
+from dobc_design import Exosystem, Observer, Pinning, Problem, load_problem
 from dobc_design.coupling.coupling import make_coupling
 from dobc_design.errors import ExpressionError, ShapeError, SpecError
 from dobc_design.problem.region import Region
 from dobc_design.problem.simulation import Simulation
 from dobc_design.problem.switching import Switching
 
-CHAIN = Network.from_arcs([("a", "b"), ("b", "c")], arrow="listens_to")
+CHAIN = network_of([("a", "b"), ("b", "c")])
 SINE = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
 PLANE = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0], [0, 1]])
 
 
-NAMED = Network.from_arcs([["b", "lead"]], arrow="listens_to")
+NAMED = network_of([["b", "lead"]])
 
 
 def make(**changes: object) -> Problem:
@@ -54,16 +55,24 @@ def test_the_smallest_problem_has_one_component_no_pins_and_no_disturbance():
     assert not problem.is_linear
 
 
+GAINS: list[Any] = []
+
+
+def gain(value: Any, expected: Any) -> None:
+    GAINS.append((value, expected))
+
+
+gain(5, 5)
+gain("9/16", Fraction(9, 16))
+gain(Decimal("0.5"), Fraction(1, 2))
+gain(Fraction(1, 3), Fraction(1, 3))
+gain([[2]], 2)
+gain(np.array([[0.5]]), Fraction(1, 2))
+
+
 @pytest.mark.parametrize(
     ("value", "expected"),
-    [
-        (5, 5),
-        ("9/16", Fraction(9, 16)),
-        (Decimal("0.5"), Fraction(1, 2)),
-        (Fraction(1, 3), Fraction(1, 3)),
-        ([[2]], 2),
-        (np.array([[0.5]]), Fraction(1, 2)),
-    ],
+    GAINS,
 )
 def test_gains_may_be_of_any_exact_kind(value, expected):
     assert make(gains={"a": value}).pinning.gains == {0: scalar(expected)}
@@ -87,15 +96,23 @@ def test_matrix_gains_need_a_positive_semidefinite_symmetric_part():
         make(coupling="y", exosystem=PLANE, gains={"a": [[1, 3], [0, 1]]})
 
 
+DIMENSIONS: list[Any] = []
+
+
+def dimension(m: int, /, **changes: Any) -> None:
+    DIMENSIONS.append((changes, m))
+
+
+dimension(2, exosystem=PLANE, target=5)
+dimension(3, target=[1, 2, 3])
+dimension(2, coupling=["y1", "y2"])
+dimension(4, coupling=make_coupling("y", dimension=4))
+dimension(1)
+
+
 @pytest.mark.parametrize(
     ("changes", "m"),
-    [
-        ({"exosystem": PLANE, "target": 5}, 2),
-        ({"target": [1, 2, 3]}, 3),
-        ({"coupling": ["y1", "y2"]}, 2),
-        ({"coupling": make_coupling("y", dimension=4)}, 4),
-        ({}, 1),
-    ],
+    DIMENSIONS,
 )
 def test_m_is_the_rows_of_c_else_the_length_of_target_else_of_h_else_1(changes, m):
     problem = make(**changes)
@@ -168,91 +185,77 @@ def test_a_system_in_discrete_time_or_without_a_state_is_refused():
         Exosystem(control.tf([1], [1, 1]))
 
 
+MISTAKES: list[Any] = []
+
+
+def mistake(key: str, message: str, /, **changes: Any) -> None:
+    MISTAKES.append((changes, key, message))
+
+
+mistake(
+    "network",
+    r"must be a Network; got.*Network\.from_arcs, from_networkx",
+    network=nx.DiGraph([(1, 2)]),
+)
+mistake("exosystem", "must be an Exosystem", exosystem={"A": [[0]], "C": [[1]]})
+mistake("exosystem", r"Exosystem\(system\)", exosystem=control.ss([[0]], [[1]], [[1]], [[0]]))
+mistake("observer", "must be an Observer", exosystem=SINE, observer={"W": [[1], [1]]})
+mistake("switching", "must be a Switching", switching="random")
+mistake("name", "1 to 100 printable", name="")
+mistake("notes[0]", "must be text of at most 1000", notes=[5])
+mistake(
+    "target", "must have 1 number, one per state component; got 2", target=[1, 2], exosystem=SINE
+)
+mistake("target", "at most 100 state components; got 101", target=[0] * 101)
+mistake("coupling.h", "must vanish", coupling="y + 1")
+mistake("coupling.h", "must have 1 expression", coupling=["y1", "y2"], exosystem=SINE)
+mistake(
+    "coupling.h", "must have dimension 1", coupling=make_coupling("y", dimension=2), exosystem=SINE
+)
+mistake("coupling.exceptions[0]", "no mode has the arc", exceptions={(0, 2): "y"})
+mistake("coupling.exceptions[0].h", "must vanish", exceptions={(0, 1): "y + 1"})
+mistake("coupling.exceptions[0]", "indices count from 0", exceptions={("a", "b"): "y"})
+mistake("pinning.gains.z", "there is no agent 'z'.*Use the label of an agent", gains={"z": 1})
+mistake("pinning.gains.laed", 'Did you mean "lead"', network=NAMED, gains={"laed": 1})
+mistake("pinning.gains", "must be >= 0", gains=-1)
+mistake("pinning.gains", "must be a table of label = gain", gains=[1, 2, 3])
+mistake("pinning.gains.a", r"must have shape \(1, 1\)", gains={"a": [[1, 2]]})
+mistake("observer", "no meaning without an", observer=Observer(W=[[1]]))
+mistake("observer.W", r"must have shape \(2, 1\)", exosystem=SINE, observer=Observer(W=[[1]]))
+mistake(
+    "observer.P",
+    r"must have shape \(2, 2\)",
+    exosystem=SINE,
+    observer=Observer(W=[[1], [1]], P=[[1]]),
+)
+mistake("formation.offsets.z", "there is no agent 'z'", offsets={"z": 1})
+mistake("region.initial_states", r"must be a pair \[lo, hi\]; got None", region={})
+mistake("region.initial_state", "is an unknown key", region={"initial_state": [0, 1]})
+mistake(
+    "region.initial_disturbance",
+    "no meaning",
+    region={"initial_states": [0, 1], "initial_disturbance": 1},
+)
+mistake(
+    "region.initial_disturbance",
+    "is required when",
+    exosystem=SINE,
+    region={"initial_states": [0, 1]},
+)
+mistake("region", "must be", region=Simulation(t_final=Fraction(1), seed=0, xi0=None))
+mistake(
+    "simulation",
+    "must be",
+    simulation=Region(initial_states=((Fraction(0), Fraction(1)),), initial_disturbance=None),
+)
+mistake("simulation.seed", "whole number from 0 to", simulation={"seed": 2**63})
+mistake("simulation.xi0", "must have 2 numbers", exosystem=SINE, simulation={"xi0": [1]})
+mistake("simulation.xi0", "must have 3 rows", exosystem=SINE, simulation={"xi0": [[1, 0]] * 2})
+
+
 @pytest.mark.parametrize(
     ("changes", "key", "message"),
-    [
-        (
-            {"network": nx.DiGraph([(1, 2)])},
-            "network",
-            r"must be a Network; got.*Network\.from_arcs, from_networkx",
-        ),
-        ({"exosystem": {"A": [[0]], "C": [[1]]}}, "exosystem", "must be an Exosystem"),
-        (
-            {"exosystem": control.ss([[0]], [[1]], [[1]], [[0]])},
-            "exosystem",
-            r"Exosystem\(system\)",
-        ),
-        ({"exosystem": SINE, "observer": {"W": [[1], [1]]}}, "observer", "must be an Observer"),
-        ({"switching": "random"}, "switching", "must be a Switching"),
-        ({"name": ""}, "name", "1 to 100 printable"),
-        ({"notes": [5]}, "notes[0]", "must be text of at most 1000"),
-        (
-            {"target": [1, 2], "exosystem": SINE},
-            "target",
-            "must have 1 number, one per state component; got 2",
-        ),
-        ({"target": [0] * 101}, "target", "at most 100 state components; got 101"),
-        ({"coupling": "y + 1"}, "coupling.h", "must vanish"),
-        ({"coupling": ["y1", "y2"], "exosystem": SINE}, "coupling.h", "must have 1 expression"),
-        (
-            {"coupling": make_coupling("y", dimension=2), "exosystem": SINE},
-            "coupling.h",
-            "must have dimension 1",
-        ),
-        ({"exceptions": {(0, 2): "y"}}, "coupling.exceptions[0]", "no mode has the arc"),
-        ({"exceptions": {(0, 1): "y + 1"}}, "coupling.exceptions[0].h", "must vanish"),
-        ({"exceptions": {("a", "b"): "y"}}, "coupling.exceptions[0]", "indices count from 0"),
-        (
-            {"gains": {"z": 1}},
-            "pinning.gains.z",
-            "there is no agent 'z'.*Use the label of an agent",
-        ),
-        ({"network": NAMED, "gains": {"laed": 1}}, "pinning.gains.laed", 'Did you mean "lead"'),
-        ({"gains": -1}, "pinning.gains", "must be >= 0"),
-        ({"gains": [1, 2, 3]}, "pinning.gains", "must be a table of label = gain"),
-        ({"gains": {"a": [[1, 2]]}}, "pinning.gains.a", r"must have shape \(1, 1\)"),
-        ({"observer": Observer(W=[[1]])}, "observer", "no meaning without an"),
-        (
-            {"exosystem": SINE, "observer": Observer(W=[[1]])},
-            "observer.W",
-            r"must have shape \(2, 1\)",
-        ),
-        (
-            {"exosystem": SINE, "observer": Observer(W=[[1], [1]], P=[[1]])},
-            "observer.P",
-            r"must have shape \(2, 2\)",
-        ),
-        ({"offsets": {"z": 1}}, "formation.offsets.z", "there is no agent 'z'"),
-        ({"region": {}}, "region.initial_states", r"must be a pair \[lo, hi\]; got None"),
-        ({"region": {"initial_state": [0, 1]}}, "region.initial_state", "is an unknown key"),
-        (
-            {"region": {"initial_states": [0, 1], "initial_disturbance": 1}},
-            "region.initial_disturbance",
-            "no meaning",
-        ),
-        (
-            {"exosystem": SINE, "region": {"initial_states": [0, 1]}},
-            "region.initial_disturbance",
-            "is required when",
-        ),
-        ({"region": Simulation(t_final=Fraction(1), seed=0, xi0=None)}, "region", "must be"),
-        (
-            {
-                "simulation": Region(
-                    initial_states=((Fraction(0), Fraction(1)),), initial_disturbance=None
-                )
-            },
-            "simulation",
-            "must be",
-        ),
-        ({"simulation": {"seed": 2**63}}, "simulation.seed", "whole number from 0 to"),
-        ({"exosystem": SINE, "simulation": {"xi0": [1]}}, "simulation.xi0", "must have 2 numbers"),
-        (
-            {"exosystem": SINE, "simulation": {"xi0": [[1, 0]] * 2}},
-            "simulation.xi0",
-            "must have 3 rows",
-        ),
-    ],
+    MISTAKES,
 )
 def test_a_mistake_is_named_by_its_key(changes, key, message):
     with pytest.raises(SpecError, match=message) as caught:
@@ -260,35 +263,39 @@ def test_a_mistake_is_named_by_its_key(changes, key, message):
     assert key in [error.key for error in caught.value.errors]
 
 
+PARTS: list[Any] = []
+
+
+def wrong_part(key: str, message: str, build: Any) -> None:
+    PARTS.append((build, key, message))
+
+
+wrong_part("exosystem.A", "must be square", lambda: Exosystem(A=[[0, 1]], C=[[1]]))
+wrong_part(
+    "exosystem.C",
+    r"must have 1 column, one per exosystem state",
+    lambda: Exosystem(A=[[0]], C=[[1, 2]]),
+)
+wrong_part("exosystem.A[0]", "at least one number", lambda: Exosystem(A=[[]], C=[[1]]))
+wrong_part(
+    "exosystem.A[0][0]", "must be a number", lambda: Exosystem(A=np.array([[np.nan]]), C=[[1]])
+)
+wrong_part("observer.P", "must stand beside observer.W", lambda: Observer(P=[[1]]))
+wrong_part(
+    "observer.P",
+    r"got 2 at \[0\]\[1\] and 3 at \[1\]\[0\]",
+    lambda: Observer(W=[[1], [1]], P=[[1, 2], [3, 4]]),
+)
+wrong_part("observer.rate", r"must be > 0 \(1/s\)", lambda: Observer(rate=0))
+wrong_part(
+    "switching.signal", "must be one of random, periodic", lambda: Switching(signal="sometimes")
+)
+wrong_part("switching.dwell", "must be > 0", lambda: Switching(signal="random", dwell=-1))
+
+
 @pytest.mark.parametrize(
     ("build", "key", "message"),
-    [
-        (lambda: Exosystem(A=[[0, 1]], C=[[1]]), "exosystem.A", "must be square"),
-        (
-            lambda: Exosystem(A=[[0]], C=[[1, 2]]),
-            "exosystem.C",
-            r"must have 1 column, one per exosystem state",
-        ),
-        (lambda: Exosystem(A=[[]], C=[[1]]), "exosystem.A[0]", "at least one number"),
-        (
-            lambda: Exosystem(A=np.array([[np.nan]]), C=[[1]]),
-            "exosystem.A[0][0]",
-            "must be a number",
-        ),
-        (lambda: Observer(P=[[1]]), "observer.P", "must stand beside observer.W"),
-        (
-            lambda: Observer(W=[[1], [1]], P=[[1, 2], [3, 4]]),
-            "observer.P",
-            r"got 2 at \[0\]\[1\] and 3 at \[1\]\[0\]",
-        ),
-        (lambda: Observer(rate=0), "observer.rate", r"must be > 0 \(1/s\)"),
-        (
-            lambda: Switching(signal="sometimes"),
-            "switching.signal",
-            "must be one of random, periodic",
-        ),
-        (lambda: Switching(signal="random", dwell=-1), "switching.dwell", "must be > 0"),
-    ],
+    PARTS,
 )
 def test_the_parts_of_a_problem_are_checked_when_they_are_made(build, key, message):
     with pytest.raises(SpecError, match=message) as caught:
@@ -308,7 +315,7 @@ def test_all_mistakes_are_told_at_once_and_are_value_errors():
 
 
 def test_the_same_agent_under_two_spellings_is_refused():
-    numbered = Network.from_arcs([(1, 2)], arrow="listens_to")
+    numbered = network_of([(1, 2)])
     with pytest.raises(SpecError, match=r"pinning\.gains\.1 appears twice"):
         make(network=numbered, gains={1: 1, "1": 2})
     with pytest.raises(SpecError, match=r"formation\.offsets\.1 appears twice"):
@@ -368,15 +375,23 @@ def test_replace_changes_what_is_named_and_of_a_region_only_the_keys_given():
         problem.replace(pinning={1: 2})
 
 
+IN_SYMPY: list[Any] = []
+
+
+def in_sympy(text: str, expression: Any) -> None:
+    IN_SYMPY.append((expression, text))
+
+
+in_sympy("y/3 + tanh(y)", lambda y: sympy.tanh(y) + sympy.Rational(1, 3) * y)
+in_sympy("y*abs(y) + 0.3*y", lambda y: 0.3 * y + sympy.Abs(y) * y)
+in_sympy("max(y, 2*y)", lambda y: sympy.Max(y, 2 * y))
+in_sympy("exp(1)*y", lambda y: sympy.exp(1) * y)
+in_sympy("exp(y) - 1", lambda y: sympy.exp(y) - 1)
+
+
 @pytest.mark.parametrize(
     ("expression", "text"),
-    [
-        (lambda y: sympy.tanh(y) + sympy.Rational(1, 3) * y, "y/3 + tanh(y)"),
-        (lambda y: 0.3 * y + sympy.Abs(y) * y, "y*abs(y) + 0.3*y"),
-        (lambda y: sympy.Max(y, 2 * y), "max(y, 2*y)"),
-        (lambda y: sympy.exp(1) * y, "exp(1)*y"),
-        (lambda y: sympy.exp(y) - 1, "exp(y) - 1"),
-    ],
+    IN_SYMPY,
 )
 def test_a_coupling_may_be_given_as_a_sympy_expression(expression: Any, text: str):
     problem = load_problem("paper-fixed")
@@ -389,7 +404,7 @@ def test_a_coupling_may_be_given_as_a_sympy_expression(expression: Any, text: st
 def test_a_network_with_other_agents_needs_gains_of_its_own():
     """Gains stand by agent: with the labels in another order they would move to others."""
     problem = Problem(network=NAMED, coupling="y", gains={"lead": 1})
-    turned = Network.from_arcs([["b", "lead"]], arrow="listens_to", agents=NAMED.labels[::-1])
+    turned = network_of([["b", "lead"]], NAMED.labels[::-1])
     with pytest.raises(SpecError, match=r"or the same in another order\. Give gains"):
         problem.replace(network=turned)
     assert problem.replace(network=turned, gains={"lead": 1}).pinning.agents == (

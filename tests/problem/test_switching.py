@@ -4,12 +4,14 @@ people."""
 import json
 import pickle
 from fractions import Fraction
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from networks import network_of
 
-from dobc_design import Network, Problem
+from dobc_design import Problem
 from dobc_design.description.words import describe, facts
 from dobc_design.errors import SpecError
 from dobc_design.problem.canonical import (
@@ -23,9 +25,7 @@ from dobc_design.problem.load import read_problem_text
 from dobc_design.problem.switching import KEYS, SIGNALS, Switching
 
 MODES = ("Ga", "Gb", 'a."b"')
-NETWORK = Network.from_arcs(
-    {name: [[1, 2], [2, 3]] for name in MODES}, arrow="listens_to", agents=3
-)
+NETWORK = network_of({name: [[1, 2], [2, 3]] for name in MODES}, 3)
 modes = st.sampled_from(MODES)
 numbers = st.fractions(min_value=Fraction(1, 1000), max_value=1000, max_denominator=1000)
 
@@ -158,36 +158,43 @@ def test_a_canonical_section_with_other_keys_or_null_is_refused(later):
         problem_from_canonical(json.dumps(document).encode())
 
 
+SECTIONS: list[Any] = []
+
+
+def section_in_words(words: str, /, **section: Any) -> None:
+    SECTIONS.append((section, words))
+
+
+section_in_words("random, a mode drawn anew every 0.5 s", signal="random", dwell=0.5)
+section_in_words(
+    "periodic, Gb, Ga in turn, 2 s each", signal="periodic", dwell=2, sequence=["Gb", "Ga"]
+)
+section_in_words('periodic, Ga, Gb, a."b" in turn, a round in 3 s', signal="periodic", period=3)
+section_in_words(
+    "Ga from 0 s, Gb from 1 s, and so again every 3 s",
+    signal="periodic",
+    period=3,
+    schedule=[[0, "Ga"], [1, "Gb"]],
+)
+section_in_words(
+    "Ga from 0 s, Gb from 1/3 s", signal="schedule", schedule=[[0, "Ga"], ["1/3", "Gb"]]
+)
+section_in_words(
+    'a Markov chain, whose stays last on average: Ga 0.5 s, Gb for ever, a."b" 1 s',
+    signal="markov",
+    generator=[[-2, 2, 0], [0, 0, 0], [0, 1, -1]],
+)
+section_in_words(
+    "an agent hears its 2 nearest neighbours; the arcs of the modes", signal="mobile", neighbours=2
+)
+section_in_words(
+    "everyone within 2 in the unit of x, with a hyst", signal="mobile", radius=2, hysteresis="1/4"
+)
+
+
 @pytest.mark.parametrize(
     ("section", "words"),
-    [
-        ({"signal": "random", "dwell": 0.5}, "random, a mode drawn anew every 0.5 s"),
-        (
-            {"signal": "periodic", "dwell": 2, "sequence": ["Gb", "Ga"]},
-            "periodic, Gb, Ga in turn, 2 s each",
-        ),
-        ({"signal": "periodic", "period": 3}, 'periodic, Ga, Gb, a."b" in turn, a round in 3 s'),
-        (
-            {"signal": "periodic", "period": 3, "schedule": [[0, "Ga"], [1, "Gb"]]},
-            "Ga from 0 s, Gb from 1 s, and so again every 3 s",
-        ),
-        (
-            {"signal": "schedule", "schedule": [[0, "Ga"], ["1/3", "Gb"]]},
-            "Ga from 0 s, Gb from 1/3 s",
-        ),
-        (
-            {"signal": "markov", "generator": [[-2, 2, 0], [0, 0, 0], [0, 1, -1]]},
-            'a Markov chain, whose stays last on average: Ga 0.5 s, Gb for ever, a."b" 1 s',
-        ),
-        (
-            {"signal": "mobile", "neighbours": 2},
-            "an agent hears its 2 nearest neighbours; the arcs of the modes",
-        ),
-        (
-            {"signal": "mobile", "radius": 2, "hysteresis": "1/4"},
-            "everyone within 2 in the unit of x, with a hyst",
-        ),
-    ],
+    SECTIONS,
 )
 def test_check_says_the_signal_in_words(section, words: str):
     text = describe(Problem(network=NETWORK, coupling="y", switching=Switching(**section)))

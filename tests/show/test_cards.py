@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from networks import network_of
 from reports import Page
 
 import dobc_design as dd
@@ -127,9 +128,7 @@ def large() -> dd.Problem:
     14."""
     names = [f"{HOSTILE}{i}" for i in range(1000)]
     arcs = [[names[i], names[i + 1]] for i in range(999)]
-    network = dd.Network.from_arcs(
-        {HOSTILE: arcs, "b": arcs[:-1]}, arrow="listens_to", agents=names
-    )
+    network = network_of({HOSTILE: arcs, "b": arcs[:-1]}, names)
     A = [[f"{i + 1}/{j + 7}" for j in range(14)] for i in range(14)]
     return dd.Problem(
         network=network,
@@ -146,7 +145,7 @@ def large() -> dd.Problem:
 
 @pytest.fixture(scope="module")
 def small() -> dd.Certificate:
-    network = dd.Network.from_arcs({HOSTILE: [[HOSTILE, "b"]]}, arrow="listens_to")
+    network = network_of({HOSTILE: [[HOSTILE, "b"]]})
     constant = dd.Exosystem(A=[[0]], C=[[1]])
     return dd.certify(
         dd.Problem(
@@ -258,7 +257,7 @@ def test_mathematics_is_mathml_and_latex_and_text_says_what_was_typed():
     assert latex.splitlines()[1] == r"$$ C = \begin{pmatrix} 0.33333 & 0 \end{pmatrix} $$"
     assert repr(dd.poles.Disk(centre="-7/2", radius=2)) == "Disk(centre=-7/2, radius=2)"
     assert repr(dd.Exosystem(A=[[0]], C=[[1]])) == "Exosystem(A=[[0]], C=[[1]])"
-    network = dd.Network.from_arcs([[1, 2]], arrow="listens_to")
+    network = network_of([[1, 2]])
     assert repr(network) == "<Network of 2 agents: G with 1 arc>"
 
 

@@ -84,7 +84,8 @@ def test_what_is_kept_is_not_run_again_and_a_failure_is_told_and_not_kept(
 ):
     monkeypatch.setattr("executed.KEPT", tmp_path / "kept")
     good = written(tmp_path, "good", "print(6 * 7)")
-    (line,) = run_missing([good])
+    began, line = run_missing([good])
+    assert began.startswith("notebooks: 1 to run")
     assert line.startswith("notebooks: 1 of 1, good.ipynb ran")
     assert cells(kept(good))[0]["outputs"][0]["text"] == ["42\n"]
     assert list(run_missing([good])) == []

@@ -75,6 +75,8 @@ def run_missing(paths: list[Path]) -> Iterator[str]:
     """Run the notebooks that are not kept, as many at a time as there are processors; says of each
     how long it took.  Raises: RuntimeError with the first error of every notebook that fails."""
     missing = [path for path in paths if not kept(path).exists()]
+    if missing:
+        yield f"notebooks: {len(missing)} to run; the outputs of others are there"
     failures = []
     started = time.monotonic()
     with ThreadPoolExecutor(os.cpu_count()) as pool:

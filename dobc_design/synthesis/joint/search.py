@@ -83,7 +83,7 @@ NO_OBSERVER = (
 class Ground:
     """One request and its problem without W and gains; without a rate, ``part`` of the fastest one
     is aimed at.  ``reduction``: what became of the exosystem.  ``least``: over a region no fewer
-    pins are tried."""
+    pins are tried.  ``headline``: the rate has to be that of the check that carries the verdict."""
 
     problem: Problem
     request: DesignRequest
@@ -92,6 +92,7 @@ class Ground:
     structure: Structure
     part: Fraction
     least: int = 0
+    headline: bool = False
     observers: list[ObserverDesign | None] = field(default_factory=list)
 
     def every_observer(self) -> Iterator[ObserverDesign | None]:
@@ -199,7 +200,7 @@ def search_design(problem: Problem, request: DesignRequest, progress: Progress) 
 
 
 def further_pins(
-    problem: Problem, found: Design, most: int, progress: Progress
+    problem: Problem, found: Design, most: int, progress: Progress, *, headline: bool = False
 ) -> Iterator[Design]:
     """Designs with one to ``most`` pins more, no slower, where the number of pins was free."""
     request = found.request
@@ -210,7 +211,7 @@ def further_pins(
     for pins in range(count + 1, min(count + most, len(request.allowed)) + 1):
         progress(f"pricing {pins} pins")
         wider = replace(request, rate=rate, pins=pins)
-        each = attempt(problem, wider, progress, least=pins)
+        each = attempt(problem, wider, progress, least=pins, headline=headline)
         # The cheapest gains may leave pins unused: more of them buy nothing.
         if not each.is_proved or each.grounds is None or len(each.gains) < pins:
             return
@@ -225,13 +226,15 @@ def no_slower(
     if given.verdict is not Verdict.PROVED or not given.rate:
         return None
     progress("looking for gains that are as fast as those of the problem")
-    found = attempt(problem, replace(request, rate=claimed(given.rate)), progress)
+    asked = replace(request, rate=claimed(given.rate))
+    # What ``certify`` says of both files in its first line is compared.
+    found = attempt(problem, asked, progress, headline=True)
     if not found.is_proved:
         return None
     total = total_gain(problem)
     best = found
     if total is not None and (found.cost or 0) > total:
-        wider = further_pins(problem, found, MORE_PINS, progress)
+        wider = further_pins(problem, found, MORE_PINS, progress, headline=True)
         best = next((each for each in wider if (each.cost or 0) <= total), found)
     return replace(best, request=request)
 
@@ -243,6 +246,7 @@ def attempt(
     *,
     part: Fraction = HALF,
     least: int = 0,
+    headline: bool = False,
     slower: list[Design] | None = None,
 ) -> Design:
     """Decide one request; designs that are proved, but not at the rate asked for, are added to
@@ -263,6 +267,7 @@ def attempt(
         structure=structure_of(bare, request.allowed),
         part=part,
         least=least,
+        headline=headline,
     )
     obstacle = reduction.obstacle or agents.obstacle(bare, request, ground.structure)
     # What no gains reach is known of agents that are integrators.
@@ -335,7 +340,7 @@ def _certified(ground: Ground, proposal: Proposal) -> Design:
         changes |= gain_changes(problem, W)
     designed = changed_problem(problem, changes)
     certificate, everything = _proof(ground, designed, proposal.aim)
-    rate = _rate_of(certificate)
+    rate = certificate.rate if ground.headline else _rate_of(certificate)
     holds = certificate.verdict is Verdict.PROVED
     if holds and request.rate is not None:
         holds = claimed(rate or 0.0) >= request.rate

@@ -44,8 +44,8 @@ evidence: $(READY) ## the full counts, many minutes; prints one table
 bench: $(READY) ## the table of speed and memory
 	.venv/bin/python tests/benchmarks/run.py
 
-docs: $(EXTRAS) ## the handbook: docs/_build/html/index.html; the first time runs the notebooks
-	.venv/bin/sphinx-build -W --keep-going --quiet -b html docs docs/_build/html
+docs: $(EXTRAS) ## the handbook: docs/_build/html/index.html, up to four minutes; runs notebooks that changed
+	.venv/bin/sphinx-build -W --keep-going -j auto -b html docs docs/_build/html
 
 clean: ## remove what the other targets leave behind, but not .venv
 	rm -rf build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks

@@ -1,6 +1,5 @@
 """The handbook: `make docs` builds docs/_build/html, offline and without a warning."""
 
-import os
 import sys
 from pathlib import Path
 
@@ -23,23 +22,13 @@ extensions = [
     "names",
 ]
 exclude_patterns = ["_build", "_ext"]
-# notebooks show widgets and figures in richer ways as well
+# notebooks show figures in richer ways as well
 suppress_warnings = ["mystnb.unknown_mime_type"]
 
 myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 4
-nb_execution_mode = "cache"  # a notebook that did not change is not run again
-nb_execution_timeout = 600  # s, for a slow machine
-nb_execution_raise_on_error = True
+nb_execution_mode = "off"  # _ext/executed.py runs them, several at a time
 nb_merge_streams = True
-# Nobody's own start-up files, and no warning that kernels talk over TCP: they do so on this machine
-# only.
-_ipython = Path(__file__).parent / "_build" / "ipython"
-(_ipython / "profile_default").mkdir(parents=True, exist_ok=True)
-(_ipython / "profile_default" / "ipython_kernel_config.py").write_text(
-    'c.IPKernelApp.log_level = "ERROR"\n', "utf-8"
-)
-os.environ["IPYTHONDIR"] = str(_ipython)
 
 autodoc_typehints = "none"  # the docstrings say shapes and units, which types cannot
 autodoc_member_order = "bysource"

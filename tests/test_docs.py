@@ -99,6 +99,10 @@ def test_a_link_to_no_page_or_no_heading_is_found(tmp_path: Path):
     assert broken_links(page) == ["#three", "none.md"]
 
 
+def test_the_readme_is_read_in_five_minutes():
+    assert len((ROOT / "README.md").read_text("utf-8").split()) <= 900
+
+
 def toctree_entries(page: Path) -> list[str]:
     trees = re.findall(r"^```\{toctree\}\n(.*?)^```$", page.read_text("utf-8"), re.M | re.S)
     return [

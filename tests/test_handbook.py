@@ -42,7 +42,7 @@ def handbook(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "-b",
         "html",
         "-D",
-        "nb_execution_mode=off",
+        "run_notebooks=0",
         "-d",
         str(out / "trees"),
     ]

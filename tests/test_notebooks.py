@@ -6,7 +6,8 @@ import re
 from pathlib import Path
 
 import pytest
-from notebook_runs import LONG, NOTEBOOKS, failure_of
+from executed import NOTEBOOKS, failure_of, kept, run_missing
+from widgets import STATE, VIEW, stilled
 
 each_quickly = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem[:2])
 
@@ -15,8 +16,8 @@ def cells(path: Path) -> list[dict[str, object]]:
     return json.loads(path.read_text("utf-8"))["cells"]
 
 
-def test_there_are_ten_notebooks_in_order():
-    assert [path.stem[:2] for path in NOTEBOOKS] == [f"{number:02}" for number in range(1, 11)]
+def test_there_are_twelve_notebooks_in_order():
+    assert [path.stem[:2] for path in NOTEBOOKS] == [f"{number:02}" for number in range(1, 13)]
 
 
 @each_quickly
@@ -52,9 +53,59 @@ def test_a_notebook_and_its_script_are_one(path: Path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "path", [path for path in NOTEBOOKS if path.stem[:2] not in LONG], ids=lambda path: path.stem
-)
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_runs_from_a_clean_kernel(path: Path):
-    """`make evidence` runs the long ones too."""
+    """`make docs` takes what is kept here and does not run it again."""
+    if "dd.Designer" in path.read_text("utf-8"):
+        pytest.importorskip("anywidget", reason="needs the extra `notebook`")
     assert failure_of(path) == ""
+    assert kept(path).is_file()
+
+
+def written(folder: Path, name: str, code: str) -> Path:
+    """A notebook of one cell."""
+    cell = {"cell_type": "code", "execution_count": None, "id": "one", "metadata": {}}
+    cell |= {"outputs": [], "source": code}
+    path = folder / f"{name}.ipynb"
+    document = {"cells": [cell], "metadata": {}, "nbformat": 4, "nbformat_minor": 5}
+    path.write_text(json.dumps(document), "utf-8")
+    return path
+
+
+def test_a_run_is_kept_for_one_text_of_a_notebook(tmp_path: Path):
+    before = kept(written(tmp_path, "sum", "1 + 1"))
+    assert kept(written(tmp_path, "sum", "1 + 1")) == before
+    assert kept(written(tmp_path, "sum", "1 + 2")) != before
+
+
+@pytest.mark.slow
+def test_what_is_kept_is_not_run_again_and_a_failure_is_told_and_not_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr("executed.KEPT", tmp_path / "kept")
+    good = written(tmp_path, "good", "print(6 * 7)")
+    began, line = run_missing([good])
+    assert began.startswith("notebooks: 1 to run")
+    assert line.startswith("notebooks: 1 of 1, good.ipynb ran")
+    assert cells(kept(good))[0]["outputs"][0]["text"] == ["42\n"]
+    assert list(run_missing([good])) == []
+    bad = written(tmp_path, "bad", "1 / 0")
+    with pytest.raises(RuntimeError, match=r"bad\.ipynb: [\s\S]*ZeroDivisionError"):
+        list(run_missing([good, bad]))
+    assert not kept(bad).exists()
+
+
+def test_a_widget_becomes_a_drawing_that_loads_nothing():
+    state = {"_esm": "export default { render };", "_css": ".a {}", "text": "</script>"}
+    shown = {"output_type": "display_data", "metadata": {}, "data": {VIEW: {"model_id": "m"}}}
+    notebook = {
+        "cells": [{"cell_type": "code", "source": "designer", "outputs": [shown]}],
+        "metadata": {"widgets": {STATE: {"state": {"m": {"state": state}}}}},
+    }
+    document = json.loads(stilled(json.dumps(notebook)))
+    assert document["metadata"] == {}
+    (output,) = document["cells"][0]["outputs"]
+    html = output["data"].pop("text/html")
+    assert output["data"] == {}
+    assert html.count("</script>") == 1
+    assert "http" not in html

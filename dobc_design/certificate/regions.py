@@ -128,6 +128,7 @@ class Regions(Headed):
     sampling: Check | None = None
     settling: Check | None = None
     equilibrium: Check | None = None
+    unit: str = ""  # of the states, where all components share one
 
     @property
     def tried(self) -> bool:
@@ -214,6 +215,7 @@ def certified_regions(loop: Loop, claims: Claims) -> Regions:
             delay=beside.get("delay"),
             sampling=beside.get("sampling"),
             equilibrium=beside.get("equilibrium"),
+            unit=loop.unit,
         )
 
 

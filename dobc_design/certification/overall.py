@@ -383,7 +383,11 @@ def _arrival(loop: Loop, check: Check, *, pace: Check, final: Check | None = Non
     whose rate counts; ``final``: a proved ``accuracy``."""
     switching = f" {signals_in_words(loop, check)}".rstrip()
     shown = check if final is None else final
-    elsewhere = " in the region" if loop.starts is not None else f" with {_domain_in_words(shown)}"
+    elsewhere = (
+        " in the region"
+        if loop.starts is not None
+        else f" with {_domain_in_words(shown, loop.unit)}"
+    )
     which = {"global": "", "consensus": " close enough to it"}.get(str(shown.domain), elsewhere)
     if final is not None:
         goal = "the target" if not loop.goals.moves else "the leader"
@@ -393,7 +397,7 @@ def _arrival(loop: Loop, check: Check, *, pace: Check, final: Check | None = Non
         bounds: list[Fraction] = []
         for each in (final.exact or {}).get("bounds", {}).values():
             bounds += map(read_rational, each if isinstance(each, list) else [each])
-        within = f"{float(rounded_up(max(bounds), digits=4)):.6g}"
+        within = f"{float(rounded_up(max(bounds), digits=4)):.6g} {loop.unit}".rstrip()
         return f"All agents end within {within} of {goal} from every start{which}{switching}"
     arrive = "reach the target" if not loop.goals.moves else "follow the leader"
     return f"All agents {arrive} from every start{which}{switching}{_pace_in_words(loop, pace)}"
@@ -436,28 +440,27 @@ def _reached(loop: Loop, checks: Sequence[Check]) -> Reason | None:
     if not proved:
         head = f"no proof reaches the region asked for: {tried[0].reason}"
         return Reason(head=head, advice=advice, is_open=True)
-    reach = ", ".join(_domain_in_words(check) for check in proved)
-    asked = f"|e_i| <= {float(min(max(asked_radius(loop)), MOST)):.6g}"
+    reach = ", ".join(_domain_in_words(check, loop.unit) for check in proved)
+    asked = f"|e_i| <= {float(min(max(asked_radius(loop)), MOST)):.6g} {loop.unit}".rstrip()
     if loop.starts is not None and loop.starts.disturbance:
         asked += f" and |eps_i| <= {float(min(loop.starts.disturbance, MOST)):.6g}"
     head = f"consensus is proved from {reach}; the region asks for {asked}."
     return Reason(head=head, advice=advice, is_open=True)
 
 
-def _domain_in_words(check: Check) -> str:
+def _domain_in_words(check: Check, unit: str) -> str:
     if not isinstance(check.domain, Around):
         return f"every start ({check.id})"
     error = "|e_i|" if check.domain.kind == "box" else "|e|"
-    noise = check.domain.disturbance
-    return (
-        f"{error} <= {check.domain.radius}{f' and |eps_i| <= {noise}' if noise else ''} "
-        f"({check.id})"
-    )
+    told = f"{error} <= {check.domain.radius} {unit}".rstrip()
+    if check.domain.disturbance:
+        told += f" and |eps_i| <= {check.domain.disturbance}"
+    return f"{told} ({check.id})"
 
 
-def _cut_reason(checks: Sequence[Check]) -> Reason | None:
+def _cut_reason(checks: Sequence[Check], unit: str) -> Reason | None:
     """What was not decided, because time or work ran out, where that might have decided; None if
-    nothing."""
+    nothing.  ``unit``: of the states."""
     cut = [
         check
         for check in checks
@@ -482,7 +485,7 @@ def _cut_reason(checks: Sequence[Check]) -> Reason | None:
             " `dobc certify --all` searches longer." if any(check.longer for check in cut) else ""
         )
     regions = [check for check in checks if check.kind.role == "region" and check.is_proved]
-    reach = [_domain_in_words(check) for check in regions]
+    reach = [_domain_in_words(check, unit) for check in regions]
     if reach:
         told = f"{told} So far consensus is proved from {', '.join(reach)}."
     return Reason(head=told, is_open=True)
@@ -492,7 +495,7 @@ def _undecided_reason(loop: Loop, checks: Sequence[Check]) -> Reason:
     """Why nothing is decided: what ran out, an agent out of reach, how far proofs reach, or the
     first condition that is not met."""
     # Nothing else may be blamed while some check had no time.
-    cut = _cut_reason(checks)
+    cut = _cut_reason(checks, loop.unit)
     if cut is not None:
         return cut
     proved = [check for check in checks if check.is_proved]

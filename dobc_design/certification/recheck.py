@@ -281,7 +281,8 @@ def _foreign_parts(claims: Claims, problem: Problem) -> list[str]:
         if claims.problem_name == problem.name:
             names = f"another problem, an earlier or later version of {made}"
         # All that follows would differ for this one reason.
-        return [f"problem: the certificate is about {names} (its hash differs); name that one"]
+        cure = "give the problem that it was made for"
+        return [f"problem: the certificate is about {names} (its hash differs); {cure}"]
     if claims.problem_name != problem.name:
         failures.append("problem: its name is not what it says")
     if claims.notes[: len(problem.notes)] != problem.notes:

@@ -16,15 +16,24 @@ if TYPE_CHECKING:
     from dobc_design.synthesis.joint.claim import Design, DesignRequest
 
 DIGITS = 3
+REMARK = "set by dobc design"
+PRICED = 2  # further pins, each of which is a design of its own,
+MOST_PRICED = 60  # in networks of at most so many agents
 MOST_DIGITS = 10  # of a number of pins; a longer one is no number of agents
 
 
 def design(
     file: output.File,
-    out: Annotated[Path, Option(help="Write the designed problem here, a new .toml file.")],
+    out: Annotated[
+        Path | None,
+        Option(help="Write the designed problem here, a new .toml file; default: standard output."),
+    ] = None,
     rate: Annotated[
         str | None,
-        Option(metavar="NUMBER", help="The certified decay rate to be reached, in 1/s."),
+        Option(
+            metavar="NUMBER",
+            help="The certified decay rate to be reached, in 1/s; default: that of the file.",
+        ),
     ] = None,
     pins: Annotated[
         str | None,
@@ -64,6 +73,10 @@ def design(
         bool,
         Option("--coupling", help="Design the coupling, too (agents with [dynamics] only)."),
     ] = False,
+    further: Annotated[
+        int | None,
+        Option(help="How many further pins get a price; default: 2, none beyond 60 agents."),
+    ] = None,
     force: Annotated[bool, Option("--force", help="Overwrite the file of --out.")] = False,
     quiet: output.Quiet = False,
     verbose: output.Verbose = False,
@@ -74,9 +87,12 @@ def design(
     from dobc_design.synthesis import designs
 
     stages = output.Progress(quiet=quiet, verbose=verbose)
-    output.check_target(out, force=force, key="--out")
-    output.require_toml(out, key="--out")
+    if out is not None:
+        output.check_target(out, force=force, key="--out")
+        output.require_toml(out, key="--out")
     problem = output.load_problem(file)
+    if further is None:
+        further = PRICED if problem.n <= MOST_PRICED else 0
     with stages as progress:
         found = designs.design(
             problem,
@@ -89,18 +105,21 @@ def design(
             reduce=not keep_exosystem,
             conservative=conservative,
             coupling=coupling,
+            further=further,
             progress=progress,
         )
-    proved = found.verdict.value == "proved"
     # Nothing is written that is not proved.
-    if proved:
-        _write(found, problem, file, out)
+    text = _new_text(found, problem, file, out) if found.is_proved else None
+    if out is not None and text is not None:
+        output.write_file(out, text.encode("utf-8"), key="--out")
     if as_json:
-        output.print_json(found.to_json() | {"problem": str(out) if proved else None})
-    elif not quiet:
-        _say(found, problem, file, out)
-        if proved:
-            output.say(f"\nwrote        {output.certify_it(str(out), problem.notes)}")
+        path = str(out) if out is not None and text is not None else None
+        output.print_json(found.to_json() | {"problem": path})
+    else:
+        if not quiet:
+            _say(found, problem, file, out)
+        if out is None and text is not None:
+            output.say(text.removesuffix("\n"))
     raise Exit(output.EXIT[found.verdict.value])
 
 
@@ -117,37 +136,64 @@ def _labels(texts: Iterable[str]) -> list[str] | None:
     return [label for label in labels if label] or None
 
 
-def _write(found: Design, problem: Problem, source: str, out: Path) -> None:
-    """Write the designed problem, with the comments of its source."""
+def _new_text(found: Design, problem: Problem, source: str, out: Path | None) -> str:
+    """The designed problem, with the comments of its source and where its numbers come from."""
     from dobc_design.problem.changes import changed_file
     from dobc_design.problem.load import source_text
 
-    new = changed_file(
+    return changed_file(
         problem,
         found.changes,
         text=source_text(source),
-        folder=out.resolve().parent,
-        remark="set by dobc design",
+        folder=(out or Path("standard-output")).resolve().parent,
+        remark=REMARK,
+        remarks=dict(_remarks(found)),
     )
-    output.write_file(out, new.encode("utf-8"), key="--out")
 
 
-def _say(found: Design, problem: Problem, file: str, out: Path) -> None:
-    """The verdict, and what was decided or would be possible."""
+def _remarks(found: Design) -> Iterator[tuple[str, str]]:
+    """Where W and the gains come from, by path."""
+    from dobc_design._show.text import significant_towards_zero
+    from dobc_design.problem.changes import GROUP_GAINS, typed_number
+
+    observer = found.observer
+    if observer is not None:
+        rate = observer.measures.get("rate")
+        words = f"{REMARK}: {observer.source}, decay rate {significant_towards_zero(rate)} 1/s"
+        yield from ((path, words) for path in ("observer.W", GROUP_GAINS))
+    proof = found.certificate
+    if proof is not None and found.cost is not None:
+        rate_text = significant_towards_zero(found.rate)
+        total = f"total gain {typed_number(found.cost)}"
+        by = f"certified at {rate_text} 1/s by {proof.covered_by}"
+        yield "pinning.gains", f"{REMARK}: {total}, {by}"
+
+
+def _say(found: Design, problem: Problem, file: str, out: Path | None) -> None:
+    """The verdict, and what was decided or would be possible; on standard error where the designed
+    file goes to standard output."""
     from rich.text import Text
 
     reason = f"{found.reason[:1].upper()}{found.reason[1:]}"
-    output.show([output.verdict_line(problem.name, found.verdict.value, reason)])
+    head = output.verdict_line(problem.name, found.verdict.value, reason)
     lines = _lines(found, file=file, out=out)
+    if out is None:
+        output.complain("\n".join([head.plain, *lines, ""]))
+        return
+    output.show([head])
     # a command is not wrapped
     output.show(line if line.startswith("    ") else Text(line) for line in lines)
+    if found.is_proved:
+        output.say(f"\nwrote        {output.certify_it(str(out), problem.notes)}")
 
 
-def _lines(found: Design, *, file: str, out: Path) -> Iterator[str]:
+def _lines(found: Design, *, file: str, out: Path | None) -> Iterator[str]:
     if found.decisions or found.prices:
         yield ""
     yield from found.decisions
     yield from found.prices
+    if found.further:
+        yield f"\n{found.pin_table()}"
     if found.binding is not None:
         # Limits have the names of Python; the user typed options.
         own_names = {"max_gain": "max-gain", "reduce": "keep-exosystem"}
@@ -159,8 +205,9 @@ def _lines(found: Design, *, file: str, out: Path) -> Iterator[str]:
         yield from nearest.decisions
         # To be typed as it stands, or changed a little.
         options = _option_texts(nearest.request, nearest.labels)
-        yield f"    {shlex.join(['dobc', 'design', file, '--out', str(out), *options])}"
-    if found.verdict.value != "proved":
+        target = [] if out is None else ["--out", str(out)]
+        yield f"    {shlex.join(['dobc', 'design', file, *target, *options])}"
+    if not found.is_proved:
         yield "\nNothing was written."
 
 

@@ -237,7 +237,8 @@ def _checked(path: Path, problem: str | None, letter: str, progress: output.Stag
     if problem_sha256(own) != claims.problem_sha256:
         raise refused(
             "--problem",
-            f"the certificate {str(path)!r} is about another problem (its hash differs).",
+            f"the certificate {str(path)!r} is about another problem, {claims.problem_name!r}, and "
+            f"not about {own.name!r} (its hash differs).",
             "Name the problem that it was made for, once for each certificate.",
         )
     progress("verifying the certificate")

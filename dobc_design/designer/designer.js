@@ -16,7 +16,7 @@ function made(parent, name, attributes = {}, text = "") {
 
 function digits(value, count = 4) {
   if (value === null || value === undefined) return "";
-  return Math.abs(value) < 1e-12 ? "0" : Number(value).toPrecision(count).replace(/\.?0+(e|$)/, "$1");
+  return Math.abs(value) < 1e-12 ? "0" : String(Number(Number(value).toPrecision(count)));
 }
 
 function ticks(top) { // 0 and some round numbers up to top
@@ -34,13 +34,18 @@ function drawNetwork(holder, model, { pin, join, mode }) {
   made(marker, "svg:path", { d: "M0 1 L8 4 L0 7 z", class: "dobc-tip" });
   const arcs = made(svg, "svg:g");
   const size = labels.length > 60 ? 7 : labels.length > 25 ? 11 : 15;
+  const INSIDE = 3, LONGEST = 48; // letters that fit into a circle, and into the drawing
   const at = (k) => places[k].map((c, axis) => SIZE / 2 + (axis ? -1 : 1) * c * (SIZE / 2 - MARGIN));
   let from = null; // the agent on which the mouse went down
   const agents = labels.map((label, k) => {
     const [x, y] = at(k);
     const group = made(svg, "svg:g", { tabindex: k ? -1 : 0, role: "button", class: "dobc-agent", "data-agent": label });
     made(group, "svg:circle", { cx: x, cy: y, r: size });
-    made(group, "svg:text", { x, y, dy: "0.35em", "aria-hidden": "true" }, label.length <= 3 ? label : label.slice(0, 2) + "…");
+    const text = label.length > LONGEST ? `${label.slice(0, LONGEST)}…` : label;
+    const half = 3.8 * text.length; // about half its width, in px
+    const beside = label.length > INSIDE ? { class: "dobc-beside", x: Math.max(half, Math.min(SIZE - half, x)),
+      y: y + (y < SIZE / 2 ? -1 : 1) * (size + 7) } : {};
+    made(group, "svg:text", { x, y, dy: "0.35em", "aria-hidden": "true", ...beside }, text);
     made(group, "svg:title", {}, label);
     group.addEventListener("click", () => pin(label));
     group.addEventListener("focus", () => agents.forEach((each) => each.setAttribute("tabindex", each === group ? 0 : -1)));
@@ -73,17 +78,19 @@ function drawNetwork(holder, model, { pin, join, mode }) {
   };
 }
 
-function drawResponse(holder) {
+function drawResponse(holder, title) {
   const width = 380, height = 210, left = 46, right = 14, bottom = 40, upper = 20;
   const svg = made(holder, "svg:svg", { viewBox: `0 0 ${width} ${height}`, role: "img",
     "aria-label": "Distance of every agent from its goal over time, without disturbance" });
-  return ({ times, errors }, radius, pinned) => {
+  return ({ times, errors }, radius, pinned, bound) => {
     svg.replaceChildren();
     const end = times[times.length - 1] || 1;
-    const top = 1.05 * Math.max(radius, ...errors.map((row) => Math.max(...row)), 1e-12);
+    const highest = Math.max(radius, ...errors.map((row) => Math.max(...row)), 1e-12);
+    const { tube, level } = bound;
+    const top = 1.05 * Math.max(highest, Math.min(tube[0] ?? 0, 2 * highest)); // a high tube leaves half of the height to the run
     const x = (t) => left + (width - left - right) * t / end;
     const y = (e) => height - bottom - (height - bottom - upper) * Math.min(e, top) / top;
-    made(svg, "svg:text", { x: 2, y: 11 }, "distance from the goal, in the unit of x");
+    made(svg, "svg:text", { x: 2, y: 11 }, title);
     for (const value of ticks(top)) {
       made(svg, "svg:line", { x1: left, y1: y(value), x2: width - right, y2: y(value), class: value ? "dobc-grid" : "dobc-axis" });
       made(svg, "svg:text", { x: left - 6, y: y(value), dy: "0.35em", "text-anchor": "end" }, digits(value, 3));
@@ -94,19 +101,28 @@ function drawResponse(holder) {
     }
     made(svg, "svg:text", { x: (left + width - right) / 2, y: height - 6, "text-anchor": "middle" }, "time in s");
     errors.forEach((row, k) => made(svg, "svg:polyline", { class: `dobc-curve${pinned[k] ? " dobc-pinned" : ""}`,
-      points: row.map((e, i) => `${x(times[i]).toFixed(1)},${y(e).toFixed(1)}`).join(" ") }));
+      points: points(row, (i) => x(times[i]), y) }));
+    const seen = tube.findIndex((e) => e <= top); // above the drawing before
+    if (seen >= 0) made(svg, "svg:polyline", { class: "dobc-curve dobc-bound",
+      points: points(tube.slice(seen), (i) => x(times[i + seen]), y) });
+    const isLow = level !== null && level <= top;
+    if (isLow) made(svg, "svg:line", { x1: left, y1: y(level), x2: width - right, y2: y(level), class: "dobc-curve dobc-bound" });
+    return seen >= 0 || isLow;
   };
 }
+
+const points = (row, x, y) => row.map((e, i) => `${x(i).toFixed(1)},${y(e).toFixed(1)}`).join(" ");
 
 function legend(parent, items) { // [class, what it means]
   const row = made(parent, "div", { class: "dobc-legend" });
   for (const [kind, text] of items) made(made(row, "span"), "span", { class: `dobc-key ${kind}`, "aria-hidden": "true" })
     .after(` ${text}`);
+  return row;
 }
 
 function field(parent, text, unit, [low, high], get, set) {
   // A slider on a logarithmic scale and a number to be typed: the same value.
-  const row = made(parent, "div", { class: "dobc-row" });
+  const row = made(parent, "div", { class: "dobc-row dobc-field" });
   made(row, "span", {}, text);
   const slider = made(row, "input", { type: "range", min: 0, max: 1000, "aria-label": text });
   const number = made(row, "input", { type: "number", min: 0, step: "any", "aria-label": `${text}, ${unit}` });
@@ -157,6 +173,7 @@ function render({ model, el }) {
     verdict.className = "dobc-verdict dobc-moving";
     verdict.textContent = "The exact verdict follows after a short pause.";
     beside.hidden = true;
+    showInputs();
     clearTimeout(rest);
     flush();
     return true;
@@ -210,20 +227,30 @@ function render({ model, el }) {
 
   const verdict = made(right, "div", { class: "dobc-verdict", role: "status", "aria-live": "polite" });
   const beside = made(right, "div", { class: "dobc-hint dobc-plant", hidden: "" });
+  const limited = model.get("network").limit; // in words; "" without one
+  const inputs = made(right, "div", limited ? {} : { hidden: "" });
+  const showInputs = (found) => { // whether they keep their limit; undefined before the verdict
+    const words = found ? `${found.kept ? "proved" : "not proved"} to keep ${limited}. ${found.why}` : `whether they keep ${limited} follows with the verdict.`;
+    inputs.className = `dobc-limit dobc-${found ? (found.kept ? "proved" : "refuted") : "moving"}`;
+    inputs.textContent = `Inputs: ${words}`;
+  };
   const numbers = made(right, "div", { class: "dobc-numbers" });
+  const unit = model.get("network").unit; // "" without one
   const start = Math.max(model.get("radius"), 1e-3);
   const fixed = [
-    field(right, "starts within", "of the target", [start / 50, start * 50], () => current("radius"), positive("radius", (v) => v)),
+    field(right, "starts within", `${unit} of the target`.trim(), [start / 50, start * 50], () => current("radius"), positive("radius", (v) => v)),
     field(right, "wanted rate", "1/s", [0.001, 10], () => current("rate"), positive("rate", (v) => v)),
   ];
   const gains = made(right, "div", { class: "dobc-gains" });
-  const response = drawResponse(right);
+  const throughout = modes.length > 1 ? `, mode ${modes[0]} throughout` : "";
+  const response = drawResponse(right, `distance from the goal, in ${unit || "units of x"}${throughout}`);
   legend(right, [["dobc-line dobc-on", "pinned"], ["dobc-line", "not pinned"]]);
+  const proved = made(right, "div");
   const tools = made(right, "div", { class: "dobc-row" });
   const button = (text, act) => { const made_ = made(tools, "button", {}, text); made_.addEventListener("click", act); return made_; };
   const undo = button("Undo", () => step(past, future)), redo = button("Redo", () => step(future, past));
   button("Copy as Python", () => model.send({ kind: "python" }));
-  const saving = made(right, "div", { class: "dobc-row" });
+  const saving = made(right, "div", { class: "dobc-row dobc-saving" });
   const path = made(saving, "input", { type: "text", value: `${model.get("network").name}-designed.toml`, "aria-label": "Name of the problem file" });
   const save = made(saving, "button", { class: "dobc-save" }, "Save as problem file");
   const again = made(saving, "label");
@@ -258,26 +285,35 @@ function render({ model, el }) {
   };
   const showNumbers = () => {
     const found = model.get("numbers"), radius = model.get("radius"), top = found.lambda_max;
+    const decided = model.get("verdict"), isProved = decided.verdict === "proved", rate = model.get("rate");
     numbers.replaceChildren();
     made(numbers, "div", {}, top === null ? "λmax(Λ) is left out: h may have a kink at 0."
-      : `λmax(Λ) is about ${digits(top).replace("-", "−")} 1/s: ${top < 0 ? "negative, so Lemma 1 may hold." : "not negative, so Lemma 1 fails."}`);
-    made(numbers, "div", {}, found.reach > 0
+      : `λmax(Λ) is about ${digits(top).replace("-", "−")} 1/s; Lemma 1 needs it below\u00a00.`);
+    if (!isProved) made(numbers, "div", {}, found.reach > 0 // what is proved needs no estimate beside it
       ? `At the wanted rate, starts within ${digits(found.reach, 3)} of the target should converge${found.reach >= radius ? "" : `; asked for: ${digits(radius, 3)}`}.`
       : "At the wanted rate no region is found.");
+    else if (decided.rate && Number(decided.rate) < rate) made(numbers, "div", {}, `The proved rate is below the wanted one, ${digits(rate)} 1/s.`);
     if (found.note) made(numbers, "div", {}, found.note);
-    made(numbers, "div", { class: "dobc-hint" }, `Estimates for the network without the observer, ${found.milliseconds} ms.`);
-    response(found, radius, labels.map((label) => label in model.get("gains")));
+    made(numbers, "div", { class: "dobc-hint" }, `${isProved ? "λmax and the curves are estimates" : "Estimates"} for the network without the observer, ${found.milliseconds} ms.`);
+    const bound = decided.bound ?? { text: "", tube: [], level: null };
+    const isDrawn = response(found, radius, labels.map((label) => label in model.get("gains")), bound);
+    proved.replaceChildren();
+    if (isDrawn) legend(proved, [["dobc-line dobc-bound", bound.text]]);
+    else made(proved, "div", { class: "dobc-hint" }, bound.tube.length || bound.level ? `${bound.text} (above the drawing)` : bound.text);
   };
   const showVerdict = () => {
     clearTimeout(lost);
     const found = model.get("verdict");
     verdict.className = `dobc-verdict dobc-${found.verdict ?? "moving"}`;
+    const text = found.text?.replace(/^Undecided: ./, (start) => start.at(-1).toUpperCase()).replaceAll("|∞", "|\u2060∞"); // no line ends there
     verdict.textContent = found.busy ? "Deciding exactly …"
-      : found.verdict ? `${found.verdict.toUpperCase()}${found.rate ? `, rate ${found.rate} 1/s` : ""}${found.factor ? `, factor ${found.factor}` : ""}. ${found.text}`
+      : found.verdict ? `${found.verdict.toUpperCase()}${found.rate ? `, rate ${found.rate} 1/s` : ""}${found.factor ? `, factor ${found.factor}` : ""}. ${text}`
       : "The exact verdict follows after a short pause.";
-    const plant = found.plant ?? [];
-    beside.hidden = plant.length === 0;
-    beside.textContent = `Proved about the plant: ${plant.join("; ")}.`;
+    const proved = [["Proved", found.conditions], ["Proved about the plant", found.plant]].filter(([, items]) => items?.length);
+    beside.hidden = proved.length === 0;
+    beside.textContent = proved.map(([about, items]) => `${about}: ${items.join("; ")}.`).join(" ");
+    showInputs(found.limit);
+    showNumbers();
   };
   const answered = () => { pending = false; clearTimeout(lost); showNumbers(); if (waiting) flush(); else rested(); };
   model.on("change:numbers", answered);
@@ -290,7 +326,6 @@ function render({ model, el }) {
     navigator.clipboard?.writeText(text).then(() => { said.textContent = "Copied."; }, () => source.select());
   });
   refresh();
-  showNumbers();
   showVerdict();
   if (!model.get("verdict").verdict) rested();
   return () => { clearTimeout(rest); clearTimeout(lost); };

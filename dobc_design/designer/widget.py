@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 
 from dobc_design._checks import noun
-from dobc_design._show.text import significant_away_from_zero, significant_towards_zero
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.files import write_atomically
 from dobc_design.certification.certify import certify
@@ -26,6 +25,7 @@ from dobc_design.conditions.consensus.propose import float_lambda, largest_eigen
 from dobc_design.conditions.numbers import bisected
 from dobc_design.conditions.separable.claim import acts_by_component, stuck_agents
 from dobc_design.conditions.separable.propose import field_of, least_above
+from dobc_design.designer.shown import limit_words, shown
 from dobc_design.designer.source import python_source
 from dobc_design.errors import DobcError, refused
 from dobc_design.exact.number import number_text, parse_number
@@ -36,7 +36,6 @@ from dobc_design.problem.changes import problem_text
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
-from dobc_design.report.plant import plant_numbers
 from dobc_design.simulation.runs import simulate
 
 try:
@@ -61,6 +60,8 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
     """A problem to be changed by hand: pin agents, set gains, rate and region, add and remove arcs.
 
     Estimates in floating point follow every change; the exact verdict comes after a short rest.
+    With it comes the proved bound, drawn against the run: no agent is ever above it from starts
+    within the radius; and whether inputs keep the limit of [actuators].
     ``problem`` is the problem as it stands now, equal to the one given until something is changed;
     ``certificate`` is that of the last exact verdict, or None if something was changed since.
     ``save`` writes a problem file: after a restart of the kernel, ``Designer(path)`` goes on from
@@ -151,7 +152,7 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
             certificate = certify(self.problem)
             if version == self.version:  # else it is out of date already
                 self.certificate = certificate
-                self.verdict = _shown(certificate)
+                self.verdict = shown(certificate, self.numbers["times"], exact(self.radius))
             return certificate
 
     def save(self, path: str | PathLike[str], *, force: bool = False) -> Path:
@@ -208,18 +209,6 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
             self.verdict = {"verdict": "error", "text": str(error)}
 
 
-def _shown(certificate: Certificate) -> dict[str, Any]:
-    """The verdict as the page shows it: a rate rounded down, its factor rounded up."""
-    rate, factor = certificate.rate, certificate.factor
-    return {
-        "verdict": certificate.verdict.value,
-        "text": certificate.reason,
-        "rate": None if rate is None else significant_towards_zero(rate),
-        "factor": None if factor is None else significant_away_from_zero(factor),
-        "plant": plant_numbers(certificate),
-    }
-
-
 def exact(value: float) -> Fraction:
     """The number as it was typed: 0.1 is 1/10."""
     return parse_number(repr(float(value)), "value")
@@ -250,6 +239,8 @@ def _drawn(problem: Problem) -> dict[str, Any]:
         "labels": list(problem.network.labels),
         "places": positions(pairs, problem.n).round(4).tolist(),
         "gain": GAIN,
+        "limit": limit_words(problem),
+        "unit": problem.unit,
     }
 
 

@@ -60,14 +60,16 @@ _UNITS: Final = {
     "ms": ("1/1000", "s"),
     "min": ("60", "s"),
     "s": ("1", "s"),
-    "kHz": ("1000", "Hz"),
-    "Hz": ("1", "Hz"),
+    "khz": ("1000", "Hz"),
+    "hz": ("1", "Hz"),
     "rad/s": ("1", "rad/s"),
     "1/s": ("1", "1/s"),
     "/s": ("1", "1/s"),
+    "m": ("1", "m"),
+    "m/s": ("1", "m/s"),
     "": ("1", ""),
 }
-_WITH_UNIT: Final = re.compile(rf"\s*({_DECIMAL.pattern})\s*({'|'.join(_UNITS)})\s*")
+_WITH_UNIT: Final = re.compile(rf"({_DECIMAL.pattern})\s*({'|'.join(_UNITS)})")
 _QUOTIENT: Final = re.compile(r"([+-]?[0-9]+)/([+-]?[0-9]+)")
 # Longest numerator or denominator that MAX_CHARACTERS with MAX_EXPONENT can spell, in bits.
 _MAX_BITS: Final = 2000
@@ -259,7 +261,8 @@ def read_text(
 
 def _number_alone(text: str, key: str) -> str | None:
     """The cure for a number with its unit, or in the writing of another language."""
-    found = _WITH_UNIT.fullmatch(text.replace(",", ".").replace("\u2212", "-"))
+    plain = text.replace(",", ".").replace("\u2212", "-")
+    found = _WITH_UNIT.fullmatch(plain.strip().lower())
     if not found:
         return None
     factor, unit = _UNITS[found[6]]

@@ -171,7 +171,8 @@ class Loop:
     speaker); the last ones may belong to the drift or to pins.  ``pulls``: what is linear and of a
     node alone, pins less the slopes of the drift; it need not pull towards 0.  ``groups``: nodes
     that share an exosystem and an observer, which act on the states.  ``starts``: None where no
-    region is asked for.  ``xi0``: where disturbances start in simulations, rows by node.
+    region is asked for.  ``xi0``: where disturbances start in simulations, rows by node.  ``unit``:
+    for words and figures, the one that all components of the states share; "" without one.
     """
 
     name: str
@@ -190,6 +191,7 @@ class Loop:
     uncertainty: Uncertainty | None
     actuators: Actuators | None
     xi0: tuple[Vector, ...] | None
+    unit: str
 
     @property
     def n(self) -> int:

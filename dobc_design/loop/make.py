@@ -83,6 +83,7 @@ def _made_once(same: _Same) -> Loop:
         uncertainty=problem.uncertainty,
         actuators=problem.actuators,
         xi0=problem.simulation.xi0,
+        unit=problem.unit,
     )
     dynamics = problem.dynamics
     return loop if dynamics is None else _with_dynamics(loop, problem, dynamics)

@@ -24,8 +24,10 @@ from dobc_design.plotting.look import (
     MUTED,
     PAPER,
     VERMILLION,
+    in_units,
     short,
     thinned_rows,
+    unit_of,
     write_new,
 )
 from dobc_design.plotting.runs import Run
@@ -94,9 +96,10 @@ def _in_plane(values: Array) -> Array:
 
 
 def _axis_names(run: Run) -> tuple[str, str]:
-    if run.x.shape[2] >= 2:
-        return "first component, in its own unit", "second component, in its own unit"
-    return "state x, in its own unit", "agent, by number"
+    first = in_units(unit_of(run.units, 0))
+    if run.x.shape[2] == 1:
+        return f"state x, {first}", "agent, by number"
+    return f"first component, {first}", f"second component, {in_units(unit_of(run.units, 1))}"
 
 
 def _links(run: Run, arcs: Arcs | None) -> list[NDArray[np.int64]]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import io
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
@@ -124,6 +124,18 @@ def tick_numbers(axis: Axis, locator: Locator | None = None) -> None:
     """Numbers along an axis, by default at 1, 2 and 5 of every decade."""
     axis.set_major_locator(locator or LogLocator(subs=(1, 2, 5)))
     axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+
+
+def in_units(unit: str) -> str:
+    """What an axis of states says of its unit; "" where the problem gives none."""
+    return f"in {unit or 'units of x'}"
+
+
+def unit_of(units: Sequence[str], component: int | None = None) -> str:
+    """The unit of a state component, or the one that all of them share; "" without one."""
+    if component is not None and units:
+        return units[component]
+    return units[0] if len(set(units)) == 1 else ""
 
 
 def short(name: object, longest: int = SHOWN_NAME) -> str:

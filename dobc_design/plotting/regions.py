@@ -72,7 +72,8 @@ class Asked(Protocol):
 
 
 class Regions(Protocol):
-    """All of a problem; ``rest``: how far away another equilibrium is proved."""
+    """All of a problem; ``rest``: how far away another equilibrium is proved; ``unit``: of all
+    state components, "" without one."""
 
     @property
     def name(self) -> str: ...
@@ -84,6 +85,8 @@ class Regions(Protocol):
     def agents(self) -> Sequence[Agent]: ...
     @property
     def rest(self) -> float | None: ...
+    @property
+    def unit(self) -> str: ...
 
 
 def name_rows(ax: Axes, names: Sequence[str]) -> None:
@@ -112,7 +115,8 @@ def plot_regions(ax: Axes, regions: Regions) -> Axes:
     ax.set_xlim(0, reach)
     name_rows(ax, [_in_lines(claim.method) for claim in regions.claims])
     ax.tick_params(axis="y", length=0)
-    ax.set_xlabel("distance from the goals at the start, in the unit of x")
+    what = f"distance from the goals at the start, {look.in_units(regions.unit)}"
+    ax.set_xlabel(what, parse_math=False)
     return look.legend_above(ax, least=1)
 
 
@@ -174,7 +178,7 @@ def drawn_agents(regions: Regions) -> list[Agent]:
 
 def plot_starts(ax: Axes, regions: Regions) -> Axes:
     """From where each agent may start, all at once: a bar around its goal, pinned agents in blue.
-    Bars are in the unit of x, around the goals; with several state components they show the error,
+    Bars are in units of x, around the goals; with several state components they show the error,
     around 0.  The band is what was asked for.  At most 24 agents are drawn."""
     chosen = drawn_agents(regions)
     for column, agent in enumerate(chosen):
@@ -199,7 +203,8 @@ def plot_starts(ax: Axes, regions: Regions) -> Axes:
     ax.margins(y=0.06)
     ax.set_xlabel("agent")
     in_states = all(agent.goal is not None for agent in regions.agents)
-    ax.set_ylabel("xᵢ(0), in its own unit" if in_states else "error at the start")
+    what = "xᵢ(0)" if in_states else "error at the start"
+    ax.set_ylabel(f"{what}, {look.in_units(regions.unit)}", parse_math=False)
     return look.legend_above(ax, widest=4, least=1)
 
 

@@ -65,7 +65,8 @@ class RunSwitches(Switches, Protocol):
 
 
 class Goals(Protocol):
-    """Times (T,) in s; goals (n, m), relative to the states of leaders (T, m) or (runs, T, m)."""
+    """Times (T,) in s; goals (n, m), relative to the states of leaders (T, m) or (runs, T, m);
+    units of the m state components, none where none are given."""
 
     @property
     def times(self) -> Array: ...
@@ -73,6 +74,8 @@ class Goals(Protocol):
     def goal(self) -> Array: ...
     @property
     def leader(self) -> Array: ...
+    @property
+    def units(self) -> Sequence[str]: ...
 
 
 class Run(Goals, Protocol):
@@ -135,9 +138,10 @@ def trajectory_sheet(
         errors = {"|e|∞": _largest(run.errors())}
         if has_estimate:
             plot_estimates(rows.pop(0), run)
-            unit = "per s" if run.d.shape == run.x.shape else "unit of d"
+            unit = "per s" if run.d.shape == run.x.shape else "units of d"
             errors[f"|d − d̂|∞, {unit}"] = _largest(run.d - run.dhat)
-        last = plot_errors(rows[0], run.times, errors, envelope=points)
+        unit = look.unit_of(run.units)
+        last = plot_errors(rows[0], run.times, errors, envelope=points, unit=unit)
         if run.diverged:
             last.set_title(f"ended early, at t = {run.times[-1]:.4g} s")
         in_time(last, run.times)
@@ -164,7 +168,7 @@ def ensemble_sheet(runs: Runs, *, envelope: Envelope | None = None) -> Sheet:
         last = rows[-1]
         if has_estimate:
             rows[components].set_xlabel("")
-            what = "|d − d̂|∞, unit of d"
+            what = "|d − d̂|∞, units of d"
             plot_quantiles(last, runs.times, runs.estimation_error, colour=PURPLE, what=what)
         in_time(last, runs.times)
 
@@ -187,7 +191,8 @@ def plot_states(ax: Axes, runs: Runs, *, component: int) -> Axes:
 def plot_bands(ax: Axes, runs: Runs, envelope: Envelope | None) -> Axes:
     """The first panel of an ensemble: |e|_inf over time."""
     points = checked_envelope(envelope, runs.times)
-    plot_quantiles(ax, runs.times, runs.error, colour=BLUE, what="|e|∞, in the unit of x")
+    what = f"|e|∞, {look.in_units(look.unit_of(runs.units))}"
+    plot_quantiles(ax, runs.times, runs.error, colour=BLUE, what=what)
     if points is not None:
         _draw_bound(ax, points[:, 0], look.resolved(points[:, 1]))
     title = f"{len(runs)} runs"
@@ -203,7 +208,7 @@ def plot_error(ax: Axes, run: Run, envelope: Envelope | None) -> Axes:
     """|e|_inf of one run over time."""
     errors = {"|e|∞": _largest(run.errors())}
     points = checked_envelope(envelope, run.times)
-    plot_errors(ax, run.times, errors, envelope=points)
+    plot_errors(ax, run.times, errors, envelope=points, unit=look.unit_of(run.units))
     return in_time(ax, run.times)
 
 
@@ -255,7 +260,8 @@ def _goals(ax: Axes, run: Goals, chosen: Sequence[int], component: int) -> Axes:
             drawn = [ax.axhline(goal, label="goal")]
         for line in drawn:
             line.set(color=VERMILLION, linewidth=1.1, linestyle=DASHED, zorder=1.5)
-    ax.set_ylabel(f"{state_symbol(component, run.goal.shape[1])}\nin its own unit")
+    unit = look.in_units(look.unit_of(run.units, component))
+    ax.set_ylabel(f"{state_symbol(component, run.goal.shape[1])}\n{unit}", parse_math=False)
     return ax
 
 
@@ -278,8 +284,10 @@ def plot_estimates(ax: Axes, run: Run) -> Axes:
     for agent in chosen:  # on top of all estimates
         (line,) = ax.plot(times, run.d[rows, agent, 0], color=INK, label="d")
         line.set(linestyle=DOTTED, linewidth=1.3)
-    unit = "units of x per s" if run.d.shape == run.x.shape else "their own units"
-    ax.set_ylabel(f"d and estimate d̂\nin {unit}")
+    unit = "in their own units"
+    if run.d.shape == run.x.shape:
+        unit = f"{look.in_units(look.unit_of(run.units, 0))} per s"
+    ax.set_ylabel(f"d and estimate d̂\n{unit}", parse_math=False)
     return look.legend_above(ax, right=True, widest=4)
 
 
@@ -290,10 +298,11 @@ def plot_errors(
     *,
     envelope: Array | None = None,
     rate: float | None = None,
+    unit: str = "",
 ) -> Axes:
     """Errors on a logarithmic axis, each (T,) with its name, and the certified envelope.  Without
     one ``rate`` (1/s) adds a line that falls like exp(-rate t) from the first error, a slope and no
-    bound."""
+    bound.  ``unit``: of all state components, "" without one."""
     rows = look.thinned_rows(len(times))
     every = np.concatenate(list(errors.values()))
     falls = any(values[-1] < values[0] for values in errors.values())
@@ -319,7 +328,7 @@ def plot_errors(
         ax.set_ylim(0, 1.1 * float(every.max()))
     else:
         tick_decades(ax)
-    ax.set_ylabel("errors\nin the unit of x")
+    ax.set_ylabel(f"errors\n{look.in_units(unit)}", parse_math=False)
     return look.legend_above(ax, right=True)
 
 

@@ -265,7 +265,7 @@ def _title(ax: Axes, title: str, note: str = "") -> Axes:
 COLUMNS = 3  # of panels
 MOST_FINE_TICKS = 200  # end over begin of an axis up to which 1, 2 and 5 of every decade are marked
 UNITS = {
-    "unit of x": "in the unit of x",
+    "unit of x": "in units of x",
     "unit of x per s": "in units of x per s",
     "unit of u": "in units of u",
     "agents": "count",

@@ -11,10 +11,11 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import tomlkit
@@ -194,20 +195,26 @@ REMARK = "set by dobc certify --apply-fix"  # in place of a comment on the value
 
 
 def changed_text(
-    text: str, changes: Table, *, whole: bool = False, remark: str = REMARK
+    text: str,
+    changes: Table,
+    *,
+    whole: bool = False,
+    remark: str = REMARK,
+    remarks: Mapping[str, str] = MappingProxyType({}),
 ) -> str | None:
     """The text of a problem file with these keys set; comments and order stay.  Raises: SpecError
     if it is no TOML.  In a table with lines of its own ([pinning.gains]) only the lines change
-    whose values do; ``whole``: all of them. ``remark``: the comment on what was set.  Returns: None
-    if the text cannot be changed key by key."""
+    whose values do; ``whole``: all of them. ``remark``: the comment on what was set, ``remarks``:
+    other ones by path.  Returns: None if the text cannot be changed key by key."""
     parse_toml(text.encode("utf-8"))  # bounds size and nesting before tomlkit sees it
     try:
         document = tomlkit.parse(text)
         for path, value in changes.items():
+            own = remarks.get(path, remark)
             if path == GROUP_GAINS:
-                _set_group_gains(document, value or {}, remark=remark)
+                _set_group_gains(document, value or {}, remark=own)
             else:
-                _set(document, path, value, whole=whole, remark=remark)
+                _set(document, path, value, whole=whole, remark=own)
         return tomlkit.dumps(document)
     except _NOT_BY_KEY:
         return None
@@ -301,18 +308,20 @@ def changed_file(
     text: str | None,
     folder: Path,
     remark: str = REMARK,
+    remarks: Mapping[str, str] = MappingProxyType({}),
 ) -> str:
     """The text of a file in ``folder`` that holds the problem with these changes.  Raises:
     SpecError.  ``text``: the TOML the problem came from, or None; its comments and its order stay
     where that is possible."""
     wanted = changed_problem(problem, changes)
-    # First with the comments of every line that stays, then with whole tables written anew.
-    if text is not None:
+    # First in the text that was there, then in one of the problem; each time first with the
+    # comments of every line that stays, then with whole tables written anew.
+    for source in _texts(problem, text):
         for whole in (False, True):
-            own = changed_text(text, changes, whole=whole, remark=remark)
+            own = changed_text(source, changes, whole=whole, remark=remark, remarks=remarks)
             if own is not None and _gives(own, wanted, folder=folder):
                 return own
-    # Last without the text that was there.
+    # Last without remarks.
     anew = problem_text(wanted)
     if _gives(anew, wanted, folder=folder):
         return anew
@@ -322,6 +331,12 @@ def changed_file(
         "it too long.",
         "Make the change by hand.",
     )
+
+
+def _texts(problem: Problem, text: str | None) -> Iterator[str]:
+    if text is not None:
+        yield text
+    yield problem_text(problem)
 
 
 def _gives(text: str, wanted: Problem, *, folder: Path) -> bool:

@@ -53,7 +53,7 @@ from dobc_design.problem.network import (
 )
 from dobc_design.problem.problem import Problem, dimension_of, is_name
 from dobc_design.problem.schema import SCHEMA_VERSION, ProblemFile
-from dobc_design.problem.schema_errors import explain
+from dobc_design.problem.schema_errors import explain, known_keys
 from dobc_design.problem.switching import Switching
 
 MAX_BYTES = 16 * 1024 * 1024
@@ -362,12 +362,12 @@ def _mode(value: Any, *, index: Index, arrow: str, key: str, folder: Path | None
     known = isinstance(value, dict) and set(value) <= {"file", "merge", "drop_loops"}
     if not known or not is_text(value.get("file")):
         wanted = 'a list of arcs, { file = "arcs.csv" } or a table with arcs and optional'
-        raise refused(
-            key,
-            f"{key} must be {wanted}; got {shown(value)}.",
-            'For example [[1, 2], [2, 3]]; beside file may stand merge = "sum" and drop_loops '
-            "= true.",
-        )
+        cure = 'For example [[1, 2], [2, 3]]; beside file may stand merge = "sum" and drop_loops '
+        cure += "= true."
+        name = key.rpartition(".")[2]
+        if name in known_keys(""):  # a key of the top that stands below the last table
+            cure = f"If {name} is no mode, write it above the first table."
+        raise refused(key, f"{key} must be {wanted}; got {shown(value)}.", cure)
     repairs = {name: value[name] for name in ("merge", "drop_loops") if name in value}
     found = arcs_file.read_arcs_file(
         value["file"], folder=folder, index=index, arrow=arrow, key=f"{key}.file", **repairs

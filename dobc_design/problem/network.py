@@ -203,7 +203,10 @@ def arcs_from_pairs(pairs: Sequence[Sequence[Any]], *, index: Index, arrow: str,
     if errors and _is_adjacency(pairs):
         size = len(pairs)
         what = f"must be a list of arcs [a, b]; got {size} rows of {size} numbers, which look like"
-        cure = "List the pairs whose entry is not 0; Network.from_sparse in Python reads a matrix."
+        cure = (
+            "Write [i, j, w] for each entry w that is not 0; in Python Network.from_sparse reads "
+        )
+        cure += "the matrix."
         raise wrong(key, f"{what} an adjacency matrix.", cure)
     errors.raise_all()
     first = np.array([arc[0] for arc in found], dtype=np.int64)

@@ -119,13 +119,14 @@ def _regions(found: Findings) -> Iterator[Block]:
 
 def _settling(found: Findings) -> Iterator[Block]:
     settling = found.certificate.settling
-    drawn = tuple(pictures.envelope_pictures(settling))
+    drawn = tuple(pictures.envelope_pictures(settling, unit=found.problem.unit))
     return settling_section(settling, drawn)
 
 
 @section("What a search for counterexamples found", "search", "Search")
 def _searches(found: Findings) -> Iterator[Block]:
-    drawn = [pictures.search_picture(each, k) for k, each in enumerate(found.searches)]
+    unit = found.problem.unit
+    drawn = [pictures.search_picture(each, k, unit=unit) for k, each in enumerate(found.searches)]
     yield from search_sections(found.searches, drawn)
 
 

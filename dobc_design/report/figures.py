@@ -104,9 +104,10 @@ def _shade(ax: Axes, end: float) -> None:
     ax.axvline(0, color=VERMILLION, linewidth=1.0)
 
 
-def plot_envelope(ax: Axes, settling: Settling) -> Axes:
+def plot_envelope(ax: Axes, settling: Settling, *, unit: str = "") -> Axes:
     """The certified bound of |e|_inf over time, on a logarithmic axis; a tick wherever another
-    certificate takes over. Solid: no start of the box leaves it.  Dashed: the tolerance."""
+    certificate takes over. Solid: no start of the box leaves it.  Dashed: the tolerance.  ``unit``:
+    of all state components, "" without one."""
     times, bounds = settling.curve(samples=ENVELOPE_SAMPLES)
     # Room below the least bound, on an axis that has no 0.
     foot, top = float(bounds.min()) * BELOW, float(bounds.max()) * 1.6
@@ -125,11 +126,12 @@ def plot_envelope(ax: Axes, settling: Settling) -> Axes:
     ax.set(ylim=(foot, top), xlim=(0, float(times[-1])))
     ax.yaxis.set_major_formatter(FuncFormatter(look.power_of_ten))
     ax.minorticks_off()
-    ax.set(xlabel="time t in s", ylabel="|e|∞, in the unit of x")
+    ax.set_xlabel("time t in s")
+    ax.set_ylabel(f"|e|∞, {look.in_units(unit)}", parse_math=False)
     return look.legend_above(ax, widest=2)
 
 
-def plot_search(ax: Axes, search: Falsification) -> Axes:
+def plot_search(ax: Axes, search: Falsification, *, unit: str = "") -> Axes:
     """|e|_inf of the worst suspects over time, at most eight; solid where an equilibrium is
     proved."""
     shown = search.suspects[:MOST_SUSPECTS]
@@ -144,7 +146,8 @@ def plot_search(ax: Axes, search: Falsification) -> Axes:
         ax.axhline(float(suspect.error[0]), color=INK, linewidth=1.8, label=label)
     end = max((float(suspect.times[-1]) for suspect in shown), default=search.horizon)
     ax.set(xlim=(0, end or 1.0), ylim=(0, None))
-    ax.set(xlabel="time t in s", ylabel="|e|∞, in the unit of x")
+    ax.set_xlabel("time t in s")
+    ax.set_ylabel(f"|e|∞, {look.in_units(unit)}", parse_math=False)
     title = short(f"from {search.target}", 44).replace("|e|_inf <=", "|e|∞ ≤")
     ax.set_title(title, parse_math=False)
     if shown:

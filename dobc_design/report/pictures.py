@@ -279,8 +279,14 @@ def error_picture(
         caption += " Dashed: the slope of the certified rate, for comparison."
 
     def draw(ax: Axes) -> object:
-        rate = certificate.rate
-        runs.plot_errors(ax, times=times, errors=errors, envelope=envelope, rate=rate)
+        runs.plot_errors(
+            ax,
+            times=times,
+            errors=errors,
+            envelope=envelope,
+            rate=certificate.rate,
+            unit=certificate.problem.unit,
+        )
         return draw_band(runs.in_time(ax, times), switches, float(times[-1]))
 
     return Picture(
@@ -344,7 +350,7 @@ def _told(claim: RegionClaim) -> str:
     return f"{claim.method}: {reach}"
 
 
-def envelope_pictures(settling: Settling | None) -> Iterator[Picture]:
+def envelope_pictures(settling: Settling | None, *, unit: str) -> Iterator[Picture]:
     """The certified bound of |e|_inf over time; nothing without a proved settling time."""
     if settling is not None and settling.time is not None:
         yield Picture(
@@ -353,7 +359,7 @@ def envelope_pictures(settling: Settling | None) -> Iterator[Picture]:
             caption="Every start of the box stays below the curve. Marks: another certificate "
             "takes over.",
             alt=region_words.envelope_alt(settling),
-            draw=lambda ax: figures.plot_envelope(ax, settling),
+            draw=lambda ax: figures.plot_envelope(ax, settling, unit=unit),
             height=3.1,
         )
 
@@ -377,7 +383,7 @@ def weight_pictures(certificate: Certificate) -> Iterator[Picture]:
     )
 
 
-def search_picture(search: Falsification, place: int) -> Picture | None:
+def search_picture(search: Falsification, place: int, *, unit: str) -> Picture | None:
     """What a search found, the ``place``-th of the report; None where it found nothing."""
     if not search.suspects:
         return None
@@ -387,7 +393,7 @@ def search_picture(search: Falsification, place: int) -> Picture | None:
         caption="Solid: the agents rest there, which is proved. Dashed: simulated runs, which "
         "refute nothing.",
         alt=region_words.search_alt(search),
-        draw=lambda ax: figures.plot_search(ax, search),
+        draw=lambda ax: figures.plot_search(ax, search, unit=unit),
     )
 
 

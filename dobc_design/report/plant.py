@@ -75,7 +75,7 @@ def plant_numbers(certificate: Certificate) -> list[str]:
             proved[check.id] = check
     told = []
     for id, key, what in _LARGEST:
-        values = _numbers(proved[id], key) if id in proved else {}
+        values = numbers_of(proved[id], key) if id in proved else {}
         if values:
             # the agent that needs most decides what is to be bought
             label = max(values, key=values.__getitem__)
@@ -130,9 +130,9 @@ def _told(problem: Problem, check: Check) -> Section:
             where = f" for{where}"
         if check.id == "accuracy":
             text = FIXED["accuracy"]
-            table = _worst(_numbers(check, "bounds"), "final |eᵢ| ≤", {})
+            table = _worst(numbers_of(check, "bounds"), "final |eᵢ| ≤", {})
         elif check.id == "actuators":
-            inputs = _numbers(check, "inputs")
+            inputs = numbers_of(check, "inputs")
             limits = _limits(problem, inputs)
             text = "No component of an input is ever larger than this"
             text += ", so no actuator with a limit saturates." if limits else "."
@@ -152,7 +152,7 @@ def _limits(problem: Problem, labels: Iterable[str]) -> dict[str, Fraction]:
     return limits
 
 
-def _numbers(check: Check, key: str) -> dict[str, Fraction]:
+def numbers_of(check: Check, key: str) -> dict[str, Fraction]:
     """One number for each agent, or for each component of each."""
     found: dict[str, Fraction] = {}
     for label, given in (check.exact or {})[key].items():

@@ -104,6 +104,7 @@ class Trajectory(Simulated):
     loop_sha256: str = ""  # of the problem and W; "" where they were not recorded
     switches: Switches = field(default_factory=lambda: one_mode(""))  # default: ``mode`` throughout
     leader: Array = field(default_factory=lambda: np.zeros(0))  # default: 0
+    units: tuple[str, ...] = ()  # of the m state components, where the problem gives them
     mode_index: IndexArray = field(init=False)
 
     def __post_init__(self) -> None:
@@ -246,6 +247,7 @@ class Trajectory(Simulated):
         switches = self.switches
         facts = {name: getattr(self, name) for name in PLAIN}
         facts |= {"format": FORMAT, "version": VERSION, "labels": self.labels, "notes": self.notes}
+        facts["units"] = self.units
         facts["modes"] = switches.names
         arcs = switches.graphs or (np.zeros((2, 0), dtype=np.int64),)
         sizes = [graph.shape[1] for graph in switches.graphs]
@@ -282,6 +284,7 @@ FACTS = (
     "name",
     "mode",
     "labels",
+    "units",
     "t_final",
     "notes",
     "signal",
@@ -328,6 +331,7 @@ class Ensemble(Simulated):
     states: Array
     leader: Array
     loop_sha256: str = ""  # of the problem and W; "" where they were not recorded
+    units: tuple[str, ...] = ()  # of the m state components, where the problem gives them
 
     def __post_init__(self) -> None:
         for array in self._arrays().values():
@@ -435,11 +439,15 @@ def load_trajectory(path: str | PathLike[str]) -> Trajectory:
         _require_numbers(arrays, plain)
         switches = _switches(facts, arrays)
         plain |= {name: arrays[name] for name in ("times", "goal", *SAMPLED)}
+        m = arrays["x"].shape[2]
+        units = facts.get("units", [])
+        require(len(units) in (0, m), f"its units are not those of {m} state components")
         return Trajectory(
             **plain,  # what an older file does not have is as by default
             leader=arrays.get(LEADER, np.zeros(0)),
             labels=tuple(facts["labels"]),
             notes=tuple(facts["notes"]),
+            units=tuple(units),
             switches=switches,
         )
 
@@ -495,9 +503,9 @@ def _plain_facts(facts: Any) -> dict[str, Any]:
 def _require_texts(facts: Mapping[str, Any], plain: Mapping[str, Any]) -> None:
     """Every text must be one that can be shown.  Raises: UnfitError."""
     texts = [value for value in plain.values() if type(value) is str]
-    for name in ("labels", "notes", "modes"):
-        require(type(facts[name]) is list, "labels, notes and modes must be lists")
-        texts += facts[name]
+    for each in (*(facts[name] for name in ("labels", "notes", "modes")), facts.get("units", [])):
+        require(type(each) is list, "labels, notes, units and modes must be lists")
+        texts += each
     for text in texts:
         readable = type(text) is str and text.isprintable()
         require(readable, "a text entry is not text or has control characters")

@@ -3,14 +3,13 @@ terms of another."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Literal, TypeVar
 
 from dobc_design._show.progress import Reports, report_to, shows_progress
+from dobc_design.certificate.certificate import Certificate
 from dobc_design.certification.certify import certify
-from dobc_design.conditions.numbers import time_to_one_percent
 from dobc_design.errors import SpecError
 from dobc_design.exact.number import Number
 from dobc_design.problem.load import Source, load_problem
@@ -19,14 +18,21 @@ from dobc_design.synthesis.joint.claim import (
     AskedDesign,
     Design,
     TradeOff,
+    TradePoint,
     read_design_request,
 )
-from dobc_design.synthesis.joint.search import search_agents, search_design
+from dobc_design.synthesis.joint.search import (
+    further_pins,
+    no_slower,
+    search_agents,
+    search_design,
+)
 from dobc_design.synthesis.joint.trade_off import trade_off_of
 from dobc_design.synthesis.observer.claim import (
     NoiseLimit,
     ObserverDesign,
     SpectralRegion,
+    check_count,
     read_observer_request,
 )
 from dobc_design.synthesis.observer.search import search_groups
@@ -67,21 +73,25 @@ def _under_guarantee(problem: Problem, found: Found) -> Found:
     )
 
 
-def _beside_given_gains(problem: Problem, found: Design, report: Callable[[str], None]) -> Design:
-    """The design with the certificate of the problem's own gains, where these are proved, too, and
-    both have a time to one percent."""
-    own = found.certificate
-    if not found.is_proved or own is None or not problem.pinning.agents:
-        return found
-    # Its own gains tell a user what the design buys.
+def _given_gains(problem: Problem, report: Callable[[str], None]) -> Certificate | None:
+    """The certificate of the problem's own gains, which tell a user what a design buys; None
+    without gains."""
+    if not problem.pinning.agents:
+        return None
     report("certifying the gains of the problem")
-    given = certify(problem)
-    if given.verdict is not Verdict.PROVED:
-        return found
-    times = [time_to_one_percent(each.rate, each.factor) for each in (own, given)]
-    if not all(map(math.isfinite, times)):
-        return found
-    return replace(found, given=given)
+    return certify(problem)
+
+
+def _further(
+    problem: Problem, found: Design, most: int, report: Callable[[str], None]
+) -> tuple[TradePoint, ...]:
+    """The prices of up to ``most`` further pins."""
+    points = list[TradePoint]()
+    for each in further_pins(problem, found, most, report):
+        cost = float(each.cost or 0)
+        point = TradePoint(x=each.rate or 0.0, y=cost, pinned=tuple(each.gains), proved=True)
+        points.append(point)
+    return tuple(points)
 
 
 def _check(problem: Problem, *, coupling: bool, others: bool) -> None:
@@ -216,13 +226,15 @@ def design(
     reduce: bool = True,
     conservative: bool = False,
     coupling: bool = False,
+    further: int = 0,
     progress: Reports[str] = None,
 ) -> Design:
     """Design observer gain, pinned agents and gains together, so that ``certify`` proves what the
     problem asks.
 
-    W, P and gains that the problem has are not looked at.  ``rate`` (1/s): the certified rate has
-    to be at least that; without it half of the fastest that the pins allow is aimed at.  ``pins``:
+    ``rate`` (1/s): the certified rate has to be at least that; without it, that of the problem's
+    own gains where they are proved and a design is found, else half of the fastest that the pins
+    allow is aimed at.  Nothing else is taken from W, P and gains that the problem has.  ``pins``:
     at most so many agents, by default as few as it takes.  ``max_gain`` (1/s): cap of every gain, a
     number or label -> number.  ``allowed``: labels of agents that may be pinned.  ``noise``: bound
     on the H-infinity norm from measurement noise to dhat, or NoiseLimit. ``digits`` of W and of the
@@ -230,7 +242,8 @@ def design(
     does not see and that does not decay is replaced by its observable part.  ``conservative``:
     without a [region], gains for V = e'e in place of the true local rate.  ``coupling``: the
     coupling of agents with [dynamics] is designed, too; their gains are multiples of it.
-    ``progress``: as in ``certify``.
+    ``further``: up to so many pins more get a price (each a design of its own), where ``pins`` is
+    not given.  ``progress``: as in ``certify``.
     Returns: a Design: PROVED, with ``problem`` and ``certificate``; REFUTED with the reason;
     UNDECIDED.  The last two with the nearest possible request.  Raises: SpecError for a wrong
     argument.
@@ -253,10 +266,18 @@ def design(
         coupling=coupling,
     )
     request = read_design_request(problem.network.labels, asked)
+    check_count(further, "further", least=0, most=20, cure="Three are a good choice.")
     report = report_to(progress)
-    found = search_design(problem, request, report)
-    found = _under_guarantee(problem, found)
-    return _beside_given_gains(problem, found, report)
+    # An explicit rate overrules that of the own gains.
+    given = None if request.rate is not None else _given_gains(problem, report)
+    found = None if given is None else no_slower(problem, request, given, report)
+    if found is None:
+        found = _under_guarantee(problem, search_design(problem, request, report))
+    if not found.is_proved:
+        return found
+    if given is None:
+        given = _given_gains(problem, report)
+    return replace(found, given=given, further=_further(problem, found, further, report))
 
 
 @shows_progress

@@ -10,10 +10,9 @@ from pathlib import Path
 
 from docutils import nodes
 from docutils.parsers.rst import Directive
+from executed import NOTEBOOKS
 from sphinx.application import Sphinx
 from sphinx.errors import ExtensionError
-
-NOTEBOOKS = Path(__file__).resolve().parents[2] / "notebooks"
 
 
 class Gallery(Directive):
@@ -22,7 +21,7 @@ class Gallery(Directive):
     def run(self) -> list[nodes.Node]:
         """Called by docutils."""
         cards = []
-        for path in sorted(NOTEBOOKS.glob("*.ipynb")):
+        for path in NOTEBOOKS:
             first = "".join(json.loads(path.read_text("utf-8"))["cells"][0]["source"])
             title, learned = re.match(
                 r"# (.+?)\n\nWhat you learn here: (.+?)(?:\n\n|$)", first, re.DOTALL
@@ -38,11 +37,11 @@ class Gallery(Directive):
 
 def thumbnails(app: Sphinx, failure: Exception | None) -> None:
     """Copy the last picture of every notebook's page; there is none where notebooks are not run."""
-    if failure is not None or app.config.nb_execution_mode == "off":
+    if failure is not None or not app.config.run_notebooks:
         return
     place = Path(app.outdir) / "_static" / "thumbnails"
     place.mkdir(parents=True, exist_ok=True)
-    for notebook in sorted(NOTEBOOKS.glob("*.ipynb")):
+    for notebook in NOTEBOOKS:
         page = Path(app.outdir) / "gallery" / f"{notebook.stem}.html"
         shown = re.findall(r'src="\.\./(_images/[^"]+\.png)"', page.read_text("utf-8"))
         if not shown:

@@ -6,17 +6,20 @@ They are made anew at every build and are not committed.
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 
 import typer
+from executed import NOTEBOOKS, kept, run_missing
 from sphinx.application import Sphinx
+from sphinx.errors import ExtensionError
+from sphinx.util import logging
+from widgets import stilled
 
 from dobc_design.cli.main import app as command_line
 from dobc_design.conditions.kinds import KINDS
 
 DOCS = Path(__file__).resolve().parents[1]
-ROOT = DOCS.parent
+LOG = logging.getLogger(__name__)
 
 
 def cell(text: object) -> str:
@@ -117,16 +120,19 @@ def write(path: Path, text: str) -> None:
         path.write_text(text, "utf-8")
 
 
-def notebooks(target: Path) -> None:
-    """Copy the notebooks, those that changed, and forget those that are gone."""
-    target.mkdir(exist_ok=True)
-    found = sorted((ROOT / "notebooks").glob("*.ipynb"))
-    for path in found:
-        copied = target / path.name
-        if not copied.exists() or copied.read_bytes() != path.read_bytes():
-            shutil.copyfile(path, copied)
+def notebooks(target: Path, *, with_outputs: bool) -> None:
+    """Copy the notebooks, and forget those that are gone."""
+    if with_outputs:
+        try:
+            for line in run_missing(NOTEBOOKS):
+                LOG.info(line)
+        except RuntimeError as error:
+            raise ExtensionError(str(error)) from error
+    for path in NOTEBOOKS:
+        text = (kept(path) if with_outputs else path).read_text("utf-8")
+        write(target / path.name, stilled(text.replace("](../docs/", "](../")))
     for path in target.glob("*.ipynb"):
-        if path.name not in {notebook.name for notebook in found}:
+        if path.name not in {notebook.name for notebook in NOTEBOOKS}:
             path.unlink()
 
 
@@ -135,10 +141,11 @@ def generate(app: Sphinx) -> None:
     for name, page in COMMANDS.items():
         write(DOCS / "reference" / f"{name}.md", commands(*page))
     write(DOCS / "reference" / "conditions.md", conditions())
-    notebooks(DOCS / "gallery")
+    notebooks(DOCS / "gallery", with_outputs=app.config.run_notebooks)
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
     """Called by sphinx."""
+    app.add_config_value("run_notebooks", default=True, rebuild="env", types=bool)
     app.connect("builder-inited", generate)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

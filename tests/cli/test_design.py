@@ -35,6 +35,15 @@ W = [[1], [0]]                         # typed by hand
 P = [[1, 0], [0, 1]]
 """
 
+RING = """\
+[network]
+agents = 4
+arrow = "listens_to"
+modes.G = [[1, 2], [2, 3], [3, 4], [4, 1]]
+
+[coupling]
+h = "y"
+"""
 
 DESIGNED: dict[str, designs.Design] = {}
 
@@ -71,6 +80,45 @@ def test_a_design_writes_a_file_that_certify_proves_and_keeps_the_comments(dobc,
     assert dobc("certify", "star.toml", "--no-report", "--out", "old")[0] != 0
 
 
+def test_without_out_the_file_goes_to_standard_output_and_the_words_to_standard_error(
+    dobc, tmp_path: Path
+):
+    dobc("design", "star.toml", "--out", "new.toml")
+    text = (tmp_path / "new.toml").read_text("utf-8")
+    code, out, err = dobc("design", "star.toml")
+    assert (code, out) == (0, text)
+    assert "star: PROVED." in err and "Pinned: agent lead" in err
+    assert dobc("design", "star.toml", "--quiet") == (0, text, "")
+    code, out, err = dobc("design", "star.toml", "--keep-exosystem")
+    assert (code, out) == (1, "")
+    assert "    dobc design star.toml\n" in err and "Nothing was written." in err
+    assert {path.name for path in tmp_path.iterdir()} == {"star.toml", "new.toml"}
+
+
+def test_the_file_says_where_its_numbers_come_from(dobc):
+    lines = dobc("design", "star.toml")[1].splitlines()
+    (W,) = [line for line in lines if line.startswith("W = ")]
+    (gains,) = [line for line in lines if line.startswith("gains = ")]
+    assert "# set by dobc design: linear matrix inequalities, decay rate " in W
+    assert "# set by dobc design: total gain " in gains
+    assert "certified at " in gains and " 1/s by theorem1-weighted" in gains
+
+
+def test_further_pins_are_a_table_and_gains_that_are_not_proved_are_named(dobc):
+    """On a ring a second pin saves gain; on a star none does beside that of the leader."""
+    err = dobc("design", "star.toml")[2]
+    assert "Your own gains are not proved to do what the problem asks; this design is." in err
+    assert "Price of further pins" not in err
+    Path("ring.toml").write_text(RING, encoding="utf-8")
+    code, _, err = dobc("design", "ring.toml", "--rate", "0.2", "--further", "1")
+    assert code == 0
+    table = err[err.index("Price of further pins") :].splitlines()
+    assert table[1].split()[:3] == ["pins", "total", "gain"]
+    assert [row.split()[0] for row in table[2:4]] == ["1", "2"]
+    without = dobc("design", "ring.toml", "--rate", "0.2", "--further", "0")[2]
+    assert "Price of further pins" not in without
+
+
 def test_json_is_one_document_with_the_keys_of_the_contract(dobc, tmp_path: Path):
     code, out, _ = dobc("design", "star.toml", "--out", "new.toml", "--json")
     document = json.loads(out)
@@ -82,6 +130,8 @@ def test_json_is_one_document_with_the_keys_of_the_contract(dobc, tmp_path: Path
         ["lead"],
     )
     assert document["rate"] > 0
+    assert document["further"] == []
+    assert json.loads(dobc("design", "star.toml", "--json")[1])["problem"] is None
 
 
 def test_an_impossible_request_leaves_with_1_names_the_limit_and_the_nearest_request(
@@ -117,7 +167,7 @@ def test_the_nearest_request_can_be_typed_as_it_is_shown(dobc):
         (("--out", "new.toml", "--allowed", "nobody"), "there is no agent 'nobody'"),
         (("--out", "new.toml", "--digits", "0"), "digits must be"),
         (("--out", "--json"), "needs a value"),
-        ((), "--out"),
+        (("--further", "-1"), "further must be an integer from 0 to 20"),
     ],
 )
 def test_wrong_options_leave_with_2_and_write_nothing(dobc, tmp_path: Path, options, complaint):

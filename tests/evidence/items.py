@@ -17,7 +17,6 @@ from evidence import (
     long_tests,
     margins,
     mutation,
-    notebooks,
     pinning,
     published,
     robustness,
@@ -30,7 +29,6 @@ from evidence import (
     times,
 )
 from evidence.row import Row
-from notebook_runs import NOTEBOOKS
 from published import PUBLISHED
 
 FUZZ = "fuzz"
@@ -103,8 +101,6 @@ def _items() -> Iterator[Item]:
     yield Item("rocq", rocq.files, 15, 0, share=0)  # the slow tests check small ones
     # and four changes
     yield Item("rocq-changes", rocq.changes, rocq.CHANGES, 0, share=0)
-    # slow tests run some
-    yield Item("notebooks", notebooks.run, len(NOTEBOOKS), 0, share=0)
     yield Item("long-tests", long_tests.run, 25, 0, share=0)  # eight more with coqc
     # the tests of ten minutes are its base
     yield Item("mutation", mutation.run, 40, 20261122, share=0)

@@ -47,11 +47,43 @@ def test_a_trajectory_shows_band_states_estimates_and_errors_each_with_its_unit(
     axes = switched.plot().figure.axes
     band, states, estimates, errors = (ax.get_ylabel() for ax in axes)
     assert band == "mode"
-    assert states == "xᵢ\nin its own unit"
+    assert states == "xᵢ\nin units of x"
     assert estimates == "d and estimate d̂\nin units of x per s"
-    assert errors == "errors\nin the unit of x"
+    assert errors == "errors\nin units of x"
     assert axes[-1].get_yscale() == "log"
     assert axes[-1].get_xlabel() == "time t in s"
+
+
+def labels_of(sheet) -> list[str]:
+    return [ax.get_ylabel() for ax in sheet.figure.axes]
+
+
+def test_axes_show_the_units_of_the_problem_as_they_are_written():
+    """One unit for all components is that of the errors, too; several have no common one."""
+    problem = dd.load_problem("paper-fixed")
+    run = dd.simulate(problem.replace(units="$m$/s"), t_final=1)
+    estimates = "d and estimate d̂\nin $m$/s per s"
+    assert labels_of(run.plot()) == ["xᵢ\nin $m$/s", estimates, "errors\nin $m$/s"]
+    assert not any(ax.yaxis.label.get_parse_math() for ax in run.plot().figure.axes)
+    runs = dd.simulate(problem.replace(units="m/s"), runs=2, t_final=1)
+    assert labels_of(runs.plot())[1] == "|e|∞, in m/s"
+
+
+def test_components_with_units_of_their_own_have_no_common_one(tmp_path):
+    problem = dd.Problem(
+        network=dd.Network.from_arcs([[2, 1]], arrow="listens_to", agents=2),
+        coupling="y",
+        target=[1, 0],
+        gains={1: 1},
+        units=["m", "rad"],
+    )
+    run = dd.simulate(problem, t_final=1)
+    assert labels_of(run.plot()) == ["xᵢ,₁\nin m", "xᵢ,₂\nin rad", "errors\nin units of x"]
+    page = animation_page(run)
+    assert "first component, in m" in page
+    assert "second component, in rad" in page
+    again = dd.load_trajectory(run.save(tmp_path / "run.npz"))
+    assert again.units == ("m", "rad")
 
 
 def test_the_curves_are_the_samples(switched):
@@ -154,7 +186,7 @@ def test_an_ensemble_shows_the_quantiles_of_its_runs():
         at = outer[np.isclose(outer[:, 0], runs.times[place]), 1]
         assert at.min() == pytest.approx(low[place])
         assert at.max() == pytest.approx(high[place])
-    assert below.get_ylabel() == "|d − d̂|∞, unit of d"
+    assert below.get_ylabel() == "|d − d̂|∞, units of d"
 
 
 def from_region(coupling: str, low: object, high: object, **given: object) -> dd.Problem:

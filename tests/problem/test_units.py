@@ -2,6 +2,7 @@
 
 import json
 import re
+from fractions import Fraction
 
 import pytest
 
@@ -99,3 +100,17 @@ def test_the_second_checker_confirms_the_same_proof_with_units_and_without(tmp_p
     checked = dd.verify(with_units, problem)
     assert checked.holds
     assert "accepts every claim" in checked.lone_checker
+
+
+def test_a_certificate_says_and_draws_sizes_of_errors_in_the_unit_that_all_components_share(
+    tmp_path,
+):
+    problem = written(tmp_path, '"m"').replace(uncertainty={"disturbance": "1/100"})
+    certificate = dd.certify(problem)
+    bound = max(map(Fraction, certificate.check("accuracy").exact["bounds"].values()))
+    said = re.match(r"All agents end within (\S+) m of the target plus", certificate.reason)
+    assert bound <= Fraction(said[1]) < bound * Fraction(101, 100)
+    assert certificate.plot().figure.axes[0].get_xlabel().endswith("at the start, in m")
+    mixed = dd.certify(problem.replace(units=["m", "m/s"]))
+    assert re.match(r"All agents end within \S+ of the target plus", mixed.reason)
+    assert mixed.plot().figure.axes[0].get_xlabel().endswith("at the start, in units of x")

@@ -232,7 +232,7 @@ def test_agents_have_bars_around_their_goals_and_the_band_is_what_was_asked():
     assert spans[0] == (-3.0, 5.0)
     assert spans[1] == pytest.approx((-5.65, 7.65))
     assert spans[2] == (0.0, 5.0)
-    assert ax.get_ylabel() == "xᵢ(0), in its own unit"
+    assert ax.get_ylabel() == "xᵢ(0), in units of x"
 
 
 def test_the_figure_is_a_file_by_itself_also_by_its_public_function(

@@ -669,6 +669,12 @@ def _slips() -> Iterator[BadFile]:
         "above the first table",
     )
     yield bad(
+        "slip-key-below-the-modes",
+        swap(GB, f"{GB}\ntarget = 2").replace("target = 1.0\n", ""),
+        "network.modes.target",
+        "above the first table",
+    )
+    yield bad(
         "slip-table-in-a-table",
         end("[network.pinning]\ngains = { 1 = 1 }"),
         "network.pinning",
@@ -690,6 +696,7 @@ def _slips() -> Iterator[BadFile]:
     yield bad("slip-hz-0", kind("hz = 0"), "exosystem.hz", "constant = true")
     yield bad("slip-percent", end('[uncertainty]\nweights = "5%"'), "uncertainty.weights", "0.05.")
     yield bad("slip-hz-with-its-unit", kind('hz = "0.5 Hz"'), "exosystem.hz", "write 0.5,")
+    yield bad("slip-khz", kind('hz = "2 KHZ"'), "exosystem.hz", "write 2000,", "in hz")
     yield gains("slip-gain-with-its-unit", '1 = "2/s"', "1", "write 2,", "in 1/s")
     yield bad("slip-rate-with-its-unit", observer('rate = "2 1/s"'), "observer.rate", "write 2,")
     yield bad("slip-rate-with-a-comma", observer('rate = "2,5"'), "observer.rate", "write 2.5.")

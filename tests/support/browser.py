@@ -122,7 +122,11 @@ def browser(
                     None,
                 )
 
-        yield Page(until("the page", tab))
+        page = Page(until("the page", tab))
+        try:
+            yield page
+        finally:
+            page.socket.close()
     finally:
         process.terminate()
         process.wait(timeout=30)

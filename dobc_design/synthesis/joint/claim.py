@@ -3,6 +3,7 @@ limit costs."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -10,7 +11,7 @@ from itertools import islice, pairwise
 from typing import TYPE_CHECKING, Any
 
 from dobc_design._checks import noun
-from dobc_design._show.cards import MOST_ITEMS, Card, Headed, listed
+from dobc_design._show.cards import MOST_ITEMS, Card, Headed, listed, text_of
 from dobc_design._show.text import significant_away_from_zero, significant_towards_zero
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.consensus.network import name_agents
@@ -44,6 +45,7 @@ AXES = {
 NO_LIMITS = "no limits, and every agent may be pinned"
 # What the limits of these kinds of statements are called as arguments.
 ARGUMENTS = {"structure": "allowed", "detectable": "reduce", "gain": "noise"}
+PIN_HEADS = ("pins", "total gain", "certified rate, 1/s", "pinned")
 NAMED = 8  # allowed agents in a sentence
 SHOWN = 6  # gains in a sentence
 FEWER_MAY_DO = "fewer may do under the guarantee, which designs ignore"
@@ -192,8 +194,9 @@ class Design(Answer):
     ``reason`` is the proof in words; UNDECIDED, neither was shown.  ``W`` (q, p), ``P`` (q, q) and
     ``gains`` (1/s, by label) are exact; ``rate`` (1/s) is the certified rate and ``cost`` the sum
     of the gains; of agents with [dynamics] these are multiples of the coupling. ``decisions``: what
-    was chosen and why; ``prices``: what each limit costs, about, and the time to one percent beside
-    that of the file's gains (``given``: their certificate).  ``grounds``: what both put into words.
+    was chosen and why, beside the problem's own gains (``given``: their certificate); ``prices``:
+    what each limit costs, about.  ``further``: designs with more pins, no slower (x: certified
+    rate, y: total gain), as many as were asked for.  ``grounds``: what all put into words.
     ``observer``: W with what is proved of it.  ``changes``: the keys of the problem file that were
     set (None: removed).  ``nearest``: the design for the nearest request that was proved possible,
     where this one was not.
@@ -213,6 +216,7 @@ class Design(Answer):
     nearest: Design | None = None
     grounds: Grounds | None = None
     given: Certificate | None = None
+    further: tuple[TradePoint, ...] = ()
 
     @property
     def binding(self) -> str | None:
@@ -253,9 +257,25 @@ class Design(Answer):
     def __str__(self) -> str:
         lines = [f"{self.verdict.value}: {self.reason}"]
         lines += [f"  {sentence}" for sentence in (*self.decisions, *self.prices)]
+        if self.further:
+            lines.append(f"  {self.pin_table()}")
         if self.nearest is not None:
             lines.append(f"  Nearest possible request: {self.nearest.limits}.")
         return "\n".join(lines)
+
+    def pin_table(self) -> str:
+        """The total gain and the certified rate of this design and of those with further pins."""
+        return text_of(Card(title="Price of further pins", heads=PIN_HEADS, rows=self._pin_rows()))
+
+    def _pin_rows(self) -> list[tuple[str, ...]]:
+        if not self.further or self.rate is None or self.cost is None:
+            return []
+        own = TradePoint(x=self.rate, y=float(self.cost), pinned=tuple(self.gains), proved=True)
+        rows = list[tuple[str, ...]]()
+        for p in (own, *self.further):
+            rate = significant_towards_zero(p.x)
+            rows.append((str(len(p.pinned)), f"{p.y:.6g}", rate, listed(p.pinned)))
+        return rows
 
     def to_json(self) -> dict[str, Any]:
         """JSON object; exact numbers as text, ``cost`` rounded up.  ``problem`` is the name of the
@@ -274,7 +294,7 @@ class Design(Answer):
             "covered_by": None if proof is None else proof.covered_by,
             **fields_to_json(self, "binding", "decisions", "prices", "statements"),
             "request": dict(self.request.limits(self.labels)),
-            **fields_to_json(self, "nearest"),
+            **fields_to_json(self, "nearest", "further"),
         }
 
     def _card(self) -> Card:
@@ -299,15 +319,19 @@ class Design(Answer):
             verdict=self.verdict.value,
             text=self.reason,
             facts=facts,
+            heads=PIN_HEADS,
+            rows=self._pin_rows(),
             lines=self.prices,
         )
 
 
 def _decisions(design: Design) -> Iterator[str]:
-    """What was chosen and why: exosystem, observer, pins, gains, proof."""
+    """What was chosen and why: beside the own gains, exosystem, observer, pins, gains, proof."""
     grounds = design.grounds
     if grounds is None or design.problem is None:
         return
+    if design.given is not None:
+        yield _beside_words(design, design.given)
     if grounds.reduction is not None:
         yield f"Exosystem: {grounds.reduction}"
     if design.observer is not None:
@@ -354,7 +378,7 @@ def _why_so_many(problem: Problem, grounds: Grounds, count: int) -> str:
         return "as many as were allowed"
     if count != least:
         are = "is" if least == 1 else "are"
-        fewer = f"with fewer than {count} very large gains or no proof were left"
+        fewer = f"with fewer than {count} larger gains or no proof were left"
         return f"{least} {are} the least that the arcs allow, but {fewer}"
     # There cannot be fewer pins than the graph asks for.
     if problem.dynamics is not None:  # agents that may settle by themselves
@@ -401,7 +425,7 @@ def _gains_words(design: Design, problem: Problem, grounds: Grounds) -> str:
 
 
 def _prices(design: Design) -> Iterator[str]:
-    """What each limit costs, by the multipliers of the gains; and two times to one percent."""
+    """What each limit costs, by the multipliers of the gains."""
     grounds = design.grounds
     if grounds is None:
         return
@@ -414,18 +438,44 @@ def _prices(design: Design) -> Iterator[str]:
         part = f"{grounds.weaker:.3g} times all couplings and gains"
         rate = f"would keep {design.rate or 0:.4g} 1/s"
         yield f"By the eigenvalues of the linearisation, which prove nothing, {part} {rate}."
-    if design.given is not None and design.certificate is not None:
-        this = _time_words(design.certificate)
-        other = f"{_time_words(design.given)} with the gains of the file"
-        yield f"Certified time to one percent: {this} with this design, {other}."
 
 
-def _time_words(certificate: Certificate) -> str:
-    """The certified time to one percent, and what it follows from."""
-    time = time_to_one_percent(certificate.rate, certificate.factor)
-    rate = significant_towards_zero(certificate.rate)
-    factor = significant_away_from_zero(certificate.factor)
-    return f"{significant_away_from_zero(time, 3)} s ({rate} 1/s, factor {factor})"
+def total_gain(problem: Problem) -> Fraction | None:
+    """The sum of a problem's gains; None without gains, or where one is a matrix."""
+    gains = problem.gains.values()
+    if not gains or not problem.pinning.is_scalar:
+        return None
+    return sum(gains, Fraction(0))
+
+
+def _beside_words(design: Design, given: Certificate) -> str:
+    """The design beside the problem's own gains."""
+    proof = design.certificate
+    if given.verdict is not Verdict.PROVED or proof is None:
+        return "Your own gains are not proved to do what the problem asks; this design is."
+    if not given.rate or not design.rate:
+        return "Your own gains are proved, too; there are no two rates to be compared."
+    own = _rate_words(given.rate, given)
+    this = _rate_words(design.rate, proof)
+    text = f"Your own gains are certified at {own}, this design at {this}"
+    total = total_gain(given.problem)
+    if total and design.cost is not None:
+        both = f"{typed_number(design.cost)} instead of {typed_number(total)}"
+        text += f" with {float(design.cost / total):.3g} times the total gain ({both})"
+    if design.request.rate is not None:
+        return f"{text}."
+    if design.rate >= given.rate:
+        return f"{text}. Without a rate asked for, the aim was to be no slower."
+    return f"{text}. Nothing as fast as your own gains was proved within the limits."
+
+
+def _rate_words(rate: float, proof: Certificate) -> str:
+    """A certified rate, and the certified time to one percent where there is one."""
+    text = f"{significant_towards_zero(rate)} 1/s"
+    time = time_to_one_percent(proof.rate, proof.factor)
+    if math.isfinite(time):
+        text += f" (one percent after {significant_away_from_zero(time, 3)} s)"
+    return text
 
 
 @noun
@@ -437,6 +487,10 @@ class TradePoint:
     y: float
     pinned: tuple[str, ...] = ()
     proved: bool = False
+
+    def to_json(self) -> dict[str, Any]:
+        """JSON object, as one of the further pins of a design."""
+        return {"pinned": list(self.pinned), "cost": self.y, "rate": self.x}
 
 
 @noun

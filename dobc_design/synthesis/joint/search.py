@@ -34,6 +34,7 @@ from dobc_design.synthesis.joint.claim import (
     DesignRequest,
     Grounds,
     RegionPrices,
+    total_gain,
 )
 from dobc_design.synthesis.joint.pins import DECISIVE, PinSets
 from dobc_design.synthesis.observer.claim import ObserverDesign, ObserverRequest
@@ -70,6 +71,8 @@ HALF = Fraction(1, 2)  # of the fastest rate: what is aimed at where none is ask
 # of the fastest rate with any observer: slower ones are left out; where more is aimed at
 ENOUGH, ALMOST = 0.6, 0.95
 SMALL = Fraction(1, 10**4)  # the radius of a region that is one point
+# pins more than the fewest, tried where these take more gain than the problem's own
+MORE_PINS = 3
 BUYS = 3  # agents in the sentence on what a further pin buys
 NO_OBSERVER = (
     "no observer gain was found that does what was asked, and no proof that there is none."
@@ -79,7 +82,8 @@ NO_OBSERVER = (
 @noun
 class Ground:
     """One request and its problem without W and gains; without a rate, ``part`` of the fastest one
-    is aimed at.  ``reduction``: what became of the exosystem."""
+    is aimed at.  ``reduction``: what became of the exosystem.  ``least``: over a region no fewer
+    pins are tried.  ``headline``: the rate has to be that of the check that carries the verdict."""
 
     problem: Problem
     request: DesignRequest
@@ -87,6 +91,8 @@ class Ground:
     reduction: Reduction
     structure: Structure
     part: Fraction
+    least: int = 0
+    headline: bool = False
     observers: list[ObserverDesign | None] = field(default_factory=list)
 
     def every_observer(self) -> Iterator[ObserverDesign | None]:
@@ -193,12 +199,54 @@ def search_design(problem: Problem, request: DesignRequest, progress: Progress) 
     return replace(found, nearest=_tightened(request, fastest))
 
 
+def further_pins(
+    problem: Problem, found: Design, most: int, progress: Progress, *, headline: bool = False
+) -> Iterator[Design]:
+    """Designs with one to ``most`` pins more, no slower, where the number of pins was free."""
+    request = found.request
+    if request.pins is not None or not found.rate:
+        return
+    rate = request.rate or claimed(shorten(found.rate, digits=4))
+    count = len(found.gains)
+    for pins in range(count + 1, min(count + most, len(request.allowed)) + 1):
+        progress(f"pricing {pins} pins")
+        wider = replace(request, rate=rate, pins=pins)
+        each = attempt(problem, wider, progress, least=pins, headline=headline)
+        # The cheapest gains may leave pins unused: more of them buy nothing.
+        if not each.is_proved or each.grounds is None or len(each.gains) < pins:
+            return
+        yield replace(each, request=request, grounds=replace(each.grounds, limited=False))
+
+
+def no_slower(
+    problem: Problem, request: DesignRequest, given: Certificate, progress: Progress
+) -> Design | None:
+    """A design that is as fast as the problem's own gains, whose certificate is ``given``; with a
+    few more pins where fewer take a larger total gain.  None where none was proved."""
+    if given.verdict is not Verdict.PROVED or not given.rate:
+        return None
+    progress("looking for gains that are as fast as those of the problem")
+    asked = replace(request, rate=claimed(given.rate))
+    # What ``certify`` says of both files in its first line is compared.
+    found = attempt(problem, asked, progress, headline=True)
+    if not found.is_proved:
+        return None
+    total = total_gain(problem)
+    best = found
+    if total is not None and (found.cost or 0) > total:
+        wider = further_pins(problem, found, MORE_PINS, progress, headline=True)
+        best = next((each for each in wider if (each.cost or 0) <= total), found)
+    return replace(best, request=request)
+
+
 def attempt(
     problem: Problem,
     request: DesignRequest,
     progress: Progress,
     *,
     part: Fraction = HALF,
+    least: int = 0,
+    headline: bool = False,
     slower: list[Design] | None = None,
 ) -> Design:
     """Decide one request; designs that are proved, but not at the rate asked for, are added to
@@ -218,6 +266,8 @@ def attempt(
         reduction=reduction,
         structure=structure_of(bare, request.allowed),
         part=part,
+        least=least,
+        headline=headline,
     )
     obstacle = reduction.obstacle or agents.obstacle(bare, request, ground.structure)
     # What no gains reach is known of agents that are integrators.
@@ -290,7 +340,7 @@ def _certified(ground: Ground, proposal: Proposal) -> Design:
         changes |= gain_changes(problem, W)
     designed = changed_problem(problem, changes)
     certificate, everything = _proof(ground, designed, proposal.aim)
-    rate = _rate_of(certificate)
+    rate = certificate.rate if ground.headline else _rate_of(certificate)
     holds = certificate.verdict is Verdict.PROVED
     if holds and request.rate is not None:
         holds = claimed(rate or 0.0) >= request.rate
@@ -458,6 +508,8 @@ def of_region(ground: Ground) -> Iterator[Proposal]:
     sets = PinSets(structure=ground.structure, allowed=request.allowed, search=first)
     # Few pins come first: a set is left when no observer makes it do.
     for pinned in sets.growing(most):
+        if len(pinned) < ground.least:
+            continue
         ground.progress(f"looking for gains on {counted(len(pinned), 'agent')}")
         observers = ground.every_observer()
         if request.rate is None:

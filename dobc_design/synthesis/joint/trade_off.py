@@ -16,7 +16,7 @@ from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.joint.claim import AXES, Design, DesignRequest, TradeOff, TradePoint
 from dobc_design.synthesis.joint.pins import PinSets
 from dobc_design.synthesis.joint.search import attempt, observer_at, region_search
-from dobc_design.synthesis.observer.claim import ObserverDesign
+from dobc_design.synthesis.observer.claim import ObserverDesign, check_count
 from dobc_design.synthesis.pinning.decide import structure_of
 
 SLOWEST, QUICKEST = 0.25, 4.0  # rates of a curve, of the design's own or of its observer's
@@ -29,12 +29,12 @@ def trade_off_of(
     curve: str,
     *,
     design: Design | None,
-    points: object,
+    points: int,
     progress: Progress,
 ) -> TradeOff:
     """The curve of that name.  Raises: SpecError for another name or number of points, and where
     there is no curve."""
-    count = _read_curve(problem, curve, points)
+    _check_curve(problem, curve, points)
     bare = changed_problem(problem, {"pinning.gains": None})
     own = design
     if design is None and curve == "gain":
@@ -43,7 +43,7 @@ def trade_off_of(
     # Rows over a region, and the curve of noise, need a W in any case.
     if observer is None and bare.groups:
         observer = observer_at(bare, request, None)
-    ground = Curve(problem=bare, request=request, count=count, progress=progress)
+    ground = Curve(problem=bare, request=request, count=points, progress=progress)
     if curve == "gain" and own is not None:
         found = ground.gains(own)
     elif curve == "pins":
@@ -59,19 +59,15 @@ def trade_off_of(
     )
 
 
-def _read_curve(problem: Problem, curve: str, points: object) -> int:
-    """How many points a curve gets.  Raises: SpecError where there is no such curve."""
+def _check_curve(problem: Problem, curve: str, points: int) -> None:
+    """Raises: SpecError where there is no such curve, or not with so many points."""
     if curve not in AXES:
         text = f"curve must be one of {', '.join(AXES)}; got {shown(curve)}."
         raise SpecError(text, key="curve", cure='"gain" is the sum of the gains against the rate.')
-    # True and False are integers of Python.
-    if isinstance(points, bool) or not isinstance(points, int) or not 2 <= points <= 200:
-        text = f"points must be an integer from 2 to 200; got {shown(points)}."
-        raise SpecError(text, key="points", cure="Ten are a good choice.")
+    check_count(points, "points", least=2, most=200, cure="Ten are a good choice.")
     if curve == "noise" and not problem.groups:
         text = "the noise curve needs an exosystem: without one there is no observer."
         raise SpecError(text, key="curve", cure='Ask for "gain" or "pins".')
-    return points
 
 
 def _chosen(curve: str, design: Design, observer: ObserverDesign | None) -> TradePoint | None:

@@ -227,11 +227,16 @@ def _require_sampled(request: ObserverRequest) -> None:
 
 def check_digits(digits: Any) -> None:
     """Raises: SpecError if ``digits`` is not a number of significant digits."""
+    check_count(digits, "digits", least=1, most=15, cure="Four digits are a good choice.")
+
+
+def check_count(value: Any, key: str, *, least: int, most: int, cure: str) -> None:
+    """Raises: SpecError unless the value is an integer from ``least`` to ``most``."""
     # True and False are integers of Python.
-    is_number = isinstance(digits, int) and not isinstance(digits, bool)
-    if not is_number or not 1 <= digits <= 15:
-        text = f"digits must be an integer from 1 to 15; got {shown(digits)}."
-        raise SpecError(text, key="digits", cure="Four digits are a good choice.")
+    is_number = isinstance(value, int) and not isinstance(value, bool)
+    if not is_number or not least <= value <= most:
+        text = f"{key} must be an integer from {least} to {most}; got {shown(value)}."
+        raise SpecError(text, key=key, cure=cure)
 
 
 def read_positive(

@@ -86,6 +86,60 @@ def test_gains_of_the_problem_are_not_looked_at():
     )
 
 
+def own_gains(**gains: str) -> dd.Problem:
+    return ring(4, coupling="y", region=BOX, gains={name[1:]: k for name, k in gains.items()})
+
+
+def test_without_a_rate_a_design_is_no_slower_than_the_own_gains_for_no_more_gain():
+    """One pin would do at the rate of both, b = 0.253, with b + (1 - b)^-3 - 1 = 1.65 for 1.2."""
+    problem = own_gains(k1="0.7", k3="0.5")
+    given = dd.certify(problem)
+    found = dd.design(problem)
+    assert is_proved(found)
+    assert found.certificate.rate >= given.rate
+    assert len(found.gains) > 1 and found.cost <= Fraction("1.2")
+    assert found.request.rate is None
+    assert found.given.rate == given.rate
+    first = found.decisions[0]
+    assert first.startswith(f"Your own gains are certified at {given.rate:.4f}"[:-1])
+    assert f"({float(found.cost):g} instead of 1.2)" in first
+    assert first.endswith("the aim was to be no slower.")
+
+
+def test_a_rate_asked_for_overrules_the_own_gains_and_limits_may_not_reach_them():
+    """One gain of at most 1/2 has a rate below (1 + k - b)(1 - b)^3 = 1, b = 0.105."""
+    problem = own_gains(k1="0.6", k3="0.5")
+    slow = dd.design(problem, rate="0.1")
+    assert slow.rate < 0.11 < slow.given.rate
+    assert "no slower" not in slow.decisions[0]
+    held = dd.design(problem, pins=1, allowed=[1], max_gain="1/2")
+    assert is_proved(held) and held.rate < 0.11
+    assert held.decisions[0].endswith(
+        "Nothing as fast as your own gains was proved within the limits."
+    )
+
+
+def test_further_pins_cost_what_closed_forms_say_and_are_no_slower():
+    """A ring with opposite hard pins, h = y: k = b + 1/(1 - b) - 1 for each, at the rate b."""
+    found = dd.design(own_gains(), rate="0.2", further=1)
+    (second,) = found.further
+    assert second.pinned == ("1", "3") and second.proved and second.x >= 0.2
+    assert second.y == pytest.approx(2 * (0.2 + 1 / 0.8 - 1), rel=0.02)
+    rows = str(found).split("Price of further pins\n")[1].splitlines()
+    assert [row.split()[0] for row in rows] == ["pins", "1", "2"]
+    assert "<td>1, 3</td>" in found._repr_html_()
+    assert found.to_json()["further"] == [
+        {"pinned": ["1", "3"], "cost": second.y, "rate": second.x}
+    ]
+    assert dd.design(own_gains(), rate="0.2", pins=1, further=1).further == ()
+
+
+@pytest.mark.parametrize("further", [-1, True, 21, "two"])
+def test_a_number_of_further_pins_is_a_small_integer(further):
+    with pytest.raises(SpecError, match="further must be an integer from 0 to 20"):
+        dd.design(ring(2), further=further)
+
+
 def test_a_rate_beyond_the_allowed_agents_is_refuted_with_the_nearest_one():
     """A held leader: the other follows at h'(0) = 1 and no faster, whatever k_1."""
     found = dd.design(star(2, region=BOX), rate="1.01", allowed=["1"])

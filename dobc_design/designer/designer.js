@@ -292,7 +292,8 @@ function render({ model, el }) {
     if (!isProved) made(numbers, "div", {}, found.reach > 0 // what is proved needs no estimate beside it
       ? `At the wanted rate, starts within ${digits(found.reach, 3)} of the target should converge${found.reach >= radius ? "" : `; asked for: ${digits(radius, 3)}`}.`
       : "At the wanted rate no region is found.");
-    else if (decided.rate && Number(decided.rate) < rate) made(numbers, "div", {}, `The proved rate is below the wanted one, ${digits(rate)} 1/s.`);
+    else if (!decided.rate) made(numbers, "div", {}, "No decay rate is proved.");
+    else if (Number(decided.rate) < rate) made(numbers, "div", {}, `The proved rate is below the wanted one, ${digits(rate)} 1/s.`);
     if (found.note) made(numbers, "div", {}, found.note);
     made(numbers, "div", { class: "dobc-hint" }, `${isProved ? "λmax and the curves are estimates" : "Estimates"} for the network without the observer, ${found.milliseconds} ms.`);
     const bound = decided.bound ?? { text: "", tube: [], level: null };

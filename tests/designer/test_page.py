@@ -123,6 +123,24 @@ def test_below_a_proved_verdict_stands_what_is_certain_and_the_proved_bound_is_d
         assert all(low >= high for low, high in zip(agent, bound, strict=True))
 
 
+@pytest.mark.parametrize(
+    ("changes", "wanted"),
+    [
+        ({"rate": None}, "No decay rate is proved."),
+        ({"rate": "0.01"}, "The proved rate is below the wanted one, 0.05 1/s."),
+        ({"bound": {"text": "a bound", "tube": [], "level": 99}}, "a bound (above the drawing)"),
+        ({"bound": {"text": "a bound", "tube": [], "level": 2}}, "a bound\n"),
+        ({"verdict": "undecided"}, "At the wanted rate, starts within 4 of the target should"),
+    ],
+)
+def test_what_a_verdict_leaves_open_is_said(page: Page, changes: dict[str, object], wanted: str):
+    page.run("window.before = values.verdict")
+    page.run(f"values.verdict = {{...before, ...{json.dumps(changes)}}}")
+    page.run("model.tell('change:verdict')")
+    assert wanted in page.run("document.querySelector('.dobc-designer').innerText")
+    page.run("values.verdict = before; model.tell('change:verdict')")
+
+
 def long_labels() -> dd.Problem:
     """Names as people give them, an actuator that is too small and a gain of many digits."""
     labels = ["north ridge sensor", "south ridge sensor", "pump station 4", "compressor-7", "b"]

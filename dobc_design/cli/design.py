@@ -159,7 +159,8 @@ def _remarks(found: Design) -> Iterator[tuple[str, str]]:
     observer = found.observer
     if observer is not None:
         rate = observer.measures.get("rate")
-        words = f"{REMARK}: {observer.source}, decay rate {significant_towards_zero(rate)} 1/s"
+        decay = f"decay rate at least {significant_towards_zero(rate)} 1/s"
+        words = f"{REMARK}: {observer.source}, {decay}"
         yield from ((path, words) for path in ("observer.W", GROUP_GAINS))
     proof = found.certificate
     if proof is not None and found.cost is not None:

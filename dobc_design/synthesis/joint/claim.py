@@ -195,8 +195,8 @@ class Design(Answer):
     ``gains`` (1/s, by label) are exact; ``rate`` (1/s) is the certified rate and ``cost`` the sum
     of the gains; of agents with [dynamics] these are multiples of the coupling. ``decisions``: what
     was chosen and why, beside the problem's own gains (``given``: their certificate); ``prices``:
-    what each limit costs, about.  ``further``: designs with more pins, no slower (x: certified
-    rate, y: total gain), as many as were asked for.  ``grounds``: what all put into words.
+    what each limit costs, about.  ``further``: designs with more pins for the same rate (x:
+    certified, y: total gain), as many as were asked for.  ``grounds``: what all put into words.
     ``observer``: W with what is proved of it.  ``changes``: the keys of the problem file that were
     set (None: removed).  ``nearest``: the design for the nearest request that was proved possible,
     where this one was not.
@@ -378,7 +378,7 @@ def _why_so_many(problem: Problem, grounds: Grounds, count: int) -> str:
         return "as many as were allowed"
     if count != least:
         are = "is" if least == 1 else "are"
-        fewer = f"with fewer than {count} larger gains or no proof were left"
+        fewer = f"fewer than {count} need larger gains or have no proof"
         return f"{least} {are} the least that the arcs allow, but {fewer}"
     # There cannot be fewer pins than the graph asks for.
     if problem.dynamics is not None:  # agents that may settle by themselves
@@ -465,8 +465,8 @@ def _beside_words(design: Design, given: Certificate) -> str:
     if design.request.rate is not None:
         return f"{text}."
     if design.rate >= given.rate:
-        return f"{text}. Without a rate asked for, the aim was to be no slower."
-    return f"{text}. Nothing as fast as your own gains was proved within the limits."
+        return f"{text}. No rate was asked for; at least that of your own gains was aimed at."
+    return f"{text}. No design with the rate of your own gains was proved within the limits."
 
 
 def _rate_words(rate: float, proof: Certificate) -> str:

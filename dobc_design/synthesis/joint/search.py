@@ -202,7 +202,7 @@ def search_design(problem: Problem, request: DesignRequest, progress: Progress) 
 def further_pins(
     problem: Problem, found: Design, most: int, progress: Progress, *, headline: bool = False
 ) -> Iterator[Design]:
-    """Designs with one to ``most`` pins more, no slower, where the number of pins was free."""
+    """Designs with one to ``most`` pins more, for the same rate, where their number was free."""
     request = found.request
     if request.pins is not None or not found.rate:
         return

@@ -27,7 +27,6 @@ from dobc_design.plotting.look import (
     in_units,
     short,
     thinned_rows,
-    unit_of,
     write_new,
 )
 from dobc_design.plotting.runs import Run
@@ -96,10 +95,10 @@ def _in_plane(values: Array) -> Array:
 
 
 def _axis_names(run: Run) -> tuple[str, str]:
-    first = in_units(unit_of(run.units, 0))
+    first = in_units(*run.units[:1])
     if run.x.shape[2] == 1:
         return f"state x, {first}", "agent, by number"
-    return f"first component, {first}", f"second component, {in_units(unit_of(run.units, 1))}"
+    return f"first component, {first}", f"second component, {in_units(*run.units[1:2])}"
 
 
 def _links(run: Run, arcs: Arcs | None) -> list[NDArray[np.int64]]:

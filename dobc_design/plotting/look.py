@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import io
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
@@ -126,16 +126,11 @@ def tick_numbers(axis: Axis, locator: Locator | None = None) -> None:
     axis.set_major_formatter(StrMethodFormatter("{x:g}"))
 
 
-def in_units(unit: str) -> str:
-    """What an axis of states says of its unit; "" where the problem gives none."""
+def in_units(*units: str) -> str:
+    """What an axis says of its unit; ``units`` are those of the state components that it shows,
+    which may differ, or be none."""
+    unit = units[0] if len(set(units)) == 1 else ""
     return f"in {unit or 'units of x'}"
-
-
-def unit_of(units: Sequence[str], component: int | None = None) -> str:
-    """The unit of a state component, or the one that all of them share; "" without one."""
-    if component is not None and units:
-        return units[component]
-    return units[0] if len(set(units)) == 1 else ""
 
 
 def short(name: object, longest: int = SHOWN_NAME) -> str:

@@ -81,11 +81,8 @@ def network_sheet(
 
     def draw_all(figure: Figure) -> None:
         figure.suptitle(name, x=0.01, ha="left", fontsize=10, parse_math=False)
-        spaces = figure.subplots(rows, columns, squeeze=False).ravel()
-        for space in spaces[len(shown) :]:
-            space.set_axis_off()
-        for space, mode in zip(spaces, shown, strict=False):
-            draw(space, mode)
+        for place, mode in enumerate(shown, 1):
+            draw(figure.add_subplot(rows, columns, place), mode)
         signs = _signs(pinned, any(lost.values()))
         figure.legend(handles=signs, loc="outside lower left", ncols=2, fontsize=8)
 

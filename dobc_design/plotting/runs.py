@@ -140,8 +140,7 @@ def trajectory_sheet(
             plot_estimates(rows.pop(0), run)
             unit = "per s" if run.d.shape == run.x.shape else "units of d"
             errors[f"|d − d̂|∞, {unit}"] = _largest(run.d - run.dhat)
-        unit = look.unit_of(run.units)
-        last = plot_errors(rows[0], run.times, errors, envelope=points, unit=unit)
+        last = plot_errors(rows[0], run.times, errors, envelope=points, units=run.units)
         if run.diverged:
             last.set_title(f"ended early, at t = {run.times[-1]:.4g} s")
         in_time(last, run.times)
@@ -191,7 +190,7 @@ def plot_states(ax: Axes, runs: Runs, *, component: int) -> Axes:
 def plot_bands(ax: Axes, runs: Runs, envelope: Envelope | None) -> Axes:
     """The first panel of an ensemble: |e|_inf over time."""
     points = checked_envelope(envelope, runs.times)
-    what = f"|e|∞, {look.in_units(look.unit_of(runs.units))}"
+    what = f"|e|∞, {look.in_units(*runs.units)}"
     plot_quantiles(ax, runs.times, runs.error, colour=BLUE, what=what)
     if points is not None:
         _draw_bound(ax, points[:, 0], look.resolved(points[:, 1]))
@@ -208,7 +207,7 @@ def plot_error(ax: Axes, run: Run, envelope: Envelope | None) -> Axes:
     """|e|_inf of one run over time."""
     errors = {"|e|∞": _largest(run.errors())}
     points = checked_envelope(envelope, run.times)
-    plot_errors(ax, run.times, errors, envelope=points, unit=look.unit_of(run.units))
+    plot_errors(ax, run.times, errors, envelope=points, units=run.units)
     return in_time(ax, run.times)
 
 
@@ -260,7 +259,7 @@ def _goals(ax: Axes, run: Goals, chosen: Sequence[int], component: int) -> Axes:
             drawn = [ax.axhline(goal, label="goal")]
         for line in drawn:
             line.set(color=VERMILLION, linewidth=1.1, linestyle=DASHED, zorder=1.5)
-    unit = look.in_units(look.unit_of(run.units, component))
+    unit = look.in_units(*run.units[component : component + 1])
     ax.set_ylabel(f"{state_symbol(component, run.goal.shape[1])}\n{unit}", parse_math=False)
     return ax
 
@@ -286,7 +285,7 @@ def plot_estimates(ax: Axes, run: Run) -> Axes:
         line.set(linestyle=DOTTED, linewidth=1.3)
     unit = "in their own units"
     if run.d.shape == run.x.shape:
-        unit = f"{look.in_units(look.unit_of(run.units, 0))} per s"
+        unit = f"{look.in_units(*run.units[:1])} per s"
     ax.set_ylabel(f"d and estimate d̂\n{unit}", parse_math=False)
     return look.legend_above(ax, right=True, widest=4)
 
@@ -298,11 +297,11 @@ def plot_errors(
     *,
     envelope: Array | None = None,
     rate: float | None = None,
-    unit: str = "",
+    units: Sequence[str] = (),
 ) -> Axes:
     """Errors on a logarithmic axis, each (T,) with its name, and the certified envelope.  Without
     one ``rate`` (1/s) adds a line that falls like exp(-rate t) from the first error, a slope and no
-    bound.  ``unit``: of all state components, "" without one."""
+    bound.  ``units``: of the state components, where they are known."""
     rows = look.thinned_rows(len(times))
     every = np.concatenate(list(errors.values()))
     falls = any(values[-1] < values[0] for values in errors.values())
@@ -328,7 +327,7 @@ def plot_errors(
         ax.set_ylim(0, 1.1 * float(every.max()))
     else:
         tick_decades(ax)
-    ax.set_ylabel(f"errors\n{look.in_units(unit)}", parse_math=False)
+    ax.set_ylabel(f"errors\n{look.in_units(*units)}", parse_math=False)
     return look.legend_above(ax, right=True)
 
 

@@ -287,7 +287,7 @@ class _Reader:
         return Problem(
             name=_text(document["name"], "name"),
             notes=_list(document["notes"], "notes"),
-            units=self.units(),
+            units=_list(document["units"], "units") if "units" in document else None,
             network=Network(labels=labels_of(self.labels), modes=self.modes()),
             coupling=coupling["h"],
             exceptions=self.exceptions(coupling["exceptions"]),
@@ -305,10 +305,6 @@ class _Reader:
             dynamics=self.table(Dynamics, "dynamics"),
             leader=self.table(Leader, "leader"),
         )
-
-    def units(self) -> list[Any] | None:
-        """The unit of every state component; None without units."""
-        return _list(self.document["units"], "units") if "units" in self.document else None
 
     def table(self, noun: Any, key: str) -> Document | None:
         """A table with the keys of this noun; None where there is none, and need not be."""

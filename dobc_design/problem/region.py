@@ -17,6 +17,7 @@ from dobc_design.exact.reading import (
     shown,
     shown_number,
 )
+from dobc_design.problem.network import is_label
 
 LONGEST_UNIT = 20  # characters
 Pair = tuple[Fraction, Fraction]
@@ -78,9 +79,7 @@ def read_units(value: Any, *, dimension: int) -> Texts:
 
 
 def _is_unit(value: object) -> bool:
-    if not isinstance(value, str) or not is_text(value) or len(value) > LONGEST_UNIT:
-        return False
-    return value.isprintable() and bool(value) and value == value.strip()
+    return is_text(value) and is_label(value) and len(str(value)) <= LONGEST_UNIT
 
 
 def read_pairs(value: Any, *, key: str, dimension: int) -> Pairs:

@@ -285,7 +285,7 @@ def error_picture(
             errors=errors,
             envelope=envelope,
             rate=certificate.rate,
-            unit=certificate.problem.unit,
+            units=certificate.problem.units,
         )
         return draw_band(runs.in_time(ax, times), switches, float(times[-1]))
 

@@ -74,7 +74,7 @@ def test_units_come_back_from_problem_json_from_a_file_and_through_a_change(tmp_
 
 
 @pytest.mark.parametrize(
-    "units", ["5", "1.5", "true", '""', '" m"', "[]", '["m"]', '["m", 2]', f'"{"x" * 21}"', "{}"]
+    "units", ["5", "1.5", "true", '""', '"  "', "[]", '["m"]', '["m", 2]', f'"{"x" * 21}"', "{}"]
 )
 def test_what_is_no_unit_is_refused(tmp_path, units: str):
     wanted = "units must be a text of 1 to 20 printable characters, or 2 of them"

@@ -60,10 +60,7 @@ linearity("0", True)
 linearity("y + 0*y**2", False)
 
 
-@pytest.mark.parametrize(
-    ("h", "linear"),
-    LINEAR,
-)
+@pytest.mark.parametrize(("h", "linear"), LINEAR)
 def test_linear_couplings_are_known_by_their_degree(h, linear):
     assert make_coupling(h, dimension=2).is_linear is linear
 
@@ -105,10 +102,7 @@ no_coupling(
 no_coupling("sqrt(abs(y))", "bounded slope around y = 0 .*: sqrt has no bounded slope on")
 
 
-@pytest.mark.parametrize(
-    ("h", "message"),
-    NO_COUPLINGS,
-)
+@pytest.mark.parametrize(("h", "message"), NO_COUPLINGS)
 def test_a_coupling_must_vanish_at_zero_and_be_lipschitz_around_it(h, message):
     """Theory, section 0: h_ij(0) = 0 is required and must be checked exactly."""
     with pytest.raises(ExpressionError, match=message) as caught:
@@ -157,10 +151,7 @@ mistyped(
 mistyped(ExpressionError, "coupling.h[0]", ["y", "y1"], 'did you mean "y1"')
 
 
-@pytest.mark.parametrize(
-    ("h", "error", "key", "message"),
-    MISTYPED,
-)
+@pytest.mark.parametrize(("h", "error", "key", "message"), MISTYPED)
 def test_errors_name_the_key_as_the_user_typed_it(h, error, key, message):
     with pytest.raises(error, match=message) as caught:
         make_coupling(h, dimension=2)

@@ -53,10 +53,7 @@ secant_gain("sqrt(2 + y) - sqrt(2)", (2 - math.sqrt(2)) / 2, math.sqrt(2) / 2)
 secant_gain("atan(y)*(2 + cos(y))", math.atan(2) * (2 + math.cos(2)) / 2, 3)
 
 
-@pytest.mark.parametrize(
-    ("text", "low", "high"),
-    GAINS,
-)
+@pytest.mark.parametrize(("text", "low", "high"), GAINS)
 def test_secant_gains_on_minus_two_to_two_are_those_of_the_theory(
     text: str, low: float, high: float
 ):
@@ -79,10 +76,7 @@ slope("clip(y, -1, 1)", 0, 1)
 slope("y/(2 + y**2)", -1 / 18, 0.5)
 
 
-@pytest.mark.parametrize(
-    ("text", "low", "high"),
-    SLOPES,
-)
+@pytest.mark.parametrize(("text", "low", "high"), SLOPES)
 def test_slopes_are_tight_and_clarkes_at_kinks(text: str, low: float, high: float):
     """Closed forms of h'."""
     found = slope_range(curve(text), TWO)
@@ -128,10 +122,7 @@ undefined("tan(y)", "tan")
 undefined("1/(1 - y) - 1", "division")
 
 
-@pytest.mark.parametrize(
-    ("text", "function"),
-    UNDEFINED,
-)
+@pytest.mark.parametrize(("text", "function"), UNDEFINED)
 @pytest.mark.parametrize("ranged", [value_range, slope_range, secant_range])
 def test_a_function_that_is_not_defined_is_refused_by_name_and_interval(
     text: str, function: str, ranged

@@ -87,10 +87,7 @@ read_as(
 read_as(" \t\r\n( y )\n", Y)
 
 
-@pytest.mark.parametrize(
-    ("text", "node"),
-    TREES,
-)
+@pytest.mark.parametrize(("text", "node"), TREES)
 def test_the_language_has_pythons_precedence_and_exact_numbers(text, node):
     """Contract: Python precedence; 3.2 is 16/5."""
     assert parse_expression(text).node == node
@@ -210,10 +207,7 @@ canonical_text("1e-30*y", "1e-30*y")
 canonical_text("y**.5", "sqrt(y)")
 
 
-@pytest.mark.parametrize(
-    ("text", "canonical"),
-    CANONICAL,
-)
+@pytest.mark.parametrize(("text", "canonical"), CANONICAL)
 def test_canonical_text_has_no_parenthesis_more_than_it_needs(text, canonical):
     assert str(parse_expression(text)) == canonical
 
@@ -249,10 +243,7 @@ typeset("atan(y)*pi", r"\arctan\left(y\right) \, \pi")
 typeset("1e-30*y", r"10^{-30} \, y")
 
 
-@pytest.mark.parametrize(
-    ("text", "latex"),
-    LATEX,
-)
+@pytest.mark.parametrize(("text", "latex"), LATEX)
 def test_latex_is_what_one_would_write_by_hand(text, latex):
     assert parse_expression(text).latex == latex
 
@@ -311,10 +302,7 @@ refused(
 refused("(" * 2000, "nested at most 50 deep")
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    REFUSED,
-)
+@pytest.mark.parametrize(("text", "message"), REFUSED)
 def test_what_is_not_in_the_language_is_refused_with_place_and_advice(text, message):
     with pytest.raises(ExpressionError, match=message) as caught:
         parse_expression(text)
@@ -336,10 +324,7 @@ wrong_name("y_2", 'did you mean "y2"')
 wrong_name("", "write a function of y1 to y3")
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    WRONG_NAMES,
-)
+@pytest.mark.parametrize(("text", "message"), WRONG_NAMES)
 def test_vector_expressions_say_which_variables_there_are(text, message):
     with pytest.raises(ExpressionError, match=message):
         parse_expression(text, dimension=3)
@@ -440,10 +425,7 @@ degree_of("-y", 1)
 degree_of("y**2 - y**2 + y", 2)
 
 
-@pytest.mark.parametrize(
-    ("text", "degree"),
-    DEGREES,
-)
+@pytest.mark.parametrize(("text", "degree"), DEGREES)
 def test_polynomial_degree_is_that_of_the_expression_as_written(text, degree):
     assert polynomial_degree(parse_expression(text).node) == degree
 
@@ -600,10 +582,7 @@ slope("sqrt(y)", (4, 9), ("1/6", "1/4"))
 slope("sqrt(0)*y - abs(0)", (0, 1), (0, 0))
 
 
-@pytest.mark.parametrize(
-    ("text", "ends", "slope"),
-    SLOPES,
-)
+@pytest.mark.parametrize(("text", "ends", "slope"), SLOPES)
 def test_slopes_are_exact_where_they_are_rational(text, ends, slope):
     """Contract: h'(0) exact where rational; theory, section 3: Clarke bounds at kinks."""
     assert _slope_of(text, *ends) == Interval(Fraction(slope[0]), Fraction(slope[1]))

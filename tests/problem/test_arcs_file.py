@@ -136,10 +136,7 @@ refused("DOCTYPE", '<!DOCTYPE g [<!ENTITY a SYSTEM "file:///etc/passwd">]><graph
 refused("not valid GraphML", "")
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    REFUSED,
-)
+@pytest.mark.parametrize(("text", "message"), REFUSED)
 def test_graphml_that_cannot_be_meant_is_refused(tmp_path, text, message):
     with pytest.raises(SpecError, match=message) as caught:
         read(tmp_path, text, name="g.graphml")

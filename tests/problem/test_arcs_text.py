@@ -53,10 +53,7 @@ written(
 )
 
 
-@pytest.mark.parametrize(
-    ("name", "text"),
-    WRITTEN,
-)
+@pytest.mark.parametrize(("name", "text"), WRITTEN)
 def test_the_same_three_arcs_however_they_are_written(tmp_path, name, text):
     assert triples(read(tmp_path, name, text)) == CHAIN
 
@@ -173,10 +170,7 @@ refused(
 )
 
 
-@pytest.mark.parametrize(
-    ("name", "text", "match"),
-    REFUSED,
-)
+@pytest.mark.parametrize(("name", "text", "match"), REFUSED)
 def test_what_could_mean_two_things_is_refused_with_the_cure(tmp_path, name, text, match):
     with pytest.raises(SpecError, match=match):
         read(tmp_path, name, text)

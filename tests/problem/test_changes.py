@@ -47,10 +47,7 @@ typed_as(10**20, 1e20)
 typed_as("1e-7", 1e-07)
 
 
-@pytest.mark.parametrize(
-    ("value", "typed"),
-    TYPED,
-)
+@pytest.mark.parametrize(("value", "typed"), TYPED)
 def test_a_rational_is_written_the_short_way(value, typed):
     assert typed_number(Fraction(value)) == typed
     assert type(typed_number(Fraction(value))) is type(typed)

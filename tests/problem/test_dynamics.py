@@ -105,10 +105,7 @@ no_dynamics(SpecError, EITHER)
 no_dynamics(SpecError, EITHER, A=[[0]], f=["x"])
 
 
-@pytest.mark.parametrize(
-    ("given", "message", "kind"),
-    NO_DYNAMICS,
-)
+@pytest.mark.parametrize(("given", "message", "kind"), NO_DYNAMICS)
 def test_what_cannot_be_dynamics_is_named(given, message, kind):
     with pytest.raises(kind) as caught:
         Dynamics(**given)
@@ -145,10 +142,7 @@ LARGE = {"A": [[0] * 101] * 101}
 mistake("dynamics", "at most 100 state components", dynamics=LARGE, coupling="y")
 
 
-@pytest.mark.parametrize(
-    ("given", "key", "words"),
-    MISTAKES,
-)
+@pytest.mark.parametrize(("given", "key", "words"), MISTAKES)
 def test_mistakes_are_named_with_key_and_cure(given, key, words):
     with pytest.raises(SpecError) as caught:
         agents(**given)

@@ -159,10 +159,7 @@ mistake(
 mistake(r"observer\.W.*no disturbance", "agents = [1]\nhz = 1\n[observer]\nW = [[1]]")
 
 
-@pytest.mark.parametrize(
-    ("text", "match"),
-    MISTAKES,
-)
+@pytest.mark.parametrize(("text", "match"), MISTAKES)
 def test_a_mistake_about_agents_without_a_disturbance_is_named(text: str, match: str):
     with pytest.raises(SpecError, match=match):
         read(f"[[exosystem.groups]]\n{text}\n")
@@ -242,10 +239,7 @@ kind_of(
 )
 
 
-@pytest.mark.parametrize(
-    ("kind", "shape"),
-    KINDS,
-)
+@pytest.mark.parametrize(("kind", "shape"), KINDS)
 def test_a_kind_stands_for_the_matrices_of_its_constructor(kind, shape):
     assert read(f"[exosystem]\n{kind}\n").exosystem == shape
 
@@ -279,10 +273,7 @@ meaningless(
 )
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    MEANINGLESS,
-)
+@pytest.mark.parametrize(("text", "message"), MEANINGLESS)
 def test_a_disturbance_in_words_that_means_nothing_is_refused(text: str, message: str):
     with pytest.raises(SpecError, match=message):
         read(f"[exosystem]\n{text}\n")

@@ -5,6 +5,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
+from dobc_design import exact
 from dobc_design.exact import IntegerSymmetric, SparseSymmetric, decide_quickly, from_float
 from dobc_design.exact.cholesky import (
     HIGH_BITS,
@@ -31,7 +32,9 @@ def test_the_work_is_counted_and_not_timed():
 
 def spectral(eigenvalues: list[float], *, seed: int = 0) -> IntegerSymmetric:
     """Q diag(eigenvalues) Q', rounded: eigenvalues right to about 1e-15."""
-    Q, _ = np.linalg.qr(np.random.default_rng(seed).standard_normal((len(eigenvalues),) * 2))
+    n = len(eigenvalues)
+    random = np.random.default_rng(seed).standard_normal((n, n))
+    Q, _ = np.linalg.qr(random)
     A = (Q * np.array(eigenvalues)) @ Q.T
     return IntegerSymmetric.from_floats((A + A.T) / 2)
 
@@ -49,7 +52,10 @@ def form(M: IntegerSymmetric | SparseSymmetric) -> Scaled:
 @pytest.mark.parametrize("n", [2, 14, 100, 300])
 def test_a_matrix_well_inside_is_proved(n: int):
     """Smallest eigenvalue 1e-6; not the twin at -1e-6, nor what doubles do not resolve."""
-    for lowest in (1e-6, -1e-6, 1e-17, -1e-17, 0.0) if n < 300 else (1e-6, -1e-6):
+    eigenvalues = [1e-6, -1e-6]
+    if n < 300:
+        eigenvalues += [1e-17, -1e-17, 0.0]
+    for lowest in eigenvalues:
         S = form(spectral(ladder(n, lowest)))
         assert proves_by_integers(S) is (lowest == 1e-6)
     one = form(IntegerSymmetric.from_floats(np.array([[1e-6]])))
@@ -92,12 +98,9 @@ def rest_is_dominated(R: list[list[Fraction]], low: int = 0) -> bool:
     L = []
     for i in range(n):
         L.append([Fraction(3, 4) * (j == 0) + low * unit * (i == j) for j in range(n)])
-    M = {
-        (i, j): sum(x * y for x, y in zip(L[i], L[j], strict=True)) + R[i][j]
-        for i in range(n)
-        for j in range(i, n)
-    }
-    S = form(SparseSymmetric(n, M))
+    product = exact.multiply(L, exact.transpose(L))
+    M = exact.add(product, R)
+    S = form(SparseSymmetric.from_dense(M))
     assert not S.exponents.any()
     return leaves_dominated_rest(S, high, low * np.eye(n))
 
@@ -130,8 +133,10 @@ def test_the_rest_has_to_be_dominated_row_by_row(
 def test_the_last_bits_of_the_factor_count():
     """L L' of the last bits alone is 2^-52 here; a rest of -2^-53 is negative all the same."""
     unit = Fraction(1, 2**53)
-    assert not rest_is_dominated([[-unit * (i == j) for j in range(3)] for i in range(3)], 2**25)
-    assert rest_is_dominated([[unit * (i == j) for j in range(3)] for i in range(3)], 2**25)
+    positive = exact.scale(unit, exact.identity(3))
+    negative = exact.scale(-unit, exact.identity(3))
+    assert not rest_is_dominated(negative, 2**25)
+    assert rest_is_dominated(positive, 2**25)
 
 
 def test_a_factor_that_is_too_large_or_no_integers_is_not_believed():

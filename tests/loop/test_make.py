@@ -14,7 +14,9 @@ from dobc_design.exact.matrix import to_float
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.make import loop_of, observed
 
-ARCS = {"a": [[2, 1], [3, 2, 2]], "b": [[3, 1], [1, 3, "1/2"]]}
+ARCS: dict[str, Any] = {}
+ARCS["a"] = [[2, 1], [3, 2, 2]]
+ARCS["b"] = [[3, 1], [1, 3, "1/2"]]
 CART = dd.Dynamics(A=[[0, 1], [-1, 0]], B=[[0], [2]])
 PENDULUM = dd.Dynamics(f=["x2", "-sin(x1)"], B=[[0], [2]])
 
@@ -25,13 +27,17 @@ OBSERVED["observer"] = dd.Observer(W=[["16/5"], ["12/5"]])
 
 
 def integrators() -> dd.Problem:
-    given: dict[str, Any] = {"exceptions": {(1, 0): "2*y"}, "gains": {1: 2, 3: "1/3"}}
-    return linked(ARCS, 3, "tanh(y)", target=1, offsets={2: 5}, **given, **OBSERVED)
+    given = OBSERVED | {"target": 1, "offsets": {2: 5}}
+    given["exceptions"] = {(1, 0): "2*y"}
+    given["gains"] = {1: 2, 3: "1/3"}
+    return linked(ARCS, 3, "tanh(y)", **given)
 
 
 def with_dynamics(dynamics: dd.Dynamics) -> dd.Problem:
-    given: dict[str, Any] = {"exceptions": {(1, 0): "3*y1"}, "gains": {1: [[2, 1]]}}
-    return linked(ARCS, 3, "y1 + tanh(y2)", dynamics=dynamics, **given, **OBSERVED)
+    given = OBSERVED | {"dynamics": dynamics}
+    given["exceptions"] = {(1, 0): "3*y1"}
+    given["gains"] = {1: [[2, 1]]}
+    return linked(ARCS, 3, "y1 + tanh(y2)", **given)
 
 
 def errors_move(loop: Loop, mode: str, e: np.ndarray, eps: np.ndarray) -> np.ndarray:
@@ -142,10 +148,9 @@ def test_a_gain_acts_on_the_inputs_where_they_are_fewer_than_the_states():
     """C of the inputs, as in the file; B C where W acts on x."""
     problem = with_dynamics(CART)
     assert observed(problem) is problem.groups
-    given: dict[str, Any] = {}
-    given["dynamics"] = dd.Dynamics(A=[[0, 1], [-1, 0]], B=[[2, 0], [0, 3]])
-    given["exosystem"] = dd.Exosystem(A=SINE, C=[[1, 0], [0, 1]])
-    square = linked(ARCS, 3, gains=1, **given)
+    dynamics = dd.Dynamics(A=[[0, 1], [-1, 0]], B=[[2, 0], [0, 3]])
+    exosystem = dd.Exosystem(A=SINE, C=[[1, 0], [0, 1]])
+    square = linked(ARCS, 3, gains=1, dynamics=dynamics, exosystem=exosystem)
     (group,) = observed(square)
     assert group.exosystem.C == ((2, 0), (0, 3))
 

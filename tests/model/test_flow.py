@@ -24,8 +24,13 @@ def test_the_end_is_where_scipy_ends(seed: int, m: int):
     problem = random_problem(seed, m=m, modes=2)
     flow = build_flow(loop_of(problem), "G1", horizon=1.5, steps=300)
     size = problem.n * m
-    start = np.random.default_rng(seed).uniform(-2, 2, size)
-    truth = end_of_run(lambda t, e: field(problem, "G1", e), 1.5, start)
+    rng = np.random.default_rng(seed)
+    start = rng.uniform(-2, 2, size)
+
+    def slope(t: float, e: np.ndarray) -> np.ndarray:
+        return field(problem, "G1", e)
+
+    truth = end_of_run(slope, 1.5, start)
     assert flow.end(start) == pytest.approx(truth, abs=1e-7)
     assert flow.rows == flow.size == size
 

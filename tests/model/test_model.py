@@ -63,7 +63,8 @@ def coupling_sum(problem: Problem, mode: str, e: np.ndarray) -> np.ndarray:
     total = np.zeros((problem.n, problem.m))
     agents = e.reshape(problem.n, problem.m)
     for i, j, weight in problem.network.modes[mode]:
-        h = problem.coupling_of(i, j).value(agents[j] - agents[i])
+        y = agents[j] - agents[i]
+        h = problem.coupling_of(i, j).value(y)
         total[i] += float(weight) * h
     return total.ravel()
 
@@ -161,15 +162,19 @@ def test_each_mode_has_its_own_arcs_and_without_any_still_its_pins():
 def test_a_thousand_agents_are_built_in_a_few_seconds():
     rng = np.random.default_rng(0)
     pairs = rng.integers(0, 1000, size=(6000, 2)).tolist()
-    arcs = sorted({(i, j) for i, j in pairs if i != j})
+    different = {(i, j) for i, j in pairs if i != j}
+    arcs = sorted(different)
     sine = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
     given: dict[str, Any] = {"exosystem": sine, "observer": Observer(W=[[3], [2]])}
     problem = linked(arcs, [*range(1000)], "exp(y) - 1 + y", gains=1, **given)
     start = time.process_time()
     model = build_model(problem)
-    assert time.process_time() - start < 10
+    taken = time.process_time() - start
+    assert taken < 10
     e = rng.uniform(-1, 1, 1000)
     listeners, speakers = np.array(arcs).T
     y = e[speakers] - e[listeners]
-    wanted = np.bincount(listeners, np.expm1(y) + y, 1000)
-    np.testing.assert_allclose(column(model.h(e)), wanted, rtol=1e-10, atol=1e-12)
+    felt = np.expm1(y) + y
+    wanted = np.bincount(listeners, felt, 1000)
+    found = column(model.h(e))
+    np.testing.assert_allclose(found, wanted, rtol=1e-10, atol=1e-12)

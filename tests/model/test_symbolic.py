@@ -52,7 +52,8 @@ def derivative_of_v(s: SimpleNamespace) -> Any:
     unknown = []
     eps_rate = []
     for i in range(s.n):
-        eps = s.eps[i * s.q : (i + 1) * s.q, :]
+        first = i * s.q
+        eps = s.eps[first : first + s.q, :]
         V += (eps.T * s.P * eps)[0]
         unknown += [*(s.C * eps)]
         eps_rate += [*((s.A - s.W * s.C) * eps)]
@@ -60,7 +61,10 @@ def derivative_of_v(s: SimpleNamespace) -> Any:
 
     states = [*s.e, *s.eps]
     rates = [*e_rate, *eps_rate]
-    return sum(sympy.diff(V, state) * rate for state, rate in zip(states, rates, strict=True))
+    total = sympy.Integer(0)
+    for state, rate in zip(states, rates, strict=True):
+        total += sympy.diff(V, state) * rate
+    return total
 
 
 def is_form(s: SimpleNamespace, psi: sympy.Matrix) -> bool:
@@ -141,7 +145,9 @@ def test_the_observer_error_does_not_feel_couplings_or_inputs(m: int, q: int):
     by just that."""
     a = agent(m=m, q=q)
     assert observer_residual(a, a.z_rate) == sympy.zeros(q, 1)
-    for mistake in (a.W * a.u, 2 * a.W * a.s):
+    untold = a.W * a.u
+    turned = 2 * a.W * a.s
+    for mistake in (untold, turned):
         residual = observer_residual(a, a.z_rate + mistake)
         assert residual == (-mistake).expand()
 
@@ -150,9 +156,10 @@ def test_the_observer_error_does_not_feel_couplings_or_inputs(m: int, q: int):
 def test_the_error_feels_the_disturbance_through_the_estimation_error_only(m: int, q: int):
     """(20) from (1), (12), (19); with the sign of u as printed in (6) it does not follow."""
     a = agent(m=m, q=q)
-    wanted = a.s - a.k * (a.x - a.g) + a.C * a.eps
-    nothing = sympy.zeros(m, 1)
-    moved = a.s + a.control + a.C * a.xi
-    assert (moved - wanted).expand() == nothing
-    turned = a.s - a.control + a.C * a.xi
-    assert (turned - wanted).expand() != nothing
+    error = a.x - a.g
+    wanted = a.s - a.k * error + a.C * a.eps
+    disturbed = a.s + a.C * a.xi
+    moved = disturbed + a.control - wanted
+    turned = disturbed - a.control - wanted
+    assert moved.expand() == sympy.zeros(m, 1)
+    assert turned.expand() != sympy.zeros(m, 1)

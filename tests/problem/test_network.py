@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from networks import network_of
 from scipy import sparse
 
 from dobc_design.errors import SpecError
@@ -51,11 +52,11 @@ def test_the_label_1_and_the_label_quoted_1_are_one_label():
 
 
 def test_a_count_gives_labels_from_one_and_a_mapping_one_mode_each_in_its_order():
-    network = Network.from_arcs([(1, 2)], arrow="listens_to", agents=4)
+    network = network_of([(1, 2)], 4)
     assert network.labels == ("1", "2", "3", "4")
     assert network.size == 4
     assert network.index == {"1": 0, "2": 1, "3": 2, "4": 3}
-    network = Network.from_arcs({"B": [(1, 2)], "A": [(2, 1)]}, arrow="listens_to", agents=2)
+    network = network_of({"B": [(1, 2)], "A": [(2, 1)]}, 2)
     assert list(network.modes) == ["B", "A"]
 
 
@@ -85,10 +86,11 @@ def test_a_wrong_arc_is_named(arcs, key, message):
     assert caught.value.key == key
 
 
-@pytest.mark.parametrize(
-    "agents",
-    [0, -1, 10**8, True, 2.0, "abc", None, {}, [], [""], [" "], ["x" * 201], ["\x1b[31m"], [None]],
-)
+NO_AGENTS: list[Any] = [0, -1, 10**8, True, 2.0, "abc", None, {}, []]
+NO_AGENTS += [[""], [" "], ["x" * 201], ["\x1b[31m"], [None]]
+
+
+@pytest.mark.parametrize("agents", NO_AGENTS)
 def test_wrong_agents_are_refused(agents):
     with pytest.raises(SpecError) as caught:
         labels_of(agents)
@@ -106,9 +108,9 @@ def test_a_network_needs_a_mode_and_modes_need_names():
 
 def test_networks_are_equal_when_labels_modes_and_arcs_are_in_the_same_order():
     arcs = {"A": [(1, 2)], "B": [(2, 1)]}
-    first = Network.from_arcs(arcs, arrow="listens_to", agents=2)
-    again = Network.from_arcs(dict(arcs), arrow="listens_to", agents=2)
-    turned = Network.from_arcs(dict(reversed(arcs.items())), arrow="listens_to", agents=2)
+    first = network_of(arcs, 2)
+    again = network_of(dict(arcs), 2)
+    turned = network_of(dict(reversed(arcs.items())), 2)
     assert first == again
     assert hash(first) == hash(again)
     assert first != turned, "the first mode is where simulations start"
@@ -175,8 +177,12 @@ def test_a_graph_that_is_no_network_is_refused(graph, message):
         Network.from_networkx(graph, arrow="listens_to")
 
 
+def matrix_of(n: int, entries: Any, rows: list[int], columns: list[int]) -> sparse.coo_array:
+    return sparse.coo_array((entries, (rows, columns)), shape=(n, n))
+
+
 def test_entry_i_j_is_the_arc_i_j_under_arrow():
-    matrix = sparse.coo_array(([2, 3], ([0, 1], [1, 2])), shape=(3, 3))
+    matrix = matrix_of(3, [2, 3], [0, 1], [1, 2])
     network = Network.from_sparse(matrix, arrow="listens_to")
     assert arcs_of(network) == {("1", "2", 2), ("2", "3", 3)}
     named = Network.from_sparse(matrix, arrow="sends_to", labels=["a", "b", "c"])
@@ -193,15 +199,14 @@ def test_a_weight_is_the_decimal_text_of_its_own_type(kind):
     if kind in (np.float32, np.float64):
         one, other = Fraction("0.1"), Fraction("0.5")
     entries = np.array([float(one), float(other)], dtype=kind)
-    matrix = sparse.coo_array((entries, ([0, 1], [1, 0])), shape=(2, 2))
+    matrix = matrix_of(2, entries, [0, 1], [1, 0])
     network = Network.from_sparse(matrix, arrow="listens_to")
     assert arcs_of(network) == {("1", "2", one), ("2", "1", other)}
 
 
 @pytest.mark.parametrize("form", ["csr", "csc", "coo", "lil", "dok", "bsr", "dia"])
 def test_every_sparse_format_reads_alike_and_is_left_as_it_was(form):
-    triplets = sparse.coo_array(([1.5, 2.0], ([0, 2], [1, 0])), shape=(3, 3))
-    matrix = triplets.asformat(form)
+    matrix = matrix_of(3, [1.5, 2.0], [0, 2], [1, 0]).asformat(form)
     before = matrix.toarray()
     network = Network.from_sparse(matrix, arrow="listens_to")
     assert arcs_of(network) == {("1", "2", Fraction(3, 2)), ("3", "1", 2)}
@@ -209,7 +214,7 @@ def test_every_sparse_format_reads_alike_and_is_left_as_it_was(form):
 
 
 def test_entries_stored_twice_are_added_and_stored_zeros_are_no_arcs():
-    matrix = sparse.coo_array(([1, 2, 0], ([0, 0, 1], [1, 1, 0])), shape=(2, 2))
+    matrix = matrix_of(2, [1, 2, 0], [0, 0, 1], [1, 1, 0])
     network = Network.from_sparse(matrix, arrow="listens_to")
     assert arcs_of(network) == {("1", "2", Fraction(3))}
     assert matrix.nnz == 3

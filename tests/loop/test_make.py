@@ -18,6 +18,7 @@ ARCS: dict[str, Any] = {}
 ARCS["a"] = [[2, 1], [3, 2, 2]]
 ARCS["b"] = [[3, 1], [1, 3, "1/2"]]
 CART = dd.Dynamics(A=[[0, 1], [-1, 0]], B=[[0], [2]])
+# a force of 2 for each unit of u, as for the cart
 PENDULUM = dd.Dynamics(f=["x2", "-sin(x1)"], B=[[0], [2]])
 
 

@@ -116,10 +116,14 @@ def test_observer_error_is_free_of_the_network_for_every_plant():
     def free(name, rows, columns=1):
         return sympy.Matrix(rows, columns, sympy.symbols(f"{name}:{rows * columns}"))
 
-    A, B = free("a", 2, 2), free("b", 2)
-    S, C = free("s", 2, 2), free("c", 1, 2)
+    A = free("a", 2, 2)
+    B = free("b", 2)
+    S = free("s", 2, 2)
+    C = free("c", 1, 2)
     W = free("w", 2)
-    x, xi, z = free("x", 2), free("xi", 2), free("z", 2)
+    x = free("x", 2)
+    xi = free("xi", 2)
+    z = free("z", 2)
     v = free("v", 1)  # couplings + u
     left = (B.T * B).inv() * B.T
     decay = S - W * C

@@ -13,7 +13,8 @@ from dobc_design.model.flow import build_flow
 
 
 def end_of_run(slope: Callable, horizon: float, start: np.ndarray) -> np.ndarray:
-    run = solve_ivp(slope, (0, horizon), start, method="DOP853", rtol=1e-11, atol=1e-12)
+    accurate = {"method": "DOP853", "rtol": 1e-11, "atol": 1e-12}
+    run = solve_ivp(slope, (0, horizon), start, **accurate)
     return run.y[:, -1]
 
 

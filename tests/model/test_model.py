@@ -113,14 +113,17 @@ def all_close(found, expected, tolerance=1e-10) -> None:
 def test_the_loop_agrees_with_the_equations_written_out_with_kronecker_products(coupling, q: int):
     """(1), (12), (13), (19) with I_n (x) ., as the paper writes them."""
     problem = random_problem(coupling, q, q=q)
-    n, m = problem.n, problem.m
+    n = problem.n
+    m = problem.m
     rng = np.random.default_rng(q)
     model = build_model(problem)
 
     def of_all(matrix) -> np.ndarray:
         return np.kron(np.eye(n), np.array(matrix, dtype=float))
 
-    A, C, W = np.zeros((0, 0)), np.zeros((n * m, 0)), np.zeros((0, n * m))
+    A = np.zeros((0, 0))
+    C = np.zeros((n * m, 0))
+    W = C.T
     if q:
         A = of_all(problem.exosystem.A)
         C = of_all(problem.exosystem.C)

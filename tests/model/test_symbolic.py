@@ -41,14 +41,15 @@ def psi_of(s: SimpleNamespace, *, Q: Any = None) -> sympy.Matrix:
     theta = sympy.diag(*[s.C] * s.n)
     omega = sympy.diag(*[of_one] * s.n)
     top = s.J - s.K
-    upper = (top + top.T).row_join(theta)
+    corner = top + top.T
+    upper = corner.row_join(theta)
     lower = theta.T.row_join(omega)
     return upper.col_join(lower)
 
 
 def derivative_of_v(s: SimpleNamespace) -> Any:
     """V = e'e + sum eps_i' P eps_i (23) along (22), by the chain rule."""
-    V = (s.e.T * s.e)[0]
+    (V,) = s.e.T * s.e
     unknown = []
     eps_rate = []
     for i in range(s.n):
@@ -70,7 +71,9 @@ def derivative_of_v(s: SimpleNamespace) -> Any:
 def is_form(s: SimpleNamespace, psi: sympy.Matrix) -> bool:
     """Whether V' = [e; eps]' psi [e; eps] (24)."""
     state = s.e.col_join(s.eps)
-    return sympy.expand(derivative_of_v(s) - (state.T * psi * state)[0]) == 0
+    (form,) = state.T * psi * state
+    residual = derivative_of_v(s) - form
+    return sympy.expand(residual) == 0
 
 
 SIZES = [(1, 1, 1), (2, 1, 2), (2, 2, 1), (3, 1, 2), (1, 2, 3), (2, 2, 2)]
@@ -121,9 +124,10 @@ def agent(*, m: int, q: int) -> SimpleNamespace:
     a.C = free("C", m, q)
     a.W = free("W", q, m)
     a.k = free("k", m, m)
-    a.x, a.u = free("x", m), free("u", m)
-    a.s, a.g = free("s", m), free("g", m)
-    a.xi, a.z = free("xi", q), free("z", q)
+    for name in ("x", "u", "s", "g"):
+        setattr(a, name, free(name, m))
+    a.xi = free("xi", q)
+    a.z = free("z", q)
     a.decay = a.A - a.W * a.C
     estimate = a.z + a.W * a.x
     a.x_rate = a.s + a.u + a.C * a.xi

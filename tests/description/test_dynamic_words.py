@@ -56,7 +56,8 @@ def test_couplings_are_not_judged_without_b():
     turning = dd.Dynamics(A=[[0]], B=[[-1]])
     turned = dd.Problem(network=pair, coupling="-y", dynamics=turning, gains={"b": [[-1]]})
     spring = dd.Dynamics(A=[[0, 1], [-1, 0]], B=[[0], [1]])
-    damped = dd.Problem(network=pair, coupling="2*y2", dynamics=spring, gains={"b": [[0, 1]]})
+    damping = {"b": [[0, 1]]}
+    damped = dd.Problem(network=pair, coupling="2*y2", dynamics=spring, gains=damping)
     for problem in (turned, damped):
         assert "coupling" not in "\n".join(remarks(problem))
 

@@ -58,10 +58,7 @@ disturbance("a part growing like exp(3 t)", Exosystem(A=[[3]], C=[[1]]))
 disturbance("none: the exosystem never reaches d", UNSEEN)
 
 
-@pytest.mark.parametrize(
-    ("exosystem", "words"),
-    DISTURBANCES,
-)
+@pytest.mark.parametrize(("exosystem", "words"), DISTURBANCES)
 def test_the_disturbance_in_words(exosystem: Exosystem, words: str):
     problem = sound(exosystem=exosystem)
     assert disturbance_words(problem, problem.groups[0]) == words

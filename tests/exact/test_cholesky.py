@@ -5,6 +5,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
+from dobc_design import exact
 from dobc_design.exact import IntegerSymmetric, SparseSymmetric, decide_quickly, from_float
 from dobc_design.exact.cholesky import (
     HIGH_BITS,
@@ -22,9 +23,8 @@ from dobc_design.verdict import Verdict
 
 def test_the_work_is_counted_and_not_timed():
     """A full matrix of three rows: three products at the first pivot, one at the second."""
-    M = SparseSymmetric(
-        3, {(i, j): Fraction(3 if i == j else 1) for i in range(3) for j in range(i, 3)}
-    )
+    entries = {(i, j): Fraction(3 if i == j else 1) for i in range(3) for j in range(i, 3)}
+    M = SparseSymmetric(3, entries)
     assert bad_direction(M, strict=True, most_work=3 + 1) is None
     with pytest.raises(UnfinishedError, match="stopped at pivot 2 of 3"):
         bad_direction(M, strict=True, most_work=3)
@@ -32,7 +32,9 @@ def test_the_work_is_counted_and_not_timed():
 
 def spectral(eigenvalues: list[float], *, seed: int = 0) -> IntegerSymmetric:
     """Q diag(eigenvalues) Q', rounded: eigenvalues right to about 1e-15."""
-    Q, _ = np.linalg.qr(np.random.default_rng(seed).standard_normal((len(eigenvalues),) * 2))
+    n = len(eigenvalues)
+    random = np.random.default_rng(seed).standard_normal((n, n))
+    Q, _ = np.linalg.qr(random)
     A = (Q * np.array(eigenvalues)) @ Q.T
     return IntegerSymmetric.from_floats((A + A.T) / 2)
 
@@ -50,7 +52,10 @@ def form(M: IntegerSymmetric | SparseSymmetric) -> Scaled:
 @pytest.mark.parametrize("n", [2, 14, 100, 300])
 def test_a_matrix_well_inside_is_proved(n: int):
     """Smallest eigenvalue 1e-6; not the twin at -1e-6, nor what doubles do not resolve."""
-    for lowest in (1e-6, -1e-6, 1e-17, -1e-17, 0.0) if n < 300 else (1e-6, -1e-6):
+    eigenvalues = [1e-6, -1e-6]
+    if n < 300:
+        eigenvalues += [1e-17, -1e-17, 0.0]
+    for lowest in eigenvalues:
         S = form(spectral(ladder(n, lowest)))
         assert proves_by_integers(S) is (lowest == 1e-6)
     one = form(IntegerSymmetric.from_floats(np.array([[1e-6]])))
@@ -90,13 +95,12 @@ def rest_is_dominated(R: list[list[Fraction]], low: int = 0) -> bool:
     high = np.zeros((n, n))
     high[:, 0] = 3 * 2.0 ** (HIGH_BITS - 2)
     unit = Fraction(1, 2 ** (HIGH_BITS + low_bits))
-    L = [[Fraction(3, 4) * (j == 0) + low * unit * (i == j) for j in range(n)] for i in range(n)]
-    M = {
-        (i, j): sum(x * y for x, y in zip(L[i], L[j], strict=True)) + R[i][j]
-        for i in range(n)
-        for j in range(i, n)
-    }
-    S = form(SparseSymmetric(n, M))
+    L = []
+    for i in range(n):
+        L.append([Fraction(3, 4) * (j == 0) + low * unit * (i == j) for j in range(n)])
+    product = exact.multiply(L, exact.transpose(L))
+    M = exact.add(product, R)
+    S = form(SparseSymmetric.from_dense(M))
     assert not S.exponents.any()
     return leaves_dominated_rest(S, high, low * np.eye(n))
 
@@ -120,15 +124,19 @@ def test_the_rest_has_to_be_dominated_row_by_row(
     """M = L L' + R is built in fractions, L almost of rank one, so that R decides; 3 rows, R from
     2^-30 to 2^-60."""
     for unit in (Fraction(1, 2**power) for power in (30, 45, 60)):
-        R = [[unit * (diagonal if i == j else beside) for j in range(3)] for i in range(3)]
+        R = []
+        for i in range(3):
+            R.append([unit * (diagonal if i == j else beside) for j in range(3)])
         assert rest_is_dominated(R, low) is dominated
 
 
 def test_the_last_bits_of_the_factor_count():
     """L L' of the last bits alone is 2^-52 here; a rest of -2^-53 is negative all the same."""
     unit = Fraction(1, 2**53)
-    assert not rest_is_dominated([[-unit * (i == j) for j in range(3)] for i in range(3)], 2**25)
-    assert rest_is_dominated([[unit * (i == j) for j in range(3)] for i in range(3)], 2**25)
+    positive = exact.scale(unit, exact.identity(3))
+    negative = exact.scale(-unit, exact.identity(3))
+    assert not rest_is_dominated(negative, 2**25)
+    assert rest_is_dominated(positive, 2**25)
 
 
 def test_a_factor_that_is_too_large_or_no_integers_is_not_believed():
@@ -151,16 +159,17 @@ def test_a_factorisation_that_breaks_down_proves_nothing_and_others_are_passed_o
     monkeypatch.setattr(np.linalg, "cholesky", lambda A: np.full_like(A, np.nan))
     assert not proves_by_integers(S)
     # No eigenvalue near 0: nothing to lift. Half of them 0: elimination is as good.
-    assert (
-        lifted(IntegerSymmetric.from_floats(gram(20, 60, seed=0) + 100 * np.eye(20)), strict=True)
-        is None
-    )
-    assert lifted(IntegerSymmetric.from_floats(gram(20, 10, seed=0)), strict=True) is None
+    matrix = gram(20, 60, seed=0) + 100 * np.eye(20)
+    found = lifted(IntegerSymmetric.from_floats(matrix), strict=True)
+    assert found is None
+    found = lifted(IntegerSymmetric.from_floats(gram(20, 10, seed=0)), strict=True)
+    assert found is None
 
 
 def test_the_quick_answer_has_three_values():
     """Inside, outside, and next to the edge, with a witness for the second."""
-    assert decide_quickly(spectral(ladder(40, 1e-6))).verdict is Verdict.PROVED
+    found = decide_quickly(spectral(ladder(40, 1e-6)))
+    assert found.verdict is Verdict.PROVED
     M = spectral(ladder(40, -1e-6))
     refuted = decide_quickly(M)
     assert refuted.verdict is Verdict.REFUTED
@@ -168,11 +177,10 @@ def test_the_quick_answer_has_three_values():
     edge = decide_quickly(spectral(ladder(40, 1e-15)))
     assert edge.verdict is Verdict.UNDECIDED
     assert edge.method.startswith("Cholesky factor")
-    assert decide_quickly(from_float(np.diag([1.0, 0.0]), None)).verdict is Verdict.REFUTED
-    assert (
-        decide_quickly(from_float(np.array([[1.0, 5.0], [5.0, 1.0]]), None)).verdict
-        is Verdict.REFUTED
-    )
+    found = decide_quickly(from_float(np.diag([1.0, 0.0]), None))
+    assert found.verdict is Verdict.REFUTED
+    found = decide_quickly(from_float(np.array([[1.0, 5.0], [5.0, 1.0]]), None))
+    assert found.verdict is Verdict.REFUTED
     assert decide_quickly(()).verdict is Verdict.PROVED
 
 
@@ -195,7 +203,8 @@ def test_a_singular_gram_matrix_is_semidefinite_and_not_definite(n: int, columns
     assert lifted(M, strict=False) == {}
     direction = lifted(M, strict=True)
     assert direction
-    assert M.quadratic_form([direction.get(i, Fraction(0)) for i in range(n)]) == 0
+    found = M.quadratic_form([direction.get(i, Fraction(0)) for i in range(n)])
+    assert found == 0
 
 
 @pytest.mark.parametrize("shift", [Fraction(1, 10**40), Fraction(-1, 10**40)])
@@ -208,7 +217,8 @@ def test_the_sign_of_a_shift_far_below_the_doubles_is_seen(shift: Fraction):
         assert direction is not None
         assert (direction == {}) == (shift > 0)
         if direction:
-            assert M.quadratic_form([direction.get(i, Fraction(0)) for i in range(n)]) < 0
+            found = M.quadratic_form([direction.get(i, Fraction(0)) for i in range(n)])
+            assert found < 0
 
 
 def test_wrong_eigenvectors_never_give_a_wrong_answer():
@@ -219,7 +229,8 @@ def test_wrong_eigenvectors_never_give_a_wrong_answer():
     values = np.linalg.eigh(S.floats)[0]
     for seed in range(5):
         Q, _ = np.linalg.qr(np.random.default_rng(seed).standard_normal((n, n)))
-        assert decide_lifted(M, S, values, Q, strict=True) != {}
+        found = decide_lifted(M, S, values, Q, strict=True)
+        assert found != {}
         assert not decide_lifted(M, S, values, Q, strict=False)
 
 
@@ -232,7 +243,6 @@ def test_what_is_left_after_the_lift_has_to_be_proved_definite():
     M = IntegerSymmetric.from_floats((A + A.T) / 2)
     S = form(M)
     vectors = np.linalg.eigh(S.floats)[1]
-    assert (
-        decide_lifted(M, S, np.array([0.0] + [1.0] * (n - 1)), vectors[:, ::-1], strict=True)
-        is None
-    )
+    values = np.array([0.0] + [1.0] * (n - 1))
+    found = decide_lifted(M, S, values, vectors[:, ::-1], strict=True)
+    assert found is None

@@ -28,6 +28,11 @@ PROVED, REFUTED = Verdict.PROVED, Verdict.REFUTED
 RATIONALS = st.fractions(min_value=-3, max_value=3, max_denominator=4)
 
 
+def numbers(text) -> tuple[Fraction, ...]:
+    """The rationals between blanks: coefficients, the leading one first."""
+    return tuple(map(Fraction, text.split()))
+
+
 def times(p, q):
     product = [Fraction(0)] * (len(p) + len(q) - 1)
     for i, x in enumerate(p):
@@ -43,8 +48,13 @@ def product(*factors) -> tuple[Fraction, ...]:
 def from_factors(factors):
     """The polynomial of factors, and its numbers of roots with positive real part and on the
     imaginary axis."""
-    roots = [re for _, parts in factors for re in parts]
-    return product(*(factor for factor, _ in factors)), sum(re > 0 for re in roots), roots.count(0)
+    polynomial = (1,)
+    roots = []
+    for factor, parts in factors:
+        polynomial = times(polynomial, factor)
+        roots.extend(parts)
+    right = sum(re > 0 for re in roots)
+    return polynomial, right, roots.count(0)
 
 
 def real_root(r):
@@ -63,14 +73,12 @@ def quadruple(re, im):
     return times(right, left), (re, re, -re, -re)
 
 
-FACTORS = st.lists(
-    RATIONALS.map(real_root)
-    | st.builds(complex_pair, RATIONALS, RATIONALS)
-    | st.builds(complex_pair, st.just(0), RATIONALS)
-    | RATIONALS.map(lambda r: ((1, 0, -r * r), (r, -r)))
-    | st.builds(quadruple, RATIONALS, RATIONALS),
-    max_size=5,
-).map(from_factors)
+ANYWHERE = st.builds(complex_pair, RATIONALS, RATIONALS)
+ON_AXIS = st.builds(complex_pair, st.just(0), RATIONALS)
+OPPOSITE = RATIONALS.map(lambda r: ((1, 0, -r * r), (r, -r)))
+SYMMETRIC = st.builds(quadruple, RATIONALS, RATIONALS)
+FACTOR = RATIONALS.map(real_root) | ANYWHERE | ON_AXIS | OPPOSITE | SYMMETRIC
+FACTORS = st.lists(FACTOR, max_size=5).map(from_factors)
 
 
 @settings(max_examples=20, deadline=None)
@@ -88,24 +96,25 @@ def test_roots_to_the_right_are_counted_exactly_and_routh_agrees(built, factor):
 @pytest.mark.parametrize(
     ("coefficients", "column", "failing"),
     [
-        ((1, 3, 3, 1), (1, 3, Fraction(8, 3), 1), None),
-        ((2, 6, 6, 2), (1, 3, Fraction(8, 3), 1), None),
-        ((-1, -3, -3, -1), (1, 3, Fraction(8, 3), 1), None),
-        ((0, 0, 1, 2), (1, 2), None),
-        ((5,), (1,), None),
-        ((1, 0), (1, 0), 1),
-        ((1, 0, 4), (1, 0), 1),
-        ((1, 1, 1, 1), (1, 1, 0), 2),
-        ((1, 1, 2, 8), (1, 1, -6), 2),
-        ((1, -1), (1, -1), 1),
-        ((1, 2, 1, 2, 0), (1, 2, 0), 2),
-        ((1, 2, 3, 0), (1, 2, 3, 0), 3),
+        ("1 3 3 1", "1 3 8/3 1", None),
+        ("2 6 6 2", "1 3 8/3 1", None),
+        ("-1 -3 -3 -1", "1 3 8/3 1", None),
+        ("0 0 1 2", "1 2", None),
+        ("5", "1", None),
+        ("1 0", "1 0", 1),
+        ("1 0 4", "1 0", 1),
+        ("1 1 1 1", "1 1 0", 2),
+        ("1 1 2 8", "1 1 -6", 2),
+        ("1 -1", "1 -1", 1),
+        ("1 2 1 2 0", "1 2 0", 2),
+        ("1 2 3 0", "1 2 3 0", 3),
     ],
 )
 def test_the_first_column_of_known_tables(coefficients, column, failing):
     """By hand; the first entry <= 0 ends the table and refutes (theory, section 3)."""
-    table = exact.routh(coefficients)
-    assert (table.first_column, table.failing_row) == (column, failing)
+    table = exact.routh(numbers(coefficients))
+    assert table.first_column == numbers(column)
+    assert table.failing_row == failing
     assert table.verdict is (PROVED if failing is None else REFUTED)
 
 
@@ -113,9 +122,15 @@ def test_a_margin_of_ten_to_the_minus_fifty_decides():
     """(s + 1)(s^2 + d s + 1): Hurwitz iff d > 0."""
     tiny = Fraction(1, 10**50)
     for d, verdict in ((tiny, PROVED), (0, REFUTED), (-tiny, REFUTED)):
-        assert exact.routh(times((1, 1), (1, d, 1))).verdict is verdict
-    assert exact.count_right_half_plane(times((1, 1), (1, -tiny, 1))) == 2
-    assert exact.count_right_half_plane(times((1, 1), (1, 0, 1))) == 0
+        coefficients = times((1, 1), (1, d, 1))
+        found = exact.routh(coefficients)
+        assert found.verdict is verdict
+    coefficients = times((1, 1), (1, -tiny, 1))
+    found = exact.count_right_half_plane(coefficients)
+    assert found == 2
+    coefficients = times((1, 1), (1, 0, 1))
+    found = exact.count_right_half_plane(coefficients)
+    assert found == 0
 
 
 def test_the_zero_polynomial_and_matrices_that_are_not_square_are_refused():
@@ -148,18 +163,18 @@ def test_the_characteristic_polynomial_agrees_with_sympy(A):
 @pytest.mark.parametrize(
     ("coefficients", "text"),
     [
-        ((1, 0, 4), "s^2 + 4"),
-        ((1, 0), "s"),
-        ((1,), "1"),
-        ((), "0"),
-        ((0, 0), "0"),
-        ((-1, Fraction(-1, 2), 1, -1), "-s^3 - 1/2 s^2 + s - 1"),
-        ((Fraction(16, 5), 0, 0), "16/5 s^2"),
+        ("1 0 4", "s^2 + 4"),
+        ("1 0", "s"),
+        ("1", "1"),
+        ("", "0"),
+        ("0 0", "0"),
+        ("-1 -1/2 1 -1", "-s^3 - 1/2 s^2 + s - 1"),
+        ("16/5 0 0", "16/5 s^2"),
     ],
 )
 def test_polynomials_read_as_in_the_book(coefficients, text):
     """Theory, section 9: two equal oscillators seen as one leave s^2 + 4."""
-    assert exact.polynomial_text(coefficients) == text
+    assert exact.polynomial_text(numbers(coefficients)) == text
     assert exact.polynomial_text((1, 1), "z") == "z + 1"
 
 
@@ -174,14 +189,19 @@ def quadratic(re, im) -> tuple[Fraction, ...]:
 def test_a_shift_decides_the_half_plane_with_and_without_its_border(by, expected):
     """Roots -2 +- 3i and -2: on the line Re s = -2."""
     polynomial = product(quadratic(-2, 3), (1, 2))
-    assert decide_images([shifted(polynomial, -2 + Fraction(by))], degree=3) == expected
+    images = [shifted(polynomial, -2 + Fraction(by))]
+    found = decide_images(images, degree=3)
+    assert found == expected
 
 
 def test_reflections_and_shifts_move_the_roots():
-    assert reflected(product((1, -1), (1, -2))) == product((1, 1), (1, 2))
+    coefficients = product((1, -1), (1, -2))
+    found = reflected(coefficients)
+    assert found == product((1, 1), (1, 2))
     p = (2, -3, Fraction(1, 2), 7)
     expected = np.poly1d([2, -3, 0.5, 7])(np.poly1d([1, 1.5])).coefficients
-    assert [float(x) for x in shifted(p, Fraction(3, 2))] == pytest.approx(expected.tolist())
+    found = [float(x) for x in shifted(p, Fraction(3, 2))]
+    assert found == pytest.approx(expected.tolist())
 
 
 def disk(polynomial, radius):
@@ -200,9 +220,11 @@ def cone(polynomial, damping):
 )
 def test_a_disk_and_a_cone_are_decided_at_their_borders(shape, border, outer, inner):
     """-3 +- 4i lies at the distance 5 from 0, as does -5, and has the damping ratio 3/5 exactly."""
-    for polynomial in (quadratic(-3, 4), product(quadratic(-3, 4), (1, 5))):
+    cases = (quadratic(-3, 4), product(quadratic(-3, 4), (1, 5)))
+    for polynomial in cases:
         found = [shape(polynomial, size) for size in (border, outer, inner)]
-        assert found == [(True, False), (True, True), (False, False)]
+        expected = [(True, False), (True, True), (False, False)]
+        assert found == expected
 
 
 def test_borders_of_disk_and_cone_hold_their_ends():
@@ -210,8 +232,10 @@ def test_borders_of_disk_and_cone_hold_their_ends():
     for roots in ((2,), (2, 2), (2, 0)):
         polynomial = product(*((1, -Fraction(r)) for r in roots))
         image = disk_image(polynomial, centre=1, radius=1)
-        assert decide_images([image], degree=len(roots)) == (True, False)
-    assert cone(quadratic(3, 0), "1/2") == (False, False)
+        found = decide_images([image], degree=len(roots))
+        assert found == (True, False)
+    found = cone(quadratic(3, 0), "1/2")
+    assert found == (False, False)
     assert cone((1, 0), "1/2") == (True, False)
 
 
@@ -220,11 +244,13 @@ def test_random_polynomials_agree_with_their_roots(seed):
     """Roots are drawn, the polynomial is multiplied out exactly; none is closer than 1e-9 to a
     border."""
     r = Random(seed)
-    pairs = []
+    roots = []
+    polynomial = (1,)
     for _ in range(r.randint(1, 3)):
-        pairs.append((Fraction(r.randint(-60, 10), 7), Fraction(r.randint(0, 60), 7)))
-    roots = [complex(a, s * b) for a, b in pairs for s in (1, -1)]
-    polynomial = product(*(quadratic(a, b) for a, b in pairs))
+        re = Fraction(r.randint(-60, 10), 7)
+        im = Fraction(r.randint(0, 60), 7)
+        roots += [complex(re, im), complex(re, -im)]
+        polynomial = times(polynomial, quadratic(re, im))
     damping = Fraction(r.randint(1, 99), 100)
     centre = Fraction(r.randint(-60, 0), 11)
     radius = Fraction(r.randint(1, 90), 11)
@@ -238,15 +264,14 @@ def test_random_polynomials_agree_with_their_roots(seed):
     assert found_in_disk == in_disk
 
 
-@pytest.mark.parametrize(
-    ("coefficients", "expected"),
-    [
-        *((p, True) for p in ((1, 0), (1, 1), (1, 2, 1), (1, -1, -2), (1, 0, 0))),
-        *((p, False) for p in ((1, -1), (1, 0, 1), (5,), (1, -3, 2), (1, -2, 2))),
-    ],
-)
-def test_roots_up_to_zero_are_found_by_sturm(coefficients, expected):
-    assert has_root_up_to_zero([Fraction(x) for x in coefficients]) is expected
+@pytest.mark.parametrize("coefficients", ["1 0", "1 1", "1 2 1", "1 -1 -2", "1 0 0"])
+def test_roots_up_to_zero_are_found_by_sturm(coefficients):
+    assert has_root_up_to_zero(numbers(coefficients)) is True
+
+
+@pytest.mark.parametrize("coefficients", ["1 -1", "1 0 1", "5", "1 -3 2", "1 -2 2"])
+def test_where_no_root_is_up_to_zero_sturm_finds_none(coefficients):
+    assert has_root_up_to_zero(numbers(coefficients)) is False
 
 
 @pytest.mark.parametrize("seed", range(30))

@@ -62,8 +62,10 @@ def test_what_is_given_twice_for_a_place_is_added_up(given_entries):
     total: dict[tuple[int, int], int] = {}
     for place, value in given_entries:
         total[place] = total.get(place, 0) + value
-    M = arrays(5, [(*place, value) for place, value in given_entries])
-    assert M.to_sparse() == SparseSymmetric(5, {p: Fraction(x) for p, x in total.items()})
+    entries = [(*place, value) for place, value in given_entries]
+    M = arrays(5, entries)
+    entries = {p: Fraction(x) for p, x in total.items()}
+    assert M.to_sparse() == SparseSymmetric(5, entries)
     assert (M.values.dtype == np.int64) == all(abs(x) < 2**62 for x in total.values())
 
 
@@ -76,24 +78,29 @@ def test_signs_of_a_product_are_exact(data, entry_bits, vector_bits):
     upper = {(i, j): data.draw(numbers) or 1 for i in range(n) for j in range(i, n)}
     v = [data.draw(st.integers(1, 2**vector_bits)) for _ in range(n - 1)] + [1]
     upper[0, n - 1] = data.draw(st.integers(-1, 1)) - sum(upper[0, j] * v[j] for j in range(n - 1))
-    M = arrays(n, [(i, j, x) for (i, j), x in upper.items()])
+    entries = [(i, j, x) for (i, j), x in upper.items()]
+    M = arrays(n, entries)
     rows = both_triangles(M)
-    expected = [
-        sum(upper.get((min(i, j), max(i, j)), 0) * v[j] for j in range(n)) for i in range(n)
-    ]
+    expected = []
+    for i in range(n):
+        expected.append(sum(upper.get((min(i, j), max(i, j)), 0) * v[j] for j in range(n)))
     if rows is not None:
         short = max(v) < 2**62
-        signs = signs_of_product(rows, np.array(v, dtype=np.int64 if short else object))
+        vector = np.array(v, dtype=np.int64 if short else object)
+        signs = signs_of_product(rows, vector)
         assert signs.tolist() == [(x > 0) - (x < 0) for x in expected]
 
 
 def test_signs_are_exact_for_numbers_of_any_length():
     """a a - a^2 = 0 with all bits of a set, 8000 of them."""
     a = 2**8000 - 1
-    rows = both_triangles(arrays(2, [(0, 0, a), (0, 1, 1), (1, 1, 5)]))
+    entries = [(0, 0, a), (0, 1, 1), (1, 1, 5)]
+    rows = both_triangles(arrays(2, entries))
     assert rows is not None
     for excess in (-1, 0, 1):
-        assert signs_of_product(rows, np.array([a, excess - a * a], dtype=object))[0] == excess
+        vector = np.array([a, excess - a * a], dtype=object)
+        found = signs_of_product(rows, vector)
+        assert found[0] == excess
 
 
 @given(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=6, max_size=6))
@@ -102,9 +109,8 @@ def test_floats_are_taken_at_their_exact_value(values):
     matrix = np.zeros((3, 3))
     matrix[np.triu_indices(3)] = values
     matrix = np.triu(matrix) + np.triu(matrix, 1).T
-    assert IntegerSymmetric.from_floats(matrix).to_sparse() == SparseSymmetric.from_dense(
-        from_float(matrix, None)
-    )
+    found = IntegerSymmetric.from_floats(matrix).to_sparse()
+    assert found == SparseSymmetric.from_dense(from_float(matrix, None))
 
 
 def test_rounding_that_weakens_never_helps():
@@ -112,7 +118,8 @@ def test_rounding_that_weakens_never_helps():
     M = SparseSymmetric.from_dense(exact_matrix("1/3 1/3; 1/3 -1/3"))
     weak = IntegerSymmetric.weakened(M, bits=2)
     assert weak.to_dense() == exact_matrix("1/4 1/2; 1/2 -1/2")
-    negative = SparseSymmetric(2, {(0, 1): Fraction(-1, 3)})
+    entries = {(0, 1): Fraction(-1, 3)}
+    negative = SparseSymmetric(2, entries)
     weak = IntegerSymmetric.weakened(negative, bits=2)
     assert weak.to_dense() == exact_matrix("0 -1/2; -1/2 0")
 
@@ -120,18 +127,25 @@ def test_rounding_that_weakens_never_helps():
 def test_a_long_common_denominator_is_not_taken():
     """The first 200 primes have a product of over 512 bits."""
     primes = [p for p in range(2, 1230) if all(p % q for q in range(2, int(p**0.5) + 1))][:200]
-    M = SparseSymmetric(200, {(i, i): Fraction(1, p) for i, p in enumerate(primes)})
+    entries = {(i, i): Fraction(1, p) for i, p in enumerate(primes)}
+    M = SparseSymmetric(200, entries)
     assert in_integers(M) is None
-    short = SparseSymmetric(200, {(i, i): Fraction(1, i % 7 + 1) for i in range(200)})
+    entries = {(i, i): Fraction(1, i % 7 + 1) for i in range(200)}
+    short = SparseSymmetric(200, entries)
     assert in_integers(short).denominator == 420
 
 
 def test_zeros_are_dropped_and_it_survives_pickling():
-    assert both_triangles(arrays(2, [(0, 0, 1)])) is None
+    entries = [(0, 0, 1)]
+    found = both_triangles(arrays(2, entries))
+    assert found is None
     assert both_triangles(arrays(0, [])) is None
-    assert SparseSymmetric(2, {(0, 1): 0, (1, 1): 2}) == SparseSymmetric(2, {(1, 1): 2})
+    entries = {(0, 1): 0, (1, 1): 2}
+    found = SparseSymmetric(2, entries)
+    assert found == SparseSymmetric(2, {(1, 1): 2})
     # Sweeps send problems between processes.
-    M = SparseSymmetric(2, {(0, 1): Fraction(1, 3)})
+    entries = {(0, 1): Fraction(1, 3)}
+    M = SparseSymmetric(2, entries)
     assert pickle.loads(pickle.dumps(M)) == M
 
 
@@ -147,23 +161,28 @@ def test_what_does_not_fit_is_refused():
     here = np.array([0])
     with pytest.raises(ShapeError, match="one length; got 1, 1 and 2"):
         IntegerSymmetric(size=1, rows=here, columns=here, values=np.array([1, 2]))
+    entries = [(0, 0, 1)]
     with pytest.raises(SpecError, match="denominator must be at least 1; got 0"):
-        arrays(1, [(0, 0, 1)], denominator=0)
-    for values in (np.array([1.0]), np.array([Fraction(1, 2)], dtype=object), np.array([True])):
+        arrays(1, entries, denominator=0)
+    cases = (np.array([1.0]), np.array([Fraction(1, 2)], dtype=object), np.array([True]))
+    for values in cases:
         with pytest.raises(SpecError, match="values must be integers"):
             IntegerSymmetric(size=1, rows=here, columns=here, values=values)
     with pytest.raises(ShapeError, match="upper triangle"):
         arrays(-1, [])
+    entries = [(0, 0, 1)]
     with pytest.raises(ShapeError, match="must have 1 entries; got 2"):
-        arrays(1, [(0, 0, 1)]).quadratic_form([1, 2])
+        arrays(1, entries).quadratic_form([1, 2])
     with pytest.raises(ShapeError, match="must be square"):
         IntegerSymmetric.from_floats(np.zeros((1, 2)))
+    matrix = np.array([[1.0, 2.0], [2.0 + 2**-51, 1.0]])
     with pytest.raises(ShapeError, match="must be exactly symmetric"):
-        IntegerSymmetric.from_floats(np.array([[1.0, 2.0], [2.0 + 2**-51, 1.0]]))
+        IntegerSymmetric.from_floats(matrix)
     with pytest.raises(SpecError, match="must have finite entries"):
         IntegerSymmetric.from_floats(np.array([[np.inf]]))
+    entries = [(0, 0, 1)]
     with pytest.raises(ShapeError, match="one size"):
-        arrays(2, [(0, 0, 1)]) + arrays(3, [(0, 0, 1)])
+        arrays(2, entries) + arrays(3, [(0, 0, 1)])
     with pytest.raises(ShapeError, match="size must be 0 or more"):
         SparseSymmetric(-1, {})
     with pytest.raises(ShapeError, match="one size; got 2 and 3"):
@@ -185,9 +204,12 @@ def test_what_does_not_fit_is_refused():
 def test_sums_and_shifts_are_those_of_the_sparse_form(M, N, shift):
     """Of both forms in any order; denominators that differ."""
     whole = IntegerSymmetric.from_sparse(M)
-    assert (whole + N).to_sparse() == (N + whole).to_sparse() == M + N
-    assert (whole + IntegerSymmetric.from_sparse(N)).to_sparse() == M + N
-    assert whole.shifted(shift).to_sparse() == M.shifted(shift)
+    found = (whole + N).to_sparse()
+    assert found == (N + whole).to_sparse() == M + N
+    found = (whole + IntegerSymmetric.from_sparse(N)).to_sparse()
+    assert found == M + N
+    found = whole.shifted(shift).to_sparse()
+    assert found == M.shifted(shift)
     assert whole.negated().to_sparse() == M.negated()
     assert whole.entries == M.entries
 
@@ -195,11 +217,14 @@ def test_sums_and_shifts_are_those_of_the_sparse_form(M, N, shift):
 @settings(max_examples=12)
 @given(SPARSE, st.lists(st.integers(0, 4), unique=True))
 def test_some_rows_and_columns_in_their_order(M, rows):
-    full, part = M.to_dense(), [[M.to_dense()[i][j] for j in rows] for i in rows]
-    assert [
-        list(row) for row in IntegerSymmetric.from_sparse(M).restricted(rows).to_dense()
-    ] == part
-    assert [list(row) for row in M.restricted(rows).to_dense()] == part
+    full = M.to_dense()
+    part = []
+    for i in rows:
+        part.append([M.to_dense()[i][j] for j in rows])
+    found = [list(row) for row in IntegerSymmetric.from_sparse(M).restricted(rows).to_dense()]
+    assert found == part
+    found = [list(row) for row in M.restricted(rows).to_dense()]
+    assert found == part
     assert len(full) == 5
 
 
@@ -208,10 +233,13 @@ def test_some_rows_and_columns_in_their_order(M, rows):
 def test_operations_agree_with_the_dense_ones(M, N, c):
     """Dense rational arithmetic is the oracle."""
     assert SparseSymmetric.from_dense(M.to_dense()) == M
-    assert (M + N).to_dense() == add(M.to_dense(), N.to_dense())
-    assert M.scaled(c).to_dense() == scale(c, M.to_dense())
+    found = (M + N).to_dense()
+    assert found == add(M.to_dense(), N.to_dense())
+    found = M.scaled(c).to_dense()
+    assert found == scale(c, M.to_dense())
     assert M.negated() + M == SparseSymmetric(5, {})
-    assert M.shifted(c).to_dense() == add(M.to_dense(), scale(c, identity(5)))
+    found = M.shifted(c).to_dense()
+    assert found == add(M.to_dense(), scale(c, identity(5)))
 
 
 @settings(max_examples=12)
@@ -228,15 +256,20 @@ def test_triplets_fill_both_triangles(M):
     full = np.zeros((5, 5))
     np.add.at(full, (rows, columns), values)
     assert (full == to_float(M.to_dense())).all()
-    assert len(set(zip(rows.tolist(), columns.tolist(), strict=True))) == len(values)
+    found = set(zip(rows.tolist(), columns.tolist(), strict=True))
+    assert len(found) == len(values)
 
 
 def test_doubles_are_exact_frozen_and_equal_by_value():
     v = Doubles(np.array([0.1, 2.0, -(2.0**-1074)]))
-    assert list(v) == [Fraction(0.1), 2, Fraction(-1, 2**1074)]
+    expected = [Fraction(0.1), 2, Fraction(-1, 2**1074)]
+    assert list(v) == expected
     assert v[0] == v[-3] == Fraction(0.1) != Fraction(1, 10)
-    assert v[1:] == (2, Fraction(-1, 2**1074))
-    assert (len(v), least(v), least(tuple(v))) == (3, v[2], v[2])
+    expected = (2, Fraction(-1, 2**1074))
+    assert v[1:] == expected
+    assert len(v) == 3
+    assert least(v) == v[2]
+    assert least(tuple(v)) == v[2]
     source = np.array([1.0, 2.0])
     v = Doubles(source)
     source[0] = 9.0

@@ -45,11 +45,14 @@ def test_a_ring_held_at_one_node_has_a_positive_vector(size: int):
 def test_a_positive_entry_beside_the_diagonal_counts_against_the_vector():
     """v = (1, 1) has M v > 0 for [[1, 2], [2, 1]], which is indefinite: |m_ij| is what has to be
     dominated."""
-    M = SparseSymmetric(2, {(0, 0): 1, (0, 1): 2, (1, 1): 1})
+    entries = {(0, 0): 1, (0, 1): 2, (1, 1): 1}
+    M = SparseSymmetric(2, entries)
     assert not proves(M, (1, 1))
     assert search(M, strict=True).vector is None
-    inside = SparseSymmetric(2, {(0, 0): 3, (0, 1): 2, (1, 1): 3})
-    assert proves(inside, (1, 1)) and not is_z_matrix(inside)
+    entries = {(0, 0): 3, (0, 1): 2, (1, 1): 3}
+    inside = SparseSymmetric(2, entries)
+    assert proves(inside, (1, 1))
+    assert not is_z_matrix(inside)
     assert search(inside, strict=True).vector == (1, 1)
 
 
@@ -58,10 +61,13 @@ def test_a_vector_that_is_not_positive_or_has_the_wrong_length_proves_nothing():
     assert not proves(M, (1, 1, 0))
     assert not proves(M, (0, 0, 0), strict=False)
     assert not proves(M, (1, 1))
-    assert not proves(M, (1, 1, 1)) and proves(M, (1, 1, 1), strict=False)
-    indefinite = SparseSymmetric(2, {(0, 0): 1, (0, 1): -5, (1, 1): 1})
+    assert not proves(M, (1, 1, 1))
+    assert proves(M, (1, 1, 1), strict=False)
+    entries = {(0, 0): 1, (0, 1): -5, (1, 1): 1}
+    indefinite = SparseSymmetric(2, entries)
     assert not proves(indefinite, (-1, -1))  # M v = (4, 4)
-    assert not proves(SparseSymmetric(1, {}), (1,)) and proves(SparseSymmetric(0, {}), ())
+    assert not proves(SparseSymmetric(1, {}), (1,))
+    assert proves(SparseSymmetric(0, {}), ())
 
 
 def arrays(M: SparseSymmetric) -> IntegerSymmetric:
@@ -77,7 +83,8 @@ def refuting(M: SparseSymmetric | IntegerSymmetric, *, strict: bool) -> bool:
 
 def test_the_group_that_nobody_holds_is_the_witness():
     """Two rings, the second one free: the witness is its indicator and nothing else."""
-    first, second = grounded_ring(30, Fraction(1)), grounded_ring(20, Fraction(0))
+    first = grounded_ring(30, Fraction(1))
+    second = grounded_ring(20, Fraction(0))
     entries = dict(first.entries) | {(i + 30, j + 30): x for (i, j), x in second.entries.items()}
     decision = decide_positive_definite(SparseSymmetric(50, entries))
     assert decision.verdict is Verdict.REFUTED
@@ -91,7 +98,8 @@ def test_the_group_that_nobody_holds_is_the_witness():
 def test_a_group_that_only_fails_to_be_definite_is_no_witness_against_semidefinite():
     """A free ring of 20 (sum 0) beside one of 30 with a negative sum: the larger one is the
     witness."""
-    first, second = grounded_ring(30, Fraction(-1)), grounded_ring(20, Fraction(0))
+    first = grounded_ring(30, Fraction(-1))
+    second = grounded_ring(20, Fraction(0))
     entries = dict(first.entries) | {(i + 30, j + 30): x for (i, j), x in second.entries.items()}
     decision = decide_positive_semidefinite(SparseSymmetric(50, entries))
     assert decision.witness == (1,) * 30 + (0,) * 20
@@ -104,7 +112,8 @@ def test_a_vector_that_rounds_to_zero_somewhere_proves_nothing(monkeypatch: pyte
     there."""
     beside = {(0, 1): -2, (2, 3): -5}
     diagonal = {(0, 0): 1, (1, 1): 6, (2, 2): 1, (3, 3): 1}
-    M = SparseSymmetric(4, beside | diagonal | {(3, 3): 9})
+    entries = beside | diagonal | {(3, 3): 9}
+    M = SparseSymmetric(4, entries)
     monkeypatch.setattr(
         module, "_conjugate_gradients", lambda rows: (np.array([5.0, 2.0, 1e-40, 1e-40]), None)
     )
@@ -128,10 +137,14 @@ def test_a_witness_for_a_local_cause_is_sparse():
 
 def test_long_denominators_everywhere_are_rounded_to_the_safe_side():
     """Every entry has its own prime: the common denominator would have 10 000 bits."""
-    primes = [p for p in range(2, 9000) if all(p % q for q in range(2, int(p**0.5) + 1))]
+    primes = []
+    for p in range(2, 9000):
+        if all(p % q for q in range(2, int(p**0.5) + 1)):
+            primes.append(p)
     n = 500
     entries = {(i, i + 1): Fraction(-primes[i], primes[i + 500]) for i in range(n - 1)}
-    for excess, truth in ((Fraction(1, 10**6), True), (Fraction(-1, 10**6), False)):
+    cases = ((Fraction(1, 10**6), True), (Fraction(-1, 10**6), False))
+    for excess, truth in cases:
         diagonal = {}
         for i in range(n):
             beside = entries.get((i - 1, i), 0) + entries.get((i, i + 1), 0)
@@ -147,17 +160,20 @@ def test_long_denominators_everywhere_are_rounded_to_the_safe_side():
 def test_integers_of_any_length_are_taken(lift: int):
     """Beyond 64 bits and beyond what a double holds."""
     M = arrays(grounded_ring(40, Fraction(1)))
-    lifted = IntegerSymmetric(
-        size=40, rows=M.rows, columns=M.columns, values=M.values.astype(object) * lift
-    )
+    values = M.values.astype(object) * lift
+    lifted = IntegerSymmetric(size=40, rows=M.rows, columns=M.columns, values=values)
     found = search(lifted, strict=True)
-    assert found.vector is not None and proves(lifted, found.vector)
+    assert found.vector is not None
+    assert proves(lifted, found.vector)
     assert not proves(lifted, (1,) * 40)
 
 
 def test_the_search_leaves_bad_diagonals_and_zero_rows_to_others():
-    assert search(SparseSymmetric(3, {(0, 0): 1}), strict=True).vector is None
-    M = SparseSymmetric(2, {(0, 0): 1, (0, 1): -1})
+    entries = {(0, 0): 1}
+    found = search(SparseSymmetric(3, entries), strict=True)
+    assert found.vector is None
+    entries = {(0, 0): 1, (0, 1): -1}
+    M = SparseSymmetric(2, entries)
     assert search(M, strict=True).vector is None
 
 
@@ -168,13 +184,12 @@ def test_other_signs_are_refuted_by_their_own_direction():
         (i, i + 1): Fraction(1) for i in range(n - 1)
     }
     M = SparseSymmetric(n, entries | {(0, n - 1): 1})
-    assert (
-        not is_z_matrix(M)
-        and not is_z_matrix(arrays(M))
-        and is_z_matrix(arrays(grounded_ring(9, Fraction(1))))
-    )
+    assert not is_z_matrix(M)
+    assert not is_z_matrix(arrays(M))
+    assert is_z_matrix(arrays(grounded_ring(9, Fraction(1))))
     assert decide_positive_definite(M).verdict is Verdict.REFUTED
-    assert decide_positive_definite(M.shifted(Fraction(2, 10))).verdict is Verdict.PROVED
+    found = decide_positive_definite(M.shifted(Fraction(2, 10)))
+    assert found.verdict is Verdict.PROVED
 
 
 def peak_of(size: int, ground: Fraction, *, strict: bool) -> int:
@@ -212,7 +227,8 @@ def test_the_bound_of_a_vector_is_never_below_the_exact_one_and_close_to_it(
 ):
     """Rows without entries, signs of both kinds, numbers that floats do not hold."""
     places = [(i, j) for i in range(n) for j in range(i, n) if data.draw(st.booleans())]
-    M = SparseSymmetric(n, {place: data.draw(FRACTIONS) for place in places})
+    entries = {place: data.draw(FRACTIONS) for place in places}
+    M = SparseSymmetric(n, entries)
     floats = [data.draw(POSITIVE) for _ in range(n)]
     v = list(map(Fraction, floats))
     sums = []
@@ -231,13 +247,13 @@ def test_the_bound_of_a_vector_is_never_below_the_exact_one_and_close_to_it(
     "vector", [[1.0, 0.0], [1.0, -1.0], [1.0, np.nan], [1.0], [], [1.0, 1e-300], [1.0, np.inf]]
 )
 def test_a_vector_that_is_not_positive_bounds_nothing(vector: list[float]):
-    M = IntegerSymmetric.from_sparse(SparseSymmetric(2, {(0, 0): -1, (0, 1): Fraction(1, 2)}))
+    entries = {(0, 0): -1, (0, 1): Fraction(1, 2)}
+    M = IntegerSymmetric.from_sparse(SparseSymmetric(2, entries))
     assert row_bound(M, np.array(vector)) == np.inf
 
 
 @pytest.mark.parametrize("entry", [Fraction(10) ** 400, Fraction(1, 10**400)])
 def test_entries_that_floats_do_not_hold_bound_nothing(entry: Fraction):
-    assert (
-        row_bound(IntegerSymmetric.from_sparse(SparseSymmetric(1, {(0, 0): entry})), np.ones(1))
-        == np.inf
-    )
+    entries = {(0, 0): entry}
+    found = row_bound(IntegerSymmetric.from_sparse(SparseSymmetric(1, entries)), np.ones(1))
+    assert found == np.inf

@@ -15,8 +15,10 @@ from dobc_design.model.algebras import CasadiAlgebra, to_sympy
 def test_every_kind_of_casadi_symbol_will_do(kind: type):
     y = kind.sym("y", 2)
     node = parse_expression("clip(tanh(y), -1/2, 1/2) + sqrt(1 + y**2)").node
-    value = ca.Function("f", [y], [evaluate(node, [y], CasadiAlgebra())])([0, 3])
-    np.testing.assert_allclose(np.asarray(value).ravel(), [1, 0.5 + np.sqrt(10)])
+    symbolic = evaluate(node, [y], CasadiAlgebra())
+    function = ca.Function("f", [y], [symbolic])
+    value = np.asarray(function([0, 3]))
+    np.testing.assert_allclose(value.ravel(), [1, 0.5 + np.sqrt(10)])
 
 
 def test_a_constant_beyond_the_floats_is_infinite_as_in_numpy():

@@ -56,11 +56,11 @@ def test_csv_may_have_a_header_a_byte_order_mark_blanks_and_quotes(tmp_path, con
 
 def test_agents_called_from_and_to_are_agents_and_no_header(tmp_path):
     labels = ("from", "to")
-    assert triples(read(tmp_path, "from,to\n", labels=labels), labels) == [("from", "to", ONE)]
+    arcs = read(tmp_path, "from,to\n", labels=labels)
+    assert triples(arcs, labels) == [("from", "to", ONE)]
     labels = ("from", "x")  # there is no agent "to", so this is a header
-    assert triples(read(tmp_path, "from,to\nx,from\n", labels=labels), labels) == [
-        ("x", "from", ONE)
-    ]
+    arcs = read(tmp_path, "from,to\nx,from\n", labels=labels)
+    assert triples(arcs, labels) == [("x", "from", ONE)]
 
 
 @pytest.mark.parametrize("name", ["arcs.edges", "arcs.edgelist", "arcs.txt", "ARCS.TXT"])
@@ -86,16 +86,11 @@ def test_graphml_of_a_directed_graph_is_read(tmp_path):
 HEAD = '<graphml xmlns="http://graphml.graphdrawing.org/xmlns">'
 
 
-@pytest.mark.parametrize(
-    ("edgedefault", "directed", "count"),
-    [
-        ("directed", "", 1),
-        ("undirected", "", 2),
-        ("directed", "false", 2),
-        ("undirected", "true", 1),
-        ("", "", 1),
-    ],
-)
+COUNTED = [("", "", 1), ("directed", "", 1), ("undirected", "", 2)]
+COUNTED += [("directed", "false", 2), ("undirected", "true", 1)]
+
+
+@pytest.mark.parametrize(("edgedefault", "directed", "count"), COUNTED)
 def test_one_edge_may_say_otherwise_than_its_graph(tmp_path, edgedefault, directed, count):
     default = f'edgedefault="{edgedefault}"' if edgedefault else ""
     own = f'directed="{directed}"' if directed else ""
@@ -136,43 +131,38 @@ refused("DOCTYPE", '<!DOCTYPE g [<!ENTITY a SYSTEM "file:///etc/passwd">]><graph
 refused("not valid GraphML", "")
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    REFUSED,
-)
+@pytest.mark.parametrize(("text", "message"), REFUSED)
 def test_graphml_that_cannot_be_meant_is_refused(tmp_path, text, message):
     with pytest.raises(SpecError, match=message) as caught:
         read(tmp_path, text, name="g.graphml")
     assert caught.value.key == "network.modes.G.file"
 
 
-@given(
-    st.dictionaries(
-        st.sampled_from([*permutations(LABELS, 2)]),
-        st.fractions(min_value="1/1000", max_value=1000),
-        min_size=1,
-    ),
-    st.sampled_from(["listens_to", "sends_to"]),
-)
+pairs = st.sampled_from([*permutations(LABELS, 2)])
+fractions = st.fractions(min_value="1/1000", max_value=1000)
+arrows = st.sampled_from(["listens_to", "sends_to"])
+
+
+@given(st.dictionaries(pairs, fractions, min_size=1), arrows)
 @settings(max_examples=15)
 def test_all_formats_mean_the_same(tmp_path_factory, weights, arrow):
     folder = tmp_path_factory.mktemp("arcs")
-    arcs = [(a, b, w) for (a, b), w in weights.items()]
-    lines = [(a, b, str(w)) for a, b, w in arcs]
-    edges = "".join(
-        f'<edge source="{a}" target="{b}"><data key="w">{w}</data></edge>' for a, b, w in lines
-    )
+    expected = []
+    table = blanks = edges = ""
+    for (a, b), w in weights.items():
+        expected.append((a, b, w) if arrow == "listens_to" else (b, a, w))
+        table += f"{a},{b},{w}\n"
+        blanks += f"{a} {b} {w}\n"
+        edges += f'<edge source="{a}" target="{b}"><data key="w">{w}</data></edge>'
     xml = (
         f'{HEAD}<key id="w" for="edge" attr.name="weight" attr.type="string"/>'
         f'<graph edgedefault="directed">{edges}</graph></graphml>'
     )
-    expected = [(a, b, w) if arrow == "listens_to" else (b, a, w) for a, b, w in arcs]
-    for name, text in (
-        ("arcs.csv", "\n".join(",".join(line) for line in lines)),
-        ("arcs.txt", "\n".join(" ".join(line) for line in lines)),
-        ("arcs.graphml", xml),
-    ):
-        assert triples(read(folder, text, name=name, arrow=arrow)) == expected
+    # the last line of a file may have no end
+    written = {"arcs.csv": table.rstrip(), "arcs.txt": blanks.rstrip(), "arcs.graphml": xml}
+    for name, text in written.items():
+        found = read(folder, text, name=name, arrow=arrow)
+        assert triples(found) == expected
 
 
 def test_a_file_that_is_too_large_is_refused_before_it_is_read(tmp_path, monkeypatch):
@@ -182,7 +172,6 @@ def test_a_file_that_is_too_large_is_refused_before_it_is_read(tmp_path, monkeyp
 
 
 def test_a_problem_without_a_folder_has_no_files():
+    key = "network.modes.G.file"
     with pytest.raises(SpecError, match="the problem has no folder"):
-        read_arcs_file(
-            "arcs.csv", folder=None, index={}, arrow="listens_to", key="network.modes.G.file"
-        )
+        read_arcs_file("arcs.csv", folder=None, index={}, arrow="listens_to", key=key)

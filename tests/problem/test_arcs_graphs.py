@@ -174,10 +174,7 @@ refused("net.mtx", MM + "2 2 1\n1 2 nan\n", "weight must be a number")
 refused("net.mtx", MM + "2 2 1\n1 1 4\n", "is a self-arc")
 
 
-@pytest.mark.parametrize(
-    ("name", "text", "match"),
-    REFUSED,
-)
+@pytest.mark.parametrize(("name", "text", "match"), REFUSED)
 def test_a_graph_that_cannot_be_meant_is_refused(tmp_path, name, text, match):
     (tmp_path / name).write_text(text)
     with pytest.raises(SpecError, match=match):

@@ -6,6 +6,7 @@ its own.
 """
 
 import time
+from fractions import Fraction
 
 import pytest
 from bad_files import BAD_FILES, SLIPS, VALID, VALID_BUT_NASTY, listing, write_case
@@ -77,9 +78,12 @@ def keys_of(text: str) -> list[str | None]:
 
 def test_the_file_without_mistakes_says_what_it_says():
     problem = read(VALID)
-    assert (problem.name, problem.n, problem.m, problem.q) == ("four-agents", 4, 1, 2)
-    assert [str(k[0][0]) for k in problem.pinning.gains.values()] == ["5", "9/16"]
-    assert {i: str(offset[0]) for i, offset in problem.offsets.items()} == {1: "3/2", 3: "-3/2"}
+    assert problem.name == "four-agents"
+    assert (problem.n, problem.m, problem.q) == (4, 1, 2)
+    gains = [k for ((k,),) in problem.pinning.gains.values()]
+    assert gains == [5, Fraction(9, 16)]
+    offset = Fraction(3, 2)
+    assert problem.offsets == {1: (offset,), 3: (-offset,)}
     assert problem.coupling_of(0, 1).texts == ("2*y",)
     assert problem.coupling_of(2, 3).texts == ("exp(y) - 1 + y",)
 

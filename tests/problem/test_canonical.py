@@ -129,10 +129,7 @@ no_problem(
 )
 
 
-@pytest.mark.parametrize(
-    ("data", "message"),
-    NO_PROBLEMS,
-)
+@pytest.mark.parametrize(("data", "message"), NO_PROBLEMS)
 def test_what_is_no_problem_json_is_refused(data, message):
     with pytest.raises(SpecError, match=message):
         problem_from_canonical(data)
@@ -166,10 +163,7 @@ wrong("exosystem must be an object with the keys A, C", ("exosystem",), {"A": [[
 wrong("simulation must be an object", ("simulation",), None)
 
 
-@pytest.mark.parametrize(
-    ("path", "value", "message"),
-    WRONG,
-)
+@pytest.mark.parametrize(("path", "value", "message"), WRONG)
 def test_a_wrong_value_is_refused_by_its_key(path, value, message):
     changed = document()
     place = changed

@@ -78,8 +78,10 @@ def test_one_expression_needs_no_list_and_a_number_is_so_many_times_the_coupling
 
 
 def test_with_as_many_inputs_as_components_a_number_is_a_multiple_of_the_identity():
-    problem = agents(dynamics={"A": [[0, 1], [-1, 0]]}, coupling="y", gains={1: "1/2"})
-    assert problem.pinning.gains == {0: ((Fraction(1, 2), 0), (0, Fraction(1, 2)))}
+    turning = {"A": [[0, 1], [-1, 0]]}
+    problem = agents(dynamics=turning, coupling="y", gains={1: "1/2"})
+    half = Fraction(1, 2)
+    assert problem.pinning.gains == {0: ((half, 0), (0, half))}
 
 
 def test_gains_may_push_away():
@@ -105,10 +107,7 @@ no_dynamics(SpecError, EITHER)
 no_dynamics(SpecError, EITHER, A=[[0]], f=["x"])
 
 
-@pytest.mark.parametrize(
-    ("given", "message", "kind"),
-    NO_DYNAMICS,
-)
+@pytest.mark.parametrize(("given", "message", "kind"), NO_DYNAMICS)
 def test_what_cannot_be_dynamics_is_named(given, message, kind):
     with pytest.raises(kind) as caught:
         Dynamics(**given)
@@ -145,10 +144,7 @@ LARGE = {"A": [[0] * 101] * 101}
 mistake("dynamics", "at most 100 state components", dynamics=LARGE, coupling="y")
 
 
-@pytest.mark.parametrize(
-    ("given", "key", "words"),
-    MISTAKES,
-)
+@pytest.mark.parametrize(("given", "key", "words"), MISTAKES)
 def test_mistakes_are_named_with_key_and_cure(given, key, words):
     with pytest.raises(SpecError) as caught:
         agents(**given)
@@ -215,10 +211,12 @@ def test_mistakes_of_a_file_name_its_key(tmp_path):
 def test_a_constant_input_holds_the_goal():
     """A x + B u0 = 0: a spring that is held 3 out needs u0 = 3 k."""
     spring = Dynamics(A=[[0, 1], [-4, -1]], B=[[0], [2]])
-    assert spring.feedforward((Fraction(3), Fraction(0))) == (6,)
-    assert spring.feedforward((Fraction(3), Fraction(1))) is None
+    at_rest = (Fraction(3), Fraction(0))
+    moving = (Fraction(3), Fraction(1))
+    assert spring.feedforward(at_rest) == (6,)
+    assert spring.feedforward(moving) is None
+    assert spring.nearest_goal(moving) == at_rest
     assert spring.left_inverse == ((0, Fraction(1, 2)),)
-    assert spring.nearest_goal((Fraction(3), Fraction(1))) == (3, 0)
 
 
 def drawn(r: Random, rows: int, columns: int) -> list[list[int]]:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from networks import network_of
+from networks import linked
 
 from dobc_design import Exosystem, Problem, exosystems
 from dobc_design.description.words import describe, facts
@@ -159,10 +159,7 @@ mistake(
 mistake(r"observer\.W.*no disturbance", "agents = [1]\nhz = 1\n[observer]\nW = [[1]]")
 
 
-@pytest.mark.parametrize(
-    ("text", "match"),
-    MISTAKES,
-)
+@pytest.mark.parametrize(("text", "match"), MISTAKES)
 def test_a_mistake_about_agents_without_a_disturbance_is_named(text: str, match: str):
     with pytest.raises(SpecError, match=match):
         read(f"[[exosystem.groups]]\n{text}\n")
@@ -204,10 +201,9 @@ def test_pins_of_a_problem_with_groups_can_be_changed_and_its_exosystems_cannot(
 def test_whoever_knows_of_one_exosystem_only_is_refused():
     """No part of the program can take the exosystem of some agents for that of all."""
     problem = read(TWO)
+    said = r"exosystem\.groups: this is not available yet"
     for name in ("exosystem", "observer"):
-        with pytest.raises(
-            SpecError, match=r"exosystem\.groups: this is not available yet"
-        ) as caught:
+        with pytest.raises(SpecError, match=said) as caught:
             getattr(problem, name)
         assert caught.value.key == "exosystem.groups"
 
@@ -242,10 +238,7 @@ kind_of(
 )
 
 
-@pytest.mark.parametrize(
-    ("kind", "shape"),
-    KINDS,
-)
+@pytest.mark.parametrize(("kind", "shape"), KINDS)
 def test_a_kind_stands_for_the_matrices_of_its_constructor(kind, shape):
     assert read(f"[exosystem]\n{kind}\n").exosystem == shape
 
@@ -279,10 +272,7 @@ meaningless(
 )
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    MEANINGLESS,
-)
+@pytest.mark.parametrize(("text", "message"), MEANINGLESS)
 def test_a_disturbance_in_words_that_means_nothing_is_refused(text: str, message: str):
     with pytest.raises(SpecError, match=message):
         read(f"[exosystem]\n{text}\n")
@@ -298,44 +288,49 @@ def test_a_kind_gives_every_state_component_a_disturbance_of_its_own():
     assert [group.exosystem.outputs for group in read(text).groups] == [2, 2]
 
 
+def grouped(*groups: Any, **given: Any) -> Problem:
+    return linked([[1, 2], [2, 1]], groups=list(groups), **given)
+
+
 def test_groups_in_python_are_named_by_labels_and_read_like_those_of_a_file():
-    network = network_of([[1, 2], [2, 1]])
     one = Group(agents=[2], exosystem=CONSTANT, observer=Observer(W=[[2]]))
-    problem = Problem(network=network, coupling="y", exosystem=OSCILLATOR, groups=[one])
+    problem = grouped(one, exosystem=OSCILLATOR)
     assert [group.name for group in problem.groups] == ["1", "2"]
-    for wrong, message in (
-        ([Group(agents=[3], exosystem=CONSTANT)], "no agent '3'"),
-        (
-            [Group(agents=[2], exosystem=CONSTANT, observer=Observer(rate=1))],
-            "a group has no rate of its own",
-        ),
-        ([CONSTANT], "groups must be a list of Groups"),
-    ):
-        with pytest.raises(SpecError, match=message):
-            Problem(network=network, coupling="y", exosystem=OSCILLATOR, groups=wrong)
-    assert Problem(network=network, coupling="y", groups=[one]).undisturbed == ("1",)
+
+    stranger = Group(agents=[3], exosystem=CONSTANT)
+    with pytest.raises(SpecError, match="no agent '3'"):
+        grouped(stranger, exosystem=OSCILLATOR)
+    with_rate = Group(agents=[2], exosystem=CONSTANT, observer=Observer(rate=1))
+    with pytest.raises(SpecError, match="a group has no rate of its own"):
+        grouped(with_rate, exosystem=OSCILLATOR)
+    with pytest.raises(SpecError, match="groups must be a list of Groups"):
+        grouped(CONSTANT, exosystem=OSCILLATOR)
+    assert grouped(one).undisturbed == ("1",)
 
 
 def test_a_p_is_given_for_every_group_or_for_none():
     text = TWO.replace('W = [["16/5"], ["12/5"]]', 'W = [["16/5"], ["12/5"]]\nP = [[1, 0], [0, 1]]')
-    with pytest.raises(
-        SpecError, match="P is given for the group of agent '1' and missing for that of agent '2'"
-    ):
+    said = "P is given for the group of agent '1' and missing for that of agent '2'"
+    with pytest.raises(SpecError, match=said):
         read(text)
 
 
+def exact_matrix(rows: list[list[int]]) -> tuple[tuple[Fraction, ...], ...]:
+    return tuple(tuple(map(Fraction, row)) for row in rows)
+
+
 def test_blocks_come_out_of_the_joint_matrix_and_every_agent_gets_that_of_its_group():
-    one, other = ((Fraction(1), Fraction(2)),), ((Fraction(3),), (Fraction(4),))
+    one = exact_matrix([[1, 2]])
+    other = exact_matrix([[3], [4]])
     whole = block_diagonal([one, other])
     assert whole == ((1, 2, 0), (0, 0, 3), (0, 0, 4))
-    assert blocks_of(whole, [(1, 2), (2, 1)]) == (one, other)
-    assert blocks_of(((1, 2, 5), *whole[1:]), [(1, 2), (2, 1)]) is None
+    shapes = [(1, 2), (2, 1)]
+    assert blocks_of(whole, shapes) == (one, other)
+    coupled = ((1, 2, 5), *whole[1:])
+    assert blocks_of(coupled, shapes) is None
+
     problem = read(TWO)
-    S = ((Fraction(1), Fraction(0)), (Fraction(0), Fraction(2)))
+    S = exact_matrix([[1, 0], [0, 2]])
     blocks = group_blocks(S, len(problem.groups))
-    assert [blocks[g][0][0] for g in group_numbers(problem.groups, problem.network.labels)] == [
-        1,
-        2,
-        1,
-        2,
-    ]
+    numbers = group_numbers(problem.groups, problem.network.labels)
+    assert [blocks[group] for group in numbers] == [((1,),), ((2,),)] * 2

@@ -46,12 +46,10 @@ def test_the_smallest_problem_has_one_component_no_pins_and_no_disturbance():
     assert problem.target == (0,)
     assert problem.pinning.agents == ()
     assert problem.observer == Observer()
-    assert (problem.exosystem, problem.region, problem.switching) == (None, None, None)
-    assert (problem.simulation.t_final, problem.simulation.seed, problem.simulation.xi0) == (
-        20,
-        0,
-        None,
-    )
+    assert problem.exosystem is None
+    assert problem.region is None
+    assert problem.switching is None
+    assert problem.simulation == Simulation(t_final=Fraction(20), seed=0, xi0=None)
     assert not problem.is_linear
 
 
@@ -70,10 +68,7 @@ gain([[2]], 2)
 gain(np.array([[0.5]]), Fraction(1, 2))
 
 
-@pytest.mark.parametrize(
-    ("value", "expected"),
-    GAINS,
-)
+@pytest.mark.parametrize(("value", "expected"), GAINS)
 def test_gains_may_be_of_any_exact_kind(value, expected):
     assert make(gains={"a": value}).pinning.gains == {0: scalar(expected)}
 
@@ -90,9 +85,8 @@ def test_matrix_gains_need_a_positive_semidefinite_symmetric_part():
     kept = make(coupling="y", exosystem=PLANE, gains={"a": [[0, 1], [-1, 0]]})
     assert kept.pinning.gains[0] == ((0, 1), (-1, 0))
     assert not kept.pinning.is_scalar
-    with pytest.raises(
-        SpecError, match=r"pinning\.gains\.a: a matrix gain k must satisfy k \+ k' >= 0"
-    ):
+    said = r"pinning\.gains\.a: a matrix gain k must satisfy k \+ k' >= 0"
+    with pytest.raises(SpecError, match=said):
         make(coupling="y", exosystem=PLANE, gains={"a": [[1, 3], [0, 1]]})
 
 
@@ -110,10 +104,7 @@ dimension(4, coupling=make_coupling("y", dimension=4))
 dimension(1)
 
 
-@pytest.mark.parametrize(
-    ("changes", "m"),
-    DIMENSIONS,
-)
+@pytest.mark.parametrize(("changes", "m"), DIMENSIONS)
 def test_m_is_the_rows_of_c_else_the_length_of_target_else_of_h_else_1(changes, m):
     problem = make(**changes)
     assert problem.m == m
@@ -123,8 +114,11 @@ def test_m_is_the_rows_of_c_else_the_length_of_target_else_of_h_else_1(changes, 
 def test_couplings_are_numbered_in_the_order_of_arcs_however_they_were_given():
     """Certificates refer to them by number, and their readers have the canonical problem only."""
     problem = make(exceptions={(1, 2): "3*y", (0, 1): "2*y"})
-    assert [coupling.texts for coupling in problem.couplings][1:] == [("2*y",), ("3*y",)]
-    assert problem == make(exceptions={(0, 1): "2*y", (1, 2): make_coupling("3*y", dimension=1)})
+    _, first, second = problem.couplings
+    assert first.texts == ("2*y",)
+    assert second.texts == ("3*y",)
+    other_order = {(0, 1): "2*y", (1, 2): make_coupling("3*y", dimension=1)}
+    assert problem == make(exceptions=other_order)
     assert problem.coupling_of(0, 1).texts == ("2*y",)
 
 
@@ -135,35 +129,27 @@ def test_zero_offsets_are_left_out():
 
 
 def test_regions_and_xi0_for_every_component_and_agent():
-    problem = make(
-        exosystem=PLANE,
-        coupling="y",
-        region={"initial_states": [[0, 1], [2, 3]], "initial_disturbance": "1/2"},
-        simulation={"xi0": np.eye(3, 2)},
-    )
-    assert problem.region == Region(
-        initial_states=((0, 1), (2, 3)), initial_disturbance=Fraction(1, 2)
-    )
+    given = {"initial_states": [[0, 1], [2, 3]], "initial_disturbance": "1/2"}
+    problem = make(exosystem=PLANE, region=given, simulation={"xi0": np.eye(3, 2)})
+    region = Region(initial_states=((0, 1), (2, 3)), initial_disturbance=Fraction(1, 2))
+    assert problem.region == region
     assert problem.simulation.xi0 == ((1, 0), (0, 1), (0, 0))
-    again = make(
-        exosystem=PLANE, coupling="y", region=problem.region, simulation=problem.simulation
-    )
-    assert (again.region, again.simulation) == (problem.region, problem.simulation)
+    again = make(exosystem=PLANE, region=region, simulation=problem.simulation)
+    assert again.region == region
+    assert again.simulation == problem.simulation
 
 
 def test_a_problem_is_frozen_hashable_and_its_mappings_cannot_be_changed():
-    problem = make(gains={"a": 1}, offsets={"b": 1}, exceptions={(0, 1): "y"})
+    given = {"gains": {"a": 1}, "offsets": {"b": 1}, "exceptions": {(0, 1): "y"}}
+    problem = make(**given)
     with pytest.raises(dataclasses.FrozenInstanceError):
         problem.target = (1,)  # type: ignore[misc]
-    for mapping in (
-        problem.offsets,
-        problem.exceptions,
-        problem.pinning.gains,
-        problem.network.modes,
-    ):
+    mappings: list[Any] = [problem.offsets, problem.exceptions]
+    mappings += [problem.pinning.gains, problem.network.modes]
+    for mapping in mappings:
         with pytest.raises(TypeError):
-            mapping["x"] = 1  # type: ignore[index]
-    twin = make(gains={"a": 1}, offsets={"b": 1}, exceptions={(0, 1): "y"})
+            mapping["x"] = 1
+    twin = make(**given)
     assert twin == problem
     assert hash(twin) == hash(problem)
     assert make() != problem
@@ -173,7 +159,8 @@ def test_a_state_space_system_is_an_exosystem():
     system = control.ss([[0, 2], [-2, 0]], [[0], [0]], [[1, 0]], [[0]])
     exosystem = Exosystem(system)
     assert exosystem == SINE
-    assert scalar("1/10") == Exosystem(control.ss([[0.1]], [[1]], [[0.3]], [[0]])).A
+    decimal = Exosystem(control.ss([[0.1]], [[1]], [[0.3]], [[0]]))
+    assert scalar("1/10") == decimal.A
 
 
 def test_a_system_in_discrete_time_or_without_a_state_is_refused():
@@ -192,26 +179,22 @@ def mistake(key: str, message: str, /, **changes: Any) -> None:
     MISTAKES.append((changes, key, message))
 
 
-mistake(
-    "network",
-    r"must be a Network; got.*Network\.from_arcs, from_networkx",
-    network=nx.DiGraph([(1, 2)]),
-)
+GRAPH = nx.DiGraph([(1, 2)])
+mistake("network", r"must be a Network; got.*Network\.from_arcs, from_networkx", network=GRAPH)
 mistake("exosystem", "must be an Exosystem", exosystem={"A": [[0]], "C": [[1]]})
-mistake("exosystem", r"Exosystem\(system\)", exosystem=control.ss([[0]], [[1]], [[1]], [[0]]))
+SYSTEM = control.ss([[0]], [[1]], [[1]], [[0]])
+mistake("exosystem", r"Exosystem\(system\)", exosystem=SYSTEM)
 mistake("observer", "must be an Observer", exosystem=SINE, observer={"W": [[1], [1]]})
 mistake("switching", "must be a Switching", switching="random")
 mistake("name", "1 to 100 printable", name="")
 mistake("notes[0]", "must be text of at most 1000", notes=[5])
-mistake(
-    "target", "must have 1 number, one per state component; got 2", target=[1, 2], exosystem=SINE
-)
+ONE_NUMBER = "must have 1 number, one per state component; got 2"
+mistake("target", ONE_NUMBER, target=[1, 2], exosystem=SINE)
 mistake("target", "at most 100 state components; got 101", target=[0] * 101)
 mistake("coupling.h", "must vanish", coupling="y + 1")
 mistake("coupling.h", "must have 1 expression", coupling=["y1", "y2"], exosystem=SINE)
-mistake(
-    "coupling.h", "must have dimension 1", coupling=make_coupling("y", dimension=2), exosystem=SINE
-)
+IN_PLANE = make_coupling("y", dimension=2)
+mistake("coupling.h", "must have dimension 1", coupling=IN_PLANE, exosystem=SINE)
 mistake("coupling.exceptions[0]", "no mode has the arc", exceptions={(0, 2): "y"})
 mistake("coupling.exceptions[0].h", "must vanish", exceptions={(0, 1): "y + 1"})
 mistake("coupling.exceptions[0]", "indices count from 0", exceptions={("a", "b"): "y"})
@@ -222,41 +205,24 @@ mistake("pinning.gains", "must be a table of label = gain", gains=[1, 2, 3])
 mistake("pinning.gains.a", r"must have shape \(1, 1\)", gains={"a": [[1, 2]]})
 mistake("observer", "no meaning without an", observer=Observer(W=[[1]]))
 mistake("observer.W", r"must have shape \(2, 1\)", exosystem=SINE, observer=Observer(W=[[1]]))
-mistake(
-    "observer.P",
-    r"must have shape \(2, 2\)",
-    exosystem=SINE,
-    observer=Observer(W=[[1], [1]], P=[[1]]),
-)
+SMALL = Observer(W=[[1], [1]], P=[[1]])
+mistake("observer.P", r"must have shape \(2, 2\)", exosystem=SINE, observer=SMALL)
 mistake("formation.offsets.z", "there is no agent 'z'", offsets={"z": 1})
 mistake("region.initial_states", r"must be a pair \[lo, hi\]; got None", region={})
 mistake("region.initial_state", "is an unknown key", region={"initial_state": [0, 1]})
-mistake(
-    "region.initial_disturbance",
-    "no meaning",
-    region={"initial_states": [0, 1], "initial_disturbance": 1},
-)
-mistake(
-    "region.initial_disturbance",
-    "is required when",
-    exosystem=SINE,
-    region={"initial_states": [0, 1]},
-)
+UNIT = {"initial_states": [0, 1]}
+mistake("region.initial_disturbance", "no meaning", region=UNIT | {"initial_disturbance": 1})
+mistake("region.initial_disturbance", "is required when", exosystem=SINE, region=UNIT)
 mistake("region", "must be", region=Simulation(t_final=Fraction(1), seed=0, xi0=None))
-mistake(
-    "simulation",
-    "must be",
-    simulation=Region(initial_states=((Fraction(0), Fraction(1)),), initial_disturbance=None),
-)
+INTERVAL = (Fraction(0), Fraction(1))
+REGION = Region(initial_states=(INTERVAL,), initial_disturbance=None)
+mistake("simulation", "must be", simulation=REGION)
 mistake("simulation.seed", "whole number from 0 to", simulation={"seed": 2**63})
 mistake("simulation.xi0", "must have 2 numbers", exosystem=SINE, simulation={"xi0": [1]})
 mistake("simulation.xi0", "must have 3 rows", exosystem=SINE, simulation={"xi0": [[1, 0]] * 2})
 
 
-@pytest.mark.parametrize(
-    ("changes", "key", "message"),
-    MISTAKES,
-)
+@pytest.mark.parametrize(("changes", "key", "message"), MISTAKES)
 def test_a_mistake_is_named_by_its_key(changes, key, message):
     with pytest.raises(SpecError, match=message) as caught:
         make(**changes)
@@ -266,40 +232,27 @@ def test_a_mistake_is_named_by_its_key(changes, key, message):
 PARTS: list[Any] = []
 
 
-def wrong_part(key: str, message: str, build: Any) -> None:
-    PARTS.append((build, key, message))
+def wrong_part(key: str, message: str, kind: type, **given: Any) -> None:
+    PARTS.append((kind, given, key, message))
 
 
-wrong_part("exosystem.A", "must be square", lambda: Exosystem(A=[[0, 1]], C=[[1]]))
-wrong_part(
-    "exosystem.C",
-    r"must have 1 column, one per exosystem state",
-    lambda: Exosystem(A=[[0]], C=[[1, 2]]),
-)
-wrong_part("exosystem.A[0]", "at least one number", lambda: Exosystem(A=[[]], C=[[1]]))
-wrong_part(
-    "exosystem.A[0][0]", "must be a number", lambda: Exosystem(A=np.array([[np.nan]]), C=[[1]])
-)
-wrong_part("observer.P", "must stand beside observer.W", lambda: Observer(P=[[1]]))
-wrong_part(
-    "observer.P",
-    r"got 2 at \[0\]\[1\] and 3 at \[1\]\[0\]",
-    lambda: Observer(W=[[1], [1]], P=[[1, 2], [3, 4]]),
-)
-wrong_part("observer.rate", r"must be > 0 \(1/s\)", lambda: Observer(rate=0))
-wrong_part(
-    "switching.signal", "must be one of random, periodic", lambda: Switching(signal="sometimes")
-)
-wrong_part("switching.dwell", "must be > 0", lambda: Switching(signal="random", dwell=-1))
+wrong_part("exosystem.A", "must be square", Exosystem, A=[[0, 1]], C=[[1]])
+ONE_COLUMN = r"must have 1 column, one per exosystem state"
+wrong_part("exosystem.C", ONE_COLUMN, Exosystem, A=[[0]], C=[[1, 2]])
+wrong_part("exosystem.A[0]", "at least one number", Exosystem, A=[[]], C=[[1]])
+wrong_part("exosystem.A[0][0]", "must be a number", Exosystem, A=np.array([[np.nan]]), C=[[1]])
+wrong_part("observer.P", "must stand beside observer.W", Observer, P=[[1]])
+SKEW = r"got 2 at \[0\]\[1\] and 3 at \[1\]\[0\]"
+wrong_part("observer.P", SKEW, Observer, W=[[1], [1]], P=[[1, 2], [3, 4]])
+wrong_part("observer.rate", r"must be > 0 \(1/s\)", Observer, rate=0)
+wrong_part("switching.signal", "must be one of random, periodic", Switching, signal="sometimes")
+wrong_part("switching.dwell", "must be > 0", Switching, signal="random", dwell=-1)
 
 
-@pytest.mark.parametrize(
-    ("build", "key", "message"),
-    PARTS,
-)
-def test_the_parts_of_a_problem_are_checked_when_they_are_made(build, key, message):
+@pytest.mark.parametrize(("kind", "given", "key", "message"), PARTS)
+def test_the_parts_of_a_problem_are_checked_when_they_are_made(kind, given, key, message):
     with pytest.raises(SpecError, match=message) as caught:
-        build()
+        kind(**given)
     assert caught.value.key == key
 
 
@@ -324,21 +277,21 @@ def test_the_same_agent_under_two_spellings_is_refused():
 
 def test_at_most_twenty_mistakes_of_a_kind_are_told():
     wrong = {f"z{i}": 1 for i in range(1000)}
-    for changes in (
-        {"gains": wrong},
-        {"offsets": wrong},
-        {"exceptions": {(i, i): "y" for i in range(1000)}},
-    ):
+    loops = {(i, i): "y" for i in range(1000)}
+    for changes in ({"gains": wrong}, {"offsets": wrong}, {"exceptions": loops}):
         with pytest.raises(SpecError) as caught:
             make(**changes)
         assert len(caught.value.errors) == 20
 
 
-@pytest.mark.parametrize(
-    "value",
-    ["x" * 10**6, "\x1b[31m\n", [[["x"] * 100] * 100] * 100, 10**5000, {"k": 10**5000}],
-    ids=["long text", "escape sequence", "long list", "long number", "long number in a table"],
-)
+LONG_NUMBER = 10**5000
+LONG: dict[str, Any] = {"long text": "x" * 10**6, "escape sequence": "\x1b[31m\n"}
+LONG["long list"] = [[["x"] * 100] * 100] * 100
+LONG["long number"] = LONG_NUMBER
+LONG["long number in a table"] = {"k": LONG_NUMBER}
+
+
+@pytest.mark.parametrize("value", LONG.values(), ids=LONG)
 def test_what_was_given_is_shown_shortly_and_without_control_characters(value):
     with pytest.raises(SpecError) as caught:
         make(simulation={"seed": value})
@@ -351,16 +304,16 @@ def test_what_was_given_is_shown_shortly_and_without_control_characters(value):
 def test_copies_of_a_problem_are_equal(seed):
     """Sweeps send problems to other processes."""
     problem = random_problem(seed)
-    for again in (copy.copy(problem), copy.deepcopy(problem), pickle.loads(pickle.dumps(problem))):
+    pickled = pickle.loads(pickle.dumps(problem))
+    for again in (copy.copy(problem), copy.deepcopy(problem), pickled):
         assert again == problem
         assert list(again.network.modes) == list(problem.network.modes)
 
 
 def test_replace_changes_what_is_named_and_of_a_region_only_the_keys_given():
     problem = load_problem("paper-fixed")
-    changed = problem.replace(
-        gains={1: 7}, region={"initial_states": [0, 4]}, simulation={"seed": 5}
-    )
+    wider = {"initial_states": [0, 4]}
+    changed = problem.replace(gains={1: 7}, region=wider, simulation={"seed": 5})
     for kept in ("network", "coupling", "exosystem", "observer", "name"):
         assert getattr(changed, kept) == getattr(problem, kept)
     assert changed.pinning.gains == {0: ((7,),)}
@@ -369,9 +322,8 @@ def test_replace_changes_what_is_named_and_of_a_region_only_the_keys_given():
     assert problem.replace() == problem
     with pytest.raises(SpecError, match=r"region\.initial"):
         problem.replace(region={"initial": 3})
-    with pytest.raises(
-        SpecError, match=r"no argument 'pinning'\. Its arguments are network, coupling, .*gains"
-    ):
+    said = r"no argument 'pinning'\. Its arguments are network, coupling, .*gains"
+    with pytest.raises(SpecError, match=said):
         problem.replace(pinning={1: 2})
 
 
@@ -389,16 +341,12 @@ in_sympy("exp(1)*y", lambda y: sympy.exp(1) * y)
 in_sympy("exp(y) - 1", lambda y: sympy.exp(y) - 1)
 
 
-@pytest.mark.parametrize(
-    ("expression", "text"),
-    IN_SYMPY,
-)
+@pytest.mark.parametrize(("expression", "text"), IN_SYMPY)
 def test_a_coupling_may_be_given_as_a_sympy_expression(expression: Any, text: str):
     problem = load_problem("paper-fixed")
-    assert (
-        problem.replace(coupling=expression(sympy.Symbol("y"))).coupling
-        == problem.replace(coupling=text).coupling
-    )
+    in_sympy = problem.replace(coupling=expression(sympy.Symbol("y")))
+    in_text = problem.replace(coupling=text)
+    assert in_sympy.coupling == in_text.coupling
 
 
 def test_a_network_with_other_agents_needs_gains_of_its_own():
@@ -407,6 +355,5 @@ def test_a_network_with_other_agents_needs_gains_of_its_own():
     turned = network_of([["b", "lead"]], NAMED.labels[::-1])
     with pytest.raises(SpecError, match=r"or the same in another order\. Give gains"):
         problem.replace(network=turned)
-    assert problem.replace(network=turned, gains={"lead": 1}).pinning.agents == (
-        turned.labels.index("lead"),
-    )
+    pinned = problem.replace(network=turned, gains={"lead": 1})
+    assert pinned.pinning.agents == (turned.labels.index("lead"),)

@@ -30,6 +30,9 @@ modes = st.sampled_from(MODES)
 numbers = st.fractions(min_value=Fraction(1, 1000), max_value=1000, max_denominator=1000)
 
 
+numbers_or_0 = numbers | st.just(Fraction(0))
+
+
 @st.composite
 def instants(draw) -> list[list[object]]:
     steps = draw(st.lists(numbers, max_size=4))
@@ -39,60 +42,57 @@ def instants(draw) -> list[list[object]]:
 
 @st.composite
 def generators(draw) -> list[list[Fraction]]:
-    rates = [[draw(numbers | st.just(Fraction(0))) for _ in MODES] for _ in MODES]
-    for k, row in enumerate(rates):
+    rates = []
+    for k in range(len(MODES)):
+        row = [draw(numbers_or_0) for _ in MODES]
         row[k] -= sum(row)
+        rates.append(row)
     return rates
 
 
 @st.composite
 def promises(draw) -> list[dict[str, object]]:
-    shortest, guarantee = (
-        draw(numbers),
-        {"guarantee": draw(st.sampled_from(["arbitrary", "dwell"]))},
-    )
-    longest = {"guarantee": "dwell", "longest": shortest + draw(numbers | st.just(Fraction(0)))}
-    return [guarantee | {"dwell": shortest}, longest | {"dwell": shortest}]
+    shortest = draw(numbers)
+    guarantee = draw(st.sampled_from(["arbitrary", "dwell"]))
+    longest = shortest + draw(numbers_or_0)
+    any_stay = {"guarantee": guarantee, "dwell": shortest}
+    bounded = {"guarantee": "dwell", "dwell": shortest, "longest": longest}
+    return [any_stay, bounded]
 
 
 @st.composite
 def sections(draw) -> Switching:
     signal = draw(st.sampled_from(SIGNALS))
     dwell = {"dwell": draw(st.none() | numbers)}
-    if signal == "random":
-        return Switching(signal=signal, **draw(st.sampled_from([dwell, *draw(promises())])))
-    if signal == "markov":
-        return Switching(
-            signal=signal, **draw(st.sampled_from([dwell, {"generator": draw(generators())}]))
-        )
     schedule = draw(instants())
-    if signal == "schedule":
-        return Switching(signal=signal, schedule=schedule, **dwell)
-    if signal == "mobile":
-        near = draw(
-            st.sampled_from([{"radius": draw(numbers)}, {"neighbours": draw(st.integers(1, 99))}])
-        )
-        return Switching(
-            signal=signal,
-            hysteresis=draw(st.none() | numbers | st.just(Fraction(0))),
-            **near,
-            **dwell,
-        )
-    order = {"sequence": draw(st.none() | st.lists(modes, min_size=1, max_size=5))}
-    order |= {"guarantee": draw(st.sampled_from([None, "arbitrary"]))}
-    rounds = {"schedule": schedule, "period": schedule[-1][0] + draw(numbers)}
-    rounds |= {"guarantee": draw(st.sampled_from([None, "sequence"]))}
-    return Switching(
-        signal=signal,
-        **draw(st.sampled_from([order | dwell, order | {"period": draw(numbers)}, rounds])),
-    )
+    ways: list[dict[str, Any]] = []
+    if signal == "random":
+        ways = [dwell, *draw(promises())]
+    elif signal == "markov":
+        ways = [dwell, {"generator": draw(generators())}]
+    elif signal == "schedule":
+        ways = [dwell | {"schedule": schedule}]
+    elif signal == "mobile":
+        dwell["hysteresis"] = draw(st.none() | numbers_or_0)
+        radius = {"radius": draw(numbers)}
+        nearest = {"neighbours": draw(st.integers(1, 99))}
+        ways = [dwell | radius, dwell | nearest]
+    else:
+        sequence = draw(st.none() | st.lists(modes, min_size=1, max_size=5))
+        order = {"sequence": sequence, "guarantee": draw(st.sampled_from([None, "arbitrary"]))}
+        rounds = {"schedule": schedule, "period": schedule[-1][0] + draw(numbers)}
+        rounds["guarantee"] = draw(st.sampled_from([None, "sequence"]))
+        ways = [order | dwell, order | {"period": draw(numbers)}, rounds]
+    return Switching(signal=signal, **draw(st.sampled_from(ways)))
 
 
-starts = (
-    st.none()
-    | st.lists(numbers, min_size=1, max_size=1)
-    | st.lists(numbers, min_size=3, max_size=3)
-)
+for_all = st.lists(numbers, min_size=1, max_size=1)
+for_each = st.lists(numbers, min_size=3, max_size=3)
+starts = st.none() | for_all | for_each
+
+
+def switched(**given: Any) -> Problem:
+    return Problem(network=NETWORK, coupling="y", **given)
 
 
 @settings(max_examples=12)
@@ -100,7 +100,7 @@ starts = (
 def test_every_section_is_read_back_equal_from_json_from_toml_and_from_a_pickle(
     section: Switching, x0
 ):
-    problem = Problem(network=NETWORK, coupling="y", switching=section, simulation={"x0": x0})
+    problem = switched(switching=section, simulation={"x0": x0})
     data = canonical_bytes(problem)
     assert problem_from_canonical(data) == problem
     assert canonical_bytes(problem_from_canonical(data)) == data
@@ -112,22 +112,20 @@ def test_every_section_is_read_back_equal_from_json_from_toml_and_from_a_pickle(
 
 def test_problems_without_the_later_keys_keep_the_bytes_they_had():
     """The two documents as the first version wrote them, and the hash of the whole."""
-    problem = Problem(
-        network=NETWORK, coupling="y", switching=Switching(signal="random", dwell=0.5)
-    )
+    random = Switching(signal="random", dwell=0.5)
+    problem = switched(switching=random)
     document = canonical_document(problem)
     assert document["switching"] == {"signal": "random", "dwell": "1/2"}
     assert document["simulation"] == {"t_final": "20", "seed": 0, "xi0": None}
-    longer = Problem(
-        network=NETWORK, coupling="y", switching=problem.switching, simulation={"x0": [1]}
-    )
+    longer = switched(switching=random, simulation={"x0": [1]})
     assert canonical_document(longer)["simulation"] == document["simulation"] | {"x0": [["1"]]}
     assert problem_sha256(longer) != problem_sha256(problem)
 
 
-@pytest.mark.parametrize(
-    "key", ["sequence", "period", "generator", "schedule", "radius", "neighbours", "hysteresis"]
-)
+OF_SOME = ["sequence", "period", "generator", "schedule", "radius", "neighbours", "hysteresis"]
+
+
+@pytest.mark.parametrize("key", OF_SOME)
 def test_a_key_in_the_wrong_place_names_the_signals_it_belongs_to(key: str):
     for signal in SIGNALS:
         if key in KEYS[signal]:
@@ -152,7 +150,7 @@ def test_all_mistakes_of_a_section_are_told_at_once():
 def test_a_canonical_section_with_other_keys_or_null_is_refused(later):
     """One problem has one text: a null where a key may be absent would be another."""
     section = Switching(signal="mobile", radius=1)
-    document = canonical_document(Problem(network=NETWORK, coupling="y", switching=section))
+    document = canonical_document(switched(switching=section))
     document["switching"] |= later
     with pytest.raises(SpecError, match="switching"):
         problem_from_canonical(json.dumps(document).encode())
@@ -192,18 +190,15 @@ section_in_words(
 )
 
 
-@pytest.mark.parametrize(
-    ("section", "words"),
-    SECTIONS,
-)
+@pytest.mark.parametrize(("section", "words"), SECTIONS)
 def test_check_says_the_signal_in_words(section, words: str):
-    text = describe(Problem(network=NETWORK, coupling="y", switching=Switching(**section)))
+    text = describe(switched(switching=Switching(**section)))
     assert words in text
 
 
 def test_check_says_where_simulations_start():
     def words(x0) -> str:
-        return describe(Problem(network=NETWORK, coupling="y", simulation={"x0": x0}))
+        return describe(switched(simulation={"x0": x0}))
 
     assert "they start at x0, all agents at 2." in words([2])
     assert "they start at x0, every agent at its own." in words([1, 2, 3])
@@ -212,9 +207,8 @@ def test_check_says_where_simulations_start():
 def test_a_list_of_dwells_is_the_schedule_of_a_round():
     listed = Switching(guarantee="sequence", sequence=["Ga", "Gb", "Ga"], dwell=[1, "1/2", 2])
     rounds = [[0, "Ga"], [1, "Gb"], ["3/2", "Ga"]]
-    assert listed == Switching(
-        guarantee="sequence", signal="periodic", schedule=rounds, period="7/2"
-    )
+    given: Any = {"signal": "periodic", "schedule": rounds, "period": "7/2"}
+    assert listed == Switching(guarantee="sequence", **given)
 
 
 def test_times_whose_sum_cannot_be_written_are_named_as_dwell():
@@ -222,9 +216,8 @@ def test_times_whose_sum_cannot_be_written_are_named_as_dwell():
     said = r"switching\.dwell holds times from 1e-300 to 1e300 s, whose sum has more than 200"
     with pytest.raises(SpecError, match=said):
         Switching(guarantee="sequence", sequence=["Ga", "Gb"], dwell=["1e-300", "1e300"])
-    assert Switching(
-        guarantee="sequence", sequence=["Ga", "Gb"], dwell=["1e-90", "1e90"]
-    ).period == 10**90 + Fraction(1, 10**90)
+    shorter = Switching(guarantee="sequence", sequence=["Ga", "Gb"], dwell=["1e-90", "1e90"])
+    assert shorter.period == 10**90 + Fraction(1, 10**90)
 
 
 def test_a_guarantee_chooses_the_signal_unless_it_is_named():
@@ -232,10 +225,7 @@ def test_a_guarantee_chooses_the_signal_unless_it_is_named():
     assert Switching(guarantee="dwell", dwell=1).signal == "random"
     assert Switching(guarantee="sequence", dwell=1).signal == "periodic"
     assert Switching(guarantee="dwell", signal="markov", dwell=1).signal == "markov"
-    assert canonical_document(
-        Problem(
-            network=NETWORK,
-            coupling="y",
-            switching=Switching(guarantee="dwell", dwell=1, longest=2),
-        )
-    )["switching"] == {"signal": "random", "dwell": "1", "guarantee": "dwell", "longest": "2"}
+    bounded = Switching(guarantee="dwell", dwell=1, longest=2)
+    document = canonical_document(switched(switching=bounded))
+    written = {"signal": "random", "dwell": "1", "guarantee": "dwell", "longest": "2"}
+    assert document["switching"] == written

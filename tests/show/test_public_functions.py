@@ -3,6 +3,7 @@ see it."""
 
 import inspect
 import io
+from functools import partial
 from types import SimpleNamespace
 
 import pytest
@@ -11,29 +12,23 @@ from rich.console import Console
 import dobc_design as dd
 from dobc_design._show import progress
 
-REPORTING = sorted(
-    name
-    for name in dd.__all__
-    if inspect.isfunction(getattr(dd, name))
-    and "progress" in inspect.signature(getattr(dd, name)).parameters
-)
+
+def parameters(name: str) -> dict[str, inspect.Parameter]:
+    """Of a public function; a class has none that matter here."""
+    function = getattr(dd, name)
+    if not inspect.isfunction(function):
+        return {}
+    return dict(inspect.signature(function).parameters)
+
+
+REPORTING = sorted(name for name in dd.__all__ if "progress" in parameters(name))
 
 
 def test_rates_pins_and_tolerances_have_types():
     """No argument that is a number, pins or labels is Any."""
-    loose = {
-        f"{name}({given.name})"
-        for name in (
-            "certify",
-            "design",
-            "design_observer",
-            "design_pinning",
-            "trade_off",
-        )
-        for given in inspect.signature(getattr(dd, name)).parameters.values()
-        if given.annotation == "Any"
-    }
-    assert loose == set()
+    for name in ("certify", "design", "design_observer", "design_pinning", "trade_off"):
+        for given in parameters(name).values():
+            assert given.annotation != "Any", f"{name}({given.name})"
 
 
 def test_every_function_that_reports_has_a_bar():
@@ -60,30 +55,28 @@ def test_a_bar_shows_the_stage_and_the_time_left_on_a_terminal_and_nothing_elsew
     assert drawn(terminal=False) == ""
 
 
-@pytest.mark.parametrize(
-    ("run", "last"),
-    [
-        (lambda how: dd.certify("clock-sync", progress=how), str),
-        (lambda how: dd.simulate("clock-sync", runs=3, t_final=1, progress=how), float),
-        (
-            lambda how: dd.sweep(
-                "clock-sync", {"pinning.gains.gateway": [2]}, jobs=1, progress=how
-            ),
-            None,
-        ),
-    ],
-)
+def swept(name: str, progress: object) -> object:
+    return dd.sweep(name, {"pinning.gains.gateway": [2]}, jobs=1, progress=progress)
+
+
+SIMULATED = partial(dd.simulate, runs=3, t_final=1)
+RUNS = [(dd.certify, str), (SIMULATED, float), (swept, None)]
+
+
+@pytest.mark.parametrize(("run", "last"), RUNS)
 def test_the_bar_is_told_what_a_function_would_be_told_and_is_closed(monkeypatch, run, last):
-    told, seen = [], []
-    monkeypatch.setattr(
-        progress.Bar,
-        "__call__",
-        lambda self, state: seen.append((state, self.moving.live.is_started)),
-    )
-    run(told.append)
-    run(True)
-    assert len(seen) == len(told) > 0
-    assert all(started for _, started in seen)
-    assert last is None or isinstance(told[-1], last)
-    run(False)
-    assert len(seen) == len(told)
+    told: list[object] = []
+    started: list[bool] = []
+
+    def see(bar: progress.Bar, state: object) -> None:
+        started.append(bar.moving.live.is_started)
+
+    monkeypatch.setattr(progress.Bar, "__call__", see)
+    run("clock-sync", progress=told.append)
+    run("clock-sync", progress=True)
+    assert len(started) == len(told) > 0
+    assert all(started)
+    if last is not None:
+        assert isinstance(told[-1], last)
+    run("clock-sync", progress=False)
+    assert len(started) == len(told)

@@ -25,10 +25,7 @@ shown_as(Fraction(-1, 10**400), r"-1\cdot 10^{-400}")
 shown_as(Fraction(10**20000), r"1\cdot 10^{20000}")
 
 
-@pytest.mark.parametrize(
-    ("value", "shown"),
-    SHOWN,
-)
+@pytest.mark.parametrize(("value", "shown"), SHOWN)
 def test_a_rational_is_shown_exactly_if_short_and_rounded_if_long(value: Fraction, shown: str):
     assert latex_number(value) == shown
 

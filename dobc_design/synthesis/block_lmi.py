@@ -15,6 +15,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from dobc_design._show.cards import Card, Shown
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certification.certify import certify
 from dobc_design.conditions.consensus.claim import state_theorems
@@ -87,7 +88,7 @@ def require_theorems(loop: Loop) -> None:
         )
 
 
-class BlockLMI:
+class BlockLMI(Shown):
     """The inequality of Theorem 1 or 2: cvxpy variables, constraints, and the exact decision.
 
     P (q, q) symmetric and Q (q, m) are cvxpy variables; ``psi``: mode -> Psi, a cvxpy expression
@@ -202,9 +203,23 @@ class BlockLMI:
         return certify(self.stated.replace(observer=observer))
 
     def __repr__(self) -> str:
+        return f"{self._title}: {self._size}. {self.status}"
+
+    @property
+    def _title(self) -> str:
         theorem = 2 if len(self.psi) > 1 else 1
+        return f"Matrix inequality of Theorem {theorem}"
+
+    @property
+    def _size(self) -> str:
         q, m = self.Q.shape
-        return (
-            f"Matrix inequality of Theorem {theorem}: {counted(len(self.psi), 'block')} of "
-            f"{self.rows} rows, P {q} x {q} and Q {q} x {m} in all of them. {self.status}"
-        )
+        blocks = counted(len(self.psi), "block")
+        return f"{blocks} of {self.rows} rows, P {q} x {q} and Q {q} x {m} in all of them"
+
+    def _card(self) -> Card:
+        facts = [
+            ("size", self._size),
+            ("Psi at most, 1/s", -self.margin),
+            ("P at least", self.floor),
+        ]
+        return Card(title=self._title, text=self.status, facts=facts)

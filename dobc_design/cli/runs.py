@@ -187,7 +187,7 @@ def _moving_network(result: Trajectory, problem: Problem) -> bytes:
     arcs = {}
     for name, mode in problem.network.modes.items():
         arcs[name] = list(zip(mode.listeners.tolist(), mode.speakers.tolist(), strict=True))
-    return animation_page(result, arcs=arcs).encode("utf-8")
+    return animation_page(result, arcs=arcs, pinned=problem.pinning.agents).encode("utf-8")
 
 
 def _document(result: Any, problem: Problem, proof: Certificate | None) -> output.Document:

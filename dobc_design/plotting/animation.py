@@ -1,6 +1,6 @@
 """The network in motion: one HTML page that needs no network.
 
-An arrow is not drawn: a line between two agents means that at least one hears the other.  The page
+Arrows point to the agent that listens.  The page
 holds its data, its script and nothing else; it loads nothing and runs in any browser.
 """
 
@@ -46,20 +46,27 @@ COLOURS = {
 }
 
 
-def write_animation(run: Run, path: Path, *, arcs: Arcs | None = None, force: bool = True) -> Path:
+def write_animation(
+    run: Run,
+    path: Path,
+    *,
+    arcs: Arcs | None = None,
+    pinned: Sequence[int] = (),
+    force: bool = True,
+) -> Path:
     """Write ``path``, an .html file.  ``arcs``: (listener, speaker) by mode, where the run has no
     graphs of its own.
     Raises: SpecError for another ending, or a network that is too large."""
     if path.suffix.lower() != ".html":
         told = f"an animation is saved as .html; got {path.name[:40]!r}."
         raise refused("path", told, "Choose that ending.")
-    page = animation_page(run, arcs=arcs)
+    page = animation_page(run, arcs=arcs, pinned=pinned)
     return write_new(path, page.encode("utf-8"), force=force)
 
 
-def animation_page(run: Run, *, arcs: Arcs | None = None) -> str:
-    """The page: agents on their first two components, or one component against the agents'
-    numbers."""
+def animation_page(run: Run, *, arcs: Arcs | None = None, pinned: Sequence[int] = ()) -> str:
+    """The page: agents on their first two components, to the same scale, or one component of agents
+    side by side; ``pinned`` ones are squares."""
     frames = thinned_rows(len(run.times), MOST_FRAMES)
     times = run.times[frames]
     # A leader that moves carries the goals with it: they are not drawn.
@@ -74,6 +81,8 @@ def animation_page(run: Run, *, arcs: Arcs | None = None) -> str:
         "mode": run.switches.at(times).tolist(),
         "modes": list(run.switches.names),
         "axes": _axis_names(run),
+        "plane": run.x.shape[2] >= 2,
+        "pinned": list(pinned),
         "colours": COLOURS,
         "pace": PACE,
     }
@@ -97,20 +106,19 @@ def _in_plane(values: Array) -> Array:
 def _axis_names(run: Run) -> tuple[str, str]:
     first = in_units(*run.units[:1])
     if run.x.shape[2] == 1:
-        return f"state x, {first}", "agent, by number"
+        return f"state x, {first}", "agent"
     return f"first component, {first}", f"second component, {in_units(*run.units[1:2])}"
 
 
 def _links(run: Run, arcs: Arcs | None) -> list[NDArray[np.int64]]:
-    """Pairs of agents (k, 2) by mode, each pair once.  Raises: SpecError for a network that is too
-    large."""
+    """Pairs of agents (listener, speaker), (k, 2), by mode, each pair once.
+    Raises: SpecError for a network that is too large."""
     # Agents that move have graphs of the run itself; else the modes have arcs.
     if run.switches.graphs:
         found = [np.asarray(graph).T for graph in run.switches.graphs]
     else:
         found = [_pairs(arcs, name) for name in run.switches.names]
-    # A link is drawn once, whoever hears whom.
-    links = [np.unique(np.sort(each, axis=1), axis=0) for each in found]
+    links = [np.unique(each, axis=0) for each in found]
     agents = len(run.labels)
     count = sum(map(len, links))
     if agents > MOST_AGENTS or count > MOST_LINKS:

@@ -157,13 +157,15 @@ def thinned_rows(count: int, most: int = MOST_POINTS) -> NDArray[np.intp]:
 
 
 def legend_above(ax: Axes, *, right: bool = False, widest: int = 3, least: int = 2) -> Axes:
-    """The axes, above them a legend of at least ``least`` entries, each once; in two columns beyond
-    ``widest``."""
+    """The axes, above them a legend of at least ``least`` entries, each once; in two rows or
+    more beyond ``widest``."""
     handles, labels = ax.get_legend_handles_labels()
     entries = dict(zip(labels, handles, strict=True))
     if len(entries) < least:
         return ax
-    columns = len(entries) if len(entries) <= widest else 2
+    columns = len(entries)
+    if columns > widest:
+        columns = max(2, min(widest, (columns + 1) // 2))
     legend = ax.legend(
         list(entries.values()),
         list(entries),

@@ -30,6 +30,7 @@ MOST_AGENTS, MOST_ARCS = 300, 1500  # of a network that is drawn; beyond, it wou
 MOST_LABELLED = 60
 LARGEST_BY_DISTANCE = 150  # Kamada and Kawai's method takes all pairs
 MOST_BIG = 30  # agents whose labels beside the nodes are not made smaller
+MOST_IN_ROW = 20  # agents of a chain that stand on a line
 _SIDES = ((0, -1), (0, 1), (1, 0), (-1, 0))
 _INSIDE = 3  # letters that fit into a node
 _ROOMY = 0.05  # radius from which a node has letters inside
@@ -272,8 +273,8 @@ def _free_sides(places: Positions, arcs: Sequence[Pair]) -> list[Pair]:
 
 
 def positions(pairs: Iterable[Pair], n: int) -> Positions:
-    """Places (n, 2) within [-1, 1] of agents joined by ``pairs``: circulants on a circle, others by
-    their distances."""
+    """Places (n, 2) within [-1, 1] of agents joined by ``pairs``: circulants on a circle, chains in
+    a row, others by their distances."""
     known = set(pairs)
     graph = nx.Graph()
     graph.add_nodes_from(range(n))
@@ -283,6 +284,9 @@ def positions(pairs: Iterable[Pair], n: int) -> Positions:
         return _circle(range(n))
     if len(components) == 1 and n > 2 and all(degree == 2 for _, degree in graph.degree):
         return _circle([0, *(end for _, end in nx.dfs_edges(graph, 0))])
+    row = _row(graph, n)
+    if row is not None:
+        return row
     if n > LARGEST_BY_DISTANCE:
         return _scaled(nx.spring_layout(graph, seed=1, iterations=60), range(n))
     return _packed(graph, components, n)
@@ -295,6 +299,24 @@ def _circle(order: Sequence[int]) -> Positions:
         angle = math.pi / 2 - 2 * math.pi * rank / len(order)
         places[agent] = math.cos(angle), math.sin(angle)
     return places
+
+
+def _row(graph: Any, n: int) -> Positions | None:
+    """A chain on a line, one with arcs to the next but one on two; None for other graphs."""
+    if not 1 < n <= MOST_IN_ROW or not nx.is_connected(graph):
+        return None
+    ends = [agent for agent, degree in graph.degree if degree == 1]
+    order, rise = list(range(n)), 0.0
+    # A tree with two leaves is a path.
+    if len(ends) == 2 and graph.number_of_edges() == n - 1:
+        order = list(nx.dfs_preorder_nodes(graph, ends[0]))
+    elif all(abs(one - other) <= 2 for one, other in graph.edges):
+        rise = 0.7
+    else:
+        return None
+    places = np.zeros((n, 2))
+    places[order] = [(rank, rise * (rank % 2)) for rank in range(n)]
+    return _fitted(places)
 
 
 def _packed(graph: Any, components: Sequence[Sequence[int]], n: int) -> Positions:

@@ -40,6 +40,8 @@ MOST_BOUNDS = 200  # points at which a certified bound is asked for
 MOST_NAMED_MODES = 6
 FEW_DECADES = 3
 WIDTH, PANEL, BAND = 7.0, 1.75, 0.32  # inches
+#: Colours, and once more with dashes: the agents that can be told apart.
+STYLES: Any = [(colour, dashes) for dashes in ("solid", (0, (6, 1.5, 1, 1.5))) for colour in SERIES]
 LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)
 _SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
@@ -212,32 +214,40 @@ def plot_error(ax: Axes, run: Run, envelope: Envelope | None) -> Axes:
 
 
 def plot_agents(ax: Axes, run: Run, *, component: int, pinned: Sequence[int] = ()) -> Axes:
-    """One component of the states of at most 30 agents, and their goals (dashed); ``pinned`` ones
-    are blue."""
+    """One component of the states of at most 30 agents, and their goals (dashed).  Up to 12 differ
+    in colour and dashes, the ``pinned`` ones are thicker; of more, the pinned ones are blue."""
     rows = look.thinned_rows(len(run.times))
     held = set(pinned)
     chosen = look.shown_agents(run.x.shape[1], held)
-    few = len(chosen) <= len(SERIES)
-    # Few agents have colours of their own; of many the order is seen from dark to light.
-    shades: Any = SERIES
-    if not few:
-        shades = colormaps["cividis"](np.linspace(0.05, 0.8, len(chosen)))
+    few = len(chosen) <= len(STYLES)
+    # Of many the order is seen from dark to light.
+    shades: Any = colormaps["cividis"](np.linspace(0.05, 0.8, len(chosen)))
+    word = "agent " if len(chosen) <= len(SERIES) else ""  # no room for it beside many names
     times, marker = run.times[rows], _marker(rows)
-    for agent, shade in zip(chosen, shades, strict=False):
+    for place, agent in enumerate(chosen):
         x = run.x[rows, agent, component]
         (line,) = ax.plot(times, x, linewidth=1.0, marker=marker)
-        # With pins given, the question is who is pinned and not who is who.
-        if agent in held:
+        if few:
+            colour, dashes = STYLES[place]
+            label = f"{word}{look.short(run.labels[agent], 10)}"
+            line.set(color=colour, linestyle=dashes, label=label)
+            if agent in held:
+                line.set(linewidth=2.2, label=f"{label}, pinned")
+        # Of many agents the question is who is pinned and not who is who.
+        elif agent in held:
             line.set(color=BLUE, label="pinned", linewidth=1.7, zorder=2.1)
         elif held:
             line.set(color=MUTED, label="not pinned")
         else:
-            line.set(color=shade, label=f"agent {look.short(run.labels[agent])}")
+            line.set_color(shades[place])
     _goals(ax, run, chosen, component)
     if component > 0:
         return ax
     if few or held:
-        return look.legend_above(ax, right=True, widest=7)
+        # As many columns as the longest name leaves room for.
+        longest = max(map(len, ax.get_legend_handles_labels()[1]))
+        columns = int(14 * ax.figure.bbox.width / ax.figure.dpi / (longest + 6))
+        return look.legend_above(ax, right=True, widest=min(columns, 7))
     dark = look.short(run.labels[chosen[0]])
     light = look.short(run.labels[chosen[-1]])
     title = f"agents {dark} (dark) to {light} (light); goals dashed"
@@ -267,6 +277,38 @@ def _goals(ax: Axes, run: Goals, chosen: Sequence[int], component: int) -> Axes:
 def state_symbol(component: int, m: int) -> str:
     """The letter of a state component; with a single one it has no number."""
     return "xᵢ" if m == 1 else f"xᵢ,{component + 1}".translate(_SUBSCRIPTS)
+
+
+def plot_plane(
+    ax: Axes, run: Run, *, pinned: Sequence[int] = (), arcs: Sequence[tuple[int, int]] = ()
+) -> Axes:
+    """Paths of at most 30 agents in their first two components, which share a scale, up to where
+    they end; ``arcs`` (listener, speaker) as arrows there, towards who listens.  Pinned agents are
+    blue squares, goals crosses."""
+    rows = look.thinned_rows(len(run.times))
+    chosen = look.shown_agents(run.x.shape[1], set(pinned))
+    ends = run.x[-1, :, :2]
+    for listener, speaker in arcs:
+        if listener in chosen and speaker in chosen:
+            arrow = {"arrowstyle": "-|>", "color": MUTED, "linewidth": 0.6, "shrinkB": 4}
+            ax.annotate("", ends[listener], ends[speaker], arrowprops=arrow)
+    for agent in chosen:
+        held = agent in pinned
+        colour = BLUE if held else INK
+        ax.plot(*run.x[rows, agent, :2].T, color=colour, linewidth=0.8, alpha=0.6)
+        (end,) = ax.plot(*ends[agent], color=colour, linestyle="none", marker="s" if held else "o")
+        end.set_label("pinned" if held else "not pinned")
+        label = look.short(run.labels[agent], 8)
+        text = ax.annotate(label, ends[agent], (4, 4), textcoords="offset points", fontsize=7)
+        text.set_parse_math(False)
+    goals = run.goal[chosen, :2] + run.leader[-1, :2]
+    ax.plot(*goals.T, color=VERMILLION, linestyle="none", marker="x", label="goal")
+    ax.set_aspect("equal", adjustable="datalim")
+    size = run.x.shape[2]
+    for axis, component in ((ax.xaxis, 0), (ax.yaxis, 1)):
+        unit = look.in_units(*run.units[component : component + 1])
+        axis.set_label_text(f"{state_symbol(component, size)} {unit}", parse_math=False)
+    return look.legend_above(ax, right=True)
 
 
 def plot_estimates(ax: Axes, run: Run) -> Axes:

@@ -239,6 +239,7 @@ def trace_section(found: Findings) -> Iterator[Block]:
         Column("where it stands", lambda kind: kind.source, 1.2),
         Column("decided in", lambda kind: ", ".join(kind.decided_in), 1.4, style="code"),
         Column("decided again in", lambda kind: kind.checker, 1.1, style="code"),
+        cards=True,
     )
 
 

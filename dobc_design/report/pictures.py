@@ -205,10 +205,30 @@ def simulation_pictures(certificate: Certificate, trajectory: Trajectory) -> Ite
     if len(trajectory.times) < 2:
         return
     problem = certificate.problem
+    # States of a formation are places; those of [dynamics] are not.
+    if problem.offsets and problem.m > 1 and problem.dynamics is None:
+        yield _formation_picture(problem, trajectory)
     for component in range(min(problem.m, runs.MOST_COMPONENTS)):
         yield _state_picture(problem, trajectory, component)
     if problem.groups:
         yield _estimate_picture(trajectory)
+
+
+def _formation_picture(problem: Problem, trajectory: Trajectory) -> Picture:
+    """Paths, goals and who listens to whom at the end, in the first two components."""
+    mode = trajectory.switches.names[int(trajectory.switches.at(trajectory.times[-1:])[0])]
+    arcs = [(listener, speaker) for listener, speaker, _ in problem.network.modes.get(mode, ())]
+    draw = partial(runs.plot_plane, run=trajectory, pinned=problem.pinning.agents, arcs=arcs)
+    text = "Paths of the agents in their first two components, to the same scale"
+    return Picture(
+        "formation",
+        "The formation",
+        caption=f"{text}. Crosses are goals; arrows point to the agent that listens.",
+        alt=f"{text}; at the end they are at most {number(trajectory.error()[-1])} from their "
+        "goals.",
+        draw=draw,
+        height=3.6,
+    )
 
 
 def _state_picture(problem: Problem, trajectory: Trajectory, component: int) -> Picture:
@@ -224,7 +244,7 @@ def _state_picture(problem: Problem, trajectory: Trajectory, component: int) -> 
     def draw(ax: Axes) -> object:
         pinned = problem.pinning.agents
         drawn = runs.plot_agents(ax, trajectory, component=component, pinned=pinned)
-        return runs.in_time(drawn, times)
+        return draw_band(runs.in_time(drawn, times), trajectory.switches, float(times[-1]))
 
     return Picture(
         f"states-{component + 1}",
@@ -240,13 +260,18 @@ def _estimate_picture(trajectory: Trajectory) -> Picture:
     agents = min(len(trajectory.labels), runs.MOST_ESTIMATES)
     which = "" if d.shape[2] == 1 else ", first component"
     left = number(abs(d[-1] - dhat[-1]).max())
+
+    def draw(ax: Axes) -> object:
+        drawn = runs.in_time(runs.plot_estimates(ax, trajectory), trajectory.times)
+        return draw_band(drawn, trajectory.switches, float(trajectory.times[-1]))
+
     return Picture(
         "estimates",
         "Disturbance and estimate",
         caption=f"Disturbance d (dotted) and its estimate d̂ of {agents} agents{which}.",
         alt=f"Disturbance and estimate over time; they differ at the end by at most {left} "
         "over all agents.",
-        draw=lambda ax: runs.in_time(runs.plot_estimates(ax, trajectory), trajectory.times),
+        draw=draw,
     )
 
 

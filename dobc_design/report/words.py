@@ -459,7 +459,7 @@ def agents_table(problem: Problem) -> doc.Table | None:
         columns.append(doc.Column(f"listens to in {name}", heard.__getitem__, 2))
     goals = ", goals" if moved else ""
     caption = f"Gain k of the pins{goals}, and whom each agent listens to"
-    return doc.table_of(caption, range(problem.n), *columns)
+    return doc.table_of(caption, range(problem.n), *columns, cards=True)
 
 
 def _heard(arcs: Arcs, labels: Sequence[str]) -> list[str]:

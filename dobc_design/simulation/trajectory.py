@@ -196,16 +196,18 @@ class Trajectory(Simulated):
         path: str | PathLike[str],
         *,
         arcs: Mapping[str, Sequence[tuple[int, int]]] | None = None,
+        pinned: Sequence[int] = (),
         force: bool = True,
     ) -> Path:
         """Write the moving network to ``path``, an .html file that loads nothing.
 
         ``arcs``: (listener, speaker) by mode, for graphs that are not the trajectory's own.
+        ``pinned``: indices of agents to be drawn as squares.
         Raises: SpecError.
         """
         from dobc_design.plotting.animation import write_animation
 
-        return write_animation(self, Path(path), arcs=arcs, force=force)
+        return write_animation(self, Path(path), arcs=arcs, pinned=pinned, force=force)
 
     def to_pandas(self) -> pd.DataFrame:
         """A table with one row per sample, indexed by time in s; columns (quantity, agent,

@@ -29,6 +29,16 @@ def test_a_ring_stands_on_a_circle_in_any_order():
     assert np.allclose(steps, steps[0])
 
 
+def test_a_chain_stands_on_a_line_in_its_own_order_and_longer_arcs_make_two():
+    places = positions([(3, 0), (0, 2), (2, 1)], 4)
+    assert places[:, 1].tolist() == [0] * 4
+    assert np.argsort(places[:, 0]).tolist() in ([1, 2, 0, 3], [3, 0, 2, 1])
+    both = [(i, i - 1) for i in range(1, 8)] + [(i, i - 2) for i in range(2, 8)]
+    places = positions(both, 8)
+    assert np.all(np.diff(places[:, 0]) > 0)
+    assert len(set(places[:, 1].tolist())) == 2
+
+
 @pytest.mark.parametrize(
     ("pairs", "n"), [([], 1), ([], 5), ([(0, 1)], 2), ([(0, 1), (2, 3), (3, 4)], 6), (ring(3), 3)]
 )

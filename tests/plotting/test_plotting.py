@@ -17,7 +17,7 @@ import dobc_design as dd
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.plotting import look
 from dobc_design.plotting.animation import animation_page
-from dobc_design.plotting.runs import plot_errors, trajectory_sheet
+from dobc_design.plotting.runs import plot_agents, plot_errors, plot_plane, trajectory_sheet
 
 
 @pytest.fixture(scope="module")
@@ -265,12 +265,37 @@ def test_the_animation_holds_the_run_and_loads_nothing(swarm):
     assert data["times"] == swarm.times.tolist()
     assert data["mode"] == swarm.mode_index.tolist()
     for pairs, graph in zip(data["links"], swarm.switches.graphs, strict=True):
-        wanted = {tuple(sorted(pair)) for pair in graph.T.tolist()}
+        wanted = {tuple(pair) for pair in graph.T.tolist()}
         assert {tuple(pair) for pair in pairs} == wanted
     assert data["title"] == "swarm </script><b>&"
     assert page.count("</script>") == 2
     assert not re.search(r"https?:|//[a-z]|@import|src=|url\(|fetch|XMLHttp|WebSocket", page)
     assert "default-src 'none'" in page
+
+
+def test_a_formation_has_one_scale_arrows_goals_and_pinned_agents(swarm):
+    ax = Figure().add_subplot()
+    plot_plane(ax, swarm, pinned=[0], arcs=[(1, 0)])
+    assert ax.get_aspect() == 1
+    _, labels = ax.get_legend_handles_labels()
+    assert set(labels) == {"pinned", "not pinned", "goal"}
+    arrow = next(text for text in ax.texts if text.arrow_patch is not None)
+    # towards agent 1, which listens
+    np.testing.assert_allclose(arrow.xy, swarm.x[-1, 1])
+    data = page_data(animation_page(swarm, pinned=[0]))
+    assert data["plane"] is True
+    assert data["pinned"] == [0]
+
+
+def test_eight_agents_differ_in_colour_or_dashes():
+    run = dd.simulate(ring("y", 8), t_final=0.1, samples=2)
+    ax = Figure().add_subplot()
+    plot_agents(ax, run, component=0, pinned=[0])
+    drawn = {line.get_label(): (line.get_color(), line.get_linestyle()) for line in ax.get_lines()}
+    drawn.pop("goal")
+    assert len(drawn) == 8
+    assert len(set(drawn.values())) == 8
+    assert "1, pinned" in drawn
 
 
 def test_one_component_moves_along_its_axis_and_arcs_can_be_given(switched):
@@ -279,7 +304,7 @@ def test_one_component_moves_along_its_axis_and_arcs_can_be_given(switched):
     np.testing.assert_allclose(places[:, :, 0], switched.x[:, :, 0], atol=1e-4)
     assert places[0, :, 1].tolist() == list(range(1, 11))
     names = switched.switches.names
-    assert data["links"][names.index("Ga")] == [[0, 1], [2, 4]]
+    assert data["links"][names.index("Ga")] == [[0, 1], [1, 0], [4, 2]]
     assert data["links"][names.index("Gb")] == []
 
 

@@ -12,8 +12,8 @@ from dobc_design.description.words import describe
 from dobc_design.problem.load import builtin_names, load_problem
 
 CHAIN = [(1, 2), (2, 3), (3, 4)]
-SHORTER = [*CHAIN, (1, 3)]
-TWO_MODES = network_of({"a": CHAIN, "b": SHORTER}, 4)
+WITH_SHORTCUT = [*CHAIN, (1, 3)]
+TWO_MODES = network_of({"a": CHAIN, "b": WITH_SHORTCUT}, 4)
 SINE = exosystems.harmonics(2)
 CONSTANT = exosystems.constant()
 SOUND: dict[str, Any] = {}

@@ -65,12 +65,13 @@ def test_the_disturbance_in_words(exosystem: Exosystem, words: str):
 
 
 WIDE = region(-180, 180)
-SHORTER = [*CHAIN, (1, 3)]
-TWO_MODES = network_of({"a": CHAIN, "b": SHORTER}, 4)
+WITH_SHORTCUT = [*CHAIN, (1, 3)]
+TWO_MODES = network_of({"a": CHAIN, "b": WITH_SHORTCUT}, 4)
 SLIPS: list[Any] = []
 
 
 def slip(name: str, words: str, /, **changes: Any) -> None:
+    """With these changes of the sound problem a remark has these words."""
     SLIPS.append(pytest.param(changes, words, id=name))
 
 

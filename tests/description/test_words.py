@@ -84,6 +84,7 @@ TABLES: list[Any] = []
 
 
 def table(words: str, /, **tables: Any) -> None:
+    """What is said of the tables of a file; the first one names the case."""
     first_key = next(iter(tables))
     TABLES.append(pytest.param(tables, words, id=first_key))
 

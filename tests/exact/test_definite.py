@@ -146,33 +146,26 @@ def test_a_numpy_float_is_its_binary_value_and_a_listed_one_its_decimal_text():
     assert Fraction(0.1) * Fraction(0.9) > Fraction(0.3) ** 2
 
 
-@pytest.mark.parametrize(
-    "bad",
-    [
-        *([[1, 2]], [[]], [[1], [2]], [[1, 2], [2]], [[1, 2], [3, 1]]),
-        *(5, None, "12", ["12", "21"], {(0, 0): 1}, [1, 2], np.array(1.0)),
-        *(np.zeros(shape) for shape in ((2, 3), (0, 3), 4, (2, 2, 2), (20, 21))),
-        *(np.array([[1.0, 1.0], [1.0 + 2**-52, 2.0]]), np.triu(np.ones((20, 20)))),
-    ],
-)
+NOT_SYMMETRIC = [[[1, 2]], [[]], [[1], [2]], [[1, 2], [2]], [[1, 2], [3, 1]]]
+NOT_SYMMETRIC += [5, None, "12", ["12", "21"], {(0, 0): 1}, [1, 2], np.array(1.0)]
+NOT_SYMMETRIC += [np.zeros(shape) for shape in ((2, 3), (0, 3), 4, (2, 2, 2), (20, 21))]
+NOT_SYMMETRIC += [np.array([[1.0, 1.0], [1.0 + 2**-52, 2.0]]), np.triu(np.ones((20, 20)))]
+
+
+@pytest.mark.parametrize("bad", NOT_SYMMETRIC)
 def test_what_is_not_square_and_symmetric_is_refused(bad):
     """np.linalg.cholesky accepts non-symmetric input; this must not."""
     with pytest.raises(ShapeError, match="must"):
         exact.definiteness(bad)
 
 
-@pytest.mark.parametrize(
-    "bad",
-    [
-        *([[x]] for x in (float("nan"), float("inf"), True, "x", None)),
-        *(np.array([[x]]) for x in (np.nan, 1j, True)),
-        *(
-            np.array([[1.0, np.inf], [np.inf, 1.0]]),
-            np.full((20, 20), np.nan),
-            np.diag([np.inf] * 20),
-        ),
-    ],
-)
+NO_NUMBERS = [[[x]] for x in (float("nan"), float("inf"), True, "x", None)]
+NO_NUMBERS += [np.array([[x]]) for x in (np.nan, 1j, True)]
+NO_NUMBERS += [np.array([[1.0, np.inf], [np.inf, 1.0]])]
+NO_NUMBERS += [np.full((20, 20), np.nan), np.diag([np.inf] * 20)]
+
+
+@pytest.mark.parametrize("bad", NO_NUMBERS)
 def test_what_is_no_number_is_refused(bad):
     """np.linalg.cholesky accepts inf and nan; this must not."""
     with pytest.raises(SpecError, match="must"):
@@ -241,9 +234,13 @@ def test_up_to_2000_rows_no_bound_leaves_anything_undecided():
 def oracle(M: exact.SparseSymmetric) -> tuple[bool, bool]:
     """Whether M > 0 and whether M >= 0."""
     whole = [flint.fmpq(x.numerator, x.denominator) for row in M.to_dense() for x in row]
-    coefficients = flint.fmpq_mat(M.size, M.size, whole).charpoly().coeffs()
-    signed = [c * (-1) ** (M.size - k) for k, c in enumerate(coefficients)]
-    return all(c > 0 for c in signed), all(c >= 0 for c in signed)
+    polynomial = flint.fmpq_mat(M.size, M.size, whole).charpoly()
+    signed = []
+    for k, coefficient in enumerate(polynomial.coeffs()):
+        signed.append(coefficient * (-1) ** (M.size - k))
+    definite = all(c > 0 for c in signed)
+    semidefinite = all(c >= 0 for c in signed)
+    return definite, semidefinite
 
 
 @st.composite
@@ -254,10 +251,13 @@ def matrices(draw: st.DrawFn) -> exact.SparseSymmetric:
     r = np.random.default_rng(draw(st.integers(0, 2**32)))
     kind = draw(st.sampled_from(["gram", "laplacian", "sparse"]))
     if kind == "gram":
-        G = r.integers(-4, 5, (n, draw(st.integers(max(1, n - 3), n + 2))))
+        columns = draw(st.integers(max(1, n - 3), n + 2))
+        G = r.integers(-4, 5, (n, columns))
         whole = (G @ G.T).tolist()
     else:
-        A = np.triu(r.integers(0, 4, (n, n)) * (r.random((n, n)) < 0.4), 1)
+        weights = r.integers(0, 4, (n, n))
+        present = r.random((n, n)) < 0.4
+        A = np.triu(weights * present, 1)
         signs = -1 if kind == "laplacian" else r.choice([-1, 1], (n, n))
         upper = np.triu(signs * A)
         degrees = np.diag((A + A.T).sum(axis=1))
@@ -334,9 +334,13 @@ def truth(small: Fraction) -> Verdict:
 SLOW = ("LDL' in flint", "lift")  # what the choice rests on as well
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.slow if name in SLOW else ()) for name in PATHS]
-)
+PATH_NAMES = []
+for path in PATHS:
+    marks = pytest.mark.slow if path in SLOW else ()
+    PATH_NAMES.append(pytest.param(path, marks=marks))
+
+
+@pytest.mark.parametrize("name", PATH_NAMES)
 def test_no_path_is_wrong_at_the_edge(name: str):
     """H diag(lambda) H / n has the eigenvalues lambda: the truth is known in closed form."""
     verdicts = [(truth(small), PATHS[name](matrix)) for small, matrix in edges()]
@@ -355,7 +359,8 @@ def test_no_path_is_wrong_at_the_edge(name: str):
 def test_the_semidefinite_twin_is_right_at_the_edge_and_witnesses_refute():
     """A zero eigenvalue is allowed there and only there; witnesses are multiplied out in Python
     integers."""
-    for small, table in edges()[3:120:4] + edges()[120::2]:  # some of each sign and size
+    some_of_each_sign_and_size = edges()[3:120:4] + edges()[120::2]
+    for small, table in some_of_each_sign_and_size:
         M = exact.IntegerSymmetric.from_floats(table)
         strict = exact.decide_positive_definite(M)
         weak = exact.decide_positive_semidefinite(M)

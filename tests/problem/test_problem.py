@@ -57,6 +57,7 @@ GAINS: list[Any] = []
 
 
 def gain(value: Any, expected: Any) -> None:
+    """What is given as a gain, and the number that it stands for."""
     GAINS.append((value, expected))
 
 
@@ -94,6 +95,7 @@ DIMENSIONS: list[Any] = []
 
 
 def dimension(m: int, /, **changes: Any) -> None:
+    """A problem with these changes has m state components."""
     DIMENSIONS.append((changes, m))
 
 

@@ -16,22 +16,27 @@ def boxed(**more) -> tuple[Problem, object]:
 
 def test_the_box_is_the_region_less_the_goals():
     """x in [0, 5], goals 1 and 3: e in [-1, 4] and [-3, 2]."""
-    given, loop = boxed(region={"initial_states": [0, 5]})
+    region = {"initial_states": [0, 5]}
+    given, loop = boxed(region=region)
     box = asked_box(given, loop)
     assert box.low.tolist() == [-1.0, -3.0]
     assert box.high.tolist() == [4.0, 2.0]
     assert box.holds(np.array([4.0, -3.0]))
     assert not box.holds(np.array([4.001, 0.0]))
-    assert asked_box(given, loop, radius=2.0).low.tolist() == [-2.0, -2.0]
+    found = asked_box(given, loop, radius=2.0).low.tolist()
+    assert found == [-2.0, -2.0]
     given, loop = boxed()
-    assert asked_box(given, loop).high.tolist() == [1.0, 1.0]
+    found = asked_box(given, loop).high.tolist()
+    assert found == [1.0, 1.0]
 
 
 @pytest.mark.parametrize("kind", [RANDOM, CORNERS, EDGES])
 def test_starts_of_a_box_lie_in_it_and_steps_are_brought_back(kind: str):
-    network = Network.from_arcs([[2, 1], [3, 2]], arrow="listens_to", agents=3)
+    arcs = [[2, 1], [3, 2]]
+    network = Network.from_arcs(arcs, arrow="listens_to", agents=3)
     sine = Exosystem(A=[[0, 1], [-1, 0]], C=[[1, 0]])
-    observer = Observer(W=[[1], [0]])
+    W = [[1], [0]]
+    observer = Observer(W=W)
     given = Problem(
         network=network, coupling="tanh(y)", gains={1: 1}, exosystem=sine, observer=observer
     )
@@ -56,5 +61,6 @@ def test_all_corners_are_taken_where_there_are_few():
     corners = unit_cube(np.random.default_rng(0), 3, 10, CORNERS)
     assert len({tuple(corner) for corner in corners.T[:8].tolist()}) == 8
     many = unit_cube(np.random.default_rng(0), 30, 4, CORNERS)
-    assert many[:, 0].tolist() == [-1.0] * 30
+    found = many[:, 0].tolist()
+    assert found == [-1.0] * 30
     assert many[:, 1].tolist() == [1.0] * 30

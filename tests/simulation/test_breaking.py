@@ -13,9 +13,8 @@ from dobc_design.simulation.breaking import OPTIONS, PeriodLimit, what_breaks_fi
 
 def ring(**settings) -> Problem:
     """Five agents in a directed ring, linear, all pinned with k = 3."""
-    network = Network.from_arcs(
-        [[i + 1, (i + 1) % 5 + 1] for i in range(5)], arrow="listens_to", agents=5
-    )
+    arcs = [[i + 1, (i + 1) % 5 + 1] for i in range(5)]
+    network = Network.from_arcs(arcs, arrow="listens_to", agents=5)
     return Problem(network=network, coupling="y", **({"gains": 3, "target": 1} | settings))
 
 
@@ -43,7 +42,9 @@ def test_the_longest_period_is_that_of_the_spectral_radius():
 def test_one_agent_with_its_observer_breaks_where_its_matrices_do():
     """e+ = (1 - 2 T) e + ..., and for A = 0, C = 1, W = w: Ad - L Cd = exp(-w T), so T* = 1 for
     every w > 0."""
-    problem = single(exosystem=Exosystem(A=[[0]], C=[[1]]), observer=Observer(W=[[2]]))
+    exosystem = Exosystem(A=[[0]], C=[[1]])
+    observer = Observer(W=[[2]])
+    problem = single(exosystem=exosystem, observer=observer)
     found = what_breaks_first(problem, options=["period"], t_final=60).period
     assert 0.96 < found.converges < 1
     assert "certified up to 0.5 s" in str(PeriodLimit(converges=0.9, fails=None, certified=0.5))
@@ -63,7 +64,8 @@ def test_an_unmodelled_sine_breaks_one_agent_where_the_closed_form_says():
     assert gain[2] <= 1 / np.hypot(2, 1) * 1.001
     assert sweep.survives * gain[1] <= 0.1 < sweep.breaks * gain[1]
     run = simulate(single(), start=[[1]], t_final=20, stress=Stress(disturbance=sweep.breaks))
-    assert np.abs(run.x[run.times >= 18]).max() > 0.1
+    answer = np.abs(run.x[run.times >= 18]).max()
+    assert answer > 0.1
 
 
 def test_saturation_breaks_where_the_input_can_no_longer_reach_the_target_in_time():
@@ -78,7 +80,8 @@ def test_saturation_breaks_where_the_input_can_no_longer_reach_the_target_in_tim
 def test_failing_agents_break_a_ring_that_nobody_else_holds():
     """One pin: those who heard it through a vanished agent are lost; agents that are all held
     stay."""
-    found = what_breaks_first(ring(gains={"1": 3}), options=["failures"], t_final=15, seed=1)
+    problem = ring(gains={"1": 3})
+    found = what_breaks_first(problem, options=["failures"], t_final=15, seed=1)
     assert found.sweeps[0].breaks is not None
     held = what_breaks_first(ring(), options=["failures"], t_final=15, seed=1)
     assert held.sweeps[0].breaks is None
@@ -115,7 +118,8 @@ def test_wrong_arguments_are_refused(arguments, message: str):
 def test_a_certified_period_stands_beside_and_below_the_observed_one():
     """Linear ring, all k = 3: 1/(1 + 3) s at most, less what is kept in hand; the loop works up to
     0.4 s."""
-    problem = ring(region={"initial_states": [0, 2]})
+    region = {"initial_states": [0, 2]}
+    problem = ring(region=region)
     certificate = dd.certify(problem, everything=True)
     found = dd.what_breaks_first(problem, options=["period"], t_final=60, certificate=certificate)
     assert 0.2 < found.period.certified <= 0.25

@@ -33,9 +33,11 @@ def reference(problem, start, times, limit=np.inf, rtol=1e-11):
     x, xi = start
     z = -x @ matrices(problem)["W"].T
     slope, control = full_loop(problem, limit)
-    state = np.concatenate([x.ravel(), xi.ravel(), z.ravel()])
+    arrays = [x.ravel(), xi.ravel(), z.ravel()]
+    state = np.concatenate(arrays)
+    t_span = (0, times[-1])
     found = solve_ivp(
-        slope, (0, times[-1]), state, t_eval=times, method="DOP853", rtol=rtol, atol=rtol / 10
+        slope, t_span, state, t_eval=times, method="DOP853", rtol=rtol, atol=rtol / 10
     )
     assert found.success
     states = found.y.T
@@ -48,7 +50,8 @@ def reference(problem, start, times, limit=np.inf, rtol=1e-11):
 def test_run_is_the_solution_of_the_full_loop(problem, observer):
     """(1), (12), (13), (19); u has p components and holds u0."""
     run = dd.simulate(problem, t_final=3, samples=41, observer=observer)
-    x, u = reference(problem, (run.x[0], run.xi[0]), run.times)
+    start = (run.x[0], run.xi[0])
+    x, u = reference(problem, start, run.times)
     assert run.u.shape == run.d.shape == run.dhat.shape == (41, problem.n, problem.inputs)
     assert np.allclose(run.x, x, atol=1e-7)
     assert np.allclose(run.u, u, atol=1e-7)
@@ -59,7 +62,8 @@ def test_run_is_the_solution_of_the_full_loop(problem, observer):
 def test_saturation_limits_the_true_input(problem):
     """|u_i| <= 0.7 with u0 in it; A x acts on, and the observer is told what is applied."""
     run = dd.simulate(problem, t_final=1, samples=11, stress=dd.Stress(saturation=0.7))
-    x, u = reference(problem, (run.x[0], run.xi[0]), run.times, limit=0.7, rtol=1e-9)
+    start = (run.x[0], run.xi[0])
+    x, u = reference(problem, start, run.times, limit=0.7, rtol=1e-9)
     assert np.abs(run.u).max() == 0.7
     assert np.allclose(run.x, x, atol=1e-6)
     assert np.allclose(run.u, u, atol=1e-6)
@@ -70,9 +74,11 @@ def test_agent_that_fails_moves_by_its_own_dynamics():
     """Input 0, couplings go on: a lone agent x' = A x + B u with u0 = -B+ A x falls to e^(A t)
     x."""
     plant = Dynamics(A=[[0, 1], [-1, "-1/2"]], B=[[0], [1]])
-    problem = alone(plant, "y1", target=[1, 0], gains={"a": [[1, 1]]})
+    gains = {"a": [[1, 1]]}
+    problem = alone(plant, "y1", target=[1, 0], gains=gains)
     given = {"t_final": 3, "samples": 31, "start": [[1, 0]]}
-    vanished = dd.Stress(failures=[dd.Failure(agent="a", time=1.0)])
+    failures = [dd.Failure(agent="a", time=1.0)]
+    vanished = dd.Stress(failures=failures)
     run = dd.simulate(problem, stress=vanished, **given)
     assert np.allclose(run.u[run.times < 1], 1.0)
     assert not run.u[run.times >= 1].any()
@@ -82,14 +88,16 @@ def test_agent_that_fails_moves_by_its_own_dynamics():
 
     free = solve_ivp(falls, (1, 3), [1, 0], t_eval=run.times[10:], rtol=1e-10, atol=1e-12)
     assert np.allclose(run.x[10:, 0], free.y.T, atol=1e-7)
-    frozen = dd.Stress(failures=[dd.Failure(agent="a", time=1.0, kind="freeze")])
+    failures = [dd.Failure(agent="a", time=1.0, kind="freeze")]
+    frozen = dd.Stress(failures=failures)
     run = dd.simulate(problem, stress=frozen, **given)
     assert np.allclose(run.x, [1, 0], atol=1e-9)
 
 
 def test_ensembles_are_their_single_runs():
     """Runs side by side and one by one: errors, and d - dhat with p components."""
-    for stress in (None, dd.Stress(saturation=2.0, noise=0.01, loss=0.2, disturbance=0.1)):
+    cases = (None, dd.Stress(saturation=2.0, noise=0.01, loss=0.2, disturbance=0.1))
+    for stress in cases:
         given = {"t_final": 0.15, "samples": 4, "stress": stress}
         for problem in PROBLEMS:
             many = dd.simulate(problem, runs=2, **given)
@@ -112,7 +120,8 @@ def test_matched_disturbance_reaches_the_state_through_b():
     """frequency 0: a constant w per input; near the goal x' = A e + B (-K e + w), so that B K e = B
     w at rest."""
     plant = Dynamics(A=[[0, 1], [0, 0]], B=[[0], [2]])
-    problem = alone(plant, "y1", target=[0, 0], gains={"a": [[2, 2]]})
+    gains = {"a": [[2, 2]]}
+    problem = alone(plant, "y1", target=[0, 0], gains=gains)
     constant = dd.Stress(disturbance=0.5, frequency=0.0)
     run = dd.simulate(problem, t_final=40, start=[[0, 0]], stress=constant)
     assert run.x[-1, 0] == pytest.approx([run.d[-1, 0, 0] / 2, 0], abs=1e-7)
@@ -131,7 +140,8 @@ def test_switching_runs_and_files(tmp_path):
     again = dd.load_trajectory(run.save(tmp_path / "run.npz"))
     assert np.array_equal(again.u, run.u)
     assert again.u.shape == (21, 3, 1)
-    worst = dd.simulate(problem, runs=2, t_final=0.5, stress=dd.Stress(disturbance=0.1, worst=True))
+    stress = dd.Stress(disturbance=0.1, worst=True)
+    worst = dd.simulate(problem, runs=2, t_final=0.5, stress=stress)
     assert worst.error.shape == (2, 401)
 
 
@@ -155,7 +165,8 @@ def test_samples_between_the_instants_are_those_of_the_held_input(problem):
         at = [0.1, period]
         start = run.x[k].ravel()
         found = solve_ivp(slope, (0, period), start, t_eval=at, rtol=1e-10, atol=1e-12)
-        np.testing.assert_allclose(run.x[k + 1 : k + 3].reshape(2, -1), found.y.T, atol=1e-7)
+        actual = run.x[k + 1 : k + 3].reshape(2, -1)
+        np.testing.assert_allclose(actual, found.y.T, atol=1e-7)
     assert np.abs(other).max() > 0.1
 
 
@@ -191,7 +202,8 @@ def test_agents_that_are_too_stiff_between_samples_end_their_run(monkeypatch: py
 def test_what_breaks_first_knows_the_period(monkeypatch: pytest.MonkeyPatch, problem):
     monkeypatch.setattr("dobc_design.simulation.breaking.OPTIONS", ("saturation", "period"))
     found = dd.what_breaks_first(problem, t_final=6)
-    assert [each.option for each in found.sweeps] == ["saturation", "period"]
+    answer = [each.option for each in found.sweeps]
+    assert answer == ["saturation", "period"]
     assert found.period.converges > 0.05
 
 
@@ -199,7 +211,8 @@ def test_an_agent_with_fewer_inputs_than_states_can_vanish():
     """What it says has a number for every state, what it commands one for every input."""
     problem = three_states()
     gone = dd.Failure(agent=problem.network.labels[0], time=0.1)
-    run = dd.simulate(problem, t_final=0.2, samples=3, stress=dd.Stress(failures=[gone]))
+    stress = dd.Stress(failures=[gone])
+    run = dd.simulate(problem, t_final=0.2, samples=3, stress=stress)
     assert run.u.shape[2] < run.x.shape[2]
     assert not run.u[1:, 0].any()
     assert run.u[0, 0].any()

@@ -69,7 +69,8 @@ def test_chunks_do_not_change_the_runs(monkeypatch, stress: Stress | None):
 
 def unstable_beyond_one() -> Problem:
     """Agent 2 stands still, and e = x1 - x2 has e' = -e + e^3."""
-    return pair("y - y**3", region={"initial_states": [0, 2]})
+    region = {"initial_states": [0, 2]}
+    return pair("y - y**3", region=region)
 
 
 def test_runs_that_escape_are_named_and_the_others_go_on():
@@ -95,12 +96,15 @@ def test_runs_that_escape_are_named_and_the_others_go_on():
 
 def test_a_run_that_escapes_counts_the_switches_until_then():
     """Two modes that are the same, every 0.03 s."""
-    network = Network.from_arcs({"a": [[1, 2]], "b": [[1, 2]]}, arrow="listens_to", agents=2)
-    problem = Problem(network=network, coupling="y - y**3", region={"initial_states": [0, 2]})
+    arcs = {"a": [[1, 2]], "b": [[1, 2]]}
+    network = Network.from_arcs(arcs, arrow="listens_to", agents=2)
+    region = {"initial_states": [0, 2]}
+    problem = Problem(network=network, coupling="y - y**3", region=region)
     given = {"signal": Periodic(dwell=0.03), "t_final": 1.0, "samples": 5, "tolerance": 1e-6}
     many = simulate_many(problem, runs=12, **given)
     assert 0 < many.diverged.sum() < 12
-    np.testing.assert_array_equal(many.switches, np.ceil(many.ended / 0.03 - 1e-9) - 1)
+    desired = np.ceil(many.ended / 0.03 - 1e-9) - 1
+    np.testing.assert_array_equal(many.switches, desired)
 
 
 STRESSES = [None, Stress(noise=0.1)]
@@ -116,7 +120,8 @@ def test_runs_that_need_too_many_steps_are_made_alone(monkeypatch, stress: Stres
     given = {"signal": signal, "t_final": 0.5 if stress else 3.0, "samples": 4, "stress": stress}
     many = simulate_many(problem, runs=2, **given)
     for k in range(2):
-        assert np.array_equal(many.error[k], simulate(problem, seed=k, **given).error())
+        wanted = simulate(problem, seed=k, **given).error()
+        assert np.array_equal(many.error[k], wanted)
 
 
 ONE_BY_ONE = []  # a problem, arguments, and why its runs are made one by one
@@ -134,7 +139,8 @@ def test_what_cannot_be_stacked_is_made_one_by_one_and_said(
     given = given | {"t_final": 0.06, "samples": 3, "stress": stress, "tolerance": 1e-4}
     many = simulate_many(problem, runs=2, **given)
     assert any(re.search(reason, note) for note in many.notes)
-    assert many.error[1].tolist() == simulate(problem, seed=1, **given).error().tolist()
+    found = many.error[1].tolist()
+    assert found == simulate(problem, seed=1, **given).error().tolist()
 
 
 def test_quantiles_and_intervals_are_those_of_the_runs():
@@ -154,8 +160,10 @@ def test_an_ensemble_is_saved_whole_and_not_overwritten(tmp_path):
     path = many.save(tmp_path / "runs.npz")
     with np.load(path, allow_pickle=False) as stored:
         assert np.array_equal(stored["error"], many.error)
-        assert json.loads(str(stored["about"]))["name"] == "paper-fixed"
+        found = json.loads(str(stored["about"]))
+        assert found["name"] == "paper-fixed"
     with pytest.raises(SpecError, match="exists already"):
         many.save(path, force=False)
     many.save(path)
-    assert [each.name for each in tmp_path.iterdir()] == ["runs.npz"]
+    found = [each.name for each in tmp_path.iterdir()]
+    assert found == ["runs.npz"]

@@ -23,20 +23,26 @@ def mixed() -> Problem:
     C = [[1, 2, 0], [0, 3, 1]]
     W = [[1, 2], [3, 4], [5, 6]]
     turning = [[1, 2], [-2, 1]]
+    network = Network.from_arcs(arcs, arrow="listens_to")
+    exceptions = {(1, 2): ["exp(y1) - 1", "2*y2"]}
+    gains = {"1": 3, "4": turning}
+    exosystem = Exosystem(A=A, C=C)
+    offsets = {"2": [1, 0], "3": [0, "1/3"]}
     return Problem(
-        network=Network.from_arcs(arcs, arrow="listens_to"),
+        network=network,
         coupling=["y1 + y1*y2", "sin(y2) - y1"],
-        exceptions={(1, 2): ["exp(y1) - 1", "2*y2"]},
+        exceptions=exceptions,
         target=[1, -2],
-        gains={"1": 3, "4": turning},
-        exosystem=Exosystem(A=A, C=C),
+        gains=gains,
+        exosystem=exosystem,
         observer=Observer(W=W),
-        offsets={"2": [1, 0], "3": [0, "1/3"]},
+        offsets=offsets,
     )
 
 
 def without_disturbance() -> Problem:
-    network = Network.from_arcs([[1, 2], [2, 1], [1, 3]], arrow="listens_to")
+    arcs = [[1, 2], [2, 1], [1, 3]]
+    network = Network.from_arcs(arcs, arrow="listens_to")
     return Problem(network=network, coupling="exp(y) - 1 + y", target=[0, 1], gains={"3": 2})
 
 
@@ -46,7 +52,8 @@ IDS = ["mixed", "without disturbance", "paper-fixed"]
 
 @pytest.mark.parametrize("problem", PROBLEMS, ids=IDS)
 def test_the_full_loop_is_the_symbolic_closed_loop(problem: Problem):
-    setting = make_setting(problem, gain=None, mode=next(iter(problem.network.modes)))
+    mode = next(iter(problem.network.modes))
+    setting = make_setting(problem, gain=None, mode=mode)
     switches = setting.switches(0)
     starts = [setting.starts.draw(0)]
     runs = StressedRuns(setting=setting, starts=starts, seeds=[0], switches=[switches])
@@ -54,7 +61,8 @@ def test_the_full_loop_is_the_symbolic_closed_loop(problem: Problem):
     model = build_model(problem)
     rng = np.random.default_rng(0)
     for _ in range(5):
-        state = rng.normal(size=problem.n * (problem.m + 2 * problem.q))
+        size = problem.n * (problem.m + 2 * problem.q)
+        state = rng.normal(size=size)
         parts = [part.ravel() for part in setting.loop.split(state)]
         wanted = np.asarray(ca.vertcat(*model.closed_loop(*parts))).ravel()
         found = derivative(state[:, None], np.zeros((0, 1)))[:, 0]
@@ -63,7 +71,8 @@ def test_the_full_loop_is_the_symbolic_closed_loop(problem: Problem):
 
 @pytest.mark.parametrize("problem", PROBLEMS, ids=IDS)
 def test_the_pattern_covers_the_jacobian_of_the_closed_loop(problem: Problem):
-    groups = error_arcs(loop_of(problem), next(iter(problem.network.modes)))
+    mode = next(iter(problem.network.modes))
+    groups = error_arcs(loop_of(problem), mode)
     symbols = [ca.SX.sym("s", problem.n * width) for width in (problem.m, problem.q, problem.q)]
     closed_loop = ca.vertcat(*build_model(problem).closed_loop(*symbols))
     rows, columns = ca.jacobian(closed_loop, ca.vertcat(*symbols)).sparsity().get_triplet()
@@ -97,7 +106,8 @@ def test_a_compiled_coupling_is_the_coupling(text: str):
 def test_a_sum_of_many_terms_is_compiled_without_recursion():
     text = "y" + " + y" * 480
     h = fields.compile_coupling(make_coupling(text, dimension=1))
-    assert h(np.array([[2.0]])).tolist() == [[962.0]]
+    found = h(np.array([[2.0]])).tolist()
+    assert found == [[962.0]]
 
 
 def random_problem(n: int, arcs: int, *, m: int, seed: int) -> Problem:
@@ -130,7 +140,8 @@ def by_hand(problem: Problem, e):
 def graph(problem: Problem, runs: int = 1) -> fields.Network:
     """Without pins, so that h(e) - K e is h(e)."""
     loop = fields.make_closed_loop(problem, None)
-    return fields.network_of(loop, error_arcs(loop_of(problem), "G"), runs=runs)
+    groups = error_arcs(loop_of(problem), "G")
+    return fields.network_of(loop, groups, runs=runs)
 
 
 @pytest.mark.parametrize(("n", "arcs", "m"), [(5, 4, 1), (40, 200, 1), (30, 100, 2)])
@@ -142,7 +153,8 @@ def test_what_agents_feel_is_the_sum_over_their_arcs(n: int, arcs: int, m: int, 
     found = graph(problem, runs)(e.reshape(n * m, runs))
     for k in (0, runs - 1):
         wanted = by_hand(problem, e[..., k])
-        np.testing.assert_allclose(found[:, k].reshape(n, m), wanted, rtol=1e-12, atol=1e-12)
+        actual = found[:, k].reshape(n, m)
+        np.testing.assert_allclose(actual, wanted, rtol=1e-12, atol=1e-12)
         alone = graph(problem, runs)(np.ascontiguousarray(e[..., k]).reshape(n * m, 1))
         np.testing.assert_allclose(alone.reshape(n, m), wanted, rtol=1e-12, atol=1e-12)
 

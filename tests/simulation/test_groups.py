@@ -18,17 +18,24 @@ GAINS = (3.0, 0.0, 1.0)
 @pytest.fixture(scope="module")
 def problem() -> dd.Problem:
     """Agents 1 and 3 feel a sine, agent 2 a ramp."""
-    ramp = dd.Exosystem(A=[[0, 1, 0], [0, 0, 0], [0, 0, -1]], C=[[1, 0, 1]])
+    C = [[1, 0, 1]]
+    ramp = dd.Exosystem(A=[[0, 1, 0], [0, 0, 0], [0, 0, -1]], C=C)
     sines = dd.Group(agents=[1, 3], exosystem=HARMONIC, observer=PRINTED)
-    ramps = dd.Group(agents=[2], exosystem=ramp, observer=dd.Observer(W=[[3], [2], [0]]))
+    W = [[3], [2], [0]]
+    observer = dd.Observer(W=W)
+    ramps = dd.Group(agents=[2], exosystem=ramp, observer=observer)
     xi0 = [[1, "1/2"], ["0.3", "-0.2", 1], [-1, 2]]
+    arcs = [[1, 2], [2, 3], [3, 1]]
+    network = dd.Network.from_arcs(arcs, arrow="listens_to")
+    gains = {1: 3, 3: 1}
+    simulation = {"t_final": 6, "xi0": xi0}
     return dd.Problem(
-        network=dd.Network.from_arcs([[1, 2], [2, 3], [3, 1]], arrow="listens_to"),
+        network=network,
         coupling="tanh(y) + y",
-        gains={1: 3, 3: 1},
+        gains=gains,
         target=1,
         groups=[sines, ramps],
-        simulation={"t_final": 6, "xi0": xi0},
+        simulation=simulation,
     )
 
 
@@ -75,8 +82,10 @@ def by_hand(start: np.ndarray, times: np.ndarray) -> np.ndarray:
 def test_a_run_is_that_of_the_loop_written_out_agent_by_agent(problem, observer):
     start = [[2.0], [-1.0], [0.5]]
     run = dd.simulate(problem, observer=observer, start=start, t_final=3, samples=31)
-    assert np.abs(run.x[:, :, 0] - by_hand(run.x[0, :, 0], run.times)).max() < 1e-7
-    assert np.array_equal(run.xi[0], [[1, 0.5, 0, 0, 0], [0, 0, 0.3, -0.2, 1], [-1, 2, 0, 0, 0]])
+    found = np.abs(run.x[:, :, 0] - by_hand(run.x[0, :, 0], run.times)).max()
+    assert found < 1e-7
+    wanted = [[1, 0.5, 0, 0, 0], [0, 0, 0.3, -0.2, 1], [-1, 2, 0, 0, 0]]
+    assert np.array_equal(run.xi[0], wanted)
     assert not run.xi[:, 0, 2:].any()
     assert not run.xihat[:, 1, :2].any()
 
@@ -102,7 +111,8 @@ def test_drawn_disturbances_stay_in_the_states_of_the_own_group_and_in_their_bal
     assert lengths.max() <= 0.5
     assert lengths.min(axis=0).max() < 0.45
     ones = dd.simulate(dd.Problem(**given | {"region": None}), t_final=0.1).xi[0]
-    assert np.array_equal(ones, [[1, 1, 0, 0, 0], [0, 0, 1, 1, 1], [1, 1, 0, 0, 0]])
+    wanted = [[1, 1, 0, 0, 0], [0, 0, 1, 1, 1], [1, 1, 0, 0, 0]]
+    assert np.array_equal(ones, wanted)
 
 
 def test_what_breaks_first_knows_groups_and_a_start_in_the_states_of_another_is_refused(problem):
@@ -127,7 +137,8 @@ def test_the_model_has_the_right_hand_side_of_the_simulation(problem):
         assert xi_dot[i, own] == pytest.approx(A @ run.xi[1, i, own])
         expected = (A - np.outer(gain, C)) @ run.xihat[1, i, own] - gain * felt
         assert z_dot[i, own] == pytest.approx(expected, rel=1e-6, abs=1e-9)
-        assert np.count_nonzero(z_dot[i]) == np.count_nonzero(z_dot[i, own])
+        found = np.count_nonzero(z_dot[i])
+        assert found == np.count_nonzero(z_dot[i, own])
     assert model.q == 5
 
 

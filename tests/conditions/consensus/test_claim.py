@@ -48,8 +48,12 @@ def problems():
 
 def random_pair(problem, seed):
     """P symmetric, Q and W = anything: the pencils are linear, so signs do not matter."""
-    r, q, m = Random(seed), problem.q, problem.m
-    upper = [[Fraction(r.randint(-9, 9), r.randint(1, 4)) for _ in range(q)] for _ in range(q)]
+    r = Random(seed)
+    q = problem.q
+    m = problem.m
+    upper = []
+    for _ in range(q):
+        upper.append([Fraction(r.randint(-9, 9), r.randint(1, 4)) for _ in range(q)])
     P = tuple(tuple(upper[min(i, j)][max(i, j)] for j in range(q)) for i in range(q))
     return P, tuple(
         tuple(Fraction(r.randint(-9, 9), r.randint(1, 4)) for _ in range(m)) for _ in range(q)
@@ -71,10 +75,12 @@ def test_psi_is_the_matrix_of_equation_18_with_the_rate_terms(rate):
         assert len({pencil.unknowns for pencil in pencils}) == 1
         for mode, pencil in zip(oracle.modes, pencils, strict=True):
             expected = oracle.psi(mode, rows(P), rows(Q), margin=Fraction(0), rate=rate)
-            assert distance(pencil.at({"P": P, "Q": Q}).to_dense(), expected) <= tolerance(pencil)
+            found = distance(pencil.at({"P": P, "Q": Q}).to_dense(), expected)
+            assert found <= tolerance(pencil)
     oracle.C = times(2, oracle.C)  # the twin: with another border it is another matrix
     wrong = oracle.psi(mode, rows(P), rows(Q), margin=Fraction(0), rate=rate)
-    assert distance(pencil.at({"P": P, "Q": Q}).to_dense(), wrong) > tolerance(pencil)
+    found = distance(pencil.at({"P": P, "Q": Q}).to_dense(), wrong)
+    assert found > tolerance(pencil)
 
 
 def distance(M, N):
@@ -92,7 +98,8 @@ def test_lambda_is_twice_the_paper_f_of_equation_10():
     for problem in problems():
         oracle = Oracle(problem)
         for mode, pencil in state_theorems(loop_of(problem)).lambdas.items():
-            assert distance(pencil.constant.to_dense(), oracle.lambda_(mode)) <= tolerance(pencil)
+            found = distance(pencil.constant.to_dense(), oracle.lambda_(mode))
+            assert found <= tolerance(pencil)
 
 
 def test_deviations_cover_the_true_slope_everywhere():
@@ -121,10 +128,12 @@ def test_omega_with_a_rate_equals_sympy_and_that_of_the_paper_is_exact():
     """Omega0 + 2 rate P = P A + A'P - Q C - C'Q' + 2 rate P; Example 1: [[-1, 1/3], [1/3, -1]], Q =
     P W = (1, 0)'."""
     exosystem = exosystem_of("0 2; -2 0", "1 0")
-    P, third = matrix([["1/2", "-1/4"], ["-1/4", "1/3"]]), Fraction(1, 3)
+    P = matrix([["1/2", "-1/4"], ["-1/4", "1/3"]])
+    third = Fraction(1, 3)
     Q = multiply(P, matrix([["16/5"], ["12/5"]]))
     assert Q == ((1,), (0,))
-    assert omega(P, Q, exosystem).to_dense() == ((-1, third), (third, -1))
+    answer = omega(P, Q, exosystem).to_dense()
+    assert answer == ((-1, third), (third, -1))
     for seed, problem in enumerate(problems()):
         P, Q = random_pair(problem, seed)
         A, C, p, q = (sp.Matrix(x) for x in (problem.exosystem.A, problem.exosystem.C, P, Q))
@@ -138,7 +147,9 @@ def test_scalar_networks_give_a_lambda_that_is_a_kronecker_product():
     """J (x) I_m and K (x) I_m for couplings by component and numbers k: (9) with the size
     mended."""
     arcs = [[1, 2], [2, 3], [3, 1], [1, 3]]
-    both = [linked(arcs, coupling="exp(y) - 1 + y", gains={1: 3}, target=[0] * m) for m in (1, 2)]
+    both = []
+    for m in (1, 2):
+        both.append(linked(arcs, coupling="exp(y) - 1 + y", gains={1: 3}, target=[0] * m))
     lambdas = [state_theorems(loop_of(p)).lambdas["G"].constant.to_dense() for p in both]
     assert lambdas[1] == kronecker(lambdas[0], identity(2))
 
@@ -147,22 +158,22 @@ def test_bounds_on_an_unknown_are_pencils():
     """floor I - X < 0 and X - ceiling I < 0."""
     unknown = Unknown(name="P", rows=2, columns=2, symmetric=True)
     X = exact_matrix("3 1; 1 2")
-    assert rows(positive(unknown, floor=Fraction(1)).at({"P": X}).to_dense()) == plus(
-        eye(2), times(-1, rows(X))
-    )
-    assert rows(below(unknown, ceiling=Fraction(4)).at({"P": X}).to_dense()) == plus(
-        rows(X), times(-4, eye(2))
-    )
+    found = rows(positive(unknown, floor=Fraction(1)).at({"P": X}).to_dense())
+    assert found == plus(eye(2), times(-1, rows(X)))
+    found = rows(below(unknown, ceiling=Fraction(4)).at({"P": X}).to_dense())
+    assert found == plus(rows(X), times(-4, eye(2)))
 
 
 def test_a_pencil_refuses_values_of_another_shape_and_psi_needs_an_exosystem():
-    pencil = state_theorems(loop_of(problems()[0])).psi()[0]
+    loop = loop_of(problems()[0])
+    pencil = state_theorems(loop).psi()[0]
     with pytest.raises(ShapeError, match="P must have shape"):
         pencil.at({"P": ((Fraction(1),) * 9,) * 9, "Q": ()})
     with pytest.raises(ShapeError, match="got nothing"):
         pencil.at({})
+    loop = loop_of(linked([[1, 2]]))
     with pytest.raises(SpecError, match=r"needs an \[exosystem\]"):
-        state_theorems(loop_of(linked([[1, 2]]))).psi()
+        state_theorems(loop).psi()
 
 
 EVERY = [(h, 1) for h in (*LINEAR, *CURVED, *IRRATIONAL)]
@@ -172,18 +183,21 @@ EVERY += [(h, 2) for h in (*PLANE_LINEAR, *PLANE_CURVED, *CURVED)] + [
 
 
 def one_arc(h, m, weight=1):
-    return linked([[1, 2, weight]], coupling=h, target=[0] * m)
+    arcs = [[1, 2, weight]]
+    return linked(arcs, coupling=h, target=[0] * m)
 
 
 @pytest.mark.parametrize(("h", "m"), EVERY)
 def test_slopes_enclose_the_derivative_and_are_points_where_it_is_rational(h, m):
     """h'(0) times the weight; SymPy's value to 80 digits lies inside, the width is below 2^-100."""
     weight = Fraction(7, 5)
-    jacobians = jacobians_at_consensus(loop_of(one_arc(h, m, weight)))
+    loop = loop_of(one_arc(h, m, weight))
+    jacobians = jacobians_at_consensus(loop)
     expected, linear, rational = slope(key(h), m)
     (gain,) = jacobians.modes[0].gains
     for c, d in product(range(m), repeat=2):
-        entry, true = gain[c][d], weight * expected[c][d]
+        entry = gain[c][d]
+        true = weight * expected[c][d]
         assert entry.lo - Fraction(1, 10**70) <= true <= entry.hi + Fraction(1, 10**70)
         assert entry.width < Fraction(1, 2**100)
     assert jacobians.modes[0].is_point is rational
@@ -193,16 +207,16 @@ def test_slopes_enclose_the_derivative_and_are_points_where_it_is_rational(h, m)
 def test_only_exactly_linear_couplings_are_global():
     """One nonlinear exception among linear arcs makes the statement local."""
     arcs = [[1, 2], [2, 1]]
-    assert (
-        state_theorems(
-            loop_of(linked(arcs, coupling="y*exp(1)", exceptions={(0, 1): "pi*y"}))
-        ).domain
-        == EVERYWHERE
-    )
-    assert (
-        state_theorems(loop_of(linked(arcs, exceptions={(0, 1): "y + y**3/1000000"}))).domain
-        == NEAR_TARGET
-    )
+    exceptions = {(0, 1): "pi*y"}
+    problem = linked(arcs, coupling="y*exp(1)", exceptions=exceptions)
+    loop = loop_of(problem)
+    found = state_theorems(loop)
+    assert found.domain == EVERYWHERE
+    exceptions = {(0, 1): "y + y**3/1000000"}
+    problem = linked(arcs, exceptions=exceptions)
+    loop = loop_of(problem)
+    found = state_theorems(loop)
+    assert found.domain == NEAR_TARGET
     hidden = linked(arcs, coupling="y + y**2 - y**2")  # linear, but not recognised: the safe side
     assert state_theorems(loop_of(hidden)).domain == NEAR_TARGET
 
@@ -210,7 +224,10 @@ def test_only_exactly_linear_couplings_are_global():
 @pytest.mark.parametrize("h", ["abs(y)", "min(y, 2*y)", "max(y, 0)", "clip(y, -1, 1)"])
 def test_couplings_with_kinks_are_outside_the_theorems_and_one_exception_is_enough(h):
     """Lemma 1 asks for a continuously differentiable h (deviations, 9)."""
-    for problem in (one_arc(h, 1), linked([[1, 2], [2, 1]], exceptions={(0, 1): h})):
+    arcs = [[1, 2], [2, 1]]
+    exceptions = {(0, 1): h}
+    cases = (one_arc(h, 1), linked(arcs, exceptions=exceptions))
+    for problem in cases:
         statements = state_theorems(loop_of(problem))
         assert statements.inapplicable.startswith("does not apply:")
         assert not statements.lambdas
@@ -218,8 +235,10 @@ def test_couplings_with_kinks_are_outside_the_theorems_and_one_exception_is_enou
 
 
 def test_nonnegative_diagonal_slopes_are_recognised():
-    for h, m in (("y", 1), ("y**3", 1), ("-y", 1), ("sin(pi*y)", 2), (["y1 + y2", "y2"], 2)):
-        found = jacobians_at_consensus(loop_of(one_arc(h, m))).modes[0].is_nonnegative_diagonal
+    cases = (("y", 1), ("y**3", 1), ("-y", 1), ("sin(pi*y)", 2), (["y1 + y2", "y2"], 2))
+    for h, m in cases:
+        loop = loop_of(one_arc(h, m))
+        found = jacobians_at_consensus(loop).modes[0].is_nonnegative_diagonal
         assert found is (h in ("y", "y**3", "sin(pi*y)"))
 
 
@@ -237,7 +256,8 @@ def reach(pencil):
     """The largest size of what the deviations add at each place."""
     found: dict[tuple[int, int], Fraction] = {}
     for d in pencil.deviations:
-        for other, factor in ((d.speaker, 1), (d.listener, 2 if d.listener == d.row else 1)):
+        cases = ((d.speaker, 1), (d.listener, 2 if d.listener == d.row else 1))
+        for other, factor in cases:
             place = min(d.row, other), max(d.row, other)
             found[place] = found.get(place, Fraction(0)) + factor * d.size
     return found
@@ -255,7 +275,8 @@ def test_slopes_without_a_common_denominator_become_floats_with_deviations():
     assert lean.deviations[0].size < Fraction(1, 2**50)
     assert len(lean.deviations[:3]) == 3
     # gains without one are left to the other form
-    problem = cycle(200, gains={i: f"1/{2 * i + 1}" for i in range(1, 201)})
+    gains = {i: f"1/{2 * i + 1}" for i in range(1, 201)}
+    problem = cycle(200, gains=gains)
     ((plain, lean),) = both_forms(problem)
     assert lean is None
     assert isinstance(plain.constant, SparseSymmetric)

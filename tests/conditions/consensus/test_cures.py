@@ -18,11 +18,13 @@ from dobc_design.loop.make import loop_of
 
 
 def blocks_of(arcs, n=None, *, weighted=False, **more):
-    return network_blocks(loop_of(linked(arcs, n, **more)), weighted=weighted)
+    loop = loop_of(linked(arcs, n, **more))
+    return network_blocks(loop, weighted=weighted)
 
 
 def proposed(blocks, agents) -> list[cures.PinProposal]:
-    return list(cures.gains_on(blocks, agents, cures.PinProposal(gains={})))
+    proposal = cures.PinProposal(gains={})
+    return list(cures.gains_on(blocks, agents, proposal))
 
 
 def test_gains_are_rounded_up_to_two_digits_or_three_and_never_by_two_percent():
@@ -36,8 +38,10 @@ def test_gains_are_rounded_up_to_two_digits_or_three_and_never_by_two_percent():
 
 
 def test_a_proposal_is_rounded_after_it_is_raised():
-    proposal = cures.PinProposal(gains={3: 1.0, 1: 0.0, 2: 0.5})
-    assert proposal.rounded(factor=1.1) == {2: Fraction("0.56"), 3: Fraction("1.11")}
+    gains = {3: 1.0, 1: 0.0, 2: 0.5}
+    proposal = cures.PinProposal(gains=gains)
+    expected = {2: Fraction("0.56"), 3: Fraction("1.11")}
+    assert proposal.rounded(factor=1.1) == expected
 
 
 def test_the_last_proposal_pins_everybody_and_always_does(monkeypatch):
@@ -45,17 +49,21 @@ def test_the_last_proposal_pins_everybody_and_always_does(monkeypatch):
     before = cures.gains_on
     monkeypatch.setattr(cures, "gains_on", lambda *arguments: iter(()))
     for h in ("y", "-y", "y**3", ["y1 - 3*y2", "y2 + y1"]):
-        problem = linked([[1, 2], [2, 3], [3, 1]], coupling=h)
+        arcs = [[1, 2], [2, 3], [3, 1]]
+        problem = linked(arcs, coupling=h)
         last = list(cures.several_more(loop_of(problem)))[-1]
         assert set(last.gains) == {0, 1, 2}
         matrix = np.array(Oracle(problem).lambda_("G"), dtype=float)
         held = np.repeat([last.gains[i] for i in range(3)], problem.m)
-        assert np.linalg.eigvalsh(matrix - 2 * np.diag(held))[-1] < 0
+        found = np.linalg.eigvalsh(matrix - 2 * np.diag(held))
+        assert found[-1] < 0
     # without pins there is nothing on the present ones
     monkeypatch.setattr(cures, "gains_on", before)
-    problem = linked([[1, 2], [2, 1]])
+    arcs = [[1, 2], [2, 1]]
+    problem = linked(arcs)
     assert list(cures.on_present_pins(loop_of(problem))) == []
-    assert [proposal.added for proposal in cures.one_more(loop_of(problem))] == [(0,)]
+    found = [proposal.added for proposal in cures.one_more(loop_of(problem))]
+    assert found == [(0,)]
 
 
 def test_gains_for_a_faster_decay_are_not_larger_than_the_couplings():
@@ -69,12 +77,14 @@ def test_gains_for_a_faster_decay_are_not_larger_than_the_couplings():
         larger = 2 * b + (1 - 2 * b) ** (1 - n) - 1
         assert k < blocks.scale == 2 < larger
         assert found.gains == pytest.approx({0: k} | dict.fromkeys(range(1, n), 0), rel=1e-6)
-        assert found.rate == pytest.approx(b, rel=0.05) and found.rate < b
+        assert found.rate == pytest.approx(b, rel=0.05)
+        assert found.rate < b
         # any rate can be had
         (every,) = proposed(blocks, range(n))
         assert every.gains == pytest.approx(dict.fromkeys(range(n), 1 / 4))
     # repelling: without gains it is not even stable
-    least, faster = proposed(blocks_of([[1, 2], [2, 1]], coupling="-y"), [0, 1])
+    arcs = [[1, 2], [2, 1]]
+    least, faster = proposed(blocks_of(arcs, coupling="-y"), [0, 1])
     assert least.smallest
     assert least.gains == pytest.approx({0: 2, 1: 2})
     assert not faster.smallest
@@ -83,7 +93,8 @@ def test_gains_for_a_faster_decay_are_not_larger_than_the_couplings():
 
 def test_without_couplings_near_the_target_gains_are_those_for_half_a_rate_that_any_gain_has():
     """Slope 0: each agent decays at its own k. There is no size of couplings to stay below."""
-    for arcs, h in (([], "y"), ([[1, 2], [2, 1]], "y**3")):
+    cases = (([], "y"), ([[1, 2], [2, 1]], "y**3"))
+    for arcs, h in cases:
         blocks = blocks_of(arcs, 2, coupling=h, weighted=True)
         assert blocks.scale == 0
         (found,) = proposed(blocks, [0, 1])
@@ -94,7 +105,8 @@ def test_without_couplings_near_the_target_gains_are_those_for_half_a_rate_that_
 
 
 def test_the_factor_for_a_pair_is_where_lambda_plus_the_border_becomes_singular():
-    problem = linked([[1, 2], [2, 1]], coupling=["y1 + y2", "y2"], gains=2)
+    arcs = [[1, 2], [2, 1]]
+    problem = linked(arcs, coupling=["y1 + y2", "y2"], gains=2)
     S = exact_matrix("2 1; 1 5")
     factor = scale_needed(loop_of(problem), S)
     matrix = np.array(Oracle(problem).lambda_("G"), dtype=float)
@@ -102,7 +114,8 @@ def test_the_factor_for_a_pair_is_where_lambda_plus_the_border_becomes_singular(
     above = matrix + border / (factor * 1.0001)
     below = matrix + border / (factor * 0.9999)
     assert np.linalg.eigvalsh(above)[-1] < 0 < np.linalg.eigvalsh(below)[-1]
-    free = linked([[1, 2], [2, 1]], target=[0, 0])
+    arcs = [[1, 2], [2, 1]]
+    free = linked(arcs, target=[0, 0])
     assert scale_needed(loop_of(free), S) is None
 
 

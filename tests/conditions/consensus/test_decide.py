@@ -44,7 +44,8 @@ def claimed(problem, id):
 
 
 def path(n, gains, h="y", **more):
-    return linked([[i + 1, i] for i in range(1, n)], n, coupling=h, gains=gains, **more)
+    arcs = [[i + 1, i] for i in range(1, n)]
+    return linked(arcs, n, coupling=h, gains=gains, **more)
 
 
 def proved_problems(seeds):
@@ -64,8 +65,10 @@ def test_lemma_1_margins_are_true_and_nearly_the_largest_possible():
             if check.id != "lemma1":
                 continue
             count += 1
-            Lambda, size = oracle.lambda_(check.mode), eye(problem.n * problem.m)
-            assert negative_definite(plus(Lambda, times(Fraction(repr(check.margin)), size)))
+            Lambda = oracle.lambda_(check.mode)
+            size = eye(problem.n * problem.m)
+            factor = Fraction(repr(check.margin))
+            assert negative_definite(plus(Lambda, times(factor, size)))
             true = -float(np.linalg.eigvalsh(np.array(Lambda, dtype=float))[-1])
             assert not negative_definite(plus(Lambda, times(Fraction(true * 1.001), size)))
             assert check.margin == pytest.approx(true, rel=1e-6, abs=1e-12)
@@ -86,7 +89,8 @@ def test_theorem_margins_and_rates_are_true_and_fail_a_little_higher():
             continue
         check = next(each for each in certificate.checks if each.id in ("theorem1", "theorem2"))
         P, Q = ([list(row) for row in M] for M in (certificate.claims.P, certificate.claims.Q))
-        margin, rate = Fraction(repr(check.margin)), Fraction(repr(check.rate or 0.0))
+        margin = Fraction(repr(check.margin))
+        rate = Fraction(repr(check.rate or 0.0))
 
         def holds(margin, rate, P=P, Q=Q, oracle=oracle):
             return all(
@@ -135,15 +139,17 @@ def test_a_margin_and_a_rate_a_little_above_the_truth_are_not_confirmed():
             replace(certificate.claims, checks=checks, rate=rate, covered_by="lemma1"), problem
         ).holds
 
-    assert with_numbers(3.999, 1.999) and with_numbers(0.0, 1.0)
-    for wrong in (
+    assert with_numbers(3.999, 1.999)
+    assert with_numbers(0.0, 1.0)
+    cases = (
         (4.0, 1.999),
         (3.999, 2.0),
         (-0.5, 1.999),
         (3.999, 0.0),
         (math.nan, 1.999),
         (math.inf, 1.999),
-    ):
+    )
+    for wrong in cases:
         assert not with_numbers(*wrong)
 
 
@@ -158,16 +164,19 @@ def test_tiny_margins_are_proved_and_numbers_below_the_floats_are_claimed_as_les
 
 
 def test_a_margin_of_zero_is_refuted():
-    assert claimed(path(1, 0), "lemma1").verdict is Verdict.REFUTED
+    found = claimed(path(1, 0), "lemma1")
+    assert found.verdict is Verdict.REFUTED
 
 
 def test_a_lost_estimate_never_turns_a_proof_into_a_refutation():
     """Proposals of nonsense: the exact test decides, with margin 0."""
-    statements = state_theorems(loop_of(path(3, {1: 1})))
-    for bad in (float("nan"), float("inf"), -float("inf"), -1.0, 1e300):
-        check = lemma1_check(
-            statements, "G", Proposal(margin=bad, vectors=[[float("nan")] * 3, [0.0] * 3])
-        )
+    loop = loop_of(path(3, {1: 1}))
+    statements = state_theorems(loop)
+    cases = (float("nan"), float("inf"), -float("inf"), -1.0, 1e300)
+    for bad in cases:
+        vectors = [[float("nan")] * 3, [0.0] * 3]
+        proposal = Proposal(margin=bad, vectors=vectors)
+        check = lemma1_check(statements, "G", proposal)
         assert check.verdict is Verdict.PROVED
         assert check.margin == 0.0
     # A refutation needs no proposal: the elimination finds a witness of its own.
@@ -201,31 +210,40 @@ def test_the_edge_of_irrational_slopes_is_undecided_and_both_sides_are_decided()
     """Two agents, h = -y pi/2 one way: Lambda < 0 turns where k meets an irrational number."""
 
     def verdict(k):
-        return claimed(linked([[1, 2], [2, 1]], coupling="-y*pi/2", gains=k), "lemma1").verdict
+        arcs = [[1, 2], [2, 1]]
+        problem = linked(arcs, coupling="-y*pi/2", gains=k)
+        return claimed(problem, "lemma1").verdict
 
     # Lambda = pi [[1, -1], [-1, 1]] - 2 k I: the largest eigenvalue is 2 pi - 2 k.
     near = Fraction("3.14159265358979323846264338327950288419716939937510")
-    assert verdict(near + Fraction(1, 10**30)) is Verdict.PROVED
-    assert verdict(near - Fraction(1, 10**30)) is Verdict.REFUTED
+    found = verdict(near + Fraction(1, 10**30))
+    assert found is Verdict.PROVED
+    found = verdict(near - Fraction(1, 10**30))
+    assert found is Verdict.REFUTED
     assert verdict(near) is Verdict.UNDECIDED
 
 
 def test_psi_is_refuted_by_a_p_that_is_not_positive_definite_and_by_omega():
     """Printed pairs that fail before the network is looked at; each names the block."""
     exosystem = exosystem_of("0", "1")
-    for W, P, block in ((1, -1, "P"), (1, 0, "P"), (-1, 1, "Omega0")):
-        problem = path(1, 1, exosystem=exosystem, observer=Observer(W=[[W]], P=[[P]]))
+    cases = ((1, -1, "P"), (1, 0, "P"), (-1, 1, "Omega0"))
+    for W, P, block in cases:
+        observer = Observer(W=[[W]], P=[[P]])
+        problem = path(1, 1, exosystem=exosystem, observer=observer)
         check = claimed(problem, "theorem1-printed")
-        assert (check.verdict, check.exact) == (Verdict.REFUTED, {"block": block})
+        assert check.verdict == Verdict.REFUTED
+        assert check.exact == {"block": block}
         assert recheck(consensus_claims(problem), problem).holds
-    twin = path(1, 1, exosystem=exosystem, observer=Observer(W=[[1]], P=[[1]]))
+    observer = Observer(W=[[1]], P=[[1]])
+    twin = path(1, 1, exosystem=exosystem, observer=observer)
     assert claimed(twin, "theorem1-printed").verdict is Verdict.PROVED
 
 
 def test_a_pair_with_an_indefinite_p_proves_nothing_though_psi_is_negative():
     """A stable, W = 0, C = 0, P = -1 with A = +1: Omega0 < 0 and Psi < 0, but V is no Lyapunov
     function."""
-    problem = path(1, 1, exosystem=exosystem_of("1", "0"), observer=Observer(W=[[0]], P=[[-1]]))
+    observer = Observer(W=[[0]], P=[[-1]])
+    problem = path(1, 1, exosystem=exosystem_of("1", "0"), observer=observer)
     statements = state_theorems(loop_of(problem))
     pair = Pair(P=exact_matrix("-1"), Q=exact_matrix("0"))
     whole = Oracle(problem).psi(
@@ -246,7 +264,9 @@ def test_a_pair_with_an_indefinite_p_proves_nothing_though_psi_is_negative():
 def test_reasons_never_name_a_better_number_than_is_proved():
     """Shortened numbers in sentences are rounded towards the weaker claim."""
     slow = exosystem_of("-0.123456789", "1")
-    certificate = certify(path(1, "1.234567", exosystem=slow, observer=Observer(W=[[0]])))
+    observer = Observer(W=[[0]])
+    problem = path(1, "1.234567", exosystem=slow, observer=observer)
+    certificate = certify(problem)
     assert "lambda_max <= -2.46913:" in certificate.check("lemma1").reason
     assert "exp(-0.1234 t)" in certificate.check("hurwitz").reason
 
@@ -254,12 +274,14 @@ def test_reasons_never_name_a_better_number_than_is_proved():
 def test_irrational_slopes_and_large_networks_are_not_examined():
     """0 is "not examined": h = -y e with a weak pin is unstable, and nothing is claimed."""
     for h, roots in (("-3*y", 1), ("-y*exp(1)", 0)):
-        statements = state_theorems(
-            loop_of(linked([[1, 2], [2, 1]], coupling=h, gains={1: "1/100"}))
-        )
+        arcs = [[1, 2], [2, 1]]
+        problem = linked(arcs, coupling=h, gains={1: "1/100"})
+        loop = loop_of(problem)
+        statements = state_theorems(loop)
         assert unstable_roots(statements, "G") == roots
     n = LARGEST_EXAMINED + 1
-    large = linked([[i, i % n + 1] for i in range(1, n + 1)], coupling="-y", gains="1/10")
+    arcs = [[i, i % n + 1] for i in range(1, n + 1)]
+    large = linked(arcs, coupling="-y", gains="1/10")
     assert unstable_roots(state_theorems(loop_of(large)), "G") == 0
 
 
@@ -287,7 +309,8 @@ def test_diagonal_slopes_that_are_not_negative_with_scalar_gains_are_never_unsta
     included."""
     for seed in range(30):
         r = Random(seed)
-        n, m = r.randint(1, 5), r.choice((1, 2, 3))
+        n = r.randint(1, 5)
+        m = r.choice((1, 2, 3))
         arcs = [
             [i + 1, j + 1, r.choice(WEIGHTS)]
             for i in range(n)
@@ -313,14 +336,15 @@ def test_the_shortcut_needs_scalar_gains():
 
     def roots(k1, k2):
         special = {(0, 1): ["0*y1", "9*y2"]}
-        problem = linked(
-            [[2, 1], [1, 2]], coupling=["9*y1", "0*y2"], exceptions=special, gains={1: k1, 2: k2}
-        )
+        arcs = [[2, 1], [1, 2]]
+        gains = {1: k1, 2: k2}
+        problem = linked(arcs, coupling=["9*y1", "0*y2"], exceptions=special, gains=gains)
         statements = state_theorems(loop_of(problem))
         assert statements.jacobians.modes[0].is_nonnegative_diagonal
         eigenvalues = np.linalg.eigvals(np.array(Oracle(problem).loop("G"), dtype=float))
         assert unstable_roots(statements, "G") == np.sum(eigenvalues.real > 1e-9)
         return unstable_roots(statements, "G")
 
-    assert roots([[0, -4], [4, 0]], [[0, 4], [-4, 0]]) == 1
+    found = roots([[0, -4], [4, 0]], [[0, 4], [-4, 0]])
+    assert found == 1
     assert roots(4, 4) == 0

@@ -33,7 +33,9 @@ def random_enclosed(seed):
     entries = {
         (i, j): Fraction(r.randint(-6, 2 if i != j else -1)) for i in range(n) for j in range(i, n)
     }
-    places = [(r.randrange(n), r.randrange(n), r.randrange(n)) for _ in range(r.randint(0, 4))]
+    places = []
+    for _ in range(r.randint(0, 4)):
+        places.append((r.randrange(n), r.randrange(n), r.randrange(n)))
     deviations = tuple(Deviation(*place, Fraction(1, r.randint(1, 30))) for place in places)
     return Enclosed(middle=SparseSymmetric(n, entries), deviations=deviations)
 
@@ -64,7 +66,8 @@ def test_proofs_and_witnesses_hold_at_every_corner():
         vector = find_witness(matrix, [])
         if vector is not None:
             v = np.array(vector, dtype=float)
-            assert all(v @ each @ v >= -1e-9 * (v @ v) for each in corners(matrix))
+            for each in corners(matrix):
+                assert v @ each @ v >= -1e-9 * (v @ v)
             assert -refuted_margin(matrix, vector) <= min(tops) + 1e-9
             decided += 1
         assert not (is_negative(matrix) and vector is not None)
@@ -76,12 +79,12 @@ def test_proofs_and_witnesses_hold_at_every_corner():
 def test_values_enclose_every_corner_tightly_and_the_radius_bounds_the_norm_of_all_deviations():
     """v'Mv is affine in each t, so that its range is spanned by the corners."""
     for seed in range(200):
-        matrix, r = random_enclosed(seed), Random(-seed)
+        matrix = random_enclosed(seed)
+        r = Random(-seed)
         base = np.array(matrix.middle.to_dense(), dtype=float)
-        assert all(
-            np.linalg.norm(each - base, 2) <= float(matrix.radius) + 1e-9
-            for each in corners(matrix)
-        )
+        for each in corners(matrix):
+            answer = np.linalg.norm(each - base, 2)
+            assert answer <= float(matrix.radius) + 1e-9
         vector = [Fraction(r.randint(-3, 3)) for _ in range(matrix.middle.size)]
         v = np.array(vector, dtype=float)
         values = [v @ each @ v for each in corners(matrix)]
@@ -91,8 +94,11 @@ def test_values_enclose_every_corner_tightly_and_the_radius_bounds_the_norm_of_a
 
 
 def test_zero_short_and_long_vectors_refute_nothing():
-    matrix = Enclosed(middle=SparseSymmetric(2, {(0, 0): Fraction(1)}))
-    one, zero = Fraction(1), Fraction(0)
+    entries = {(0, 0): Fraction(1)}
+    middle = SparseSymmetric(2, entries)
+    matrix = Enclosed(middle=middle)
+    one = Fraction(1)
+    zero = Fraction(0)
     assert refutes(matrix, (one, zero))
     assert refutes(matrix, (zero, one))  # v'Mv = 0 is not < 0
     assert not refutes(matrix, (zero, zero))
@@ -104,43 +110,59 @@ def test_a_refuted_margin_never_says_more_than_the_vector_shows():
     """-margin <= v'Mv / v'v, read as the decimal text that is written; 3/10 - 10^-40 rounds down,
     not to 0.3."""
     values = ("3/10", "1/3", "0", "1e320", "1e-330")
-    for value in (*map(Fraction, values), Fraction(3, 10) - Fraction(1, 10**40)):
-        matrix = Enclosed(middle=SparseSymmetric(1, {(0, 0): value}))
+    cases = (*map(Fraction, values), Fraction(3, 10) - Fraction(1, 10**40))
+    for value in cases:
+        entries = {(0, 0): value}
+        middle = SparseSymmetric(1, entries)
+        matrix = Enclosed(middle=middle)
         margin = refuted_margin(matrix, (Fraction(7),))
         assert margin <= 0
         assert -claimed(margin) <= network.lowest_quotient(matrix, (Fraction(7),)) == value
     # candidates are preferred when they refute and ignored when not
-    matrix = Enclosed(middle=SparseSymmetric(2, {(0, 1): Fraction(1), (1, 1): Fraction(-1)}))
-    assert find_witness(matrix, [[1.0, 1.0]]) == (1, 1)
+    entries = {(0, 1): Fraction(1), (1, 1): Fraction(-1)}
+    middle = SparseSymmetric(2, entries)
+    matrix = Enclosed(middle=middle)
+    found = find_witness(matrix, [[1.0, 1.0]])
+    assert found == (1, 1)
+    candidates = [[1.0, -1.0], [float("nan"), 1.0], [float("inf"), 1.0], [0.0, 0.0]]
+    vector = find_witness(matrix, candidates)
     assert refutes(
         matrix,
-        find_witness(matrix, [[1.0, -1.0], [float("nan"), 1.0], [float("inf"), 1.0], [0.0, 0.0]]),
+        vector,
     )
 
 
 def test_of_unreached_agents_those_are_shown_that_suffice_and_all_are_named():
     """4 hears 5 hears 6 hears nobody: moving 6 alone is enough."""
-    problem = linked([[2, 1], [3, 2], [4, 5], [5, 6]], gains={1: 5})
+    arcs = [[2, 1], [3, 2], [4, 5], [5, 6]]
+    problem = linked(arcs, gains={1: 5})
     lemma = certify(problem).check("lemma1")
     assert lemma.reason.startswith(
         "agents 4, 5 and 6 hear no pinned agent, so nothing pulls them to the target:"
     )
     assert lemma.witness.labels == ("6",)
-    assert lemma.witness.values == ("0", "0", "0", "0", "0", "1")
+    expected = ("0", "0", "0", "0", "0", "1")
+    assert lemma.witness.values == expected
 
 
 def test_a_direction_that_gains_leave_free_is_that_of_the_group():
-    problem = linked([[1, 2], [2, 1]], target=[0, 0], gains={1: [[0, 0], [0, 1]]})
+    arcs = [[1, 2], [2, 1]]
+    gains = {1: [[0, 0], [0, 1]]}
+    problem = linked(arcs, target=[0, 0], gains=gains)
     (direction,) = network.group_directions(loop_of(problem), problem.network.modes["G"])
     assert direction == [1, 0, 1, 0]
-    assert certify(problem).check("lemma1").witness.values == ("1", "0", "1", "0")
-    held = loop_of(linked([[1, 2], [2, 1]], gains={1: 1}))
-    assert network.group_directions(held, problem.network.modes["G"]) == []
+    found = certify(problem).check("lemma1")
+    assert found.witness.values == ("1", "0", "1", "0")
+    arcs = [[1, 2], [2, 1]]
+    held = loop_of(linked(arcs, gains={1: 1}))
+    found = network.group_directions(held, problem.network.modes["G"])
+    assert found == []
 
 
 def test_how_many_groups_a_sentence_names_does_not_limit_the_witnesses(monkeypatch):
     """Six agents that hear nobody, none of them pinned: each is a group of its own."""
-    loop = loop_of(linked([[7, k] for k in range(1, 7)]))
+    problem = linked([[7, k] for k in range(1, 7)])
+    loop = loop_of(problem)
     arcs = loop.modes["G"]
     monkeypatch.setattr(network, "SHOWN", 1)
     assert "one of each of 5 more groups" in network.cure_in_words(loop, [arcs])
@@ -149,17 +171,24 @@ def test_how_many_groups_a_sentence_names_does_not_limit_the_witnesses(monkeypat
 
 
 def test_that_no_gains_on_the_present_pins_can_do_is_shown_by_agents_without_a_pin():
-    problem = linked([[1, 2], [2, 3]], gains={1: 5})
+    arcs = [[1, 2], [2, 3]]
+    problem = linked(arcs, gains={1: 5})
     matrices = {"G": enclosed_lambda(state_theorems(loop_of(problem)), "G")}
     mode, vector = network.unpinned_witness(loop_of(problem), matrices, {})
-    assert (mode, network.carriers(loop_of(problem), vector)) == ("G", ("3",))
-    assert form(Oracle(problem).lambda_("G"), list(vector)) >= 0
+    assert mode == "G"
+    assert network.carriers(loop_of(problem), vector) == ("3",)
+    found = form(Oracle(problem).lambda_("G"), list(vector))
+    assert found >= 0
     # 1 hears 2 with weight 3: Lambda = [[-6, 3], [3, -1]] fails, but k_2 > 3/4 does, so there is no
     # such witness
-    problem = linked([[1, 2, 3]], gains={2: "1/2"})
+    arcs = [[1, 2, 3]]
+    problem = linked(arcs, gains={2: "1/2"})
     matrices = {"G": enclosed_lambda(state_theorems(loop_of(problem)), "G")}
-    assert network.unpinned_witness(loop_of(problem), matrices, {"G": [[1.0, 2.0]]}) is None
-    assert certify(problem).check("lemma1").witness.labels == ("1", "2")
+    directions = {"G": [[1.0, 2.0]]}
+    found = network.unpinned_witness(loop_of(problem), matrices, directions)
+    assert found is None
+    found = certify(problem).check("lemma1")
+    assert found.witness.labels == ("1", "2")
 
 
 def check(id, verdict=Verdict.REFUTED, **changes):
@@ -168,12 +197,14 @@ def check(id, verdict=Verdict.REFUTED, **changes):
 
 
 def test_the_main_cure_is_that_of_the_theorem_and_parts_of_it_are_not_told_again():
-    small, whole = check("lemma1", a=1), check("theorem1", a=1, b=2)
+    small = check("lemma1", a=1)
+    whole = check("theorem1", a=1, b=2)
     other = check("observability", c=3)
     checks = [check("hurwitz"), other, small, whole]
     assert main_cure(checks) is whole
     assert other_cures(checks) == [other]
-    for none in ([], [check("theorem1")], [check("observability", a=1)]):
+    cases = ([], [check("theorem1")], [check("observability", a=1)])
+    for none in cases:
         assert main_cure(none) is None
 
 
@@ -181,9 +212,12 @@ def test_a_matrix_with_shorter_entries_lies_below():
     """Entries of 2000 bits; the difference is decided by its minors, and is no more than rounding
     makes it."""
     a, b, c = (Fraction(k * 3**800 + 1, 2**1300) for k in (2, -1, 3))
-    M = SparseSymmetric(2, {(0, 0): a, (0, 1): b, (1, 1): c})
+    entries = {(0, 0): a, (0, 1): b, (1, 1): c}
+    M = SparseSymmetric(2, entries)
     below = network._shorter(M)
     (p, q), (_, r) = (M + below.negated()).to_dense()
-    assert p >= 0 and r >= 0 and p * r >= q * q
+    assert p >= 0
+    assert r >= 0
+    assert p * r >= q * q
     assert max(p, r) < c / 2**250
     assert max(x.numerator.bit_length() for x in below.entries.values()) < 300

@@ -40,7 +40,8 @@ def reference(tables, allowed, costs, caps=None) -> float:
     limits = [table.toarray() + 2 * cp.diag(place @ gains) >> 0 for table in tables]
     if caps is not None:
         limits.append(gains <= caps[allowed])
-    program = cp.Problem(cp.Minimize(costs[allowed] @ gains), limits)
+    objective = cp.Minimize(costs[allowed] @ gains)
+    program = cp.Problem(objective, limits)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # "may be inaccurate" at the tolerance asked for
         try:
@@ -57,13 +58,15 @@ def compare_with_the_program(count: int, seed: int) -> int:
     r = Random(seed)
     compared = 0
     for _ in range(count):
-        blocks = blocks_of(digraph(r, r.randint(3, 10)))
+        problem = digraph(r, r.randint(3, 10))
+        blocks = blocks_of(problem)
         allowed = sorted(r.sample(range(blocks.agents), r.randint(1, blocks.agents)))
         costs = np.array([r.uniform(0.5, 2) for _ in range(blocks.agents)])
         fastest = fastest_rate(blocks, allowed)
         if fastest <= 0.02 * blocks.scale and len(allowed) < blocks.agents:
             continue
-        blocks = for_rate(blocks, r.choice((0, 0.3)) * min(fastest, blocks.scale / 8))
+        rate = r.choice((0, 0.3)) * min(fastest, blocks.scale / 8)
+        blocks = for_rate(blocks, rate)
         chosen = np.isin(np.arange(blocks.agents), allowed)
         own = cheapest_gains(blocks, chosen, costs).gains
         optimum = reference(blocks.tables, allowed, costs)
@@ -91,7 +94,8 @@ def test_one_pin_on_the_directed_ten_cycle_reaches_every_rate_below_a_bound_and_
     assert fastest_rate(blocks, [0]) == pytest.approx(bound, rel=1e-9)
     gains = [smallest_gains(for_rate(blocks, part * bound), [0])[0] for part in (0.5, 0.9, 0.999)]
     assert gains == sorted(gains)
-    assert smallest_gains(for_rate(blocks, 1.001 * bound), [0]) is None
+    found = smallest_gains(for_rate(blocks, 1.001 * bound), [0])
+    assert found is None
 
 
 @pytest.mark.parametrize("n", [2, 5, 10])
@@ -102,20 +106,27 @@ def test_the_gain_of_one_pin_on_a_cycle_is_that_of_the_recursion(cycle, n):
     blocks = blocks_of(cycle(n, pins={}))
     beta = 0.4 * fastest_rate(blocks, [0])
     t = math.acos(1 - beta / s)
-    v = [math.cos((j - n / 2) * t) / math.cos(n * t / 2) for j in range(n + 1)]
+    v = []
+    for j in range(n + 1):
+        v.append(math.cos((j - n / 2) * t) / math.cos(n * t / 2))
     closed = -((2 * s - 2 * beta) - 2 * s * v[1]) / 2
-    assert smallest_gains(for_rate(blocks, beta), [0])[0] == pytest.approx(closed, rel=1e-9)
+    found = smallest_gains(for_rate(blocks, beta), [0])
+    assert found[0] == pytest.approx(closed, rel=1e-9)
 
 
 def test_an_agent_whose_gain_would_be_negative_is_set_free():
     """1 hears 2 alone, strongly: pinning both costs less with k_1 = 0 than the formula of the first
     round."""
-    blocks = blocks_of(linked([[1, 2, 5], [2, 3], [3, 2]]))
+    arcs = [[1, 2, 5], [2, 3], [3, 2]]
+    problem = linked(arcs)
+    blocks = blocks_of(problem)
     gains = smallest_gains(blocks, [0, 1, 2])
     assert gains.min() == 0
     assert sum(gains) == pytest.approx(reference(blocks.tables, [0, 1, 2], np.ones(3)), rel=1e-6)
     # no gains can do where a closed group has no allowed agent
-    blocks = blocks_of(linked([[1, 2], [2, 1], [3, 4], [4, 3]]))
+    arcs = [[1, 2], [2, 1], [3, 4], [4, 3]]
+    problem = linked(arcs)
+    blocks = blocks_of(problem)
     assert smallest_gains(blocks, [0]) is None
     assert looseness(blocks, [0]) == math.inf
     assert smallest_gains(blocks, [0, 2]) is not None
@@ -126,9 +137,12 @@ def test_couplings_that_are_no_z_matrix_go_to_the_program_and_a_panic_costs_the_
     monkeypatch,
 ):
     """h = -y on a pair: Lambda = [[2, -2], [-2, 2]] - 2 K needs k = 2 on both agents."""
-    blocks = blocks_of(linked([[1, 2], [2, 1]], coupling="-y"))
+    arcs = [[1, 2], [2, 1]]
+    problem = linked(arcs, coupling="-y")
+    blocks = blocks_of(problem)
     assert not blocks.z
-    assert smallest_gains(blocks, [0, 1]) == pytest.approx([2, 2], rel=1e-6)
+    found = smallest_gains(blocks, [0, 1])
+    assert found == pytest.approx([2, 2], rel=1e-6)
     assert smallest_gains(blocks, [0]) is None
 
     def panic(*args, **kwargs):
@@ -136,7 +150,8 @@ def test_couplings_that_are_no_z_matrix_go_to_the_program_and_a_panic_costs_the_
 
     # gains that suffice are returned in its place
     monkeypatch.setattr(clarabel, "DefaultSolver", panic)
-    assert smallest_gains(blocks, [0, 1]) == pytest.approx([2, 2], rel=1e-4)
+    found = smallest_gains(blocks, [0, 1])
+    assert found == pytest.approx([2, 2], rel=1e-4)
 
 
 def digraphs(r: Random, n: int, modes: int) -> Problem:
@@ -171,7 +186,8 @@ def case(seed: int, n: int, modes: int) -> Shared:
     while fastest_rate(blocks, allowed) <= 0.15:
         allowed.append(r.choice(sorted(set(range(n)) - set(allowed))))
     costs = np.array([r.uniform(0.5, 2) for _ in range(n)])
-    return Shared(for_rate(blocks, 0.1), np.isin(range(n), allowed), costs)
+    chosen = np.isin(range(n), allowed)
+    return Shared(for_rate(blocks, 0.1), chosen, costs)
 
 
 @pytest.mark.parametrize(("n", "modes"), [(6, 2), (9, 3)])
@@ -191,7 +207,8 @@ def test_shared_gains_are_those_of_the_semidefinite_program_and_their_bound_is_b
 def test_shared_gains_with_caps_are_those_of_the_semidefinite_program():
     given = case(3, 8, 2)
     free = given.solved()
-    caps = np.full(8, 0.9 * free.gains.max())
+    cap = 0.9 * free.gains.max()
+    caps = np.full(8, cap)
     held = given.solved(caps)
     assert np.all(held.gains <= caps * (1 + 1e-9))
     cost = given.costs @ held.gains
@@ -199,16 +216,20 @@ def test_shared_gains_with_caps_are_those_of_the_semidefinite_program():
     assert cost == pytest.approx(given.optimum(caps), rel=1e-6)
     # Agents that cannot hold all modes share none: in the second nobody is heard by 2 and 3 but
     # each other.
-    problem = linked({"A": [[2, 1], [3, 2]], "B": [[2, 3], [3, 2]]}, 3)
+    arcs = {"A": [[2, 1], [3, 2]], "B": [[2, 3], [3, 2]]}
+    problem = linked(arcs, 3)
     blocks = for_rate(blocks_of(problem), 0.01)
-    assert solve_shared(blocks.tables, np.array([True, False, False]), np.ones(3)) is None
+    chosen = np.array([True, False, False])
+    found = solve_shared(blocks.tables, chosen, np.ones(3))
+    assert found is None
 
 
 def test_the_rate_of_a_large_network_is_estimated_from_below_and_closely(monkeypatch):
     """Both ways along a line of 30 agents and some chords, four of them pinned: against all
     eigenvalues."""
     pairs = [(i, i + 1) for i in range(1, 30)] + [(3, 20), (7, 25), (11, 16)]
-    problem = linked([arc for i, j in pairs for arc in ([i, j], [j, i])], 30, coupling="y")
+    arcs = [arc for i, j in pairs for arc in ([i, j], [j, i])]
+    problem = linked(arcs, 30, coupling="y")
     blocks = blocks_of(problem)
     pins = (0, 9, 17, 28)
     exact = fastest_rate(blocks, pins)

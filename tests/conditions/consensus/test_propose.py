@@ -40,7 +40,8 @@ H = "exp(y) - 1 + y"
 
 def ring(n: int, **given) -> Problem:
     given.setdefault("gains", dict.fromkeys(range(1, n + 1, 10), 3))
-    return linked([[i, i % n + 1] for i in range(1, n + 1)], n, coupling=H, **given)
+    arcs = [[i, i % n + 1] for i in range(1, n + 1)]
+    return linked(arcs, n, coupling=H, **given)
 
 
 def table_of(problem: Problem, mode: str = "G"):
@@ -77,13 +78,16 @@ def test_both_sides_of_the_switch_agree_with_numpy(n):
     full = table.toarray()
     assert top.value == pytest.approx(highest(full), abs=1e-7)
     assert np.array_equal(largest_eigenvalue(table).vector, top.vector)  # it can be repeated
-    assert np.linalg.norm(full @ top.vector - top.value * top.vector) < 1e-5
+    found = np.linalg.norm(full @ top.vector - top.value * top.vector)
+    assert found < 1e-5
 
 
 def test_the_largest_eigenvalue_of_the_paper_cycle():
     """Theory, known answers: one pin k = 3 gives -0.153544, all pinned k gives -2 k."""
-    for gains, value in (({1: 3}, -0.153544), (3, -6), (None, 0)):
-        top = largest_eigenvalue(table_of(ring(10, gains=gains)))
+    cases = (({1: 3}, -0.153544), (3, -6), (None, 0))
+    for gains, value in cases:
+        table = table_of(ring(10, gains=gains))
+        top = largest_eigenvalue(table)
         assert top.value == pytest.approx(value, abs=5e-7)
 
 
@@ -91,9 +95,11 @@ def test_a_direction_without_the_symmetry_of_the_start_is_found():
     """The top vector is antisymmetric: from a start of ones only rounding errors lead there."""
     n = DENSE + 100
     half = n // 2
-    sign = np.concatenate([np.ones(half), -np.ones(half)])
+    arrays = [np.ones(half), -np.ones(half)]
+    sign = np.concatenate(arrays)
     own = -np.linspace(1, 2, half)
-    matrix = sparse.csr_array(np.diag(np.concatenate([own, own])) + 5 * np.outer(sign, sign) / n)
+    whole = np.diag(np.concatenate([own, own])) + 5 * np.outer(sign, sign) / n
+    matrix = sparse.csr_array(whole)
     top = largest_eigenvalue(matrix)
     assert top.value == pytest.approx(highest(matrix.toarray()), rel=1e-7)
 
@@ -101,12 +107,15 @@ def test_a_direction_without_the_symmetry_of_the_start_is_found():
 @pytest.mark.parametrize("factor", [1e-320, 1e307])
 @pytest.mark.parametrize("n", [20, DENSE + 20])
 def test_huge_and_tiny_entries_neither_over_nor_underflow(n, factor):
-    table = sparse.csr_array(sparse.diags_array(np.linspace(-1, -0.5, n)))
+    diagonals = np.linspace(-1, -0.5, n)
+    diagonal = sparse.diags_array(diagonals)
+    table = sparse.csr_array(diagonal)
     scaled = sparse.csr_array(table * factor)
     accuracy = 1e-2 if factor < 1e-300 else 1e-6
     assert largest_eigenvalue(scaled).value == pytest.approx(-0.5 * factor, rel=accuracy)
     for entry in (np.inf, -np.inf, np.nan):  # no numbers, no estimate
-        top = largest_eigenvalue(sparse.csr_array(np.array([[entry, 0.0], [0.0, 1.0]])))
+        whole = np.array([[entry, 0.0], [0.0, 1.0]])
+        top = largest_eigenvalue(sparse.csr_array(whole))
         assert np.isnan(top.value)
         assert not np.any(top.vector)
 
@@ -127,7 +136,8 @@ def test_without_convergence_the_dense_solver_steps_in(monkeypatch):
     assert np.isnan(largest_eigenvalue(table).value)
     nothing = np.array([]), np.zeros((3, 0))
     # nor does the dense solver
-    for answer in (lambda *_, **__: fail(ncv=None, tol=None), lambda *_, **__: nothing):
+    cases = (lambda *_, **__: fail(ncv=None, tol=None), lambda *_, **__: nothing)
+    for answer in cases:
         monkeypatch.setattr(propose.linalg, "eigh", answer)
         assert np.isnan(largest_eigenvalue(table_of(ring(3))).value)
 
@@ -141,7 +151,8 @@ def full_psi(problem, P, Q, rate: float) -> np.ndarray:
     omega = P @ A + A.T @ P - Q @ C - C.T @ Q.T
     border = np.kron(np.eye(n), C)
     corner = top + 2 * rate * np.eye(len(top))
-    return np.block([[corner, border], [border.T, np.kron(np.eye(n), omega + 2 * rate * P)]])
+    arrays = [[corner, border], [border.T, np.kron(np.eye(n), omega + 2 * rate * P)]]
+    return np.block(arrays)
 
 
 @pytest.mark.parametrize("factor", [1, 3, 30, 1000])
@@ -155,8 +166,10 @@ def test_margin_and_rate_of_a_pair_are_those_of_the_full_matrix(cycle, factor):
     # theory, known answers: S = 9/8 for the printed pair
     assert margin == pytest.approx(6 - 9 / (8 * factor))
     assert rate > 0
-    assert highest(full_psi(problem, P, Q, rate * 0.999)) < 0
-    assert highest(full_psi(problem, P, Q, rate * 1.001)) > 0
+    found = highest(full_psi(problem, P, Q, rate * 0.999))
+    assert found < 0
+    found = highest(full_psi(problem, P, Q, rate * 1.001))
+    assert found > 0
     shifted = full_psi(problem, P, Q, 0.0)
     shifted[:5, :5] += margin * np.eye(5)
     assert highest(shifted) == pytest.approx(0, abs=1e-9)
@@ -165,7 +178,8 @@ def test_margin_and_rate_of_a_pair_are_those_of_the_full_matrix(cycle, factor):
 def test_the_decay_of_the_paper_gain(harmonic):
     """Theory, known answers: the eigenvalues of A - WC are -8/5 +- (2/5) sqrt(39) i."""
     assert decay_rate(harmonic, PAPER_GAIN) == pytest.approx(1.6)
-    assert decay_rate(harmonic, exact_matrix("0; 0")) == pytest.approx(0, abs=1e-12)
+    found = decay_rate(harmonic, exact_matrix("0; 0"))
+    assert found == pytest.approx(0, abs=1e-12)
 
 
 @pytest.mark.parametrize("special", [{}, {(1, 0): "2*y"}])
@@ -177,7 +191,8 @@ def test_weights_beyond_the_floats_give_no_warning_and_no_estimate(special):
     problem = linked(arcs, coupling=steep, exceptions=special, gains=1)
     assert not np.all(np.isfinite(table_of(problem).toarray()))
     # 4 (a + 1)(b + 1) < (a + b)^2
-    assert certify(problem).check("lemma1", "G").verdict is Verdict.REFUTED
+    found = certify(problem).check("lemma1", "G")
+    assert found.verdict is Verdict.REFUTED
 
 
 def moved(vector, m):
@@ -187,10 +202,13 @@ def moved(vector, m):
 def test_a_leader_without_a_pin_and_a_cycle_without_one_are_directions_and_what_is_held_has_none(
     cycle, monkeypatch
 ):
-    directions = directions_of(linked([[1, 2], [2, 3]], gains={1: 5}))
+    arcs = [[1, 2], [2, 3]]
+    problem = linked(arcs, gains={1: 5})
+    directions = directions_of(problem)
     assert moved(directions[0], 1) == {2}
     directions = directions_of(cycle(8, pins={}))
-    assert [moved(each, 1) for each in directions] == [set(range(8))]
+    found = [moved(each, 1) for each in directions]
+    assert found == [set(range(8))]
     assert np.ptp(directions[0]) < 1e-9
     assert directions_of(cycle(5)) == []
     monkeypatch.setattr(propose, "LARGEST_SEARCHED", 3)  # too large to look at
@@ -215,7 +233,8 @@ def test_of_no_direction_an_agent_can_be_left_out(seed):
             assert top(agents) > -1e-8
             if len(agents) > 1:
                 several += 1
-                assert all(top(agents - {agent}) < 0 for agent in agents)
+                for agent in agents:
+                    assert top(agents - {agent}) < 0
     assert several
 
 
@@ -236,7 +255,8 @@ def test_the_bound_is_close_to_the_least_eigenvalue_and_not_beyond(step):
     least = -sparse.linalg.eigsh(table.tocsc(), k=1, sigma=1e-3, return_eigenvectors=False)[0]
     assert 0.95 * least <= found.least <= least * (1 + 1e-9)
     assert (found.vector > 0).all()
-    assert np.min(-(table @ found.vector) / found.vector) == pytest.approx(found.least, rel=1e-6)
+    answer = np.min(-(table @ found.vector) / found.vector)
+    assert answer == pytest.approx(found.least, rel=1e-6)
     assert found.first <= found.products
 
 
@@ -246,7 +266,8 @@ def test_few_products_are_enough_and_one_pin_is_left_to_a_factorisation():
     found = dominating_vector(table_of(wide_ring(4000)))
     assert found.first <= 250
     assert found.products <= MOST_PRODUCTS + 5
-    found = dominating_vector(table_of(wide_ring(8000, step=8000)))
+    table = table_of(wide_ring(8000, step=8000))
+    found = dominating_vector(table)
     assert 0 < found.least < 4 * np.pi**2 / 8000**2 * 4
     assert found.products < 1000
 
@@ -260,8 +281,11 @@ def test_without_a_pin_there_is_a_direction_and_no_bound():
     assert v @ (table @ v) >= -1e-9 * (v @ v)
 
     arcs = [[i, i + 1] for i in range(1, 1000)]  # the last agent hears nobody
-    found = dominating_vector(table_of(wide_ring(1001, arcs=arcs, step=960)))
+    problem = wide_ring(1001, arcs=arcs, step=960)
+    found = dominating_vector(table_of(problem))
     assert not found.least > 0
     assert found.vector.any()
     # no floats
-    assert dominating_vector(sparse.csr_array(np.array([[-np.inf, 0.0], [0.0, -1.0]]))) is None
+    whole = np.array([[-np.inf, 0.0], [0.0, -1.0]])
+    answer = dominating_vector(sparse.csr_array(whole))
+    assert answer is None

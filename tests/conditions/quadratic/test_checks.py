@@ -107,7 +107,8 @@ def test_the_largest_ball_is_proved_and_confirmed_and_the_next_number_is_not():
     assert check.domain == Ball(1.41421, 0.0)
     assert refusal(problem, check) is None
     assert check_of(problem, lure, 1.41422).verdict is Verdict.UNDECIDED
-    larger = replace(check, domain=replace(check.domain, radius=1.41422))
+    domain = replace(check.domain, radius=1.41422)
+    larger = replace(check, domain=domain)
     assert "not inside" in str(refusal(problem, larger))
     ball = certified_ball(loop_of(problem), lure, disturbance=0.0)
     assert ball == pytest.approx(math.sqrt(2), rel=1e-5)
@@ -130,7 +131,8 @@ def test_with_the_observer_the_disturbance_takes_its_part_of_the_level():
     assert radius == pytest.approx(math.sqrt(4.5 - taken), rel=1e-5)
     check = check_of(problem, lure, radius, 0.5)
     assert refusal(problem, check) is None
-    larger = replace(check, domain=replace(check.domain, disturbance=0.50001))
+    domain = replace(check.domain, disturbance=0.50001)
+    larger = replace(check, domain=domain)
     assert "not inside" in str(refusal(problem, larger))
     exact = dict(check.exact)
     exact.pop("P")
@@ -168,11 +170,13 @@ def test_a_list_of_expressions_has_one_channel_for_every_gain():
     holds = partial(is_proved, problem)
     lure = design_lure(loop, holds=holds, shape="identity", largest=Fraction(3))
     assert lure is not None
-    check = check_of(problem, lure, certified_ball(loop, lure, disturbance=0.0))
+    radius = certified_ball(loop, lure, disturbance=0.0)
+    check = check_of(problem, lure, radius)
     assert check.verdict is Verdict.PROVED
     assert refusal(problem, check) is None
     gains = [[["1", "1"], ["0.1", "0.2"]], [["0", "0"], ["1", "1"]]]
-    assert "not shown" in str(refusal(problem, check, ranges=[{"coupling": 0, "gains": gains}]))
+    ranges = [{"coupling": 0, "gains": gains}]
+    assert "not shown" in str(refusal(problem, check, ranges=ranges))
 
 
 def test_a_claim_comes_back_from_json_as_it_went_in():

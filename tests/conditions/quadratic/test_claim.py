@@ -32,9 +32,13 @@ def random_metric(size: int, shape: str, seed: int) -> SparseSymmetric:
     """A positive definite matrix of small fractions."""
     r = Random(seed)
     if shape == "diagonal":
-        entries = {(i, i): Fraction(r.randint(1, 9), r.randint(1, 5)) for i in range(size)}
+        entries = {}
+        for i in range(size):
+            entries[i, i] = Fraction(r.randint(1, 9), r.randint(1, 5))
         return SparseSymmetric(size, entries)
-    rows = [[Fraction(r.randint(-3, 3)) for _ in range(size)] for _ in range(size)]
+    rows = []
+    for _ in range(size):
+        rows.append([Fraction(r.randint(-3, 3)) for _ in range(size)])
     square = multiply(tuple(map(tuple, rows)), tuple(zip(*rows, strict=True)))
     return SparseSymmetric.from_dense(square) + identity(size)
 
@@ -56,8 +60,10 @@ def at_radius(problem: Problem, radius: Fraction = ONE) -> Sectors:
 def arrays(sectors: Sectors, mode: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """B (n m, channels), C_E (channels, n m), low and high gains."""
     channels = sectors.modes[mode]
-    B = np.zeros((sectors.size, len(channels)))
-    C = np.zeros((len(channels), sectors.size))
+    shape = (sectors.size, len(channels))
+    B = np.zeros(shape)
+    shape = (len(channels), sectors.size)
+    C = np.zeros(shape)
     for k, channel in enumerate(channels):
         B[channel.target, k] = 1
         C[k, channel.plus] += 1
@@ -95,7 +101,8 @@ def test_the_reduced_inequality_is_the_schur_complement_of_the_one_in_theory(see
     beside = block[:size, size:]
     schur = first - beside @ np.linalg.solve(block[size:, size:], beside.T)
     ours = floats(lure_matrix(sectors, "G0", P_e, tau, rate=beta, S=S))
-    assert np.allclose(ours, schur, rtol=1e-9, atol=1e-9 * np.max(np.abs(schur)))
+    atol = 1e-9 * np.max(np.abs(schur))
+    assert np.allclose(ours, schur, rtol=1e-9, atol=atol)
 
 
 def test_the_border_of_the_observer_enters_as_the_paper_has_it():
@@ -103,7 +110,8 @@ def test_the_border_of_the_observer_enters_as_the_paper_has_it():
     problem = cycle(3, 2, exosystem=HARMONIC)
     sectors = at_radius(problem)
     P = exact_matrix("1/2 -1/4; -1/4 1/3")
-    S = schur_block(Pair(P=P, Q=multiply(P, PAPER_GAIN)), HARMONIC)
+    pair = Pair(P=P, Q=multiply(P, PAPER_GAIN))
+    S = schur_block(pair, HARMONIC)
     assert S is not None
     assert S[0][0] == Fraction(9, 8)
     with_it = lure_matrix(sectors, "G", identity(3), (ONE,) * 3, S=S)
@@ -128,10 +136,11 @@ def test_every_corner_is_the_derivative_for_those_gains_and_the_bounds_lie_above
     ours = [floats(each) for each in vertex_matrices(sectors, "G0", P_e, rate=beta)]
     assert np.allclose(ours, wanted)
     taus = random_taus(Random(seed), len(low))
-    for upper in (
+    cases = (
         interval_matrix(sectors, "G0", P_e, rate=beta),
         lure_matrix(sectors, "G0", P_e, taus, rate=beta),
-    ):
+    )
+    for upper in cases:
         bound = floats(upper)
         least = min(np.linalg.eigvalsh(bound - corner)[0] for corner in wanted)
         assert least > -1e-9 * np.max(np.abs(bound))
@@ -140,7 +149,8 @@ def test_every_corner_is_the_derivative_for_those_gains_and_the_bounds_lie_above
 def test_a_linear_channel_needs_no_multiplier_and_moves_into_the_linear_part():
     sectors = at_radius(cycle(4, 2, coupling="3*y"))
     J = 3 * (np.roll(np.eye(4), 1, axis=1) - np.eye(4)) - 2 * np.eye(4)
-    ours = lure_matrix(sectors, "G", identity(4), (Fraction(0),) * 4)
+    multipliers = (Fraction(0),) * 4
+    ours = lure_matrix(sectors, "G", identity(4), multipliers)
     assert np.array_equal(floats(ours), J + J.T)
 
 
@@ -150,8 +160,9 @@ def test_multipliers_have_to_be_as_many_as_channels_and_positive_and_corners_not
         next(vertex_matrices(at_radius(cycle(13, 1)), "G", identity(13)))
     with pytest.raises(ShapeError, match="must have 3 entries, one per channel; got 2"):
         lure_matrix(sectors, "G", identity(3), (ONE, ONE))
+    multipliers = (ONE, ONE, Fraction(0))
     with pytest.raises(ShapeError, match="must be > 0 where the gain has a range"):
-        lure_matrix(sectors, "G", identity(3), (ONE, ONE, Fraction(0)))
+        lure_matrix(sectors, "G", identity(3), multipliers)
 
 
 @pytest.mark.parametrize(

@@ -68,7 +68,8 @@ def test_the_interval_bound_reaches_the_radius_of_the_theory_and_not_one_per_cen
     r = Fraction(radius)
     lure = certificate(problem, r, method="interval")
     assert is_proved(problem, lure)
-    assert covered_radius(loop_of(problem), lure) == pytest.approx(ball, rel=1e-3)
+    found = covered_radius(loop_of(problem), lure)
+    assert found == pytest.approx(ball, rel=1e-3)
     further = decided(problem, certificate(problem, r * MORE, method="interval"))
     assert further.verdict is Verdict.REFUTED
     assert further.step == "inequality"
@@ -84,7 +85,8 @@ def test_the_multipliers_reach_four_with_p_equal_to_i_and_fail_one_per_cent_furt
     taus = [Fraction(k, 1000) for k in range(20, 200, 4)]
     reached = (with_tau(problem, Fraction("4.08"), tau) for tau in taus)
     lure = next(each for each in reached if is_proved(problem, each))
-    assert covered_radius(loop_of(problem), lure) == pytest.approx(4.08 / math.sqrt(2), rel=1e-6)
+    found = covered_radius(loop_of(problem), lure)
+    assert found == pytest.approx(4.08 / math.sqrt(2), rel=1e-6)
     beyond = (with_tau(problem, Fraction("4.135"), tau) for tau in taus)
     assert not any(is_proved(problem, each) for each in beyond)
 
@@ -95,7 +97,8 @@ def test_corners_prove_what_interval_bounds_do_not():
     r = Fraction(1, 2)
     assert is_proved(problem, certificate(problem, r, method="vertices"))
     assert not is_proved(problem, certificate(problem, r, method="interval"))
-    assert not is_proved(problem, certificate(problem, Fraction(3), method="vertices"))
+    lure = certificate(problem, Fraction(3), method="vertices")
+    assert not is_proved(problem, lure)
 
 
 def test_the_region_is_refuted_as_soon_as_the_level_is_too_large():
@@ -103,21 +106,26 @@ def test_the_region_is_refuted_as_soon_as_the_level_is_too_large():
     problem = cycle(3, 3)
     exact = with_tau(problem, Fraction(1), Fraction(1, 2))
     assert is_proved(problem, exact)
-    above = decided(problem, replace(exact, level=Fraction(1, 2) + Fraction(1, 10**9)))
+    level = Fraction(1, 2) + Fraction(1, 10**9)
+    lure = replace(exact, level=level)
+    above = decided(problem, lure)
     assert above.verdict is Verdict.REFUTED
     assert above.step == "region"
-    assert decided(problem, replace(exact, level=None)).step == "region"
+    found = decided(problem, replace(exact, level=None))
+    assert found.step == "region"
 
 
 def test_the_region_is_refuted_where_the_level_set_leaves_the_radius_of_one_arc_only():
     """P_e = diag(1, 100, 100), r = 1: c'P_e^-1 c is 1.01 for the first arc and 0.02 for the
     second."""
-    problem = linked([[1, 2], [2, 3]], coupling="tanh(y)", gains=9)
+    arcs = [[1, 2], [2, 3]]
+    problem = linked(arcs, coupling="tanh(y)", gains=9)
     metric = symmetric([1, 0, 0], [0, 100, 0], [0, 0, 100])
     lure = certificate(problem, Fraction(1), P_e=metric, method="vertices")
     exact = replace(lure, level=Fraction(100, 101))
     assert is_proved(problem, exact)
-    assert decided(problem, replace(exact, level=Fraction(1))).step == "region"
+    found = decided(problem, replace(exact, level=Fraction(1)))
+    assert found.step == "region"
 
 
 # gain 1 as far as |y| <= 1, negative beyond; gain 0 there: no channel at all
@@ -126,7 +134,8 @@ def test_the_region_is_refuted_where_the_level_set_leaves_the_radius_of_one_arc_
 )
 def test_a_kink_beyond_the_radius_limits_the_level_although_the_gain_is_one_number(h):
     """Two agents, k = 1: from e = (100, -100) the first one runs away at first."""
-    problem = linked([[1, 2], [2, 1]], coupling=h, gains=1)
+    arcs = [[1, 2], [2, 1]]
+    problem = linked(arcs, coupling=h, gains=1)
     r = Fraction(1)
     entries = gains_on(problem.couplings[0], r)
     exact = GainRange(coupling=0, radius=r, entries=entries)
@@ -134,7 +143,9 @@ def test_a_kink_beyond_the_radius_limits_the_level_although_the_gain_is_one_numb
     multipliers = {"G": (Fraction(0),) * channels}
     held = certificate(problem, r, ranges=(exact,), multipliers=multipliers)
     assert is_proved(problem, held)
-    above = decided(problem, replace(held, level=held.level + Fraction(1, 10**9)))
+    level = held.level + Fraction(1, 10**9)
+    lure = replace(held, level=level)
+    above = decided(problem, lure)
     assert above.verdict is Verdict.REFUTED
     assert above.step == "region"
     assert problem.couplings[0].value(np.array([-200.0]))[0] - 100 > 0
@@ -143,7 +154,8 @@ def test_a_kink_beyond_the_radius_limits_the_level_although_the_gain_is_one_numb
 def test_the_region_of_a_full_p_is_decided_with_its_inverse():
     """P_e = [[2, 1], [1, 2]], two agents: c'P_e^-1 c = 2 exactly."""
     problem = linked([[1, 2]], coupling="tanh(y)", gains=9)
-    lure = with_tau(problem, Fraction(1), Fraction(3), P_e=symmetric([2, 1], [1, 2]))
+    P_e = symmetric([2, 1], [1, 2])
+    lure = with_tau(problem, Fraction(1), Fraction(3), P_e=P_e)
     exact = replace(lure, level=Fraction(1, 2))
     assert is_proved(problem, exact)
     above = replace(exact, level=Fraction(500001, 10**6))
@@ -181,10 +193,12 @@ def test_gains_that_are_claimed_narrower_than_they_are_leave_the_certificate_und
 
 def test_gains_without_a_radius_are_believed_for_linear_couplings_only():
     linear = cycle(3, 3, coupling="2*y")
+    ranges = enclose_ranges(loop_of(linear), radius=None)
+    multipliers = {"G": (0,) * 3}
     lure = Lure(
         P_e=identity(3),
-        ranges=enclose_ranges(loop_of(linear), radius=None),
-        multipliers={"G": (0,) * 3},
+        ranges=ranges,
+        multipliers=multipliers,
         radius=None,
         level=None,
     )
@@ -194,7 +208,8 @@ def test_gains_without_a_radius_are_believed_for_linear_couplings_only():
     assert decided(curved, lure).verdict is Verdict.UNDECIDED
     undefined = cycle(3, 3, coupling="log(1 + y)")
     two = Fraction(2)
-    claim = GainRange(coupling=0, radius=two, entries=((Interval.point(two),),))
+    entries = ((Interval.point(two),),)
+    claim = GainRange(coupling=0, radius=two, entries=entries)
     inside = replace(lure, radius=two, level=Fraction(1, 100), ranges=(claim,))
     decision = decided(undefined, inside)
     assert decision.verdict is Verdict.UNDECIDED
@@ -204,7 +219,8 @@ def test_gains_without_a_radius_are_believed_for_linear_couplings_only():
 def test_a_p_that_is_not_positive_definite_is_refuted_and_one_of_another_size_refused():
     problem = cycle(2, 3)
     metric = symmetric([1, 1], [1, 1])
-    decision = decided(problem, with_tau(problem, Fraction(1), Fraction(1), P_e=metric))
+    lure = with_tau(problem, Fraction(1), Fraction(1), P_e=metric)
+    decision = decided(problem, lure)
     assert decision.verdict is Verdict.REFUTED
     assert decision.step == "P_e"
     assert decision.witness is not None
@@ -219,12 +235,16 @@ def test_every_mode_has_to_hold():
     """Pinned everywhere; in mode B the agents listen to one leader, which e'e pays for."""
     ring = [[i, i % 6 + 1] for i in range(1, 7)]
     star = [[i, 1] for i in range(2, 7)]
-    problem = linked({"A": ring, "B": star}, coupling="tanh(y)", gains="1/10")
-    decision = decided(problem, with_tau(problem, Fraction(1, 10), Fraction(50)))
+    arcs = {"A": ring, "B": star}
+    problem = linked(arcs, coupling="tanh(y)", gains="1/10")
+    lure = with_tau(problem, Fraction(1, 10), Fraction(50))
+    decision = decided(problem, lure)
     assert decision.verdict is Verdict.REFUTED
     assert decision.mode == "B"
-    better = linked({"A": ring, "B": star}, coupling="tanh(y)", gains=2)
-    assert is_proved(better, with_tau(better, Fraction(1, 10), Fraction(50)))
+    arcs = {"A": ring, "B": star}
+    better = linked(arcs, coupling="tanh(y)", gains=2)
+    lure = with_tau(better, Fraction(1, 10), Fraction(50))
+    assert is_proved(better, lure)
 
 
 PAIR = exact_matrix("1/2 -1/4; -1/4 1/3")
@@ -282,12 +302,14 @@ def test_without_a_pair_nothing_is_covered_but_exact_estimates():
 def test_two_agents_are_never_certified_beyond_their_other_equilibrium(k):
     """h = y - y^3 both ways, k: z = e1 - e2 obeys z' = -(k + 2) z + 2 z^3, so z^2 = (k + 2)/2 stays
     where it is."""
-    problem = linked([[1, 2], [2, 1]], coupling="y - y**3", gains=str(k))
+    arcs = [[1, 2], [2, 1]]
+    problem = linked(arcs, coupling="y - y**3", gains=str(k))
     truth = math.sqrt((float(k) + 2) / 2)
     for method, part in (("interval", 1.001), ("vertices", 1.001), ("vertices", 1.5)):
         r = Fraction(truth * part).limit_denominator(10**6)
         assert not is_proved(problem, certificate(problem, r, method=method))
-    assert is_proved(problem, certificate(problem, Fraction(3, 10), method="vertices"))
+    lure = certificate(problem, Fraction(3, 10), method="vertices")
+    assert is_proved(problem, lure)
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -303,17 +325,20 @@ def test_the_bound_on_the_largest_eigenvalue_lies_just_above_it(seed):
 def test_the_bound_of_a_diagonal_matrix_is_its_largest_entry():
     entries = {(0, 0): Fraction(1, 3), (2, 2): Fraction(2, 7)}
     assert eigenvalue_bound(SparseSymmetric(3, entries)) == Fraction(1, 3)
-    assert eigenvalue_bound(symmetric([-1, 0], [0, -2])) == -1
+    found = eigenvalue_bound(symmetric([-1, 0], [0, -2]))
+    assert found == -1
 
 
 def test_the_bound_of_a_singular_matrix_is_no_smaller_than_its_eigenvalue():
-    assert eigenvalue_bound(symmetric([1, 1], [1, 1])) >= 2
+    found = eigenvalue_bound(symmetric([1, 1], [1, 1]))
+    assert found >= 2
 
 
 def test_where_no_estimate_can_be_shown_the_bound_is_the_largest_row_sum(monkeypatch):
     """Gershgorin: eigenvalues 3 +- sqrt(5) of [[1, 1], [1, 5]], row sums 2 and 6."""
     monkeypatch.setattr("dobc_design.conditions.quadratic.decide.RISE", ())
-    assert eigenvalue_bound(symmetric([1, 1], [1, 5])) == 6
+    found = eigenvalue_bound(symmetric([1, 1], [1, 5]))
+    assert found == 6
 
 
 def test_without_a_pair_not_even_a_point_is_covered_with_a_disturbance():

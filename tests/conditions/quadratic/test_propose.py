@@ -68,7 +68,8 @@ def enlarged(problem: Problem, lure: Lure, part: str) -> Lure:
     """The same certificate for a radius a little larger, with the level that belongs to it."""
     radius = lure.radius * Fraction(part)
     ranges = enclose_ranges(loop_of(problem), radius=radius)
-    return replace(lure, radius=radius, ranges=ranges, level=lure.level * Fraction(part) ** 2)
+    level = lure.level * Fraction(part) ** 2
+    return replace(lure, radius=radius, ranges=ranges, level=level)
 
 
 @pytest.mark.parametrize(
@@ -131,7 +132,8 @@ def test_linear_couplings_are_certified_iff_the_loop_is_stable(seed):
     """Lyapunov's theorem, with eigenvalues as the truth from outside; the domain is all of
     space."""
     problem = random_problem(seed, coupling="y", pin=0.4)
-    J = np.column_stack([field(problem, "G0", e) for e in np.eye(problem.n)])
+    columns = [field(problem, "G0", e) for e in np.eye(problem.n)]
+    J = np.column_stack(columns)
     abscissa = float(np.max(np.linalg.eigvals(J).real))
     assert abs(abscissa) > 1e-6 or abscissa > -1e-12
     lure = designed(problem)
@@ -149,7 +151,8 @@ def test_linear_couplings_are_certified_iff_the_loop_is_stable(seed):
 def test_two_agents_are_certified_up_to_their_other_equilibrium_and_never_beyond(k):
     """h = y - y^3 both ways: z = e1 - e2 obeys z' = -(k + 2) z + 2 z^3, and z^2 = (k + 2)/2 stays
     where it is."""
-    problem = linked([[1, 2], [2, 1]], coupling="y - y**3", gains=k)
+    arcs = [[1, 2], [2, 1]]
+    problem = linked(arcs, coupling="y - y**3", gains=k)
     truth = math.sqrt((float(Fraction(k)) + 2) / 2)
     lure = found(problem)
     assert 0.75 * truth < lure.radius < truth
@@ -176,7 +179,8 @@ def test_one_certificate_serves_every_mode():
     arcs = {}
     for name, each in steps.items():
         arcs[name] = [[i, (i - 1 + s) % 10 + 1] for i in range(1, 11) for s in each]
-    pinned = partial(linked, coupling="exp(y) - 1 + y", gains={1: 5, 6: 5})
+    gains = {1: 5, 6: 5}
+    pinned = partial(linked, coupling="exp(y) - 1 + y", gains=gains)
     problem = pinned(arcs)
     alone = pinned({"Ga": arcs["Ga"]})
     lure = found(problem, shape="diagonal")
@@ -213,7 +217,8 @@ def test_with_the_observer_starts_and_observer_errors_are_covered_together(s):
     lure = found(problem, W=PAPER_GAIN, disturbance=s)
     within = partial(covers, loop_of(problem), lure, disturbance=s)
     R = Fraction(str(reach(problem, lure, disturbance=s)))
-    assert within(radius=Fraction(289 if s == 0 else 265, 100))
+    radius = Fraction(289 if s == 0 else 265, 100)
+    assert within(radius=radius)
     assert within(radius=R)
     assert not within(radius=R * Fraction(1001, 1000))
 
@@ -223,8 +228,10 @@ def test_too_large_observer_errors_and_rates_faster_than_the_observer_are_not_ce
     sections 4, 9)."""
     problem = cycle(2, ALL, exosystem=HARMONIC)
     with_gain = partial(designed, problem, W=PAPER_GAIN, shape="identity")
-    assert with_gain(disturbance=Fraction(50), largest=Fraction(5)) is None
-    assert with_gain(rate=Fraction(3, 2), largest=Fraction(1)) is not None
+    answer = with_gain(disturbance=Fraction(50), largest=Fraction(5))
+    assert answer is None
+    answer = with_gain(rate=Fraction(3, 2), largest=Fraction(1))
+    assert answer is not None
     assert with_gain(rate=Fraction(17, 10)) is None
 
 
@@ -275,20 +282,24 @@ def test_linear_couplings_with_irrational_slopes_have_multipliers(text):
     problem = cycle(3, 3, coupling=text)
     lure = found(problem)
     assert lure.level is None
-    assert all(tau > 0 for tau in lure.multipliers["G"])
+    for tau in lure.multipliers["G"]:
+        assert tau > 0
 
 
 def test_what_holds_by_less_than_digits_can_say_has_no_certificate():
     """h = -y pi/2 both ways: stable iff k > pi."""
     for text, holds in (("3.14159265358979323846264338328", False), ("3.15", True)):
-        problem = linked([[1, 2], [2, 1]], coupling="-y*pi/2", gains=text)
+        arcs = [[1, 2], [2, 1]]
+        problem = linked(arcs, coupling="-y*pi/2", gains=text)
         assert (designed(problem) is not None) is holds
 
 
 def test_a_component_with_an_irrational_slope_beside_a_curved_one_has_a_radius_as_large_as_asked():
     """0 < g <= 1 everywhere, of tanh."""
-    lure = found(cycle(2, 3, coupling=["pi*y1 + y2", "tanh(y2)"]), largest=Fraction(5))
-    assert lure.level is not None and lure.radius > Fraction(49, 10)
+    problem = cycle(2, 3, coupling=["pi*y1 + y2", "tanh(y2)"])
+    lure = found(problem, largest=Fraction(5))
+    assert lure.level is not None
+    assert lure.radius > Fraction(49, 10)
 
 
 @pytest.mark.parametrize(
@@ -298,8 +309,13 @@ def test_the_linear_rate_is_that_of_the_slowest_eigenvalue(coupling, slope):
     """J - K of the directed 4-cycle with one pin, by NumPy."""
     J = slope * (np.roll(np.eye(4), 1, axis=1) - np.eye(4)) - np.diag([3.0, 0, 0, 0])
     truth = -float(np.max(np.linalg.eigvals(J).real))
-    one_pin = loop_of(cycle(4, {1: 3}, coupling=coupling))
+    problem = cycle(4, {1: 3}, coupling=coupling)
+    one_pin = loop_of(problem)
     assert linear_rate(one_pin, None) == pytest.approx(truth, rel=1e-4)
     with_observer = cycle(4, 9, coupling=coupling, exosystem=HARMONIC)
-    assert linear_rate(loop_of(with_observer), PAPER_GAIN) == pytest.approx(1.6, rel=1e-6)
-    assert linear_rate(loop_of(cycle(4, {1: 3}, coupling="-y")), None) == 0.0
+    answer = linear_rate(loop_of(with_observer), PAPER_GAIN)
+    assert answer == pytest.approx(1.6, rel=1e-6)
+    problem = cycle(4, {1: 3}, coupling="-y")
+    loop = loop_of(problem)
+    answer = linear_rate(loop, None)
+    assert answer == 0.0

@@ -32,7 +32,9 @@ def ranges_of(problem, radius=TWO):
 
 
 def relied_on(arcs, coupling, **more):
-    return relied_differences(loop_of(linked(arcs, coupling=coupling, gains=1, **more)))
+    problem = linked(arcs, coupling=coupling, gains=1, **more)
+    loop = loop_of(problem)
+    return relied_differences(loop)
 
 
 def test_the_secant_gain_of_the_paper_on_two_is_that_of_the_theory():
@@ -118,14 +120,18 @@ def test_channels_with_the_true_gains_give_h_back(seed):
 def test_a_linear_coupling_is_one_gain_for_every_radius_and_exceptions_have_their_own():
     problem = cycle(3, 1, coupling="2/3*y")
     (found,) = ranges_of(problem, None)
-    assert found.entries == ((Interval.point(Fraction(2, 3)),),)
+    expected = ((Interval.point(Fraction(2, 3)),),)
+    assert found.entries == expected
     channel = sectors_of(problem, (found,), None).modes["G"][0]
     assert channel.spread == 0
 
     arcs = [[1, 2, "1/2"], [2, 1], [2, 3]]
-    problem = linked(arcs, coupling=PAPER, exceptions={(1, 0): "2*y"}, gains=1)
+    exceptions = {(1, 0): "2*y"}
+    problem = linked(arcs, coupling=PAPER, exceptions=exceptions, gains=1)
     ranges = ranges_of(problem)
-    assert [(each.coupling, each.radius) for each in ranges] == [(0, 2), (1, 2)]
+    answer = [(each.coupling, each.radius) for each in ranges]
+    expected = [(0, 2), (1, 2)]
+    assert answer == expected
     channels = sectors_of(problem, ranges).modes["G"]
     by_arc = {(channel.target, channel.plus): channel for channel in channels}
     ((gain,),) = ranges[0].entries
@@ -145,7 +151,8 @@ def test_a_radius_has_to_be_positive_or_left_out_if_linear_and_ranges_have_to_fi
     narrow = ranges_of(problem, Fraction(1))
     with pytest.raises(SpecError, match=r"needs a range of shape \(1, 1\) at the radius 2"):
         sectors_of(problem, narrow)
-    wide = GainRange(coupling=0, radius=TWO, entries=((Interval.point(1),) * 2,) * 2)
+    entries = ((Interval.point(1),) * 2,) * 2
+    wide = GainRange(coupling=0, radius=TWO, entries=entries)
     with pytest.raises(SpecError, match=r"needs a range of shape \(1, 1\)"):
         sectors_of(problem, (wide,))
 
@@ -153,6 +160,11 @@ def test_a_radius_has_to_be_positive_or_left_out_if_linear_and_ranges_have_to_fi
 def test_ranges_rely_on_the_differences_of_arcs_and_components_that_are_not_linear():
     """Both directions of an arc count once; what is linear alone needs no radius."""
     linear = {(1, 2): "2*y"}
-    assert relied_on([[1, 2], [2, 1], [2, 3]], PAPER, exceptions=linear) == ((0, 1),)
-    assert relied_on([[1, 2]], ["y1 + y1**3", "y2"]) == ((0, 2),)
-    assert relied_on([[1, 2]], ["y1 + y1*y2**2", "y2"]) == ((0, 2), (1, 3))
+    arcs = [[1, 2], [2, 1], [2, 3]]
+    found = relied_on(arcs, PAPER, exceptions=linear)
+    assert found == ((0, 1),)
+    found = relied_on([[1, 2]], ["y1 + y1**3", "y2"])
+    assert found == ((0, 2),)
+    found = relied_on([[1, 2]], ["y1 + y1*y2**2", "y2"])
+    expected = ((0, 2), (1, 3))
+    assert found == expected

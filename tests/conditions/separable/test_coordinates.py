@@ -59,7 +59,8 @@ def agents(
 def pair(c: object = 3, h: str = "y1", k: object = 1, **given) -> Problem:
     """The example of the cases for the second program: 2 hears 1, 1 has k."""
     network = Network.from_arcs([[2, 1]], arrow="listens_to", agents=2)
-    return agents(c=c, h=h, network=network, gains={1: [[k, 0]]}, reach=None, **given)
+    gains = {1: [[k, 0]]}
+    return agents(c=c, h=h, network=network, gains=gains, reach=None, **given)
 
 
 def rationals(*values: object) -> tuple[Fraction, ...]:
@@ -95,11 +96,14 @@ def random_nodes(r: np.random.Generator, m: int, curved: bool) -> Problem:
         f = ["x2", "x3 - x1", "-x1 - sin(x2) - 3*x3"]
     own = {"f": f} if curved else {"A": slopes(m)}
     arcs = [[1, 2], [2, 3, "3/2"], [3, 1, 2], [1, 3]]
+    network = Network.from_arcs(arcs, arrow="listens_to", agents=3)
+    gains = {1: [r.integers(0, 4, m).tolist()]}
+    dynamics = Dynamics(B=[[0]] * (m - 1) + [[1]], **own)
     return Problem(
-        network=Network.from_arcs(arcs, arrow="listens_to", agents=3),
+        network=network,
         coupling="tanh(y1) + y2",
-        gains={1: [r.integers(0, 4, m).tolist()]},
-        dynamics=Dynamics(B=[[0]] * (m - 1) + [[1]], **own),
+        gains=gains,
+        dynamics=dynamics,
     )
 
 
@@ -122,7 +126,8 @@ def metzler_of(loop, X, ends, corner) -> np.ndarray:
     (arcs,) = loop.modes.values()
     shared = next(each for place, each in ends.items() if place != loop.drift_place)
     A = np.array(slopes(m), dtype=float)
-    Z = np.zeros((3, m, 3, m))
+    shape = (3, m, 3, m)
+    Z = np.zeros(shape)
     for i in range(3):
         own = A
         if loop.drift_place is not None:
@@ -134,7 +139,8 @@ def metzler_of(loop, X, ends, corner) -> np.ndarray:
         Z[i, :, j, :] += G
         Z[i, :, i, :] -= G
     flat = Z.reshape(3 * m, 3 * m)
-    return np.where(np.eye(3 * m, dtype=bool), flat, np.abs(flat))
+    condition = np.eye(3 * m, dtype=bool)
+    return np.where(condition, flat, np.abs(flat))
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -163,7 +169,8 @@ def test_rows_are_those_of_the_worst_matrix_at_all_corners_of_the_gains(seed):
 
 
 def test_rows_of_many_weights_at_once_are_those_of_one_at_a_time():
-    network = Network.from_arcs([[2, 1], [3, 2]], arrow="listens_to", agents=3, optional=[[1, 3]])
+    arcs = [[2, 1], [3, 2]]
+    network = Network.from_arcs(arcs, arrow="listens_to", agents=3, optional=[[1, 3]])
     problem = agents(network=network, gains={1: [[1, 0]]}, dynamics=PENDULUM)
     known = Agents.of(loop_of(problem), most=3)
     r = np.random.default_rng(1)
@@ -179,7 +186,8 @@ def test_rows_of_many_weights_at_once_are_those_of_one_at_a_time():
 def test_differences_reach_as_far_as_the_weights_say():
     """S = [[1, 0], [-2, 2]]: |e_i| <= rho (v_1, 2 v_1 + 2 v_2), and differences as the sums."""
     loop = loop_of(pair(h="tanh(y1)"))
-    assert reaches(loop, T, V, F(1, 2)) == {0: (6, 22)}
+    found = reaches(loop, T, V, F(1, 2))
+    assert found == {0: (6, 22)}
 
 
 def test_a_claim_is_proved_for_what_it_says_and_not_for_a_little_more():
@@ -190,7 +198,8 @@ def test_a_claim_is_proved_for_what_it_says_and_not_for_a_little_more():
     ranges = enclosed_ranges(loop, T, V, rho)
     claim = Separable(T=T, v=V, alpha=F(1, 14), rho=rho, ranges=ranges)
     assert verify_composite(loop, None, claim).verdict is PROVED
-    for change in ({"alpha": F(1, 12)}, {"rho": F(1, 10)}, {"rho": None}):
+    cases = ({"alpha": F(1, 12)}, {"rho": F(1, 10)}, {"rho": None})
+    for change in cases:
         more = replace(claim, **change)
         assert verify_composite(loop, None, more).verdict is not PROVED
     assert claim.spread == F(1, 2)
@@ -273,7 +282,8 @@ def pendulums(_, flat: np.ndarray) -> np.ndarray:
     after = np.tanh(np.roll(p, 1) - p)
     before = np.tanh(np.roll(p, -1) - p)
     push = after + before - np.array([1, 0, 0, 1]) * p
-    return np.stack([speed, push - np.sin(p) - 4 * speed], axis=1).ravel()
+    arrays = [speed, push - np.sin(p) - 4 * speed]
+    return np.stack(arrays, axis=1).ravel()
 
 
 @pytest.mark.evidence
@@ -282,7 +292,8 @@ def test_pendulums_shrink_in_the_norm_of_the_certificate():
     claim = certify(agents(4, dynamics=PENDULUM)).check("max-separable").claim
     v = np.array(claim.v, dtype=float).reshape(4, 2)
     turn = to_float(claim.T)
-    rho, alpha = float(claim.rho), float(claim.alpha)
+    rho = float(claim.rho)
+    alpha = float(claim.alpha)
     times = [0, 0.01, 0.1, 0.5, 1, 2]
     r = np.random.default_rng(2)
     for k in range(100):
@@ -299,7 +310,8 @@ def test_pendulums_shrink_in_the_norm_of_the_certificate():
 def test_without_a_region_a_box_around_the_target_decides_for_many_agents():
     """One mode, couplings that no common R serves (the gains are on the speed, too): only these
     rows prove it."""
-    problem = agents(40, reach=None, gains={i: [[1, 1]] for i in range(1, 41, 3)})
+    gains = {i: [[1, 1]] for i in range(1, 41, 3)}
+    problem = agents(40, reach=None, gains=gains)
     certificate = certify(problem)
     assert certificate.covered_by == "max-separable"
     assert verify(certificate, problem).holds
@@ -311,7 +323,8 @@ def test_without_a_region_a_box_around_the_target_decides_for_many_agents():
 def test_an_optional_arc_counts_only_where_it_pulls_outward(gain, rate):
     """Without the arc agent 2 has z_2' = -z_2 + (1 - k/2) z_1: 8 - 7 > 0, and with k = 1 4 - 7."""
     loose = Network.from_arcs([], optional=[[2, 1]], arrow="listens_to", agents=2)
-    problem = agents(c=3, h="y1", network=loose, gains={1: [[1, 0]], 2: [[gain, 0]]}, reach=None)
+    gains = {1: [[1, 0]], 2: [[gain, 0]]}
+    problem = agents(c=3, h="y1", network=loose, gains=gains, reach=None)
     loop = loop_of(problem)
     ranges = enclosed_ranges(loop, T, V, None)
     assert slowest_row(loop, T, V, ranges).rate == rate
@@ -322,6 +335,9 @@ def test_an_optional_arc_counts_only_where_it_pulls_outward(gain, rate):
 
 
 def test_coordinates_have_a_largest_entry_1_and_none_are_those_of_a_singular_matrix():
-    assert _rounded(np.array([[2.0, 0.0], [1.0, 4.0]])) == ((1, 0), (F(1, 4), 1))
-    for singular in ([[1, 1], [1, 1]], [[0, 0], [1, 2]], [[1, np.nan], [0, 1]], [[1, 0]]):
+    found = _rounded(np.array([[2.0, 0.0], [1.0, 4.0]]))
+    expected = ((1, 0), (F(1, 4), 1))
+    assert found == expected
+    cases = ([[1, 1], [1, 1]], [[0, 0], [1, 2]], [[1, np.nan], [0, 1]], [[1, 0]])
+    for singular in cases:
         assert _rounded(np.array(singular, dtype=float)) is None

@@ -91,7 +91,9 @@ def test_all_pinned_with_five_has_rate_five_for_every_radius(rho: int):
     problem = cycle(gains=5)
     assert rate_of(problem, ONES, F(rho)) == 5
     assert verdict(problem, ONES, 5, rho) is PROVED
-    assert verdict(problem, ONES, F(5) + F(1, 10**30), rho) is REFUTED
+    alpha = F(5) + F(1, 10**30)
+    found = verdict(problem, ONES, alpha, rho)
+    assert found is REFUTED
 
 
 # Found by the design for one pin k = 5 on the directed 10-cycle, min v = 1; rates of the theory.
@@ -115,10 +117,12 @@ def test_one_pin_has_the_rates_of_the_theory(rho: int, v, rate: float):
     alpha = rate_of(problem, v, F(rho))
     assert alpha == pytest.approx(rate, rel=0.01)
     assert verdict(problem, v, alpha, rho) is PROVED
-    assert verdict(problem, v, alpha * F(101, 100), rho) is REFUTED
+    found = verdict(problem, v, alpha * F(101, 100), rho)
+    assert found is REFUTED
     wider = F(rho) * F(11, 10)
     beyond = answer(problem, v, alpha, wider)
-    assert (beyond.verdict, beyond.face) == (REFUTED, "upper")
+    assert beyond.verdict == REFUTED
+    assert beyond.face == "upper"
     assert rho < beyond.s <= wider
     other = (*v[:4], v[4] * F(98, 100), *v[5:])
     assert verdict(problem, other, alpha, rho) is REFUTED
@@ -144,7 +148,8 @@ def test_a_claim_is_never_above_what_samples_of_the_field_allow(seed: int):
     assert proposal.rate * 0.99 < alpha < proposal.rate * 1.001
     scales = [float(rho) * s for s in (1e-4, *np.linspace(0, 1, 17)[1:])]
     assert largest_sample(problem, v, scales, float(alpha)) <= 1e-9
-    assert largest_sample(problem, v, scales, 1.01 * float(alpha)) > 0
+    found = largest_sample(problem, v, scales, 1.01 * float(alpha))
+    assert found > 0
 
 
 def test_the_counterexample_of_the_theory_is_refused():
@@ -158,7 +163,8 @@ def test_the_counterexample_of_the_theory_is_refused():
     assert profile(curve, F(99, 100)).is_nondecreasing
     refused = answer(problem, v, F(1, 100), 2)
     assert refused.verdict is REFUTED
-    assert (refused.agent, refused.mode) == (1, "G")
+    assert refused.agent == 1
+    assert refused.mode == "G"
     assert "row of agent 2 in mode G fails at s = " in refused.reason
     # The twin: rho (v_1 + v_2) = 1.  h(-s/2)/s is weakest at the largest s: e^(1/2 - 1/50)/2 =
     # 0.808, divided by v_2.
@@ -174,9 +180,11 @@ def test_a_face_that_only_the_lower_row_sees():
     rate = rate_of(problem, v, F(1))
     assert float(rate) == pytest.approx((1 - np.exp(-1)) / 2, rel=1e-6)
     above = answer(problem, v, "0.32", 1)
-    assert (above.verdict, above.face) == (REFUTED, "upper")
+    assert above.verdict == REFUTED
+    assert above.face == "upper"
     mirrored = answer(pair("1 - exp(-y)"), v, "0.32", 1)
-    assert (mirrored.verdict, mirrored.face) == (REFUTED, "lower")
+    assert mirrored.verdict == REFUTED
+    assert mirrored.face == "lower"
 
 
 @pytest.mark.parametrize(("h", "face"), [("exp(y) - 1", "upper"), ("1 - exp(-y)", "lower")])
@@ -185,7 +193,8 @@ def test_the_face_that_floats_leave_open_is_the_one_that_is_decided_exactly(
 ):
     monkeypatch.setattr(decide, "MANY_ARCS", 0)
     found = answer(pair(h), fractions(1, 2), "0.32", 1)
-    assert (found.verdict, found.face) == (REFUTED, face)
+    assert found.verdict == REFUTED
+    assert found.face == face
 
 
 @pytest.mark.parametrize("lo", ["9/10", "99/100", "6/5"])
@@ -194,15 +203,18 @@ def test_a_coupling_that_turns_within_one_step_counts_with_its_maximum(lo: str):
     144."""
     kinds = []
     for h in ("10*(2*y - y**2)", "100*y**3"):
-        curve = Curve(pair(h).coupling.components[0])
+        expression = pair(h).coupling.components[0]
+        curve = Curve(expression)
         kinds.append(profile(curve, F(8)))
     terms = (Term(0, F(1), F(3), F(1)), Term(1, F(1), F(3), F(1)))
-    on_face = FaceRow(Row(terms, F(0), F(1)), 1, kinds)
+    row = Row(terms, F(0), F(1))
+    on_face = FaceRow(row, 1, kinds)
     exact = Interval(F(lo), F(6, 5))
     for S in (exact, Floats.around(exact)):
         sides = on_face.sides(S)
         assert upper_bound(sides, S).hi >= F(457, 3)
-        assert lower_bound(sides, S.ends()[1]) <= F(457, 3) + F(1, 10**9)
+        found = lower_bound(sides, S.ends()[1])
+        assert found <= F(457, 3) + F(1, 10**9)
 
 
 @pytest.mark.slow
@@ -210,7 +222,9 @@ def test_a_coupling_that_turns_within_one_step_counts_with_its_maximum(lo: str):
 def test_a_maximum_inside_one_interval_counts_where_another_arc_is_worst(h: str):
     """Agent 3 hears 1 (v = 1) and 2 (v = 1/5): at s = 3.75 the first has its maximum inside, at -3
     pi/2."""
-    problem = listening([[3, 1], [3, 2]], h, n=3, gains={1: 9, 2: 9, 3: 2}, target=0)
+    arcs = [[3, 1], [3, 2]]
+    gains = {1: 9, 2: 9, 3: 2}
+    problem = listening(arcs, h, n=3, gains=gains, target=0)
     v = fractions(1, "0.2", 1)
     alpha = float(rate_of(problem, v, F(4)))
     scales = np.linspace(0.01, 4, 160)
@@ -241,7 +255,8 @@ def test_a_coupling_that_turns_at_zero_is_decided_up_to_zero():
     alpha = rate_of(problem, ONES, rho)
     assert 3 - F(1, 10**4) < alpha <= 3
     assert verdict(problem, ONES, alpha, rho) is PROVED
-    assert verdict(problem, ONES, F(3) + F(1, 10**6), rho) is REFUTED
+    found = verdict(problem, ONES, F(3) + F(1, 10**6), rho)
+    assert found is REFUTED
 
 
 REPELLING = listening([[2, 1]], "-y/8", n=2, gains=1, target=0)
@@ -270,14 +285,17 @@ def test_rates_of_linear_couplings_are_those_of_closed_forms(problem, v, rho, ra
     v, rate = fractions(*v), F(rate)
     assert rate_of(problem, v, rho) == rate
     assert verdict(problem, v, rate, rho) is PROVED
-    assert verdict(problem, v, rate + F(1, 10**8), rho) is REFUTED
+    alpha = rate + F(1, 10**8)
+    found = verdict(problem, v, alpha, rho)
+    assert found is REFUTED
 
 
 def test_an_irrational_slope_is_enclosed():
     """h = pi y: the rate of agent 2 is pi/3 with v = (1, 3/2)."""
     problem = pair("pi*y")
     v = fractions(1, 1.5)
-    below, above = "1.04719755", "1.04719756"
+    below = "1.04719755"
+    above = "1.04719756"
     assert verdict(problem, v, below, None) is PROVED
     assert verdict(problem, v, above, None) is UNDECIDED
     assert verdict(problem, v, above, 7) is REFUTED
@@ -285,12 +303,16 @@ def test_an_irrational_slope_is_enclosed():
 
 def test_every_mode_counts():
     v = fractions(1, 2)
-    one = listening({"A": [[2, 1]]}, "y", n=2, gains={1: 1}, target=0)
-    assert verdict(one, v, F(1, 2), 1) is PROVED
-    two = listening({"A": [[2, 1]], "B": []}, "y", n=2, gains={1: 1}, target=0)
+    arcs = {"A": [[2, 1]]}
+    one = listening(arcs, "y", n=2, gains={1: 1}, target=0)
+    found = verdict(one, v, F(1, 2), 1)
+    assert found is PROVED
+    arcs = {"A": [[2, 1]], "B": []}
+    two = listening(arcs, "y", n=2, gains={1: 1}, target=0)
     refused = answer(two, v, F(1, 2), 1)
     assert refused.verdict is REFUTED
-    assert (refused.mode, refused.agent) == ("B", 1)
+    assert refused.mode == "B"
+    assert refused.agent == 1
 
 
 VECTORS = Problem(network=pair("y").network, coupling=["y1 + y2", "y2"], gains=1, target=[0, 0])
@@ -312,7 +334,8 @@ def test_where_the_rows_do_not_apply_nothing_is_decided(problem, rho, why):
     assert found.reason.startswith("does not apply:")
     assert why in found.reason
     assert rate_of(problem, v, rho) is None
-    assert verdict(pair("log(1 + y)"), v, F(1, 9), "0.39") is PROVED
+    result = verdict(pair("log(1 + y)"), v, F(1, 9), "0.39")
+    assert result is PROVED
 
 
 @pytest.mark.parametrize(
@@ -321,8 +344,9 @@ def test_where_the_rows_do_not_apply_nothing_is_decided(problem, rho, why):
 def test_a_claim_has_to_be_positive(v, alpha, rho):
     with pytest.raises(SpecError, match="> 0"):
         Separable(v=fractions(*v), alpha=F(alpha), rho=F(rho))
+    claim = Separable(v=fractions(1, 1, 1), alpha=F(1), rho=F(1))
     with pytest.raises(ShapeError, match="v must have 2 entries, one per agent; got 3"):
-        verify_separable(loop_of(pair("y")), Separable(v=fractions(1, 1, 1), alpha=F(1), rho=F(1)))
+        verify_separable(loop_of(pair("y")), claim)
 
 
 @pytest.mark.parametrize("seed", [0, *slow(1, 2)])
@@ -354,7 +378,8 @@ def test_the_fast_rows_prove_nothing_that_the_exact_ones_do_not(seed: int, dyadi
 def held_ring(n: int, *, h: str = "sin(y)") -> tuple[Problem, tuple[F, ...]]:
     """Every third agent pinned, both neighbours heard, v = 1 there and 5/4 elsewhere."""
     arcs = [[i + 1, (i + d) % n + 1] for i in range(n) for d in (1, -1)]
-    problem = listening(arcs, h, n=n, gains={i + 1: 5 for i in range(0, n, 3)}, target=0)
+    gains = {i + 1: 5 for i in range(0, n, 3)}
+    problem = listening(arcs, h, n=n, gains=gains, target=0)
     return problem, tuple(F(1) if i % 3 == 0 else F(5, 4) for i in range(n))
 
 
@@ -376,7 +401,8 @@ def test_rows_in_which_a_coupling_falls_are_decided_alike_by_floats(monkeypatch,
         return
     assert exact * F(998, 1000) <= floats <= exact * (1 + F(1, 10**5))
     assert verdict(problem, v, floats, rho) is PROVED
-    assert verdict(problem, v, exact * F(101, 100), rho) is REFUTED
+    found = verdict(problem, v, exact * F(101, 100), rho)
+    assert found is REFUTED
 
 
 SLOW = ("y*exp((1 - y**2)/2)", "y/(1 + y**2)", "-y/8", "sin(y) - y**2/200")
@@ -393,7 +419,8 @@ def test_what_a_turning_coupling_gives_at_most_contains_samples(h: str):
     f = problem.coupling.numpy_function()
     steps = np.array([-1.4, -0.5, 0.0, 0.3, 1.0])
     reaches = np.array([1.5, 2.5, 4.0, 0.9, 5.0])
-    s, t = 0.8, 1.0
+    s = 0.8
+    t = 1.0
     for face, low in ((1, s), (-1, s), (1, 0.0)):
 
         def h_on_face(y: np.ndarray, face: int = face) -> np.ndarray:
@@ -430,7 +457,8 @@ def test_rows_that_look_beyond_their_tables_are_not_proved():
     hearing = np.flatnonzero(np.diff(arcs.start)).tolist()
     assert hearing
     assert looked == set(hearing)
-    assert open_rows(arcs, wide, alpha=F(-1000), rho=rho) == []
+    found = open_rows(arcs, wide, alpha=F(-1000), rho=rho)
+    assert found == []
 
 
 def test_a_large_network_is_decided_by_floats_and_gives_the_rate_of_the_exact_rows():
@@ -440,13 +468,15 @@ def test_a_large_network_is_decided_by_floats_and_gives_the_rate_of_the_exact_ro
     truth = np.tanh(0.5) / 2 / 1.25
     alpha = rate_of(problem, v, F(2))
     assert truth * 0.999 < alpha <= truth
-    assert verdict(problem, v, F(truth) * F(1001, 1000), 2) is REFUTED
+    found = verdict(problem, v, F(truth) * F(1001, 1000), 2)
+    assert found is REFUTED
 
 
 def problem_of(seed: int) -> Problem:
     r = Random(seed)
     n = r.randint(2, 7)
-    modes, density = r.randint(1, 3), r.choice((0.2, 0.35, 0.5))
+    modes = r.randint(1, 3)
+    density = r.choice((0.2, 0.35, 0.5))
     network = random_network(r, n=n, modes=modes, density=density)
     gains = {i: 1 for i in range(1, n + 1) if r.random() < 0.3}
     return Problem(network=network, coupling="y", gains=gains, target=0)
@@ -455,7 +485,8 @@ def problem_of(seed: int) -> Problem:
 def has_common_v(problem: Problem) -> bool:
     """Feasibility of  sum (v_j - v_i) - k_i v_i <= -1,  v >= 1  in every mode; linear h, so scale
     does not matter."""
-    A = np.vstack([loop_by_hand(problem, mode) for mode in problem.network.modes])
+    tables = [loop_by_hand(problem, mode) for mode in problem.network.modes]
+    A = np.vstack(tables)
     b = -np.ones(len(A))
     found = linprog(np.ones(problem.n), A_ub=A, b_ub=b, bounds=(1, None), method="highs")
     assert found.status in (0, 2)
@@ -482,15 +513,18 @@ def of_modes(modes: dict[str, list[list[int]]]) -> Problem:
 def test_orders_of_modes_that_alternate_of_a_cycle_and_of_matrix_gains():
     """Theory, section 5: 3 hears 2 in mode A, 2 hears the pinned 1 in mode B; the twin has both
     arcs in each."""
-    loop = loop_of(of_modes({"A": [[3, 2]], "B": [[2, 1]]}))
+    modes = {"A": [[3, 2]], "B": [[2, 1]]}
+    loop = loop_of(of_modes(modes))
     assert stuck_agents(loop) == {1: "A", 2: "A"}
     assert is_stuck(loop, (1, 2))
     assert not is_stuck(loop, (0, 1, 2))
-    both = of_modes({"A": [[3, 2], [2, 1]], "B": [[2, 1], [3, 1]]})
+    modes = {"A": [[3, 2], [2, 1]], "B": [[2, 1], [3, 1]]}
+    both = of_modes(modes)
     assert not stuck_agents(loop_of(both))
     # Component c is worth k_cc - sum |k_cd|.
     assert not stuck_agents(loop_of(cycle(5)))
-    assert list(stuck_agents(loop_of(cycle(5, gains={})))) == [0, 1, 2, 3, 4]
+    found = stuck_agents(loop_of(cycle(5, gains={})))
+    assert list(found) == [0, 1, 2, 3, 4]
     for corner, stuck in ((1, []), (2, [0, 1])):
         gain = [[2, corner], [-corner, 2]]
         problem = listening([[2, 1]], "y", n=2, gains={1: gain}, target=[0, 0])
@@ -526,7 +560,10 @@ def test_the_papers_own_starts_are_covered_for_arbitrary_switching():
 
 def test_a_little_more_of_anything_is_refuted():
     """The twins: alpha 1 % larger, rho 1 % larger, v changed by 1 %."""
-    assert composite(replace(CLAIM, alpha=CLAIM.alpha * F(101, 100))) is REFUTED
+    alpha = CLAIM.alpha * F(101, 100)
+    claim = replace(CLAIM, alpha=alpha)
+    found = composite(claim)
+    assert found is REFUTED
     assert composite(replace(CLAIM, rho=F("4.4541"))) is REFUTED
     v = (*V[:2], V[2] * F(99, 100), *V[3:])
     assert composite(replace(CLAIM, v=v)) is REFUTED
@@ -539,13 +576,15 @@ def test_the_row_bound_is_sharp_for_each_row_of_c():
     elsewhere."""
     exosystem = Exosystem(A=[[-1, 0], [0, -1]], C=[[1, 0]])
     gain = ((F(0),), (F(0),))
-    for p11, holds in ((F(2), True), (F(2) - F(1, 10**30), False)):
+    cases = ((F(2), True), (F(2) - F(1, 10**30), False))
+    for p11, holds in cases:
         P = ((p11, F(1)), (F(1), F(1)))
         bound = ErrorBound(P=P, beta=F(1, 10), kappa=F(11), size=F(3))
         wrong = error_bound_obstacle(exosystem, gain, bound)
         assert (wrong is None) is holds
     # C = I and P = I; with the smaller P only the second row fails.
-    exosystem = Exosystem(A=[[-1, 0], [0, -1]], C=[[1, 0], [0, 1]])
+    C = [[1, 0], [0, 1]]
+    exosystem = Exosystem(A=[[-1, 0], [0, -1]], C=C)
     gain = ((F(0), F(0)), (F(0), F(0)))
     unit = ((F(1), F(0)), (F(0), F(1)))
     bound = ErrorBound(P=unit, beta=F(1), kappa=F(2), size=F(1))
@@ -574,7 +613,8 @@ def test_without_an_exosystem_v_is_n():
     assert verify_composite(loop, None, claim).verdict is PROVED
     assert composite_rate(claim) == 5
     assert covers(claim, radius=F(4), disturbance=F(0))
-    assert not covers(claim, radius=F(4) + F(1, 10**20), disturbance=F(0))
+    radius = F(4) + F(1, 10**20)
+    assert not covers(claim, radius=radius, disturbance=F(0))
     everywhere = replace(claim, rho=None)  # without a radius everything is covered
     linear = loop_of(cycle(gains=5, h="2*y"))
     assert verify_composite(linear, None, everywhere).verdict is PROVED
@@ -589,8 +629,13 @@ def test_with_an_exosystem_the_observers_part_is_required():
 
 
 def test_an_observer_that_diverges_is_refuted():
-    loop = loop_of(cycle(exosystem=Exosystem(A=[[0]], C=[[1]]), gains=5))
-    bound = ErrorBound(P=((F(1),),), beta=F(1, 10), kappa=F(11), size=F(1))
+    exosystem = Exosystem(A=[[0]], C=[[1]])
+    problem = cycle(exosystem=exosystem, gains=5)
+    loop = loop_of(problem)
+    P = ((F(1),),)
+    bound = ErrorBound(P=P, beta=F(1, 10), kappa=F(11), size=F(1))
     claim = Separable(v=ONES, alpha=F(1), rho=F(1), error=bound)
-    assert verify_composite(loop, ((F(-1),),), claim).verdict is REFUTED
-    assert verify_composite(loop, ((F(1),),), claim).verdict is PROVED
+    found = verify_composite(loop, ((F(-1),),), claim)
+    assert found.verdict is REFUTED
+    found = verify_composite(loop, ((F(1),),), claim)
+    assert found.verdict is PROVED

@@ -62,8 +62,10 @@ def pinned_by(loop: Loop, functions: Mapping[int, str]) -> Loop:
 
 def saturated(n: int, *, h: str = PAPER, k: str = "5", most: str = "1/2") -> Loop:
     """A directed cycle of rising couplings in which every pin k y saturates at ``most``."""
-    loop = loop_of(cycle(n, h=h, gains={}))
-    return pinned_by(loop, dict.fromkeys(range(n), f"clip({k}*y, -{most}, {most})"))
+    problem = cycle(n, h=h, gains={})
+    loop = loop_of(problem)
+    functions = dict.fromkeys(range(n), f"clip({k}*y, -{most}, {most})")
+    return pinned_by(loop, functions)
 
 
 def verdict(loop: Loop, v, alpha, rho, **errors) -> Verdict:
@@ -75,10 +77,13 @@ def test_saturated_pins_of_all_agents_have_the_rate_of_the_theory():
     """Section 14: k = 5, ubar - dbar = 1/2, |e| <= 4, all pinned, v = 1: 1/8, and nothing above."""
     loop = saturated(4)
     v = ones(loop)
-    assert largest_rate(loop, v, rho=F(4)) == F(1, 8)
+    found = largest_rate(loop, v, rho=F(4))
+    assert found == F(1, 8)
     assert verdict(loop, v, "1/8", 4) is PROVED
-    assert verdict(loop, v, F(1, 8) + TINY, 4) is REFUTED
-    assert verdict(loop, v, "1/8", F(4) + TINY) is REFUTED
+    found = verdict(loop, v, F(1, 8) + TINY, 4)
+    assert found is REFUTED
+    found = verdict(loop, v, "1/8", F(4) + TINY)
+    assert found is REFUTED
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -90,34 +95,46 @@ def test_the_rate_of_saturated_pins_is_that_of_the_weakest_agent(seed: int):
     gains = [F(r.randint(1, 9), 2) for _ in range(n)]
     rooms = [F(r.randint(1, 9), 4) for _ in range(n)]
     pins = {i: f"clip({gains[i]}*y, -{rooms[i]}, {rooms[i]})" for i in range(n)}
-    bare = loop_of(cycle(n, h=r.choice(MONOTONE), gains={}))
+    problem = cycle(n, h=r.choice(MONOTONE), gains={})
+    bare = loop_of(problem)
     loop = pinned_by(bare, pins)
     v = ones(loop)
     rate = min(min(k, room / rho) for k, room in zip(gains, rooms, strict=True))
     assert verdict(loop, v, rate, rho) is PROVED
     assert verdict(loop, v, rate + TINY, rho) is REFUTED
-    assert largest_rate(loop, v, rho=rho) == pytest.approx(rate, rel=1e-8)
+    found = largest_rate(loop, v, rho=rho)
+    assert found == pytest.approx(rate, rel=1e-8)
 
 
 def test_a_pin_is_a_term_whose_other_node_has_the_weight_zero():
     """h(-s v_i) and nothing else; delays stretch the v_j of nodes that move, and the fixed one
     stays."""
-    usual = loop_of(listening([[2, 1]], "y", n=2, gains={1: 3}, target=0))
+    problem = listening([[2, 1]], "y", n=2, gains={1: 3}, target=0)
+    usual = loop_of(problem)
     loop = pinned_by(usual, {1: "tanh(y)"})
     ((first, _), (second, _)) = rows(loop, fractions(1, 2), stretch=F(3, 2))
-    assert (first.terms, first.pull, first.own) == ((), F(3), F(1))
-    assert second.terms == (Term(0, F(1), F(7, 2), F(-1, 2)), Term(1, F(1), F(2), F(-2)))
-    assert (second.pull, second.own) == (F(0), F(2))
+    assert first.terms == ()
+    assert first.pull == F(3)
+    assert first.own == F(1)
+    expected = (Term(0, F(1), F(7, 2), F(-1, 2)), Term(1, F(1), F(2), F(-2)))
+    assert second.terms == expected
+    assert second.pull == F(0)
+    assert second.own == F(2)
 
 
 def test_a_linear_function_of_a_pin_says_what_the_gain_says():
     """Rates, delays and sampling periods are those of the loop with the gain k in place of k y."""
     v = fractions(1, "1.3", "1.2", "1.1")
-    usual = loop_of(cycle(4, gains={1: 5, 3: "1/2"}))
-    other = pinned_by(loop_of(cycle(4, gains={})), {0: "5*y", 2: "y/2"})
+    gains = {1: 5, 3: "1/2"}
+    problem = cycle(4, gains=gains)
+    usual = loop_of(problem)
+    loop = loop_of(cycle(4, gains={}))
+    functions = {0: "5*y", 2: "y/2"}
+    other = pinned_by(loop, functions)
     rate = largest_rate(usual, v, rho=F(1))
     assert rate > F(1, 10)
-    assert largest_rate(other, v, rho=F(1)) == pytest.approx(rate, rel=1e-4)
+    found = largest_rate(other, v, rho=F(1))
+    assert found == pytest.approx(rate, rel=1e-4)
     claim = Separable(v=v, alpha=rate * F(9, 10), rho=F(1))
     assert verify_separable(other, claim).verdict is PROVED
     delay = longest_delay(usual, claim, rate=claim.alpha / 2)
@@ -128,17 +145,20 @@ def test_a_linear_function_of_a_pin_says_what_the_gain_says():
 @pytest.mark.parametrize(("h", "weaker"), [("y + y**2/8", "upper"), ("y - y**2/8", "lower")])
 def test_pins_that_are_not_odd_are_held_on_the_weaker_face(h: str, weaker: str):
     """One agent, |e| <= 1: h(-1) = -7/8 and -h(1) = -9/8, or the other way round; 7/8 holds."""
-    alone = loop_of(listening([], "y", n=1, gains={}, target=0))
+    problem = listening([], "y", n=1, gains={}, target=0)
+    alone = loop_of(problem)
     loop = pinned_by(alone, {0: h})
     assert verdict(loop, ones(loop), "7/8", 1) is PROVED
     faster = Separable(v=ones(loop), alpha=F(7, 8) + TINY, rho=F(1))
     refused = verify_separable(loop, faster)
-    assert (refused.verdict, refused.face) == (REFUTED, weaker)
+    assert refused.verdict == REFUTED
+    assert refused.face == weaker
 
 
 def test_no_sample_of_the_field_contradicts_a_rate_of_curved_pins():
     """One curved pin and a linear one: the largest row of 4000 samples is below 0 at the rate."""
-    loop = pinned_by(loop_of(cycle(3, h="tanh(y)", gains={2: 1})), {0: "atan(3*y)"})
+    problem = cycle(3, h="tanh(y)", gains={2: 1})
+    loop = pinned_by(loop_of(problem), {0: "atan(3*y)"})
     v = fractions(1, "1.2", "1.1")
     rate = float(largest_rate(loop, v, rho=F(1)))
     r = np.random.default_rng(7)
@@ -156,19 +176,27 @@ def test_errors_of_gains_act_on_curved_pins():
     is."""
     loop = saturated(3)
     v = ones(loop)
-    assert verdict(loop, v, "9/80", 4, gains=F(1, 10)) is PROVED
-    assert verdict(loop, v, F(9, 80) + TINY, 4, gains=F(1, 10)) is REFUTED
-    assert verdict(loop, v, "1/8", 4, weights=F(1, 10)) is PROVED
+    found = verdict(loop, v, "9/80", 4, gains=F(1, 10))
+    assert found is PROVED
+    found = verdict(loop, v, F(9, 80) + TINY, 4, gains=F(1, 10))
+    assert found is REFUTED
+    found = verdict(loop, v, "1/8", 4, weights=F(1, 10))
+    assert found is PROVED
 
 
 def test_large_networks_with_curved_pins_are_left_to_the_exact_rows(monkeypatch):
     """Floats know a pin by its gain: they would leave these pins out, and prove nothing."""
     monkeypatch.setattr("dobc_design.conditions.separable.decide.MANY_ARCS", 0)
     monkeypatch.setattr("dobc_design.conditions.separable.timing._MANY_ARCS", 0)
-    loop, usual = saturated(4), loop_of(cycle(4))
+    loop = saturated(4)
+    usual = loop_of(cycle(4))
     v = ones(loop)
-    assert in_arrays(ask(usual, v, rho=F(4))) is not None
-    assert in_arrays(ask(loop, v, rho=F(4))) is None
+    question = ask(usual, v, rho=F(4))
+    found = in_arrays(question)
+    assert found is not None
+    question = ask(loop, v, rho=F(4))
+    found = in_arrays(question)
+    assert found is None
     assert verdict(loop, v, "1/8", 4) is PROVED
     # while |y| <= 1/10 the pins are 5 y, and arcs of slope 1 beside them leave 1/(1 + 5)
     claim = Separable(v=v, alpha=F(5), rho=F(1, 10))
@@ -194,11 +222,12 @@ def refusals(loop: Loop) -> dict[str, str | None]:
     linear = linearisation_check(statements, None, estimate=0.1)
     away = (Interval(F(1), F(2)),) * loop.n
     turned = Separable(v=ones(loop), alpha=F(1, 10), rho=None, T=((F(1),),))
+    claim = Equilibrium(mode="G", box=away)
     return {
         "consensus": statements.inapplicable,
         "linearisation": None if linear.applies else linear.reason,
         "quadratic": quadratic_obstacle(loop, None),
-        "equilibrium": not_an_equilibrium(loop, Equilibrium(mode="G", box=away)),
+        "equilibrium": not_an_equilibrium(loop, claim),
         "accuracy": accuracy_obstacle(loop, None),
         "margins": why_not_local(loop),
         "cycles": no_cycles(loop, None, Cycles(phases=(), rate=None, rho=None)),
@@ -210,7 +239,9 @@ def refusals(loop: Loop) -> dict[str, str | None]:
 
 def test_topics_that_know_a_pin_by_its_gain_refuse_other_pins():
     """They say so; of the loop with gains none of them does."""
-    usual = loop_of(cycle(3, h="y", gains={1: 1, 2: 1, 3: 1}))
+    gains = {1: 1, 2: 1, 3: 1}
+    problem = cycle(3, h="y", gains=gains)
+    usual = loop_of(problem)
     told = "does not apply: it is for pins with a gain, and that of agent 2 is not linear."
     other = pinned_by(usual, {1: "tanh(y)"})
     assert set(refusals(other).values()) == {told}

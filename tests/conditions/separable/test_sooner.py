@@ -61,15 +61,19 @@ def stiffness() -> np.ndarray:
 @pytest.mark.parametrize("rate", [0.5, 1.0, 1.6])
 def test_the_least_weights_have_the_least_largest_one(rate: float):
     """A linear program: minimise t over 1 <= v <= t, (M - rate I) v >= 0."""
-    M, n = stiffness() - rate * np.eye(5), 5
-    rows = np.vstack([np.hstack([-M, np.zeros((n, 1))]), np.hstack([np.eye(n), -np.ones((n, 1))])])
+    M = stiffness() - rate * np.eye(5)
+    n = 5
+    blocks = [np.hstack([-M, np.zeros((n, 1))]), np.hstack([np.eye(n), -np.ones((n, 1))])]
+    rows = np.vstack(blocks)
+    bounds = [(1, None)] * n + [(0, None)]
     answer = linprog(
         np.append(np.zeros(n), 1.0),
         A_ub=rows,
         b_ub=np.zeros(2 * n),
-        bounds=[(1, None)] * n + [(0, None)],
+        bounds=bounds,
     )
-    v = least_solution(field_of(loop_of(CHAIN), rho=1.0), alpha=rate, start=np.ones(n))
+    field = field_of(loop_of(CHAIN), rho=1.0)
+    v = least_solution(field, alpha=rate, start=np.ones(n))
     assert v is not None
     assert v.max() == pytest.approx(answer.fun, rel=1e-6)
 
@@ -115,7 +119,8 @@ def test_the_fastest_weights_of_eight_drones_are_not_chosen():
     certificate = certified(problem)
     check = certificate.check("max-separable")
     assert certificate.covered_by == "max-separable"
-    assert (certificate.rate, certificate.factor) == (check.rate, check.factor)
+    assert certificate.rate == check.rate
+    assert certificate.factor == check.factor
     assert check.time_to_one_percent < 12.3
     assert (check.factor or math.inf) < 80
     assert "The largest rate is about 0.98" in check.reason
@@ -126,7 +131,8 @@ def test_the_fastest_weights_of_eight_drones_are_not_chosen():
 
 def test_no_rate_below_the_certified_one_is_called_the_largest():
     """A plan promises 0.0915 1/s, a little less than the claim chosen in its place proves."""
-    check = certified(read_problem_text(TANKS.encode(), folder=None)).check("max-separable")
+    problem = read_problem_text(TANKS.encode(), folder=None)
+    check = certified(problem).check("max-separable")
     largest = re.search(r"The largest rate is about ([\d.]+)", check.reason)
     assert largest is None or float(largest[1]) > (check.rate or 0.0)
 

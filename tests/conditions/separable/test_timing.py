@@ -44,7 +44,8 @@ def certified(problem: Problem, rho: Fraction) -> Separable:
     loop = loop_of(problem)
     plan = propose_separable(loop, rho=float(rho))
     v = list(rounded_vectors(plan))[2]
-    return Separable(v=v, alpha=largest_rate(loop, v, rho=rho), rho=rho)
+    alpha = largest_rate(loop, v, rho=rho)
+    return Separable(v=v, alpha=alpha, rho=rho)
 
 
 def test_the_delayed_rate_of_two_agents_is_halanays():
@@ -66,13 +67,16 @@ def test_every_delay_leaves_a_positive_rate():
         bound = longest_delay(loop, claim, rate=claim.alpha * part)
         delays.append(bound.delay)
     assert 0 < delays[0] < delays[1] < delays[2]
-    assert longest_delay(loop, claim, rate=claim.alpha * F("1.01")) is None
+    found = longest_delay(loop, claim, rate=claim.alpha * F("1.01"))
+    assert found is None
 
 
 def test_the_rate_with_delays_may_not_exceed_the_observers():
-    error = ErrorBound(P=((F(1),),), beta=F(1, 10), kappa=F(11), size=F(1))
+    P = ((F(1),),)
+    error = ErrorBound(P=P, beta=F(1, 10), kappa=F(11), size=F(1))
     claim = replace(LINEAR, error=error)
-    answer = verify_delay(HELD, claim, DelayBound(delay=F(0), rate=F(1, 9)))
+    bound = DelayBound(delay=F(0), rate=F(1, 9))
+    answer = verify_delay(HELD, claim, bound)
     assert answer.verdict is REFUTED
     assert "observer" in answer.reason
 
@@ -97,7 +101,8 @@ def test_delayed_simulations_obey_the_rate(seed: int):
     problem = random_problem(seed, couplings=couplings, modes=1, n=4, held=True)
     claim = certified(problem, F(1))
     bound = longest_delay(loop_of(problem), claim, rate=claim.alpha / 2)
-    rate, dt = float(bound.rate), 1e-3
+    rate = float(bound.rate)
+    dt = 1e-3
     latest = int(float(bound.delay) / dt)
     r = Random(seed)
     v = np.array(claim.v, dtype=float)
@@ -126,7 +131,8 @@ def test_sampled_simulations_obey_the_period(seed: int):
     problem = random_problem(seed, couplings=MONOTONE + TURNING, modes=2, n=4, held=True)
     claim = certified(problem, F(1, 4))
     bound = largest_period(loop_of(problem), claim)
-    factor, period = float(bound.factor), float(bound.period)
+    factor = float(bound.factor)
+    period = float(bound.period)
     assert 0 < factor < 1
     rng = np.random.default_rng(seed)
     v = np.array(claim.v, dtype=float)
@@ -140,13 +146,16 @@ def test_sampled_simulations_obey_the_period(seed: int):
                 h = problem.coupling_of(i, j).numpy_function()
                 after[i] += period * float(w) * h([e[j] - e[i]])[0]
             before = np.max(np.abs(e) / v)
-            assert np.max(np.abs(after) / v) <= factor * before + 1e-12
+            found = np.max(np.abs(after) / v)
+            assert found <= factor * before + 1e-12
 
 
 def test_the_period_of_a_linear_pair_is_the_textbooks():
     """e_2+ = e_2 + T w (e_1 - e_2) with w = 3: T <= 1/3; agent 1: T <= 1/5, which is the
     smaller."""
-    bound = largest_period(loop_of(pair("y", weight=3)), replace(LINEAR, alpha=F(1)))
+    loop = loop_of(pair("y", weight=3))
+    claim = replace(LINEAR, alpha=F(1))
+    bound = largest_period(loop, claim)
     assert bound == SamplingBound(period=F(1, 5), factor=F(4, 5))
 
 
@@ -158,7 +167,8 @@ def test_the_period_of_a_convex_coupling_is_that_of_the_whole_way():
     """
     problem = pair(PAPER)
     h = problem.coupling.numpy_function()
-    there, back = float(h([3.0])[0]), float(h([-1.0])[0])
+    there = float(h([3.0])[0])
+    back = float(h([-1.0])[0])
     mean = (there - back) / 4
     claim = Separable(v=fractions(1, 2), alpha=F(1, 10), rho=F(1))
     bound = largest_period(loop_of(problem), claim)
@@ -189,7 +199,8 @@ def test_a_period_that_holds_with_equality_is_proved_and_none_just_above_it():
     """h' = 1 + 3 y^2, v = (1, 1), rho = 1/2: the mean slope over eight slices is 281/128, and with
     k = 231/128 that is 4, which floats miss by 1e-15."""
     gain = F(231, 128)
-    problem = listening([[2, 1]], "y + y**3", n=2, gains={1: gain, 2: gain}, target=0)
+    gains = {1: gain, 2: gain}
+    problem = listening([[2, 1]], "y + y**3", n=2, gains=gains, target=0)
     loop = loop_of(problem)
     claim = Separable(v=fractions(1, 1), alpha=F(1), rho=F(1, 2))
     bound = SamplingBound(period=F(1, 4), factor=F(3, 4))
@@ -204,7 +215,8 @@ def test_a_period_that_holds_with_equality_is_proved_and_none_just_above_it():
 
 def test_a_matrix_gain_limits_the_period_by_its_diagonal():
     """T max k_cc <= 1: rows of the gain are worth 3 - 1 and 2 - 1, but a step overshoots by 3 T."""
-    problem = listening([], "y", n=1, gains={1: [[3, 1], [-1, 2]]}, target=[0, 0])
+    gains = {1: [[3, 1], [-1, 2]]}
+    problem = listening([], "y", n=1, gains=gains, target=[0, 0])
     claim = Separable(v=fractions(1), alpha=F(1), rho=None)
     third = F("0.333333333")
     bound = largest_period(loop_of(problem), claim)

@@ -19,10 +19,10 @@ DOUBLE = Dynamics(A=[[0, 1], [0, 0]], B=[[0], [1]])
 
 def test_the_first_claim_settles_earlier_than_the_fastest():
     first, second, *_ = proposals(state_theorems(loop_of(SLOW)), None)
-    times = [
-        time_to_one_percent(rate, math.sqrt(max(claim.D) / min(claim.D)))
-        for claim, rate in (first, second)
-    ]
+    times = []
+    for claim, rate in (first, second):
+        factor = math.sqrt(max(claim.D) / min(claim.D))
+        times.append(time_to_one_percent(rate, factor))
     assert first[1] < second[1]
     assert times[0] < 0.7 * times[1]
 
@@ -30,20 +30,25 @@ def test_the_first_claim_settles_earlier_than_the_fastest():
 def test_the_weights_do_for_their_rate():
     """D (M - rate I) + (M - rate I)'D > 0 by eigenvalues, and no more than the fastest weights are
     apart."""
-    M = stiffness(loop_of(SLOW), next(iter(SLOW.network.modes)))
+    mode = next(iter(SLOW.network.modes))
+    M = stiffness(loop_of(SLOW), mode)
     found = soonest_weights({"G": M}, 1.99, None)
     assert found is not None
     X = np.diag(found.D) @ (M.toarray() - found.rate * np.eye(6))
-    assert np.linalg.eigvalsh(X + X.T)[0] > 0
-    assert found.time == pytest.approx(
-        time_to_one_percent(found.rate, math.sqrt(found.D.max() / found.D.min()))
-    )
+    answer = np.linalg.eigvalsh(X + X.T)
+    assert answer[0] > 0
+    factor = math.sqrt(found.D.max() / found.D.min())
+    assert found.time == pytest.approx(time_to_one_percent(found.rate, factor))
 
 
 def test_an_undirected_network_needs_no_weights():
-    both = Network.from_arcs([[1, 2], [2, 1], [2, 3], [3, 2]], arrow="listens_to", agents=3)
-    M = stiffness(loop_of(Problem(network=both, coupling="y", gains={1: 1})), "G")
-    assert soonest_weights({"G": M}, 0.19, np.ones(3)) is None
+    arcs = [[1, 2], [2, 1], [2, 3], [3, 2]]
+    both = Network.from_arcs(arcs, arrow="listens_to", agents=3)
+    problem = Problem(network=both, coupling="y", gains={1: 1})
+    loop = loop_of(problem)
+    M = stiffness(loop, "G")
+    found = soonest_weights({"G": M}, 0.19, np.ones(3))
+    assert found is None
 
 
 def test_the_largest_rate_is_stated_beside_the_one_that_settles_first():
@@ -54,9 +59,8 @@ def test_the_largest_rate_is_stated_beside_the_one_that_settles_first():
 
 def test_a_line_of_double_integrators_settles_earlier_than_by_its_fastest_weights():
     """The fastest weights of a line lie apart by powers of ten for each hop."""
-    line = Problem(
-        network=CHAIN, coupling="y1 + 2*y2", gains={1: [[1, 2]]}, dynamics=DOUBLE, target=[0, 0]
-    )
+    gains = {1: [[1, 2]]}
+    line = Problem(network=CHAIN, coupling="y1 + 2*y2", gains=gains, dynamics=DOUBLE, target=[0, 0])
     check = certified(line).check("theorem1-weighted")
     assert "The largest rate is about" in check.reason
     assert (check.factor or math.inf) < 100

@@ -59,16 +59,19 @@ def checked(found: dd.Design, rate) -> None:
     assert again.holds and again.lone_checker == "it accepts every claim", again.failures
     id = "theorem1-weighted" if len(found.problem.network.modes) == 1 else "theorem2-weighted"
     check = found.certificate.check(id)
-    assert check.verdict is Verdict.PROVED and check.rate >= rate
+    assert check.verdict is Verdict.PROVED
+    assert check.rate >= rate
     assert found.problem.m == 1 or set(check.exact) == {"D", "w", "c", "R"}
     if len(found.problem.network.modes) == 1:
         loop = loop_matrix(found.problem, found.certificate.claims.W)
-        assert np.linalg.eigvals(loop).real.max() <= -check.rate
+        answer = np.linalg.eigvals(loop).real.max()
+        assert answer <= -check.rate
 
 
 def weaker(found: dd.Design, part: float) -> Problem:
     """The same with less coupling; gains are multiples of it."""
-    p, k = found.problem, Fraction(part)
+    p = found.problem
+    k = Fraction(part)
     texts = [f"({k})*({h})" for h in p.coupling.texts]
     gains = {}
     for i, gain in p.pinning.gains.items():
@@ -83,8 +86,10 @@ LARGE = [
 
 @pytest.mark.parametrize(("n", "coupling"), [(4, False), (3, True), *LARGE])
 def test_double_integrators_on_random_digraphs_are_proved_with_what_is_designed(n, coupling):
-    problem, rate = agents(n, exosystem=WIND), 0.3 if coupling else 0.05
-    checked(dd.design(problem, rate=str(rate), coupling=coupling), rate)
+    problem = agents(n, exosystem=WIND)
+    rate = 0.3 if coupling else 0.05
+    found = dd.design(problem, rate=str(rate), coupling=coupling)
+    checked(found, rate)
 
 
 @pytest.mark.parametrize(
@@ -102,13 +107,16 @@ def test_couplings_are_designed_for_other_agents_and_are_hardly_stronger_than_ei
     slow = dd.certify(weaker(found, 0.95 * part))
     assert (slow.rate or 0) < 0.25
     if dynamics is POLES:
-        assert dd.certify(weaker(found, 0.02)).verdict is Verdict.REFUTED
+        answer = dd.certify(weaker(found, 0.02))
+        assert answer.verdict is Verdict.REFUTED
 
 
 def test_modes_share_pins_and_coupling():
     modes = {"A": [[2, 1]], "B": [[2, 1], [1, 2, 2]]}
     network = Network.from_arcs(modes, arrow="listens_to", agents=2)
-    checked(dd.design(agents(network=network, exosystem=WIND), coupling=True), 0.0)
+    problem = agents(network=network, exosystem=WIND)
+    found = dd.design(problem, coupling=True)
+    checked(found, 0.0)
 
 
 @pytest.mark.parametrize(("slopes", "least"), [((1, 2), 1 / 4), ((1, 1), 1), ((3, 2), 3 / 4)])
@@ -120,11 +128,13 @@ def test_gains_give_the_network_the_strength_that_the_coupling_is_known_to_need(
 
 
 def test_pinning_alone_says_what_the_whole_design_says():
-    for problem, coupling in ((agents(2, exosystem=WIND), False), (agents(1), True)):
+    cases = ((agents(2, exosystem=WIND), False), (agents(1), True))
+    for problem, coupling in cases:
         found = dd.design_pinning(
             problem, rate="1/20", allowed=problem.network.labels, coupling=coupling
         )
-        assert found.verdict is Verdict.PROVED and found.rate == Fraction(1, 20)
+        assert found.verdict is Verdict.PROVED
+        assert found.rate == Fraction(1, 20)
         certificate = dd.certify(found.problem)
         assert certificate.check("theorem1-weighted").verdict is Verdict.PROVED
         assert found.cost == sum(found.gains.values())
@@ -149,7 +159,8 @@ CASES = {  # A of y1 + y2 with B = (0, 1), the rate: the verdict, what is said
 @pytest.mark.parametrize("name", CASES)
 def test_modes_that_no_input_reaches(name):
     A, rate, verdict, words = CASES[name]
-    one = agents(1, Dynamics(A=A, B=[[0], [1]]))
+    dynamics = Dynamics(A=A, B=[[0], [1]])
+    one = agents(1, dynamics)
     found = dd.design(one, rate=rate)
     assert found.verdict.value == verdict
     assert re.search(words, found.reason)
@@ -159,16 +170,20 @@ def test_what_no_pin_reaches():
     """Double integrators drift; agents that fall by themselves need no pin, so nothing is
     refuted."""
     pair = Network.from_arcs([[2, 1]], arrow="listens_to", agents=2)
-    assert dd.design(agents(network=pair), allowed=[2]).verdict is Verdict.REFUTED
+    found = dd.design(agents(network=pair), allowed=[2])
+    assert found.verdict is Verdict.REFUTED
     calm = agents(dynamics=CALM, network=pair)
-    assert dd.design(calm, allowed=[2]).verdict is Verdict.UNDECIDED
+    found = dd.design(calm, allowed=[2])
+    assert found.verdict is Verdict.UNDECIDED
 
 
 def test_a_coupling_that_is_not_one_matrix_leaves_the_request_open_and_names_the_cure():
     pair = Network.from_arcs([[2, 1]], arrow="listens_to", agents=2)
-    problem = agents(network=pair, coupling="y1 + y2", exceptions={(1, 0): "y1 + 3*y2"})
+    exceptions = {(1, 0): "y1 + 3*y2"}
+    problem = agents(network=pair, coupling="y1 + y2", exceptions=exceptions)
     found = dd.design(problem)
-    assert found.verdict is Verdict.UNDECIDED and "--coupling" in found.reason
+    assert found.verdict is Verdict.UNDECIDED
+    assert "--coupling" in found.reason
     designed = dd.design(problem, coupling=True)
     checked(designed, 0.0)
     assert not designed.problem.exceptions
@@ -190,10 +205,13 @@ def test_wrong_arguments():
 def test_with_as_many_inputs_as_states_gains_of_the_observer_act_on_x():
     """W of the file then acts on x, and the error of the estimate obeys A - W B C; B = -1 turns a
     sign."""
-    for dynamics in (STILL, Dynamics(A=[[1]], B=[[-1]])):
+    cases = (STILL, Dynamics(A=[[1]], B=[[-1]]))
+    for dynamics in cases:
         one = [[1]] * dynamics.inputs
-        problem = agents(1, dynamics, exosystem=Exosystem(A=[[0]], C=one), coupling="y")
-        checked(dd.design(problem, rate="1/4", coupling=True), 0.25)
+        exosystem = Exosystem(A=[[0]], C=one)
+        problem = agents(1, dynamics, exosystem=exosystem, coupling="y")
+        found = dd.design(problem, rate="1/4", coupling=True)
+        checked(found, 0.25)
         (W,) = dd.design_observer(problem, rate=1).W
         B = np.array(dynamics.B, dtype=float)
         assert -np.array(W, dtype=float) @ B @ np.array(one) <= -1
@@ -202,18 +220,24 @@ def test_with_as_many_inputs_as_states_gains_of_the_observer_act_on_x():
 def test_observers_are_designed_for_the_inputs():
     problem = agents(exosystem=WIND, gains={1: 4}, coupling="y1 + 3*y2")
     found = dd.design_observer(problem, rate=1)
-    assert found.verdict is Verdict.PROVED and len(found.W[0]) == 1
-    seen = problem.replace(observer=dd.Observer(W=found.W))
-    assert dd.certify(seen).check("hurwitz").verdict is Verdict.PROVED
+    assert found.verdict is Verdict.PROVED
+    assert len(found.W[0]) == 1
+    observer = dd.Observer(W=found.W)
+    seen = problem.replace(observer=observer)
+    answer = dd.certify(seen).check("hurwitz")
+    assert answer.verdict is Verdict.PROVED
 
 
 def test_agents_that_need_no_strength_get_the_gains_of_integrators():
     """A = 0 and B = 1 is the integrator; A = -1 is 1/s faster with the same gains."""
-    ring = Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to", agents=2)
+    arcs = [[1, 2], [2, 1]]
+    ring = Network.from_arcs(arcs, arrow="listens_to", agents=2)
     plain = Problem(network=ring, coupling="y", target=0)
     wanted = dd.design(plain)
     for A in (0, -1):
-        found = dd.design(plain.replace(dynamics=Dynamics(A=[[A]])))
+        dynamics = Dynamics(A=[[A]])
+        problem = plain.replace(dynamics=dynamics)
+        found = dd.design(problem)
         checked(found, wanted.rate - A - 1e-3)
         assert found.gains == wanted.gains
 
@@ -236,14 +260,16 @@ def test_noise_and_periods_of_observers_are_refused_and_no_norm_is_stated():
 def test_what_slopes_say_of_f_is_not_said_of_f():
     """x1' = -x1^3 falls, though no input reaches it; agents that settle by themselves do not drift
     without a pin."""
-    falls = agents(1, Dynamics(f=["-x1**3", "0"], B=[[0], [1]]))
+    dynamics = Dynamics(f=["-x1**3", "0"], B=[[0], [1]])
+    falls = agents(1, dynamics)
     found = dd.design(falls)
     assert found.verdict is Verdict.UNDECIDED
     assert found.reason.endswith(
         "does not decay by the slopes of f; what f is beside them is not looked at."
     )
     calm = dd.design(agents(1, CALM))
-    assert calm.verdict is Verdict.PROVED and "drift" not in str(calm)
+    assert calm.verdict is Verdict.PROVED
+    assert "drift" not in str(calm)
 
 
 def test_the_command_writes_a_file_that_certify_proves(command_line, tmp_path):
@@ -252,8 +278,12 @@ def test_the_command_writes_a_file_that_certify_proves(command_line, tmp_path):
         "design", "old.toml", "--coupling", "--rate", "0.4", "--out", "new.toml", "--json"
     )
     document = json.loads(out)
-    assert code == 0 and document["problem"] == "new.toml" and document["rate"] >= 0.4
+    assert code == 0
+    assert document["problem"] == "new.toml"
+    assert document["rate"] >= 0.4
     again = dd.load_problem(tmp_path / "new.toml")
-    assert again.coupling.texts == (document["coupling"],) and document["gains"].keys() == {"1"}
+    assert again.coupling.texts == (document["coupling"],)
+    assert document["gains"].keys() == {"1"}
     code, out, _ = command_line("certify", "new.toml", "--rate", "0.4", "--no-report", "--json")
-    assert code == 0 and json.loads(out)["rate"] >= 0.4
+    assert code == 0
+    assert json.loads(out)["rate"] >= 0.4

@@ -59,10 +59,8 @@ def test_the_paper_gain_has_its_rate_damping_and_disk_exactly():
     assert "with one on its border" in region_statement(F, HalfPlane(left_of="-8/5")).text
     assert "none on its border" in region_statement(F, HalfPlane(left_of="-1.5")).text
     refuted = region_statement(F, HalfPlane(left_of="-1.7"))
-    assert (refuted.verdict, refuted.exact["polynomial"]) == (
-        Verdict.REFUTED,
-        "s^2 + 16/5 s + 44/5",
-    )
+    assert refuted.verdict == Verdict.REFUTED
+    assert refuted.exact["polynomial"] == "s^2 + 16/5 s + 44/5"
     # |s|^2 = 44/5 and Re s = -8/5, so damping^2 = 16/55; the bound is irrational, so both
     # neighbours are tested.
     below = Fraction(math.isqrt(16 * 10**24 // 55), 10**12)
@@ -78,7 +76,8 @@ def test_the_paper_gain_has_its_rate_damping_and_disk_exactly():
     assert roots_inside(polynomial, around) == (False, False)
     right = HalfPlane(right_of="-8/5")
     assert roots_inside(polynomial, right) == (True, False)
-    right = HalfPlane(right_of=Fraction(-8, 5) + TINY)
+    right_of = Fraction(-8, 5) + TINY
+    right = HalfPlane(right_of=right_of)
     assert roots_inside(polynomial, right) == (False, False)
 
 
@@ -104,10 +103,12 @@ def test_random_gains_agree_with_floating_point_away_from_the_border(seed):
 
 def test_the_sampled_error_is_that_of_scipy():
     exosystem = exosystems.total(exosystems.ramp(), exosystems.harmonics(3))
-    gain = matrix([["0.3"], ["0.2"], ["0.1"], ["-0.4"]])
+    rows = [["0.3"], ["0.2"], ["0.1"], ["-0.4"]]
+    gain = matrix(rows)
     found = sampled_matrix(exosystem, gain, Fraction(1, 4))
     expected = sampled_in_floats(exosystem, gain, 0.25)
-    assert [[float(x.midpoint) for x in row] for row in found] == pytest.approx(expected)
+    answer = [[float(x.midpoint) for x in row] for row in found]
+    assert answer == pytest.approx(expected)
     assert max(x.width for row in found for x in row) < Fraction(1, 2**100)
 
 
@@ -145,7 +146,8 @@ def test_disks_of_the_sampled_plane_are_decided_and_a_pole_on_the_circle_is_neve
     nothing = matrix([[0], [0]])
     found = sampled_statements(PAPER, nothing, ObserverRequest(), Fraction(1, 10))
     assert found[0].verdict is not Verdict.PROVED
-    asked = ObserverRequest(regions=(Disk(centre="1/2", radius="1/4"),))
+    regions = (Disk(centre="1/2", radius="1/4"),)
+    asked = ObserverRequest(regions=regions)
     for gain, verdict in (("1/2", Verdict.PROVED), ("0.8", Verdict.REFUTED)):
         W = matrix([[gain]])
         found = sampled_statements(CONSTANT, W, asked, Fraction(1))
@@ -165,7 +167,9 @@ def random_system(seed: int) -> StateSpace:
         return matrix(found)
 
     while True:
-        q, u, y = r.randint(1, 5), r.randint(1, 3), r.randint(1, 3)
+        q = r.randint(1, 5)
+        u = r.randint(1, 3)
+        y = r.randint(1, 3)
         D = draw(y, u) if seed % 2 else matrix([[0] * u] * y)
         F = draw(q, q, shift=3)
         system = StateSpace(F=F, B=draw(q, u), C=draw(y, q), D=D)
@@ -194,19 +198,23 @@ def test_random_systems_have_the_norms_of_python_control(seed):
 def test_the_norms_of_a_constant_are_known(w):
     """F = -w: w/(s+w) has H2^2 = w/2 and norm 1; w s/(s+w) has norm w; 1/(s+w) has H2^2 = 1/(2w)
     and norm 1/w."""
-    gain, x = matrix([[w]]), Fraction(w)
+    gain = matrix([[w]])
+    x = Fraction(w)
     d = channel(CONSTANT, gain, "disturbance")
     e = channel(CONSTANT, gain, "exosystem")
     n = channel(CONSTANT, gain, "measurement")
     assert h2_squared(d) == x / 2
     assert h2_squared(e) == 1 / (2 * x)
     assert h2_squared(n) is None
-    for system, norm in ((d, Fraction(1)), (e, 1 / x), (n, x)):
+    cases = ((d, Fraction(1)), (e, 1 / x), (n, x))
+    for system, norm in cases:
         assert hinf_below(system, norm + TINY)
         assert not hinf_below(system, norm)
-        assert not hinf_below(system, norm - TINY) and not hinf_below(system, Fraction(-1))
+        assert not hinf_below(system, norm - TINY)
+        assert not hinf_below(system, Fraction(-1))
     grows = channel(CONSTANT, matrix([[0]]), "disturbance")  # or rather does not decay
-    assert h2_squared(grows) is None and not hinf_below(grows, Fraction(10**9))
+    assert h2_squared(grows) is None
+    assert not hinf_below(grows, Fraction(10**9))
 
 
 def test_the_measurement_channel_of_a_harmonic_peaks_where_calculus_says():
@@ -226,11 +234,12 @@ def test_statements_say_what_holds_and_what_does_not():
         found = noise_statement(CONSTANT, gain, limit)
         assert found.verdict is Verdict.PROVED
         assert "it is false" not in found.text
-    for limit in (
+    cases = (
         h2(channel="disturbance", bound="0.999999999"),
         NoiseLimit(channel="measurement", bound=2),
         h2(channel="measurement", bound=1000),
-    ):
+    )
+    for limit in cases:
         found = noise_statement(CONSTANT, gain, limit)
         assert found.verdict is Verdict.REFUTED
         assert "it is false" in found.text
@@ -241,7 +250,9 @@ def test_channels_are_transfer_functions_of_the_simulated_observer():
     """At one frequency: C (sI - F)^-1 W, s times it, and C (sI - F)^-1, computed directly."""
     exosystem = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 1], [0, 1]])
     gain = matrix([[2, "1/2"], ["1/3", 3]])
-    A, C, W = to_float(exosystem.A), to_float(exosystem.C), to_float(gain)
+    A = to_float(exosystem.A)
+    C = to_float(exosystem.C)
+    W = to_float(gain)
     s = 1.7j
     resolvent = np.linalg.inv(s * np.eye(2) - (A - W @ C))
     expected = {
@@ -309,7 +320,8 @@ def test_small_norms_of_a_decaying_exosystem_and_a_cone_alone_are_never_impossib
     decaying = Exosystem(A=[[-1]], C=[[1]])
     assert reason(decaying, noise=disturbance("1/10")) is None
     waves = exosystems.harmonics([1, 2, 3])
-    assert reason(waves, region=Cone(damping="0.99"), rate=100) is None
+    found = reason(waves, region=Cone(damping="0.99"), rate=100)
+    assert found is None
 
 
 @pytest.mark.parametrize(
@@ -330,7 +342,8 @@ def test_the_hidden_rate_is_found(polynomial, expected):
 
 def test_an_irrational_hidden_rate_is_bounded_from_below():
     """s^2 + 3 s + 1: the slower root is (3 - sqrt 5)/2 = 0.381966."""
-    found = largest_hidden_rate((Fraction(1), Fraction(3), Fraction(1)))
+    polynomial = (Fraction(1), Fraction(3), Fraction(1))
+    found = largest_hidden_rate(polynomial)
     assert found**2 - 3 * found + 1 >= 0
     assert float(found) == pytest.approx(0.3819660113, rel=1e-8)
     assert found < Fraction("0.38196601126")
@@ -342,4 +355,5 @@ def test_the_bounds_on_noise_are_decided_for_a_sampled_observer_too():
         limit = NoiseLimit(channel="exosystem", norm="hinf", bound=Fraction(bound))
         request = ObserverRequest(period=Fraction(1, 10), noise=(limit,))
         *_, found = gain_statements(CONSTANT, matrix([[1]]), request)
-        assert (found.kind, found.verdict) == ("noise", verdict)
+        assert found.kind == "noise"
+        assert found.verdict == verdict

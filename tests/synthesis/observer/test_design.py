@@ -33,7 +33,8 @@ SHAPES = {
 
 def problem(exosystem, **more) -> dd.Problem:
     target = [0] * (1 if exosystem is None else exosystem.outputs)
-    network = dd.Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to", agents=2)
+    arcs = [[1, 2], [2, 1]]
+    network = dd.Network.from_arcs(arcs, arrow="listens_to", agents=2)
     return dd.Problem(
         network=network, coupling="y", gains={1: 1}, exosystem=exosystem, target=target, **more
     )
@@ -78,13 +79,15 @@ def test_the_rate_is_reached_with_the_digits_asked(shape):
     exosystem = SHAPES[shape]
     found = design(exosystem, rate="3/2", digits=3)
     assert found.verdict is Verdict.PROVED
-    assert all(statement.verdict is Verdict.PROVED for statement in found.statements)
+    for statement in found.statements:
+        assert statement.verdict is Verdict.PROVED
     assert {"hurwitz", "rate"} <= {statement.kind for statement in found.statements}
     error = subtract(exosystem.A, multiply(found.W, exosystem.C))
     assert decide_hurwitz(error).verdict is Verdict.PROVED
     assert rate_holds(error, Fraction(3, 2))
     # eigenvalues that meet are badly conditioned
-    assert np.max(poles(exosystem, found.W).real) < -1.5 + 0.01
+    answer = np.max(poles(exosystem, found.W).real)
+    assert answer < -1.5 + 0.01
     assert digits_of(found.W) <= 3
     assert found.measures["rate"] >= 1.5
 
@@ -127,7 +130,8 @@ def test_regions_hold_for_the_rounded_gain(region):
     found = design(exosystem, region=region)
     assert found.verdict is Verdict.PROVED
     regions = region if isinstance(region, list) else [region]
-    assert len([s for s in found.statements if s.kind == "region"]) == len(regions)
+    answer = [s for s in found.statements if s.kind == "region"]
+    assert len(answer) == len(regions)
     spectrum = poles(exosystem, found.W)
     assert max(distance(each, spectrum) for each in regions) <= 1e-3
 
@@ -146,13 +150,15 @@ def test_regions_hold_for_the_rounded_gain(region):
 )
 def test_what_nothing_can_do_is_refuted_for_good(exosystem, asked, reason):
     found = design(exosystem, **asked)
-    assert (found.verdict, found.nearest) == (Verdict.REFUTED, None)
+    assert found.verdict == Verdict.REFUTED
+    assert found.nearest is None
     assert reason in found.reason
 
 
 def test_a_rate_beyond_a_hidden_mode_and_too_little_noise_are_refuted_and_the_nearest_is_offered():
     A = [[-1, 0, 0], [0, 0, 1], [0, -1, 0]]
-    exosystem = dd.Exosystem(A=A, C=[[0, 1, 0]])
+    C = [[0, 1, 0]]
+    exosystem = dd.Exosystem(A=A, C=C)
     found = design(exosystem, rate=2)
     assert found.verdict is Verdict.REFUTED
     assert "s + 1" in found.reason
@@ -185,7 +191,8 @@ def test_a_region_of_one_point_is_met_exactly():
     ramp = SHAPES["ramp"]
     found = design(ramp, region=[left, right, flat])
     assert found.verdict is Verdict.PROVED
-    assert np.abs(poles(ramp, found.W) + 2) == pytest.approx(0, abs=5e-3)
+    answer = np.abs(poles(ramp, found.W) + 2)
+    assert answer == pytest.approx(0, abs=5e-3)
 
 
 @pytest.mark.parametrize(
@@ -201,7 +208,8 @@ def test_bounds_on_norms_hold_by_python_control(limit, kind):
     exosystem = SHAPES["harmonic"]
     found = design(exosystem, noise=limit)
     assert found.verdict is Verdict.PROVED
-    value = control_norm(channel(exosystem, found.W, limit.channel), kind)
+    system = channel(exosystem, found.W, limit.channel)
+    value = control_norm(system, kind)
     assert value <= float(limit.bound) * (1 + 1e-6)
     name = f"{limit.norm} {limit.channel}"
     assert found.measures[name] == pytest.approx(value, rel=1e-6)
@@ -212,13 +220,15 @@ def test_a_sampled_observer_converges_at_its_rate():
     the mean 0."""
     unseen = design(SHAPES["harmonic"], rate=1, period="3.14159265358979")
     assert unseen.verdict is Verdict.UNDECIDED
-    exosystem, period = SHAPES["periodic"], 0.2
+    exosystem = SHAPES["periodic"]
+    period = 0.2
     found = design(exosystem, rate=1, period="0.2")
     assert found.verdict is Verdict.PROVED
     error = sampled_in_floats(exosystem, found.W, period)
     sizes = np.abs(np.linalg.eigvals(error))
     assert np.max(sizes) <= math.exp(-0.2) + 1e-3
-    assert {s.kind for s in found.statements} == {"sampled", "rate"}
+    answer = {s.kind for s in found.statements}
+    assert answer == {"sampled", "rate"}
 
 
 def test_numbers_beyond_the_floats_get_an_exact_gain():
@@ -254,9 +264,12 @@ def test_numbers_are_read_as_typed():
     request = read_observer_request(rate=0.1, region=Cone(damping=0.7), noise=2.5)
     assert request.rate == Fraction(1, 10)
     assert request.regions[0].damping == Fraction(7, 10)
-    assert request.noise == (NoiseLimit(channel="measurement", norm="hinf", bound="5/2"),)
-    request = read_observer_request(rate=2, region=[Disk(centre=-3, radius=1)])
-    assert request.all_regions == (HalfPlane(left_of=-2), Disk(centre=-3, radius=1))
+    expected = (NoiseLimit(channel="measurement", norm="hinf", bound="5/2"),)
+    assert request.noise == expected
+    region = [Disk(centre=-3, radius=1)]
+    request = read_observer_request(rate=2, region=region)
+    expected = (HalfPlane(left_of=-2), Disk(centre=-3, radius=1))
+    assert request.all_regions == expected
     assert read_observer_request().all_regions == (HalfPlane(left_of=0),)
 
 

@@ -46,7 +46,8 @@ def lambda0(problem: Problem, mode: str):
 
 def rate_holds(problem: Problem, gains, rate: Fraction) -> bool:
     """Lambda0 - 2 K + 2 rate I < 0 in every mode, by the oracle's own elimination."""
-    m, index = problem.m, problem.network.index
+    m = problem.m
+    index = problem.network.index
     for mode in problem.network.modes:
         M = [list(row) for row in lambda0(problem, mode)]
         for row in range(len(M)):
@@ -62,7 +63,8 @@ def rate_holds(problem: Problem, gains, rate: Fraction) -> bool:
 def dual_value(problem: Problem, design, costs, caps) -> Fraction:
     """The value that the exact multipliers of a design prove, multiplied out here; fails where they
     do not fit."""
-    m, bound = problem.m, design.bound
+    m = problem.m
+    bound = design.bound
     assert all(y >= 0 and i in caps for i, y in bound.cap_prices.items())
     for label in design.bound_for:
         i = problem.network.index[label]
@@ -90,9 +92,11 @@ def reference(tables, allowed, caps=None):
     place[allowed, np.arange(len(allowed))] = 1
     limits = []
     for table in tables:
-        held = cp.bmat([[table.toarray()]]) + 2 * cp.diag(place @ gains)
+        blocks = [[table.toarray()]]
+        held = cp.bmat(blocks) + 2 * cp.diag(place @ gains)
         limits.append(held >> 0)
-    program = cp.Problem(cp.Minimize(cp.sum(gains)), limits)
+    objective = cp.Minimize(cp.sum(gains))
+    program = cp.Problem(objective, limits)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # "may be inaccurate" at the tolerance asked for
         program.solve(solver=cp.CLARABEL, tol_gap_abs=1e-10, tol_gap_rel=1e-10, tol_feas=1e-10)
@@ -151,7 +155,8 @@ def test_gains_on_the_boundary_do_not_reach_the_rate_and_larger_ones_do():
     """All pinned with k on a balanced graph: lambda_max(Lambda) = -2 k."""
     half = Fraction(1, 2)
     ground = ground_of(ring(3), rate=half)
-    assert not reaches(ground, dict.fromkeys(range(3), half))
+    gains = dict.fromkeys(range(3), half)
+    assert not reaches(ground, gains)
     more = half + Fraction(1, 10**12)
     assert reaches(ground, dict.fromkeys(range(3), more))
 
@@ -160,7 +165,8 @@ def with_modes(graphs) -> Problem:
     """One problem whose modes are these graphs."""
     modes = {f"G{k}": graph.network.modes["G"] for k, graph in enumerate(graphs)}
     labels = tuple(map(str, range(graphs[0].n)))
-    return Problem(network=Network(labels=labels, modes=modes), coupling="y")
+    network = Network(labels=labels, modes=modes)
+    return Problem(network=network, coupling="y")
 
 
 @pytest.mark.parametrize("modes", [1, 3])
@@ -170,7 +176,8 @@ def test_gains_with_caps_are_those_of_the_semidefinite_program(modes):
     compared = 0
     for _ in range(5):
         n = r.randint(3, 6)
-        problem = with_modes([digraph(r, n) for _ in range(modes)])
+        graphs = [digraph(r, n) for _ in range(modes)]
+        problem = with_modes(graphs)
         blocks = for_rate(network_blocks(loop_of(problem)), 0.2)
         allowed = sorted(r.sample(range(n), r.randint(2, n)))
         own = smallest_gains(blocks, allowed)
@@ -217,7 +224,8 @@ def test_a_rate_beyond_the_allowed_agents_is_refuted_with_a_direction_and_a_slow
     problem = cycle(10, pins={})
     limit = 2 * (1 - cos(pi / 10))
     below, above = (Fraction(f"{limit * part:.6f}") for part in (0.999, 1.001))
-    assert design_pinning(problem, rate=below, allowed=[1]).verdict is Verdict.PROVED
+    found = design_pinning(problem, rate=below, allowed=[1])
+    assert found.verdict is Verdict.PROVED
     design = design_pinning(problem, rate=above, allowed=[1])
     assert design.verdict is Verdict.REFUTED
     shown = design.statements[0].exact["v"].split(", ")
@@ -232,25 +240,30 @@ def test_a_rate_beyond_the_allowed_agents_is_refuted_with_a_direction_and_a_slow
 def test_where_no_rate_can_be_had_the_nearest_request_allows_more_agents():
     """3 hears 2 strongly: S on {2, 3} is [[2, -100], [-100, 200]], not positive, whatever 1
     does."""
-    strong = linked([[2, 1], [3, 2, 100]], 3)
+    arcs = [[2, 1], [3, 2, 100]]
+    strong = linked(arcs, 3)
     design = design_pinning(strong, rate="1/10", allowed=[1])
     assert design.verdict is Verdict.REFUTED
     assert design.nearest.verdict is Verdict.PROVED
     assert design.nearest.request.allowed == (0, 1, 2)
-    gentle = linked([[2, 1], [3, 2]], 3)
-    assert design_pinning(gentle, rate="1/10", allowed=[1]).verdict is Verdict.PROVED
+    arcs = [[2, 1], [3, 2]]
+    gentle = linked(arcs, 3)
+    found = design_pinning(gentle, rate="1/10", allowed=[1])
+    assert found.verdict is Verdict.PROVED
 
 
 def test_caps_that_are_too_small_are_refuted_and_the_nearest_request_raises_them(cycle):
     """All pinned on a balanced graph: the rate is at most the cap."""
     problem = cycle(5, pins={})
     design = design_pinning(problem, rate="3/10", max_gain="29/100")
-    assert (design.verdict, design.statements[0].kind) == (Verdict.REFUTED, "max_gain")
+    assert design.verdict == Verdict.REFUTED
+    assert design.statements[0].kind == "max_gain"
     assert design.nearest.verdict is Verdict.PROVED
     raised = max(design.nearest.request.caps.values())
     assert Fraction(3, 10) < raised < Fraction(303, 1000)
     assert rate_holds(problem, design.nearest.gains, Fraction(3, 10))
-    assert design_pinning(problem, rate="3/10", max_gain="31/100").verdict is Verdict.PROVED
+    found = design_pinning(problem, rate="3/10", max_gain="31/100")
+    assert found.verdict is Verdict.PROVED
 
 
 def exhaustive(problem: Problem, rate: float, pins: int):
@@ -289,7 +302,8 @@ def test_the_fewest_pins_are_those_of_exhaustive_search(seed):
     design = design_pinning(problem, rate="3/10", pins="fewest", digits=9)
     assert len(design.gains) == least
     assert float(design.cost) == pytest.approx(exhaustive(problem, 0.3, least), rel=1e-6)
-    assert [s.verdict for s in design.statements if s.kind == "pins"] == [Verdict.PROVED]
+    found = [s.verdict for s in design.statements if s.kind == "pins"]
+    assert found == [Verdict.PROVED]
     if least > 1:
         fewer = design_pinning(problem, rate="3/10", pins=least - 1)
         assert fewer.verdict is Verdict.REFUTED
@@ -303,21 +317,25 @@ def test_independent_slow_directions_count_the_pins_that_are_needed(cycle):
     design = design_pinning(six, rate="5/4", pins=2)
     assert design.verdict is Verdict.REFUTED
     assert design.statements[0].exact == {"least": "3"}
-    assert design_pinning(six, rate="5/4", pins=3).verdict is Verdict.PROVED
+    found = design_pinning(six, rate="5/4", pins=3)
+    assert found.verdict is Verdict.PROVED
 
 
 def test_every_source_component_needs_a_pin():
     """Two pairs that hear nobody else, and one agent that hears both: two pins, whatever the
     gains."""
     pairs = [[1, 2], [2, 1], [3, 4], [4, 3]]
-    problem = linked([*pairs, [5, 1], [5, 3]])
+    arcs = [*pairs, [5, 1], [5, 3]]
+    problem = linked(arcs)
     design = design_pinning(problem, rate="1/10", pins=1)
-    assert (design.verdict, design.structural_minimum) == (Verdict.REFUTED, 2)
+    assert design.verdict == Verdict.REFUTED
+    assert design.structural_minimum == 2
     assert design.statements[0].exact["groups"] == "1, 2 | 3, 4"
     assert "agents 1 and 2; agents 3 and 4" in design.reason
     assert len(design.nearest.gains) == 2
     barred = design_pinning(problem, rate="1/10", allowed=[1, 2, 5])
-    assert (barred.verdict, barred.statements[0].kind) == (Verdict.REFUTED, "structure")
+    assert barred.verdict == Verdict.REFUTED
+    assert barred.statements[0].kind == "structure"
     assert {"3", "4"} & set(barred.nearest.gains)
 
 
@@ -326,12 +344,16 @@ def test_groups_of_several_modes_that_overlap_are_met_by_the_fewest_agents():
     A = [[1, 2], [2, 1], [3, 1]]
     B = [[2, 3], [3, 2], [1, 2]]
     C = [[3, 1], [1, 3], [2, 3]]
-    problem = linked({"A": A, "B": B, "C": C})
+    arcs = {"A": A, "B": B, "C": C}
+    problem = linked(arcs)
     structure = structure_of(problem, range(3))
-    assert (structure.least, structure.exact) == (2, True)
+    assert structure.least == 2
+    assert structure.exact is True
     assert len(structure.apart) == 1
-    assert design_pinning(problem, rate="1/100", pins=1).verdict is Verdict.REFUTED
-    assert design_pinning(problem, rate="1/100", pins=2).verdict is Verdict.PROVED
+    found = design_pinning(problem, rate="1/100", pins=1)
+    assert found.verdict is Verdict.REFUTED
+    found = design_pinning(problem, rate="1/100", pins=2)
+    assert found.verdict is Verdict.PROVED
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -339,7 +361,8 @@ def test_the_structural_minimum_is_the_smallest_hitting_set(seed):
     r = Random(seed)
     n = r.randint(3, 7)
     modes = r.randint(1, 3)
-    problem = with_modes([digraph(r, n, density=0.2, cycle=False) for _ in range(modes)])
+    graphs = [digraph(r, n, density=0.2, cycle=False) for _ in range(modes)]
+    problem = with_modes(graphs)
     structure = structure_of(problem, range(n))
 
     def meets_all(agents) -> bool:
@@ -348,7 +371,8 @@ def test_the_structural_minimum_is_the_smallest_hitting_set(seed):
     least = 0
     while not any(map(meets_all, combinations(range(n), least))):
         least += 1
-    assert (structure.least, structure.exact) == (least, True)
+    assert structure.least == least
+    assert structure.exact is True
     assert meets_all(structure.agents)
 
 
@@ -361,16 +385,19 @@ def test_prices_that_are_upper_bounds_are_rounded_up():
 
 def test_ties_are_told(cycle):
     """On the six-cycle every pair of opposite agents costs the same."""
-    design = design_pinning(cycle(6, pins={}), rate="1/10", pins=2)
+    problem = cycle(6, pins={})
+    design = design_pinning(problem, rate="1/10", pins=2)
     first, second = (int(label) for label in design.gains)
     assert (second - first) % 6 == 3
     assert any(sentence.startswith("As good") for sentence in design.ties)
-    one = design_pinning(cycle(6, pins={}), rate="1/10", pins=1)
+    problem = cycle(6, pins={})
+    one = design_pinning(problem, rate="1/10", pins=1)
     assert "would cost the same" in one.ties[0]
 
 
 def test_irrational_slopes_are_enclosed_and_decided():
-    problem = linked([[1, 2], [2, 1], [3, 2]], coupling="sqrt(2)*y")
+    arcs = [[1, 2], [2, 1], [3, 2]]
+    problem = linked(arcs, coupling="sqrt(2)*y")
     design = design_pinning(problem, rate="1/10", allowed=[1], digits=6)
     laplacian = np.array([[2, -2, 0], [-2, 2, -1], [0, -1, 2]])
     S = np.sqrt(2) * laplacian - 0.2 * np.eye(3)
@@ -402,7 +429,8 @@ def test_certify_proves_the_designed_problem():
     for."""
     design = design_pinning("paper-fixed", rate="1/20", pins=1)
     check = next(check for check in consensus_claims(design.problem).checks if check.id == "lemma1")
-    assert check.verdict is Verdict.PROVED and check.rate >= 0.05
+    assert check.verdict is Verdict.PROVED
+    assert check.rate >= 0.05
 
 
 @pytest.mark.slow
@@ -423,11 +451,13 @@ def test_every_answer_about_a_random_problem_is_true(seed):
     exact = all(Oracle(problem).exact_in(mode) for mode in problem.network.modes)
     rate = Fraction(1, 10)
     if design.verdict is Verdict.PROVED:
-        assert all(k <= Fraction(cap or 10**9) for k in design.gains.values())
+        for k in design.gains.values():
+            assert k <= Fraction(cap or 10**9)
         if exact:
             assert rate_holds(problem, design.gains, rate)
             caps = {} if cap is None else dict.fromkeys(range(problem.n), Fraction(cap))
-            value = dual_value(problem, design, [Fraction(1)] * problem.n, caps)
+            costs = [Fraction(1)] * problem.n
+            value = dual_value(problem, design, costs, caps)
             assert max(value, 0) >= design.lower_bound
     elif design.verdict is Verdict.REFUTED and exact:
         largest = dict.fromkeys(labels, Fraction(cap or 10**6))
@@ -440,7 +470,8 @@ def test_a_design_shows_itself_and_long_work_says_what_it_does():
     said = []
     design = design_pinning("paper-fixed", rate="1/20", allowed=[1], progress=said.append)
     assert "proving the gains and their bound" in said
-    text, document = str(design), design.to_json()
+    text = str(design)
+    document = design.to_json()
     assert text.startswith("proved: gains on agent 1 reach the rate 1/20")
     assert document["gains"] == {"1": "9191/10000"}
     assert document["lower_bound"] <= document["cost"]
@@ -465,7 +496,8 @@ def test_a_design_shows_itself_and_long_work_says_what_it_does():
 def test_a_wrong_request_is_one_clear_error(asked, words):
     with pytest.raises(SpecError, match=words):
         design_pinning("paper-fixed", **asked)
-    kinked = linked([[1, 2], [2, 1]], coupling="abs(y)")
+    arcs = [[1, 2], [2, 1]]
+    kinked = linked(arcs, coupling="abs(y)")
     with pytest.raises(SpecError, match="must have a derivative at the consensus"):
         design_pinning(kinked, rate=1)
 
@@ -493,12 +525,17 @@ def test_a_direction_that_moves_a_free_agent_or_has_a_negative_entry_shows_nothi
     def limit(*w: int, pinned: tuple[int, ...]) -> Fraction | None:
         return limit_of(mode, 0, w, pinned=pinned, caps={})
 
-    assert limit(1, 0, 0, pinned=(0,)) is None
-    assert limit(1, 0, 0, pinned=(0, 1)) is None
-    assert limit(-1, 0, 2, pinned=(1,)) is None
+    found = limit(1, 0, 0, pinned=(0,))
+    assert found is None
+    found = limit(1, 0, 0, pinned=(0, 1))
+    assert found is None
+    found = limit(-1, 0, 2, pinned=(1,))
+    assert found is None
     assert limit(0, 0, 0, pinned=()) is None
-    assert limit(0, 0, 1, pinned=(0,)) == 1
-    turned = jacobians_at_consensus(loop_of(ring(3, coupling="-y")))
+    found = limit(0, 0, 1, pinned=(0,))
+    assert found == 1
+    loop = loop_of(ring(3, coupling="-y"))
+    turned = jacobians_at_consensus(loop)
     assert slow_direction(turned, (0,), {}, slow_directions) is None
 
 
@@ -506,7 +543,8 @@ def test_two_pins_of_a_star_are_excluded_above_1_and_not_below():
     """Four leaves return at 1 unless held: six sets, all too slow for 1.01; none of them for 1."""
 
     def ask(rate: str):
-        limits = Limits(rate=Fraction(rate), allowed=(0, 1, 2, 3), caps={}, pins=2, digits=4)
+        allowed = (0, 1, 2, 3)
+        limits = Limits(rate=Fraction(rate), allowed=allowed, caps={}, pins=2, digits=4)
         return too_fast(star(4), limits, slow_directions)
 
     refuted = ask("1.01")

@@ -71,11 +71,10 @@ def test_rows_are_accepted_below_the_sampled_rate_and_refused_above(h):
     v = [1.0, 1.5, 1.75]
     k = [6.0, 5.0, 6.0]
     exact = {"v": ["1", "3/2", "7/4"], "rho": "1"}
-    problem = Problem(
-        network=Network.from_arcs([[2, 1], [3, 2]], arrow="listens_to", agents=3),
-        coupling=h,
-        gains={1: 6, 2: 5, 3: 6},
-    )
+    arcs = [[2, 1], [3, 2]]
+    network = Network.from_arcs(arcs, arrow="listens_to", agents=3)
+    gains = {1: 6, 2: 5, 3: 6}
+    problem = Problem(network=network, coupling=h, gains=gains)
     best = sampled_rate(ROWS[h], v, k, 1.0)
     frame = json.loads(certificate_bytes(consensus_claims(problem)))
     box = {"kind": "box", "radius": 0.5, "disturbance": 0}
@@ -92,7 +91,8 @@ def test_two_agents_that_hear_each_other_keep_their_alpha_to_nine_digits():
     """-|y|, both pinned with 5, v = 1: alpha = 3 exactly; sin on [-5/2 s, -s/2]: sin 3 / 1.8 at s =
     6/5."""
     sharp = mpmath.sin(3) / mpmath.mpf("1.8")
-    for name, check, alpha in (("bent", BENT, 3.0), ("sine", SINE, float(sharp))):
+    cases = (("bent", BENT, 3.0), ("sine", SINE, float(sharp)))
+    for name, check, alpha in cases:
         for factor, code in ((1 - 1e-9, HOLDS), (1 + 1e-9, FAILS)):
             claimed = f"{alpha * factor:.15f}"
             data = certificate(name, changed(check, alpha=claimed))
@@ -103,12 +103,17 @@ def test_two_agents_that_hear_each_other_keep_their_alpha_to_nine_digits():
 # --------------------------------------------------------------------------------------------------
 def test_a_maximum_on_the_edge_of_two_cells_counts_and_a_slope_that_touches_0():
     """2 y - y^2 on [-s, 2 s] is 1 from s = 1/2 on, and less at both ends."""
-    curve = Curve(read_coupling(("1 - (1 - y)**2",), 1), False, -1.0, 2.0)
-    assert [(cell.hi, cell.way) for cell in curve.table][-2:] == [(1.0, 1), (2.0, -1)]
+    coupling = read_coupling(("1 - (1 - y)**2",), 1)
+    curve = Curve(coupling, False, -1.0, 2.0)
+    expected = [(1.0, 1), (2.0, -1)]
+    last_cells = curve.table[-2:]
+    assert [(cell.hi, cell.way) for cell in last_cells] == expected
     bound = supremum(curve, (1.0, 1.0), (2.0, 2.0), 0.75, 1.0)
-    assert all(1 <= bound.at(s) < 1 + 1e-9 for s in (0.75, 0.8, 1.0))
+    for s in (0.75, 0.8, 1.0):
+        assert 1 <= bound.at(s) < 1 + 1e-9
     # h' = 1 - sin(y) >= 0, since sin(y) <= 1.
-    curve = Curve(read_coupling(("cos(y) - 1 + y",), 1), False, -7.0, 7.0)
+    coupling = read_coupling(("cos(y) - 1 + y",), 1)
+    curve = Curve(coupling, False, -7.0, 7.0)
     assert {cell.way for cell in curve.table} == {1}
 
 
@@ -117,7 +122,8 @@ def test_slopes_of_a_coupling_that_also_falls_are_taken_from_the_whole_interval(
     x."""
     h = "y*exp(-y)/2 - y/4"
     steepest = 3 * math.exp(2) / 2 - 1 / 4
-    curve = Curve(read_coupling((h,), 1), False, -2.0, 2.0)
+    coupling = read_coupling((h,), 1)
+    curve = Curve(coupling, False, -2.0, 2.0)
     for closely, room in ((False, 3), (True, 1.001)):
         mean = mean_slope(curve, 1.0, (1, 1, 1), closely)
         assert steepest <= mean < room * steepest
@@ -128,11 +134,14 @@ def test_forces_and_their_slopes_hold_random_points():
     mpmath at 100 bits."""
     r = random.Random(5)
     exceptions = {(2, 0): ["y1 + y2**2", "atan(y1*y2) + y2"]}
+    arcs = [[1, 2, 2], [2, 3], [3, 1]]
+    network = Network.from_arcs(arcs, arrow="listens_to", agents=3)
+    gains = {1: [[2, 1], [-1, 3]], 3: [[1, 0], [0, 5]]}
     problem = Problem(
-        network=Network.from_arcs([[1, 2, 2], [2, 3], [3, 1]], arrow="listens_to", agents=3),
+        network=network,
         coupling=["sin(y1)", "2*sin(y2)"],
         exceptions=exceptions,
-        gains={1: [[2, 1], [-1, 3]], 3: [[1, 0], [0, 5]]},
+        gains=gains,
         target=[0, 0],
     )
     loop = second_loop(problem)
@@ -148,7 +157,8 @@ def test_forces_and_their_slopes_hold_random_points():
             y.append([b - a for a, b in zip(x[i], x[j], strict=True)])
         first = [2 * f for f in h(*y[0])]
         second = h(*y[1])
-        third = [y[2][0] + y[2][1] ** 2, mpmath.atan(y[2][0] * y[2][1]) + y[2][1]]
+        y1, y2 = y[2]
+        third = [y1 + y2**2, mpmath.atan(y1 * y2) + y2]
         pulled = [*first, *second, *third]
         held = [2 * e[0] + e[1], -e[0] + 3 * e[1], 0, 0, e[4], 5 * e[5]]
         return [f - k for f, k in zip(pulled, held, strict=True)]
@@ -159,22 +169,23 @@ def test_forces_and_their_slopes_hold_random_points():
         values, slopes = separable.forces(loop, mode, box)
         with mpmath.workprec(100):
             e = [mpmath.mpf(r.uniform(lo, hi)) for lo, hi in ends]
-            assert all(lo <= f <= hi for (lo, hi), f in zip(values, forces(*e), strict=True))
+            for (lo, hi), force in zip(values, forces(*e), strict=True):
+                assert lo <= force <= hi
             for a in range(6):
                 for b in range(6):
                     lo, hi = slopes[a].get(b, (0, 0))
-                    slope = mpmath.diff(
-                        lambda *x, a=a: forces(*x)[a],
-                        tuple(e),
-                        tuple(int(k == b) for k in range(6)),
-                    )
+                    # The first partial derivative by e_b.
+                    orders = [0] * 6
+                    orders[b] = 1
+                    slope = mpmath.diff(lambda *x, a=a: forces(*x)[a], tuple(e), tuple(orders))
                     assert lo - 1e-9 <= slope <= hi + 1e-9
 
 
 def test_a_force_at_a_point_that_no_float_is_lies_between_its_bounds():
     """e_2 - e_1 = 1/3, and -1/3 for the other agent."""
     arcs = Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to", agents=2)
-    loop = second_loop(Problem(network=arcs, coupling="y", gains={}))
+    problem = Problem(network=arcs, coupling="y", gains={})
+    loop = second_loop(problem)
     values, _ = separable.forces(loop, *loop.modes, [[Fraction(0)] * 2, [Fraction(1, 3)] * 2])
     for (lo, hi), truth in zip(values, (Fraction(1, 3), Fraction(-1, 3)), strict=True):
         assert Fraction(lo) <= truth <= Fraction(hi)
@@ -184,7 +195,8 @@ def test_a_force_at_a_point_that_no_float_is_lies_between_its_bounds():
 @pytest.mark.parametrize("y", [(0.0, 0.7), (-0.7, 0.0), (-0.7, 0.7), (0.7, 0.7)])
 @pytest.mark.parametrize("x", [(0.0, 0.1), (-0.1, 0.0), (-0.1, 0.1), (0.1, 0.1)])
 def test_the_exact_ends_of_a_sum_lie_between_its_bounds(x, y, sign: int):
-    x, y = (tuple(sorted(sign * end for end in each)) for each in (x, y))
+    x = tuple(sorted(sign * end for end in x))
+    y = tuple(sorted(sign * end for end in y))
     lo, hi = added(x, y)
     assert Fraction(lo) <= Fraction(x[0]) + Fraction(y[0])
     assert Fraction(x[1]) + Fraction(y[1]) <= Fraction(hi)
@@ -195,28 +207,22 @@ def test_a_lower_bound_of_the_form_takes_the_lower_slope_for_every_positive_weig
     terms = [(0, 1, 2, (Fraction(1), Fraction(2)))]
     v = [Fraction(1, 2), Fraction(1, 2), Fraction(0)]
     assert lower_form(terms, v) == Fraction(1, 2)
-    assert lower_form(terms, [-v[0], *v[1:]]) == -1
+    found = lower_form(terms, [-v[0], *v[1:]])
+    assert found == -1
 
 
 # --- Hostile claims
 # -------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(
-    "change",
-    [
-        *({"v": {"float64": text}} for text in ("AAAA", "A" * 100_000, "")),
-        *(
-            {"v": v}
-            for v in (doubles(float("nan"), 1.0), doubles(5e-324, 1.7e308), {"float32": "AAAA"})
-        ),
-        *({"v": ["1", text]} for text in ("1" * 9999, "\u0661")),
-        *(
-            {"v": v}
-            for v in (["1e400", "1e-400"], ["1e-400", "1e-400"], [1, 1], "11", [["1"], ["1"]], None)
-        ),
-        *({"rho": rho} for rho in ("1e400", 1, "1/0", "nan", "1" * 9999)),
-        *({"alpha": alpha} for alpha in ("1e400", "-1e400", ["1"], "1/" + "3" * 9000)),
-    ],
-)
+VECTORS = [{"float64": text} for text in ("AAAA", "A" * 100_000, "")]
+VECTORS += [doubles(float("nan"), 1.0), doubles(5e-324, 1.7e308), {"float32": "AAAA"}]
+VECTORS += [["1", "1" * 9999], ["1", "\u0661"], ["1e400", "1e-400"], ["1e-400", "1e-400"]]
+VECTORS += [[1, 1], "11", [["1"], ["1"]], None]
+HOSTILE = [{"v": v} for v in VECTORS]
+HOSTILE += [{"rho": rho} for rho in ("1e400", 1, "1/0", "nan", "1" * 9999)]
+HOSTILE += [{"alpha": alpha} for alpha in ("1e400", "-1e400", ["1"], "1/" + "3" * 9000)]
+
+
+@pytest.mark.parametrize("change", HOSTILE)
 def test_hostile_numbers_are_refused_at_once(change):
     data = certificate("pair", changed(PAIR, **change))
     problem = canonical_bytes(problems()["pair"])
@@ -254,13 +260,15 @@ def test_a_radius_or_a_rate_that_is_not_positive_is_refused_and_false(name: str,
     """A max-separable claim with 0 or less for what has to be above 0."""
     problem = region_problem(QUICK)
     document = json.loads(certificate_bytes(certified(problem).claims))
+    oracle = Oracle(problem)
     assert recheck(json.dumps(document).encode(), problem).holds
-    assert Oracle(problem).false_claims(document) == []
+    assert oracle.false_claims(document) == []
     check = next(each for each in document["checks"] if each["id"] == "max-separable")
     holder = check["domain"] if name == "radius" else check
     holder[name] = sign * holder[name]
     assert not recheck(json.dumps(document).encode(), problem).holds
-    assert any(text.startswith("max-separable") for text in Oracle(problem).false_claims(document))
+    said = oracle.false_claims(document)
+    assert any(text.startswith("max-separable") for text in said)
 
 
 def test_random_changes_of_regional_claims_reach_the_domain_and_every_exact_value():
@@ -292,7 +300,8 @@ def test_no_region_of_two_agents_holds_another_equilibrium():
 def test_linear_networks_are_proved_where_the_eigenvalues_are_stable_and_never_too_fast():
     tally = linear_campaign(range(6))
     assert not tally.wrong, tally.wrong
-    assert {name.rpartition(":")[0] for name in tally.counts} == {
+    found = {name.rpartition(":")[0] for name in tally.counts}
+    assert found == {
         "linear stable",
         "linear not stable",
     }

@@ -59,11 +59,14 @@ def test_claimed_is_the_text_and_not_the_binary_number():
 
 
 def test_the_largest_proved_number_lies_just_below_a_good_estimate():
-    assert largest_proved(2.0, lambda x: x < 2) == pytest.approx(2.0, rel=1e-8)
-    assert largest_proved(2.1, lambda x: x < 2) == pytest.approx(1.89)
+    found = largest_proved(2.0, lambda x: x < 2)
+    assert found == pytest.approx(2.0, rel=1e-8)
+    found = largest_proved(2.1, lambda x: x < 2)
+    assert found == pytest.approx(1.89)
     assert largest_proved(2.0, lambda x: x <= 0) == 0.0
     assert largest_proved(2.0, lambda x: False) is None
-    assert [largest_proved(x, lambda x: x < 2) for x in (math.nan, -1.0, math.inf)] == [0.0] * 3
+    found = [largest_proved(x, lambda x: x < 2) for x in (math.nan, -1.0, math.inf)]
+    assert found == [0.0] * 3
 
 
 def test_decimals_are_never_below_what_is_asked():
@@ -80,7 +83,8 @@ def test_decimals_are_never_below_what_is_asked():
         exact = Fraction(value)
         found = claimed(decimal_above(exact))
         assert exact <= found <= exact * (1 + Fraction(1, 10**9)) + Fraction(1, 10**9)
-    assert [decimal_above(Fraction(x)) for x in ("4", "0.5", "0.1", "0")] == [4.0, 0.5, 0.1, 0.0]
+    answer = [decimal_above(Fraction(x)) for x in ("4", "0.5", "0.1", "0")]
+    assert answer == [4.0, 0.5, 0.1, 0.0]
 
 
 @given(st.fractions())
@@ -153,9 +157,11 @@ def test_both_programs_take_common_denominators_as_long_as_the_format_page_says(
     fits = [Fraction(1, 2 ** (bits - 1)), Fraction(3, 4)]
     assert has_short_denominator(fits, bits)
     short(fits, bits)
-    assert not has_short_denominator([*fits, Fraction(1, 3)], bits)
+    values = [*fits, Fraction(1, 3)]
+    assert not has_short_denominator(values, bits)
+    numbers = [*fits, Fraction(1, 3)]
     with pytest.raises(Refused, match="common denominator"):
-        short([*fits, Fraction(1, 3)], bits)
+        short(numbers, bits)
 
 
 @given(st.fractions(min_value=Fraction(1, 10**6), max_value=10**6), st.sampled_from([3, 4, 6]))
@@ -199,12 +205,14 @@ def test_what_was_found_last_belongs_to_the_place_and_is_handed_on():
         starts.append(before)
         return f"at {x}" if x <= 6 else None
 
-    assert last_found(find, "nothing", 0.0, 8.0, steps=3) == (6.0, "at 6.0")
+    found = last_found(find, "nothing", 0.0, 8.0, steps=3)
+    assert found == (6.0, "at 6.0")
     assert starts == ["nothing", "at 4.0", "at 6.0"]
 
 
 def test_nothing_that_is_found_leaves_what_there_was():
-    assert last_found(lambda x, before: None, "nothing", 0.0, 8.0, steps=3) == (0.0, "nothing")
+    found = last_found(lambda x, before: None, "nothing", 0.0, 8.0, steps=3)
+    assert found == (0.0, "nothing")
 
 
 def test_an_answer_far_below_the_end_is_met_by_dividing():

@@ -27,7 +27,9 @@ N = 12
 
 def modes(order=range(N)) -> dict[str, list[list[int]]]:
     """Two digraphs on twelve agents, named by ``order``."""
-    first = [[order[i] + 1, order[(i + 1) % N] + 1, i % 3 + 1] for i in range(N)]
+    first = []
+    for i in range(N):
+        first.append([order[i] + 1, order[(i + 1) % N] + 1, i % 3 + 1])
     second = [[order[i] + 1, order[(i + 5) % N] + 1, 2] for i in range(N)]
     return {"a": first, "b": second}
 
@@ -60,12 +62,14 @@ def error_system(problem: dd.Problem, mode: str):
     own = np.eye(problem.n)
     J = consensus_jacobian(loop_of(problem), mode).toarray() - pinning_matrix(problem).toarray()
     to_errors = np.kron(own, C)
-    return np.block([[J, to_errors], [0 * to_errors.T, np.kron(own, A - W @ C)]])
+    arrays = [[J, to_errors], [0 * to_errors.T, np.kron(own, A - W @ C)]]
+    return np.block(arrays)
 
 
 def errors(trajectory, k: int):
     x = (trajectory.x[k] - trajectory.goal).ravel()
-    return np.concatenate([x, (trajectory.xi[k] - trajectory.xihat[k]).ravel()])
+    arrays = [x, (trajectory.xi[k] - trajectory.xihat[k]).ravel()]
+    return np.concatenate(arrays)
 
 
 @pytest.mark.parametrize("observer", ROUTES)
@@ -179,19 +183,22 @@ def exponential_series():
 
 def test_the_error_falls_with_the_tolerance_at_the_order_of_the_method():
     """DOP853 has order 8: halving the steps makes the error at the end about 256 times smaller."""
-    network = dd.Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to")
+    arcs = [[1, 2], [2, 1]]
+    network = dd.Network.from_arcs(arcs, arrow="listens_to")
     problem = dd.Problem(network=network, coupling="exp(y) - 1 + y", gains={"1": "1/2"})
     wanted = np.array(taylor(0.5, (0.5, -1.0), 4.0))
     work = []
     off = []
     for tolerance in 10.0 ** -np.arange(4, 13):
-        run = simulate(problem, start=[[0.5], [-1.0]], t_final=4.0, tolerance=tolerance, samples=2)
+        start = [[0.5], [-1.0]]
+        run = simulate(problem, start=start, t_final=4.0, tolerance=tolerance, samples=2)
         work.append(run.evaluations)
         off.append(np.abs(run.x[-1, :, 0] - wanted).max())
     order = -np.polyfit(np.log(work), np.log(off), 1)[0]
     assert 6.5 < order < 9.5
     assert off[-1] < 1e-11
-    assert all(b < a for a, b in zip(off, off[2:], strict=False))
+    for a, b in zip(off, off[2:], strict=False):
+        assert b < a
 
 
 def test_example_2_with_switching_agrees_with_cvodes():
@@ -200,7 +207,8 @@ def test_example_2_with_switching_agrees_with_cvodes():
     signal = Periodic(dwell=0.4)
     run = simulate(problem, signal=signal, t_final=2.0, samples=6)
     start = run.x[0].ravel()
-    state = np.concatenate([start, run.xi[0].ravel(), -np.kron(start, [3.2, 2.4])])
+    arrays = [start, run.xi[0].ravel(), -np.kron(start, [3.2, 2.4])]
+    state = np.concatenate(arrays)
     x = ca.SX.sym("x", 10)
     xi = ca.SX.sym("xi", 20)
     z = ca.SX.sym("z", 20)
@@ -210,8 +218,10 @@ def test_example_2_with_switching_agrees_with_cvodes():
         loop = {"x": ca.vertcat(x, xi, z), "ode": ca.vertcat(*slope)}
         step = ca.integrator("loop", "cvodes", loop, 0, 0.4, exactly)
         state = step(x0=state)["xf"].full().ravel()
-        np.testing.assert_allclose(run.x[k + 1].ravel(), state[:10], atol=1e-8)
-        np.testing.assert_allclose(run.xi[k + 1].ravel(), state[10:30], atol=1e-8)
+        actual = run.x[k + 1].ravel()
+        np.testing.assert_allclose(actual, state[:10], atol=1e-8)
+        actual = run.xi[k + 1].ravel()
+        np.testing.assert_allclose(actual, state[10:30], atol=1e-8)
 
 
 def test_example_1_tracks_within_a_percent_after_three_seconds_and_reaches_the_target():
@@ -221,7 +231,8 @@ def test_example_1_tracks_within_a_percent_after_three_seconds_and_reaches_the_t
         start = np.random.default_rng(seed).uniform(0, 5, size=(10, 1))
         run = simulate(problem, start=start)
         late = run.times >= 3
-        assert run.estimation_error()[late].max() < 0.01 * np.abs(run.d).max()
+        found = run.estimation_error()[late].max()
+        assert found < 0.01 * np.abs(run.d).max()
         assert run.final_error < 1e-3
         np.testing.assert_allclose(run.x[-1], 1, atol=1e-3)
 
@@ -238,7 +249,8 @@ def test_example_1_without_its_observer_stays_away_from_the_target():
         round = (run.times >= begin) & (run.times < begin + 2 * np.pi)
         peaks.append(run.error()[round].max())
     assert peaks[1] == pytest.approx(peaks[0], rel=1e-2)
-    assert simulate(dd.load_problem("paper-fixed"), t_final=60).error()[-1] < 1e-9
+    found = simulate(dd.load_problem("paper-fixed"), t_final=60).error()
+    assert found[-1] < 1e-9
 
 
 def test_starts_are_drawn_in_the_region_and_without_one_within_one_of_the_goal():
@@ -260,25 +272,32 @@ def test_starts_are_drawn_in_the_region_and_without_one_within_one_of_the_goal()
 
 
 def test_the_seed_decides_the_start_and_the_problem_where_the_disturbance_begins():
-    problem = ring(gains=1, simulation={"seed": 7, "t_final": 1})
+    simulation = {"seed": 7, "t_final": 1}
+    problem = ring(gains=1, simulation=simulation)
     first = simulate(problem, samples=3)
     again = simulate(problem, seed=7, samples=3)
     other = simulate(problem, seed=8)
     assert np.array_equal(first.x, again.x)
     assert not np.array_equal(first.x[0], other.x[0])
-    assert (first.seed, first.t_final) == (7, 1)
+    assert first.seed == 7
+    assert first.t_final == 1
     trajectory = simulate(planar(), samples=2)
     np.testing.assert_allclose(trajectory.xihat[0], 0, atol=1e-15)
-    assert trajectory.xi[0].tolist() == [[1, 0, 2], [0, 1, -1], [3, 0, 0]]
+    found = trajectory.xi[0].tolist()
+    expected = [[1, 0, 2], [0, 1, -1], [3, 0, 0]]
+    assert found == expected
     without = simulate(ring(exosystem=HARMONIC, observer=PRINTED, gains=1), samples=2, t_final=1)
-    assert np.array_equal(without.xi[0], np.ones((10, 2)))
+    wanted = np.ones((10, 2))
+    assert np.array_equal(without.xi[0], wanted)
 
 
 def test_trial_steps_that_overflow_are_rejected_and_the_run_goes_on():
     """exp(50) at the start."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        trajectory = simulate(ring(gains={"1": 5}, region={"initial_states": [0, 50]}), t_final=2)
+        region = {"initial_states": [0, 50]}
+        problem = ring(gains={"1": 5}, region=region)
+        trajectory = simulate(problem, t_final=2)
     assert not trajectory.diverged
     assert trajectory.final_error < trajectory.error()[0]
 
@@ -288,11 +307,13 @@ def test_the_implicit_method_agrees_with_the_matrix_exponential():
     trajectory = simulate(problem, t_final=3, samples=31)
     assert trajectory.method == "Radau"
     assert "implicit" in trajectory.notes[-1]
-    assert simulate(ring("y", gains={"1": 1}), t_final=2).method == "DOP853"
+    found = simulate(ring("y", gains={"1": 1}), t_final=2)
+    assert found.method == "DOP853"
     J = consensus_jacobian(loop_of(problem), "G").toarray() - pinning_matrix(problem).toarray()
     for k in (1, 10, 30):
         wanted = expm(J * trajectory.times[k]) @ trajectory.x[0].ravel()
-        np.testing.assert_allclose(trajectory.x[k].ravel(), wanted, atol=1e-6)
+        actual = trajectory.x[k].ravel()
+        np.testing.assert_allclose(actual, wanted, atol=1e-6)
 
 
 def test_runs_in_several_threads_do_not_disturb_each_other():
@@ -305,7 +326,9 @@ def test_runs_in_several_threads_do_not_disturb_each_other():
 
 def test_a_gain_can_be_handed_over_and_a_missing_one_is_refused():
     problem = ring(gains=1, exosystem=HARMONIC)
-    assert simulate(problem, gain=[["16/5"], ["12/5"]], t_final=1).estimation_error()[-1] < 1
+    gain = [["16/5"], ["12/5"]]
+    found = simulate(problem, gain=gain, t_final=1).estimation_error()
+    assert found[-1] < 1
     with pytest.raises(SpecError, match=r"observer\.W must be known to build the observer"):
         simulate(problem)
     with pytest.raises(ShapeError, match="gain must have shape"):
@@ -318,7 +341,8 @@ def test_a_fixed_point_stays_fixed_to_rounding(observer: str):
     xi = starts()[1]
     start = {"x": np.ones((N, 1)), "xi": xi, "xihat": xi}
     run = simulate(loop(), start=start, signal=Periodic(dwell=0.5), observer=observer)
-    assert run.error().max() < (1e-15 if observer == "closed-form" else 1e-9)
+    found = run.error().max()
+    assert found < (1e-15 if observer == "closed-form" else 1e-9)
     assert np.abs(run.d).max() > 1
 
 
@@ -326,12 +350,14 @@ def test_permuting_the_agents_permutes_the_result():
     order = np.random.default_rng(0).permutation(N)
     x, xi = starts()
     given = {"signal": Periodic(dwell=0.5), "t_final": 4, "samples": 81}
-    one = simulate(loop(), start={"x": x, "xi": xi}, **given)
+    start = {"x": x, "xi": xi}
+    one = simulate(loop(), start=start, **given)
     moved_x = np.empty_like(x)
     moved_xi = np.empty_like(xi)
     moved_x[order] = x
     moved_xi[order] = xi
-    other = simulate(loop(order.tolist()), start={"x": moved_x, "xi": moved_xi}, **given)
+    start = {"x": moved_x, "xi": moved_xi}
+    other = simulate(loop(order.tolist()), start=start, **given)
     np.testing.assert_allclose(other.x[:, order], one.x, atol=1e-9)
     np.testing.assert_allclose(other.u[:, order], one.u, atol=1e-8)
 
@@ -339,23 +365,29 @@ def test_permuting_the_agents_permutes_the_result():
 def test_the_active_mode_stands_at_every_sample():
     samples = [0, 0.25, 0.5, 1.2, 1.75, 2]
     run = simulate(loop(), signal=Periodic(dwell=0.5), t_final=2, samples=samples)
-    assert run.mode_index.tolist() == [0, 0, 1, 0, 1, 1]
-    assert [sample.mode for sample in run] == ["a", "a", "b", "a", "b", "b"]
+    expected = [0, 0, 1, 0, 1, 1]
+    assert run.mode_index.tolist() == expected
+    found = [sample.mode for sample in run]
+    expected = ["a", "a", "b", "a", "b", "b"]
+    assert found == expected
     assert run.mode == "a, b (periodic, 0.5 s each)"
-    assert [sample.time for sample in run] == run.times.tolist()
+    found = [sample.time for sample in run]
+    assert found == run.times.tolist()
     assert len(run) == 6
     assert np.array_equal(next(iter(run)).x, run.x[0])
 
 
 def test_a_run_that_blows_up_between_two_samples_keeps_its_rise():
     """x1' = (x1 - x2)^3 with x2 = 0: x1 = x0 / sqrt(1 - 2 x0^2 t), at every sample that is left."""
-    run = simulate(pair("-y**3"), start=[[1], [0]], t_final=10, samples=11)
+    start = [[1], [0]]
+    run = simulate(pair("-y**3"), start=start, t_final=10, samples=11)
     assert run.diverged
     assert len(run) > 20
     assert (np.diff(run.times) > 0).all()
     early = run.times < 0.4999
     wanted = 1 / np.sqrt(1 - 2 * run.times[early])
-    np.testing.assert_allclose(run.x[early, 0, 0], wanted, rtol=1e-4)
+    actual = run.x[early, 0, 0]
+    np.testing.assert_allclose(actual, wanted, rtol=1e-4)
     assert early.sum() > 5
 
 
@@ -365,16 +397,20 @@ def test_a_loop_that_turns_stiff_is_taken_over_by_the_implicit_method():
 
     At rest it is in the middle, because h is odd.
     """
-    network = dd.Network.from_arcs([[1, 2], [1, 3]], arrow="listens_to", agents=3)
+    arcs = [[1, 2], [1, 3]]
+    network = dd.Network.from_arcs(arcs, arrow="listens_to", agents=3)
     problem = dd.Problem(network=network, coupling="y + 100*y**3")
-    run = simulate(problem, start=[[1], [40], [-30]], t_final=2.0)
-    np.testing.assert_allclose(run.x[-1, :, 0], [5, 40, -30], rtol=1e-9)
+    start = [[1], [40], [-30]]
+    run = simulate(problem, start=start, t_final=2.0)
+    actual = run.x[-1, :, 0]
+    np.testing.assert_allclose(actual, [5, 40, -30], rtol=1e-9)
     assert run.method == "DOP853, then Radau"
     assert "turned out to be stiff" in run.notes[0]
 
 
 def test_an_observer_that_is_too_fast_for_the_closed_form_is_integrated_and_said():
-    observer = dd.Observer(W=[[2 * 10**6], ["12/5"]])
+    W = [[2 * 10**6], ["12/5"]]
+    observer = dd.Observer(W=W)
     run = simulate(loop(observer=observer), mode="a", t_final=1.0)
     assert "its error was integrated" in " ".join(run.notes)
     assert not run.diverged
@@ -384,7 +420,8 @@ def test_large_networks_get_fewer_samples_unless_asked():
     times, notes = module._times(None, 1.0, 1 << 24)
     assert len(times) == 4
     assert "4 samples only" in notes[0]
-    assert len(module._times(401, 1.0, 1 << 24)[0]) == 401
+    found = module._times(401, 1.0, 1 << 24)
+    assert len(found[0]) == 401
 
 
 DIVERGING = {}  # problem; why its run ends; s between which it does

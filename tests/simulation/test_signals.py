@@ -55,7 +55,8 @@ def test_the_seed_decides_the_switches(signal):
     assert first.times[-1] < 30
     assert (np.diff(first.modes) != 0).all()
     other = scheduled_switches(signal, NAMES, 30.0, 6)
-    assert np.array_equal(first.times, other.times) == (signal in GIVEN)
+    found = np.array_equal(first.times, other.times)
+    assert found == (signal in GIVEN)
 
 
 def test_a_random_signal_draws_each_mode_equally_often():
@@ -63,14 +64,17 @@ def test_a_random_signal_draws_each_mode_equally_often():
     deviations."""
     found = scheduled_switches(RandomDwell(dwell=0.5), NAMES, 1500.0, 1)
     modes = found.at(0.5 * np.arange(3000) + 0.1)
-    assert np.abs(np.bincount(modes) - 1000).max() < 4 * np.sqrt(3000 * 2 / 9)
-    assert set((found.times / 0.5 % 1).tolist()) == {0.0}
+    answer = np.abs(np.bincount(modes) - 1000).max()
+    assert answer < 4 * np.sqrt(3000 * 2 / 9)
+    answer = (found.times / 0.5 % 1).tolist()
+    assert set(answer) == {0.0}
 
 
 @pytest.mark.parametrize("seed", range(20))
 def test_with_a_longest_time_modes_differ_and_last_between_the_two_times(seed):
     names = NAMES[: 2 + seed % 2]
-    found = scheduled_switches(RandomDwell(dwell=0.3, longest=0.5), names, 100.0, seed)
+    signal = RandomDwell(dwell=0.3, longest=0.5)
+    found = scheduled_switches(signal, names, 100.0, seed)
     stays = np.diff(found.times)
     assert stays.min() >= 0.3 - 1e-12
     assert stays.max() <= 0.5 + 1e-12
@@ -88,14 +92,20 @@ def test_a_markov_signal_stays_and_jumps_as_its_generator_says():
         assert abs(own.mean() * rate - 1) < 4 / np.sqrt(len(own))
     after = found.modes[1:][modes == 0]
     assert abs((after == 1).mean() - 2 / 3) < 4 * np.sqrt(2 / 9 / len(after))
-    assert set(found.modes[1:][modes == 1].tolist()) == {0}
+    answer = found.modes[1:][modes == 1].tolist()
+    assert set(answer) == {0}
 
 
 def test_at_an_instant_of_switching_the_new_mode_is_active_and_one_never_left_ends_the_signal():
-    found = scheduled_switches(Schedule(times=[0, 1.5, 2], modes=["a", "c", "a"]), NAMES, 5.0, 0)
-    assert found.at(np.array([0, 1.4, 1.5, 1.9, 2, 5])).tolist() == [0, 0, 2, 2, 0, 0]
-    once = Markov(generator=[[-1, 1], [0, 0]])
-    assert scheduled_switches(once, ("a", "b"), 1e9, 0).modes.tolist() == [0, 1]
+    signal = Schedule(times=[0, 1.5, 2], modes=["a", "c", "a"])
+    found = scheduled_switches(signal, NAMES, 5.0, 0)
+    answer = found.at(np.array([0, 1.4, 1.5, 1.9, 2, 5])).tolist()
+    expected = [0, 0, 2, 2, 0, 0]
+    assert answer == expected
+    generator = [[-1, 1], [0, 0]]
+    once = Markov(generator=generator)
+    answer = scheduled_switches(once, ("a", "b"), 1e9, 0).modes.tolist()
+    assert answer == [0, 1]
     assert "for ever" in str(once)
 
 
@@ -150,27 +160,33 @@ def test_a_signal_that_names_another_mode_is_refused(signal):
 
 
 def switched(section: dd.Switching | None, modes: str = "abc") -> dd.Problem:
-    network = dd.Network.from_arcs({name: [[1, 2]] for name in modes}, arrow="listens_to", agents=2)
+    arcs = {name: [[1, 2]] for name in modes}
+    network = dd.Network.from_arcs(arcs, arrow="listens_to", agents=2)
     return dd.Problem(network=network, coupling="y", switching=section)
 
 
 def chosen(modes: str = "abc", **section):
     """The signal of a section, and what is said of it."""
-    return signal_of(switched(dd.Switching(**section), modes))
+    problem = switched(dd.Switching(**section), modes)
+    return signal_of(problem)
 
 
 def test_sections_become_signals_and_what_was_chosen_or_is_not_used_is_said():
-    assert chosen(signal="periodic", dwell=2) == (Periodic(dwell=2), None)
+    found = chosen(signal="periodic", dwell=2)
+    assert found == (Periodic(dwell=2), None)
     signal, remark = chosen(signal="random")
     assert signal == RandomDwell(dwell=0.5)
     assert "switching.dwell is not given: 0.5 s" in remark
     signal, remark = chosen(signal="markov", dwell="1/2")
-    assert signal == Markov(generator=[[-2, 1, 1], [1, -2, 1], [1, 1, -2]])
+    generator = [[-2, 1, 1], [1, -2, 1], [1, 1, -2]]
+    assert signal == Markov(generator=generator)
     assert "equally likely" in remark
     kept = RandomDwell(dwell=1 / 3, longest=2)
-    assert chosen(guarantee="dwell", dwell="1/3", longest=2) == (kept, None)
+    found = chosen(guarantee="dwell", dwell="1/3", longest=2)
+    assert found == (kept, None)
     assert chosen("a", signal="random")[0] == Fixed()
-    assert signal_of(switched(None, "a")) == (Fixed(), None)
+    found = signal_of(switched(None, "a"))
+    assert found == (Fixed(), None)
     assert "a is active throughout" in signal_of(switched(None))[1]
     _, remark = chosen("ab", signal="mobile", radius=1, dwell=2)
     assert remark == "switching.dwell is not used by a mobile signal."

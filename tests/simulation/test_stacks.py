@@ -64,7 +64,8 @@ def in_both(name: str, other: str):
 @pytest.mark.parametrize("stress", EVERY, ids=[*CONTINUOUS, *SAMPLED])
 def test_every_stress_gives_the_runs_that_single_ones_give(stress: Stress):
     """Modes change within the time between two exchanges."""
-    agree(nonlinear_planar(), stress, signal=RandomDwell(dwell=0.13 if stress.period else 0.07))
+    signal = RandomDwell(dwell=0.13 if stress.period else 0.07)
+    agree(nonlinear_planar(), stress, signal=signal)
 
 
 @in_both("everything", "all at once")
@@ -74,13 +75,16 @@ def test_agents_that_do_not_heed_their_observer_are_the_same_too(stress: Stress)
 
 @in_both("lost", "lost")
 def test_graphs_of_a_given_motion_are_shared(stress: Stress):
-    motion = Waypoints(times=(0, 1), positions=[[[0], [1], [2]], [[0], [1], [9]]])
-    agree(nonlinear_planar(), stress, signal=Mobile(radius=1.5, motion=motion))
+    positions = [[[0], [1], [2]], [[0], [1], [9]]]
+    motion = Waypoints(times=(0, 1), positions=positions)
+    signal = Mobile(radius=1.5, motion=motion)
+    agree(nonlinear_planar(), stress, signal=signal)
 
 
 def test_a_gain_for_the_sampled_observer_takes_its_place():
     gain = ((0.1, 0), (0, 0.1), (0.05, 0))
-    agree(nonlinear_planar(), Stress(period=0.1, sampled_gain=gain), mode="one")
+    stress = Stress(period=0.1, sampled_gain=gain)
+    agree(nonlinear_planar(), stress, mode="one")
 
 
 class ByHand:
@@ -106,10 +110,12 @@ class ByHand:
     @staticmethod
     def problem() -> dd.Problem:
         arcs = [[i + 1, j + 1] for i, j in ByHand.arcs]
+        network = dd.Network.from_arcs(arcs, arrow="listens_to", agents=3)
+        gains = {"1": 1, "3": "1/2"}
         return dd.Problem(
-            network=dd.Network.from_arcs(arcs, arrow="listens_to", agents=3),
+            network=network,
             coupling="sinh(y)",
-            gains={"1": 1, "3": "1/2"},
+            gains=gains,
             exosystem=HARMONIC,
             observer=PRINTED,
         )
@@ -164,7 +170,8 @@ class ByHand:
         spacing = self.stress.exchange
         due = [spacing * k for k in range(round(end / spacing))]
         times = sorted({*due, *(failure.time for failure in self.stress.failures), end})
-        y = np.concatenate([x, xi.ravel(), -np.outer(x, W).ravel()])
+        arrays = [x, xi.ravel(), -np.outer(x, W).ravel()]
+        y = np.concatenate(arrays)
 
         def known(y: np.ndarray) -> np.ndarray:
             return y[9:].reshape(3, 2) + np.outer(y[:3] + self.noise, W)
@@ -175,7 +182,8 @@ class ByHand:
             felt = self.felt(y[:3], xihat @ C)
             z = xihat @ (A - np.outer(W, C)).T - np.outer(felt, W)
             x_dot = felt + xi @ C + self.push(time)
-            return np.concatenate([x_dot, (xi @ A.T).ravel(), z.ravel()])
+            arrays = [x_dot, (xi @ A.T).ravel(), z.ravel()]
+            return np.concatenate(arrays)
 
         exactly = {"method": "LSODA", "rtol": 1e-10, "atol": 1e-12, "max_step": 0.01}
         for begin, until in pairwise(times):
@@ -232,18 +240,22 @@ def test_everything_at_once_is_what_a_loop_over_agents_gives(kind: str):
     given = {"seed": 3, "t_final": 1.5, "samples": 4, "stress": stress}
     run = simulate(ByHand.problem(), start=start, **given)
     wanted = getattr(ByHand(stress, 3), kind)(np.array([1, -1, 0.5]), xi, 1.5)
-    np.testing.assert_allclose(run.x[-1, :, 0], wanted, atol=1e-7)
+    actual = run.x[-1, :, 0]
+    np.testing.assert_allclose(actual, wanted, atol=1e-7)
 
 
 def test_without_an_exosystem_only_the_push_is_a_disturbance():
-    network = dd.Network.from_arcs([[1, 2], [2, 3], [3, 1]], arrow="listens_to")
-    agree(dd.Problem(network=network, coupling="sin(y)", gains={"1": 1}), EVERYTHING)
+    arcs = [[1, 2], [2, 3], [3, 1]]
+    network = dd.Network.from_arcs(arcs, arrow="listens_to")
+    problem = dd.Problem(network=network, coupling="sin(y)", gains={"1": 1})
+    agree(problem, EVERYTHING)
 
 
 def test_runs_that_leave_the_floats_end_where_single_ones_do_and_the_others_go_on():
     """e' = e^3 - e: some starts escape, and noise only shakes them."""
     network = dd.Network.from_arcs([[1, 2]], arrow="listens_to", agents=2)
-    problem = dd.Problem(network=network, coupling="y - y**3", region={"initial_states": [0, 2]})
+    region = {"initial_states": [0, 2]}
+    problem = dd.Problem(network=network, coupling="y - y**3", region=region)
     many = agree(problem, Stress(noise=0.01), runs=4, t_final=0.5, tolerance=1e-8)
     assert many.diverged.tolist() == [False, False, False, True]
     assert np.isfinite(many.error[~many.diverged]).all()
@@ -271,12 +283,16 @@ def test_too_many_exchanges_are_refused_before_anything_is_integrated(runs: int 
 
 def test_an_observer_of_a_growing_disturbance_is_followed_through_the_noise():
     """A has an eigenvalue 1: xi grows while eps decays, and every draw makes eps jump."""
-    network = dd.Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to")
+    arcs = [[1, 2], [2, 1]]
+    network = dd.Network.from_arcs(arcs, arrow="listens_to")
+    exosystem = dd.Exosystem(A=[[1]], C=[[1]])
+    observer = dd.Observer(W=[[5]])
     problem = dd.Problem(
         network=network,
         coupling="y",
         gains=1,
-        exosystem=dd.Exosystem(A=[[1]], C=[[1]]),
-        observer=dd.Observer(W=[[5]]),
+        exosystem=exosystem,
+        observer=observer,
     )
-    agree(problem, Stress(noise=0.1, saturation=3.0), t_final=1.0)
+    stress = Stress(noise=0.1, saturation=3.0)
+    agree(problem, stress, t_final=1.0)

@@ -48,8 +48,10 @@ def test_a_saturated_agent_falls_in_a_straight_line_until_its_input_is_small_eno
     run = simulate(single(), start=[[3]], t_final=5, samples=101, **limited)
     t = run.times
     wanted = np.where(t <= 2.5, 3 - t, 0.5 * np.exp(-2 * np.maximum(0, t - 2.5)))
-    np.testing.assert_allclose(run.x[:, 0, 0], wanted, atol=1e-7)
-    np.testing.assert_allclose(run.u[:, 0, 0], -np.minimum(1, 2 * wanted), atol=1e-7)
+    actual = run.x[:, 0, 0]
+    np.testing.assert_allclose(actual, wanted, atol=1e-7)
+    actual = run.u[:, 0, 0]
+    np.testing.assert_allclose(actual, -np.minimum(1, 2 * wanted), atol=1e-7)
 
 
 def test_the_discretised_observer_lies_in_its_exact_enclosure():
@@ -73,29 +75,36 @@ def test_between_samples_a_held_loop_follows_its_integral():
     speed = np.gradient(run.x[inside, 0, 0], run.times[inside])
     rest = (speed - run.d[inside, 0, 0])[2:-2]
     assert np.ptp(rest) < 1e-5
-    assert np.ptp(run.u[inside, 0, 0]) == 0
+    found = np.ptp(run.u[inside, 0, 0])
+    assert found == 0
 
 
 def test_a_gain_for_the_sampled_observer_can_be_given():
     """Deadbeat for a constant disturbance: A = 0, Cd = 1, L = 1 makes eps vanish after one
     sample."""
-    problem = single(exosystem=dd.Exosystem(A=[[0]], C=[[1]]), observer=dd.Observer(W=[[1]]))
-    run = simulate(problem, t_final=1, samples=11, stress=Stress(period=0.1, sampled_gain=[[1]]))
+    exosystem = dd.Exosystem(A=[[0]], C=[[1]])
+    observer = dd.Observer(W=[[1]])
+    problem = single(exosystem=exosystem, observer=observer)
+    stress = Stress(period=0.1, sampled_gain=[[1]])
+    run = simulate(problem, t_final=1, samples=11, stress=stress)
     np.testing.assert_allclose(run.dhat[1:], run.d[1:], atol=1e-12)
     assert abs(run.dhat[0, 0, 0] - run.d[0, 0, 0]) == 1
+    stress = Stress(period=0.1, sampled_gain=[[1, 2]])
     with pytest.raises(ShapeError, match=r"sampled_gain must have shape \(1, 1\)"):
-        simulate(problem, stress=Stress(period=0.1, sampled_gain=[[1, 2]]))
+        simulate(problem, stress=stress)
 
 
 def test_links_that_stay_keep_what_was_heard_and_new_ones_hold_nothing():
     modes = {"a": [[1, 2], [2, 3]], "b": [[3, 1], [2, 3]]}
-    problem = dd.Problem(network=dd.Network.from_arcs(modes, arrow="listens_to"), coupling="y")
+    network = dd.Network.from_arcs(modes, arrow="listens_to")
+    problem = dd.Problem(network=network, coupling="y")
     signal = Periodic(dwell=0.15)
     setting = make_setting(problem, gain=None, stress=Stress(exchange=0.1), signal=signal)
     switches = setting.switches(0)
     starts = [setting.starts.draw(0)]
     runs = StressedRuns(setting=setting, starts=starts, seeds=[0], switches=[switches])
-    heard = Heard(runs, np.array([0.0, 0.1]), keep=True)
+    instants = np.array([0.0, 0.1])
+    heard = Heard(runs, instants, keep=True)
     heard.exchange(0, np.array([[[10.0]], [[20.0]], [[30.0]]]))
     heard.tune(np.array([0]), np.array([1]))
     second = heard.links[1]
@@ -105,7 +114,8 @@ def test_links_that_stay_keep_what_was_heard_and_new_ones_hold_nothing():
     new, stayed = values[:, 0, 0]
     assert stayed == 30
     assert np.isnan(new)
-    assert second.felt(np.zeros((3, 1, 1)), values).ravel().tolist() == [0, 30, 0]
+    found = second.felt(np.zeros((3, 1, 1)), values).ravel().tolist()
+    assert found == [0, 30, 0]
 
 
 @pytest.mark.parametrize("period", [None, 0.004])
@@ -113,14 +123,18 @@ def test_a_vanished_agent_drifts_and_is_heard_by_nobody(period: float | None):
     """Agent 2 is held at 0 by k = 2 until it vanishes at 1 s; then x_2' = d = 1, and agent 1, free,
     stays."""
     constant = dd.Exosystem(A=[[0]], C=[[1]])
-    problem = pair(gains={"2": 2}, exosystem=constant, observer=dd.Observer(W=[[5]]))
-    stress = Stress(period=period, failures=(Failure(agent="2", time=1.0),))
+    observer = dd.Observer(W=[[5]])
+    problem = pair(gains={"2": 2}, exosystem=constant, observer=observer)
+    failures = (Failure(agent="2", time=1.0),)
+    stress = Stress(period=period, failures=failures)
     start = {"x": [[4], [0]], "xi": [[0], [1]], "xihat": [[0], [1]]}
     run = simulate(problem, start=start, t_final=3, samples=31, stress=stress)
     after = run.times >= 1
     wanted = np.where(after, run.times - 1, 0)
-    np.testing.assert_allclose(run.x[:, 1, 0], wanted, atol=5e-3 if period else 1e-7)
-    assert np.ptp(run.x[after, 0, 0]) < 1e-7
+    actual = run.x[:, 1, 0]
+    np.testing.assert_allclose(actual, wanted, atol=5e-3 if period else 1e-7)
+    found = np.ptp(run.x[after, 0, 0])
+    assert found < 1e-7
     assert run.x[10, 0, 0] == pytest.approx(4 * np.exp(-1), abs=1e-2 if period else 1e-6)
     assert not run.u[after, 1].any()
 
@@ -128,12 +142,16 @@ def test_a_vanished_agent_drifts_and_is_heard_by_nobody(period: float | None):
 def test_a_frozen_agent_keeps_its_input_and_what_others_hear_of_it():
     """At 1 s agent 2 is at exp(-2) with u = -2 exp(-2): it falls on in a line; agent 1 goes to
     exp(-2)."""
-    stress = Stress(failures=(Failure(agent="2", time=1.0, kind="freeze"),))
-    run = simulate(pair(gains={"2": 2}), start=[[4], [1]], t_final=20, samples=201, stress=stress)
+    failures = (Failure(agent="2", time=1.0, kind="freeze"),)
+    stress = Stress(failures=failures)
+    problem = pair(gains={"2": 2})
+    start = [[4], [1]]
+    run = simulate(problem, start=start, t_final=20, samples=201, stress=stress)
     late = run.times >= 1
     value = np.exp(-2)
     line = value - 2 * value * (run.times[late] - 1)
-    np.testing.assert_allclose(run.x[late, 1, 0], line, atol=1e-7)
+    actual = run.x[late, 1, 0]
+    np.testing.assert_allclose(actual, line, atol=1e-7)
     assert run.x[-1, 0, 0] == pytest.approx(value, abs=1e-6)
 
 
@@ -207,14 +225,17 @@ def test_a_mode_that_switches_within_a_period_is_seen_at_the_next_sample():
     """Modes "on" and "off" alternate every 0.15 s: samples at 0, 0.1 and 0.3 find "on", that at 0.2
     finds "off"."""
     modes = {"on": [[1, 2]], "off": [[2, 3]]}
-    problem = dd.Problem(network=dd.Network.from_arcs(modes, arrow="listens_to"), coupling="y")
+    network = dd.Network.from_arcs(modes, arrow="listens_to")
+    problem = dd.Problem(network=network, coupling="y")
     signal = Periodic(dwell=0.15)
     sampled = {"t_final": 0.4, "samples": 5, "stress": Stress(period=0.1)}
-    run = simulate(problem, signal=signal, start=[[1], [0], [0]], **sampled)
+    start = [[1], [0], [0]]
+    run = simulate(problem, signal=signal, start=start, **sampled)
     wanted = [1.0]
     x = 1.0
     on = [True, True, False, True]
     for each in on:
         x = x - 0.1 * x if each else x
         wanted.append(x)
-    np.testing.assert_allclose(run.x[:, 0, 0], wanted, atol=1e-12)
+    actual = run.x[:, 0, 0]
+    np.testing.assert_allclose(actual, wanted, atol=1e-12)

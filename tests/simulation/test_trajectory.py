@@ -21,7 +21,8 @@ def made(errors, *, diverged: bool = False, times=None, name: str = "made") -> d
     error = np.asarray(errors, dtype=float)
     goal = np.array([[1.0], [3.0]])
     x = goal + np.stack([error, -error / 2], axis=1)[:, :, None]
-    nothing = np.zeros((len(error), 2, 0))
+    shape = (len(error), 2, 0)
+    nothing = np.zeros(shape)
     zero = np.zeros_like(x)
     times = np.arange(len(error)) if times is None else times
     return dd.Trajectory(
@@ -44,7 +45,8 @@ def made(errors, *, diverged: bool = False, times=None, name: str = "made") -> d
 
 def test_the_error_is_the_largest_distance_from_a_goal_and_nothing_can_be_changed():
     trajectory = made([4, -2, 1])
-    assert trajectory.error().tolist() == [4, 2, 1]
+    found = trajectory.error().tolist()
+    assert found == [4, 2, 1]
     assert trajectory.final_error == 1
     assert trajectory.estimation_error().tolist() == [0.5] * 3
     assert str(made([4, 1])) == 'made: mode "G", ran to 10 s, |e|_inf from 4 to 1'
@@ -75,11 +77,19 @@ def test_the_settling_time_is_when_the_error_stays_small(errors, tolerance, want
 
 def test_the_decay_rate_is_the_slope_of_the_logarithm_without_integration_error():
     times = np.linspace(0, 3, 20)
-    assert made(5 * np.exp(-0.7 * times), times=times).decay_rate() == pytest.approx(0.7)
-    assert made(5 * np.exp(0.7 * times), times=times).decay_rate() == pytest.approx(-0.7)
-    assert made([0, 0, 0, 0]).decay_rate() is None
+    errors = 5 * np.exp(-0.7 * times)
+    found = made(errors, times=times).decay_rate()
+    assert found == pytest.approx(0.7)
+    errors = 5 * np.exp(0.7 * times)
+    found = made(errors, times=times).decay_rate()
+    assert found == pytest.approx(-0.7)
+    errors = [0, 0, 0, 0]
+    found = made(errors).decay_rate()
+    assert found is None
     times = np.linspace(0, 40, 200)
-    assert made(np.maximum(np.exp(-times), 1e-9), times=times).decay_rate() == pytest.approx(1)
+    errors = np.maximum(np.exp(-times), 1e-9)
+    found = made(errors, times=times).decay_rate()
+    assert found == pytest.approx(1)
 
 
 def example_2(**given) -> dd.Trajectory:
@@ -99,13 +109,15 @@ def switching() -> dd.Trajectory:
 def mobile() -> dd.Trajectory:
     network = dd.Network.from_arcs([["ä", "b c"]], arrow="listens_to", agents=["ä", "b c", "d"])
     problem = dd.Problem(network=network, coupling="-y", target=[0, 1], name="Ω")
-    return simulate(problem, signal=Mobile(radius=1, hysteresis=0.1), t_final=40, samples=11)
+    signal = Mobile(radius=1, hysteresis=0.1)
+    return simulate(problem, signal=signal, t_final=40, samples=11)
 
 
 @cache
 def stressed() -> dd.Trajectory:
     frozen = dd.Failure(agent="3", time=1.0, kind="freeze")
-    return example_2(stress=dd.Stress(noise=0.1, period=0.25, failures=(frozen,)))
+    stress = dd.Stress(noise=0.1, period=0.25, failures=(frozen,))
+    return example_2(stress=stress)
 
 
 STORE = "needs the extra: pip install dobc_design[store]"
@@ -131,7 +143,8 @@ def same(one: dd.Trajectory, other: dd.Trajectory) -> None:
 @pytest.mark.parametrize("name", CASES)
 def test_an_npz_file_gives_the_trajectory_back(tmp_path, name: str):
     run = CASES[name]()
-    same(dd.load_trajectory(run.save(tmp_path / "run.npz")), run)
+    one = dd.load_trajectory(run.save(tmp_path / "run.npz"))
+    same(one, run)
 
 
 def test_a_pandas_table_can_be_grouped_by_what_it_names():
@@ -141,10 +154,14 @@ def test_a_pandas_table_can_be_grouped_by_what_it_names():
     run = mobile()
     frame = run.to_pandas()
     assert frame.columns.names == ["quantity", "agent", "component"]
-    assert list(frame["x"].columns) == [(agent, c) for agent in run.labels for c in (1, 2)]
+    expected = [(agent, c) for agent in run.labels for c in (1, 2)]
+    assert list(frame["x"].columns) == expected
     assert frame.index.tolist() == run.times.tolist()
-    assert frame["x"].abs().max(axis=1).tolist() == np.abs(run.x).max(axis=(1, 2)).tolist()
-    assert frame["mode", "", 0].tolist() == [run.switches.names[k] for k in run.mode_index]
+    found = frame["x"].abs().max(axis=1).tolist()
+    assert found == np.abs(run.x).max(axis=(1, 2)).tolist()
+    found = frame["mode", "", 0].tolist()
+    expected = [run.switches.names[k] for k in run.mode_index]
+    assert found == expected
     assert "xi" not in frame.columns.get_level_values("quantity")  # no disturbance, no columns
 
 
@@ -157,7 +174,8 @@ def test_files_are_not_overwritten_unless_asked_and_other_places_are_refused(tmp
     assert path.read_bytes() == before
     mobile().save(path)
     assert dd.load_trajectory(path).name == "Ω"
-    assert [each.name for each in tmp_path.iterdir()] == ["run.npz"]
+    found = [each.name for each in tmp_path.iterdir()]
+    assert found == ["run.npz"]
     with pytest.raises(SpecError, match=r"saved as \.npz"):
         switching().save(tmp_path / "run.csv")
     with pytest.raises(CertificateError, match="cannot be written"):
@@ -186,15 +204,19 @@ def test_what_is_no_trajectory_is_refused(tmp_path, kind: str):
 
 
 def problem(**settings) -> dd.Problem:
-    network = dd.Network.from_arcs([[1, 2], [2, 3]], arrow="listens_to")
-    exosystem = dd.Exosystem(A=[[0, 1, 0], [-1, 0, 0], [0, 0, 0]], C=[[1, 0, 0], [0, 0, 1]])
+    arcs = [[1, 2], [2, 3]]
+    network = dd.Network.from_arcs(arcs, arrow="listens_to")
+    C = [[1, 0, 0], [0, 0, 1]]
+    exosystem = dd.Exosystem(A=[[0, 1, 0], [-1, 0, 0], [0, 0, 0]], C=C)
+    W = [[1, 0], [0, 0], [0, 1]]
+    observer = dd.Observer(W=W)
     return dd.Problem(
         network=network,
         coupling="y",
         target=[0, 1],
         gains={"3": 1},
         exosystem=exosystem,
-        observer=dd.Observer(W=[[1, 0], [0, 0], [0, 1]]),
+        observer=observer,
         **settings,
     )
 
@@ -216,7 +238,8 @@ def test_the_disturbance_of_a_region_is_drawn_in_its_ball_and_fills_it():
 
 def test_a_given_initial_disturbance_wins_over_the_region():
     region = {"initial_states": [0, 5], "initial_disturbance": 9}
-    start = drawn(region=region, simulation={"xi0": [1, 2, 3]})
+    simulation = {"xi0": [1, 2, 3]}
+    start = drawn(region=region, simulation=simulation)
     assert start.xi.tolist() == [[1, 2, 3]] * 3
     assert not start.xihat.any()
 
@@ -224,14 +247,21 @@ def test_a_given_initial_disturbance_wins_over_the_region():
 def test_parts_of_a_start_can_be_given_and_read_from_csv(tmp_path):
     x = [[1, 2], [3, 4], [5, 6]]
     assert drawn(x).x.tolist() == x
-    assert drawn([7, 8]).x.tolist() == [[7, 8]] * 3
-    assert drawn({"xihat": [1, 0, 0]}).xihat.tolist() == [[1, 0, 0]] * 3
-    assert drawn({"xi": np.ones((3, 3)), "x": x}).xi.tolist() == [[1, 1, 1]] * 3
+    found = drawn([7, 8]).x.tolist()
+    assert found == [[7, 8]] * 3
+    found = drawn({"xihat": [1, 0, 0]}).xihat.tolist()
+    assert found == [[1, 0, 0]] * 3
+    found = drawn({"xi": np.ones((3, 3)), "x": x}).xi.tolist()
+    assert found == [[1, 1, 1]] * 3
     assert np.array_equal(drawn({"xi": [1, 1, 1]}, seed=4).x, drawn(seed=4).x)
     path = tmp_path / "x.csv"
     path.write_text("1,2\n3,4\n\n5.5,-6e0\n", encoding="utf-8")
-    assert drawn(path).x.tolist() == [[1, 2], [3, 4], [5.5, -6]]
-    assert drawn(str(path)).x.tolist() == [[1, 2], [3, 4], [5.5, -6]]
+    found = drawn(path).x.tolist()
+    expected = [[1, 2], [3, 4], [5.5, -6]]
+    assert found == expected
+    found = drawn(str(path)).x.tolist()
+    expected = [[1, 2], [3, 4], [5.5, -6]]
+    assert found == expected
 
 
 def test_a_run_goes_on_where_a_saved_one_stopped(tmp_path):
@@ -314,7 +344,8 @@ def test_a_trajectory_whose_parts_do_not_fit_is_refused(tmp_path, change, messag
     path = tmp_path / "run.npz"
     arrays = stored(path)
     np.savez_compressed(path, **arrays)
-    assert dd.load_trajectory(path).times.tolist() == switching().times.tolist()
+    found = dd.load_trajectory(path).times.tolist()
+    assert found == switching().times.tolist()
     change(arrays)
     np.savez_compressed(path, **arrays)
     with pytest.raises(SpecError, match=rf"does not hold a trajectory \(.*{message}"):

@@ -24,10 +24,13 @@ SADDLE = float(half_difference(3.3))
 
 def settled(problem: Problem, *columns: list[float], horizon: float = 150.0) -> Trials:
     e = np.array(columns, dtype=float).T
-    eps = np.zeros((problem.n, problem.q, e.shape[1]))
-    signals = constant_signals(np.zeros(e.shape[1], dtype=np.int64))
+    shape = (problem.n, problem.q, e.shape[1])
+    eps = np.zeros(shape)
+    modes = np.zeros(e.shape[1], dtype=np.int64)
+    signals = constant_signals(modes)
     starts = Batch(e=e, eps=eps, switches=signals)
-    return run_starts(make_arena(problem, None), starts, Effort(horizon=horizon, tolerance=1e-9))
+    effort = Effort(horizon=horizon, tolerance=1e-9)
+    return run_starts(make_arena(problem, None), starts, effort)
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -36,7 +39,9 @@ def test_every_start_goes_where_scipy_takes_it_through_its_switches(seed: int):
     rng = np.random.default_rng(seed)
     signals = drawn_signals(rng, 9, problem, 4.0)
     e = rng.uniform(-2, 2, (problem.n, 9))
-    starts = Batch(e=e, eps=np.zeros((problem.n, 0, 9)), switches=signals)
+    shape = (problem.n, 0, 9)
+    eps = np.zeros(shape)
+    starts = Batch(e=e, eps=eps, switches=signals)
     effort = Effort(horizon=4.0, tolerance=1e-10)
     runs = run_starts(make_arena(problem, None), starts, effort)
     names = tuple(problem.network.modes)
@@ -64,7 +69,8 @@ def test_runs_stall_diverge_or_are_slow():
     assert runs.stalled.tolist() == [False, True]
     assert runs.diverged.tolist() == [False, False]
     node = float(half_difference(6.0))
-    assert np.max(np.abs(runs.ends[:, 1])) == pytest.approx(node, abs=1e-3)
+    found = np.max(np.abs(runs.ends[:, 1]))
+    assert found == pytest.approx(node, abs=1e-3)
     # Two agents that repel each other; the pins are too weak.
     runs = settled(listening_pair("-y - y**3"), [1.0, -1.0], [0.0, 0.0], horizon=20.0)
     assert runs.diverged.tolist() == [True, False]

@@ -40,7 +40,8 @@ def largest(agent: int) -> float:
     M[:10, :10] = 2 * (ring - own) - np.diag(pulls)
     M[:10, 10:] = np.kron(own, C)
     M[10:, 10:] = np.kron(own, A - W @ C)
-    entry = np.vstack([own, -np.kron(own, W)])
+    blocks = [own, -np.kron(own, W)]
+    entry = np.vstack(blocks)
     step = expm(M * 0.002)
     row = np.eye(30)[agent]
     total = 0.0
@@ -53,7 +54,8 @@ def largest(agent: int) -> float:
 @pytest.mark.parametrize("agent", [pytest.param(0, marks=pytest.mark.slow), 1])
 def test_the_worst_run_attains_what_the_linear_loop_allows_and_none_exceeds_the_bound(agent: int):
     given = {"t_final": 12, "samples": 31, "tolerance": 1e-6, "seed": 10 + agent}
-    run = dd.simulate(paper(), stress="worst", start=np.ones((10, 1)), **given)
+    start = np.ones((10, 1))
+    run = dd.simulate(paper(), stress="worst", start=start, **given)
     reached = np.abs(run.x - 1)[:, :, 0]
     assert (reached.max(axis=0) <= BOUND * np.array(SHARES)).all()
     assert 0.97 * largest(agent) < reached[-1, agent] < 1.01 * largest(agent)
@@ -62,7 +64,8 @@ def test_the_worst_run_attains_what_the_linear_loop_allows_and_none_exceeds_the_
 def test_without_an_observer_the_worst_case_of_a_positive_loop_is_attained():
     """Chain of two: a constant 0.1 on both gives e = (0.1, 0.2)."""
     problem = pair(uncertainty={"disturbance": "0.1"})
-    run = dd.simulate(problem, stress="worst", start={"x": [[0], [0]]}, t_final=30, samples=31)
+    start = {"x": [[0], [0]]}
+    run = dd.simulate(problem, stress="worst", start=start, t_final=30, samples=31)
     assert run.x[-1, :, 0] == pytest.approx([0.1, 0.2], abs=1e-6)
     assert "switched to be as bad as it can be" in " ".join(run.notes)
 
@@ -77,8 +80,10 @@ def test_runs_of_an_ensemble_are_the_single_ones(monkeypatch: pytest.MonkeyPatch
 
 
 def test_the_run_is_that_of_another_integrator():
-    problem = pair(uncertainty={"disturbance": "0.1"}, actuators={"limit": {1: "0.05"}})
-    run = dd.simulate(problem, stress="worst", start={"x": [[1], [-1]]}, t_final=3, samples=7)
+    actuators = {"limit": {1: "0.05"}}
+    problem = pair(uncertainty={"disturbance": "0.1"}, actuators=actuators)
+    start = {"x": [[1], [-1]]}
+    run = dd.simulate(problem, stress="worst", start=start, t_final=3, samples=7)
 
     def slope(time: float, e: np.ndarray) -> list[float]:
         return [np.clip(-e[0], -0.05, 0.05) + 0.1, e[0] - e[1] + 0.1]
@@ -107,7 +112,8 @@ def links(modes: dict[str, list[list[int]]], n: int, **turns: object) -> dd.Prob
 def test_the_slowest_signal_of_three_agents_is_the_one_on_paper():
     """Agent 3 hears in A for a s, agent 2 in B for b s: the rate is min (a, b) / (a + b), the least
     for 1 and 2 s."""
-    problem = links({"A": [[3, 2]], "B": [[2, 1]]}, 3, longest=2)
+    modes = {"A": [[3, 2]], "B": [[2, 1]]}
+    problem = links(modes, 3, longest=2)
     assert sorted(worst_signal(problem).dwell) == [1, 2]
     given = {"start": {"x": [[1], [1], [1]]}, "t_final": 36, "samples": 13}
     run = dd.simulate(problem, stress="worst", **given)
@@ -120,7 +126,8 @@ def test_the_slowest_signal_of_three_agents_is_the_one_on_paper():
 
 def test_without_a_longest_time_it_stays_in_the_slowest_mode():
     """(3 - sqrt(5))/2 in B, where agent 1 hears agent 2; 1 in A."""
-    problem = links({"A": [[2, 1]], "B": [[2, 1], [1, 2]]}, 2)
+    modes = {"A": [[2, 1]], "B": [[2, 1], [1, 2]]}
+    problem = links(modes, 2)
     assert worst_signal(problem).order == ("B",)
     run = dd.simulate(problem, stress="worst", t_final=4)
     assert run.switches.names[run.switches.modes[0]] == "B"
@@ -133,14 +140,16 @@ WITHOUT_CHOICE.append({"guarantee": None, "signal": "random"})
 
 @pytest.mark.parametrize("turns", WITHOUT_CHOICE)
 def test_where_the_guarantee_leaves_no_choice_there_is_no_worst_signal(turns: dict[str, object]):
-    problem = links({"A": [[2, 1]], "B": []}, 2, **turns)
+    modes = {"A": [[2, 1]], "B": []}
+    problem = links(modes, 2, **turns)
     assert worst_signal(problem) is None
     with pytest.raises(dd.errors.SpecError, match="and no signal"):
         dd.simulate(problem, stress="worst")
 
 
 def test_signals_and_stress_are_at_their_worst_together():
-    problem = links({"A": [[2, 1]], "B": []}, 2, longest=2)
+    modes = {"A": [[2, 1]], "B": []}
+    problem = links(modes, 2, longest=2)
     problem = problem.replace(uncertainty={"disturbance": "0.1"})
     run = dd.simulate(problem, stress="worst", t_final=3)
     assert "worst" in run.stress
@@ -148,8 +157,9 @@ def test_signals_and_stress_are_at_their_worst_together():
 
 
 def test_a_problem_that_bounds_nothing_is_refused():
+    problem = pair(uncertainty={"weights": "0.1"})
     with pytest.raises(dd.errors.SpecError, match="bounds no disturbance"):
-        dd.simulate(pair(uncertainty={"weights": "0.1"}), stress="worst")
+        dd.simulate(problem, stress="worst")
 
 
 def left_out(problem: dd.Problem, **given: object) -> list[str]:
@@ -160,7 +170,8 @@ def left_out(problem: dd.Problem, **given: object) -> list[str]:
 def test_a_run_without_stress_says_which_tables_it_leaves_out():
     assert left_out(pair()) == []
     told = "Not simulated: what [uncertainty] of the file states."
-    assert left_out(pair(uncertainty={"weights": "0.1"})) == [told]
+    found = left_out(pair(uncertainty={"weights": "0.1"}))
+    assert found == [told]
     both = pair(uncertainty={"disturbance": "0.1"}, actuators={"limit": 3})
     told = (
         "Not simulated: what [uncertainty] and [actuators] of the file states; `dobc stress FILE "

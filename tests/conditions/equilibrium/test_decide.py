@@ -48,7 +48,8 @@ SMALL = F(1, 10**4)
 
 
 def boxed(*middle: F, half: F = SMALL, mode: str = "G") -> Equilibrium:
-    return Equilibrium(mode=mode, box=tuple(Interval(c - half, c + half) for c in middle))
+    box = tuple(Interval(c - half, c + half) for c in middle)
+    return Equilibrium(mode=mode, box=box)
 
 
 ROOT = boxed(-SADDLE, SADDLE)
@@ -89,7 +90,8 @@ def test_the_false_equilibria_of_two_agents_are_proved_around_the_true_root(half
 
 def test_with_one_pin_the_false_equilibrium_is_at_pi():
     """The free agent rests where sin y = 0, and then the pinned one at its target: e = (0, pi)."""
-    claim = enclosed(listening_pair(gains={1: "1/10"}), 0.0, 3.14159)
+    problem = listening_pair(gains={1: "1/10"})
+    claim = enclosed(problem, 0.0, 3.14159)
     with mpmath.workdps(50):
         assert claim.box[1].contains(exact(mpmath.pi))
     assert claim.box[0].contains(0)
@@ -111,10 +113,12 @@ def test_a_box_is_proved_until_the_root_leaves_it():
     # Boxes made here leave room for coarser enclosures: at most nine tenths of each half width is
     # used.
     claim = enclosed(problem, -SADDLE, SADDLE)
-    assert refusal(problem, claim, part=F(9, 10)) is None
+    found = refusal(problem, claim, part=F(9, 10))
+    assert found is None
     tight = boxed(-SADDLE, SADDLE + SMALL * F(95, 100))
     assert is_proved(problem, tight)
-    assert refusal(problem, tight, part=F(9, 10)) is not None
+    found = refusal(problem, tight, part=F(9, 10))
+    assert found is not None
 
 
 def test_the_box_has_to_lie_in_the_region_up_to_its_very_edge_goals_taken_into_account():
@@ -122,7 +126,8 @@ def test_the_box_has_to_lie_in_the_region_up_to_its_very_edge_goals_taken_into_a
     start."""
     edge = ROOT.box[1].hi
     inside = listening_pair(reach=edge)
-    outside = listening_pair(reach=edge - F(1, 10**9))
+    reach = edge - F(1, 10**9)
+    outside = listening_pair(reach=reach)
     assert refuting(inside).verdict is Verdict.REFUTED
     assert lies_in_region(loop_of(inside), ROOT)
     assert not lies_in_region(loop_of(outside), ROOT)
@@ -136,15 +141,22 @@ def test_the_box_has_to_lie_in_the_region_up_to_its_very_edge_goals_taken_into_a
     low = 1 - SADDLE - F(1, 1000)
     high = 3 + SADDLE + F(1, 1000)
     assert refuting(shifted(reach=[low, high])) is not None
-    assert refuting(shifted(reach=[low + F(1, 500), high])) is None
-    assert refuting(shifted(reach=[low, high - F(1, 500)])) is None
+    reach = [low + F(1, 500), high]
+    problem = shifted(reach=reach)
+    found = refuting(problem)
+    assert found is None
+    reach = [low, high - F(1, 500)]
+    problem = shifted(reach=reach)
+    found = refuting(problem)
+    assert found is None
 
 
 def test_an_observer_does_not_matter():
     """With eps = 0 the disturbance is cancelled, so the states rest as without one."""
     region = {"initial_states": [-5, 5], "initial_disturbance": 0}
     observer = {"exosystem": HARMONIC, "observer": Observer(W=PAPER_GAIN)}
-    problem = linked([[1, 2], [2, 1]], coupling="sin(y)", gains="1/10", region=region, **observer)
+    arcs = [[1, 2], [2, 1]]
+    problem = linked(arcs, coupling="sin(y)", gains="1/10", region=region, **observer)
     check = refuting(problem)
     assert confirmed(check, problem, W=PAPER_GAIN) is None
     assert "without W" in confirmed(check, problem)
@@ -153,10 +165,13 @@ def test_an_observer_does_not_matter():
 def test_a_folded_line_has_its_equilibrium_at_ten_thirds_exactly():
     """For 1 < y: h = 3/2 - y/2, so 2 h + y/10 = 0 at y = 10/3, a rational number."""
     problem = listening_pair(FOLDED)
-    assert is_proved(problem, boxed(F(-5, 3), F(5, 3), half=F(1, 10)))
-    assert not is_proved(problem, boxed(F(-5, 3), F(5, 3) + F(11, 10**5)))
+    claim = boxed(F(-5, 3), F(5, 3), half=F(1, 10))
+    assert is_proved(problem, claim)
+    claim = boxed(F(-5, 3), F(5, 3) + F(11, 10**5))
+    assert not is_proved(problem, claim)
     # A box that reaches the kink sees slopes of both signs.
-    assert not is_proved(problem, boxed(F(-5, 3), F(5, 3), half=F(7, 5)))
+    claim = boxed(F(-5, 3), F(5, 3), half=F(7, 5))
+    assert not is_proved(problem, claim)
 
 
 def test_couplings_of_vectors_are_decided_too():
@@ -172,7 +187,8 @@ def test_couplings_of_vectors_are_decided_too():
     root = (-half[0], -half[1], *half)
     assert max(root) > 1
     claim = enclosed(problem, *root)
-    assert all(side.contains(e) for side, e in zip(claim.box, root, strict=True))
+    for side, e in zip(claim.box, root, strict=True):
+        assert side.contains(e)
     assert is_proved(problem, boxed(*root))
     assert not is_proved(problem, boxed(*root[:3], root[3] + F(2, 10**4)))
 
@@ -189,7 +205,8 @@ def test_what_floating_point_finds_in_random_problems_is_proved_and_is_a_root(
         problem = random_folded(seed, m=m)
         r = Random(f"roots {seed}")
         for _ in range(4):
-            root = root_near(problem, [r.uniform(-6, 6) for _ in range(problem.n * m)])
+            start = [r.uniform(-6, 6) for _ in range(problem.n * m)]
+            root = root_near(problem, start)
             left = np.max(np.abs(field(problem, "G", root)))
             if np.max(np.abs(root)) < 1e-3 or left > 1e-9:
                 continue
@@ -197,7 +214,8 @@ def test_what_floating_point_finds_in_random_problems_is_proved_and_is_a_root(
             if claim is None:  # singular there, or on a kink
                 continue
             proved += 1
-            polished = root_near(problem, [float(c) for c in claim.middle], 1e-12)
+            start = [float(c) for c in claim.middle]
+            polished = root_near(problem, start, 1e-12)
             for side, e in zip(claim.box, polished.tolist(), strict=True):
                 assert side.lo - rounding <= F(e) <= side.hi + rounding
     assert proved >= 3
@@ -235,21 +253,26 @@ def test_no_equilibrium_is_proved_where_there_is_none():
             scale = r.choice((F(1, 1000), F(1, 10), F(1), F(5)))
             middle = [scale * F(r.randint(-100, 100), 100) for _ in range(problem.n)]
             half = scale * F(r.randint(1, 40), 100)
-            assert not is_proved(problem, boxed(*middle, half=half, mode="G0"))
+            claim = boxed(*middle, half=half, mode="G0")
+            assert not is_proved(problem, claim)
 
 
 def test_a_point_of_a_line_of_equilibria_is_proved_and_large_problems_are_left_alone():
     """Without pins every common shift is an equilibrium; the slopes are singular and nothing is
     isolated."""
     free = listening_pair(gains=None)
-    assert enclosed(free, 1.0, 1.0) == Equilibrium(mode="G", box=(Interval.point(1),) * 2)
+    box = (Interval.point(1),) * 2
+    assert enclosed(free, 1.0, 1.0) == Equilibrium(mode="G", box=box)
     assert enclosed(free, 1.0, -1.0) is None
     arcs = [[i, i % 61 + 1] for i in range(1, 62)]
-    problem = linked(arcs, coupling="sin(y)", gains="1/10", region={"initial_states": [-5, 5]})
+    region = {"initial_states": [-5, 5]}
+    problem = linked(arcs, coupling="sin(y)", gains="1/10", region=region)
     assert enclosed(problem, *[1.0] * 61) is None
-    assert not is_proved(problem, boxed(*[F(1)] * 61))
+    claim = boxed(*[F(1)] * 61)
+    assert not is_proved(problem, claim)
     assert enclosed(listening_pair(), math.nan, 1.0) is None
-    assert not is_proved(listening_pair("exp(y) - 1"), boxed(F(0), F(10) ** 6))
+    claim = boxed(F(0), F(10) ** 6)
+    assert not is_proved(listening_pair("exp(y) - 1"), claim)
 
 
 def test_a_check_is_confirmed_from_its_json_and_for_no_other_problem():

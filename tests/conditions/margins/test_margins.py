@@ -61,7 +61,8 @@ def tolerance(problem: Problem, *, beside: Problem) -> Check:
 
 def chain(h: str = "y", **more: object) -> Problem:
     """2 hears 1, which is pinned with k = 2; 1 hears 2 as well."""
-    return listening([[2, 1], [1, 2]], h, n=2, gains={1: 2}, target=0, **more)
+    arcs = [[2, 1], [1, 2]]
+    return listening(arcs, h, n=2, gains={1: 2}, target=0, **more)
 
 
 def alone(gain: object = 3, **more: object) -> Problem:
@@ -98,12 +99,18 @@ def test_every_arc_takes_its_worse_end():
     claim = Separable(v=(F(1), F(2)), alpha=F("0.4"), rho=None)
     errors = Errors(F(1, 5), F(1, 10))
     first, second = (row for row, _ in rows(loop_of(problem), claim.v, errors=errors))
-    assert (first.own, first.pull) == (1, F(9, 5))
-    assert [(term.weight, term.step) for term in first.terms] == [(F(6, 5), 1)]
+    assert first.own == 1
+    assert first.pull == F(9, 5)
+    answer = [(term.weight, term.step) for term in first.terms]
+    expected = [(F(6, 5), 1)]
+    assert answer == expected
     assert second.own == 2
-    assert [(term.weight, term.step) for term in second.terms] == [(F(4, 5), -1), (F(2, 5), 0)]
+    answer = [(term.weight, term.step) for term in second.terms]
+    expected = [(F(4, 5), -1), (F(2, 5), 0)]
+    assert answer == expected
     # min(9/5 - 6/5, 4/5 / 2)
-    assert largest_rate(loop_of(problem), claim.v, rho=None, errors=errors) == claim.alpha
+    answer = largest_rate(loop_of(problem), claim.v, rho=None, errors=errors)
+    assert answer == claim.alpha
     assert verdict_of(problem, claim, errors) is PROVED
     faster = replace(claim, alpha=F("0.4001"))
     assert verdict_of(problem, faster, errors) is Verdict.REFUTED
@@ -119,7 +126,8 @@ def worst_corner(h: str, v: tuple[F, ...], rho: F) -> F | None:
     rates = []
     for ends in product((F(4, 5), F(6, 5)), repeat=3):
         arcs = [[i, j, w * end] for (i, j, w), end in zip(ARCS, ends, strict=True)]
-        corner = listening(arcs, h, n=3, gains={1: F(18, 5), 2: F(9, 10)}, target=0)
+        gains = {1: F(18, 5), 2: F(9, 10)}
+        corner = listening(arcs, h, n=3, gains=gains, target=0)
         rates.append(largest_rate(loop_of(corner), v, rho=rho))
     return None if None in rates else min(rates)
 
@@ -129,10 +137,13 @@ def test_rows_with_errors_are_those_of_the_worst_corner(seed: int):
     """Also of couplings that turn, and in the float tables: all corners of one row are tried,
     weights set by hand."""
     h = (*TURNING, PAPER, "tanh(y)")[seed % 5]
-    problem = listening(list(map(list, ARCS)), h, n=3, gains={1: 4, 2: 1}, target=0)
+    arcs = list(map(list, ARCS))
+    gains = {1: 4, 2: 1}
+    problem = listening(arcs, h, n=3, gains=gains, target=0)
     v = (F(1), F(6, 5), F(5, 4))
     rho = F(1 + seed % 3, 2)
-    rate = largest_rate(loop_of(problem), v, rho=rho, errors=Errors(F(1, 5), F(1, 10)))
+    errors = Errors(F(1, 5), F(1, 10))
+    rate = largest_rate(loop_of(problem), v, rho=rho, errors=errors)
     expected = worst_corner(h, v, rho)
     if expected is None:
         assert rate is None
@@ -149,19 +160,23 @@ def test_large_networks_have_the_same_rows(size: int):
     rate = largest_rate(loop_of(problem), v, rho=F(1), errors=errors)
     expected = 5 * 0.95 - 1.1 * (np.exp(0.1) - 1 + 0.1)
     assert float(rate) == pytest.approx(expected, rel=1e-4)
-    claim = Separable(v=v, alpha=F(expected) * F(999, 1000), rho=F(1))
+    alpha = F(expected) * F(999, 1000)
+    claim = Separable(v=v, alpha=alpha, rho=F(1))
     assert verdict_of(problem, claim, errors) is PROVED
-    faster = replace(claim, alpha=F(expected) * F(1001, 1000))
+    alpha = F(expected) * F(1001, 1000)
+    faster = replace(claim, alpha=alpha)
     assert verdict_of(problem, faster, errors) is not PROVED
 
 
 def test_a_table_is_proved_and_a_larger_one_is_not():
     wide = TWO.replace(region=WIDE)
-    near = wide.replace(uncertainty={"weights": "0.02", "gains": "0.02"})
+    uncertainty = {"weights": "0.02", "gains": "0.02"}
+    near = wide.replace(uncertainty=uncertainty)
     check = found(near, "tolerance")
     assert check.verdict is PROVED
     assert check.domain == Box(4.0, 0.5)
-    more = wide.replace(uncertainty={"weights": "0.09", "gains": "0.09"})
+    uncertainty = {"weights": "0.09", "gains": "0.09"}
+    more = wide.replace(uncertainty=uncertainty)
     far = tolerance(more, beside=near)
     assert far.verdict is UNDECIDED
     assert "times these errors it is proved" in far.reason
@@ -210,18 +225,24 @@ def test_at_the_target_of_several_modes_one_v_serves_all_corners():
     assert check.domain == NEAR_TARGET
     assert check.rate is None
     first, second, third = check.exact["v"]
-    assert changed(problem, "tolerance", v=[first, third, second]) == (False, False)
+    answer = changed(problem, "tolerance", v=[first, third, second])
+    assert answer == (False, False)
     assert changed(problem, "tolerance", alpha="1") == (False, False)
     others = [each for each in certified(problem).checks if each.id != "tolerance"]
-    assert accepted(problem, [*others, check]) == (True, True)
-    assert accepted(problem, [*others, replace(check, rate=0.001)]) == (False, False)
+    answer = accepted(problem, [*others, check])
+    assert answer == (True, True)
+    checks = [*others, replace(check, rate=0.001)]
+    answer = accepted(problem, checks)
+    assert answer == (False, False)
 
 
 def test_rows_in_coordinates_are_no_proof_that_a_tolerance_rests_on():
     """With T = 1 they are the same rows, but errors of weights are known by component only."""
-    problem = chain("tanh(y)", region={"initial_states": [-1, 1]})
+    region = {"initial_states": [-1, 1]}
+    problem = chain("tanh(y)", region=region)
     certificate = certified(problem)
-    check, plain = certificate.check("tolerance"), certificate.check("max-separable")
+    check = certificate.check("tolerance")
+    plain = certificate.check("max-separable")
     loop = loop_of(problem)
     case = Case(loop=loop, W=None, domain=NEAR_TARGET, checks=(plain,))
     assert decide.confirm(check, case) is None
@@ -236,16 +257,20 @@ def test_rows_in_coordinates_are_no_proof_that_a_tolerance_rests_on():
 def test_agents_that_do_not_know_tolerate_less():
     small = TWO.replace(region=SMALL)
     known = small.replace(uncertainty={"weights": "0.04"})
-    unknown = small.replace(uncertainty={"weights": "0.04", "known_to_agents": False})
-    less = small.replace(uncertainty={"weights": "0.001", "known_to_agents": False})
+    uncertainty = {"weights": "0.04", "known_to_agents": False}
+    unknown = small.replace(uncertainty=uncertainty)
+    uncertainty = {"weights": "0.001", "known_to_agents": False}
+    less = small.replace(uncertainty=uncertainty)
     assert tolerance(known, beside=less).verdict is PROVED
     assert tolerance(unknown, beside=less).verdict is UNDECIDED
     check = found(less, "tolerance")
     assert check.verdict is PROVED
     eta = F(check.exact["eta"])
-    assert changed(less, "tolerance", eta=number_text(eta * F(9, 10))) == (False, False)
+    answer = changed(less, "tolerance", eta=number_text(eta * F(9, 10)))
+    assert answer == (False, False)
     # kappa eta > alpha
-    assert changed(less, "tolerance", eta=number_text(eta * 100)) == (False, False)
+    answer = changed(less, "tolerance", eta=number_text(eta * 100))
+    assert answer == (False, False)
 
 
 def test_kinks_at_the_target_are_not_decided_by_slopes():
@@ -280,7 +305,8 @@ def test_amplitudes_of_sums_of_sines(
 
 def test_the_largest_input_has_a_closed_form():
     """One agent, k = 3, no coupling, |x| <= 2: |u| = 6 at the start; limits at and below that."""
-    problem = alone(region={"initial_states": [-2, 2]})
+    region = {"initial_states": [-2, 2]}
+    problem = alone(region=region)
     check = found(problem.replace(actuators={"limit": "6.00001"}), "actuators")
     assert check.verdict is PROVED
     assert float(F(check.exact["inputs"]["1"])) == pytest.approx(6, rel=1e-5)
@@ -289,11 +315,13 @@ def test_the_largest_input_has_a_closed_form():
     assert "from starts with |e_i| <= 1." in small.reason
     assert "gain of at most 1.5" in small.reason
     # undecided claims nothing
-    assert changed(problem.replace(actuators={"limit": 5}), "actuators") == (True, True)
+    answer = changed(problem.replace(actuators={"limit": 5}), "actuators")
+    assert answer == (True, True)
 
 
 def test_disturbances_without_a_bound_ask_for_the_amplitude():
-    problem = alone(exosystem=ramp(), simulation={"xi0": [1, 1]}, actuators={})
+    simulation = {"xi0": [1, 1]}
+    problem = alone(exosystem=ramp(), simulation=simulation, actuators={})
     check = found(problem, "actuators")
     assert "give actuators.amplitude" in check.reason
     bounded = problem.replace(actuators={"amplitude": 2})

@@ -35,21 +35,22 @@ def problems():
 def test_verdicts_agree_with_sympy_and_lyapunov():
     seen = set()
     for problem in problems():
-        oracle, exosystem = Oracle(problem), problem.exosystem
-        observable, detectable = oracle.hidden().rows == 0, oracle.detectable()
+        oracle = Oracle(problem)
+        exosystem = problem.exosystem
+        observable = oracle.hidden().rows == 0
+        detectable = oracle.detectable()
         assert observability_check(exosystem).verdict is (PROVED if observable else REFUTED)
         assert detectability_check(exosystem).verdict is (PROVED if detectable else REFUTED)
         seen.add((observable, detectable))
         if problem.observer.W is not None:
             W = [list(row) for row in problem.observer.W]
             decays = hurwitz(oracle.error(W))
-            assert hurwitz_check(exosystem, problem.observer.W).verdict is (
-                PROVED if decays else REFUTED
-            )
-            assert observable_part_is_hurwitz(
-                exosystem, problem.observer.W
-            ) is oracle.seen_error_decays(W)
-    assert seen == {(True, True), (False, True), (False, False)}
+            found = hurwitz_check(exosystem, problem.observer.W)
+            assert found.verdict is (PROVED if decays else REFUTED)
+            found = observable_part_is_hurwitz(exosystem, problem.observer.W)
+            assert found is oracle.seen_error_decays(W)
+    expected = {(True, True), (False, True), (False, False)}
+    assert seen == expected
 
 
 def test_the_suggested_reduction_generates_the_same_disturbances():
@@ -69,7 +70,8 @@ def test_the_suggested_reduction_generates_the_same_disturbances():
         seen = sp.Matrix.vstack(*(C * A**k for k in range(A.rows)))
         kept = sp.Matrix.vstack(*(C_o * A_o**k for k in range(A.rows)))
         assert kept.rank() == A_o.rows == seen.rank()
-        assert sp.Matrix.hstack(seen, kept).rank() == seen.rank()  # one T turns kept into seen
+        found = sp.Matrix.hstack(seen, kept).rank()
+        assert found == seen.rank()  # one T turns kept into seen
     assert count >= 3
 
 
@@ -80,10 +82,11 @@ def test_the_reduction_keeps_what_the_problem_says_of_states():
     given = {"exosystem": exosystem, "target": [0, 0], "region": region}
     columns = []
     for k in (0, 1):
-        W = [[int(row == column == k) for column in range(2)] for row in range(3)]
-        change = observability_check(
-            exosystem, loop_of(linked([[1, 2]], observer=Observer(W=W), **given))
-        ).fix.set
+        W = []
+        for row in range(3):
+            W.append([int(row == column == k) for column in range(2)])
+        loop = loop_of(linked([[1, 2]], observer=Observer(W=W), **given))
+        change = observability_check(exosystem, loop).fix.set
         columns.append([Fraction(str(row[k])) for row in change["observer.W"]])
     # T does not see the third state
     size = math.sqrt(sum(x * x for column in columns for x in column))
@@ -99,29 +102,36 @@ def test_the_reduction_keeps_what_the_problem_says_of_states():
 def test_rates_are_strict_at_the_edge():
     """A - WC = -2: every rate below 2 holds, 2 does not (an eigenvalue lies on the line)."""
     error = exact_matrix("-2")
-    assert hurwitz_with_rate(error, Fraction(2) - Fraction(1, 10**30))
+    rate = Fraction(2) - Fraction(1, 10**30)
+    assert hurwitz_with_rate(error, rate)
     assert not hurwitz_with_rate(error, Fraction(2))
     check = hurwitz_check(exosystem_of("-2", "0"), exact_matrix("0"), estimate=2.5)
     assert 0 < check.rate < 2
-    assert hurwitz_check(exosystem_of("-2", "0"), exact_matrix("0"), estimate=2.0).rate > 1.99999
+    found = hurwitz_check(exosystem_of("-2", "0"), exact_matrix("0"), estimate=2.0)
+    assert found.rate > 1.99999
 
 
 def test_a_defective_error_on_the_axis_is_refuted():
     """Double integrator with W = 0; and a rotation, where NumPy's real parts are rounding
     errors."""
-    for A in ([[0, 1], [0, 0]], [[0, 1], [-1, 0]]):
-        check = hurwitz_check(Exosystem(A=A, C=matrix("1 0")), exact_matrix("0; 0"))
+    cases = ([[0, 1], [0, 0]], [[0, 1], [-1, 0]])
+    for A in cases:
+        exosystem = Exosystem(A=A, C=matrix("1 0"))
+        check = hurwitz_check(exosystem, exact_matrix("0; 0"))
         assert check.verdict is REFUTED
         assert check.fix.set == {"observer.W": None}
 
 
 def test_without_a_gain_it_says_whether_one_exists():
     hidden, free = (hurwitz_check(Exosystem(A=[[0]], C=[[c]]), None) for c in (0, 1))
-    assert "none exists" in hidden.reason and hidden.fix.set == {"exosystem": None}
-    assert "none was found" in free.reason and free.fix is None
+    assert "none exists" in hidden.reason
+    assert hidden.fix.set == {"exosystem": None}
+    assert "none was found" in free.reason
+    assert free.fix is None
 
 
 def test_agents_are_named_in_words():
     assert name_agents(["4"]) == "agent 4"
     assert name_agents(["4", "5", "6"]) == "agents 4, 5 and 6"
-    assert name_agents([str(i) for i in range(20)]).endswith("and 12 more")
+    labels = [str(i) for i in range(20)]
+    assert name_agents(labels).endswith("and 12 more")

@@ -41,7 +41,9 @@ def random_exosystem(seed: int) -> Exosystem:
     r = Random(seed)
     q = r.randint(1, 7)
     m = r.randint(1, 2)
-    A = [[r.randint(-2, 2) * (r.random() < 0.5) for _ in range(q)] for _ in range(q)]
+    A = []
+    for _ in range(q):
+        A.append([r.randint(-2, 2) * (r.random() < 0.5) for _ in range(q)])
     C = [[r.randint(-1, 1) * (r.random() < 0.5) for _ in range(q)] for _ in range(m)]
     return Exosystem(A=A, C=C)
 
@@ -64,7 +66,8 @@ def test_all_poles_stand_at_one_place():
     nothing, W is 0."""
     chain = exosystem_of("0 1 0 0; 0 0 1 0; 0 0 0 1; 0 0 0 0", "1 0 0 0")
     *_, W = placed_gains(chain, rate=Fraction(2))
-    assert characteristic_polynomial(error_matrix(chain, W)) == (1, 12, 54, 108, 81)
+    found = characteristic_polynomial(error_matrix(chain, W))
+    assert found == (1, 12, 54, 108, 81)
     *_, W = placed_gains(exosystem_of("-1", "0"), rate=Fraction(0))
     assert W == ((0,),)
 
@@ -89,7 +92,8 @@ def test_every_proposal_has_q_equal_to_p_w(harmonic):
 def test_a_gain_that_does_not_work_gets_no_pair_that_does(harmonic):
     """A - WC with W = 0 is marginal: no Lyapunov equation, and nothing to propose."""
     zero = exact_matrix("0; 0")
-    assert list(propose_pairs(harmonic, zero, bound=-0.5, decay=0.0)) == []
+    found = propose_pairs(harmonic, zero, bound=-0.5, decay=0.0)
+    assert list(found) == []
 
 
 @pytest.mark.parametrize("pins", [{1: "1/1000000"}, {1: 10**6}])
@@ -135,7 +139,8 @@ def harmonics(*frequencies, outputs=((1, 0),)) -> Exosystem:
         first = 2 * k
         A[first][first + 1] = w
         A[first + 1][first] = -Fraction(w)
-    return Exosystem(A=A, C=[list(row) * len(frequencies) for row in outputs])
+    C = [list(row) * len(frequencies) for row in outputs]
+    return Exosystem(A=A, C=C)
 
 
 @pytest.mark.parametrize("name", STANDARD)
@@ -156,7 +161,8 @@ def test_the_default_is_half_the_rate_of_the_kalman_gain(name):
     for row in found.W:
         for x in row:
             assert 10**6 % x.denominator == 0
-            assert len(str(abs(x.numerator)).rstrip("0")) <= 3
+            answer = str(abs(x.numerator)).rstrip("0")
+            assert len(answer) <= 3
 
 
 @pytest.mark.parametrize("name", STANDARD)
@@ -174,7 +180,8 @@ def test_the_rate_asked_is_reached_exactly(name, rate):
 def test_badly_scaled_exosystems_get_a_gain(name, factor, what):
     time = Fraction(1) if what == "C" else Fraction(factor)
     output = Fraction(1) if what == "A" else Fraction(factor)
-    exosystem = Exosystem(A=scale(time, STANDARD[name].A), C=scale(output, STANDARD[name].C))
+    C = scale(output, STANDARD[name].C)
+    exosystem = Exosystem(A=scale(time, STANDARD[name].A), C=C)
     found = design_gain(exosystem)
     assert reaches(exosystem, found.W, found.rate)
     faster = design_gain(exosystem, rate=time)
@@ -213,12 +220,13 @@ def test_hard_pairs_get_a_gain(exosystem):
 
 @pytest.mark.parametrize("number", ["1e399", "1e200", "1e-200", "1e-399"])
 def test_numbers_at_the_ends_of_the_floats_get_a_gain(number):
-    for exosystem in (
+    cases = (
         Exosystem(A=[[number]], C=[[1]]),
         Exosystem(A=[[0]], C=[[number]]),
         Exosystem(A=[[number]], C=[[number]]),
         Exosystem(A=[[0, number], [f"-{number}", 0]], C=matrix("1 0")),
-    ):
+    )
+    for exosystem in cases:
         found = design_gain(exosystem)
         assert found.W is not None
         assert reaches(exosystem, found.W, found.rate)

@@ -33,9 +33,11 @@ def test_a_claim_is_read_decided_once_more_and_written_as_it_was(name: str, docu
     claim = read_claim(check_from_json(document), loop_of(problem), W)
     settling = settling_of(loop_of(problem), claim, "")
     check = settling_check(loop_of(problem), W, settling, domain=NEAR_TARGET)
-    assert (check.verdict, check.domain.to_json()) == (Verdict.PROVED, document["domain"])
+    assert check.verdict == Verdict.PROVED
+    assert check.domain.to_json() == document["domain"]
     assert read_claim(through_json(check), loop_of(problem), W) == claim
-    assert confirm(check, loop_of(problem), W, domain=NEAR_TARGET) is None
+    found = confirm(check, loop_of(problem), W, domain=NEAR_TARGET)
+    assert found is None
 
 
 def test_the_tube_of_a_slower_observer_is_not_confirmed():
@@ -62,8 +64,10 @@ def test_the_tube_of_a_slower_observer_is_not_confirmed():
     ],
 )
 def test_what_cannot_be_such_a_claim_raises(changes: Document, words: str):
+    check = check_from_json(bent(LINE, **changes))
+    loop = loop_of(problems()["line"])
     with pytest.raises((KeyError, TypeError, ValueError), match=words):
-        read_claim(check_from_json(bent(LINE, **changes)), loop_of(problems()["line"]), None)
+        read_claim(check, loop, None)
 
 
 def test_an_undecided_settling_claims_nothing():
@@ -76,4 +80,6 @@ def test_an_undecided_settling_claims_nothing():
         claim=None,
     )
     check = settling_check(loop_of(problem), None, open_one, domain=NEAR_TARGET)
-    assert (check.verdict, check.domain, check.exact) == (Verdict.UNDECIDED, NEAR_TARGET, None)
+    assert check.verdict == Verdict.UNDECIDED
+    assert check.domain == NEAR_TARGET
+    assert check.exact is None

@@ -103,6 +103,11 @@ def assert_condition(
         certificate = certify(stated, everything=True)
         chosen = _chosen(certificate, condition, mode)
     if not chosen:
+        modes = [check.mode for check in certificate.checks if check.id == condition and check.mode]
+        if modes:
+            raise AssertionError(
+                f"{condition} has no mode {mode!r}; its modes are {', '.join(modes)}."
+            )
         present = ", ".join(dict.fromkeys(check.title for check in certificate.checks))
         raise AssertionError(f"{condition} was not examined here. There are {present}.")
     for check in chosen:

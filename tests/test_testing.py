@@ -69,6 +69,8 @@ def test_one_condition_is_asked_by_its_id(pair):
     assert_condition(pair.replace(gains={}), "lemma1", verdict=Verdict.REFUTED)
     with pytest.raises(AssertionError, match="theorem2 was not examined here"):
         assert_condition(pair, "theorem2")
+    with pytest.raises(AssertionError, match=r"lemma1 has no mode 'damp'; its modes are G\."):
+        assert_condition(pair, "lemma1", mode="damp")
     with pytest.raises(SpecError, match="no condition 'theorem3'"):
         assert_condition(pair, "theorem3")
 

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import field
 from importlib.resources import files
 from typing import Final, Literal
 
@@ -38,7 +39,7 @@ class Kind(Shown):
     ``means`` is the question in plain words, ``statement`` is LaTeX.  ``decided_in``: its modules,
     ``checker``: the file of the second checker that decides it again.  ``signals``: whether its
     proof is about every switching signal or only about some, those of a guarantee or of a Markov
-    chain."""
+    chain.  ``own_letters``: those that mean something else here than in ``letters.toml``."""
 
     id: str
     topic: str
@@ -55,6 +56,7 @@ class Kind(Shown):
     decided_in: Sequence[str]
     checker: str
     signals: Literal["every", "some"] = "every"
+    own_letters: Mapping[str, str] = field(default_factory=dict)
 
     def _card(self) -> Card:
         facts = [("proved", self.proved), ("refuted", self.refuted), ("source", self.source)]
@@ -73,11 +75,12 @@ class Kind(Shown):
         # "A" begins sentences, too, so only the condition itself is searched for it.
         beside = [word for word in _WORD.findall(self.proved) if word not in ("A", "I")]
         waiting = [*_WORD.findall(self.plain), *beside]
+        known = LETTERS | dict(self.own_letters)
         while waiting:
             letter = waiting.pop(0)
-            if letter in LETTERS and letter not in found:
-                found[letter] = LETTERS[letter]
-                waiting += _WORD.findall(LETTERS[letter])
+            if letter in known and letter not in found:
+                found[letter] = known[letter]
+                waiting += _WORD.findall(_UNIT.sub("", known[letter]))
         return found
 
     @property
@@ -107,6 +110,7 @@ class Kind(Shown):
         return self.name.partition(":")[0].removesuffix(" certificate").removesuffix(" proof")
 
 
+_UNIT: Final = re.compile(r", (1/)?s$")  # at the end of a definition, no letter
 _WORD: Final = re.compile(r"[A-Za-z]\w*")
 _LETTERS: Final = (files("dobc_design.conditions") / "letters.toml").read_text("utf-8")
 LETTERS: Final[dict[str, str]] = tomllib.loads(_LETTERS)

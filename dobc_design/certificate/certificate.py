@@ -21,7 +21,7 @@ from dobc_design.certificate.bounds import (
     starts_of,
 )
 from dobc_design.certificate.claims import Claims, claim_of, reading_claims
-from dobc_design.certificate.files import make_folder, require_own, write_together
+from dobc_design.certificate.files import REPORTS, make_folder, require_own, write_together
 from dobc_design.certificate.regions import Regions, certified_regions
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.conditions.check import Check
@@ -199,7 +199,7 @@ class Certificate(Headed):
         self, folder: str | Path, *, beside: Mapping[str, bytes] | None = None, force: bool = False
     ) -> tuple[Path, Path]:
         """Write certificate.json and problem.json into ``folder`` (made if absent), replacing older
-        ones.
+        ones; a report of another certificate goes with the older ones.
 
         ``beside``: more files of the same run by name, such as its report; all are replaced
         together.
@@ -216,8 +216,11 @@ class Certificate(Headed):
         }
         for name, data in (beside or {}).items():
             files[target / name] = data
-        # Together, so that a certificate never lies beside the problem of another run.
-        write_together(files)
+        # Together, so that a certificate never lies beside the problem of another run, nor beside
+        # a report that speaks of another certificate.
+        kept = certificate.is_file() and certificate.read_bytes() == files[certificate]
+        reports = [] if kept else [target / name for name in REPORTS]
+        write_together(files, without=reports)
         return certificate, problem
 
     def _repr_latex_(self) -> str:

@@ -39,6 +39,10 @@ def write_atomically(path: Path, data: bytes) -> None:
     write_together({path: data})
 
 
+#: What `dobc certify` and `dobc report` write beside a certificate.
+REPORTS = ("report.html", "report.md", "report.pdf")
+
+
 def write_together(files: Mapping[Path, bytes], *, without: Iterable[Path] = ()) -> None:
     """Replace several files, in this order, once all of them are on the disk.
 

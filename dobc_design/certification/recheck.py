@@ -27,7 +27,7 @@ from dobc_design.conditions.numbers import MATRIX_BITS, doubles_from_json, is_sh
 from dobc_design.conditions.reason import Reason
 from dobc_design.errors import CertificateError, DobcError, reason_of
 from dobc_design.exact.matrix import is_symmetric, multiply
-from dobc_design.exact.reading import shown
+from dobc_design.exact.reading import counted, shown
 from dobc_design.exact.work import last_call
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.make import loop_of
@@ -86,12 +86,17 @@ class Recheck(Shown):
         """Whether nothing failed."""
         return not self.failures
 
+    @property
+    def _what_fails(self) -> str:
+        claims = counted(len(self.failures), "claim")
+        return f"{claims} {'does' if len(self.failures) == 1 else 'do'} not hold"
+
     def _card(self) -> Card:
         failed = [(text, "NOT confirmed") for text in self.failures]
         confirmed = [(title, "confirmed") for title in self.confirmed]
         text = "Every claim holds."
         if failed:
-            text = f"{len(failed)} claim(s) do not hold."
+            text = f"{self._what_fails}."
         return Card(
             title="Recheck",
             verdict=self.verdict.value if self.holds else None,
@@ -102,7 +107,7 @@ class Recheck(Shown):
         )
 
     def __str__(self) -> str:
-        head = f"{len(self.failures)} claim(s) do not hold; no verdict is confirmed."
+        head = f"{self._what_fails}; no verdict is confirmed."
         if self.holds:
             head = f"every claim holds; verdict {self.verdict.value}."
         rows = [head]

@@ -121,7 +121,7 @@ def test_the_notebook_and_the_test_of_a_new_project_run(dobc, tmp_path):
         how = {"cwd": tmp_path / "my-swarm", "env": environment, "timeout": 300}
         done = subprocess.run(command, capture_output=True, text=True, check=False, **how)
         assert done.returncode == 0, done.stdout[-2000:]
-        assert "1 passed" in done.stdout
+        assert "2 passed" in done.stdout
 
 
 WORKS = Item(item="paper-fixed", group="core", detail="proved, re-checked", ok=True)

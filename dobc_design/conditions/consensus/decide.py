@@ -302,7 +302,8 @@ class _Theorem:
         rate = largest_proved(self.proposal.rate, has_rate)
         name = "the P given" if self.printed else "a rational P"
         if len(matrices) > 1:
-            name += f" with one P for all {len(matrices)} modes"
+            modes = "both" if len(matrices) == 2 else f"all {len(matrices)}"
+            name += f" with one P for {modes} modes"
         pace = f", V' <= -2 ({text_below(rate)}) V." if rate else "."
         return Check(
             id=self.id,

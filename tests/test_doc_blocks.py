@@ -84,7 +84,10 @@ def test_the_code_blocks_of_a_page_run(page: str, tmp_path: Path, monkeypatch: p
     for language, text in blocks(page):
         if language == "python":
             monkeypatch.chdir(folder)
-            exec(compile(text, page, "exec"), namespace)  # noqa: S102 - the handbook's own code
+            printed = io.StringIO()
+            with contextlib.redirect_stdout(printed):
+                exec(compile(text, page, "exec"), namespace)  # noqa: S102 - the handbook's own code
+            said += printed.getvalue()
         elif language == "toml":
             named = re.match(r"# (\S+\.toml)$", text.splitlines()[0])
             tomllib.loads(text)

@@ -125,8 +125,8 @@ def parse_toml(data: bytes) -> Document:
     except tomllib.TOMLDecodeError as error:
         raise SpecError(
             f"the problem file is not valid TOML: {error}.",
-            cure="Check that line for a missing quote or bracket, a comma before }, a repeated key, "
-            "or yes for true.",
+            cure="Check that line for a missing quote or bracket, a comma before }, a repeated "
+            "key, or yes for true.",
         ) from None
     except ValueError:  # Python refuses to read a whole number of more than 4300 digits
         raise SpecError(

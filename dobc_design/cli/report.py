@@ -76,7 +76,7 @@ class Asked:
                     "--pdf", f"{str(pdf)!r} must end in .pdf.", f"For example {pdf.name}.pdf."
                 )
         if self.lmi and given != 1:
-            raise refused("--lmi", "a solver is asked for one certificate.", "Name one.")
+            raise refused("--lmi", "--lmi asks a solver about one certificate.", "Name one.")
         if self.latex is not None and given != 1:
             raise refused(
                 "--latex", "LaTeX fragments are of one certificate.", "Name one certificate."

@@ -107,6 +107,6 @@ def test_proved_equilibria_are_solid_and_suspects_are_dashed():
     solid = [line for line in ax.lines if line.get_linestyle() == "-"]
     assert len(solid) == sum(suspect.kind == RESTS for suspect in region.suspects)
     assert {round(float(line.get_ydata()[0]), 3) for line in solid} == {1.654, 2.99}
-    assert "rests there (proved)" in search_picture(region, 0).alt
-    assert search_picture(certified, 1) is None
+    assert "rests there (proved)" in search_picture(region, 0, unit="m").alt
+    assert search_picture(certified, 1, unit="m") is None
     assert search_sheet([certified]) is None

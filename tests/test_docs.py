@@ -207,7 +207,7 @@ def test_the_json_documents_have_the_keys_of_the_reference_and_no_others(
         LINE.replace("gains = { 1 = 2 }", "").replace("line", "free"), "utf-8"
     )
     own = 'C = [[1]]\n[[exosystem.groups]]\nagents = [3]\nkind = "ramp"\n'
-    Path("groups.toml").write_text(LINE.replace("C = [[1]]\n", own), "utf-8")
+    Path("groups.toml").write_text('units = "m"\n' + LINE.replace("C = [[1]]\n", own), "utf-8")
     one = '[[exosystem.groups]]\nagents = [3]\nkind = "ramp"\n'
     Path("alone.toml").write_text(LINE.replace("A = [[0]]\nC = [[1]]\n", one), "utf-8")
     documented, seen = keys_of_documents(), {}

@@ -98,18 +98,17 @@ def assert_condition(
         raise SpecError(f"There is no condition {condition!r}.", key="condition", cure=known)
     stated = load_problem(problem)
     certificate = certify(stated)
-    chosen = _chosen(certificate, condition, mode)
-    if not chosen:  # a condition that was not needed for the verdict
+    same = _checks(certificate, condition)
+    if not same:  # a condition that was not needed for the verdict
         certificate = certify(stated, everything=True)
-        chosen = _chosen(certificate, condition, mode)
-    if not chosen:
-        modes = [check.mode for check in certificate.checks if check.id == condition and check.mode]
-        if modes:
-            raise AssertionError(
-                f"{condition} has no mode {mode!r}; its modes are {', '.join(modes)}."
-            )
+        same = _checks(certificate, condition)
+    if not same:
         present = ", ".join(dict.fromkeys(check.title for check in certificate.checks))
         raise AssertionError(f"{condition} was not examined here. There are {present}.")
+    chosen = [check for check in same if mode in (None, check.mode)]
+    if not chosen:
+        modes = ", ".join(check.mode for check in same if check.mode is not None)
+        raise AssertionError(f"{condition} has no mode {mode!r}; its modes are {modes or 'none'}.")
     for check in chosen:
         if check.verdict is not verdict:
             words = f"{check.title} is {check.verdict.value}, not {verdict.value}."
@@ -123,10 +122,9 @@ def assert_condition(
     return chosen[-1]
 
 
-def _chosen(certificate: Certificate, condition: str, mode: str | None) -> list[Check]:
-    """The checks of this id, in this mode where one is named."""
-    same = [check for check in certificate.checks if check.id == condition]
-    return [check for check in same if mode in (None, check.mode)]
+def _checks(certificate: Certificate, condition: str) -> list[Check]:
+    """The checks of this id, in all modes."""
+    return [check for check in certificate.checks if check.id == condition]
 
 
 def assert_verified(folder: str | Path, problem: Source) -> None:

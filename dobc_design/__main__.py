@@ -13,7 +13,7 @@ import os
 try:
     import sys
 
-    from dobc_design._signals import end_at_once
+    from ._signals import end_at_once
 
     end_at_once(as_json="--json" in sys.argv)
 except KeyboardInterrupt:  # in the millisecond before the handler stands
@@ -32,7 +32,7 @@ def main() -> None:
     # eighth of its time.
     gc.set_threshold(100_000, 20, 100)
     _open_standard_streams()
-    from dobc_design.cli.main import main as run
+    from .cli.main import main as run
 
     run()
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, Protocol, TypeVar, dataclass_transform
 
-from dobc_design.errors import ShapeError, wrong
+from .errors import ShapeError, wrong
 
 T = TypeVar("T")
 #: Of a field that problem.json has only where it was given, so that other problems keep their hash.

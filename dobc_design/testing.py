@@ -1,6 +1,6 @@
 """Assertions about theorem conditions, for unit tests of your own; any test runner will do.
 
-    from dobc_design.testing import assert_proved
+    from .testing import assert_proved
 
     def test_the_fleet_reaches_its_target():
         assert_proved("fleet.toml", rate=0.5)
@@ -16,16 +16,16 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-from dobc_design.certificate.certificate import Certificate
-from dobc_design.certification.certify import certify, verify
-from dobc_design.conditions.check import Check, Witness
-from dobc_design.conditions.kinds import KINDS
-from dobc_design.conditions.numbers import claimed
-from dobc_design.errors import SpecError
-from dobc_design.exact.number import Number, number_text, parse_number
-from dobc_design.problem.load import Source, load_problem
-from dobc_design.problem.region import Region
-from dobc_design.verdict import Verdict
+from .certificate.certificate import Certificate
+from .certification.certify import certify, verify
+from .conditions.check import Check, Witness
+from .conditions.kinds import KINDS
+from .conditions.numbers import claimed
+from .errors import SpecError
+from .exact.number import Number, number_text, parse_number
+from .problem.load import Source, load_problem
+from .problem.region import Region
+from .verdict import Verdict
 
 __all__ = ["assert_condition", "assert_proved", "assert_refuted", "assert_verified"]
 

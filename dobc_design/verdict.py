@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from enum import Enum
 from typing import NoReturn
 
-from dobc_design._show.cards import Card, html_of
+from ._show.cards import Card, html_of
 
 
 class _Framed:

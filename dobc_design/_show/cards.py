@@ -18,7 +18,8 @@ from typing import Any
 
 from dobc_design._checks import noun
 from dobc_design._show import text as _text
-from dobc_design._show.text import Fragment, escape_html, mathml
+
+from .text import Fragment, escape_html, mathml
 
 Facts = list[tuple[str, Any]]  # of a card: names and values
 MOST_ITEMS, MOST_ROWS, MOST_FACTS = 12, 40, 60

@@ -20,7 +20,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Shown, listed
-from dobc_design.certificate.claims import Claims, box_of, claim_of, reading_claims
 from dobc_design.conditions.check import Check, Claim
 from dobc_design.conditions.consensus.claim import PairFacts
 from dobc_design.conditions.coverage import asked_radius
@@ -48,6 +47,8 @@ from dobc_design.loop.loop import Loop
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.canonical import loop_sha256
 from dobc_design.problem.problem import Problem
+
+from .claims import Claims, box_of, claim_of, reading_claims
 
 Array = NDArray[np.float64]
 #: Rows of a full P_e up to which the diagonal of its inverse is computed; beyond, its least

@@ -12,18 +12,6 @@ from typing import TYPE_CHECKING, Any
 from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Headed
 from dobc_design._show.text import latex_text
-from dobc_design.certificate.bounds import (
-    CertifiedBound,
-    RunLike,
-    bound_of_plant,
-    certified_bound,
-    certified_settling,
-    starts_of,
-)
-from dobc_design.certificate.claims import Claims, claim_of, reading_claims
-from dobc_design.certificate.files import REPORTS, make_folder, require_own, write_together
-from dobc_design.certificate.regions import Regions, certified_regions
-from dobc_design.certificate.text import certificate_bytes
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.schedule.claim import Cycles, Weights
 from dobc_design.conditions.schedule.settling import Settling
@@ -34,6 +22,19 @@ from dobc_design.loop.make import loop_of
 from dobc_design.problem.canonical import canonical_bytes
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
+
+from .bounds import (
+    CertifiedBound,
+    RunLike,
+    bound_of_plant,
+    certified_bound,
+    certified_settling,
+    starts_of,
+)
+from .claims import Claims, claim_of, reading_claims
+from .files import REPORTS, make_folder, require_own, write_together
+from .regions import Regions, certified_regions
+from .text import certificate_bytes
 
 if TYPE_CHECKING:
     import numpy as np

@@ -13,7 +13,6 @@ from fractions import Fraction
 
 from dobc_design._checks import noun
 from dobc_design._show.text import visible
-from dobc_design.certificate.topics import TOPICS
 from dobc_design.conditions.check import Check, Claim, Values
 from dobc_design.conditions.kinds import MAX_SEPARABLE
 from dobc_design.conditions.reason import Reason
@@ -22,6 +21,8 @@ from dobc_design.errors import CertificateError, reason_of
 from dobc_design.exact.matrix import Matrix
 from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
+
+from .topics import TOPICS
 
 
 @noun

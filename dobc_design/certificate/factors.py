@@ -14,7 +14,6 @@ from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 
-from dobc_design.certificate.claims import box_of, claim_of
 from dobc_design.conditions.case import Case
 from dobc_design.conditions.check import Check, Claim
 from dobc_design.conditions.graphs.claim import Kept
@@ -29,6 +28,8 @@ from dobc_design.conditions.weighted.network import Alike
 from dobc_design.exact.number import root_above
 from dobc_design.exact.symmetric import Doubles, SparseSymmetric, largest, least
 from dobc_design.loop.loop import Loop
+
+from .claims import box_of, claim_of
 
 ONE = Fraction(1)
 MOST = Fraction(10) ** 300  # factors above are of no use to anybody

@@ -17,8 +17,6 @@ from typing import Any, Final
 from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Headed
 from dobc_design._show.text import significant, significant_away_from_zero, significant_towards_zero
-from dobc_design.certificate.bounds import Starts, envelope_of, error_share
-from dobc_design.certificate.claims import Claims, claim_of, reading_claims
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.coverage import asked_radius, covers
 from dobc_design.conditions.domain import EVERYWHERE, Around
@@ -39,6 +37,9 @@ from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.number import root_above, root_below
 from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
+
+from .bounds import Starts, envelope_of, error_share
+from .claims import Claims, claim_of, reading_claims
 
 
 @noun

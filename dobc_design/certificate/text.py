@@ -16,7 +16,6 @@ from functools import partial
 from typing import Any
 
 from dobc_design._show.text import visible
-from dobc_design.certificate.claims import Claims
 from dobc_design.conditions.check import (
     Check,
     Written,
@@ -42,6 +41,8 @@ from dobc_design.errors import CertificateError, SpecError, reason_of
 from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.foreign_json import CERTIFICATE, not_a
 from dobc_design.verdict import Verdict
+
+from .claims import Claims
 
 FORMAT = "dobc-certificate"
 VERSION = 1

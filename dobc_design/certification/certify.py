@@ -22,9 +22,6 @@ from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.claims import Claims
 from dobc_design.certificate.factors import with_factors
 from dobc_design.certificate.text import writable
-from dobc_design.certification.cures import Decided, with_cures
-from dobc_design.certification.overall import Overall, decide_overall, refutation
-from dobc_design.certification.recheck import Recheck, agreed, verify_twice
 from dobc_design.conditions.accuracy.stage import accuracy_stage
 from dobc_design.conditions.case import Case
 from dobc_design.conditions.check import Check, cut_check, surviving, undecided_check
@@ -78,6 +75,10 @@ from dobc_design.problem.groups import Group, join, name_some
 from dobc_design.problem.load import Source, load_problem
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
+
+from .cures import Decided, with_cures
+from .overall import Overall, decide_overall, refutation
+from .recheck import Recheck, agreed, verify_twice
 
 OBSTACLES = ("detectability", "hurwitz")  # refuted, they rule out every pair
 MOST_SEARCHED = 200  # modes in which directions of few agents are looked for
@@ -400,7 +401,7 @@ def other_equilibria(problem: Problem, case: Case, *, report: Progress) -> Itera
         return
     if refutation(loop, checks, case.W) is None:
         # It simulates, which nothing else here does.
-        from dobc_design.certification.equilibria import equilibrium_check
+        from .equilibria import equilibrium_check
 
         report("looking for another equilibrium")
         found = equilibrium_check(problem)

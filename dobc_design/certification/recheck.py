@@ -16,7 +16,6 @@ from dobc_design.certificate.claims import Claims, claim_of
 from dobc_design.certificate.factors import factor_obstacle
 from dobc_design.certificate.text import certificate_bytes, read_claims
 from dobc_design.certificate.topics import TOPICS, Trusted
-from dobc_design.certification.overall import Overall, decide_overall, with_verdict
 from dobc_design.checker import examine as checker
 from dobc_design.conditions.check import Check, withdrawn
 from dobc_design.conditions.consensus import decide as consensus
@@ -35,6 +34,8 @@ from dobc_design.problem.canonical import canonical_bytes, problem_sha256
 from dobc_design.problem.groups import blocks_of
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
+
+from .overall import Overall, decide_overall, with_verdict
 
 #: Arcs of all modes together, and matrix rows, up to which ``verify`` waits for the lone checker,
 #: plain Python.

@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Exit, Option
 
-from dobc_design.cli.output import (
+from dobc_design.errors import refused, wrong
+
+from .output import (
     EXIT,
     PIPED,
     CertificateFolder,
@@ -48,7 +50,6 @@ from dobc_design.cli.output import (
     verdict_text,
     write_file,
 )
-from dobc_design.errors import refused, wrong
 
 if TYPE_CHECKING:
     from rich.console import RenderableType

@@ -17,8 +17,9 @@ from importlib.util import find_spec
 from typing import NamedTuple
 
 from dobc_design import __version__
-from dobc_design.cli.output import Json, print_json, say
 from dobc_design.errors import DobcError
+
+from .output import Json, print_json, say
 
 CORE, PROGRAMS = "core", "programs"
 DEVELOPERS = ("dev", "docs")  # extras that users do not miss

@@ -10,8 +10,9 @@ from typing import Annotated
 from typer import Argument, Option
 
 from dobc_design.cli import output
-from dobc_design.cli.options import in_groups
 from dobc_design.errors import refused
+
+from .options import in_groups
 
 TARGETS = "--c DIR, --fmu FILE, --sdpa FILE, --python-control FILE or --rocq FILE"
 #: Which targets have a use for which option.

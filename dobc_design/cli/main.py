@@ -38,7 +38,10 @@ from dobc_design.cli import (
     stress,
     sweep,
 )
-from dobc_design.cli.output import (
+from dobc_design.errors import CertificateError, DobcError, SpecError, refused
+from dobc_design.exact.number import parse_number
+
+from .output import (
     INTERRUPTED,
     MACHINE,
     MISTAKE,
@@ -60,8 +63,6 @@ from dobc_design.cli.output import (
     say,
     write_file,
 )
-from dobc_design.errors import CertificateError, DobcError, SpecError, refused
-from dobc_design.exact.number import parse_number
 
 if TYPE_CHECKING:
     from typer.exceptions import TyperException

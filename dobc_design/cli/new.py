@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
-from dobc_design.cli.output import Json, print_json, require_folder, say
 from dobc_design.errors import refused
+
+from .output import Json, print_json, require_folder, say
 
 if TYPE_CHECKING:
     from dobc_design.problem.problem import Problem

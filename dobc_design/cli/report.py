@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Argument, Exit, Option
 
 from dobc_design.cli import output
-from dobc_design.cli.options import in_groups
 from dobc_design.errors import CertificateError, refused
 from dobc_design.loop.make import loop_of
+
+from .options import in_groups
 
 if TYPE_CHECKING:
     from dobc_design.certificate.claims import Claims

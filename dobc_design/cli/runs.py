@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from typer import Option
 
 from dobc_design.cli import output
-from dobc_design.cli.options import in_groups
 from dobc_design.errors import refused
 from dobc_design.loop.make import loop_of
+
+from .options import in_groups
 
 if TYPE_CHECKING:
     from dobc_design.certificate.certificate import Certificate

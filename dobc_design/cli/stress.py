@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from typer import Option
 
 from dobc_design.cli import output
-from dobc_design.cli.options import in_groups
-from dobc_design.cli.runs import BREAKING, OBSERVER, SUMMARY, Answer, Files, Runs, make_runs
 from dobc_design.errors import SpecError, refused
+
+from .options import in_groups
+from .runs import BREAKING, OBSERVER, SUMMARY, Answer, Files, Runs, make_runs
 
 if TYPE_CHECKING:
     from dobc_design.certificate.certificate import Certificate

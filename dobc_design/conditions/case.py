@@ -11,10 +11,11 @@ from dataclasses import replace
 from typing import TypeVar
 
 from dobc_design._checks import noun
-from dobc_design.conditions.check import Check
-from dobc_design.conditions.domain import Domain
 from dobc_design.exact.matrix import Matrix
 from dobc_design.loop.loop import Loop
+
+from .check import Check
+from .domain import Domain
 
 Noun = TypeVar("Noun")
 

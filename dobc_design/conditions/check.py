@@ -20,18 +20,19 @@ from typing import Any, Protocol
 from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Shown, listed
 from dobc_design._show.text import significant_away_from_zero, significant_towards_zero
-from dobc_design.conditions.domain import EVERYWHERE, Around, Domain, domain_from_json
-from dobc_design.conditions.kinds import KINDS, Kind
-from dobc_design.conditions.numbers import (
+from dobc_design.exact.work import STAGE, WorkLimitError, at_most, spend
+from dobc_design.loop.loop import Loop
+from dobc_design.verdict import Decided, Verdict
+
+from .domain import EVERYWHERE, Around, Domain, domain_from_json
+from .kinds import KINDS, Kind
+from .numbers import (
     claimed,
     fields_to_json,
     known_to_json,
     read_rational,
     time_to_one_percent,
 )
-from dobc_design.exact.work import STAGE, WorkLimitError, at_most, spend
-from dobc_design.loop.loop import Loop
-from dobc_design.verdict import Decided, Verdict
 
 logger = logging.getLogger("dobc_design")
 

@@ -9,12 +9,13 @@ from collections.abc import Callable, Sequence
 from fractions import Fraction
 
 from dobc_design._checks import noun
-from dobc_design.conditions.check import Check
-from dobc_design.conditions.domain import EVERYWHERE, Around, Box, Domain
-from dobc_design.conditions.numbers import claimed, decimal_above
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import root_above
 from dobc_design.loop.loop import Loop
+
+from .check import Check
+from .domain import EVERYWHERE, Around, Box, Domain
+from .numbers import claimed, decimal_above
 
 
 def covers(loop: Loop, check: Check, checks: Sequence[Check]) -> bool:

@@ -15,13 +15,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
 
 from dobc_design._checks import noun
-from dobc_design.conditions.check import Check
-from dobc_design.conditions.coverage import holds_region, is_box_near
-from dobc_design.conditions.domain import EVERYWHERE, NEAR_TARGET, Around
-from dobc_design.conditions.kinds import MAX_SEPARABLE
 from dobc_design.loop.loop import Loop
 from dobc_design.problem.uncertainty import ABSOLUTE, RELATIVE
 from dobc_design.verdict import Verdict
+
+from .check import Check
+from .coverage import holds_region, is_box_near
+from .domain import EVERYWHERE, NEAR_TARGET, Around
+from .kinds import MAX_SEPARABLE
 
 LIMIT, TOLERANCE, ACCURACY = "actuators", "tolerance", "accuracy"
 #: How a reason ends where the disturbance takes all that an actuator can give.

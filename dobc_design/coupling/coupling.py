@@ -20,13 +20,14 @@ from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Facts, Formula, Shown, cut
 from dobc_design.coupling import expression as language
 from dobc_design.coupling import tree
-from dobc_design.coupling.expression import LONGEST, Expression, parse_expression
-from dobc_design.coupling.functions import NONSMOOTH
-from dobc_design.coupling.parser import excerpt
 from dobc_design.errors import ExpressionError, Mistakes, ShapeError, wrong
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import NumberText, Texts, counted, is_list, shown
+
+from .expression import LONGEST, Expression, parse_expression
+from .functions import NONSMOOTH
+from .parser import excerpt
 
 T = TypeVar("T")
 # Where h has to have a bounded slope: Lipschitz continuity around 0 cannot be seen at 0 alone.

@@ -15,8 +15,13 @@ from fractions import Fraction
 from functools import lru_cache
 from itertools import groupby, pairwise
 
-from dobc_design.coupling.expression import Expression
-from dobc_design.coupling.tree import (
+from dobc_design.exact.floats import Floats
+from dobc_design.exact.interval import Interval, UndefinedError
+from dobc_design.exact.number import height
+from dobc_design.exact.work import spend
+
+from .expression import Expression
+from .tree import (
     ONE,
     ZERO,
     GradientAlgebra,
@@ -27,10 +32,6 @@ from dobc_design.coupling.tree import (
     program,
     run,
 )
-from dobc_design.exact.floats import Floats
-from dobc_design.exact.interval import Interval, UndefinedError
-from dobc_design.exact.number import height
-from dobc_design.exact.work import spend
 
 #: How much wider than the truth a range may be at each end (relative to the value where that is
 #: above 1).

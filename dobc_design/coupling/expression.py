@@ -16,10 +16,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dobc_design.coupling import tree
-from dobc_design.coupling.functions import FUNCTIONS, Function
-from dobc_design.coupling.parser import DEEPEST, Fault, Repair, excerpt, parse
 from dobc_design.errors import ExpressionError, ShapeError, SpecError, wrong
 from dobc_design.exact.number import decimal_parts, with_exponent, without_exponent
+
+from .functions import FUNCTIONS, Function
+from .parser import DEEPEST, Fault, Repair, excerpt, parse
 
 _LONGEST_PLAIN_NUMBER = 21
 T = TypeVar("T")

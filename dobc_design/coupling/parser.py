@@ -13,11 +13,12 @@ from fractions import Fraction
 
 from dobc_design._show.text import visible
 from dobc_design.coupling import tree
-from dobc_design.coupling.functions import FOREIGN, FUNCTIONS, NONSMOOTH, OTHER_NAMES
 from dobc_design.errors import SpecError
 from dobc_design.exact.interval import Interval
 from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import Texts, counted
+
+from .functions import FOREIGN, FUNCTIONS, NONSMOOTH, OTHER_NAMES
 
 Kind = Enum("Kind", "NUMBER NAME SIGN END")
 

@@ -16,10 +16,11 @@ from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
-from dobc_design.coupling.functions import FUNCTIONS, Array, applied
 from dobc_design.exact import interval
 from dobc_design.exact.interval import Interval
 from dobc_design.exact.number import nearest, number_key
+
+from .functions import FUNCTIONS, Array, applied
 
 T = TypeVar("T")
 

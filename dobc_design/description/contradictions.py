@@ -16,7 +16,13 @@ import numpy as np
 
 from dobc_design._show.cards import listed
 from dobc_design._show.text import significant
-from dobc_design.description.meaning import (
+from dobc_design.exact.matrix import to_float
+from dobc_design.exact.number import nearest
+from dobc_design.loop.make import loop_of
+from dobc_design.problem.problem import Problem
+from dobc_design.problem.uncertainty import Actuators
+
+from .meaning import (
     LARGEST_ORDER,
     Sentences,
     disturbance_parts,
@@ -24,11 +30,6 @@ from dobc_design.description.meaning import (
     has_floats,
     observer_excess,
 )
-from dobc_design.exact.matrix import to_float
-from dobc_design.exact.number import nearest
-from dobc_design.loop.make import loop_of
-from dobc_design.problem.problem import Problem
-from dobc_design.problem.uncertainty import Actuators
 
 ENOUGH = 10  # times the network's rate, with which an observer does all that it can do
 LARGE_ERROR = Fraction(1, 2)  # relative, of weights or gains

@@ -7,10 +7,11 @@ from dataclasses import replace
 from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Shown
 from dobc_design.description import words
-from dobc_design.description.contradictions import warnings
-from dobc_design.description.meaning import remarks, time_words
 from dobc_design.problem.load import Source, load_problem
 from dobc_design.problem.problem import Problem
+
+from .contradictions import warnings
+from .meaning import remarks, time_words
 
 
 @noun

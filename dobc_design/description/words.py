@@ -10,8 +10,6 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from dobc_design.description.contradictions import warnings
-from dobc_design.description.meaning import disturbance_words, remarks, time_words
 from dobc_design.exact.number import decimal_text
 from dobc_design.exact.reading import Document, Names, counted, named, some
 from dobc_design.loop.arcs import unreached
@@ -21,6 +19,9 @@ from dobc_design.problem.network import Arcs, Network
 from dobc_design.problem.problem import Problem, table_words
 from dobc_design.problem.region import Pair
 from dobc_design.problem.tables import LISTED, gain_text, switching_words, vector_text
+
+from .contradictions import warnings
+from .meaning import disturbance_words, remarks, time_words
 
 FIRST = 8  # labels and modes in the first line
 

@@ -25,8 +25,6 @@ from dobc_design.conditions.consensus.propose import float_lambda, largest_eigen
 from dobc_design.conditions.numbers import bisected
 from dobc_design.conditions.separable.claim import acts_by_component, stuck_agents
 from dobc_design.conditions.separable.propose import field_of, least_above
-from dobc_design.designer.shown import limit_words, shown
-from dobc_design.designer.source import python_source
 from dobc_design.errors import DobcError, refused
 from dobc_design.exact.number import number_text, parse_number
 from dobc_design.exact.reading import is_scalar_matrix
@@ -37,6 +35,9 @@ from dobc_design.problem.load import load_problem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.runs import simulate
+
+from .shown import limit_words, shown
+from .source import python_source
 
 try:
     import anywidget

@@ -6,15 +6,16 @@ their names: a function of the same name is not exported here.
 """
 
 from dobc_design.exact import interval
-from dobc_design.exact.definite import (
+
+from .definite import (
     Definiteness,
     decide_positive_definite,
     decide_positive_semidefinite,
     decide_quickly,
     definiteness,
 )
-from dobc_design.exact.interval import Interval, UndefinedError
-from dobc_design.exact.matrix import (
+from .interval import Interval, UndefinedError
+from .matrix import (
     Matrix,
     Vector,
     add,
@@ -34,8 +35,8 @@ from dobc_design.exact.matrix import (
     transpose,
     zeros,
 )
-from dobc_design.exact.number import float_above, float_below, number_text, parse_number
-from dobc_design.exact.observability import (
+from .number import float_above, float_below, number_text, parse_number
+from .observability import (
     Detectability,
     Observability,
     decide_detectable,
@@ -43,7 +44,7 @@ from dobc_design.exact.observability import (
     observability_matrix,
     observable_reduction,
 )
-from dobc_design.exact.polynomial import (
+from .polynomial import (
     RouthTable,
     characteristic_polynomial,
     count_right_half_plane,
@@ -51,7 +52,7 @@ from dobc_design.exact.polynomial import (
     polynomial_text,
     routh,
 )
-from dobc_design.exact.symmetric import IntegerSymmetric, SparseSymmetric
+from .symmetric import IntegerSymmetric, SparseSymmetric
 
 __all__ = [
     "Definiteness",

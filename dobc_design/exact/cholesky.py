@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dobc_design._checks import noun
-from dobc_design.exact.number import from_fmpq_mat, to_fmpq
-from dobc_design.exact.symmetric import IntegerSymmetric, SparseSymmetric
+
+from .number import from_fmpq_mat, to_fmpq
+from .symmetric import IntegerSymmetric, SparseSymmetric
 
 if TYPE_CHECKING:
     from flint import fmpq_mat

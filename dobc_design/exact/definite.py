@@ -22,7 +22,9 @@ from numpy.typing import NDArray
 from dobc_design._checks import noun
 from dobc_design._show.cards import Shown
 from dobc_design.errors import CertificateError, ShapeError, wrong
-from dobc_design.exact.cholesky import (
+from dobc_design.verdict import Decided, Verdict
+
+from .cholesky import (
     FLINT_SIZE,
     Scaled,
     UnfinishedError,
@@ -33,10 +35,9 @@ from dobc_design.exact.cholesky import (
     proves_by_integers,
     scaled,
 )
-from dobc_design.exact.matrix import Matrix, Vector, from_float, matrix
-from dobc_design.exact.symmetric import IntegerSymmetric, SparseSymmetric, Symmetric, in_integers
-from dobc_design.exact.zmatrix import is_z_matrix, search
-from dobc_design.verdict import Decided, Verdict
+from .matrix import Matrix, Vector, from_float, matrix
+from .symmetric import IntegerSymmetric, SparseSymmetric, Symmetric, in_integers
+from .zmatrix import is_z_matrix, search
 
 # Roundings tried, in bits of the largest entry, to make a witness readable and sparse.
 _WITNESS_BITS: Final = (1, 2, 4, 8, 16, 32, 64)

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from fractions import Fraction
 from typing import Final
 
-from dobc_design.exact.interval import FLINT
-from dobc_design.exact.matrix import Matrix, scale
-from dobc_design.exact.peaks import balls
+from .interval import FLINT
+from .matrix import Matrix, scale
+from .peaks import balls
 
 BITS: Final = 256
 

@@ -14,8 +14,8 @@ from fractions import Fraction
 from math import inf, nextafter
 from typing import Final
 
-from dobc_design.exact.interval import WAVES, Interval, UndefinedError, float_values
-from dobc_design.exact.number import float_above, float_below
+from .interval import WAVES, Interval, UndefinedError, float_values
+from .number import float_above, float_below
 
 #: Ends beyond are refused.
 LARGEST: Final = 1e300

@@ -19,8 +19,10 @@ from typing import TYPE_CHECKING, Any, Final, Self, cast
 from dobc_design._checks import noun
 from dobc_design._show.cards import Told
 from dobc_design.errors import SpecError
-from dobc_design.exact.matrix import Matrix
-from dobc_design.exact.number import (
+from dobc_design.verdict import Verdict
+
+from .matrix import Matrix
+from .number import (
     float_above,
     float_below,
     height,
@@ -29,8 +31,7 @@ from dobc_design.exact.number import (
     root_below,
     to_fmpq,
 )
-from dobc_design.exact.polynomial import routh_column
-from dobc_design.verdict import Verdict
+from .polynomial import routh_column
 
 if TYPE_CHECKING:
     from flint import arb

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from dobc_design._checks import require_shape, require_square
 from dobc_design.errors import ShapeError, SpecError, wrong
-from dobc_design.exact.number import from_fmpq_mat, parse_number, to_fmpq_mat
+
+from .number import from_fmpq_mat, parse_number, to_fmpq_mat
 
 Matrix: TypeAlias = tuple[tuple[Fraction, ...], ...]
 Vector: TypeAlias = tuple[Fraction, ...]

@@ -9,7 +9,9 @@ from __future__ import annotations
 
 from dobc_design._checks import noun, require_shape, require_square
 from dobc_design._show.cards import Shown
-from dobc_design.exact.matrix import (
+from dobc_design.verdict import Decided, Verdict
+
+from .matrix import (
     Matrix,
     Vector,
     identity,
@@ -19,15 +21,14 @@ from dobc_design.exact.matrix import (
     row_echelon,
     transpose,
 )
-from dobc_design.exact.number import from_fmpq_mat, to_fmpq_mat
-from dobc_design.exact.polynomial import (
+from .number import from_fmpq_mat, to_fmpq_mat
+from .polynomial import (
     Coefficients,
     RouthTable,
     characteristic_polynomial,
     polynomial_text,
     routh,
 )
-from dobc_design.verdict import Decided, Verdict
 
 
 @noun

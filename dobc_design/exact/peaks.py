@@ -16,9 +16,10 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final
 
 from dobc_design.exact import matrix as exact
-from dobc_design.exact.interval import FLINT, _ends
-from dobc_design.exact.matrix import Matrix
-from dobc_design.exact.number import to_fmpq
+
+from .interval import FLINT, _ends
+from .matrix import Matrix
+from .number import to_fmpq
 
 if TYPE_CHECKING:
     from flint import arb_mat

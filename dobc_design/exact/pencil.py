@@ -11,8 +11,9 @@ from fractions import Fraction
 
 from dobc_design._checks import noun
 from dobc_design.errors import ShapeError
-from dobc_design.exact.matrix import Matrix
-from dobc_design.exact.symmetric import SparseSymmetric, Symmetric
+
+from .matrix import Matrix
+from .symmetric import SparseSymmetric, Symmetric
 
 Place = tuple[str, int, int]  # unknown, row, column
 

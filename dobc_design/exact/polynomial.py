@@ -15,9 +15,10 @@ from typing import TYPE_CHECKING, Any
 from dobc_design._checks import noun, require_square
 from dobc_design._show.cards import Shown
 from dobc_design.errors import SpecError
-from dobc_design.exact.matrix import Matrix
-from dobc_design.exact.number import from_fmpq, quotient_text, to_fmpq, to_fmpq_mat
 from dobc_design.verdict import Decided, Verdict
+
+from .matrix import Matrix
+from .number import from_fmpq, quotient_text, to_fmpq, to_fmpq_mat
 
 if TYPE_CHECKING:
     from flint import fmpq_poly

@@ -15,8 +15,9 @@ import numpy as np
 
 from dobc_design._show.text import visible
 from dobc_design.errors import ShapeError, wrong
-from dobc_design.exact.matrix import Matrix, Vector
-from dobc_design.exact.number import number_text, parse_number
+
+from .matrix import Matrix, Vector
+from .number import number_text, parse_number
 
 Names = Sequence[str]  # labels of agents, names of modes
 Texts = tuple[str, ...]

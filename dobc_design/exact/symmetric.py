@@ -15,8 +15,9 @@ from dobc_design._checks import noun, require_square
 from dobc_design._show.cards import Card, Shown, plain
 from dobc_design._show.text import MAX_SHOWN
 from dobc_design.errors import ShapeError, SpecError, wrong
-from dobc_design.exact.matrix import Matrix
-from dobc_design.exact.number import common_denominator
+
+from .matrix import Matrix
+from .number import common_denominator
 
 # rows, columns and values
 Triplets: TypeAlias = tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]

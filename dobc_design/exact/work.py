@@ -17,8 +17,9 @@ from fractions import Fraction
 from typing import Any, Final
 
 from dobc_design.errors import SpecError
-from dobc_design.exact.number import parse_number
-from dobc_design.exact.reading import shown
+
+from .number import parse_number
+from .reading import shown
 
 LONGEST: Final = 366 * 24 * 3600  # s
 SHORTEST: Final = 1e-3  # s

@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dobc_design._checks import noun
-from dobc_design.exact.symmetric import (
+
+from .symmetric import (
     DENOMINATOR_BITS,
     IntegerSymmetric,
     Places,

@@ -15,7 +15,6 @@ from dobc_design.coupling.expression import formula_text
 from dobc_design.coupling.functions import FUNCTIONS
 from dobc_design.errors import refused
 from dobc_design.exact.matrix import Matrix, to_float
-from dobc_design.export.c_text import template
 from dobc_design.loop import arrays
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.canonical import problem_sha256
@@ -23,12 +22,15 @@ from dobc_design.problem.load import load_problem
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
+from .c_text import template
+
 if TYPE_CHECKING:
     from dobc_design.analysis.analysis import Analysis
-    from dobc_design.export.c_folder import CCode
-    from dobc_design.export.fmu import Fmu
-    from dobc_design.export.python_control import ConsensusLoop
     from dobc_design.model.model import Model
+
+    from .c_folder import CCode
+    from .fmu import Fmu
+    from .python_control import ConsensusLoop
 
 MOST_ARCS = 20_000  # of all modes in a Python file: a few MB
 
@@ -58,8 +60,8 @@ def to_c(
         >>> "dobc_agent.c" in code.files, code.tolerance < 1e-9
         (True, True)
     """
-    from dobc_design.export.c_controller import certified_sampling
-    from dobc_design.export.c_folder import Recorder, c_code
+    from .c_controller import certified_sampling
+    from .c_folder import Recorder, c_code
 
     problem = _loaded(problem)
     problem.require_no_leader("C code")
@@ -86,8 +88,8 @@ def to_fmu(problem: Source, *, period: Any, agent: Any = None, sampled_gain: Any
     ``to_c``.  Inputs: mode, x, heard[LABEL]; outputs: u, v, dhat and the packet y.
     Returns: an Fmu.  Raises: as ``to_c``; SolverError if the C compiler refuses.
     """
-    from dobc_design.export.c_folder import Recorder
-    from dobc_design.export.fmu import make_fmu
+    from .c_folder import Recorder
+    from .fmu import make_fmu
 
     problem = _loaded(problem)
     problem.require_no_leader("an FMU")
@@ -113,7 +115,8 @@ def to_sdpa(problem: Source) -> str:
         ('3', '20 1 1 2')
     """
     from dobc_design.certification.certify import decide
-    from dobc_design.export.matrices import sdpa_text
+
+    from .matrices import sdpa_text
 
     problem = _loaded(problem)
     problem.require_one_exosystem()
@@ -171,7 +174,7 @@ def to_sympy(source: Source | Certificate) -> dict[str, Any]:
         >>> matrices["W"].T, matrices["h"]
         (Matrix([[16/5, 12/5]]), Matrix([[y + exp(y) - 1]]))
     """
-    from dobc_design.export.matrices import sympy_matrices
+    from .matrices import sympy_matrices
 
     return sympy_matrices(*_matrices(source))
 
@@ -181,13 +184,13 @@ def to_latex(source: Source | Certificate) -> str:
 
     Returns: the text.  Raises: SpecError above 500 rows.
     """
-    from dobc_design.export.matrices import latex_of
+    from .matrices import latex_of
 
     return latex_of(*_matrices(source))
 
 
 def _matrices(source: Source | Certificate) -> tuple[dict[str, Matrix], Problem]:
-    from dobc_design.export.matrices import exact_matrices
+    from .matrices import exact_matrices
 
     if isinstance(source, Certificate):
         claims = source.claims
@@ -246,8 +249,9 @@ def to_control(
     draws the switches.  A missing W is designed first.
     Returns: a ConsensusLoop.  Raises: SpecError.
     """
-    from dobc_design.export.python_control import to_control as run
     from dobc_design.simulation.signals import Mobile, signal_of
+
+    from .python_control import to_control as run
 
     problem = _loaded(problem)
     if signal is None and mode is None:

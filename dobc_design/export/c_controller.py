@@ -48,7 +48,6 @@ from dobc_design.exact.number import number_text, parse_number
 from dobc_design.exact.polynomial import characteristic_polynomial, decide_images, disk_image
 from dobc_design.exact.reading import named, shown
 from dobc_design.exact.symmetric import SparseSymmetric
-from dobc_design.export.c_text import PRECISIONS, rounded
 from dobc_design.loop.arrays import Gain, chosen_gain
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.dynamics import Dynamics
@@ -58,6 +57,8 @@ from dobc_design.problem.network import one_form
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.sampled import check_sampled_gain
 from dobc_design.verdict import Verdict
+
+from .c_text import PRECISIONS, rounded
 
 
 def certified_sampling(problem: Problem, claims: Claims, period: Fraction) -> Statement:

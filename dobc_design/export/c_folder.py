@@ -26,13 +26,23 @@ from dobc_design._show.text import significant
 from dobc_design.certificate.files import write_folder
 from dobc_design.conditions.statement import Statement
 from dobc_design.errors import refused
-from dobc_design.export.c_controller import (
+from dobc_design.loop.arrays import Gain
+from dobc_design.problem.dynamics import expressions_of
+from dobc_design.problem.problem import Problem
+from dobc_design.simulation.execution import run_once
+from dobc_design.simulation.setting import make_setting
+from dobc_design.simulation.signals import Mobile, signal_of
+from dobc_design.simulation.stress import Stress
+from dobc_design.simulation.trajectory import Trajectory
+from dobc_design.verdict import Verdict
+
+from .c_controller import (
     AgentNumbers,
     Controller,
     Hearing,
     make_controller,
 )
-from dobc_design.export.c_text import (
+from .c_text import (
     CAlgebra,
     array,
     bare,
@@ -43,17 +53,8 @@ from dobc_design.export.c_text import (
     string,
     template,
 )
-from dobc_design.export.c_text import literal as c_literal
-from dobc_design.export.rounding_bound import Array, Recorded, felt_with_error, rounding_bound
-from dobc_design.loop.arrays import Gain
-from dobc_design.problem.dynamics import expressions_of
-from dobc_design.problem.problem import Problem
-from dobc_design.simulation.execution import run_once
-from dobc_design.simulation.setting import make_setting
-from dobc_design.simulation.signals import Mobile, signal_of
-from dobc_design.simulation.stress import Stress
-from dobc_design.simulation.trajectory import Trajectory
-from dobc_design.verdict import Verdict
+from .c_text import literal as c_literal
+from .rounding_bound import Array, Recorded, felt_with_error, rounding_bound
 
 SECONDS = 10.0
 MOST_SAMPLES = 400

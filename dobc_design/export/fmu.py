@@ -29,9 +29,10 @@ from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Shown
 from dobc_design.certificate.files import write_atomically
 from dobc_design.errors import SolverError
-from dobc_design.export.c_controller import Controller
-from dobc_design.export.c_folder import header_text, source_text
-from dobc_design.export.c_text import string, template
+
+from .c_controller import Controller
+from .c_folder import header_text, source_text
+from .c_text import string, template
 
 MODEL = "dobc_agent"
 COMPILERS = ("cc", "gcc", "clang")

@@ -7,10 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dobc_design.falsification.levels import Level, StartSet
 from dobc_design.loop.matrices import Array
 from dobc_design.model.flow import Flow
 from dobc_design.simulation.starts import TINY, Pair
+
+from .levels import Level, StartSet
 
 
 class Height(NamedTuple):

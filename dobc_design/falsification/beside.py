@@ -17,11 +17,12 @@ from dobc_design._show.progress import Reports
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certification.overall import decide_overall, with_verdict
 from dobc_design.conditions.check import Check
-from dobc_design.falsification.levels import regional_check
-from dobc_design.falsification.search import RUNS, Question, search_starts
-from dobc_design.falsification.suspect import Falsification
 from dobc_design.loop.make import loop_of
 from dobc_design.verdict import Verdict
+
+from .levels import regional_check
+from .search import RUNS, Question, search_starts
+from .suspect import Falsification
 
 #: Starts of the default search: rows n m times starts are at most so many, but there are a few
 #: starts at least.

@@ -8,12 +8,13 @@ from dobc_design._show.progress import Reports, report_to, shows_progress
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.observer.propose import observer_gain
 from dobc_design.errors import wrong
-from dobc_design.falsification.beside import Searched, search_beside
-from dobc_design.falsification.levels import Certified, regional_check
-from dobc_design.falsification.search import RUNS, Question, search_starts
-from dobc_design.falsification.suspect import Falsification
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.load import Source, load_problem
+
+from .beside import Searched, search_beside
+from .levels import Certified, regional_check
+from .search import RUNS, Question, search_starts
+from .suspect import Falsification
 
 
 @overload

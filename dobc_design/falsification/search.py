@@ -26,16 +26,6 @@ from dobc_design.conditions.equilibrium.propose import (
     proved_equilibria,
 )
 from dobc_design.errors import wrong
-from dobc_design.falsification.ascent import ascend, final_error, final_level
-from dobc_design.falsification.levels import (
-    Boundary,
-    Certified,
-    Level,
-    StartSet,
-    level_of,
-)
-from dobc_design.falsification.paces import drawn_signals
-from dobc_design.falsification.suspect import LEAVES, RESTS, STAYS_AWAY, Falsification, Suspect
 from dobc_design.loop.arrays import Gain, chosen_gain
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.matrices import Array
@@ -55,6 +45,17 @@ from dobc_design.simulation.trials import (
     run_starts,
     settling_horizon,
 )
+
+from .ascent import ascend, final_error, final_level
+from .levels import (
+    Boundary,
+    Certified,
+    Level,
+    StartSet,
+    level_of,
+)
+from .paces import drawn_signals
+from .suspect import LEAVES, RESTS, STAYS_AWAY, Falsification, Suspect
 
 RUNS = 500
 TOLERANCE = 1e-9

@@ -9,11 +9,12 @@ import numpy as np
 
 from dobc_design.errors import refused
 from dobc_design.exact.reading import shown
-from dobc_design.importing.grids import grid_problem, is_pandapower, read_matpower, read_pandapower
 from dobc_design.problem.arcs_file import READERS, read_arcs_file
 from dobc_design.problem.load import load_problem, read_bytes
 from dobc_design.problem.network import Arcs, Network
 from dobc_design.problem.problem import Problem, is_name
+
+from .grids import grid_problem, is_pandapower, read_matpower, read_pandapower
 
 LARGEST = 256 * 1024 * 1024
 SUFFIXES = (".m", ".json", *READERS, ".toml")

@@ -11,8 +11,9 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from dobc_design._checks import noun
-from dobc_design.loop.loop import Loop, Pins
 from dobc_design.problem.network import Arc, Arcs, IndexArray, distinct_weights
+
+from .loop import Loop, Pins
 
 
 @noun(eq=False)

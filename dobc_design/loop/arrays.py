@@ -17,12 +17,13 @@ from dobc_design.coupling.tree import postorder
 from dobc_design.errors import wrong
 from dobc_design.exact.matrix import Matrix, matrix, to_float
 from dobc_design.exact.reading import Names, shown
-from dobc_design.loop.arcs import places_at, split_by
-from dobc_design.loop.loop import Loop
-from dobc_design.loop.matrices import Array, block_sparse
 from dobc_design.problem.groups import gains_of, group_numbers
 from dobc_design.problem.network import Arc, Arcs, BoolArray, IndexArray, distinct_weights
 from dobc_design.problem.problem import Problem
+
+from .arcs import places_at, split_by
+from .loop import Loop
+from .matrices import Array, block_sparse
 
 LARGEST_FLOAT = Fraction(np.finfo(np.float64).max.item())
 

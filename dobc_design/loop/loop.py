@@ -22,7 +22,6 @@ from dobc_design.coupling.coupling import Coupling
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import Matrix, Vector, left_inverse
 from dobc_design.exact.reading import Texts, is_scalar_matrix
-from dobc_design.loop.guarantee import Guarantee
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import (
     Group,
@@ -35,6 +34,8 @@ from dobc_design.problem.groups import (
 from dobc_design.problem.network import Arc, Arcs
 from dobc_design.problem.region import Pairs
 from dobc_design.problem.uncertainty import Actuators, Uncertainty
+
+from .guarantee import Guarantee
 
 Pair = tuple[Fraction, Fraction]
 Made = TypeVar("Made")

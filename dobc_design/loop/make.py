@@ -27,14 +27,15 @@ from dobc_design.exact.interval import Interval
 from dobc_design.exact.matrix import Matrix, multiply, subtract, zeros
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import Names, is_scalar_matrix
-from dobc_design.loop.guarantee import guarantee_of
-from dobc_design.loop.loop import Drift, Goals, Loop, Pins, Starts, pins_of
 from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group, Observer
 from dobc_design.problem.leader import enclosure, not_enclosed
 from dobc_design.problem.network import Arc
 from dobc_design.problem.problem import Problem
+
+from .guarantee import guarantee_of
+from .loop import Drift, Goals, Loop, Pins, Starts, pins_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.exact.matrix import to_float
-from dobc_design.loop.arcs import arc_table
-from dobc_design.loop.loop import Loop
 from dobc_design.problem.network import IndexArray
+
+from .arcs import arc_table
+from .loop import Loop
 
 Array = NDArray[np.float64]
 

@@ -14,7 +14,8 @@ from dobc_design.exact.matrix import to_float
 from dobc_design.loop.arrays import ArcGroup, difference_matrix, error_arcs, gathering_matrix
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.matrices import Array
-from dobc_design.model.algebras import CasadiAlgebra
+
+from .algebras import CasadiAlgebra
 
 Named = dict[str, Any]  # symbols and expressions, by the names that users see
 

@@ -11,7 +11,8 @@ from dobc_design._checks import noun
 from dobc_design.loop.arrays import Gain, disturbance_arrays
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.matrices import Array, pull_matrix
-from dobc_design.model.couplings import constant, felt_errors, function
+
+from .couplings import constant, felt_errors, function
 
 
 @noun(eq=False)

@@ -18,8 +18,9 @@ from dobc_design._show.cards import Card, Headed
 from dobc_design.loop import arrays
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.matrices import Array
-from dobc_design.model.couplings import Felt, Named, bent, constant, felt_inputs, function
 from dobc_design.problem.problem import Problem
+
+from .couplings import Felt, Named, bent, constant, felt_inputs, function
 
 
 @noun(eq=False)

@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dobc_design.errors import refused
-from dobc_design.plotting.look import (
+
+from .look import (
     BLUE,
     GRID,
     INK,
@@ -29,7 +30,7 @@ from dobc_design.plotting.look import (
     thinned_rows,
     write_new,
 )
-from dobc_design.plotting.runs import Run
+from .runs import Run
 
 Array = NDArray[np.float64]
 Arcs = Mapping[str, Sequence[tuple[int, int]]]

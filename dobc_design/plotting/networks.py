@@ -20,7 +20,8 @@ from matplotlib.path import Path
 from numpy.typing import NDArray
 
 from dobc_design.errors import about
-from dobc_design.plotting.look import BLUE, INK, MUTED, PAPER, VERMILLION, Sheet, short
+
+from .look import BLUE, INK, MUTED, PAPER, VERMILLION, Sheet, short
 
 Positions = NDArray[np.float64]
 Pair = tuple[int, int]

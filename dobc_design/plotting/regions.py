@@ -15,7 +15,8 @@ from matplotlib.figure import Figure
 
 from dobc_design._show.text import lower
 from dobc_design.plotting import look
-from dobc_design.plotting.look import (
+
+from .look import (
     BLUE,
     DASHED,
     DOTTED,
@@ -26,7 +27,7 @@ from dobc_design.plotting.look import (
     Sheet,
     short,
 )
-from dobc_design.plotting.weights import Phase, Weights, plot_weights
+from .weights import Phase, Weights, plot_weights
 
 ALONE: Final = 5.2  # inches, of one drawing in a file
 MOST_STARTS: Final = 24  # agents

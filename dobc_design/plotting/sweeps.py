@@ -19,7 +19,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from dobc_design._checks import noun
 from dobc_design.plotting import look
-from dobc_design.plotting.look import (
+
+from .look import (
     BLUE,
     DASHED,
     GREEN,

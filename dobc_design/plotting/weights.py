@@ -12,8 +12,9 @@ from matplotlib.axes import Axes
 
 from dobc_design._checks import noun
 from dobc_design.plotting import look
-from dobc_design.plotting.look import DOTTED, SERIES, short
-from dobc_design.plotting.runs import MOST_NAMED_MODES, Switches, plot_modes, tick_decades
+
+from .look import DOTTED, SERIES, short
+from .runs import MOST_NAMED_MODES, Switches, plot_modes, tick_decades
 
 
 class Phase(Protocol):

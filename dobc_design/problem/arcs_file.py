@@ -18,7 +18,8 @@ from dobc_design._checks import noun
 from dobc_design.errors import SpecError, about, wrong
 from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import Texts, named, shown
-from dobc_design.problem.arcs_graphs import (
+
+from .arcs_graphs import (
     MATRIX_MARKET,
     Graph,
     first_word,
@@ -27,8 +28,8 @@ from dobc_design.problem.arcs_graphs import (
     matrix_market,
     pajek,
 )
-from dobc_design.problem.arcs_plain import PlainColumns, plain_columns
-from dobc_design.problem.arcs_text import (
+from .arcs_plain import PlainColumns, plain_columns
+from .arcs_text import (
     KNOWN,
     Table,
     Unfit,
@@ -36,7 +37,7 @@ from dobc_design.problem.arcs_text import (
     csv_table,
     edge_list_table,
 )
-from dobc_design.problem.network import (
+from .network import (
     ONE,
     WANTED,
     Arcs,

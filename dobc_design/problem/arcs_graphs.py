@@ -14,8 +14,9 @@ from xml.etree import ElementTree
 from dobc_design._checks import noun
 from dobc_design.errors import reason_of
 from dobc_design.exact.reading import Names, Texts, named, shown
-from dobc_design.problem.arcs_text import WEIGHTS, Row, Unfit
-from dobc_design.problem.network import MOST_AGENTS
+
+from .arcs_text import WEIGHTS, Row, Unfit
+from .network import MOST_AGENTS
 
 
 @noun

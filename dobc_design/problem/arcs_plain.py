@@ -13,8 +13,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from dobc_design._checks import noun
-from dobc_design.problem.arcs_text import Table, find_columns
-from dobc_design.problem.network import Index, IndexArray
+
+from .arcs_text import Table, find_columns
+from .network import Index, IndexArray
 
 PIECE = 1 << 20  # characters that are split at once: a list of all cells would take too much memory
 _UNUSUAL = re.compile(r'[\x00-\x09\x0b-\x20"#%{]')

@@ -22,12 +22,13 @@ from dobc_design.errors import SpecError, reason_of, refused, wrong
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import Document, Names, Table, Texts, named, shown
-from dobc_design.problem.dynamics import Dynamics
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.foreign_json import PROBLEM, not_a
-from dobc_design.problem.groups import Group, Observer, group_key, renamed
-from dobc_design.problem.leader import Leader, enclosed
-from dobc_design.problem.network import (
+
+from .dynamics import Dynamics
+from .exosystems import Exosystem
+from .foreign_json import PROBLEM, not_a
+from .groups import Group, Observer, group_key, renamed
+from .leader import Leader, enclosed
+from .network import (
     Arc,
     Arcs,
     Index,
@@ -38,10 +39,10 @@ from dobc_design.problem.network import (
     labels_of,
     parse_weights,
 )
-from dobc_design.problem.problem import Problem
-from dobc_design.problem.region import Region
-from dobc_design.problem.simulation import Simulation
-from dobc_design.problem.switching import Switching
+from .problem import Problem
+from .region import Region
+from .simulation import Simulation
+from .switching import Switching
 
 FORMAT = "dobc-problem"
 #: Other problems keep their version, and their hash.

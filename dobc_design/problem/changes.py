@@ -25,17 +25,18 @@ from dobc_design.errors import SpecError, refused
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import nearest, number_text
 from dobc_design.exact.reading import Document, Names, Table, is_scalar_matrix, shown
-from dobc_design.problem.canonical import (
+
+from .canonical import (
     canonical_bytes,
     converted,
     coupling_text,
     settings_of,
     texts_of,
 )
-from dobc_design.problem.groups import Observer, gains_of
-from dobc_design.problem.load import parse_toml, read_problem_text
-from dobc_design.problem.network import Arcs
-from dobc_design.problem.problem import Problem
+from .groups import Observer, gains_of
+from .load import parse_toml, read_problem_text
+from .network import Arcs
+from .problem import Problem
 
 INLINE = 10  # labels up to which a table of gains stands in one line
 

@@ -12,10 +12,11 @@ from dobc_design._checks import noun
 from dobc_design.errors import Mistakes, SpecError, about, wrong
 from dobc_design.exact.reading import Names, is_list, is_text, shown
 from dobc_design.problem import exosystems
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Group, Observer, check_observer, group_key, renamed
-from dobc_design.problem.schema import ExosystemTable, GroupTable, ProblemFile
-from dobc_design.problem.schema_errors import EXAMPLES
+
+from .exosystems import Exosystem
+from .groups import Group, Observer, check_observer, group_key, renamed
+from .schema import ExosystemTable, GroupTable, ProblemFile
+from .schema_errors import EXAMPLES
 
 
 @noun

@@ -31,7 +31,8 @@ from dobc_design.exact.reading import (
     shown_number,
     some,
 )
-from dobc_design.problem.exosystems import Exosystem, block_diagonal
+
+from .exosystems import Exosystem, block_diagonal
 
 
 @noun

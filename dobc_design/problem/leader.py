@@ -21,8 +21,9 @@ from dobc_design.errors import wrong
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import is_list, keyed
-from dobc_design.problem.dynamics import Dynamics, expressions_of
-from dobc_design.problem.region import Pairs, read_pairs
+
+from .dynamics import Dynamics, expressions_of
+from .region import Pairs, read_pairs
 
 Box = tuple[Interval, ...]
 

@@ -36,12 +36,13 @@ from dobc_design.exact.reading import (
     shown,
 )
 from dobc_design.problem import arcs_file
-from dobc_design.problem.canonical import problem_from_canonical
-from dobc_design.problem.disturbances import read_exosystem
-from dobc_design.problem.dynamics import Dynamics
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Observer
-from dobc_design.problem.network import (
+
+from .canonical import problem_from_canonical
+from .disturbances import read_exosystem
+from .dynamics import Dynamics
+from .exosystems import Exosystem
+from .groups import Observer
+from .network import (
     Arc,
     Arcs,
     Index,
@@ -51,10 +52,10 @@ from dobc_design.problem.network import (
     joined,
     labels_of,
 )
-from dobc_design.problem.problem import Problem, dimension_of, is_name
-from dobc_design.problem.schema import SCHEMA_VERSION, ProblemFile
-from dobc_design.problem.schema_errors import explain, known_keys
-from dobc_design.problem.switching import Switching
+from .problem import Problem, dimension_of, is_name
+from .schema import SCHEMA_VERSION, ProblemFile
+from .schema_errors import explain, known_keys
+from .switching import Switching
 
 MAX_BYTES = 16 * 1024 * 1024
 MAX_NESTING = 50

@@ -34,7 +34,8 @@ from dobc_design.exact.reading import (
     shown,
     shown_number,
 )
-from dobc_design.problem.signs import opposition_advice
+
+from .signs import opposition_advice
 
 #: What is for the package itself; completion and the reference leave it out.
 INTERNAL = frozenset({"arc_codes", "loose", "require_mode"})

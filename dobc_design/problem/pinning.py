@@ -31,9 +31,10 @@ from dobc_design.exact.reading import (
     shown_number,
 )
 from dobc_design.exact.symmetric import SparseSymmetric
-from dobc_design.problem.dynamics import Dynamics
-from dobc_design.problem.network import Network, one_form
 from dobc_design.verdict import Verdict
+
+from .dynamics import Dynamics
+from .network import Network, one_form
 
 T = TypeVar("T")
 SHOWN_MODES = 6  # with pins of their own, in a message

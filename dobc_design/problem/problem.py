@@ -35,9 +35,10 @@ from dobc_design.exact.reading import (
     shown,
     some,
 )
-from dobc_design.problem.dynamics import Dynamics, check_goal
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import (
+
+from .dynamics import Dynamics, check_goal
+from .exosystems import Exosystem
+from .groups import (
     Group,
     Observer,
     are_different,
@@ -46,13 +47,13 @@ from dobc_design.problem.groups import (
     joint_observer,
     read_groups,
 )
-from dobc_design.problem.leader import Leader, read_leader
-from dobc_design.problem.network import Arc, Network
-from dobc_design.problem.pinning import GainForm, Pinning, by_label, read_pinning
-from dobc_design.problem.region import Pairs, Region, read_region, read_units
-from dobc_design.problem.simulation import Simulation, read_simulation
-from dobc_design.problem.switching import Switching, check_switching
-from dobc_design.problem.tables import (
+from .leader import Leader, read_leader
+from .network import Arc, Network
+from .pinning import GainForm, Pinning, by_label, read_pinning
+from .region import Pairs, Region, read_region, read_units
+from .simulation import Simulation, read_simulation
+from .switching import Switching, check_switching
+from .tables import (
     LISTED,
     amplitude_words,
     exception_words,
@@ -65,7 +66,7 @@ from dobc_design.problem.tables import (
     switching_words,
     uncertainty_words,
 )
-from dobc_design.problem.uncertainty import Actuators, Uncertainty, read_actuators, read_uncertainty
+from .uncertainty import Actuators, Uncertainty, read_actuators, read_uncertainty
 
 #: What is for the package itself; completion and the reference leave it out.
 INTERNAL = frozenset(

@@ -17,7 +17,8 @@ from dobc_design.exact.reading import (
     shown,
     shown_number,
 )
-from dobc_design.problem.network import is_label
+
+from .network import is_label
 
 LONGEST_UNIT = 20  # characters
 Pair = tuple[Fraction, Fraction]

@@ -11,10 +11,10 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, PlainValidator, WithJsonSchema
 
-from dobc_design.problem.exosystems import KINDS, PARTS
-from dobc_design.problem.network import ARROWS, LONGEST_LABEL, MOST_AGENTS
-from dobc_design.problem.region import LONGEST_UNIT
-from dobc_design.problem.switching import GUARANTEES, SIGNALS
+from .exosystems import KINDS, PARTS
+from .network import ARROWS, LONGEST_LABEL, MOST_AGENTS
+from .region import LONGEST_UNIT
+from .switching import GUARANTEES, SIGNALS
 
 SCHEMA_VERSION = 1
 

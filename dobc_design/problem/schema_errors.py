@@ -15,7 +15,8 @@ from pydantic import ValidationError
 
 from dobc_design.errors import MOST_ERRORS, SpecError, wrong
 from dobc_design.exact.reading import Document, Texts, named, shown
-from dobc_design.problem.schema import RESERVED, ProblemFile
+
+from .schema import RESERVED, ProblemFile
 
 Location = tuple[int | str, ...]
 

@@ -15,11 +15,12 @@ from dobc_design.coupling.coupling import Coupling
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import decimal_text
 from dobc_design.exact.reading import Names, counted, is_scalar_matrix, some
-from dobc_design.problem.groups import Observer
-from dobc_design.problem.region import Region
-from dobc_design.problem.simulation import Simulation
-from dobc_design.problem.switching import Switching
-from dobc_design.problem.uncertainty import Actuators, Uncertainty
+
+from .groups import Observer
+from .region import Region
+from .simulation import Simulation
+from .switching import Switching
+from .uncertainty import Actuators, Uncertainty
 
 LISTED = 30  # agents, modes, limits, ... in one sentence
 MOST_COUPLINGS = 8  # beside the default one, and arcs with each of them

@@ -14,7 +14,9 @@ from dobc_design.conditions.check import Check, Fix, Witness, main_cure, other_c
 from dobc_design.conditions.kinds import KINDS
 from dobc_design.problem import canonical
 from dobc_design.problem.changes import change_lines
-from dobc_design.report.document import (
+from dobc_design.verdict import Verdict
+
+from .document import (
     IN_TEXT,
     PAGES,
     READ,
@@ -32,8 +34,8 @@ from dobc_design.report.document import (
     table_of,
     to_read,
 )
-from dobc_design.report.findings import Findings
-from dobc_design.report.words import (
+from .findings import Findings
+from .words import (
     FIXED,
     decimal,
     domain_words,
@@ -44,7 +46,6 @@ from dobc_design.report.words import (
     shortened,
     verdict_counts,
 )
-from dobc_design.verdict import Verdict
 
 CURE_COMMAND = "dobc certify problem.json --apply-fix cured.toml"
 MOST_ROWS = 150

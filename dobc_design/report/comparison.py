@@ -22,7 +22,9 @@ from dobc_design.problem.changes import problem_text
 from dobc_design.problem.load import parse_toml
 from dobc_design.problem.problem import Problem
 from dobc_design.report import words
-from dobc_design.report.document import (
+from dobc_design.verdict import Verdict
+
+from .document import (
     Beside,
     Block,
     Box,
@@ -39,9 +41,9 @@ from dobc_design.report.document import (
     Text,
     on_pages,
 )
-from dobc_design.report.pictures import network_pictures
-from dobc_design.report.region_words import starts_words
-from dobc_design.report.words import (
+from .pictures import network_pictures
+from .region_words import starts_words
+from .words import (
     FIXED,
     mark_of,
     pin_sentence,
@@ -50,7 +52,6 @@ from dobc_design.report.words import (
     shortened,
     size_sentence,
 )
-from dobc_design.verdict import Verdict
 
 SIDES = ("A", "B")
 ABSENT = "–"

@@ -10,7 +10,8 @@ from dobc_design.exact.reading import counted
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.problem import Problem
 from dobc_design.report import words
-from dobc_design.report.document import (
+
+from .document import (
     IN_TEXT,
     Block,
     Formula,
@@ -23,7 +24,7 @@ from dobc_design.report.document import (
     section,
     to_read,
 )
-from dobc_design.report.findings import Findings
+from .findings import Findings
 
 MOST_LAMBDAS = 6
 _LATEX = words.TEXTS["condition"]

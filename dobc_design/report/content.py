@@ -13,16 +13,18 @@ from typing import Final
 
 from dobc_design.certificate import text as certificate_text
 from dobc_design.report import pictures, words
-from dobc_design.report.checks import (
+from dobc_design.verdict import Verdict
+
+from .checks import (
     VERIFY,
     checks_section,
     cure_section,
     recheck_section,
     trace_section,
 )
-from dobc_design.report.condition import condition_section
-from dobc_design.report.diagnostics import bound_section, eigenvalue_section, simulation_section
-from dobc_design.report.document import (
+from .condition import condition_section
+from .diagnostics import bound_section, eigenvalue_section, simulation_section
+from .document import (
     Beside,
     Block,
     Box,
@@ -38,11 +40,10 @@ from dobc_design.report.document import (
     on_pages,
     section,
 )
-from dobc_design.report.findings import Findings
-from dobc_design.report.plant import plant_section
-from dobc_design.report.region_words import region_section, search_sections, settling_section
-from dobc_design.report.system import loop_section, network_section, problem_section
-from dobc_design.verdict import Verdict
+from .findings import Findings
+from .plant import plant_section
+from .region_words import region_section, search_sections, settling_section
+from .system import loop_section, network_section, problem_section
 
 LONGEST_NAME = 70  # characters, in the footer of a printed page
 _REGION = "dobc region problem.json"

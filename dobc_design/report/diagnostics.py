@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 from dobc_design.plotting.look import thinned_rows
 from dobc_design.report import pictures, words
-from dobc_design.report.document import (
+
+from .document import (
     Block,
     Column,
     Pictures,
@@ -20,8 +21,8 @@ from dobc_design.report.document import (
     section,
     table_of,
 )
-from dobc_design.report.findings import Findings
-from dobc_design.report.words import number
+from .findings import Findings
+from .words import number
 
 if TYPE_CHECKING:
     from dobc_design.analysis.analysis import Analysis

@@ -28,7 +28,8 @@ from dobc_design.plotting.look import (
     short,
 )
 from dobc_design.plotting.regions import name_rows
-from dobc_design.report.region_words import MOST_SUSPECTS
+
+from .region_words import MOST_SUSPECTS
 
 DASHES = {"dashed": DASHED, "dotted": DOTTED}  # of bounds, in their order
 ENVELOPE_SAMPLES = 201

@@ -17,7 +17,8 @@ from jinja2 import Template
 
 from dobc_design._show.text import typeset
 from dobc_design.report import document as doc
-from dobc_design.report.pages import environment_of
+
+from .pages import environment_of
 
 MAIN, BIBLIOGRAPHY = "main.tex", "references.bib"
 PACKAGES = "amsmath,amssymb,array,booktabs,graphicx,longtable"

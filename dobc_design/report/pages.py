@@ -11,7 +11,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 
 from dobc_design._show.text import Fragment, capitalize_first, mathml, typeset
 from dobc_design.report import document as doc
-from dobc_design.report.pictures import svg_of
+
+from .pictures import svg_of
 
 _MATRIX = re.compile(r"<mo>&#x00028;</mo><mtable>(.*?)</mtable><mo>&#x00029;</mo>", re.DOTALL)
 _SPECIAL = re.compile(r"[\\`*_\[\]|<>~$&#]")

@@ -24,7 +24,8 @@ from matplotlib.ft2font import FT2Font
 
 from dobc_design._show.text import capitalize_first, significant, typeset
 from dobc_design.errors import refused
-from dobc_design.report.document import (
+
+from .document import (
     PRINTED,
     Block,
     Box,
@@ -52,7 +53,7 @@ from dobc_design.report.document import (
     leads,
     plain,
 )
-from dobc_design.report.pictures import svg_of
+from .pictures import svg_of
 
 STANDARD: Final[Literal["ua-1"]] = "ua-1"  # PDF/UA-1: readable by assistive technology
 #: Names of matrices in the template, by their LaTeX; the others have the same.

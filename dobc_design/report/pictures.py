@@ -39,8 +39,9 @@ from dobc_design.plotting.regions import (
 from dobc_design.plotting.weights import draw_band, plot_weights
 from dobc_design.problem.problem import Problem
 from dobc_design.report import figures, region_words
-from dobc_design.report.document import Picture
-from dobc_design.report.words import (
+
+from .document import Picture
+from .words import (
     agents_in_words,
     bounds_of,
     eigenvalues,

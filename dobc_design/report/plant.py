@@ -13,7 +13,9 @@ from dobc_design.conditions.domain import NEAR_TARGET
 from dobc_design.conditions.numbers import read_rational
 from dobc_design.exact.reading import counted
 from dobc_design.problem.problem import Problem
-from dobc_design.report.document import (
+from dobc_design.verdict import Verdict
+
+from .document import (
     EVERY,
     Beside,
     Block,
@@ -23,9 +25,8 @@ from dobc_design.report.document import (
     section,
     table_of,
 )
-from dobc_design.report.findings import Findings
-from dobc_design.report.words import FIXED, decimal, domain_words, names_in_words, sentence
-from dobc_design.verdict import Verdict
+from .findings import Findings
+from .words import FIXED, decimal, domain_words, names_in_words, sentence
 
 MOST_ROWS = 8
 _NAMES = {"accuracy": "Accuracy", "actuators": "Inputs", "tolerance": "Tolerance"}

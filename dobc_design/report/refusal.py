@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING
 from dobc_design._checks import noun
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.exact.reading import counted
-from dobc_design.report.checks import certify_command
-from dobc_design.report.document import Block, Box, Document, List, Mark, Section, Text, command
-from dobc_design.report.findings import fingerprints
-from dobc_design.report.words import shortened
+
+from .checks import certify_command
+from .document import Block, Box, Document, List, Mark, Section, Text, command
+from .findings import fingerprints
+from .words import shortened
 
 if TYPE_CHECKING:
     from dobc_design.certification.recheck import Recheck

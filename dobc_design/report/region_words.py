@@ -23,7 +23,9 @@ from dobc_design.exact.number import float_above, float_below
 from dobc_design.exact.reading import counted
 from dobc_design.falsification.suspect import LEAVES, RESTS, STAYS_AWAY, Falsification, Suspect
 from dobc_design.problem.problem import Problem
-from dobc_design.report.document import (
+from dobc_design.verdict import Verdict
+
+from .document import (
     READ,
     Block,
     Column,
@@ -41,8 +43,7 @@ from dobc_design.report.document import (
     table_of,
     to_read,
 )
-from dobc_design.report.words import FIXED, mark_of, names_in_words, number, sentence
-from dobc_design.verdict import Verdict
+from .words import FIXED, mark_of, names_in_words, number, sentence
 
 NONE = "–"
 MOST_SUSPECTS = 8

@@ -10,7 +10,8 @@ from dobc_design.description.words import caution_lines
 from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.problem import Problem
 from dobc_design.report import pictures, words
-from dobc_design.report.document import (
+
+from .document import (
     IN_TEXT,
     Beside,
     Block,
@@ -32,8 +33,8 @@ from dobc_design.report.document import (
     section,
     table_of,
 )
-from dobc_design.report.findings import Findings
-from dobc_design.report.words import number
+from .findings import Findings
+from .words import number
 
 if TYPE_CHECKING:
     from dobc_design.analysis.analysis import Analysis, GraphFacts, ModeSpectrum

@@ -21,13 +21,6 @@ from dobc_design.falsification.suspect import Falsification
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.problem import Problem
-from dobc_design.report.comparison import comparison_document
-from dobc_design.report.content import report_document
-from dobc_design.report.document import Document
-from dobc_design.report.findings import Findings
-from dobc_design.report.latex import latex_fragments
-from dobc_design.report.pages import html_page, markdown_page
-from dobc_design.report.refusal import Checked, refusal_document
 from dobc_design.simulation.execution import run_once
 from dobc_design.simulation.runs import fingerprint
 from dobc_design.simulation.setting import make_setting
@@ -36,6 +29,14 @@ from dobc_design.simulation.trajectory import Trajectory
 from dobc_design.simulation.worst import worst_signal
 from dobc_design.solvers.program import is_solver_failure
 from dobc_design.synthesis.block_lmi import block_lmi
+
+from .comparison import comparison_document
+from .content import report_document
+from .document import Document
+from .findings import Findings
+from .latex import latex_fragments
+from .pages import html_page, markdown_page
+from .refusal import Checked, refusal_document
 
 DRAWN = 2000  # rows (n m) up to which diagnostics and a simulation go into the report
 DRAWN_ORDER = 100  # of the exosystem, likewise
@@ -84,7 +85,7 @@ def render_report(
     matrix inequality.  ``kernel``: what Coq says of proof.v,
     where it was asked.  Diagnostics and one simulation are computed here and handed to the report,
     which computes nothing."""
-    from dobc_design.report.pdf import require_typst
+    from .pdf import require_typst
 
     if pdf:
         require_typst()  # said before anything is computed
@@ -152,7 +153,7 @@ def _slow_run(problem: Problem, gain: Matrix | None) -> Trajectory | None:
 
 
 def _pages(document: Document, name: str, *, pdf: bool, full: bool = False) -> dict[str, bytes]:
-    from dobc_design.report.pdf import pdf_page
+    from .pdf import pdf_page
 
     pages = {
         f"{name}.html": html_page(document, full=full).encode("utf-8"),

@@ -16,13 +16,14 @@ from dobc_design._checks import noun
 from dobc_design.loop.arrays import ArcGroup
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import IndexArray
-from dobc_design.simulation.field import Links
-from dobc_design.simulation.mobile import Nearby
-from dobc_design.simulation.setting import WITHOUT, Setting
-from dobc_design.simulation.starts import Start
-from dobc_design.simulation.stress import Stress
-from dobc_design.simulation.switches import Switches
-from dobc_design.simulation.worst import worst_signs
+
+from .field import Links
+from .mobile import Nearby
+from .setting import WITHOUT, Setting
+from .starts import Start
+from .stress import Stress
+from .switches import Switches
+from .worst import worst_signs
 
 NOISE, LOSS, PHASE = 2, 3, 4  # streams beside that of the switches
 BLOCK = 32  # instants whose random numbers are drawn at once

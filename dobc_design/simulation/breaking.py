@@ -26,14 +26,15 @@ from dobc_design.loop.arrays import error_arcs
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.load import Source, load_problem
-from dobc_design.simulation._arguments import positive
-from dobc_design.simulation.execution import run_once
-from dobc_design.simulation.integrate import fastest_decay, observer_decay
-from dobc_design.simulation.setting import Setting, make_setting
-from dobc_design.simulation.signals import Signal, signal_of
-from dobc_design.simulation.starts import Given
-from dobc_design.simulation.stress import Failure, Stress
-from dobc_design.simulation.trajectory import Trajectory
+
+from ._arguments import positive
+from .execution import run_once
+from .integrate import fastest_decay, observer_decay
+from .setting import Setting, make_setting
+from .signals import Signal, signal_of
+from .starts import Given
+from .stress import Failure, Stress
+from .trajectory import Trajectory
 
 UNITS = {
     "noise": "unit of x",

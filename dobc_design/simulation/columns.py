@@ -17,10 +17,11 @@ from scipy.integrate import DOP853
 from dobc_design._checks import noun
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import BoolArray, IndexArray
-from dobc_design.simulation.closed_form import ClosedForm
-from dobc_design.simulation.field import ClosedLoop, Network
-from dobc_design.simulation.integrate import FARTHEST
-from dobc_design.simulation.switches import ModeTable
+
+from .closed_form import ClosedForm
+from .field import ClosedLoop, Network
+from .integrate import FARTHEST
+from .switches import ModeTable
 
 Visit = Callable[[IndexArray, IndexArray, Array], None]
 RightHandSide = Callable[[Array, Array], Array]

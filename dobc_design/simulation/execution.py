@@ -17,12 +17,13 @@ from dobc_design._checks import noun
 from dobc_design.errors import wrong
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import IndexArray
-from dobc_design.simulation._arguments import whole
-from dobc_design.simulation.agents import StressedRuns
-from dobc_design.simulation.closed_form import ClosedForm, evolve
-from dobc_design.simulation.columns import COLUMN_NUMBERS, CalmColumns
-from dobc_design.simulation.field import Network, network_of
-from dobc_design.simulation.integrate import (
+
+from ._arguments import whole
+from .agents import StressedRuns
+from .closed_form import ClosedForm, evolve
+from .columns import COLUMN_NUMBERS, CalmColumns
+from .field import Network, network_of
+from .integrate import (
     Integration,
     Outcome,
     Progress,
@@ -30,14 +31,14 @@ from dobc_design.simulation.integrate import (
     errors,
     silent,
 )
-from dobc_design.simulation.mobile import Modes, Nearby
-from dobc_design.simulation.sampled import Stepper, run_sampled_alone
-from dobc_design.simulation.setting import WITHOUT, Setting
-from dobc_design.simulation.signals import Mobile, signal_to_json
-from dobc_design.simulation.starts import Start
-from dobc_design.simulation.stressed import Together, run_alone
-from dobc_design.simulation.switches import Planned, Switches, table_of
-from dobc_design.simulation.trajectory import Ensemble, Trajectory
+from .mobile import Modes, Nearby
+from .sampled import Stepper, run_sampled_alone
+from .setting import WITHOUT, Setting
+from .signals import Mobile, signal_to_json
+from .starts import Start
+from .stressed import Together, run_alone
+from .switches import Planned, Switches, table_of
+from .trajectory import Ensemble, Trajectory
 
 MOST_KEPT = 100_000_000  # samples of all runs of an ensemble, two numbers of each: 1.6 GB
 # whose states an ensemble keeps, and how many numbers at most

@@ -20,10 +20,11 @@ from dobc_design._checks import noun
 from dobc_design.errors import wrong
 from dobc_design.loop.arrays import ArcGroup
 from dobc_design.loop.matrices import Array
-from dobc_design.simulation.closed_form import ClosedForm
-from dobc_design.simulation.field import ClosedLoop, Network, errors_pattern, network_of
-from dobc_design.simulation.mobile import LOOKS, Modes
-from dobc_design.simulation.switches import Stay
+
+from .closed_form import ClosedForm
+from .field import ClosedLoop, Network, errors_pattern, network_of
+from .mobile import LOOKS, Modes
+from .switches import Stay
 
 Derivative = Callable[[float, Array], Array]
 Pattern = Callable[[], sp.csr_array]  # which derivative may depend on which state

@@ -20,8 +20,9 @@ from dobc_design.loop.arrays import ArcGroup
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import IndexArray
-from dobc_design.simulation.signals import Mobile, Waypoints
-from dobc_design.simulation.switches import Planned, Stay, Switches
+
+from .signals import Mobile, Waypoints
+from .switches import Planned, Stay, Switches
 
 LOOKS = 8  # times at which the graph is looked at within one step of the integrator
 LOOKS_OF_MOTION = 64  # ... and within one piece of a given motion

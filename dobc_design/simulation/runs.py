@@ -21,13 +21,14 @@ from dobc_design.problem.canonical import loop_sha256
 from dobc_design.problem.load import Source, load_problem
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.uncertainty import ABSOLUTE, RELATIVE
-from dobc_design.simulation.execution import run_many, run_once
-from dobc_design.simulation.setting import TOLERANCE, WITHOUT, Options, make_setting
-from dobc_design.simulation.signals import Signal, signal_of, signal_to_json
-from dobc_design.simulation.starts import Given
-from dobc_design.simulation.stress import Stress, worst_stress
-from dobc_design.simulation.trajectory import Ensemble, Trajectory
-from dobc_design.simulation.worst import worst_signal
+
+from .execution import run_many, run_once
+from .setting import TOLERANCE, WITHOUT, Options, make_setting
+from .signals import Signal, signal_of, signal_to_json
+from .starts import Given
+from .stress import Stress, worst_stress
+from .trajectory import Ensemble, Trajectory
+from .worst import worst_signal
 
 MOST_ARCS_COMPARED = 5000  # of all modes, up to which a run records of which problem it is
 

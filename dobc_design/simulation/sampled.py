@@ -32,13 +32,14 @@ from dobc_design._checks import noun
 from dobc_design.errors import ShapeError, wrong
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import BoolArray, IndexArray
-from dobc_design.simulation.agents import Agents, StressedRuns
-from dobc_design.simulation.columns import March, RightHandSide
-from dobc_design.simulation.field import ClosedLoop, act
-from dobc_design.simulation.integrate import FARTHEST, Outcome, Progress, Run, Samples
-from dobc_design.simulation.stressed import LEAST_STEPS, StressedColumns, sample_instants
-from dobc_design.simulation.switches import constant_signals
-from dobc_design.simulation.trajectory import SAMPLED
+
+from .agents import Agents, StressedRuns
+from .columns import March, RightHandSide
+from .field import ClosedLoop, act
+from .integrate import FARTHEST, Outcome, Progress, Run, Samples
+from .stressed import LEAST_STEPS, StressedColumns, sample_instants
+from .switches import constant_signals
+from .trajectory import SAMPLED
 
 REPORTED = 64  # one of so many steps is reported
 

@@ -23,15 +23,16 @@ from dobc_design.loop.loop import Loop
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation._arguments import finite_array, positive, seconds, whole
-from dobc_design.simulation.closed_form import ClosedForm, make_closed_form
-from dobc_design.simulation.field import ClosedLoop, make_closed_loop
-from dobc_design.simulation.integrate import STIFF, fastest_decay, observer_decay
-from dobc_design.simulation.mobile import groups_of, motion_switches
-from dobc_design.simulation.signals import Fixed, Mobile, Signal
-from dobc_design.simulation.starts import Given, Starts, make_starts
-from dobc_design.simulation.stress import Stress, stress_to_json, worst_stress
-from dobc_design.simulation.switches import Switches, drawn_graphs, drawn_switches
+
+from ._arguments import finite_array, positive, seconds, whole
+from .closed_form import ClosedForm, make_closed_form
+from .field import ClosedLoop, make_closed_loop
+from .integrate import STIFF, fastest_decay, observer_decay
+from .mobile import groups_of, motion_switches
+from .signals import Fixed, Mobile, Signal
+from .starts import Given, Starts, make_starts
+from .stress import Stress, stress_to_json, worst_stress
+from .switches import Switches, drawn_graphs, drawn_switches
 
 TOLERANCE = 1e-9  # relative, of the integrator; the absolute one is a hundredth of it
 SAMPLES = 401

@@ -26,7 +26,8 @@ from dobc_design.exact.reading import counted, is_list
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.switching import Switching
-from dobc_design.simulation._arguments import not_negative, positive, seconds, whole
+
+from ._arguments import not_negative, positive, seconds, whole
 
 DWELL = 0.5  # s, where [switching] gives none
 

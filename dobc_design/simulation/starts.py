@@ -25,9 +25,10 @@ from dobc_design.loop.matrices import Array
 from dobc_design.problem.load import read_bytes
 from dobc_design.problem.network import BoolArray
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation._arguments import finite_array
-from dobc_design.simulation.field import ClosedLoop
-from dobc_design.simulation.npz import Shapes, UnfitError, describing, read_arrays, require
+
+from ._arguments import finite_array
+from .field import ClosedLoop
+from .npz import Shapes, UnfitError, describing, read_arrays, require
 
 Given = Mapping[str, Any] | Array | list[Any] | str | PathLike[str]
 

@@ -21,7 +21,8 @@ from dobc_design.exact.reading import shown
 from dobc_design.problem.network import one_form
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.uncertainty import Uncertainty
-from dobc_design.simulation._arguments import finite_array, not_negative, positive, seconds
+
+from ._arguments import finite_array, not_negative, positive, seconds
 
 EXCHANGE = 0.05  # s between two exchanges where neither a period nor an exchange is given
 KINDS = ("vanish", "freeze")

@@ -15,10 +15,11 @@ import numpy as np
 from dobc_design.errors import refused
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import IndexArray
-from dobc_design.simulation.agents import Agents, StressedRuns
-from dobc_design.simulation.columns import DONE, MOST_STEPS, Ends, March, RightHandSide
-from dobc_design.simulation.field import act, full_pattern
-from dobc_design.simulation.integrate import (
+
+from .agents import Agents, StressedRuns
+from .columns import DONE, MOST_STEPS, Ends, March, RightHandSide
+from .field import act, full_pattern
+from .integrate import (
     FARTHEST,
     Integration,
     Outcome,
@@ -27,8 +28,8 @@ from dobc_design.simulation.integrate import (
     Progress,
     Samples,
 )
-from dobc_design.simulation.mobile import Modes
-from dobc_design.simulation.switches import ModeTable, table_of
+from .mobile import Modes
+from .switches import ModeTable, table_of
 
 MOST_SAMPLES = 1_000_000
 LEAST_STEPS = 1000  # of one run between two instants at which all wait, before it is handed back

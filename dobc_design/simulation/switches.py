@@ -18,7 +18,8 @@ from dobc_design.loop.arrays import ArcGroup, mode_index
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import BoolArray, IndexArray
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation.signals import (
+
+from .signals import (
     Fixed,
     Markov,
     Periodic,

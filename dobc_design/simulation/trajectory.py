@@ -22,7 +22,8 @@ from dobc_design.exact.reading import shown
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import BoolArray, IndexArray
 from dobc_design.simulation import measures
-from dobc_design.simulation.npz import (
+
+from .npz import (
     ABOUT,
     Shapes,
     arrays_bytes,
@@ -31,7 +32,7 @@ from dobc_design.simulation.npz import (
     require,
     save_arrays,
 )
-from dobc_design.simulation.switches import Switches, one_mode
+from .switches import Switches, one_mode
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -16,8 +16,9 @@ from dobc_design.loop.make import loop_of
 from dobc_design.loop.matrices import Array, consensus_jacobian, pull_matrix
 from dobc_design.problem.network import BoolArray, IndexArray
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation.closed_form import make_closed_form
-from dobc_design.simulation.columns import (
+
+from .closed_form import make_closed_form
+from .columns import (
     COLLAPSED,
     COLUMN_NUMBERS,
     ESCAPED,
@@ -25,8 +26,8 @@ from dobc_design.simulation.columns import (
     MOST_STEPS,
     CalmColumns,
 )
-from dobc_design.simulation.field import ClosedLoop, Network, make_closed_loop, network_of
-from dobc_design.simulation.switches import ModeTable
+from .field import ClosedLoop, Network, make_closed_loop, network_of
+from .switches import ModeTable
 
 Value = Callable[[Array, Array], Array]
 

@@ -17,8 +17,9 @@ from dobc_design.loop.make import loop_of
 from dobc_design.loop.matrices import Array, consensus_jacobian, pull_matrix
 from dobc_design.problem.network import IndexArray
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation.field import ClosedLoop
-from dobc_design.simulation.signals import Periodic
+
+from .field import ClosedLoop
+from .signals import Periodic
 
 STEPS = 500  # stretches of constant sign in a run
 LARGEST = 600  # states of [e; eps] up to which the sensitivity is computed; beyond, all signs are +

@@ -19,7 +19,8 @@ from scipy import linalg
 
 from dobc_design._checks import noun
 from dobc_design.exact.work import spend
-from dobc_design.solvers.program import Array
+
+from .program import Array
 
 Indices = NDArray[np.intp]
 

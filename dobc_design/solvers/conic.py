@@ -20,7 +20,8 @@ from scipy import sparse
 from dobc_design.exact.pencil import Pencil, Place, positive
 from dobc_design.exact.symmetric import Symmetric
 from dobc_design.exact.work import seconds_left, spend
-from dobc_design.solvers.program import (
+
+from .program import (
     FAILED,
     Array,
     Program,

@@ -28,8 +28,9 @@ from dobc_design.problem.changes import problem_text
 from dobc_design.problem.load import load_problem, parse_toml, read_problem_tables, source_text
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation._arguments import whole
-from dobc_design.sweeps.axes import Axis, read_axes, read_value, with_changes
 from dobc_design.verdict import Verdict
+
+from .axes import Axis, read_axes, read_value, with_changes
 
 if TYPE_CHECKING:
     from dobc_design.certificate.certificate import Certificate

@@ -30,8 +30,9 @@ from dobc_design._show.cards import MOST_ROWS, Card, Headed
 from dobc_design.certificate.files import make_folder, write_atomically
 from dobc_design.errors import CertificateError, SpecError, refused
 from dobc_design.exact.reading import shown
-from dobc_design.sweeps.axes import number_of
-from dobc_design.sweeps.plan import Plan
+
+from .axes import number_of
+from .plan import Plan
 
 if TYPE_CHECKING:
     import pandas as pd

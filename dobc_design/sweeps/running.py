@@ -31,8 +31,9 @@ from dobc_design.exact.work import read_time_limit
 from dobc_design.problem.canonical import problem_sha256
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation._arguments import whole
-from dobc_design.sweeps.plan import Plan, Task, make_plan
-from dobc_design.sweeps.result import TIME, Journal, Outcome, SweepResult, to_be_done_again
+
+from .plan import Plan, Task, make_plan
+from .result import TIME, Journal, Outcome, SweepResult, to_be_done_again
 
 Backend = dict[str, Any]  # what joblib is to work with: processes of this machine, or a cluster
 LOKY: Backend = {"backend": "loky", "inner_max_num_threads": 1}

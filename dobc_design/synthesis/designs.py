@@ -14,37 +14,38 @@ from dobc_design.errors import SpecError
 from dobc_design.exact.number import Number
 from dobc_design.problem.load import Source, load_problem
 from dobc_design.problem.problem import Problem
-from dobc_design.synthesis.joint.claim import (
+from dobc_design.verdict import Verdict
+
+from .joint.claim import (
     AskedDesign,
     Design,
     TradeOff,
     TradePoint,
     read_design_request,
 )
-from dobc_design.synthesis.joint.search import (
+from .joint.search import (
     further_pins,
     no_slower,
     search_agents,
     search_design,
 )
-from dobc_design.synthesis.joint.trade_off import trade_off_of
-from dobc_design.synthesis.observer.claim import (
+from .joint.trade_off import trade_off_of
+from .observer.claim import (
     NoiseLimit,
     ObserverDesign,
     SpectralRegion,
     check_count,
     read_observer_request,
 )
-from dobc_design.synthesis.observer.search import search_groups
-from dobc_design.synthesis.pinning.claim import (
+from .observer.search import search_groups
+from .pinning.claim import (
     AskedGains,
     PinningDesign,
     check_yes_or_no,
     read_request,
 )
-from dobc_design.synthesis.pinning.search import search_pinning
-from dobc_design.synthesis.pinning.search_regions import search_region
-from dobc_design.verdict import Verdict
+from .pinning.search import search_pinning
+from .pinning.search_regions import search_region
 
 Each = Number | Mapping[str | int, Number]  # one for all agents, or by label
 Labels = Collection[str | int]

@@ -14,22 +14,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import linalg, sparse
 
-from dobc_design.conditions.accuracy.decide import (
-    ID,
-    INPUTS,
-    MOST_STAGES,
-    Accuracy,
-    Level,
-    Peaks,
-    Plant,
-    Response,
-    accuracy_check,
-    loop_matrix,
-    most_steps,
-    observer_peaks,
-    obstacle,
-    response_obstacle,
-)
 from dobc_design.conditions.case import Case
 from dobc_design.conditions.check import Check, limited, surviving, undecided_check
 from dobc_design.conditions.coverage import Asked, Progress, read_region
@@ -73,6 +57,23 @@ from dobc_design.loop.arcs import coupling_places
 from dobc_design.loop.loop import Loop
 from dobc_design.solvers.program import Array
 from dobc_design.verdict import Verdict
+
+from .decide import (
+    ID,
+    INPUTS,
+    MOST_STAGES,
+    Accuracy,
+    Level,
+    Peaks,
+    Plant,
+    Response,
+    accuracy_check,
+    loop_matrix,
+    most_steps,
+    observer_peaks,
+    obstacle,
+    response_obstacle,
+)
 
 DECAYED = 12.0  # exponents of the slowest mode that the steps follow
 FINEST = 0.012  # |F| h of a step

@@ -22,18 +22,19 @@ from scipy import sparse
 from dobc_design._checks import noun
 from dobc_design.conditions import numbers
 from dobc_design.conditions.consensus import pinning
-from dobc_design.conditions.consensus.pinning import (
+from dobc_design.conditions.numbers import bisected
+from dobc_design.exact.matrix import Matrix, to_float
+from dobc_design.loop.arcs import closed_groups
+from dobc_design.loop.loop import Loop
+
+from .pinning import (
     Blocks,
     fastest_rate,
     network_blocks,
     rough_rate,
     smallest_gains,
 )
-from dobc_design.conditions.consensus.propose import float_lambda, largest_eigenvalue, rows_of
-from dobc_design.conditions.numbers import bisected
-from dobc_design.exact.matrix import Matrix, to_float
-from dobc_design.loop.arcs import closed_groups
-from dobc_design.loop.loop import Loop
+from .propose import float_lambda, largest_eigenvalue, rows_of
 
 CANDIDATES = 200  # agents that are tried one by one, if a try is cheap
 FEWEST = 10  # if it is not

@@ -19,23 +19,6 @@ from dobc_design._checks import noun
 from dobc_design.conditions import numbers
 from dobc_design.conditions.check import Check, Values, Witness, agrees, differs, same_witness
 from dobc_design.conditions.consensus import claim, network
-from dobc_design.conditions.consensus.claim import (
-    ZERO,
-    ModeJacobian,
-    Pair,
-    PairFacts,
-    Shown,
-    Statements,
-    Unstable,
-    omega,
-)
-from dobc_design.conditions.consensus.network import (
-    Enclosed,
-    find_witness,
-    is_negative,
-    lowest_quotient,
-    refutes,
-)
 from dobc_design.conditions.kinds import REACHABILITY
 from dobc_design.conditions.numbers import (
     claimed,
@@ -54,6 +37,24 @@ from dobc_design.loop.arcs import unreached
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import group_blocks, group_numbers
 from dobc_design.verdict import Verdict
+
+from .claim import (
+    ZERO,
+    ModeJacobian,
+    Pair,
+    PairFacts,
+    Shown,
+    Statements,
+    Unstable,
+    omega,
+)
+from .network import (
+    Enclosed,
+    find_witness,
+    is_negative,
+    lowest_quotient,
+    refutes,
+)
 
 LARGEST_EXAMINED = 60  # rows; counting roots takes seconds there, minutes at twice the size
 MOST_SYMMETRIC = 100_000  # arcs of a mode whose J - K is compared with its transpose

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 
 from dobc_design._checks import noun
 from dobc_design.conditions.check import Check, Witness
-from dobc_design.conditions.consensus.claim import Deviations
 from dobc_design.conditions.domain import EVERYWHERE
 from dobc_design.conditions.numbers import shorten
 from dobc_design.exact.definite import decide_positive_definite
@@ -33,6 +32,8 @@ from dobc_design.loop.arcs import closed_groups, unreached
 from dobc_design.loop.loop import Loop
 from dobc_design.problem.network import Arcs
 from dobc_design.verdict import Verdict
+
+from .claim import Deviations
 
 ZERO = Fraction(0)
 TOPS = (1, 2, 3, 5, 9, 20, 99, 9999)  # the largest entry of a rounded direction

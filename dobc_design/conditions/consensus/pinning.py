@@ -26,17 +26,18 @@ from scipy.sparse import csgraph
 from scipy.sparse.linalg import cg, eigs
 
 from dobc_design._checks import noun
-from dobc_design.conditions.consensus.propose import (
+from dobc_design.conditions.numbers import bisected
+from dobc_design.loop.loop import Loop
+from dobc_design.solvers.conic import Cone, smat, solve_cones, svec, svec_diagonal
+from dobc_design.solvers.program import Array, factored
+
+from .propose import (
     dominating_vector,
     float_lambda,
     is_symmetric,
     largest_eigenvalue,
     rows_of,
 )
-from dobc_design.conditions.numbers import bisected
-from dobc_design.loop.loop import Loop
-from dobc_design.solvers.conic import Cone, smat, solve_cones, svec, svec_diagonal
-from dobc_design.solvers.program import Array, factored
 
 DENSE = 50  # rows up to which a dense solve is the faster one
 FULL = 0.3  # part of the entries from which it is, whatever the size

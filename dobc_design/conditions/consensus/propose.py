@@ -19,7 +19,6 @@ from scipy import linalg, sparse
 from scipy.sparse import csgraph
 
 from dobc_design._checks import noun
-from dobc_design.conditions.consensus.claim import Statements
 from dobc_design.conditions.numbers import bisected
 from dobc_design.exact.interval import Interval
 from dobc_design.exact.matrix import Matrix, to_float
@@ -29,6 +28,8 @@ from dobc_design.loop.arcs import arc_table
 from dobc_design.loop.loop import Loop
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.solvers.program import GIVEN_UP, Array, factored
+
+from .claim import Statements
 
 
 def float_lambda(loop: Loop, mode: str, *, pins: bool = True, twice: bool = False) -> Any:

@@ -14,7 +14,13 @@ from functools import partial
 import numpy as np
 from scipy import optimize
 
-from dobc_design.conditions.equilibrium.decide import (
+from dobc_design.exact.interval import Interval
+from dobc_design.exact.work import spend
+from dobc_design.loop.loop import Loop
+from dobc_design.loop.matrices import Array, pull_matrix
+from dobc_design.model.couplings import felt_errors
+
+from .decide import (
     LARGEST,
     ONE,
     Box,
@@ -22,11 +28,6 @@ from dobc_design.conditions.equilibrium.decide import (
     lies_in_region,
     why_not,
 )
-from dobc_design.exact.interval import Interval
-from dobc_design.exact.work import spend
-from dobc_design.loop.loop import Loop
-from dobc_design.loop.matrices import Array, pull_matrix
-from dobc_design.model.couplings import felt_errors
 
 Vectors = Callable[[Array], Array]
 

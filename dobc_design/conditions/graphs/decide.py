@@ -13,7 +13,6 @@ from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.consensus.decide import linear_part
 from dobc_design.conditions.consensus.network import name_agents
 from dobc_design.conditions.domain import Domain
-from dobc_design.conditions.graphs.claim import SURE, Kept, read_claim
 from dobc_design.conditions.observer.decide import error_matrix, hurwitz_with_rate
 from dobc_design.conditions.reason import Need, first_missing, pins_obstacle
 from dobc_design.conditions.schedule.checks import not_as_claimed
@@ -27,6 +26,8 @@ from dobc_design.exact.work import spend
 from dobc_design.loop.arcs import unreached
 from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
+
+from .claim import SURE, Kept, read_claim
 
 MOST_MODES = 300  # of a chain, of which both programs say where it ends
 ZERO = Fraction(0)

@@ -14,7 +14,6 @@ from scipy import linalg, sparse
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.consensus.decide import linear_part
 from dobc_design.conditions.consensus.propose import decay_rate
-from dobc_design.conditions.graphs.claim import MEAN, SQUARE, Kept
 from dobc_design.conditions.numbers import MANY_AGENTS, last_found, rounded_down
 from dobc_design.conditions.separable.claim import holding_gains
 from dobc_design.exact.matrix import Matrix, Vector, to_float
@@ -22,6 +21,8 @@ from dobc_design.exact.symmetric import Doubles
 from dobc_design.loop.arcs import arc_table
 from dobc_design.loop.loop import Loop
 from dobc_design.solvers.program import factored, round_matrix
+
+from .claim import MEAN, SQUARE, Kept
 
 BISECTIONS = 14
 SMALLEST = 1e-9  # rate that counts (1/s)

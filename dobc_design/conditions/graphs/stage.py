@@ -12,9 +12,6 @@ from dobc_design.conditions.consensus.network import name_agents
 from dobc_design.conditions.consensus.propose import decay_rate
 from dobc_design.conditions.coverage import Asked, Progress
 from dobc_design.conditions.domain import EVERYWHERE, Box
-from dobc_design.conditions.graphs.claim import HOW, SURE, Kept
-from dobc_design.conditions.graphs.decide import apart_check, confirm, why_not
-from dobc_design.conditions.graphs.propose import mean_claim, square_claim
 from dobc_design.conditions.numbers import (
     claimed,
     decimal_below,
@@ -30,6 +27,10 @@ from dobc_design.conditions.separable.propose_observer import propose_error_boun
 from dobc_design.exact.number import root_above
 from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
+
+from .claim import HOW, SURE, Kept
+from .decide import apart_check, confirm, why_not
+from .propose import mean_claim, square_claim
 
 SMALLER = 12  # halvings of a box that is too large
 DIGITS = 9

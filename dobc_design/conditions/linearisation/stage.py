@@ -11,11 +11,12 @@ from dobc_design.conditions.check import Check, limited
 from dobc_design.conditions.consensus.claim import Statements
 from dobc_design.conditions.consensus.decide import linear_part
 from dobc_design.conditions.coverage import covers
-from dobc_design.conditions.linearisation.decide import ID, decaying_parts, linearisation_check
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.loop.arcs import unreached
 from dobc_design.loop.loop import Loop
+
+from .decide import ID, decaying_parts, linearisation_check
 
 
 def linearisation_stage(

@@ -21,7 +21,6 @@ from dobc_design.conditions.check import Check, limited, undecided_check
 from dobc_design.conditions.coverage import NEAR, Asked, Progress
 from dobc_design.conditions.domain import EVERYWHERE, Around, Box, Domain
 from dobc_design.conditions.margins import decide
-from dobc_design.conditions.margins.decide import Inputs, Part, Tolerance
 from dobc_design.conditions.numbers import (
     claimed,
     decimal_below,
@@ -50,6 +49,8 @@ from dobc_design.loop.arcs import coupling_places
 from dobc_design.loop.loop import Loop
 from dobc_design.solvers.program import Array, factored
 from dobc_design.verdict import Verdict
+
+from .decide import Inputs, Part, Tolerance
 
 ROUNDS = 100  # of policy iteration
 CLOSE = 1e-9  # relative, of v from round to round

@@ -22,7 +22,6 @@ from scipy import linalg
 
 from dobc_design._checks import noun
 from dobc_design.conditions.consensus.claim import reduced, with_gain
-from dobc_design.conditions.observer.decide import error_matrix, hurwitz_with_rate, too_large
 from dobc_design.exact import observability
 from dobc_design.exact.matrix import (
     Matrix,
@@ -42,6 +41,8 @@ from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import join
 from dobc_design.solvers.conic import solve_in_turn
 from dobc_design.solvers.program import GIVEN_UP, Array, Program, Solution, round_matrix
+
+from .decide import error_matrix, hurwitz_with_rate, too_large
 
 # Order up to which semidefinite programs are solved: their unknowns grow with its square.
 LARGEST_PROGRAM = 16

@@ -26,12 +26,13 @@ from dobc_design._checks import noun
 from dobc_design.conditions.consensus.claim import Entries
 from dobc_design.conditions.consensus.claim import add_to as add
 from dobc_design.conditions.numbers import as_json, fields_to_json, known_to_json
-from dobc_design.conditions.quadratic.sectors import Channel, GainRange, Sectors
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.matrix import Matrix, multiply
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.loop.loop import Loop
 from dobc_design.problem.groups import agent_blocks
+
+from .sectors import Channel, GainRange, Sectors
 
 Method = Literal["lure", "interval", "vertices"]
 Shape = Literal["identity", "diagonal", "full"]

@@ -40,19 +40,6 @@ from dobc_design.conditions.numbers import (
     text_below,
 )
 from dobc_design.conditions.quadratic import sectors as channels
-from dobc_design.conditions.quadratic.claim import (
-    METHODS,
-    Lure,
-    interval_matrix,
-    lure_matrix,
-    vertex_matrices,
-)
-from dobc_design.conditions.quadratic.sectors import (
-    Sectors,
-    build_sectors,
-    left_open,
-    ranges_from_json,
-)
 from dobc_design.conditions.reason import pins_obstacle
 from dobc_design.errors import ShapeError
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
@@ -63,6 +50,20 @@ from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.loop.arcs import unreached
 from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Decided, Verdict
+
+from .claim import (
+    METHODS,
+    Lure,
+    interval_matrix,
+    lure_matrix,
+    vertex_matrices,
+)
+from .sectors import (
+    Sectors,
+    build_sectors,
+    left_open,
+    ranges_from_json,
+)
 
 ZERO = Fraction(0)
 # How far above its estimate a bound on an eigenvalue is tried, relative to the largest one.

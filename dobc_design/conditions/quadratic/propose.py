@@ -27,19 +27,6 @@ from dobc_design.conditions.numbers import (
     time_to_one_percent,
 )
 from dobc_design.conditions.quadratic import propose_program as programs
-from dobc_design.conditions.quadratic.claim import Lure, Method, Shape, lure_matrix
-from dobc_design.conditions.quadratic.propose_program import (
-    FloatSystem,
-    Gains,
-    float_system,
-    sample_gains,
-)
-from dobc_design.conditions.quadratic.sectors import (
-    GainRange,
-    Sectors,
-    build_sectors,
-    enclose_ranges,
-)
 from dobc_design.errors import SpecError
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Matrix, Vector, multiply, scale, to_float
@@ -48,6 +35,20 @@ from dobc_design.loop.loop import Loop
 from dobc_design.problem.groups import agent_blocks
 from dobc_design.solvers.barrier import Basis, Inequalities, centre, make_basis, minimise
 from dobc_design.solvers.program import Array, round_matrix
+
+from .claim import Lure, Method, Shape, lure_matrix
+from .propose_program import (
+    FloatSystem,
+    Gains,
+    float_system,
+    sample_gains,
+)
+from .sectors import (
+    GainRange,
+    Sectors,
+    build_sectors,
+    enclose_ranges,
+)
 
 Holds = Callable[[Lure], bool]
 

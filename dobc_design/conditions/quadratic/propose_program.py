@@ -21,7 +21,6 @@ from typing import NamedTuple
 import numpy as np
 
 from dobc_design._checks import noun
-from dobc_design.conditions.quadratic.sectors import GainRange, is_sum_of_curves
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.expression import variables_used
 from dobc_design.exact.number import nearest
@@ -30,6 +29,8 @@ from dobc_design.loop.loop import Loop
 from dobc_design.loop.matrices import pull_matrix
 from dobc_design.solvers.barrier import Basis, Block, Indices, Inequalities
 from dobc_design.solvers.program import Array
+
+from .sectors import GainRange, is_sum_of_curves
 
 Gains = tuple[Array, Array]  # lowest and highest, (couplings, m, m)
 

@@ -23,15 +23,18 @@ from dobc_design.conditions.check import (
 )
 from dobc_design.conditions.coverage import Asked, Progress
 from dobc_design.conditions.numbers import bisected, claimed, rounded_down, time_to_one_percent
-from dobc_design.conditions.quadratic.claim import Lure, Shape
-from dobc_design.conditions.quadratic.decide import (
+from dobc_design.exact.work import STAGE, WorkLimitError, at_most, exhausted, out_of_time, spend
+from dobc_design.loop.loop import Loop
+
+from .claim import Lure, Shape
+from .decide import (
     IN_WORDS,
     certified_ball,
     lure_check,
     quadratic_obstacle,
     verify_lure,
 )
-from dobc_design.conditions.quadratic.propose import (
+from .propose import (
     Wanted,
     bound_lure,
     condition_of,
@@ -40,8 +43,6 @@ from dobc_design.conditions.quadratic.propose import (
     raise_rate,
     sooner_lures,
 )
-from dobc_design.exact.work import STAGE, WorkLimitError, at_most, exhausted, out_of_time, spend
-from dobc_design.loop.loop import Loop
 
 #: Rows n m up to which quadratic certificates are looked for, and up to which with a full P_e; with
 #: at most ``SMALL_ROWS`` a full one is found so soon that it is looked for beside other proofs.

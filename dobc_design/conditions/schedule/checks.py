@@ -29,7 +29,13 @@ from dobc_design.conditions.numbers import (
 )
 from dobc_design.conditions.quadratic.decide import lure_from_json, names_of
 from dobc_design.conditions.quadratic.sectors import ranges_from_json
-from dobc_design.conditions.schedule.claim import (
+from dobc_design.conditions.separable.checks import obstacle
+from dobc_design.conditions.separable.claim import error_from_json, observed_in, separable_from_json
+from dobc_design.exact.matrix import Matrix, Vector
+from dobc_design.loop.loop import Loop
+from dobc_design.verdict import Verdict
+
+from .claim import (
     QUADRATIC,
     SCHEDULE,
     SEPARABLE,
@@ -40,16 +46,11 @@ from dobc_design.conditions.schedule.claim import (
     Vectors,
     Weights,
 )
-from dobc_design.conditions.schedule.cycles import holds_starts
-from dobc_design.conditions.schedule.cycles import why_not as why_not_cycles
-from dobc_design.conditions.schedule.decide import why_not
-from dobc_design.conditions.schedule.rounds import confirm_growth
-from dobc_design.conditions.schedule.settling import Settling, guarantee_of, proved_reason
-from dobc_design.conditions.separable.checks import obstacle
-from dobc_design.conditions.separable.claim import error_from_json, observed_in, separable_from_json
-from dobc_design.exact.matrix import Matrix, Vector
-from dobc_design.loop.loop import Loop
-from dobc_design.verdict import Verdict
+from .cycles import holds_starts
+from .cycles import why_not as why_not_cycles
+from .decide import why_not
+from .rounds import confirm_growth
+from .settling import Settling, guarantee_of, proved_reason
 
 MOST_TIMES = 2000
 

@@ -14,8 +14,6 @@ from itertools import combinations, pairwise
 import numpy as np
 
 from dobc_design.conditions.reason import Need, first_missing, pins_obstacle
-from dobc_design.conditions.schedule.claim import ONE, ZERO, Cycles, Weights, shrunk
-from dobc_design.conditions.schedule.rows import Box, Motion, MovingRows, rows_of_phases
 from dobc_design.conditions.separable.claim import acts_by_component, holding_gains
 from dobc_design.conditions.separable.coordinates import gains_obstacle, seen_through, slowest_row
 from dobc_design.conditions.separable.decide import error_bound_obstacle
@@ -26,6 +24,9 @@ from dobc_design.exact.number import float_above, float_below
 from dobc_design.loop.arcs import unreached
 from dobc_design.loop.guarantee import Phase
 from dobc_design.loop.loop import Loop, Pins
+
+from .claim import ONE, ZERO, Cycles, Weights, shrunk
+from .rows import Box, Motion, MovingRows, rows_of_phases
 
 
 def why_not(loop: Loop, W: Matrix | None, claim: Cycles) -> str | None:

@@ -17,9 +17,6 @@ from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import diagonal_of_inverse, differences, verify_lure
 from dobc_design.conditions.quadratic.sectors import relied_differences
 from dobc_design.conditions.reason import Need, first_missing, pins_obstacle
-from dobc_design.conditions.schedule.claim import ONE, ZERO, Cycles, Descent, Last, Tube, shrunk
-from dobc_design.conditions.schedule.cycles import why_not as why_not_cycles
-from dobc_design.conditions.schedule.rows import Box, RowsBySize
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.decide import (
     composite_rate,
@@ -32,6 +29,10 @@ from dobc_design.exact.matrix import Matrix, multiply
 from dobc_design.exact.number import float_above
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.loop.loop import Loop
+
+from .claim import ONE, ZERO, Cycles, Descent, Last, Tube, shrunk
+from .cycles import why_not as why_not_cycles
+from .rows import Box, RowsBySize
 
 
 def why_not(loop: Loop, W: Matrix | None, claim: Descent) -> str | None:

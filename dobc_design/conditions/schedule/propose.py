@@ -25,10 +25,6 @@ from dobc_design.conditions.quadratic.decide import diagonal_of_inverse, differe
 from dobc_design.conditions.quadratic.propose import fast_lures, linear_rate, raise_rate
 from dobc_design.conditions.quadratic.sectors import relied_differences
 from dobc_design.conditions.schedule import decide, propose_cycles
-from dobc_design.conditions.schedule.chords import ACCURACY, Chords
-from dobc_design.conditions.schedule.claim import Cycles, Last, Tube
-from dobc_design.conditions.schedule.cycles import why_not
-from dobc_design.conditions.schedule.rows import Box, MovingRows, RowsBySize
 from dobc_design.conditions.separable.claim import ErrorBound, Separable
 from dobc_design.conditions.separable.coordinates import seen_through
 from dobc_design.conditions.separable.decide import composite_rate
@@ -40,6 +36,11 @@ from dobc_design.loop.arcs import unreached
 from dobc_design.loop.guarantee import Round
 from dobc_design.loop.loop import Loop
 from dobc_design.solvers.program import Array
+
+from .chords import ACCURACY, Chords
+from .claim import Cycles, Last, Tube
+from .cycles import why_not
+from .rows import Box, MovingRows, RowsBySize
 
 LONGEST = 10.0  # times what the rate near the target would take
 WIDER = 1.25  # times what a box grows to where couplings rise; beyond it is given up

@@ -21,10 +21,6 @@ from scipy.linalg import expm
 
 from dobc_design._checks import noun
 from dobc_design.conditions.numbers import rounded_up
-from dobc_design.conditions.schedule.chords import Chords
-from dobc_design.conditions.schedule.claim import ONE, ZERO, Cycles, Weights
-from dobc_design.conditions.schedule.cycles import why_not
-from dobc_design.conditions.schedule.rows import MovingRows, rows_of_phases
 from dobc_design.conditions.separable.claim import ErrorBound
 from dobc_design.conditions.separable.coordinates import enclosed_ranges
 from dobc_design.conditions.separable.propose_coordinates import (
@@ -44,6 +40,11 @@ from dobc_design.loop.guarantee import Phase
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.matrices import consensus_jacobian, pull_matrix
 from dobc_design.solvers.program import Array
+
+from .chords import Chords
+from .claim import ONE, ZERO, Cycles, Weights
+from .cycles import why_not
+from .rows import MovingRows, rows_of_phases
 
 STEEPEST = 1e6  # weights at most, the least at a beginning 1
 FAR = 5.0  # and times rho, where couplings are not linear

@@ -17,7 +17,12 @@ from numpy.typing import NDArray
 from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Shown
 from dobc_design._show.text import significant_away_from_zero, significant_towards_zero
-from dobc_design.conditions.schedule.claim import (
+from dobc_design.errors import SpecError
+from dobc_design.exact.number import float_above
+from dobc_design.loop.loop import Loop
+from dobc_design.verdict import Verdict
+
+from .claim import (
     QUADRATIC,
     SCHEDULE,
     SEPARABLE,
@@ -26,11 +31,7 @@ from dobc_design.conditions.schedule.claim import (
     Descent,
     Tube,
 )
-from dobc_design.conditions.schedule.decide import bound_after, rate_near
-from dobc_design.errors import SpecError
-from dobc_design.exact.number import float_above
-from dobc_design.loop.loop import Loop
-from dobc_design.verdict import Verdict
+from .decide import bound_after, rate_near
 
 Array = NDArray[np.float64]
 CALLED = {

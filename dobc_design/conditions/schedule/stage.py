@@ -25,21 +25,6 @@ from dobc_design.conditions.numbers import claimed, decimal_above, rounded_up
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import diagonal_of_inverse
 from dobc_design.conditions.schedule import decide, propose, propose_cycles
-from dobc_design.conditions.schedule.checks import cycles_check, settling_check
-from dobc_design.conditions.schedule.claim import (
-    ONE,
-    SETTLED,
-    ZERO,
-    Cycles,
-    Descent,
-    Last,
-    Tube,
-)
-from dobc_design.conditions.schedule.cycles import holds_starts, unreached_in_words
-from dobc_design.conditions.schedule.cycles import why_not as why_not_cycles
-from dobc_design.conditions.schedule.propose import Asked
-from dobc_design.conditions.schedule.rounds import growth_check
-from dobc_design.conditions.schedule.settling import Settling, guarantee_of, proved_reason
 from dobc_design.conditions.separable.checks import obstacle
 from dobc_design.conditions.separable.claim import ErrorBound, Separable, acts_by_component
 from dobc_design.conditions.separable.propose import (
@@ -54,6 +39,22 @@ from dobc_design.exact.number import parse_number
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, spend
 from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
+
+from .checks import cycles_check, settling_check
+from .claim import (
+    ONE,
+    SETTLED,
+    ZERO,
+    Cycles,
+    Descent,
+    Last,
+    Tube,
+)
+from .cycles import holds_starts, unreached_in_words
+from .cycles import why_not as why_not_cycles
+from .propose import Asked
+from .rounds import growth_check
+from .settling import Settling, guarantee_of, proved_reason
 
 logger = logging.getLogger("dobc_design")
 

@@ -25,7 +25,11 @@ from dobc_design.conditions.numbers import (
     text_below,
 )
 from dobc_design.conditions.reason import pins_obstacle
-from dobc_design.conditions.separable.claim import (
+from dobc_design.exact.matrix import Matrix
+from dobc_design.loop.loop import Loop
+from dobc_design.verdict import Verdict
+
+from .claim import (
     DelayBound,
     SamplingBound,
     Separable,
@@ -35,16 +39,13 @@ from dobc_design.conditions.separable.claim import (
     separable_from_json,
     stuck_agents,
 )
-from dobc_design.conditions.separable.decide import (
+from .decide import (
     NOT_BY_COMPONENT,
     composite_rate,
     covers,
     verify_composite,
 )
-from dobc_design.conditions.separable.timing import largest_period, verify_delay, verify_sampling
-from dobc_design.exact.matrix import Matrix
-from dobc_design.loop.loop import Loop
-from dobc_design.verdict import Verdict
+from .timing import largest_period, verify_delay, verify_sampling
 
 SHORTEST = Fraction(1, 10**30)  # sampling periods below are no use to anybody (s)
 # of a sampling period, for a second program with wider enclosures

@@ -32,7 +32,6 @@ from dobc_design.conditions.quadratic.sectors import (
     widened_gains,
 )
 from dobc_design.conditions.reason import pins_obstacle
-from dobc_design.conditions.separable.claim import Separable, error_sizes
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.interval import Interval
 from dobc_design.exact.matrix import Matrix, Vector, identity, inverse, kronecker, multiply, zeros
@@ -41,6 +40,8 @@ from dobc_design.exact.work import spend
 from dobc_design.loop.arcs import coupling_places
 from dobc_design.loop.loop import Loop
 from dobc_design.problem.exosystems import Exosystem
+
+from .claim import Separable, error_sizes
 
 MOST_FREE = 6  # gains of one coupling that are no single numbers: 2^6 corners
 _DIGITS = 6  # of the differences up to which gains are enclosed

@@ -21,27 +21,6 @@ from typing import NamedTuple
 
 from dobc_design._checks import noun
 from dobc_design.conditions.numbers import text_below
-from dobc_design.conditions.separable.claim import (
-    EXACT,
-    FACES,
-    ErrorBound,
-    Errors,
-    Place,
-    Row,
-    Separable,
-    Term,
-    acts_by_component,
-    largest_reach,
-    rows,
-)
-from dobc_design.conditions.separable.coordinates import rows_obstacle, seen_through
-from dobc_design.conditions.separable.large import (
-    ArcRows,
-    Kinds,
-    arc_rows,
-    float_kinds,
-    open_rows,
-)
 from dobc_design.coupling.enclosures import Cell, Curve, Profile, jet, profile, secant
 from dobc_design.coupling.tree import ZERO
 from dobc_design.errors import SpecError
@@ -56,6 +35,28 @@ from dobc_design.exact.work import spend
 from dobc_design.loop.loop import Loop
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.verdict import Verdict
+
+from .claim import (
+    EXACT,
+    FACES,
+    ErrorBound,
+    Errors,
+    Place,
+    Row,
+    Separable,
+    Term,
+    acts_by_component,
+    largest_reach,
+    rows,
+)
+from .coordinates import rows_obstacle, seen_through
+from .large import (
+    ArcRows,
+    Kinds,
+    arc_rows,
+    float_kinds,
+    open_rows,
+)
 
 #: From this many arcs on, floats with outward bounds go first (fewer where a coupling falls, whose
 #: exact rows take longer); and how many rows they may leave.

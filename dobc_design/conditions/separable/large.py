@@ -19,13 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dobc_design._checks import noun
-from dobc_design.conditions.separable.claim import (
-    EXACT,
-    FACES,
-    Errors,
-    held_gains,
-    holding_gains,
-)
 from dobc_design.coupling.enclosures import Curve, Profile, secant, slope_bound
 from dobc_design.coupling.expression import Expression
 from dobc_design.exact.floats import Floats
@@ -35,6 +28,14 @@ from dobc_design.exact.symmetric import Doubles
 from dobc_design.loop.arcs import coupling_places
 from dobc_design.loop.loop import Loop
 from dobc_design.problem.network import ONE, Arcs
+
+from .claim import (
+    EXACT,
+    FACES,
+    Errors,
+    held_gains,
+    holding_gains,
+)
 
 Array = NDArray[np.float64]
 

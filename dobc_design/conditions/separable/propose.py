@@ -28,17 +28,6 @@ from dobc_design.conditions.numbers import (
     quickly_down,
     time_to_one_percent,
 )
-from dobc_design.conditions.separable.claim import (
-    EXACT,
-    ErrorBound,
-    Errors,
-    Separable,
-    holding_gains,
-    stuck_agents,
-)
-from dobc_design.conditions.separable.decide import verify_composite
-from dobc_design.conditions.separable.propose_limits import largest_rate
-from dobc_design.conditions.separable.propose_observer import propose_error_bound, radius_needed
 from dobc_design.coupling.expression import numpy_function
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.symmetric import Doubles
@@ -46,6 +35,18 @@ from dobc_design.exact.work import spend
 from dobc_design.loop.arcs import coupling_places, split_by
 from dobc_design.loop.loop import Loop
 from dobc_design.solvers.program import Array, factored
+
+from .claim import (
+    EXACT,
+    ErrorBound,
+    Errors,
+    Separable,
+    holding_gains,
+    stuck_agents,
+)
+from .decide import verify_composite
+from .propose_limits import largest_rate
+from .propose_observer import propose_error_bound, radius_needed
 
 logger = logging.getLogger("dobc_design")
 

@@ -26,27 +26,6 @@ from dobc_design.conditions.numbers import (
     time_to_one_percent,
 )
 from dobc_design.conditions.quadratic.sectors import GainRange, gains_at
-from dobc_design.conditions.separable.claim import MOST_COMPONENTS, ErrorBound, Separable, spread
-from dobc_design.conditions.separable.coordinates import (
-    MOST_FREE,
-    enclosed_ranges,
-    faces,
-    seen_through,
-    slowest_row,
-    varying,
-)
-from dobc_design.conditions.separable.decide import composite_rate, error_bound_obstacle
-from dobc_design.conditions.separable.propose import (
-    EARLIER,
-    KEPT,
-    LARGE,
-    Cover,
-    SeparablePlan,
-    least_solution,
-    rounded_vectors,
-    solved,
-)
-from dobc_design.conditions.separable.propose_observer import propose_error_bound
 from dobc_design.errors import SpecError
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Matrix, rank, to_float
@@ -56,6 +35,28 @@ from dobc_design.loop.arcs import coupling_places, split_by
 from dobc_design.loop.loop import Loop
 from dobc_design.problem.network import Arcs
 from dobc_design.solvers.program import Array
+
+from .claim import MOST_COMPONENTS, ErrorBound, Separable, spread
+from .coordinates import (
+    MOST_FREE,
+    enclosed_ranges,
+    faces,
+    seen_through,
+    slowest_row,
+    varying,
+)
+from .decide import composite_rate, error_bound_obstacle
+from .propose import (
+    EARLIER,
+    KEPT,
+    LARGE,
+    Cover,
+    SeparablePlan,
+    least_solution,
+    rounded_vectors,
+    solved,
+)
+from .propose_observer import propose_error_bound
 
 Gains = Mapping[int, Array]  # by the place of a coupling: the ends, (2, m, m)
 

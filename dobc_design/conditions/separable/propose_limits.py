@@ -15,7 +15,15 @@ from fractions import Fraction
 import numpy as np
 
 from dobc_design.conditions.numbers import rounded_down
-from dobc_design.conditions.separable.claim import (
+from dobc_design.coupling.enclosures import slope_bound
+from dobc_design.exact.floats import Floats
+from dobc_design.exact.interval import Interval, UndefinedError
+from dobc_design.exact.matrix import Vector
+from dobc_design.exact.symmetric import Doubles
+from dobc_design.exact.work import spend
+from dobc_design.loop.loop import Loop
+
+from .claim import (
     EXACT,
     FACES,
     DelayBound,
@@ -24,7 +32,7 @@ from dobc_design.conditions.separable.claim import (
     holding_gains,
     rows,
 )
-from dobc_design.conditions.separable.decide import (
+from .decide import (
     MOST_LEFT,
     MOST_PIECES,
     FaceRow,
@@ -36,15 +44,8 @@ from dobc_design.conditions.separable.decide import (
     lower_bound,
     upper_bound,
 )
-from dobc_design.conditions.separable.large import Piece, open_rows
-from dobc_design.conditions.separable.timing import verify_delay
-from dobc_design.coupling.enclosures import slope_bound
-from dobc_design.exact.floats import Floats
-from dobc_design.exact.interval import Interval, UndefinedError
-from dobc_design.exact.matrix import Vector
-from dobc_design.exact.symmetric import Doubles
-from dobc_design.exact.work import spend
-from dobc_design.loop.loop import Loop
+from .large import Piece, open_rows
+from .timing import verify_delay
 
 # how far below the largest rate ``largest_rate`` may stop, as a part of it
 TOLERANCE = Fraction(1, 10**5)

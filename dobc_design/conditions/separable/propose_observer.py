@@ -16,12 +16,13 @@ import numpy as np
 from scipy import linalg
 
 from dobc_design._checks import noun
-from dobc_design.conditions.separable.claim import ErrorBound
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.exact.number import float_above
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.solvers.conic import affine_cone, solve_cones, symmetric_basis
 from dobc_design.solvers.program import Array, round_matrix
+
+from .claim import ErrorBound
 
 GRID = 24  # values of beta that are tried at a time
 REFINEMENTS = 3  # of the grid, each around the best beta of the one before

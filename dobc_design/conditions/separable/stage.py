@@ -22,15 +22,16 @@ from dobc_design.conditions.domain import EVERYWHERE, Around
 from dobc_design.conditions.kinds import MAX_SEPARABLE
 from dobc_design.conditions.numbers import bisected, claimed, rounded_down, time_to_one_percent
 from dobc_design.conditions.separable import checks, propose
-from dobc_design.conditions.separable.claim import EXACT, Errors, Separable, stated_errors
-from dobc_design.conditions.separable.decide import composite_rate, covers, verify_separable
-from dobc_design.conditions.separable.propose import Cover, SeparablePlan
-from dobc_design.conditions.separable.propose_coordinates import propose_coordinates
-from dobc_design.conditions.separable.propose_limits import longest_delay
-from dobc_design.conditions.separable.timing import LEADER_GOES_ON
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, exhausted
 from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
+
+from .claim import EXACT, Errors, Separable, stated_errors
+from .decide import composite_rate, covers, verify_separable
+from .propose import Cover, SeparablePlan
+from .propose_coordinates import propose_coordinates
+from .propose_limits import longest_delay
+from .timing import LEADER_GOES_ON
 
 #: A second program with simpler enclosures has to confirm the rows, so they keep this part of alpha
 #: in hand.

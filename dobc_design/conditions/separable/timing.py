@@ -22,7 +22,13 @@ from fractions import Fraction
 from functools import cache
 
 from dobc_design.conditions.numbers import rounded_down
-from dobc_design.conditions.separable.claim import (
+from dobc_design.coupling.enclosures import Profile, slope_bound
+from dobc_design.errors import SpecError
+from dobc_design.exact.floats import Floats
+from dobc_design.exact.interval import Interval, UndefinedError, exp
+from dobc_design.loop.loop import Loop
+
+from .claim import (
     FACES,
     DelayBound,
     SamplingBound,
@@ -31,7 +37,7 @@ from dobc_design.conditions.separable.claim import (
     acts_by_component,
     rows,
 )
-from dobc_design.conditions.separable.decide import (
+from .decide import (
     SeparableAnswer,
     coupling_profiles,
     proved,
@@ -39,12 +45,7 @@ from dobc_design.conditions.separable.decide import (
     undecided,
     verify_separable,
 )
-from dobc_design.conditions.separable.large import SLICES, arc_rows, stiffest_row
-from dobc_design.coupling.enclosures import Profile, slope_bound
-from dobc_design.errors import SpecError
-from dobc_design.exact.floats import Floats
-from dobc_design.exact.interval import Interval, UndefinedError, exp
-from dobc_design.loop.loop import Loop
+from .large import SLICES, arc_rows, stiffest_row
 
 _CLOSE = Fraction(1, 1000)
 # How much larger than the truth floats may make a sum of slopes: for nine digits of a period, and

@@ -14,11 +14,12 @@ from dobc_design.conditions.numbers import (
     vector_from_json,
 )
 from dobc_design.conditions.reason import Reason
-from dobc_design.conditions.weighted.decide import Weighted, why_not
-from dobc_design.conditions.weighted.network import Alike, network_of
 from dobc_design.exact.matrix import Matrix
 from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
+
+from .decide import Weighted, why_not
+from .network import Alike, network_of
 
 
 def id_for(loop: Loop) -> str:

@@ -25,7 +25,6 @@ from dobc_design.conditions.consensus.claim import Statements, state_theorems
 from dobc_design.conditions.numbers import fields_to_json
 from dobc_design.conditions.observer.decide import error_matrix, hurwitz_with_rate
 from dobc_design.conditions.reason import Reason, read_reason
-from dobc_design.conditions.weighted.decide import Weighted, network_holds
 from dobc_design.coupling.coupling import make_coupling
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
 from dobc_design.exact.matrix import Matrix, add, is_symmetric, multiply, scale, subtract, transpose
@@ -34,6 +33,8 @@ from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.loop.guarantee import Guarantee
 from dobc_design.loop.loop import Loop, pins_of, zero_goals
 from dobc_design.verdict import Verdict
+
+from .decide import Weighted, network_holds
 
 ZERO = Fraction(0)
 

@@ -30,8 +30,6 @@ from dobc_design.conditions.numbers import (
     shorten,
     time_to_one_percent,
 )
-from dobc_design.conditions.weighted.decide import Weighted, observer_bounds
-from dobc_design.conditions.weighted.network import Alike
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix, Vector, to_float
 from dobc_design.exact.symmetric import Doubles, largest, least
@@ -42,6 +40,9 @@ from dobc_design.problem.exosystems import block_diagonal
 from dobc_design.problem.groups import group_numbers
 from dobc_design.solvers.conic import Cone, affine_cone, solve_cones
 from dobc_design.solvers.program import Array, factored, round_matrix
+
+from .decide import Weighted, observer_bounds
+from .network import Alike
 
 # of the rate that is thought possible
 PARTS = (1.0, 0.999, 0.99, 0.95, 0.9, 0.75, 0.5, 0.25, 0.1, 0.01, 0.001, 0.0)

@@ -16,16 +16,6 @@ import numpy as np
 from dobc_design._checks import noun
 from dobc_design.conditions.consensus.propose import DENSE, decay_rate
 from dobc_design.conditions.numbers import bisected, golden_section, shorten, time_to_one_percent
-from dobc_design.conditions.weighted.decide import Weighted
-from dobc_design.conditions.weighted.network import Alike, Network, holds_of_agents
-from dobc_design.conditions.weighted.propose import (
-    GIVEN_UP,
-    Tables,
-    even_weights,
-    proposals,
-    stiffnesses,
-    weights_claim,
-)
 from dobc_design.exact.matrix import (
     Matrix,
     add,
@@ -42,6 +32,17 @@ from dobc_design.loop.loop import Loop
 from dobc_design.solvers import conic
 from dobc_design.solvers.conic import Cone, affine_cone, solve_cones
 from dobc_design.solvers.program import Array
+
+from .decide import Weighted
+from .network import Alike, Network, holds_of_agents
+from .propose import (
+    GIVEN_UP,
+    Tables,
+    even_weights,
+    proposals,
+    stiffnesses,
+    weights_claim,
+)
 
 MOST_STATES = 20  # m, up to which an R is looked for: it has m (m + 1)/2 unknowns
 STRENGTHS = 4  # of the network, that are tried, the largest first

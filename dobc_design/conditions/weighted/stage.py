@@ -15,16 +15,17 @@ from dobc_design.conditions.check import (
 from dobc_design.conditions.consensus.claim import Statements
 from dobc_design.conditions.observer.decide import too_large
 from dobc_design.conditions.reason import Reason
-from dobc_design.conditions.weighted.checks import id_for, weighted_check
-from dobc_design.conditions.weighted.decide import Weighted, why_not
-from dobc_design.conditions.weighted.network import Alike, Network, network_of
-from dobc_design.conditions.weighted.propose import disagreeing, promised_factor, proposals
-from dobc_design.conditions.weighted.propose_alike import MOST_STATES, alike_proposals
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.work import out_of_time
 from dobc_design.loop.arcs import unreached
 from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
+
+from .checks import id_for, weighted_check
+from .decide import Weighted, why_not
+from .network import Alike, Network, network_of
+from .propose import disagreeing, promised_factor, proposals
+from .propose_alike import MOST_STATES, alike_proposals
 
 KEPT = 0.002  # how much faster than wanted, for digits that are cut
 CLOSE = 0.01  # rates that differ by a smaller part are the same

@@ -40,11 +40,12 @@ from dobc_design.exact.matrix import Matrix, add, identity, multiply, scale, sub
 from dobc_design.exact.number import root_above
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.export.c_text import template
-from dobc_design.export.rocq.matrices import comment, matrix, require_own
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.groups import gains_of
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
+
+from .matrices import comment, matrix, require_own
 
 THEORY = ("Statement", "Comparison", "Consensus", "Rows")
 MOST_ARCS, MOST_STATES = 400, 6  # of all modes together, and of one exosystem

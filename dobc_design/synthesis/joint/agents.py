@@ -41,10 +41,11 @@ from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers import conic
 from dobc_design.solvers.program import Array, round_matrix
-from dobc_design.synthesis.joint.claim import DesignRequest
 from dobc_design.synthesis.pinning.claim import Gains, Structure, holding
 from dobc_design.synthesis.pinning.decide import structural_obstacle
 from dobc_design.verdict import Verdict
+
+from .claim import DesignRequest
 
 #: (a network of integrators with one component, its rate or None, pinned agents or none named) ->
 #: gains

@@ -29,14 +29,6 @@ from dobc_design.problem.changes import changed_problem, gain_changes, typed_num
 from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.joint import agents
-from dobc_design.synthesis.joint.claim import (
-    Design,
-    DesignRequest,
-    Grounds,
-    RegionPrices,
-    total_gain,
-)
-from dobc_design.synthesis.joint.pins import DECISIVE, PinSets
 from dobc_design.synthesis.observer.claim import ObserverDesign, ObserverRequest
 from dobc_design.synthesis.observer.decide import Reduction, reduced_exosystem
 from dobc_design.synthesis.observer.search import search_groups
@@ -53,6 +45,15 @@ from dobc_design.synthesis.pinning.propose import slow_directions
 from dobc_design.synthesis.pinning.propose_regions import RegionGains, RegionSearch
 from dobc_design.synthesis.pinning.search import search_pinning, with_lacking
 from dobc_design.verdict import Verdict
+
+from .claim import (
+    Design,
+    DesignRequest,
+    Grounds,
+    RegionPrices,
+    total_gain,
+)
+from .pins import DECISIVE, PinSets
 
 NEARLY = 0.98  # of the rate that is aimed at: a proof with less is looked for again
 # of the fastest rate, where the one asked for cannot be had; more takes very large gains

@@ -13,11 +13,12 @@ from dobc_design.errors import SpecError
 from dobc_design.exact.reading import shown
 from dobc_design.problem.changes import changed_problem
 from dobc_design.problem.problem import Problem
-from dobc_design.synthesis.joint.claim import AXES, Design, DesignRequest, TradeOff, TradePoint
-from dobc_design.synthesis.joint.pins import PinSets
-from dobc_design.synthesis.joint.search import attempt, observer_at, region_search
 from dobc_design.synthesis.observer.claim import ObserverDesign, check_count
 from dobc_design.synthesis.pinning.decide import structure_of
+
+from .claim import AXES, Design, DesignRequest, TradeOff, TradePoint
+from .pins import PinSets
+from .search import attempt, observer_at, region_search
 
 SLOWEST, QUICKEST = 0.25, 4.0  # rates of a curve, of the design's own or of its observer's
 FASTEST = 1.9  # of a design that aims at half of the fastest rate

@@ -37,7 +37,8 @@ from dobc_design.problem.exosystems import Exosystem
 from dobc_design.solvers.conic import solve_directly
 from dobc_design.solvers.program import GIVEN_UP, Array, Program, round_matrix
 from dobc_design.synthesis.observer import claim
-from dobc_design.synthesis.observer.decide import channel
+
+from .decide import channel
 
 # how far inside the regions a gain is designed, so that rounding stays inside
 SLACKS = (1e-6, 1e-3, 0.01, 0.1)

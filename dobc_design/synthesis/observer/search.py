@@ -19,13 +19,14 @@ from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import join
 from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.observer import decide
-from dobc_design.synthesis.observer.claim import NoiseLimit, ObserverDesign, ObserverRequest
-from dobc_design.synthesis.observer.propose import (
+from dobc_design.verdict import Verdict
+
+from .claim import NoiseLimit, ObserverDesign, ObserverRequest
+from .propose import (
     estimate_observer,
     propose_envelopes,
     propose_gains,
 )
-from dobc_design.verdict import Verdict
 
 
 def search_groups(problem: Problem, request: ObserverRequest) -> ObserverDesign:

@@ -18,8 +18,9 @@ from dobc_design.conditions.numbers import claimed, shorten, text_below
 from dobc_design.conditions.statement import Statement, proved, refuted
 from dobc_design.exact.number import number_text
 from dobc_design.synthesis.pinning import decide
-from dobc_design.synthesis.pinning.decide import Ground
-from dobc_design.synthesis.pinning.propose import PinningProposer
+
+from .decide import Ground
+from .propose import PinningProposer
 
 WORK = 60_000  # nodes times agents, of few agents
 # up to so many; then nodes times squared agents, for a node takes a solve

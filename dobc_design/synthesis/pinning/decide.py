@@ -51,7 +51,8 @@ from dobc_design.loop.arcs import closed_groups
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.changes import typed_number
 from dobc_design.problem.problem import Problem
-from dobc_design.synthesis.pinning.claim import (
+
+from .claim import (
     Bound,
     Gains,
     Limits,

@@ -30,7 +30,8 @@ from dobc_design.conditions.consensus.propose import rows_of
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import Array
-from dobc_design.synthesis.pinning.claim import Gains, PinningRequest
+
+from .claim import Gains, PinningRequest
 
 Vectors = list[tuple[str, Array]]  # mode, and a vector over the n m rows
 # closed forms spent on exchanges and ties, times agents; agents above which: none

@@ -29,7 +29,8 @@ from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import Array, factored
-from dobc_design.synthesis.pinning.claim import Gains, PinningRequest
+
+from .claim import Gains, PinningRequest
 
 HELD = 1e9  # a gain, times the size of the rows, that holds an agent whatever the others do
 FIRST_STEP, LAST_STEP = 0.3, 1e-5  # of log v: the trust region

@@ -28,8 +28,10 @@ from dobc_design.loop.make import loop_of
 from dobc_design.problem.changes import changed_problem
 from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.pinning import decide
-from dobc_design.synthesis.pinning.choose import Choice
-from dobc_design.synthesis.pinning.claim import (
+from dobc_design.verdict import Verdict
+
+from .choose import Choice
+from .claim import (
     FEWEST,
     Alternatives,
     Gains,
@@ -42,9 +44,8 @@ from dobc_design.synthesis.pinning.claim import (
     with_gains,
     without_gains,
 )
-from dobc_design.synthesis.pinning.decide import Ground
-from dobc_design.synthesis.pinning.propose import PinningProposer, make_proposer, slow_directions
-from dobc_design.verdict import Verdict
+from .decide import Ground
+from .propose import PinningProposer, make_proposer, slow_directions
 
 # of the last digit but two: how much faster a rate is designed for
 TILTS = (1, 10, 1000, Fraction(1, 100))

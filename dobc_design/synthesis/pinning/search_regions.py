@@ -27,7 +27,8 @@ from dobc_design.problem.changes import changed_problem
 from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.observer.claim import read_positive
 from dobc_design.synthesis.pinning import decide
-from dobc_design.synthesis.pinning.claim import (
+
+from .claim import (
     FEWEST,
     Gains,
     PinningDesign,
@@ -39,8 +40,8 @@ from dobc_design.synthesis.pinning.claim import (
     with_gains,
     without_gains,
 )
-from dobc_design.synthesis.pinning.propose import slow_directions
-from dobc_design.synthesis.pinning.propose_regions import propose_for_box
+from .propose import slow_directions
+from .propose_regions import propose_for_box
 
 # rates faster than asked
 BOX_TILTS = (Fraction(1, 10**7), Fraction(1, 10**5), Fraction(1, 1000), Fraction(1, 50))

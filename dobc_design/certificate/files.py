@@ -10,6 +10,7 @@ SIGTERM wait until all are renamed.
 from __future__ import annotations
 
 import errno
+import hashlib
 import json
 import os
 import secrets
@@ -20,6 +21,7 @@ from pathlib import Path
 
 from dobc_design._signals import Postponed
 from dobc_design.errors import CertificateError, SpecError
+from dobc_design.exact.reading import shown
 
 STALE = 3600.0  # seconds after which a temporary file belongs to nobody; no write takes so long
 # characters of the file's own name in that of its temporary file; systems allow 255 bytes
@@ -101,22 +103,45 @@ def require_own(folder: Path, name: str, *, force: bool) -> Path:
         if (folder / each).exists()
     ]
     if held and not force:
-        try:
-            there = json.loads((folder / "problem.json").read_bytes())["name"]
-        except (OSError, ValueError, KeyError, TypeError, RecursionError):
-            there = None
+        there = _name_in(folder)
         if there != name:
-            owner = (
-                f"the certificate of another problem, {there!r}"
-                if there
-                else f"{held[0]} of an unknown problem"
-            )
+            owner = f"{held[0]} of an unknown problem"
+            if there:
+                owner = f"the certificate of {another_problem(there, name)}"
             cure = (
                 "Choose another folder with --out, or replace these files with --force (in "
                 "Python: force=True)."
             )
             raise SpecError(f"{str(folder)!r} holds {owner}.", key="--out", cure=cure)
     return folder
+
+
+def another_problem(made: object, own: str) -> str:
+    """How the problem ``made`` of a certificate is called beside the problem ``own`` of another
+    hash."""
+    if made == own:
+        return f"another problem, an earlier or later version of {shown(made)}"
+    return f"another problem, {shown(made)}"
+
+
+def replaced_words(folder: Path, name: str, sha256: str) -> str | None:
+    """Whose certificate one of this problem would replace in ``folder``, if not an own one."""
+    try:
+        there = hashlib.sha256((folder / "problem.json").read_bytes()).hexdigest()
+    except OSError:
+        return None
+    # A certificate belongs to a problem by its hash; an edited file has another one.
+    if there == sha256:
+        return None
+    return f"the certificate of {another_problem(_name_in(folder), name)} (its hash differs)"
+
+
+def _name_in(folder: Path) -> object:
+    """The name of the problem whose results a folder holds; None where that cannot be read."""
+    try:
+        return json.loads((folder / "problem.json").read_bytes())["name"]
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return None
 
 
 def write_folder(folder: Path, files: Mapping[str, bytes]) -> list[Path]:

@@ -14,6 +14,7 @@ from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Shown
 from dobc_design.certificate.claims import Claims, claim_of
 from dobc_design.certificate.factors import factor_obstacle
+from dobc_design.certificate.files import another_problem
 from dobc_design.certificate.text import certificate_bytes, read_claims
 from dobc_design.certificate.topics import TOPICS, Trusted
 from dobc_design.checker import examine as checker
@@ -282,10 +283,9 @@ def _foreign_parts(claims: Claims, problem: Problem) -> list[str]:
     """What is not about this problem, or stands there twice."""
     failures = []
     if claims.problem_sha256 != problem_sha256(problem):
-        made = shown(claims.problem_name)
-        names = f"another problem, {made}, and not about {shown(problem.name)}"
-        if claims.problem_name == problem.name:
-            names = f"another problem, an earlier or later version of {made}"
+        names = another_problem(claims.problem_name, problem.name)
+        if claims.problem_name != problem.name:
+            names += f", and not about {shown(problem.name)}"
         # All that follows would differ for this one reason.
         cure = "give the problem that it was made for"
         return [f"problem: the certificate is about {names} (its hash differs); {cure}"]

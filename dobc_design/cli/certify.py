@@ -121,12 +121,14 @@ def certify(
 
     seconds = None if time_limit is None else read_time_limit(time_limit, key="--time-limit")
     with until(None if seconds is None else float(seconds)):  # what is imported and read counts
+        from dobc_design.certificate.files import replaced_words
         from dobc_design.certification import certify as certification
 
         stages = Progress(quiet=quiet, verbose=verbose)
         _require_known(theorem)
         if apply_fix is not None:
             check_target(apply_fix, force=force, key="--apply-fix")
+            require_toml(apply_fix, key="--apply-fix")
         for key, start in (
             ("--settling-radius", settling_radius),
             ("--settling-disturbance", settling_disturbance),
@@ -148,10 +150,13 @@ def certify(
             )
             found = _searched(certificate, progress, wanted=search)
             certificate = found.certificate  # its options name the search
-            cured = None if apply_fix is None else _cured_file(certificate, file, apply_fix)
+            cured = None
+            if apply_fix is not None:
+                cured = _cured_file(certificate, file, apply_fix)
             pages: dict[str, bytes] = {}
             if report:
                 pages = _pages(found, folder, progress, force=force)
+            replaced = replaced_words(folder, problem.name, certificate.claims.problem_sha256)
             # Certificate, problem and pages change together, or none of them does.
             path, own, *_ = certificate.save(folder, beside=pages, force=force)
             if apply_fix is not None and cured is not None:
@@ -161,12 +166,15 @@ def certify(
         certificate=path,
         problem=own,
         report=folder / next(iter(pages)) if pages else None,
-        cured=apply_fix,
+        cured=None if cured is None else apply_fix,
+        replaced=replaced,
     )
     # The certificate holds every condition; --theorem chooses what is shown and returned.
     judged = _judged(certificate, theorem)
     if as_json:
         document = _document(found, judged, written)
+        if apply_fix is not None:
+            document["applied"] = None if written.cured is None else str(apply_fix)
         if search:
             document["searches"] = [each.to_json() for each in found.searches]
         if theorem is not None:
@@ -179,6 +187,8 @@ def certify(
         settled = certificate.settling if theorem is None else None
         show([*settling_parts(settled), *search_parts(found.searches)])
         say("\n" + "\n".join(_places(written, file, problem)))
+        if apply_fix is not None and cured is None:
+            say(f"cured        {_no_cure(certificate.verdict.value)}")
     raise Exit(EXIT[judged.verdict])
 
 
@@ -190,6 +200,7 @@ class _Written:
     problem: Path
     report: Path | None
     cured: Path | None
+    replaced: str | None  # whose certificate stood there, if it was of another problem
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -251,8 +262,7 @@ def _document(found: Searched, judged: _Judged, written: _Written) -> Document:
     document["notes"] = list(shown_notes(certificate))
     document["certificate"] = str(written.certificate)
     document["report"] = None if written.report is None else str(written.report)
-    if written.cured is not None:
-        document["applied"] = str(written.cured)
+    document["replaced"] = written.replaced
     return document
 
 
@@ -284,6 +294,8 @@ def _places(written: _Written, file: str, problem: Problem) -> Iterator[str]:
     yield f"problem      {written.problem}"
     if written.report is not None:
         yield f"report       {written.report}"
+    if written.replaced is not None:
+        yield f"replaced     {written.replaced}"
     yield f"re-check     {shlex.join(['dobc', 'verify', path, '--problem', file])}"
     if written.cured is not None:
         yield f"cured        {certify_it(str(written.cured), problem.notes)}"
@@ -377,22 +389,22 @@ def _head(certificate: Certificate) -> Document:
     }
 
 
-def _cured_file(certificate: Certificate, source: str, target: Path) -> bytes:
-    """The bytes of the cured problem.  Raises SpecError when there is nothing to cure, or no
-    cure."""
+def _no_cure(verdict: str) -> str:
+    """Why ``--apply-fix`` wrote nothing."""
+    if verdict == "proved":
+        return "nothing was written: everything asked for is proved, there is nothing to cure"
+    return "nothing was written: no cure is known; the reasons of the checks say what fails"
+
+
+def _cured_file(certificate: Certificate, source: str, target: Path) -> bytes | None:
+    """The bytes of the cured problem; None where there is nothing to cure, or no cure."""
     from dobc_design.conditions.check import main_cure
     from dobc_design.problem.changes import changed_file
     from dobc_design.problem.load import source_text
 
     check = main_cure(certificate.checks)
-    require_toml(target, key="--apply-fix")
     if check is None or check.fix is None:
-        message = "no cure is known for this problem."
-        cure = "The reasons of the checks say what fails."
-        if certificate.verdict.value == "proved":
-            message = "there is nothing to cure: everything asked for is proved."
-            cure = "Leave --apply-fix out."
-        raise refused("--apply-fix", message, cure)
+        return None
     text, folder = source_text(source), target.resolve().parent
     # What the user typed stays, comments included; only the keys of the cure change.
     cured = changed_file(certificate.problem, check.fix.set, text=text, folder=folder)

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 DIGITS = 3
 REMARK = "set by dobc design"
+DESIGNED = "-design"  # after the name of the problem, where the designed file gives none
 PRICED = 2  # further pins, each of which is a design of its own,
 MOST_PRICED = 60  # in networks of at most so many agents
 MOST_DIGITS = 10  # of a number of pins; a longer one is no number of agents
@@ -109,7 +110,10 @@ def design(
             progress=progress,
         )
     # Nothing is written that is not proved.
-    text = _new_text(found, problem, file, out) if found.is_proved else None
+    text = None
+    name = _own_name(problem, out)
+    if found.is_proved:
+        text = _new_text(found, problem, file, out, name=name)
     if out is not None and text is not None:
         output.write_file(out, text.encode("utf-8"), key="--out")
     if as_json:
@@ -117,7 +121,7 @@ def design(
         output.print_json(found.to_json() | {"problem": path})
     else:
         if not quiet:
-            _say(found, problem, file, out)
+            _say(found, problem, file, out, name=name)
         if out is None and text is not None:
             output.say(text.removesuffix("\n"))
     raise Exit(output.EXIT[found.verdict.value])
@@ -136,7 +140,19 @@ def _labels(texts: Iterable[str]) -> list[str] | None:
     return [label for label in labels if label] or None
 
 
-def _new_text(found: Design, problem: Problem, source: str, out: Path | None) -> str:
+def _own_name(problem: Problem, out: Path | None) -> str:
+    """The name of the designed problem: that of its file, so that its certificate does not take the
+    place of the one of ``problem``."""
+    from dobc_design.problem.problem import is_name
+
+    taken = output.folder_name(problem.name)
+    stem = "" if out is None else out.stem
+    if is_name(stem) and output.folder_name(stem) != taken:
+        return stem
+    return f"{taken[: output.LONGEST_FOLDER - len(DESIGNED)]}{DESIGNED}"
+
+
+def _new_text(found: Design, problem: Problem, source: str, out: Path | None, *, name: str) -> str:
     """The designed problem, with the comments of its source and where its numbers come from."""
     from dobc_design.problem.changes import changed_file
     from dobc_design.problem.load import source_text
@@ -146,6 +162,7 @@ def _new_text(found: Design, problem: Problem, source: str, out: Path | None) ->
         found.changes,
         text=source_text(source),
         folder=(out or Path("standard-output")).resolve().parent,
+        name=name,
         remark=REMARK,
         remarks=dict(_remarks(found)),
     )
@@ -170,7 +187,7 @@ def _remarks(found: Design) -> Iterator[tuple[str, str]]:
         yield "pinning.gains", f"{REMARK}: {total}, {by}"
 
 
-def _say(found: Design, problem: Problem, file: str, out: Path | None) -> None:
+def _say(found: Design, problem: Problem, file: str, out: Path | None, *, name: str) -> None:
     """The verdict, and what was decided or would be possible; on standard error where the designed
     file goes to standard output."""
     from rich.text import Text
@@ -186,6 +203,7 @@ def _say(found: Design, problem: Problem, file: str, out: Path | None) -> None:
     output.show(line if line.startswith("    ") else Text(line) for line in lines)
     if found.is_proved:
         output.say(f"\nwrote        {output.certify_it(str(out), problem.notes)}")
+        output.say(f"its name     {name}: its certificate does not replace that of {problem.name}")
 
 
 def _lines(found: Design, *, file: str, out: Path | None) -> Iterator[str]:

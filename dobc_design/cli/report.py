@@ -219,6 +219,7 @@ def _checked(path: Path, problem: str | None, letter: str, progress: output.Stag
     is no certificate.
     """
     from dobc_design.certificate.certificate import Certificate
+    from dobc_design.certificate.files import another_problem
     from dobc_design.certificate.text import read_claims
     from dobc_design.certification.certify import verify
     from dobc_design.problem.canonical import problem_sha256
@@ -238,8 +239,9 @@ def _checked(path: Path, problem: str | None, letter: str, progress: output.Stag
     if problem_sha256(own) != claims.problem_sha256:
         raise refused(
             "--problem",
-            f"the certificate {str(path)!r} is about another problem, {claims.problem_name!r}, and "
-            f"not about {own.name!r} (its hash differs).",
+            f"the certificate {str(path)!r} is about "
+            f"{another_problem(claims.problem_name, own.name)}, and not about this one (its hash "
+            "differs).",
             "Name the problem that it was made for, once for each certificate.",
         )
     progress("verifying the certificate")

@@ -308,13 +308,17 @@ def changed_file(
     *,
     text: str | None,
     folder: Path,
+    name: str | None = None,
     remark: str = REMARK,
     remarks: Mapping[str, str] = MappingProxyType({}),
 ) -> str:
     """The text of a file in ``folder`` that holds the problem with these changes.  Raises:
     SpecError.  ``text``: the TOML the problem came from, or None; its comments and its order stay
-    where that is possible."""
+    where that is possible.  ``name``: of the new problem, where it is another one."""
     wanted = changed_problem(problem, changes)
+    if name is not None:
+        wanted = wanted.replace(name=name)
+        changes = {"name": name, **changes}
     # First in the text that was there, then in one of the problem; each time first with the
     # comments of every line that stays, then with whole tables written anew.
     for source in _texts(problem, text):

@@ -77,14 +77,14 @@ def test_a_design_writes_a_file_that_certify_proves_and_keeps_the_comments(dobc,
     )
     assert not any(old in text for old in ("77", "P = "))
     assert dobc("certify", "new.toml", "--no-report")[0] == 0
-    assert dobc("certify", "star.toml", "--no-report", "--out", "old")[0] != 0
+    assert dobc("certify", "star.toml", "--no-report")[0] != 0
 
 
 def test_without_out_the_file_goes_to_standard_output_and_the_words_to_standard_error(
     dobc, tmp_path: Path
 ):
-    dobc("design", "star.toml", "--out", "new.toml")
-    text = (tmp_path / "new.toml").read_text("utf-8")
+    dobc("design", "star.toml", "--out", "star-design.toml")
+    text = (tmp_path / "star-design.toml").read_text("utf-8")
     code, out, err = dobc("design", "star.toml")
     assert (code, out) == (0, text)
     assert "star: PROVED." in err and "Pinned: agent lead" in err
@@ -92,7 +92,20 @@ def test_without_out_the_file_goes_to_standard_output_and_the_words_to_standard_
     code, out, err = dobc("design", "star.toml", "--keep-exosystem")
     assert (code, out) == (1, "")
     assert "    dobc design star.toml\n" in err and "Nothing was written." in err
-    assert {path.name for path in tmp_path.iterdir()} == {"star.toml", "new.toml"}
+    assert {path.name for path in tmp_path.iterdir()} == {"star.toml", "star-design.toml"}
+
+
+def test_a_design_has_its_own_name_so_that_its_certificate_replaces_none(dobc):
+    """The certificate of the file that was designed for stays as it is."""
+    dobc("certify", "star.toml", "--no-report")
+    Path("sub").mkdir()
+    before = Path("star-certificate/certificate.json").read_bytes()
+    for target, name in (("new.toml", "new"), ("sub/star.toml", "star-design")):
+        out = dobc("design", "star.toml", "--out", target)[1]
+        assert f"its name     {name}: its certificate does not replace that of star" in out
+        out = dobc("certify", target, "--no-report")[1]
+        assert f"certificate  {name}-certificate/certificate.json" in out
+    assert Path("star-certificate/certificate.json").read_bytes() == before
 
 
 def test_the_file_says_where_its_numbers_come_from(dobc):

@@ -557,22 +557,17 @@ def test_a_cure_is_told_at_the_end_and_written_to_a_new_file(dobc):
 
 
 @pytest.mark.parametrize(
-    ("file", "target", "words"),
+    ("target", "words"),
     [
-        ("paper-fixed-cured", "new.toml", "nothing to cure"),
-        ("wrong", "new.json", "must name a .toml file"),
-        ("wrong", "there.toml", "exists already"),
-        ("wrong", "folder", "is a folder"),
-        ("kinks", "new.toml", "no cure is known"),
+        ("new.json", "must name a .toml file"),
+        ("there.toml", "exists already"),
+        ("folder", "is a folder"),
     ],
 )
 def test_a_cure_that_cannot_be_written_is_one_clear_error_and_nothing_is_written(
-    dobc, file, target, words
+    dobc, target, words
 ):
-    proved = CHAIN if file == "paper-fixed-cured" else CHAIN.replace("{ 3 = 5 }", "{ 1 = 5 }")
-    if file == "kinks":
-        proved = re.sub(r"h = .*", 'h = "clip(y, -1, 1)"', proved)
-    source = write(proved)
+    source = write(CHAIN.replace("{ 3 = 5 }", "{ 1 = 5 }"))
     Path("there.toml").write_text("old", encoding="utf-8")
     Path("folder").mkdir()
     before = listing(Path())
@@ -581,6 +576,23 @@ def test_a_cure_that_cannot_be_written_is_one_clear_error_and_nothing_is_written
     assert words in ran.json["error"]["message"]
     assert listing(Path()) == before
     assert Path("there.toml").read_text(encoding="utf-8") == "old"
+
+
+def test_without_a_cure_apply_fix_shows_the_table_and_leaves_with_the_code_of_the_verdict(dobc):
+    proved = dobc("certify", write(CHAIN), "--no-report", "--apply-fix", "new.toml")
+    assert proved.code == 0
+    assert "condition" in proved.out
+    assert "cured        nothing was written: everything asked for is proved" in proved.out
+    kinks = CHAIN.replace("{ 3 = 5 }", "{ 1 = 5 }")
+    source = write(re.sub(r"h = .*", 'h = "clip(y, -1, 1)"', kinks), "kinks.toml")
+    ran = dobc("certify", source, "--no-report", "--apply-fix", "new.toml")
+    plain = dobc("certify", source, "--no-report", "--json")
+    assert ran.code == plain.code != 0
+    assert "cured        nothing was written: no cure is known" in ran.out
+    told = dobc("certify", source, "--no-report", "--json", "--apply-fix", "new.toml")
+    assert told.code == plain.code
+    assert told.json["applied"] is None
+    assert not Path("new.toml").exists()
 
 
 def test_force_replaces_the_cured_file_and_a_json_problem_becomes_a_toml_one(dobc):
@@ -613,6 +625,22 @@ def test_a_certificate_folder_of_another_problem_is_kept_unless_forced(dobc):
     assert listing(Path("c")) == before
     assert dobc("certify", chain, "--no-report", "--out", "c").code in (0, 1, 3)
     assert dobc("certify", "paper-fixed", "--no-report", "--out", "c", "--force").code == 0
+
+
+def test_a_certificate_of_another_version_is_never_replaced_without_a_word(dobc):
+    """A certificate belongs to a problem by its hash: an edited file has another one."""
+    source = write(CHAIN)
+    first = dobc("certify", source, "--no-report", "--json")
+    again = dobc("certify", source, "--no-report", "--json")
+    assert first.json["replaced"] is again.json["replaced"] is None
+    text = Path(source).read_text(encoding="utf-8")
+    Path(source).write_text(text.replace("{ 3 = 5 }", "{ 3 = 6 }"), encoding="utf-8")
+    ran = dobc("certify", source, "--no-report")
+    assert ran.code == first.code
+    words = "another problem, an earlier or later version of 'chain' (its hash differs)"
+    assert f"replaced     the certificate of {words}" in ran.out
+    forced = dobc("certify", "paper-fixed", "--no-report", "--out", "chain-certificate", "--force")
+    assert "replaced     the certificate of another problem, 'chain'" in forced.out
 
 
 @pytest.mark.parametrize(

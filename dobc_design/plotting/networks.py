@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from fractions import Fraction
 from os.path import commonprefix
 from typing import Any
 
@@ -19,17 +20,20 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 from numpy.typing import NDArray
 
+from dobc_design._show.text import significant, typeset
 from dobc_design.errors import about
 
 from .look import BLUE, INK, MUTED, PAPER, VERMILLION, Sheet, short
 
 Positions = NDArray[np.float64]
 Pair = tuple[int, int]
+Weights = Mapping[Pair, Fraction | float]  # of arcs, by (listener, speaker)
 LEGEND = "An arrow from j to i: i listens to j, so information runs along the arrow."
 MOST_MODES = 6
 MOST_AGENTS, MOST_ARCS = 300, 1500  # of a network that is drawn; beyond, it would be a grey ball
 MOST_LABELLED = 60
 LARGEST_BY_DISTANCE = 150  # Kamada and Kawai's method takes all pairs
+MOST_WEIGHTED = 24  # arcs whose weights are written beside them
 MOST_BIG = 30  # agents whose labels beside the nodes are not made smaller
 MOST_IN_ROW = 20  # agents of a chain that stand on a line
 _SIDES = ((0, -1), (0, 1), (1, 0), (-1, 0))
@@ -38,6 +42,10 @@ _ROOMY = 0.05  # radius from which a node has letters inside
 _CORNERS = np.array([(-0.9, -0.9), (0.9, -0.9), (0.9, 0.9), (-0.9, 0.9), (-0.9, -0.9)])
 _SQUARE = Path(_CORNERS, closed=True)
 _CIRCLE = Path.unit_circle()
+_BENDS = (0.0, 0.15, -0.15, 0.3, -0.3, 0.5, -0.5)  # of an arc aside, in its lengths
+_APART = 0.3  # the same, of opposite arcs with different weights
+_CLEAR = 1.5  # between an arc and the middle of any other node, in radii
+_ALONG = np.linspace(0, 1, 25)[1:-1, None]  # of a curve
 GAP = 1.22  # between the tip of an arrow and the middle of its node, in radii
 _SHORT_DASHES = (0, (2, 1.2))
 _LABEL_BOX = {"facecolor": PAPER, "edgecolor": "none", "alpha": 0.85, "pad": 0.6}
@@ -45,14 +53,14 @@ _LABEL_BOX = {"facecolor": PAPER, "edgecolor": "none", "alpha": 0.85, "pad": 0.6
 
 def network_sheet(
     name: str,
-    modes: Mapping[str, Sequence[Pair]],
+    modes: Mapping[str, Weights],
     *,
     labels: Sequence[str],
     pinned: Collection[int],
     ax: Axes | None = None,
 ) -> Sheet | Axes:
     """The first six ``modes`` side by side on the same places, below them what the signs mean; with
-    ``ax`` these axes, with the first mode.  Pairs are those of ``draw_network``.
+    ``ax`` these axes, with the first mode.
     Raises: SpecError for a network that is too large to be drawn."""
     shown = dict(list(modes.items())[:MOST_MODES])
     pairs = {pair for each in shown.values() for pair in each}
@@ -94,7 +102,7 @@ def network_sheet(
     return Sheet(draw_all, width=max(3.4 * columns, 4.6), height=height)
 
 
-def _unreached(arcs: Sequence[Pair], pinned: Collection[int], n: int) -> set[int]:
+def _unreached(arcs: Iterable[Pair], pinned: Collection[int], n: int) -> set[int]:
     """The agents that no path of arcs joins to a pinned agent; none where nobody is pinned."""
     if not pinned:
         return set()
@@ -125,17 +133,21 @@ def draw_network(
     ax: Axes,
     *,
     labels: Sequence[str],
-    arcs: Iterable[Pair],
+    arcs: Weights,
     places: Positions,
     pinned: Collection[int] = (),
     unreached: Collection[int] = (),
 ) -> Axes:
     """Draw one mode, as a few compound paths in data coordinates, so that a large network stays a
-    small file.  ``arcs`` are (listener, speaker); the arrow starts at the speaker.  Pinned agents
-    are filled blue squares, others circles, those that no pin reaches orange dashed circles.
+    small file.  The arrow of an arc starts at the speaker and passes by other nodes; weights stand
+    beside a few arcs, unless all are 1.  Pinned agents are filled blue squares, others circles,
+    those that no pin reaches orange dashed circles.
     Shapes: places (n, 2), within [-1, 1]."""
-    radius, known = _radius(places), list(arcs)
-    _draw_arcs(ax, known, places, radius)
+    radius = _radius(places)
+    controls = _controls(arcs, places, radius)
+    _draw_arcs(ax, controls, places, radius)
+    if shows_weights(arcs):
+        _draw_weights(ax, arcs, controls, places)
     # Every kind of node is one patch, however many agents it has.
     free = [i for i in range(len(labels)) if i not in pinned]
     reached = [i for i in free if i not in unreached]
@@ -151,7 +163,7 @@ def draw_network(
         patch.set(facecolor=BLUE, edgecolor=BLUE)
         ax.add_patch(patch)
     if len(labels) <= MOST_LABELLED:
-        _draw_labels(ax, labels, places, radius, set(pinned), known)
+        _draw_labels(ax, labels, places, radius, set(pinned), arcs)
     ax.set_aspect("equal")
     ax.set_axis_off()
     margin = 3 * radius
@@ -198,34 +210,103 @@ def _radius(places: Positions) -> float:
     return float(np.clip(0.3 * nearest, 0.012, 0.12))
 
 
-def _draw_arcs(ax: Axes, arcs: Sequence[Pair], places: Positions, radius: float) -> None:
-    """Arrows from whom is heard to who listens; two opposite ones share a shaft."""
-    known, shafts, heads = set(arcs), list[Path](), list[Path]()
+def _controls(arcs: Weights, places: Positions, radius: float) -> dict[Pair, Positions]:
+    """What an arc bends to, (2,): half-way between its ends, or aside where another node is in the
+    way.  Opposite arcs share it, unless weights are shown and theirs differ."""
+    found: dict[Pair, Positions] = {}
+    weighted = shows_weights(arcs)
+    for (one, other), weight in arcs.items():
+        start, end = places[one], places[other]
+        opposite = arcs.get((other, one), weight)
+        if weighted and opposite != weight:
+            found[one, other] = (start + end) / 2 + _APART * _aside(end - start)
+        elif (other, one) in found:
+            found[one, other] = found[other, one]
+        else:
+            others = np.delete(places, [one, other], axis=0)
+            found[one, other] = _control(start, end, others, _CLEAR * radius)
+    return found
+
+
+def _control(start: Positions, end: Positions, others: Positions, clear: float) -> Positions:
+    """The least bend that keeps the curve ``clear`` of all ``others``, or comes closest to that."""
+    aside = _aside(end - start)
+    best, widest = (start + end) / 2, -1.0
+    for bend in _BENDS:
+        control = (start + end) / 2 + bend * aside
+        points = _point(start, control, end, _ALONG)
+        gaps = np.hypot(*(points[:, None, :] - others).transpose(2, 0, 1))
+        least = float(gaps.min(initial=clear))
+        if least > widest:
+            best, widest = control, least
+        if least >= clear:
+            break
+    return best
+
+
+def _point(start: Positions, control: Positions, end: Positions, t: Any) -> Positions:
+    """Points of the curve from ``start`` to ``end`` that bends to ``control``, at 0 <= t <= 1."""
+    along: Positions = (1 - t) ** 2 * start + 2 * t * (1 - t) * control + t**2 * end
+    return along
+
+
+def _draw_arcs(ax: Axes, arcs: Mapping[Pair, Positions], places: Positions, radius: float) -> None:
+    """Arrows from whom is heard to who listens, each with what it bends to; two opposite ones share
+    a shaft."""
+    shafts, heads = list[Path](), list[Path]()
     # Heads stay visible where nodes are tiny.
     size = max(0.75 * radius, 0.03)
-    for listener, speaker in arcs:
+    for (listener, speaker), control in arcs.items():
         start, end = places[speaker], places[listener]
-        length = float(np.hypot(*(end - start)))
         # Nodes that touch leave no room for an arrow.
-        if length <= 2.3 * radius:
+        if float(np.hypot(*(end - start))) <= 2.3 * radius:
             continue
-        forward = (end - start) / length
+        forward = _unit(end - control)
         tip = end - forward * radius * GAP
         back = tip - forward * size
-        both = (speaker, listener) in known
+        both = arcs.get((speaker, listener)) is control
         # one shaft for both directions, drawn by one of them
         if not both or listener < speaker:
             behind = radius * GAP + size * 0.9 if both else radius * 1.1
-            tail = start + forward * behind
-            shafts.append(Path(np.array([tail, back + forward * size * 0.1])))
-        aside = np.array([-forward[1], forward[0]]) * size * 0.45
+            tail = start + _unit(control - start) * behind
+            shaft = np.array([tail, control, back + forward * size * 0.1])
+            shafts.append(Path(shaft, [Path.MOVETO, Path.CURVE3, Path.CURVE3]))
+        aside = _aside(forward) * size * 0.45
         heads.append(Path(np.array([tip, back + aside, back - aside, tip]), closed=True))
     if shafts:
         path = Path.make_compound_path(*shafts)
-        ax.add_patch(PathPatch(path, facecolor="none", edgecolor=MUTED, linewidth=0.9))
+        ax.add_patch(PathPatch(path, facecolor="none", edgecolor=MUTED, linewidth=0.9, zorder=0.8))
     if heads:
         path = Path.make_compound_path(*heads)
         ax.add_patch(PathPatch(path, facecolor=INK, edgecolor="none"))
+
+
+def _unit(step: Positions) -> Positions:
+    return np.asarray(step / np.hypot(*step))
+
+
+def _aside(step: Positions) -> Positions:
+    """As long as the step, at a right angle to it."""
+    return np.array([-step[1], step[0]])
+
+
+def shows_weights(arcs: Weights) -> bool:
+    """Whether weights are written beside the arcs: where there are few, and not all are 1."""
+    return len(arcs) <= MOST_WEIGHTED and any(weight != 1 for weight in arcs.values())
+
+
+def _draw_weights(
+    ax: Axes, arcs: Weights, controls: Mapping[Pair, Positions], places: Positions
+) -> None:
+    """Every weight on its arc, that of opposite arcs with the same weight once."""
+    for (listener, speaker), weight in arcs.items():
+        if arcs.get((speaker, listener)) == weight and listener > speaker:
+            continue
+        control = controls[listener, speaker]
+        # Not half-way, where arcs cross.
+        x, y = _point(places[speaker], control, places[listener], 0.45).tolist()
+        text = ax.text(x, y, typeset(significant(weight)), ha="center", va="center", fontsize=7)
+        text.set(parse_math=False, color=INK, bbox=_LABEL_BOX, zorder=0.9)
 
 
 def _draw_labels(
@@ -234,16 +315,17 @@ def _draw_labels(
     places: Positions,
     radius: float,
     pinned: set[int],
-    arcs: Sequence[Pair],
+    arcs: Iterable[Pair],
 ) -> None:
-    """Short labels inside the nodes, where there is room; the others on the side with the fewest
+    """Labels inside the nodes where all of them fit; else all on the side with the fewest
     arrows."""
     drawn, _ = drawn_labels(labels)
+    fit = radius > _ROOMY and max(map(len, drawn)) <= _INSIDE
     sides = _free_sides(places, arcs)
     inside = float(np.clip(78 * radius, 5.5, 9.0))
     beside = 8.0 if len(drawn) <= MOST_BIG else 6.0
     for agent, ((x, y), (right, up)) in enumerate(zip(places, sides, strict=True)):
-        if len(drawn[agent]) <= _INSIDE and radius > _ROOMY:
+        if fit:
             text = ax.text(x, y, drawn[agent], ha="center", va="center_baseline", fontsize=inside)
             text.set(parse_math=False, color=PAPER if agent in pinned else INK)
         else:
@@ -255,7 +337,7 @@ def _draw_labels(
         text.set_zorder(3)
 
 
-def _free_sides(places: Positions, arcs: Sequence[Pair]) -> list[Pair]:
+def _free_sides(places: Positions, arcs: Iterable[Pair]) -> list[Pair]:
     """For every agent the side, below first, that is farthest from the directions of its arrows."""
     directions: list[list[Positions]] = [[] for _ in places]
     for one, other in arcs:

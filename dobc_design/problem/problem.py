@@ -347,7 +347,8 @@ class Problem(Shown):
     def plot(self, mode: str | None = None, ax: Any = None) -> Any:
         """The network as a picture: every mode, at most six, or ``mode`` alone.  An arrow points to
         the agent that listens; pinned agents are blue squares; an agent that no path of arcs joins
-        to a pinned one is dashed.  Positions say nothing.
+        to a pinned one is dashed.  Up to 24 arcs of a mode have their weights beside them, unless
+        all are 1.  Positions say nothing.
 
         Returns: a Sheet, which shows itself in Jupyter and saves itself, ``save("network.svg")``;
         with Matplotlib's ``ax`` these axes, with ``mode``, by default the first.
@@ -361,7 +362,7 @@ class Problem(Shown):
 
         network = self.network
         names = network.modes if mode is None else (network.require_mode(mode),)
-        modes = {name: [(i, j) for i, j, _ in network.modes[name]] for name in names}
+        modes = {name: {(i, j): w for i, j, w in network.modes[name]} for name in names}
         pinned = self.pinning.agents
         return network_sheet(self.name, modes, labels=network.labels, pinned=pinned, ax=ax)
 

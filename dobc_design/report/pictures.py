@@ -77,7 +77,10 @@ def network_pictures(certificate: Certificate) -> tuple[list[Picture], str]:
     problem = certificate.problem
     labels, pinned = problem.network.labels, problem.pinning.agents
     modes = list(problem.network.modes.items())[:MOST_MODES]
-    pairs = {name: [(listener, speaker) for listener, speaker, _ in arcs] for name, arcs in modes}
+    pairs = {
+        name: {(listener, speaker): weight for listener, speaker, weight in arcs}
+        for name, arcs in modes
+    }
     # A drawing of thousands of arcs shows nothing and makes a page of megabytes.
     total = sum(map(len, pairs.values()))
     if problem.n > MOST_AGENTS or total > MOST_ARCS:
@@ -109,7 +112,10 @@ def network_pictures(certificate: Certificate) -> tuple[list[Picture], str]:
             height=3.4 * networks.proportions(places),
         )
         drawn.append(picture)
-    return drawn, _network_legend(problem, lost=any(lost_in.values()))
+    legend = _network_legend(problem, lost=any(lost_in.values()))
+    if any(map(networks.shows_weights, pairs.values())):
+        legend += " Numbers on arrows are weights."
+    return drawn, legend
 
 
 def _network_legend(problem: Problem, *, lost: bool) -> str:

@@ -39,7 +39,7 @@ def overview() -> look.Sheet:
     runs = dd.simulate(problem, runs=RUNS, t_final=SECONDS)
     bound = certificate.envelope(runs)(runs.times)
     (mode,) = problem.network.modes.values()
-    pairs = [(listener, speaker) for listener, speaker, _ in mode]
+    pairs = {(listener, speaker): weight for listener, speaker, weight in mode}
 
     def draw(figure: Figure) -> None:
         left, right = figure.subplots(1, 2, width_ratios=[1, 2])

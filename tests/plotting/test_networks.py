@@ -57,12 +57,12 @@ def test_the_arrow_points_at_the_listener_and_pinned_and_unreached_agents_look_d
         "pinned": [0],
         "unreached": {2},
     }
-    ax = draw_network(new_axes(), arcs=[(0, 1)], **settings)
+    ax = draw_network(new_axes(), arcs={(0, 1): 1}, **settings)
     assert len({patch.get_facecolor()[:3] for patch in ax.patches}) >= 2
     assert any(patch.get_linestyle() not in ("solid", "-") for patch in ax.patches)
     # Agent 0 listens to agent 1, so information runs from 1 to 0: the head is near 0.
     places = np.array([[-1.0, 0.0], [1.0, 0.0]])
-    ax = draw_network(new_axes(), labels=["a", "b"], arcs=[(0, 1)], places=places)
+    ax = draw_network(new_axes(), labels=["a", "b"], arcs={(0, 1): 1}, places=places)
     heads = next(patch for patch in ax.patches if patch.get_edgecolor()[3] == 0)
     assert heads.get_path().vertices[:, 0].max() < -0.5
 
@@ -151,3 +151,48 @@ def test_an_unknown_mode_and_a_network_too_large_to_be_drawn_are_refused(two_mod
     crowd = dd.Network.from_arcs([], arrow="listens_to", agents=301)
     with pytest.raises(SpecError, match=r"301 agents and 0 arcs are too many to be drawn"):
         dd.Problem(network=crowd, coupling="y").plot()
+
+
+def curves_of(ax) -> list[np.ndarray]:
+    """Points of every shaft, from the control points of Matplotlib's own path."""
+    shafts = next(patch for patch in ax.patches if to_hex(patch.get_edgecolor()) == look.MUTED)
+    one, control, other = shafts.get_path().vertices.reshape(-1, 3, 2).transpose(1, 0, 2)
+    t = np.linspace(0, 1, 50)[:, None, None]
+    return list(((1 - t) ** 2 * one + 2 * t * (1 - t) * control + t**2 * other).transpose(1, 0, 2))
+
+
+def test_arcs_pass_by_nodes_that_stand_between_their_ends():
+    places = np.array([[-1.0, 0.0], [0.0, 0.0], [1.0, 0.0]])
+    both_ways = {(2, 0): 1, (0, 2): 1}
+    ax = draw_network(new_axes(), labels=list("abc"), arcs=both_ways, places=places)
+    (curve,) = curves_of(ax)
+    assert np.hypot(*curve.T).min() > 0.12  # the largest radius of a node
+    ax = draw_network(new_axes(), labels=list("abc"), arcs={(0, 1): 1}, places=places)
+    (curve,) = curves_of(ax)
+    assert np.allclose(curve[:, 1], 0)
+
+
+def texts_of(ax) -> list[str]:
+    return [text.get_text() for text in ax.texts]
+
+
+def test_weights_stand_beside_a_few_arcs_unless_all_are_one():
+    arcs = [["a", "b", 2], ["b", "a", "1/3"], ["b", "c"], ["c", "b"]]
+    network = dd.Network.from_arcs({"m": arcs}, arrow="listens_to", agents=["a", "b", "c"])
+    problem = dd.Problem(network=network, coupling="y", gains={"a": 1})
+    assert sorted(texts_of(problem.plot().figure.axes[0])) == ["0.3333", "1", "2", "a", "b", "c"]
+    plain = dd.Network.from_arcs({"m": [["a", "b"]]}, arrow="listens_to", agents=["a", "b"])
+    ax = dd.Problem(network=plain, coupling="y", gains={"a": 1}).plot().figure.axes[0]
+    assert texts_of(ax) == ["a", "b"]
+    many = dict.fromkeys(ring(25), 2)
+    ax = draw_network(new_axes(), labels=[""] * 25, arcs=many, places=positions(many, 25))
+    assert "2" not in texts_of(ax)
+
+
+def test_all_labels_stand_inside_their_nodes_or_all_beside_them():
+    places = positions(ring(3), 3)
+    for labels, inside in ((["a", "b", "c"], True), (["a", "gateway", "c"], False)):
+        ax = draw_network(new_axes(), labels=labels, arcs={}, places=places)
+        drawn = zip(ax.texts, places, strict=True)
+        stand = [np.allclose(text.get_position(), place) for text, place in drawn]
+        assert stand == [inside] * 3

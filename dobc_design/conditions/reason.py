@@ -56,12 +56,11 @@ def first_missing(needs: Iterable[Need]) -> str | None:
 
 
 def pins_obstacle(loop: Loop) -> str | None:
-    """Why a proof that knows each pin by its gain matrix does not apply; None where all pins are
-    linear."""
-    if not loop.pins.curved:
+    """Why a proof that knows each pin by one gain matrix, the same in every mode, does not apply;
+    None where all pins are such."""
+    if not loop.fixed:
         return None
-    agent = loop.labels[min(loop.pins.curved)]
-    return f"{APART}it is for pins with a gain, and that of agent {agent} is not linear."
+    return f"{APART}it is for pins that are linear, and the same in every mode."
 
 
 def read_reason(text: str) -> Reason:

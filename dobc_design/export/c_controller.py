@@ -199,7 +199,7 @@ def _mode_verdict(
     if written is not None and size > MOST_ROWS:
         return Verdict.UNDECIDED
     # J - K at the consensus, as a dense matrix.
-    entries = linearisation(mode, loop_of(problem).pulls, problem.m)
+    entries = linearisation(mode, problem.m)
     rows = range(size)
     loop = tuple(tuple(entries.get((i, j), Fraction(0)) for j in rows) for i in rows)
     F = add(identity(size), scale(period, loop))

@@ -44,8 +44,8 @@ def arc_table(loop: Loop, mode: str) -> ArcTable:
 
 def coupling_places(loop: Loop, arcs: Arcs) -> IndexArray:
     """For every arc the place of its coupling in loop.functions."""
-    codes = arcs.listeners * loop.n + arcs.speakers
-    return places_at(loop.exceptions, codes, size=loop.n)
+    codes = arcs.listeners * loop.nodes + arcs.speakers
+    return places_at(loop.exceptions, codes, size=loop.nodes)
 
 
 def places_at(places: Mapping[Arc, int], codes: IndexArray, *, size: int) -> IndexArray:
@@ -78,14 +78,14 @@ def unreached(loop: Loop, arcs: Iterable[Arcs], *, pins: Pins | None = None) -> 
     without those that come and go; ``pins``: by default what pulls in ``pulls``."""
     pulled = loop.pulls if pins is None else pins
     pinned = np.array(pulled.nodes, dtype=np.int64)
-    # The fixed node is one more node, which those with a pin listen to.
+    # All fixed nodes are one, which those with a pin listen to.
     fixed = loop.n
     ends = _ends(arcs)
-    speakers = np.append(ends.speakers, np.full(len(pinned), fixed))
+    speakers = np.append(np.minimum(ends.speakers, fixed), np.full(len(pinned), fixed))
     listeners = np.append(ends.listeners, pinned)
     # Along the direction of influence: from who is heard to who hears.
     links = np.ones(len(speakers))
-    graph = sp.csr_array((links, (speakers, listeners)), shape=(loop.n + 1, loop.n + 1))
+    graph = sp.csr_array((links, (speakers, listeners)), shape=(fixed + 1, fixed + 1))
     met = breadth_first_order(graph, fixed, return_predecessors=False)
     return tuple(np.setdiff1d(np.arange(loop.n), met).tolist())
 
@@ -110,10 +110,10 @@ def _ends(arcs: Iterable[Arcs]) -> _Ends:
 
 def closed_groups(loop: Loop, arcs: Iterable[Arcs]) -> tuple[tuple[int, ...], ...]:
     """The smallest sets of agents that listen to nobody outside, strong components that hear no
-    other; rising."""
+    other and no fixed node; rising."""
     listeners, speakers = _ends(arcs)
     links = np.ones(len(listeners))
-    graph = sp.coo_array((links, (listeners, speakers)), shape=(loop.n, loop.n))
+    graph = sp.coo_array((links, (listeners, speakers)), shape=(loop.nodes, loop.nodes))
     _, labels = connected_components(graph, connection="strong")
     component = labels.astype(np.int64)
     # A component is open if one of its agents hears another component.
@@ -121,6 +121,6 @@ def closed_groups(loop: Loop, arcs: Iterable[Arcs]) -> tuple[tuple[int, ...], ..
     listening = set(hearer[hearer != component[speakers]].tolist())
     closed = list[tuple[int, ...]]()
     for number, members in split_by(component):
-        if number not in listening:
+        if number not in listening and members[0] < loop.n:
             closed.append(tuple(members.tolist()))
     return tuple(sorted(closed))

@@ -280,7 +280,7 @@ def leaders_drift(problem: Problem) -> Array:
 def error_arcs(loop: Loop, mode: str, there: BoolArray | None = None) -> tuple[ArcGroup, ...]:
     """Split the arcs of one mode, or those ``there`` (arcs,), by what errors feel along them: by
     functions of the loop, in their order; empty groups are left out."""
-    return _split(loop.modes[mode], loop.functions, loop.exceptions, size=loop.n, there=there)
+    return _split(loop.modes[mode], loop.functions, loop.exceptions, size=loop.nodes, there=there)
 
 
 def plant_arcs(problem: Problem, mode: str) -> tuple[ArcGroup, ...]:

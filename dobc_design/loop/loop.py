@@ -43,19 +43,15 @@ Made = TypeVar("Made")
 
 @noun(eq=False)
 class Pins:
-    """Arcs to the fixed node, whose error is 0: node i hears it by h(0 - e_i).
-
-    ``gains``: of the linear ones, h(-e_i) = -gains[i] e_i, (m, m) in 1/s; zero gains are left out.
-    ``curved``: node -> the place of another function in ``functions`` of the loop.
-    """
+    """What pulls nodes in every mode, linearly: -gains[i] e_i, (m, m) in 1/s; zero gains are left
+    out."""
 
     gains: Mapping[int, Matrix]
-    curved: Mapping[int, int]
 
     @property
     def nodes(self) -> tuple[int, ...]:
-        """The nodes that hear the fixed node, rising."""
-        return tuple(sorted({*self.gains, *self.curved}))
+        """The nodes with a gain, rising."""
+        return tuple(sorted(self.gains))
 
     def each(self, made: Callable[[Matrix], Made]) -> dict[int, Made]:
         """What ``made`` makes of every gain; nodes often share one matrix, which is looked at
@@ -76,7 +72,7 @@ def pins_of(gains: Mapping[int, Matrix]) -> Pins:
     """Linear pins; gains that are 0 are no arcs."""
     # By node, whatever the order in which the file names them.
     kept = {i: gain for i, gain in sorted(gains.items()) if any(map(any, gain))}
-    return Pins(gains=MappingProxyType(kept), curved={})
+    return Pins(gains=MappingProxyType(kept))
 
 
 @noun(eq=False)
@@ -167,9 +163,10 @@ class Starts:
 class Loop:
     """The error system of a problem; frozen and exact.  Two loops are equal if they are the same.
 
-    ``labels``: the free nodes in the user's words.  ``modes``: arcs between them, by mode.
-    ``functions``: of arcs, the first one unless ``exceptions`` has another place for (listener,
-    speaker); the last ones may belong to the drift or to pins.  ``pulls``: what is linear and of a
+    ``labels``: the free nodes in the user's words.  ``fixed``: names of further nodes, numbered
+    from n on, that hear nobody and whose error is 0.  ``modes``: the arcs by mode; listeners are
+    free nodes.  ``functions``: of arcs, the first one unless ``exceptions`` has another place for
+    (listener, speaker); the last ones may belong to the drift.  ``pulls``: what is linear and of a
     node alone, pins less the slopes of the drift; it need not pull towards 0.  ``groups``: nodes
     that share an exosystem and an observer, which act on the states.  ``starts``: None where no
     region is asked for.  ``xi0``: where disturbances start in simulations, rows by node.  ``unit``:
@@ -178,6 +175,7 @@ class Loop:
 
     name: str
     labels: Texts
+    fixed: Texts
     m: int
     modes: Mapping[str, Arcs]
     functions: tuple[Coupling, ...]
@@ -198,6 +196,11 @@ class Loop:
     def n(self) -> int:
         """The number of free nodes."""
         return len(self.labels)
+
+    @property
+    def nodes(self) -> int:
+        """The number of all nodes, fixed ones too."""
+        return self.n + len(self.fixed)
 
     @property
     def size(self) -> int:

@@ -47,12 +47,14 @@ def consensus_jacobian(loop: Loop, mode: str) -> sp.csr_array | None:
     # What a node loses is added up by function first.
     own, back = np.unique(table.coupling * n + table.listeners, return_inverse=True)
     lost = -np.bincount(back, weights=weights, minlength=len(own))
-    kinds = np.concatenate([table.coupling, own // n])
+    # What a fixed node adds is on the diagonal alone: its error is 0.
+    between = table.speakers < n
+    kinds = np.concatenate([table.coupling[between], own // n])
     if not len(kinds):
         return sp.csr_array((loop.size, loop.size))
-    rows = np.concatenate([table.listeners, own % n])
-    columns = np.concatenate([table.speakers, own % n])
-    factors = np.concatenate([weights, lost])
+    rows = np.concatenate([table.listeners[between], own % n])
+    columns = np.concatenate([table.speakers[between], own % n])
+    factors = np.concatenate([weights[between], lost])
     numbers, which = np.unique(kinds, return_inverse=True)
     slopes_of_kinds = np.array([slopes[number] for number in numbers.tolist()])
     blocks = factors[:, None, None] * slopes_of_kinds[which]

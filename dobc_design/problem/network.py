@@ -144,6 +144,12 @@ class Arcs:
         """All arcs, as if they were there as long as the mode is on."""
         return Arcs(self.listeners, self.speakers, self.weights)
 
+    def where(self, chosen: BoolArray) -> Arcs:
+        """The arcs for which ``chosen`` (arcs,) is true."""
+        weights = tuple(w for w, kept in zip(self.weights, chosen.tolist(), strict=True) if kept)
+        optional = int(np.count_nonzero(chosen & self.uncertain))
+        return Arcs(self.listeners[chosen], self.speakers[chosen], weights, optional)
+
     @property
     def uncertain(self) -> BoolArray:
         """Which arcs come and go, (arcs,)."""

@@ -328,7 +328,7 @@ def loop_matrix(loop: Loop) -> Matrix | None:
     (jacobian,) = jacobians_at_consensus(loop).modes
     if not jacobian.is_point:
         return None
-    entries = linearisation(jacobian, loop.pulls, loop.m)
+    entries = linearisation(jacobian, loop.m)
     size = range(loop.size)
     return tuple(tuple(entries.get((a, b), Fraction(0)) for b in size) for a in size)
 

@@ -18,7 +18,7 @@ from dobc_design.problem.groups import Group, name_some
 def agreement_words(loop: Loop) -> str:
     """What agents of which none is pinned do among themselves, in a sentence; "" where it is not
     known here."""
-    if loop.pulls.nodes or loop.pins.curved or loop.drift is not None or loop.n == 1:
+    if loop.pulls.nodes or loop.fixed or loop.drift is not None or loop.n == 1:
         return ""
     labels, modes = loop.labels, loop.modes
     apart = closed_groups(loop, modes.values())

@@ -35,7 +35,6 @@ from dobc_design.conditions.numbers import (
     matrix_from_json,
     read_rational,
 )
-from dobc_design.conditions.reason import pins_obstacle
 from dobc_design.errors import SpecError
 from dobc_design.exact import symmetric as sparse
 from dobc_design.exact.interval import Interval, UndefinedError
@@ -49,7 +48,7 @@ from dobc_design.exact.symmetric import (
     as_integers,
 )
 from dobc_design.loop.arcs import arc_table
-from dobc_design.loop.loop import Loop, Pins
+from dobc_design.loop.loop import Loop, Pins, pins_of
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import group_numbers
 from dobc_design.problem.network import Arcs
@@ -68,12 +67,14 @@ LARGE_ENTRIES = 20_000
 class ModeJacobian:
     """dh/de of one mode: J has +gain at block (listener, speaker) and -gain at (listener,
     listener). ``gains[kind[a]]`` is the m x m gain of arc a, weight included; arcs that are alike
-    share it."""
+    share it.  ``arcs`` are those between free nodes: what fixed nodes add, like pins, is in
+    ``pulls``, the K of this mode."""
 
     name: str
     arcs: Arcs
     kind: NDArray[np.int64]
     gains: tuple[Gain, ...]
+    pulls: Pins
 
     def entries(self) -> Iterator[Interval]:
         """The entries of all gains, row by row."""
@@ -135,7 +136,24 @@ def _mode_jacobian(loop: Loop, name: str, slopes: Sequence[Gain]) -> ModeJacobia
         weight = table.weights[place]
         scale = Interval(ZERO if loose else weight, weight)
         gains.append(tuple(tuple(entry * scale for entry in row) for row in slopes[coupling]))
-    return ModeJacobian(name=name, arcs=arcs, kind=kinds, gains=tuple(gains))
+    free = arcs.speakers < loop.n
+    if free.all():
+        return ModeJacobian(name, arcs, kinds, tuple(gains), loop.pulls)
+    held = dict(loop.pulls.gains)
+    for node, kind in zip(arcs.listeners[~free].tolist(), kinds[~free].tolist(), strict=True):
+        pull = _point(gains[kind], loop.labels[node])
+        held[node] = add(held[node], pull) if node in held else pull
+    return ModeJacobian(name, arcs.where(free), kinds[free], tuple(gains), pins_of(held))
+
+
+def _point(gain: Gain, label: str) -> Matrix:
+    """The gain of an arc to a fixed node, as a matrix.  Raises: UndefinedError where it is only
+    enclosed, or comes and goes."""
+    if not all(entry.is_point for row in gain for entry in row):
+        raise UndefinedError(
+            f"agent {label} hears a fixed node by a slope that is not one rational number"
+        )
+    return tuple(tuple(entry.lo for entry in row) for row in gain)
 
 
 @noun(eq=False)
@@ -161,11 +179,10 @@ class Deviations(Sequence[Deviation]):
         return Deviation(row, speaker, listener, self.sizes[int(self.kinds[place])])
 
 
-def lemma1_in_arrays(
-    jacobian: ModeJacobian, pulls: Pins, *, size: int, dimension: int
-) -> Pencil | None:
+def lemma1_in_arrays(jacobian: ModeJacobian, *, size: int, dimension: int) -> Pencil | None:
     """``lemma1`` with an IntegerSymmetric; None if the gains have no common denominator of 512
     bits."""
+    pulls = jacobian.pulls
     # Agents often share one matrix, which is added to its transpose once.
     held = {id(k): add(k, transpose(k)) for k in pulls.gains.values()}
     numbers = (x for rows in held.values() for row in rows for x in row)
@@ -272,7 +289,7 @@ def _deviations(
     )
 
 
-def linearisation(jacobian: ModeJacobian, pulls: Pins, dimension: int) -> Entries:
+def linearisation(jacobian: ModeJacobian, dimension: int) -> Entries:
     """The entries of J - K of one mode, with the middle of a slope that is not rational."""
     entries: Entries = {}
 
@@ -288,22 +305,22 @@ def linearisation(jacobian: ModeJacobian, pulls: Pins, dimension: int) -> Entrie
                 if slope:
                     put(listener, speaker, c, d, slope)
                     put(listener, listener, c, d, -slope)
-    for agent, k in pulls.gains.items():
+    for agent, k in jacobian.pulls.gains.items():
         for c, row in enumerate(k):
             for d, x in enumerate(row):
                 put(agent, agent, c, d, -x)
     return entries
 
 
-def lemma1(jacobian: ModeJacobian, pulls: Pins, *, size: int, dimension: int) -> Pencil:
+def lemma1(jacobian: ModeJacobian, *, size: int, dimension: int) -> Pencil:
     """Lambda(J) = J + J' - (K + K') < 0: Lemma 1, eq. (10) without its factor 1/2.  Size: n m.  No
     unknowns."""
     if size * dimension > LARGE_ROWS or len(jacobian.arcs) * dimension**2 > LARGE_ENTRIES:
-        lean = lemma1_in_arrays(jacobian, pulls, size=size, dimension=dimension)
+        lean = lemma1_in_arrays(jacobian, size=size, dimension=dimension)
         if lean is not None:
             return lean
     entries: Entries = {}
-    for (i, j), value in linearisation(jacobian, pulls, dimension).items():
+    for (i, j), value in linearisation(jacobian, dimension).items():
         add_to(entries, i, j, 2 * value if i == j else value)
     halves = [entry.width / 2 for entry in jacobian.entries()]
     return Pencil(
@@ -554,7 +571,7 @@ def state_theorems(loop: Loop) -> Statements:
     if jacobians is not None:
         domain = jacobians.domain
         for mode in jacobians.modes:
-            lambdas[mode.name] = lemma1(mode, loop.pulls, size=loop.n, dimension=loop.m)
+            lambdas[mode.name] = lemma1(mode, size=loop.n, dimension=loop.m)
     return Statements(
         loop=loop, domain=domain, jacobians=jacobians, lambdas=lambdas, inapplicable=reason
     )
@@ -567,8 +584,6 @@ def _why_inapplicable(loop: Loop) -> str | None:
             "does not apply: the leader moves, and with it the slopes of f: those at one point "
             "prove nothing."
         )
-    if (curved := pins_obstacle(loop)) is not None:
-        return curved
     # The theorems ask for a derivative on a neighbourhood, not only at the consensus.
     kinked = next((coupling for coupling in loop.functions if coupling.nonsmooth), None)
     if kinked is None:

@@ -83,7 +83,7 @@ def unstable_roots(statements: Statements, mode: str) -> int:
     if jacobian is None:
         return 0
     # A gain < 0 pushes its agent away, so that there may be some.
-    pulls = statements.loop.pulls
+    pulls = jacobian.pulls
     pulling = pulls.is_scalar and all(k[0][0] >= 0 for k in pulls.gains.values())
     if pulling and jacobian.is_nonnegative_diagonal:
         return 0
@@ -127,7 +127,7 @@ def _known_entries(statements: Statements, mode: str) -> claim.Entries | None:
     each = _jacobian(statements, mode)
     if each is None or not each.is_point:
         return None
-    return claim.linearisation(each, statements.loop.pulls, statements.loop.m)
+    return claim.linearisation(each, statements.loop.m)
 
 
 def _jacobian(statements: Statements, mode: str) -> ModeJacobian | None:

@@ -47,9 +47,12 @@ def float_lambda(loop: Loop, mode: str, *, pins: bool = True, twice: bool = Fals
     held = [[[nearest(x) for x in row] for row in gain] for gain in pulls.values()]
     agents = np.array(list(pulls), dtype=np.int64)
     # An arc puts its gain at (listener, speaker) and takes it at (listener, listener).
-    rows = np.concatenate([arcs.listeners, arcs.listeners, agents])[:, None, None] * m
-    columns = np.concatenate([arcs.speakers, arcs.listeners, agents])[:, None, None] * m
-    blocks = np.concatenate([gains, -gains, -np.array(held, dtype=np.float64).reshape(-1, m, m)])
+    free = arcs.speakers < loop.n
+    rows = np.concatenate([arcs.listeners[free], arcs.listeners, agents])[:, None, None] * m
+    columns = np.concatenate([arcs.speakers[free], arcs.listeners, agents])[:, None, None] * m
+    blocks = np.concatenate(
+        [gains[free], -gains, -np.array(held, dtype=np.float64).reshape(-1, m, m)]
+    )
     i = np.broadcast_to(rows + np.arange(m)[:, None], blocks.shape).ravel()
     j = np.broadcast_to(columns + np.arange(m), blocks.shape).ravel()
     values = blocks.ravel()

@@ -65,7 +65,7 @@ def why_not(loop: Loop, W: Matrix | None, claim: Kept) -> str | None:
 
 def _needs(loop: Loop, W: Matrix | None, claim: Kept) -> Iterator[Need]:
     """What has to hold, in turn: what is cheap first, and what later needs rely on."""
-    yield not loop.pins.curved, str(pins_obstacle(loop))
+    yield not loop.fixed, str(pins_obstacle(loop))
     if claim.kind:
         is_drawn = loop.guarantee.generator is not None
         yield is_drawn, 'there is no guarantee = "markov", or only one mode.'

@@ -13,7 +13,7 @@ from itertools import combinations, pairwise
 
 import numpy as np
 
-from dobc_design.conditions.reason import Need, first_missing, pins_obstacle
+from dobc_design.conditions.reason import Need, first_missing
 from dobc_design.conditions.separable.claim import acts_by_component, holding_gains
 from dobc_design.conditions.separable.coordinates import gains_obstacle, seen_through, slowest_row
 from dobc_design.conditions.separable.decide import error_bound_obstacle
@@ -48,7 +48,6 @@ def holds_starts(loop: Loop, claim: Cycles, *, radius: Fraction, disturbance: Fr
 
 def _needs(loop: Loop, W: Matrix | None, claim: Cycles) -> Iterator[Need]:
     """What has to hold, in turn: what is cheap first, and what later needs rely on."""
-    yield not loop.pins.curved, str(pins_obstacle(loop))
     yield bool(loop.guarantee.phases), "there is no guarantee, or only one mode."
     yield from _fits_the_loop(loop, claim)
     yield from holds_observer(loop, W, claim, claim.rate)
@@ -172,7 +171,7 @@ def first_unreached(loop: Loop, modes: Sequence[str]) -> str | None:
     holding = holding_gains(loop)
     gains = {i: gain for i, gain in loop.pulls.gains.items() if holding[i] > 0}
     arcs = [loop.modes[mode] for mode in modes]
-    left = unreached(loop, arcs, pins=Pins(gains=gains, curved={}))
+    left = unreached(loop, arcs, pins=Pins(gains=gains))
     return loop.labels[left[0]] if left else None
 
 

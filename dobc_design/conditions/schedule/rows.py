@@ -177,6 +177,7 @@ class MovingRows:
     layout: Layout
     kinds: Kinds
     size: int  # n, of agents
+    fixed: int  # nodes after them, whose error is 0
     modes: int
     holds: Array  # what the pin of each agent is worth, rounded down
 
@@ -210,12 +211,17 @@ class MovingRows:
         own = list(FACES).index(face)
         other = list(FACES).index(-face)
         owners = self.layout.rows % self.size
-        speakers = self.layout.speakers
         same = box.same[:, own]
-        ahead = up(box.above[:, own][:, speakers] - box.below[:, own][:, owners])
-        ahead = np.where(Box.differ(same[:, speakers], same[:, owners]), ahead, 0.0)
-        behind = up(box.above[:, other][:, speakers] + box.above[:, own][:, owners])
+        ahead = up(self._heard(box.above[:, own]) - box.below[:, own][:, owners])
+        ahead = np.where(Box.differ(self._heard(same), same[:, owners]), ahead, 0.0)
+        behind = up(self._heard(box.above[:, other]) + box.above[:, own][:, owners])
         return np.array([ahead, behind])
+
+    def _heard(self, faces: NDArray[Any]) -> NDArray[Any]:
+        """What faces (count, n) are at the speaker of every arc: 0 at fixed nodes."""
+        if self.fixed:
+            faces = np.hstack([faces, np.zeros((len(faces), self.fixed), dtype=faces.dtype)])
+        return faces[:, self.layout.speakers]
 
     def needed(self, box: Box, load: Array) -> Array:
         """The slopes (count, 2, n) that the rows ask of boxes where they stand, ``load`` (count,)
@@ -364,6 +370,7 @@ def moving_rows(
         layout=layout,
         kinds=kinds,
         size=loop.n,
+        fixed=len(loop.fixed),
         modes=(len(layout.start) - 1) // loop.n,
         holds=np.array([float_below(x) for x in holding_gains(loop)]),
     )

@@ -336,6 +336,7 @@ def largest_reach(
     v_i over the arcs to the fixed node.  Raises: ShapeError."""
     require_one_per_agent(loop, v)
     above = v.array if isinstance(v, Doubles) else np.array([float_above(x) for x in v])
+    above = np.append(above, np.zeros(len(loop.fixed)))
     factor = float_above(Fraction(stretch))
     found = np.zeros(len(loop.functions))
     for arcs in loop.modes.values():
@@ -344,8 +345,6 @@ def largest_reach(
             coupling_places(loop, arcs),
             above[arcs.listeners] + factor * above[arcs.speakers],
         )
-    for agent, place in loop.pins.curved.items():
-        found[place] = max(found[place], above[agent])
     return tuple(Fraction(most) * (1 + Fraction(1, 2**45)) for most in found.tolist())
 
 
@@ -381,12 +380,7 @@ def rows(
     for mode in loop.modes if modes is None else modes:
         heard_by = _heard(loop, mode, v, agents, loose=not held)
         for agent, heard in heard_by.items():
-            terms = list(_terms(heard, v[agent], stretch, errors.weights))
-            if agent in loop.pins.curved:
-                # the fixed node has the weight 0, so that h is taken at -s v_i alone
-                pin = Term(loop.pins.curved[agent], _ONE, v[agent], -v[agent])
-                terms += _at_worst(pin, errors.gains)
-            row = Row(tuple(terms), pulls[agent], v[agent])
+            row = Row(tuple(_terms(heard, v[agent], stretch, errors)), pulls[agent], v[agent])
             known = found.get(row)
             if known is None:
                 found[row] = Place(agent, mode, 1)
@@ -400,7 +394,7 @@ class Heard(NamedTuple):
     weight v_j of whom they hear, and whether they may be absent."""
 
     place: int
-    other: Fraction
+    other: Fraction  # 0 of a fixed node: h is taken at -s v_i alone
     absent: bool
 
 
@@ -426,16 +420,18 @@ def _heard(
     found: dict[int, dict[Heard, Fraction]] = {agent: {} for agent in chosen}
     for arc, i, j in zip(numbers.tolist(), listeners, speakers, strict=True):
         heard = found[i]
-        key = Heard(loop.place_of(i, j), v[j], arc >= sure)
+        key = Heard(loop.place_of(i, j), v[j] if j < loop.n else _NONE, arc >= sure)
         heard[key] = heard.get(key, _NONE) + arcs.weights[arc]
     return found
 
 
 def _terms(
-    heard: Mapping[Heard, Fraction], own: Fraction, stretch: Fraction | int, error: Fraction
+    heard: Mapping[Heard, Fraction], own: Fraction, stretch: Fraction | int, errors: Errors
 ) -> Iterator[Term]:
-    """The terms of an agent with v_i = ``own``; ``error``: relative, of every weight."""
+    """The terms of an agent with v_i = ``own``."""
     for (place, other, absent), weight in sorted(heard.items()):
+        # An arc to a fixed node may be a pin, and its weight a gain.
+        error = errors.weights if other else max(errors)
         far = stretch * other
         reach, step = far + own, far - own
         if absent:
@@ -468,19 +464,20 @@ def stuck_agents(loop: Loop) -> dict[int, str]:
     set with the least v. Else the agents have an order in which each is pinned or hears an earlier
     one in every mode; for couplings that are nondecreasing, with a secant gain bounded away from 0
     on bounded sets, a common v exists for every radius then. "Pinned" means that the pin holds the
-    agent in a row: k_cc - sum_{d != c} |k_cd| > 0 for every component c, or another function than
-    k y, of which nothing is claimed here."""
+    agent in a row: k_cc - sum_{d != c} |k_cd| > 0 for every component c.  Fixed nodes come before
+    all agents."""
     names = list(loop.modes)
     # Who listens to each agent: agent j is heard by listener[start[j]:start[j + 1]].
     listeners = []
     for arcs in (each.always for each in loop.modes.values()):
         order = np.argsort(arcs.speakers, kind="stable")
-        start = np.searchsorted(arcs.speakers[order], np.arange(loop.n + 1))
+        start = np.searchsorted(arcs.speakers[order], np.arange(loop.nodes + 1))
         listeners.append((start.tolist(), arcs.listeners[order].tolist()))
     # Modes in which nobody earlier is heard yet.
     waiting = [0 if held else len(names) for held in _are_held(loop)]
     heard: list[set[int]] = [set() for _ in names]
     ordered = [agent for agent, count in enumerate(waiting) if not count]
+    ordered += range(loop.n, loop.nodes)
     for agent in ordered:  # which grows meanwhile
         for number, (first, listener) in enumerate(listeners):
             for other in listener[first[agent] : first[agent + 1]]:
@@ -510,6 +507,5 @@ def is_stuck(loop: Loop, agents: Collection[int]) -> bool:
 
 
 def _are_held(loop: Loop) -> list[bool]:
-    """For every agent whether a pin may hold it in a row."""
-    curved = loop.pins.curved
-    return [gain > 0 or agent in curved for agent, gain in enumerate(holding_gains(loop))]
+    """For every agent whether its pin holds it in a row."""
+    return [gain > 0 for gain in holding_gains(loop)]

@@ -191,12 +191,9 @@ class Many(NamedTuple):
 
 
 def in_arrays(question: Question) -> Many | None:
-    """The question in arrays where there are many arcs; None for few, for couplings that turn
-    often, and where pins are curved."""
+    """The question in arrays where there are many arcs; None for few, and for couplings that turn
+    often."""
     loop, rho = question.loop, question.rho
-    # Floats know a pin by its gain alone.
-    if loop.pins.curved:
-        return None
     is_rising = all(kind.is_nondecreasing for kind in question.profiles)
     if rho is None and not is_rising:
         return None

@@ -377,27 +377,34 @@ def arc_layout(loop: Loop, *, modes: Sequence[str] | None = None, errors: Errors
     order = slice(None) if in_order else np.argsort(listeners, kind="stable")
     listeners = listeners[order]
     optional = _stacked([arcs.uncertain for arcs in graphs])
+    speakers = _stacked([arcs.speakers for arcs in graphs])[order]
     return Layout(
         rows=listeners,
-        speakers=_stacked([arcs.speakers for arcs in graphs])[order],
+        speakers=speakers,
         start=np.searchsorted(listeners, np.arange(loop.n * len(graphs) + 1)),
         kinds=_stacked([coupling_places(loop, arcs) for arcs in graphs])[order],
-        weights=_weights(graphs, order, errors.weights),
+        weights=_weights(graphs, order, errors, to_fixed=speakers >= loop.n),
         floor=np.where(optional, 0.0, -np.inf)[order],
     )
 
 
-def _weights(graphs: Sequence[Arcs], order: Any, error: Fraction) -> tuple[Array, Array] | None:
-    """Lower and upper bounds of the weights of arcs in this order, each off by the relative
-    ``error``; None if all are 1."""
-    if not error and all(w is ONE for arcs in graphs for w in arcs.weights):
+def _weights(
+    graphs: Sequence[Arcs], order: Any, errors: Errors, *, to_fixed: BoolArray
+) -> tuple[Array, Array] | None:
+    """Lower and upper bounds of the weights of arcs in this order, each off by its relative error;
+    None if all are 1."""
+    # An arc to a fixed node may be a pin, and its weight a gain.
+    each = (errors.weights, max(errors))
+    if not any(each) and all(w is ONE for arcs in graphs for w in arcs.weights):
         return None
     bounds = [floats_around(arcs.weights) for arcs in graphs]
     below = _stacked([low for low, _ in bounds])[order]
     above = _stacked([high for _, high in bounds])[order]
-    if not error:
+    if not any(each):
         return below, above
-    least, most = float_below(1 - error), float_above(1 + error)
+    kind = to_fixed.astype(np.int64)
+    least = np.array([float_below(1 - error) for error in each])[kind]
+    most = np.array([float_above(1 + error) for error in each])[kind]
     return np.maximum(down(below * least), 0.0), up(above * most)
 
 
@@ -410,13 +417,15 @@ def arc_rows(
     held: bool = False,
 ) -> ArcRows:
     """Bring all modes into arrays, rounded so that rows only become harder to satisfy.  ``held`` as
-    in ``rows``.  Arcs to the fixed node have to be linear."""
+    in ``rows``."""
     modes = len(loop.modes)
     layout = arc_layout(loop, errors=errors)
     low, high = floats_around(v)
     stretched = high if stretch == 1 else floats_around([stretch * x for x in v])[1]
     low, high = _stacked([low] * modes), _stacked([high] * modes)
-    own, other = low[layout.rows], stretched[layout.speakers]
+    own = low[layout.rows]
+    # Fixed nodes have the weight 0.
+    other = np.append(stretched, np.zeros(len(loop.fixed)))[layout.speakers]
     steps = other - own
     # The difference of two floats within a factor of two of each other has no rounding.
     is_exact = (other <= 2 * own) & (own <= 2 * other)

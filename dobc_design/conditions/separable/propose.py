@@ -79,6 +79,7 @@ class Field:
     """All rows: ``modes`` holds the groups of every mode, ``grid`` the values of s."""
 
     size: int
+    fixed: int  # nodes of weight 0 after them
     gains: Array
     modes: tuple[tuple[Group, ...], ...]
     grid: Array
@@ -109,8 +110,9 @@ class Field:
         gain, (grid, n)."""
         spend(VALUES)
         total = np.zeros((len(self.grid), self.size))
+        weights = self._with_fixed(v)
         for group in self.modes[mode]:
-            own, other = v[group.listeners], v[group.speakers]
+            own, other = v[group.listeners], weights[group.speakers]
             # Some s at a time, so that arrays stay small.
             together = max(1, AT_ONCE // max(1, len(own)))
             for first in range(0, len(self.grid), together):
@@ -121,6 +123,10 @@ class Field:
                         group.listeners, weights=group.weights * value, minlength=self.size
                     )
         return total
+
+    def _with_fixed(self, v: Array) -> Array:
+        """The weights of all nodes."""
+        return np.append(v, np.zeros(self.fixed)) if self.fixed else v
 
     def _worse(self, values: Array) -> Array | float:
         """The ends of weights, as parts of them, at which these sums are largest."""
@@ -137,6 +143,7 @@ class Field:
     ) -> Any:
         """Each agent has the choice (mode, face, place in the grid) of its own number."""
         everyone = np.arange(self.size)
+        weights = self._with_fixed(v)
         parts = [(everyone, everyone, alpha - self.gains)]
         for number in np.unique(chosen).tolist():
             mode, face, k = choices[number]
@@ -145,10 +152,11 @@ class Field:
             for group in self.modes[mode]:
                 here = mine[group.listeners]
                 i, j, w = group.listeners[here], group.speakers[here], group.weights[here]
-                own, other = _derivatives(group, face, s, v[i], v[j])
+                own, other = _derivatives(group, face, s, v[i], weights[j])
                 if self.off:
-                    w = w * self._worse(_sup(group, face, s, v[i], v[j])[0])
-                parts += [(i, i, w * own), (i, j, w * other)]
+                    w = w * self._worse(_sup(group, face, s, v[i], weights[j])[0])
+                free = j < self.size
+                parts += [(i, i, w * own), (i[free], j[free], (w * other)[free])]
         i, j, entries = map(np.concatenate, zip(*parts, strict=True))
         return sparse.csr_array(sparse.coo_array((entries, (i, j)), shape=(self.size, self.size)))
 
@@ -180,6 +188,7 @@ def field_of(loop: Loop, *, rho: float, errors: Errors = EXACT) -> Field:
     count = int(np.clip(WORK // total, COARSEST, FINEST))
     return Field(
         size=loop.n,
+        fixed=len(loop.fixed),
         gains=np.array(holding_gains(loop, error=errors.gains), dtype=float),
         modes=tuple(modes),
         off=float(errors.weights),

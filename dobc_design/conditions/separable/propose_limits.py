@@ -85,10 +85,16 @@ def _rate_limit(question: Question) -> Fraction:
     worth, since the others pull it outward or not at all."""
     loop = question.loop
     worth = list(holding_gains(loop))
-    for agent, place in loop.pins.curved.items():
-        kind = question.profiles[place]
-        worth[agent] += slope_bound(kind.curve, Interval(-kind.radius, kind.radius))
-    return max(worth)
+    # Of one mode at a time: a row has the fixed nodes that are heard in it.
+    held = [worth]
+    for arcs in loop.modes.values() if loop.fixed else ():
+        more = list(worth)
+        for agent, speaker, weight in arcs.where(arcs.speakers >= loop.n):
+            kind = question.profiles[loop.place_of(agent, speaker)]
+            steepest = slope_bound(kind.curve, Interval(-kind.radius, kind.radius))
+            more[agent] += weight * steepest
+        held.append(more)
+    return max(map(max, held))
 
 
 def _rate_of_many(question: Question, many: Many) -> Fraction | None:

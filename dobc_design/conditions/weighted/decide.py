@@ -78,7 +78,8 @@ def why_not(statements: Statements) -> str | None:
         return statements.inapplicable
     if not all(mode.is_nonnegative_diagonal for mode in statements.jacobians.modes):
         return "does not apply: a coupling has a negative slope at the target, or mixes components."
-    for k in statements.loop.pulls.gains.values():
+    known = {id(k): k for mode in statements.jacobians.modes for k in mode.pulls.gains.values()}
+    for k in known.values():
         if any(x for c, row in enumerate(k) for d, x in enumerate(row) if c != d):
             return "does not apply: a pinning gain mixes components."
     return None
@@ -181,7 +182,7 @@ def rows_hold(
     _, of_groups = _ends([*sigma, ZERO], exact=exact)
     owners = np.array(group_numbers(loop.groups, loop.labels), dtype=np.int64)
     weights = of_groups[np.repeat(owners, m)]
-    pulls = loop.pulls.gains
+    pulls = mode.pulls.gains
     pins = np.array([i * m + c for i in pulls for c in range(m)], dtype=np.int64)
     gains, _ = _ends([2 * k[c][c] for k in pulls.values() for c in range(m)], exact=exact)
     if not exact and not _keeps_digits(d, v, weights, gains, slow):

@@ -129,6 +129,15 @@ def inverse(M: Matrix) -> Matrix:
         raise SpecError(f"the {size}x{size} matrix must be invertible; it is singular.") from None
 
 
+def multiple_of(M: Matrix, G: Matrix) -> Fraction | None:
+    """The number g with M = g G; None if there is none, or G = 0."""
+    pairs: list[tuple[Fraction, Fraction]] = []
+    for row, other in zip(M, G, strict=True):
+        pairs += zip(row, other, strict=True)
+    g = next((x / y for x, y in pairs if y), None)
+    return None if g is None or any(x != g * y for x, y in pairs) else g
+
+
 def left_inverse(B: Matrix) -> Matrix:
     """(B'B)^-1 B', the (p, m) matrix with left_inverse(B) B = I of a B (m, p) with full column
     rank."""

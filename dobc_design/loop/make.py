@@ -21,17 +21,19 @@ from functools import lru_cache
 from types import MappingProxyType
 from typing import NamedTuple
 
+import numpy as np
+
 from dobc_design.coupling.coupling import Coupling, make_coupling
 from dobc_design.coupling.expression import LONGEST_MADE
 from dobc_design.exact.interval import Interval
-from dobc_design.exact.matrix import Matrix, multiply, subtract, zeros
+from dobc_design.exact.matrix import Matrix, identity, multiple_of, multiply, subtract, zeros
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import Names, is_scalar_matrix
 from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group, Observer
 from dobc_design.problem.leader import enclosure, not_enclosed
-from dobc_design.problem.network import Arc
+from dobc_design.problem.network import Arc, Arcs
 from dobc_design.problem.problem import Problem
 
 from .guarantee import guarantee_of
@@ -70,6 +72,7 @@ def _made_once(same: _Same) -> Loop:
     loop = Loop(
         name=problem.name,
         labels=problem.network.labels,
+        fixed=(),
         m=problem.m,
         modes=modes,
         functions=problem.couplings,
@@ -87,7 +90,9 @@ def _made_once(same: _Same) -> Loop:
         unit=problem.unit,
     )
     dynamics = problem.dynamics
-    return loop if dynamics is None else _with_dynamics(loop, problem, dynamics)
+    if dynamics is not None:
+        loop = _with_dynamics(loop, problem, dynamics)
+    return _with_pins_of_modes(loop, problem) if problem.pinning.modes else loop
 
 
 class Functions(NamedTuple):
@@ -116,6 +121,69 @@ def _with_dynamics(loop: Loop, problem: Problem, dynamics: Dynamics) -> Loop:
         groups=tuple(_seen_in_states(group, dynamics) for group in problem.groups),
         goals=_goals(problem, is_curved=curve is not None),
     )
+
+
+def _with_pins_of_modes(loop: Loop, problem: Problem) -> Loop:
+    """The loop with the pins of single modes: arcs of these modes to fixed nodes."""
+    functions = list(loop.functions)
+    exceptions = dict(loop.exceptions)
+    modes = dict(loop.modes)
+    own: dict[int, list[int]] = {}  # the places of an agent's pins, each in some mode
+    for mode, gains in problem.pinning.modes.items():
+        listeners, speakers, weights = list[int](), list[int](), list[Fraction]()
+        for i, K in gains.items():
+            pull = K if problem.dynamics is None else multiply(problem.dynamics.B, K)
+            place, weight = _place_of(pull, functions, loop)
+            # An arc has one function: pins of an agent that differ are to different nodes.
+            places = own.setdefault(i, [])
+            if place not in places:
+                places.append(place)
+            speaker = loop.n + places.index(place)
+            exceptions[i, speaker] = place
+            listeners.append(i)
+            speakers.append(speaker)
+            weights.append(weight)
+        between = modes[mode]
+        # Optional arcs are the last ones.
+        modes[mode] = Arcs(
+            listeners=np.concatenate([np.array(listeners), between.listeners]),
+            speakers=np.concatenate([np.array(speakers), between.speakers]),
+            weights=(*weights, *between.weights),
+            optional=between.optional,
+        )
+    numbers = range(max(map(len, own.values())))
+    return replace(
+        loop,
+        fixed=tuple(f"target {k + 1}" if k else "target" for k in numbers),
+        modes=modes,
+        functions=tuple(functions),
+        exceptions=MappingProxyType(exceptions),
+    )
+
+
+def _place_of(pull: Matrix, functions: list[Coupling], loop: Loop) -> tuple[int, Fraction]:
+    """The function that a linear pull is a multiple of, with the factor; a new one where there is
+    none."""
+    for place, function in enumerate(functions):
+        if function.is_linear and place != loop.drift_place:
+            slopes = function.jacobian_at_zero()
+            factor = multiple_of(pull, tuple(tuple(x.lo for x in row) for row in slopes))
+            if factor is not None and factor > 0:
+                return place, factor
+    one = is_scalar_matrix(pull) and pull[0][0] > 0
+    functions.append(_linear(identity(loop.m)) if one else _linear(pull))
+    return len(functions) - 1, pull[0][0] if one else Fraction(1)
+
+
+def _linear(M: Matrix) -> Coupling:
+    """The coupling M y."""
+    if is_scalar_matrix(M):
+        return _made(f"({number_text(M[0][0])})*y" if M[0][0] != 1 else "y", len(M))
+    rows = []
+    for row in M:
+        parts = [f"({number_text(x)})*y{d + 1}" for d, x in enumerate(row) if x]
+        rows.append(" + ".join(parts) or "0")
+    return _made(rows, len(M))
 
 
 def _goals(problem: Problem, *, is_curved: bool) -> Goals:

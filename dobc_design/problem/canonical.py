@@ -46,7 +46,7 @@ from .switching import Switching
 
 FORMAT = "dobc-problem"
 #: Other problems keep their version, and their hash.
-VERSION, VERSION_DYNAMICS, VERSION_OPTIONAL, VERSION_UNDISTURBED = 1, 2, 3, 4
+VERSION, VERSION_DYNAMICS, VERSION_OPTIONAL, VERSION_OPEN = 1, 2, 3, 4
 _CURE = "Write it again with `dobc check FILE --canonical OUT`."
 _KEYS = (
     "format",
@@ -103,9 +103,9 @@ def canonical_document(problem: Problem) -> Document:
         **texts_of(problem),
         "labels": list(problem.network.labels),
         "dimension": problem.m,
-        "modes": [_mode(name, arcs) for name, arcs in problem.network.modes.items()],
+        "modes": [_mode(problem, name) for name in problem.network.modes],
         "coupling": {"h": coupling_text(problem.coupling), "exceptions": exceptions},
-        "gains": [[i, matrix_text(k)] for i, k in problem.pinning.gains.items()],
+        "gains": _gains(problem.pinning.gains),
         **converted(numbers, number_text),
     }
     return {**document, "version": _version_of(document)}
@@ -120,13 +120,22 @@ def texts_of(problem: Problem) -> Document:
     return found
 
 
-def _mode(name: str, arcs: Arcs) -> Document:
-    """A mode; its optional arcs, which are the last, have a list of their own."""
+def _gains(gains: Mapping[int, Matrix]) -> list[list[Any]]:
+    """[agent, gain] of every pin."""
+    return [[i, matrix_text(k)] for i, k in gains.items()]
+
+
+def _mode(problem: Problem, name: str) -> Document:
+    """A mode; its optional arcs, which are the last, have a list of their own, and so have pins of
+    this mode alone."""
+    arcs = problem.network.modes[name]
     rows = _arc_rows(arcs)
     sure = len(rows) - arcs.optional
     mode = {"name": name, "arcs": rows[:sure]}
     if arcs.optional:
         mode["optional"] = rows[sure:]
+    if name in problem.pinning.modes:
+        mode["gains"] = _gains(problem.pinning.modes[name])
     return mode
 
 
@@ -231,7 +240,7 @@ def _load(data: bytes, name: str) -> Document:
         raise refused(
             "version",
             f"problem.json has version {shown(version)}; this program knows {VERSION} to "
-            f"{VERSION_UNDISTURBED}, and reads this one as {known}.",
+            f"{VERSION_OPEN}, and reads this one as {known}.",
             "Update dobc_design, or write the file again.",
         )
     return document
@@ -239,14 +248,17 @@ def _load(data: bytes, name: str) -> Document:
 
 def _version_of(document: Table) -> int:
     """The first version that knows all that the document has."""
-    if _leaves_agents_undisturbed(document):
-        return VERSION_UNDISTURBED
-    modes = document.get("modes")
-    if isinstance(modes, list):
-        for mode in modes:
-            if isinstance(mode, dict) and "optional" in mode:
-                return VERSION_OPTIONAL
+    if _in_a_mode(document, "gains") or _leaves_agents_undisturbed(document):
+        return VERSION_OPEN
+    if _in_a_mode(document, "optional"):
+        return VERSION_OPTIONAL
     return VERSION_DYNAMICS if "dynamics" in document else VERSION
+
+
+def _in_a_mode(document: Table, key: str) -> bool:
+    """Whether a mode of the document has this key."""
+    modes = document.get("modes")
+    return isinstance(modes, list) and any(isinstance(x, dict) and key in x for x in modes)
 
 
 def _leaves_agents_undisturbed(document: Table) -> bool:
@@ -293,11 +305,12 @@ class _Reader:
             coupling=coupling["h"],
             exceptions=self.exceptions(coupling["exceptions"]),
             target=_list(document["target"], "target"),
-            gains=self.by_label("gains"),
+            gains=self.by_label(self.document["gains"], "gains"),
+            mode_gains=self.mode_gains(),
             exosystem=Exosystem(**exosystem) if exosystem else None,
             observer=Observer(**observer) if estimates else None,
             groups=groups,
-            offsets=self.by_label("offsets"),
+            offsets=self.by_label(self.document["offsets"], "offsets"),
             region=region,
             switching=Switching(**switching) if switching else None,
             simulation=simulation,
@@ -343,7 +356,7 @@ class _Reader:
         result: dict[str, Arcs] = {}
         for position, item in enumerate(_list(self.document["modes"], "modes")):
             key = f"modes[{position}]"
-            mode = _object(item, key, "name", "arcs", later=("optional",))
+            mode = _object(item, key, "name", "arcs", later=("optional", "gains"))
             name = _text(mode["name"], f"{key}.name")
             if name in result:
                 raise _wrong(f"{key}.name", "different from the others", name)
@@ -368,10 +381,21 @@ class _Reader:
             result[listener, speaker] = table["h"]
         return result
 
-    def by_label(self, name: str) -> Document:
+    def mode_gains(self) -> Document:
+        """The pins of single modes, by mode; after ``modes``, which reads the modes themselves."""
+        found: Document = {}
+        for position, mode in enumerate(self.document["modes"]):
+            key = f"modes[{position}].gains"
+            if "gains" in mode:
+                found[mode["name"]] = self.by_label(mode["gains"], key)
+                if not mode["gains"]:
+                    raise _wrong(key, "gains, at least one", mode["gains"])
+        return found
+
+    def by_label(self, rows: Any, name: str) -> Document:
         """A list of [index, value] as a mapping of label to value."""
         result: Document = {}
-        for position, pair in enumerate(_list(self.document[name], name)):
+        for position, pair in enumerate(_list(rows, name)):
             key = f"{name}[{position}]"
             place, value = _list(pair, key, length=2)
             label = self.labels[self.index(place, f"{key}[0]")]

@@ -406,9 +406,13 @@ def _settings(problem: Problem, labels: Names) -> dict[str, Document]:
     for group in (tables["exosystem"] or {}).get("groups", ()):
         group["agents"] = [labels[i] for i in group["agents"]]
     offsets = {labels[i]: typed_matrix([x])[0] for i, x in problem.offsets.items()}
+    mode_gains = {mode: gain_table(k, labels) for mode, k in problem.pinning.modes.items()}
     # In the order of a file: an exosystem and its observer stand before the formation.
     ordered = {
-        "pinning": {"gains": gain_table(problem.pinning.gains, labels) or None},
+        "pinning": {
+            "gains": gain_table(problem.pinning.gains, labels) or None,
+            "modes": mode_gains or None,
+        },
         "exosystem": tables.pop("exosystem"),
         "observer": tables.pop("observer"),
         "formation": {"offsets": offsets or None},

@@ -306,6 +306,7 @@ def _build(tables: ProblemFile, *, folder: Path | None, name: str) -> Problem:
         coupling=tables.coupling.h,
         exceptions=exceptions,
         gains=None if tables.pinning is None else tables.pinning.gains,
+        mode_gains=None if tables.pinning is None else tables.pinning.modes,
         exosystem=divided.exosystem,
         observer=observer,
         groups=divided.groups,

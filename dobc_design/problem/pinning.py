@@ -6,9 +6,10 @@ u_i = -k_i (x_i - xbar) pulls a pinned agent to the target; zero gains are left 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import field
 from difflib import get_close_matches
 from fractions import Fraction
-from itertools import islice
+from itertools import chain, islice
 from types import MappingProxyType
 from typing import Any, TypeVar
 
@@ -43,38 +44,56 @@ SHOWN_MODES = 6  # with pins of their own, in a message
 @noun
 class Pinning(Shown):
     """Gains by agent index (from 0), each an m x m matrix, p x m with [dynamics]; zero gains are
-    left out."""
+    left out.  ``modes``: further ones of single modes, by mode."""
 
     gains: Mapping[int, Matrix]
+    modes: Mapping[str, Mapping[int, Matrix]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        # By agent, so that equal pins are equal in whatever order they are written.
-        acting = {i: k for i, k in sorted(self.gains.items()) if any(map(any, k))}
-        put(self, gains=MappingProxyType(acting))
+        of_modes = {mode: _acting(gains) for mode, gains in self.modes.items()}
+        kept = {mode: gains for mode, gains in of_modes.items() if gains}
+        put(self, gains=_acting(self.gains), modes=MappingProxyType(kept))
 
     def _card(self) -> Card:
-        text = f"of {counted(len(self.gains), 'agent')}, by index"
-        return Card(title="Pinning", text=text, facts=self._gains())
+        text = f"of {counted(len(self.agents), 'agent')}, by index"
+        facts = self._gains(self.gains)
+        for mode, gains in self.modes.items():
+            facts += [(f"{i} in {mode}", k) for i, k in self._gains(gains)]
+        return Card(title="Pinning", text=text, facts=facts)
 
     def __repr__(self) -> str:
-        gains = {int(i): k for i, k in self._gains()}
-        return f"Pinning(gains={plain(gains)})"
+        parts = [f"gains={self._plain(self.gains)}"]
+        if self.modes:
+            modes = (f"{mode!r}: {self._plain(gains)}" for mode, gains in self.modes.items())
+            parts.append(f"modes={{{', '.join(modes)}}}")
+        return f"Pinning({', '.join(parts)})"
 
-    def _gains(self) -> Facts:
-        return [(str(i), k[0][0] if is_scalar_matrix(k) else k) for i, k in self.gains.items()]
+    def _plain(self, gains: Mapping[int, Matrix]) -> str:
+        return plain({int(i): k for i, k in self._gains(gains)})
+
+    @staticmethod
+    def _gains(gains: Mapping[int, Matrix]) -> Facts:
+        return [(str(i), k[0][0] if is_scalar_matrix(k) else k) for i, k in gains.items()]
 
     def __hash__(self) -> int:
-        return hash(tuple(self.gains.items()))
+        return hash((tuple(self.gains.items()), tuple(self.modes)))
 
     @property
     def agents(self) -> tuple[int, ...]:
-        """Indices of the agents with a gain that is not zero."""
-        return tuple(self.gains)
+        """Indices of the agents with a gain that is not zero in some mode."""
+        return tuple(sorted({*self.gains, *chain.from_iterable(self.modes.values())}))
 
     @property
     def is_scalar(self) -> bool:
         """Whether every gain is a multiple of the identity."""
-        return all(map(is_scalar_matrix, self.gains.values()))
+        every = chain(self.gains.values(), *(gains.values() for gains in self.modes.values()))
+        return all(map(is_scalar_matrix, every))
+
+
+def _acting(gains: Mapping[int, Matrix]) -> Mapping[int, Matrix]:
+    """Those that are not 0, by agent, so that equal pins are equal in whatever order they are
+    written."""
+    return MappingProxyType({i: k for i, k in sorted(gains.items()) if any(map(any, k))})
 
 
 @noun
@@ -151,9 +170,45 @@ class GainForm:
         return scale(number, self.unit)
 
 
-def read_pinning(gains: Any, *, network: Network, form: GainForm) -> Pinning:
-    """Read label -> gain, or one number for all agents.  Raises: SpecError with every wrong gain by
-    its key."""
+def read_pinning(
+    gains: Any, *, network: Network, form: GainForm, mode_gains: Any = None
+) -> Pinning:
+    """Read label -> gain, or one number for all agents; ``mode_gains``: mode -> the same.  Raises:
+    SpecError with every wrong gain by its key."""
+    always = _read_gains(gains, network, form)
+    if not mode_gains:
+        return always
+    modes: dict[str, Mapping[int, Matrix]] = {}
+
+    def read(value: Any, key: str) -> Matrix:
+        return form.read(value, key=key)
+
+    errors = Mistakes()
+    for mode, own in errors.few(items(mode_gains, "pinning.modes")):
+        key = f"pinning.modes.{named(str(mode))}"
+        with errors:
+            if mode not in network.modes:
+                raise wrong(key, "names no mode of the network.", _modes_in_words(network))
+            modes[mode] = by_label(own, read, labels=network.labels, key=key)
+            twice = sorted(set(always.gains) & set(modes[mode]))
+            if twice:
+                raise wrong(
+                    f"{key}.{named(network.labels[twice[0]])}",
+                    "names an agent that has a gain in every mode, in pinning.gains.",
+                    "Keep one of the two.",
+                )
+    errors.raise_all()
+    return Pinning(gains=always.gains, modes=modes)
+
+
+def _modes_in_words(network: Network) -> str:
+    modes = list(network.modes)
+    more = ", ..." if len(modes) > SHOWN_MODES else ""
+    return f"The modes are {', '.join(modes[:SHOWN_MODES])}{more}."
+
+
+def _read_gains(gains: Any, network: Network, form: GainForm) -> Pinning:
+    """The gains of all modes."""
     labels = network.labels
     if gains is None:
         return Pinning(gains={})
@@ -174,7 +229,11 @@ def read_pinning(gains: Any, *, network: Network, form: GainForm) -> Pinning:
     # The commonest wrong key: gains by mode, as weights are.
     modes = [mode for mode in map(str, gains) if mode in network.modes and mode not in labels]
     if modes:
-        raise _pins_of_modes(gains, modes, network, form)
+        raise about(
+            f"pinning.gains.{named(modes[0])}",
+            f"{named(modes[0])} is a mode; gains are given by agent here.",
+            f"Write pins of single modes below [pinning.modes]: {_of_mode(modes[0], gains)}.",
+        )
     known: dict[str, Matrix] = {}
 
     def read(value: Any, key: str) -> Matrix:
@@ -189,36 +248,13 @@ def read_pinning(gains: Any, *, network: Network, form: GainForm) -> Pinning:
     return Pinning(gains=by_label(gains, read, labels=labels, key="pinning.gains"))
 
 
-def _pins_of_modes(
-    gains: Mapping[Any, Any], modes: Names, network: Network, form: GainForm
-) -> SpecError:
-    """Says how pins of single modes are written today: as arcs to an agent that stands for the
-    target."""
-    names = ("target", "goal", f"target-{network.size}")
-    goal = next(name for name in names if name not in network.labels)
-    arcs = [f"in {named(mode)} {_as_arcs(gains[mode])}" for mode in modes[:SHOWN_MODES]]
-    p, m = form.shape
-    linear = ""
-    if p == m:
-        linear = '; give these arcs h = "y" in [[coupling.exceptions]]'
-    return about(
-        f"pinning.gains.{named(modes[0])}",
-        f"{named(modes[0])} is a mode; gains are given by agent, and pins of single modes are not "
-        "supported yet.",
-        f"Today an agent can stand for the target: add {goal} to network.agents, pin it alone "
-        f"(gains = {{ {goal} = 1 }}), and let agents listen to it: {'; '.join(arcs)}{linear}.",
-    )
-
-
-def _as_arcs(pins: Any) -> str:
-    """The pins of one mode as arcs with weights."""
-    if not isinstance(pins, Mapping) or not pins:
-        return "its pinned agents"
-    each = []
-    for label, k in islice(pins.items(), SHOWN_MODES):
-        weight = shown(k).strip("'")
-        each.append(f"agent {named(str(label))} with weight {weight}")
-    return ", ".join(each)
+def _of_mode(mode: str, gains: Mapping[Any, Any]) -> str:
+    """The pins of one mode as a line of a file."""
+    own = gains[mode]
+    pins = ["1 = 5.0"]
+    if isinstance(own, Mapping) and own:
+        pins = [f"{label} = {shown(k)}" for label, k in islice(own.items(), SHOWN_MODES)]
+    return f"{mode} = {{ {', '.join(pins)} }}"
 
 
 def by_label(value: Any, read: Callable[[Any, str], T], *, labels: Names, key: str) -> dict[int, T]:

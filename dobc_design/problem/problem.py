@@ -153,6 +153,7 @@ class Problem(Shown):
         exceptions: Mapping[Arc, str | Names | Coupling] | None = None,
         target: Any = 0,
         gains: Any = None,
+        mode_gains: Table | None = None,
         exosystem: Exosystem | None = None,
         observer: Observer | None = None,
         groups: Sequence[Group] | None = None,
@@ -183,7 +184,7 @@ class Problem(Shown):
 
         def read_gains() -> Pinning:
             form = GainForm.of(m, own, getattr(self, "coupling", None))
-            return read_pinning(gains, network=network, form=form)
+            return read_pinning(gains, network=network, form=form, mode_gains=mode_gains)
 
         def read_runs() -> Simulation | None:
             # With a mistake in the groups nobody knows how long the rows of xi0 have to be.
@@ -326,7 +327,8 @@ class Problem(Shown):
         """The arguments that make this problem; most are attributes of the same name."""
         labels = self.network.labels
         found = {
-            "gains": self.pinning,
+            "gains": Pinning(gains=self.pinning.gains),
+            "mode_gains": self._mode_gains(),
             "exceptions": dict(self.exceptions),
             "offsets": {labels[i]: offset for i, offset in self.offsets.items()},
             "groups": None,
@@ -425,6 +427,12 @@ class Problem(Shown):
         return {
             labels[i]: k[0][0] if is_scalar_matrix(k) else k for i, k in self.pinning.gains.items()
         }
+
+    def _mode_gains(self) -> Document:
+        """The same of single modes: mode -> label -> gain."""
+        labels = self.network.labels
+        modes = self.pinning.modes.items()
+        return {mode: {labels[i]: k for i, k in gains.items()} for mode, gains in modes}
 
     @property
     def n(self) -> int:

@@ -127,6 +127,7 @@ Modes = Annotated[
     WithJsonSchema(_table_of(_list_of(_ARC, None), _FILE, _OPTIONAL) | {"minProperties": 1}),
 ]
 Gains = Annotated[Given, WithJsonSchema(_either(_NUMBER, _table_of(_NUMBER, _MATRIX)))]
+GainsOfModes = Annotated[Any, _TABLE, WithJsonSchema(_table_of(_table_of(_NUMBER, _MATRIX)))]
 Kind = Annotated[Given, WithJsonSchema({"enum": list(KINDS)})]
 Flag = Annotated[Given, WithJsonSchema({"type": "boolean"})]
 Members = Annotated[Given, WithJsonSchema(_list_of(_LABEL))]
@@ -166,6 +167,7 @@ class PinningTable(_Table):
     """[pinning]: the gains k_i."""
 
     gains: Gains = _optional("Label -> k, or one number for all agents.")
+    modes: GainsOfModes = _optional("Mode -> label -> k: pins of single modes.")
 
 
 _WAYS: Any = [{"required": list(keys)} for keys in (("A", "C"), *((part,) for part in PARTS))]

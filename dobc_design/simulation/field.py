@@ -257,6 +257,7 @@ class ClosedLoop:
     plant: Plant | None = None
     bend: Callable[..., Array] | None = None
     lead: Callable[[Array], Array] | None = None
+    fixed: int = 0  # nodes after the agents, whose error is 0
 
     @property
     def rows(self) -> int:
@@ -342,6 +343,7 @@ def make_closed_loop(problem: Problem, gain: Gain | None) -> ClosedLoop:
         plant=plant,
         bend=None if plant is None or own is None else _bend(plant, own),
         lead=lead,
+        fixed=len(loop.fixed),
     )
 
 
@@ -385,10 +387,12 @@ class Network:
         e = e[: n * m]
         # one run of agents with one component is a vector: no axes of length 1 in the blocks
         rows = np.ascontiguousarray(e).reshape((n, -1) if e.size > n else (n,))
+        if loop.fixed:
+            rows = np.concatenate([rows, np.zeros((loop.fixed, *rows.shape[1:]))])
         total = np.zeros_like(rows)
         for block in self.blocks:
             block.add(total, rows)
-        result = total.reshape(e.shape)
+        result = total[:n].reshape(e.shape)
         result -= loop.K @ e
         if loop.bend is not None:
             led = [np.reshape(s, (m, -1))] if len(s) else []

@@ -20,6 +20,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import field, replace
 from fractions import Fraction
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -136,14 +137,15 @@ def _mode_jacobian(loop: Loop, name: str, slopes: Sequence[Gain]) -> ModeJacobia
         weight = table.weights[place]
         scale = Interval(ZERO if loose else weight, weight)
         gains.append(tuple(tuple(entry * scale for entry in row) for row in slopes[coupling]))
+    made = partial(ModeJacobian, name=name, gains=tuple(gains))
     free = arcs.speakers < loop.n
     if free.all():
-        return ModeJacobian(name, arcs, kinds, tuple(gains), loop.pulls)
+        return made(arcs=arcs, kind=kinds, pulls=loop.pulls)
     held = dict(loop.pulls.gains)
     for node, kind in zip(arcs.listeners[~free].tolist(), kinds[~free].tolist(), strict=True):
         pull = _point(gains[kind], loop.labels[node])
         held[node] = add(held[node], pull) if node in held else pull
-    return ModeJacobian(name, arcs.where(free), kinds[free], tuple(gains), pins_of(held))
+    return made(arcs=arcs.where(free), kind=kinds[free], pulls=pins_of(held))
 
 
 def _point(gain: Gain, label: str) -> Matrix:

@@ -31,7 +31,6 @@ from dobc_design.conditions.quadratic.sectors import (
     used_couplings,
     widened_gains,
 )
-from dobc_design.conditions.reason import pins_obstacle
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.interval import Interval
 from dobc_design.exact.matrix import Matrix, Vector, identity, inverse, kronecker, multiply, zeros
@@ -71,7 +70,7 @@ def seen_through(loop: Loop, T: Matrix, W: Matrix | None) -> tuple[Exosystem | N
 def reaches(loop: Loop, T: Matrix, v: Sequence[Fraction], rho: Fraction) -> dict[int, Vector]:
     """For every coupling (its place) the largest |e_jc - e_ic| over its arcs where N <= rho, and
     |e_ic| for that of the nodes, rounded up."""
-    sizes = list(error_sizes(T, v))
+    sizes = [*error_sizes(T, v), *fixed_sizes(loop)]
     found = {place: [Fraction(0)] * loop.m for place in used_couplings(loop)}
     for arcs in loop.modes.values():
         listeners, speakers = arcs.listeners.tolist(), arcs.speakers.tolist()
@@ -109,8 +108,6 @@ def rows_obstacle(loop: Loop, claim: Separable, *, load: Vector = ()) -> str | N
     Raises: ShapeError unless v and T fit."""
     if claim.T is None or len(claim.T) != loop.m or len(claim.v) != loop.n * loop.m:
         raise ShapeError(f"v must have {loop.n * loop.m} entries, T {loop.m} rows.", key="v")
-    if (reason := pins_obstacle(loop)) is not None:
-        return reason
     if claim.rho is None and not loop.is_linear:
         return "without rho every coupling has to be linear."
     if (reason := gains_obstacle(loop, claim.T, claim.v, claim.rho, claim.ranges)) is not None:
@@ -167,10 +164,11 @@ def slowest_row(
     table = {each.coupling: each.entries for each in ranges}
     weights, bottom = _integers(v)
     own = [weights[first : first + m] for first in range(0, len(weights), m)]
+    every = [*own, *fixed_sizes(loop)]
     added = [x * bottom for x in load] or [Fraction(0)] * len(weights)
     signs = faces(m)
     corners = _corners(loop, T, table)
-    sums = _ArcSums(corners, own, signs)
+    sums = _ArcSums(corners, every, signs)
     alone = _rows_alone(loop, T, own, signs, table)
     slowest: list[Slowest] = []
     for mode in loop.modes if modes is None else modes:
@@ -185,6 +183,11 @@ def slowest_row(
                 slowest.append(Slowest(rate, i, c, mode))
         slowest = [min(slowest)]
     return slowest[0]
+
+
+def fixed_sizes(loop: Loop) -> list[list[Fraction]]:
+    """How far fixed nodes are from their places, in every component: not at all."""
+    return [[Fraction(0)] * loop.m for _ in loop.fixed]
 
 
 def faces(m: int) -> list[list[tuple[int, ...]]]:
@@ -251,7 +254,9 @@ class _ArcSums:
         """The sums by agent, component and signs, and what they are multiplied by."""
         arcs = loop.modes[mode]
         factors, bottom = _integers(arcs.weights)
-        totals: list[list[list[Any]]] = [[[0] * len(each) for each in self.signs] for _ in self.own]
+        totals: list[list[list[Any]]] = [
+            [[0] * len(each) for each in self.signs] for _ in loop.labels
+        ]
         listeners, speakers = arcs.listeners.tolist(), arcs.speakers.tolist()
         places = coupling_places(loop, arcs).tolist()
         sure = len(arcs) - arcs.optional

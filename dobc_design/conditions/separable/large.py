@@ -27,7 +27,7 @@ from dobc_design.exact.number import float_above, float_below
 from dobc_design.exact.symmetric import Doubles
 from dobc_design.loop.arcs import coupling_places
 from dobc_design.loop.loop import Loop
-from dobc_design.problem.network import ONE, Arcs
+from dobc_design.problem.network import ONE, Arcs, BoolArray
 
 from .claim import (
     EXACT,

@@ -129,7 +129,7 @@ def _stiffest(
         profiles = coupling_profiles(loop, claim.v, rho=claim.rho)
         rho = claim.rho or _ZERO
         arcs = sum(map(len, loop.modes.values()))
-        if rho and arcs > _MANY_ARCS and not loop.pins.curved:
+        if rho and arcs > _MANY_ARCS:
             return stiffest_row(arc_rows(loop, claim.v, held=True), profiles, rho=rho)
         listed = list(rows(loop, claim.v, held=True))
 

@@ -27,7 +27,16 @@ from dobc_design.conditions.observer.decide import error_matrix, hurwitz_with_ra
 from dobc_design.conditions.reason import Reason, read_reason
 from dobc_design.coupling.coupling import make_coupling
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
-from dobc_design.exact.matrix import Matrix, add, is_symmetric, multiply, scale, subtract, transpose
+from dobc_design.exact.matrix import (
+    Matrix,
+    add,
+    is_symmetric,
+    multiple_of,
+    multiply,
+    scale,
+    subtract,
+    transpose,
+)
 from dobc_design.exact.number import number_text
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.loop.guarantee import Guarantee
@@ -86,7 +95,8 @@ def network_of(statements: Statements) -> Network | Reason:
         return read_reason(statements.inapplicable)
     if drift is None:
         return Reason(head="agents have no dynamics.", applies=False)
-    slopes = [function.jacobian_at_zero() for function in loop.functions[: drift.place]]
+    arcs = (f for place, f in enumerate(loop.functions) if place != drift.place)
+    slopes = [function.jacobian_at_zero() for function in arcs]
     if not all(x.is_point for each in slopes for row in each for x in row):
         head = "a slope of a coupling at the target is not rational."
         return Reason(head=head, applies=False)
@@ -95,11 +105,13 @@ def network_of(statements: Statements) -> Network | Reason:
     G = next((each for each in blocks if any(map(any, each))), None)
     if G is None:
         return Reason(head="couplings have no slope at the target.", applies=False)
-    parts = [_part(each, G) for each in blocks]
-    gains = {i: _part(K, G) for i, K in loop.pins.gains.items()}
+    parts = [multiple_of(each, G) for each in blocks]
+    gains = {i: multiple_of(K, G) for i, K in loop.pins.gains.items()}
     if any(part is None or part < 0 for part in (*parts, *gains.values())):
         head = "couplings and gains are not multiples of one matrix."
         return Reason(head=head, applies=False)
+    if drift.place is not None:
+        parts.insert(drift.place, ZERO)  # which no arc has
     alone = _scalar_loop(loop, parts, gains)
     return Network(statements=state_theorems(alone), A=drift.A, G=G)
 
@@ -129,15 +141,6 @@ def _scalar_loop(
         actuators=None,
         xi0=None,
     )
-
-
-def _part(M: Matrix, G: Matrix) -> Fraction | None:
-    """The number g with M = g G; None if there is none."""
-    pairs: list[tuple[Fraction, Fraction]] = []
-    for row, other in zip(M, G, strict=True):
-        pairs += zip(row, other, strict=True)
-    g = next(x / y for x, y in pairs if y)
-    return g if all(x == g * y for x, y in pairs) else None
 
 
 def holds_of_agents(R: Matrix, network: Network, strength: Fraction, rate: Fraction) -> bool:

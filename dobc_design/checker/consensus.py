@@ -78,16 +78,18 @@ class Term(NamedTuple):
 
 def terms(loop: Loop, mode: str) -> Iterator[Term]:
     """Those of arcs and pins in a mode. A pin is an arc from the target, where the error is 0: it
-    has the column n m, which is dropped in the end."""
+    has the column n m, which is dropped in the end, as arcs to other fixed nodes have."""
     m = loop.m
+    target = loop.n * m
     for i, j, w, coupling, loose in loop.modes[mode]:
         factor = (ZERO if loose else w, w)
         for (c, d), slope in coupling.slopes.items():
-            yield Term(i * m + c, j * m + d, i * m + d, times(slope, factor))
+            column = min(j * m + d, target)
+            yield Term(i * m + c, column, i * m + d, times(slope, factor))
     for i, k in loop.hold.items():
         for c, row in enumerate(k):
             for d, gain in enumerate(row):
-                yield Term(i * m + c, loop.n * m, i * m + d, (gain, gain))
+                yield Term(i * m + c, target, i * m + d, (gain, gain))
 
 
 @lru_cache(maxsize=1)  # every check of a mode asks
@@ -226,7 +228,7 @@ OF_GROUPS = {"observability": observability, "detectability": detectability, "hu
 
 def reachability(loop: Loop, mode: str) -> Fact:
     """Every node has a pin, or hears one that has, directly or through others."""
-    reached = reach(loop.pinned, loop.edges([mode], False))
+    reached = reach(loop.pinned([mode]), loop.edges([mode], False))
     rest = [label for i, label in enumerate(loop.labels) if i not in reached]
     return Fact(not rest, None, {"kind": "agents", "labels": rest})
 
@@ -474,13 +476,15 @@ def alike(case: Case, claim: Any, b: Fraction) -> None:
     falls(case, claim, G, b)
     D = claim.D
     for mode, arcs in case.modes.items():
-        w = weights(case.n, claim.w[mode])
+        w = [*weights(case.n, claim.w[mode]), ZERO]
         left = [2 * D[i] * w[i] * (k - claim.c) for i, k in enumerate(gains)]
-        for i, j, weight, coupling, loose in arcs:
+        left.append(ZERO)  # of all fixed nodes, to which nothing is asked
+        for i, speaker, weight, coupling, loose in arcs:
+            j = min(speaker, case.n)
             g = weight * factors[coupling] * D[i]
             # an arc that may be away must not be needed
             spend(left, w, (i, j), (ZERO if loose else g, g))
-        need(min(left) > 0, "the weights do not show it")
+        need(min(left[: case.n]) > 0, "the weights do not show it")
 
 
 def spend(left: Any, w: Any, arc: tuple[int, int], slope: Any) -> None:

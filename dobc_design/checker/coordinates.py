@@ -66,7 +66,7 @@ def far(loop: Loop, S: Matrix, claim: Any) -> dict[Coupling, Any]:
     """How far the arguments of every coupling go where N <= rho, by component."""
     if claim.rho is None:
         return dict.fromkeys(loop.functions)
-    reach = list(sizes(S, claim.v))
+    reach = loop.with_fixed(list(sizes(S, claim.v)), [ZERO] * loop.m)
     found = {h: [ZERO] * loop.m for h in loop.functions}
     # |e_j - e_i| is at most the sum of both
     for arc in loop.arcs:
@@ -152,7 +152,7 @@ class RowsOfCoordinates:
         loop = self.loop
         m = loop.m
         v, bottom = integers(weights)
-        own = [v[k : k + m] for k in range(0, len(v), m)]
+        own = loop.with_fixed([v[k : k + m] for k in range(0, len(v), m)], [0] * m)
 
         @cache
         def pull(h: Coupling, c: int, j: int) -> list[int]:

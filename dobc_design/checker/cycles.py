@@ -1,7 +1,7 @@
 """schedule: weights that move from mode to mode, for signals that keep the guarantee of the
 problem; or the graphs alone, where couplings rise."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterator
 from fractions import Fraction
 from functools import partial
 from itertools import pairwise
@@ -210,10 +210,10 @@ def rises(loop: Loop, rho: Fraction | None, strictly: bool = True) -> None:
         need(h.straight or all(cell.way == 1 for cell in curve.table), "a coupling may fall")
 
 
-def reached(loop: Loop, modes: Iterable[str]) -> None:
+def reached(loop: Loop, modes: Collection[str]) -> None:
     """Along the arcs of these modes together every agent is reached from one that its gain
     holds."""
-    pinned = [i for i in loop.nodes if loop.least_gain(i) > 0]
+    pinned = [i for i in loop.nodes if loop.least_gain(i) > 0] + loop.tied(modes)
     found = reach(pinned, loop.edges(modes, False))
     need(len(found) == loop.n, f"modes {', '.join(modes)} do not reach every agent")
 
@@ -251,6 +251,11 @@ def between(ends: Ends) -> Vector:
     return [(a + b) / 2 for a, b in paired(*ends)]
 
 
+def heard(face: Vector, j: int) -> Fraction:
+    """How far the face of a node is from its place: not at all where the node is fixed."""
+    return face[j] if j < len(face) else ZERO
+
+
 class MovingRow(NamedTuple):
     """The row of one agent on faces that move: what drives e_i outward on the face is at most the
     speed of the face; with ``rho`` for the box times every s of (0, rho]."""
@@ -281,11 +286,11 @@ class MovingRow(NamedTuple):
         terms = []
         slopes = ZERO
         for arc in arcs:
-            step = max(own[arc.j] - own[i] for own in face.own)
+            step = max(heard(own, arc.j) - own[i] for own in face.own)
             if arc.loose:  # up to y = 0 at least
                 step = max(ZERO, step)
             both = paired(face.own, face.other)
-            reach = max(other[arc.j] + own[i] for own, other in both)
+            reach = max(heard(other, arc.j) + own[i] for own, other in both)
             # a linear one is largest at an end, with the slope at one of its ends
             most = max(g * x for g in arc.coupling.slope(0, 0) for x in (step, -reach))
             slopes += arc.w * most

@@ -41,6 +41,8 @@ REGIONAL: dict[str, Decider] = {
 }
 # of these the claims themselves say for which couplings they hold
 OF_ANY_COUPLING = ("max-separable", "lure", "equilibrium", "markov", "accuracy", "schedule")
+# of these the claims know arcs to fixed nodes
+OF_FIXED = ("max-separable", "delay", "sampling", "schedule", "settling")
 REFUTABLE = ("max-separable", "equilibrium", "markov", "schedule")
 Task = tuple[str, partial[None]]
 
@@ -157,6 +159,8 @@ def regional(case: Case, check: Any) -> Any:
     need(case.q == 0 or case.W is not None, "there is no observer gain")
     need(check.id in OF_ANY_COUPLING or case.single, "a coupling is a list, or nodes are curved")
     need(case.own is None or check.id not in ("equilibrium", "markov"), "nodes are curved")
+    known = not case.fixed or check.id in OF_FIXED
+    need(known, "pins of single modes are not known to it")
     rests = case.leader is None or check.id not in ("equilibrium", "delay", "sampling")
     need(rests, "the leader moves on")
     if check.verdict == "proved":

@@ -62,6 +62,7 @@ class Problem:
         sides = matrix(self.m, 2)
         arcs = [(agent, agent, rational)]
         exception = {"arc": (agent, agent), "h": self.read_h}
+        gains = [(agent, matrix(self.inputs, self.m))]
         uncertainty = dict.fromkeys(ERRORS, rational)
         uncertainty["known_to_agents"] = partial(one_of, (bool,))
         region = {"initial_states": sides, "initial_disturbance": maybe(rational)}
@@ -76,9 +77,9 @@ class Problem:
             "notes": [text],
             "units?": (text,) * self.m,  # for words and figures; no claim depends on them
             "target": states,
-            "modes": [{"name": text, "arcs": arcs, "optional?": arcs}],
+            "modes": [{"name": text, "arcs": arcs, "optional?": arcs, "gains?": gains}],
             "coupling": {"h": self.read_h, "exceptions": [exception]},
-            "gains": [(agent, matrix(self.inputs, self.m))],
+            "gains": gains,
             "exosystem": maybe(an_object),
             "offsets": [(agent, states)],
             "observer": {"W": None, "P": None, "rate": maybe(rational)},

@@ -103,6 +103,7 @@ class Loop:
         #: Pin less A of every node: what pulls e_i back; absent: 0.
         self.hold = held(self.pins, self.node, self.n)
         self.connect(stated)
+        self.pin_modes(stated)
         self.guarantee = Guarantee(stated.switching, list(self.modes))
         self.observe(problem)
 
@@ -119,16 +120,12 @@ class Loop:
         if self.own is not None:
             self.functions.append(self.own)
         self.modes: dict[str, list[Arc]] = {}
-        self.heard: dict[str, list[list[Arc]]] = {}  # in a mode and by a node
         for mode in stated.modes:
             arcs = []
             for loose, listed in ((False, mode.arcs), (True, mode.optional or [])):
                 for i, j, w in listed:
                     arcs.append(Arc(i, j, w, known[exceptions.get((i, j), h)], loose))
             self.modes[mode.name] = arcs
-            self.heard[mode.name] = [[] for _ in self.nodes]
-            for arc in arcs:
-                self.heard[mode.name][arc.i].append(arc)
         #: Whether there is more than one graph.
         self.switches = len(self.modes) > 1 or any(arc.loose for arc in self.arcs)
         linear = all(each.straight for each in self.functions)
@@ -137,6 +134,53 @@ class Loop:
         #: at a kink, nor where a leader takes them along.
         moved_along = self.own is not None and self.leader is not None
         self.kinked = moved_along or any(each.kinked for each in self.functions)
+
+    def pin_modes(self, stated: Any) -> None:
+        """The pins of single modes: arcs that come before those of the mode, to nodes from n on,
+        whose error is 0."""
+        own: dict[int, list[Coupling]] = {}  # the functions by which an agent is pinned
+        for mode in stated.modes:
+            pins = []
+            for i, k in mode.gains or []:
+                pull = k if self.B is None else product(self.B, k)
+                if not any(map(any, pull)):
+                    continue
+                h, w = self.function_of(pull)
+                known = own.setdefault(i, [])
+                if h not in known:
+                    known.append(h)
+                pins.append(Arc(i, self.n + known.index(h), w, h))
+            self.modes[mode.name][:0] = pins
+        #: How many nodes come after those with a label.
+        self.fixed = max(map(len, own.values()), default=0)
+        self.heard: dict[str, list[list[Arc]]] = {}  # in a mode and by a node
+        for name, arcs in self.modes.items():
+            self.heard[name] = [[] for _ in self.nodes]
+            for arc in arcs:
+                self.heard[name][arc.i].append(arc)
+
+    def function_of(self, pull: Matrix) -> tuple[Coupling, Fraction]:
+        """The first linear function of which a pull is a positive multiple, and the factor; a new
+        one where there is none."""
+        for h in self.functions:
+            if h.straight and h is not self.own:
+                slopes = [[h.slope(c, d)[0] for d in range(self.m)] for c in range(self.m)]
+                factor = multiple_or_none(pull, slopes)
+                if factor is not None and factor > 0:
+                    return h, factor
+        w = pull[0][0]
+        if w > 0 and pull == identity(self.m, w):
+            texts: tuple[str, ...] = ("y",)
+        else:
+            w = Fraction(1)
+            texts = tuple(linear_text(row) for row in pull)
+        h = read_coupling(texts, self.m, LONGEST_MADE)
+        self.functions.append(h)
+        return h, w
+
+    def with_fixed(self, weights: Sequence[Any], none: Any = 0) -> list[Any]:
+        """What belongs to each node, and ``none`` for those whose error is 0."""
+        return [*weights, *[none] * self.fixed]
 
     def observe(self, problem: Problem) -> None:
         """The residuals, each alone and all together."""
@@ -177,10 +221,15 @@ class Loop:
         return bool(plant.disturbance or plant.measurement or (plant.drift and self.q))
 
     # --- pins
-    @property
-    def pinned(self) -> list[int]:
-        """The nodes with a pin."""
-        return [i for i, k in self.pins.items() if any(map(any, k))]
+    def pinned(self, modes: Iterable[str], loose: bool = False) -> list[int]:
+        """The nodes with a pin in these modes."""
+        always = [i for i, k in self.pins.items() if any(map(any, k))]
+        return [*always, *self.tied(modes, loose)]
+
+    def tied(self, modes: Iterable[str], loose: bool = False) -> list[int]:
+        """The nodes with an arc to one whose error is 0, in these modes."""
+        arcs = (arc for mode in modes for arc in self.modes[mode])
+        return [arc.i for arc in arcs if arc.j >= self.n and (loose or not arc.loose)]
 
     def least_gain(self, i: int, error: Fraction = ZERO) -> Fraction:
         """The least of k_cc - sum over d != c of |k_cd|, 0 without a pin; for all relative errors
@@ -215,7 +264,7 @@ class Loop:
         found: list[list[int]] = [[] for _ in self.labels]
         for mode in modes:
             for arc in self.modes[mode]:
-                if arc.loose and not loose:
+                if arc.j >= self.n or (arc.loose and not loose):
                     continue
                 if hears:
                     found[arc.i].append(arc.j)
@@ -262,6 +311,18 @@ def pins_of(problem: Problem, node: Node) -> dict[int, Matrix]:
     if node.B is None:
         return gains
     return {i: product(node.B, k) for i, k in gains.items() if any(map(any, k))}
+
+
+def multiple_or_none(M: Matrix, G: Matrix) -> Fraction | None:
+    """The g with M = g G, if G is not 0 and there is one."""
+    pairs = [pair for row, other in paired(M, G) for pair in paired(row, other)]
+    g = next((x / y for x, y in pairs if y), None)
+    return g if g is not None and all(x == g * y for x, y in pairs) else None
+
+
+def linear_text(row: Vector) -> str:
+    """A row times y, as the format page writes it."""
+    return " + ".join(f"({x})*y{d + 1}" for d, x in enumerate(row) if x) or "0"
 
 
 def held(pins: dict[int, Matrix], node: Node, n: int) -> dict[int, Matrix]:

@@ -80,12 +80,17 @@ def document(data: bytes, kind: str) -> Object:
 def version_of(problem: Object) -> int:
     """The version that a problem file has to have: one that an older checker refuses, where this
     would take it for a problem without the new key."""
-    if leaves_agents(problem):
+    if leaves_agents(problem) or in_a_mode(problem, "gains"):
         return 4
-    modes = problem.get("modes")
-    if type(modes) is list and any(type(mode) is dict and "optional" in mode for mode in modes):
+    if in_a_mode(problem, "optional"):
         return 3
     return 2 if "dynamics" in problem else 1
+
+
+def in_a_mode(problem: Object, key: str) -> bool:
+    """Whether a mode has this key."""
+    modes = problem.get("modes")
+    return type(modes) is list and any(type(mode) is dict and key in mode for mode in modes)
 
 
 def leaves_agents(problem: Object) -> bool:

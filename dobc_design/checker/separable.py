@@ -229,7 +229,7 @@ def rows(
     """Both faces of all rows, equal ones once; v_j counts theta times.  ``local``: for slopes at
     the target."""
     v, bottom = integers(claim.v)
-    tops = [x * theta.numerator for x in v]
+    tops = case.with_fixed([x * theta.numerator for x in v])
     owns = [x * theta.denominator for x in v]
     bottom *= theta.denominator
     found: dict[Row, int] = {}
@@ -348,7 +348,8 @@ def sampling(case: Case, check: Any) -> None:
     follows = 1 - exact.period * claim.alpha <= exact.factor < 1
     need(follows, "the factor does not follow from the period")
 
-    v, bottom = integers(claim.v)
+    owns, bottom = integers(claim.v)
+    v = case.with_fixed(owns)
     curves = tables(case, claim.rho, (v, v, bottom), wide=True)
 
     @cache

@@ -205,6 +205,8 @@ def escapes(loop: Loop, modes: Collection[str], loose: bool) -> bool:
         return False
     nonsingular = [i for i, k in loop.hold.items() if len(echelon(k)[0]) == loop.m]
     hears = loop.edges(modes, True, loose)
+    # who hears a fixed node is in no closed set
+    nonsingular += loop.tied(modes, loose)
     held = reach(nonsingular, loop.edges(modes, False, loose))
     apart = (i for i in loop.nodes if i not in held)
     return any(leaves_free(loop, reach([i], hears)) for i in apart)
@@ -215,7 +217,7 @@ def drifts(loop: Loop) -> bool:
     to rest."""
     if loop.drift is None or loop.own is not None or stable(loop.drift):
         return False
-    return len(reach(loop.pinned, loop.edges(loop.modes, False, True))) < loop.n
+    return len(reach(loop.pinned(loop.modes, True), loop.edges(loop.modes, False, True))) < loop.n
 
 
 def leaves_free(loop: Loop, group: set[int]) -> bool:

@@ -26,7 +26,7 @@ import numpy as np
 from dobc_design.coupling.coupling import Coupling, make_coupling
 from dobc_design.coupling.expression import LONGEST_MADE
 from dobc_design.exact.interval import Interval
-from dobc_design.exact.matrix import Matrix, identity, multiple_of, multiply, subtract, zeros
+from dobc_design.exact.matrix import Matrix, multiple_of, multiply, subtract, zeros
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import Names, is_scalar_matrix
 from dobc_design.problem.dynamics import Dynamics
@@ -171,14 +171,12 @@ def _place_of(pull: Matrix, functions: list[Coupling], loop: Loop) -> tuple[int,
             if factor is not None and factor > 0:
                 return place, factor
     one = is_scalar_matrix(pull) and pull[0][0] > 0
-    functions.append(_linear(identity(loop.m)) if one else _linear(pull))
+    functions.append(_made("y", loop.m) if one else _linear(pull))
     return len(functions) - 1, pull[0][0] if one else Fraction(1)
 
 
 def _linear(M: Matrix) -> Coupling:
     """The coupling M y."""
-    if is_scalar_matrix(M):
-        return _made(f"({number_text(M[0][0])})*y" if M[0][0] != 1 else "y", len(M))
     rows = []
     for row in M:
         parts = [f"({number_text(x)})*y{d + 1}" for d, x in enumerate(row) if x]

@@ -124,6 +124,17 @@ class Field:
                     )
         return total
 
+    @property
+    def limit(self) -> float:
+        """A rate that no v exceeds, about: others do not pull the agent with the least v inward."""
+        largest = self.gains
+        if self.fixed:
+            equal = np.ones(self.size)
+            faces = product(range(len(self.modes)), (1, -1))
+            pulls = [-self.values(mode, face, equal) for mode, face in faces]
+            largest = self.gains + np.max(np.concatenate(pulls), axis=0)
+        return float(np.max(largest, initial=0.0))
+
     def _with_fixed(self, v: Array) -> Array:
         """The weights of all nodes."""
         return np.append(v, np.zeros(self.fixed)) if self.fixed else v
@@ -284,7 +295,7 @@ def linear_rate(field: Field) -> float:
     v = np.ones(field.size)
     _, jacobian, _ = field.rows(v, alpha=0.0)
     everybody = np.ones(field.size, dtype=bool)
-    found = float(np.max(field.gains))
+    found = field.limit
     for _ in range(INVERSE_STEPS):
         step = solved(jacobian, v, everybody, accuracy=VERY_ROUGH)
         if step is None or not np.all(step > 0):
@@ -474,7 +485,7 @@ def propose_separable(
             logger.info("no proposal for rho = %g: %s", rho, error)
             return None
         best = least_solution(field, alpha=0.0, start=np.ones(loop.n))
-        high = float(np.max(field.gains, initial=0.0))
+        high = field.limit
         if best is None or high <= 0:
             return None
         if loop.n > FEW_AGENTS:
@@ -496,7 +507,7 @@ def rough_rates(field: Field, *, first: float) -> list[tuple[float, Array]]:
     """Rates that are found for a large network, rising, with their v; the last is about the largest
     that is worth its v.  Few trials, each from the v before it, the first at the rate ``first``."""
     found = list[tuple[float, Array]]()
-    high = float(np.max(field.gains))
+    high = field.limit
     slowest = SLOWEST * high
     low, alpha = 0.0, min(first, high * (1 - CLOSE_LARGE))  # low: the last one with a v
     start = np.ones(field.size)
@@ -533,7 +544,7 @@ def _later(each: tuple[float, Array], before: tuple[float, Array]) -> bool:
 def _fastest(field: Field, best: Array, *, close: float) -> tuple[float, Array]:
     """The largest rate, up to ``close``, and its v; 0 and ``best``, the v for 0, if there is none.
     The rate may be many powers of ten below the gains: divide by 8 first, then evenly."""
-    top = float(np.max(field.gains))
+    top = field.limit
 
     def enough(low: float, high: float) -> bool:
         return not high > SLOWEST * top or (low > 0 and high - low <= close * low)
@@ -678,7 +689,7 @@ def flatter_plans(loop: Loop, plan: SeparablePlan) -> Iterator[SeparablePlan]:
     field = replace(field, grid=field.grid[:: max(1, len(field.grid) // COARSE)])
     ones = np.ones(loop.n)
     best = least_solution(field, alpha=0.0, start=ones)
-    if best is None or float(np.max(field.gains, initial=0.0)) <= 0:
+    if best is None or field.limit <= 0:
         return
     rate, _ = _fastest(field, best, close=CLOSE_ENOUGH)
     for part in FLATTER if rate else ():

@@ -168,9 +168,9 @@ class Loop:
     free nodes.  ``functions``: of arcs, the first one unless ``exceptions`` has another place for
     (listener, speaker); the last ones may belong to the drift.  ``pulls``: what is linear and of a
     node alone, pins less the slopes of the drift; it need not pull towards 0.  ``groups``: nodes
-    that share an exosystem and an observer, which act on the states.  ``starts``: None where no
-    region is asked for.  ``xi0``: where disturbances start in simulations, rows by node.  ``unit``:
-    for words and figures, the one that all components of the states share; "" without one.
+    that share an exosystem and an observer, which act on the states.  ``agrees``: nodes have no
+    target and no pins, and are to agree.  ``starts``: None where no region is asked for.
+    ``xi0``: where disturbances start in simulations, rows by node.  ``unit``: for words and figures, the one that all components of the states share; "" without one.
     """
 
     name: str
@@ -184,6 +184,7 @@ class Loop:
     pulls: Pins
     drift: Drift | None
     groups: tuple[Group, ...]
+    agrees: bool
     goals: Goals
     starts: Starts | None
     guarantee: Guarantee

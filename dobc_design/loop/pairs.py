@@ -1,6 +1,7 @@
-"""The loop of pairs: what rows are about where agents agree on a value that nobody prescribes.
+"""What rows are about where agents agree on a value that nobody prescribes.
 
-Its nodes are the ordered pairs (i, j) of agents, with the error x_i - x_j (theory, section 16):
+In general that is the loop of pairs (theory, section 16).  Its nodes are the ordered pairs (i, j)
+of agents, with the error x_i - x_j:
 
     (x_i - x_j)' = sum_l w_il h_il(x_l - x_i) - sum_l w_jl h_jl(x_l - x_j) + C eps_i - C eps_j
 
@@ -8,14 +9,17 @@ Pair (i, j) hears (l, j) by h_il where i hears l, and (i, l) by h*(y) = -h_jl(-y
 A pair (j, j) is a fixed node: its error is 0.  The upper row of (i, j) bounds x_i - x_j; its lower
 row is the upper one of (j, i).
 
+Where an agent hears nobody, in no mode, it is the target of all others: n - 1 rows do.
+
 C eps_i - C eps_j is at most twice the largest |C eps_i|, so that an exosystem has the output 2 C
 here, and a gain W counts as W/2: A - W C is the same.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import lru_cache
 from types import MappingProxyType
@@ -28,41 +32,76 @@ from dobc_design.coupling.expression import LONGEST_MADE
 from dobc_design.exact.matrix import Matrix, scale
 from dobc_design.exact.number import common_denominator
 from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Group, Observer
+from dobc_design.problem.groups import Group
 from dobc_design.problem.network import Arc, Arcs, IndexArray
 
 from .arcs import coupling_places
 from .loop import Loop, Starts, pins_of, zero_goals
 
-#: What the rows of a pair may hold of C eps, in parts of the largest |C eps_i|.
+#: Largest |C eps_i - C eps_j|, in parts of the largest |C eps_i|.
 RESIDUALS = Fraction(2)
-#: Two fixed nodes: of who is heard by the first of a pair, and of who is heard by its second.
+#: Two fixed nodes: what the first agent of a pair hears of the second, and the other way round.
 FIXED = ("same", "same 2")
+MOST_AGENTS = 300  # of which pairs are looked at
 
 
-def pairs_of(loop: Loop) -> Loop:
-    """The loop of pairs of this one, which has no pins and no drift."""
-    functions, mirrored = _functions(loop)
-    modes = dict[str, Arcs]()
-    exceptions = dict[Arc, int]()
+def rows_of(loop: Loop) -> Loop | None:
+    """The loop whose errors rows bound: this one, or that of disagreements; None of more agents
+    than have few enough pairs."""
+    return _made_once(loop) if loop.agrees else loop
+
+
+@lru_cache(maxsize=16)
+def _made_once(loop: Loop) -> Loop | None:
+    leader = _hears_nobody(loop)
+    if leader is not None:
+        return _led_by(loop, leader)
+    return pairs_of(loop) if loop.n <= MOST_AGENTS else None
+
+
+def gain_of_rows(loop: Loop, W: Matrix | None) -> Matrix | None:
+    """The observer gain as it counts in these rows."""
+    return scale(1 / RESIDUALS, W) if loop.agrees and W is not None else W
+
+
+def _hears_nobody(loop: Loop) -> int | None:
+    """The only agent that hears nobody in any mode; None if there is none, or several."""
+    hears = np.zeros(loop.n, dtype=bool)
+    for arcs in loop.modes.values():
+        hears[arcs.listeners] = True
+    silent = np.flatnonzero(~hears).tolist()
+    return silent[0] if len(silent) == 1 else None
+
+
+def _led_by(loop: Loop, leader: int) -> Loop:
+    """The loop of all other agents, whose target is this one."""
+    order = np.arange(loop.n)
+    order[leader] = loop.n - 1
+    order[leader + 1 :] -= 1
+    modes = {}
     for name, arcs in loop.modes.items():
-        heard = _Heard(loop, arcs)
-        modes[name] = heard.arcs()
-        exceptions |= heard.exceptions(mirrored)
-    n = loop.n
-    labels = tuple(f"{a} - {b}" for i, a in enumerate(loop.labels) for b in _others(loop.labels, i))
-    none = pins_of({})
+        modes[name] = replace(arcs, listeners=order[arcs.listeners], speakers=order[arcs.speakers])
+    exceptions = {
+        (int(order[i]), int(order[j])): place for (i, j), place in loop.exceptions.items()
+    }
+    return replace(
+        _of_disagreements(loop),
+        labels=_without(loop.labels, leader),
+        fixed=(loop.labels[leader],),
+        modes=modes,
+        exceptions=MappingProxyType(exceptions),
+    )
+
+
+def _of_disagreements(loop: Loop) -> Loop:
+    """What is the same for all: errors are differences of states."""
     starts = loop.starts
     if starts is not None:
         apart = tuple((lo - hi, hi - lo) for lo, hi in starts.states)
         starts = Starts(states=apart, disturbance=starts.disturbance)
+    none = pins_of({})
     return replace(
         loop,
-        labels=labels,
-        fixed=FIXED,
-        modes=modes,
-        functions=functions,
-        exceptions=MappingProxyType(exceptions),
         pins=none,
         pulls=none,
         groups=tuple(map(_doubled, loop.groups)),
@@ -72,153 +111,174 @@ def pairs_of(loop: Loop) -> Loop:
     )
 
 
-def _others(labels: Sequence[str], i: int) -> tuple[str, ...]:
-    return (*labels[:i], *labels[i + 1 :])
-
-
 def _doubled(group: Group) -> Group:
     """The same estimation error, seen through 2 C."""
     exosystem = Exosystem(A=group.exosystem.A, C=scale(RESIDUALS, group.exosystem.C))
-    observer = replace(group.observer, W=gain_of_pairs(group.observer.W))
+    W = group.observer.W
+    if W is not None:
+        W = scale(1 / RESIDUALS, W)
+    observer = replace(group.observer, W=W)
     return Group(agents=group.agents, exosystem=exosystem, observer=observer)
 
 
-def gain_of_pairs(W: Matrix | None) -> Matrix | None:
-    """The gain for the output 2 C with which A - W C is the same."""
-    return None if W is None else scale(1 / RESIDUALS, W)
-
-
-def _functions(loop: Loop) -> tuple[tuple[Coupling, ...], dict[int, int]]:
-    """The functions h and h*(y) = -h(-y), each different one once, and the place of each h*."""
-    functions = list(loop.functions)
-    places = dict[int, int]()
-    for place, h in enumerate(loop.functions):
-        if h.is_linear:
-            places[place] = place
-            continue
-        mirrored = make_coupling(
-            [f"-({_negated(text)})" for text in h.texts] if len(h.texts) > 1 else f"-({_negated(h.texts[0])})",
-            dimension=loop.m,
-            longest=LONGEST_MADE,
-        )
-        places[place] = len(functions)
-        functions.append(mirrored)
-    return tuple(functions), places
-
-
-def _negated(text: str) -> str:
-    import re
-
-    return re.sub(r"\by\b", "(-y)", text)
-
-
-class _Heard:
-    """Which pairs each pair hears in one mode, in arrays."""
-
-    def __init__(self, loop: Loop, arcs: Arcs) -> None:
-        self.loop = loop
-        n = loop.n
-        count = len(arcs)
-        places = coupling_places(loop, arcs)
-        shared = _Shared.of(loop, arcs)
-        # arc a, by which i hears l, for every j != i
-        a = np.repeat(np.arange(count), n)
-        j = np.tile(np.arange(n), count)
-        i, l = arcs.listeners[a], arcs.speakers[a]
-        kept = j != i
-        a, i, j, l = a[kept], i[kept], j[kept], l[kept]
-        weights = shared.left(a, j)
-        kept = weights != 0
-        a, i, j, l, weights = a[kept], i[kept], j[kept], l[kept], weights[kept]
-        first = self.pair(i, j)
-        second = self.pair(j, i)
-        meets = l == j
-        m = n * (n - 1)
-        to_first = np.where(meets, m, self.pair(l, np.where(meets, (l + 1) % n, j)))
-        to_second = np.where(meets, m + 1, self.pair(np.where(meets, (l + 1) % n, j), l))
-        self.a = np.concatenate([a, a])
-        self.listeners = np.concatenate([first, second])
-        self.speakers = np.concatenate([to_first, to_second])
-        self.numbers = np.concatenate([weights, weights])
-        self.places = np.concatenate([places[a], places[a]])
-        self.mirrored = np.repeat([False, True], len(a))
-        self.loose = arcs.uncertain[self.a]
-        self.bottom = shared.bottom
-        self.together = shared.together()
-
-    def pair(self, i: Any, j: Any) -> Any:
-        """The number of the pair (i, j)."""
-        return i * (self.loop.n - 1) + j - (j > i)
-
-    def arcs(self) -> Arcs:
-        """The arcs of pairs, optional ones last."""
-        order = np.argsort(self.loose, kind="stable")
-        own, numbers = self.together
-        listeners = np.concatenate([own, self.listeners[order]])
-        fixed = np.full(len(own), self.loop.n * (self.loop.n - 1))
-        speakers = np.concatenate([fixed, self.speakers[order]])
-        values = np.concatenate([numbers, self.numbers[order]])
-        known = {x: Fraction(x, self.bottom) for x in set(values.tolist())}
-        weights = tuple(known[x] for x in values.tolist())
-        return Arcs(listeners, speakers, weights, int(np.count_nonzero(self.loose)))
-
-    def exceptions(self, mirrored: dict[int, int]) -> dict[Arc, int]:
-        """The places of functions other than the first."""
-        table = np.array([mirrored[p] for p in range(len(self.loop.functions))])
-        places = np.where(self.mirrored, table[self.places], self.places)
+def pairs_of(loop: Loop) -> Loop:
+    """The loop of pairs of one without pins and drift."""
+    functions, mirrored = _both_ways(loop)
+    modes = dict[str, Arcs]()
+    exceptions = dict[Arc, int]()
+    for name, arcs in loop.modes.items():
+        heard = _heard_by_pairs(loop, arcs)
+        modes[name] = heard.arcs
+        places = np.where(heard.mirrored, mirrored[heard.places], heard.places)
         other = np.flatnonzero(places)
-        ends = zip(self.listeners[other].tolist(), self.speakers[other].tolist(), strict=True)
-        return dict(zip(ends, places[other].tolist(), strict=True))
-
-
-class _Shared:
-    """What both of a pair hear of one agent: a w (x_l - x_i) - a w (x_l - x_j) = - w (x_i - x_j),
-    where the function is linear; the lesser weight of the two counts as one arc to a fixed node."""
-
-    def __init__(self, loop: Loop, arcs: Arcs, numbers: Any, bottom: int, matched: bool) -> None:
-        self.n = loop.n
-        self.arcs = arcs
-        self.numbers = numbers
-        self.bottom = bottom
-        self.matched = matched
-
-    @classmethod
-    def of(cls, loop: Loop, arcs: Arcs) -> _Shared:
-        bottom = common_denominator(arcs.weights, bits=4000)
-        assert bottom is not None
-        numbers = np.array([int(w * bottom) for w in arcs.weights], dtype=object)
-        if all(x < 2**60 for x in numbers.tolist()):
-            numbers = numbers.astype(np.int64)
-        return cls(loop, arcs, numbers, bottom, loop.is_linear and len(loop.functions) == 1)
-
-    def left(self, a: IndexArray, j: IndexArray) -> Any:
-        """What is left of the weight of arc a for the pair with j."""
-        w = self.numbers[a]
-        if not self.matched:
-            return w
-        table = {}
-        sure = len(self.arcs) - self.arcs.optional
-        for k, (i, l, _) in enumerate(self.arcs.always):
-            table[i, l] = self.numbers[k]
-        other = np.array(
-            [
-                table.get((jj, ll), 0) if aa < sure else 0
-                for aa, jj, ll in zip(a.tolist(), j.tolist(), self.arcs.speakers[a].tolist())
-            ],
-            dtype=self.numbers.dtype,
+        listeners = heard.arcs.listeners[other].tolist()
+        speakers = heard.arcs.speakers[other].tolist()
+        exceptions |= zip(
+            zip(listeners, speakers, strict=True), places[other].tolist(), strict=True
         )
-        return w - np.minimum(w, other)
+    labels = (
+        f"({first}, {second})"
+        for i, first in enumerate(loop.labels)
+        for second in _without(loop.labels, i)
+    )
+    return replace(
+        _of_disagreements(loop),
+        labels=tuple(labels),
+        fixed=FIXED,
+        modes=modes,
+        functions=functions,
+        exceptions=MappingProxyType(exceptions),
+    )
 
-    def together(self) -> tuple[Any, Any]:
-        if not self.matched:
-            return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=self.numbers.dtype)
-        n = self.n
-        total = np.zeros((n, n), dtype=self.numbers.dtype)
-        always = self.arcs.always
-        for l in np.unique(always.speakers).tolist():
-            here = np.flatnonzero(always.speakers == l)
-            i = always.listeners[here]
-            w = self.numbers[here]
-            total[np.ix_(i, i)] += np.minimum.outer(w, w)
-        i, j = np.nonzero(total * (1 - np.eye(n, dtype=np.int64)))
-        return i * (n - 1) + j - (j > i), total[i, j]
+
+def _without(labels: Sequence[str], i: int) -> tuple[str, ...]:
+    return (*labels[:i], *labels[i + 1 :])
+
+
+def _both_ways(loop: Loop) -> tuple[tuple[Coupling, ...], IndexArray]:
+    """The functions h, then h*(y) = -h(-y) of those that are not linear; the place of each h*."""
+    functions = list(loop.functions)
+    places = list(range(len(functions)))
+    for place, h in enumerate(loop.functions):
+        if not h.is_linear:
+            places[place] = len(functions)
+            functions.append(_mirrored(h, loop.m))
+    return tuple(functions), np.array(places, dtype=np.int64)
+
+
+def _mirrored(h: Coupling, m: int) -> Coupling:
+    """-h(-y)."""
+    texts = [f"-({re.sub(r'y[0-9]*', lambda y: f'(-{y[0]})', text)})" for text in h.texts]
+    made = texts[0] if h.by_component else texts
+    return make_coupling(made, dimension=m, longest=2 * LONGEST_MADE)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Heard:
+    """Which pairs each pair hears in a mode; the places of functions, and which are mirrored."""
+
+    arcs: Arcs
+    places: IndexArray
+    mirrored: Any
+
+
+def _heard_by_pairs(loop: Loop, arcs: Arcs) -> _Heard:
+    """Every arc, by which i hears l, once for each other agent j: (i, j) hears (l, j), and (j, i)
+    hears (j, l)."""
+    n = loop.n
+    arc = np.repeat(np.arange(len(arcs)), n)
+    other = np.tile(np.arange(n), len(arcs))
+    kept = other != arcs.listeners[arc]
+    arc, other = arc[kept], other[kept]
+    shared = _shared_weights(loop, arcs)
+    left = shared.numbers[arc] - shared.of(arc, other)
+    kept = left != 0
+    arc, other, left = arc[kept], other[kept], left[kept]
+
+    own, heard = arcs.listeners[arc], arcs.speakers[arc]
+    meets = heard == other
+    # Where they meet the pair is no pair, and the number that is made for it is not used.
+    apart = np.where(meets, (heard + 1) % n, other)
+    first = np.where(meets, n * (n - 1), _number(heard, apart, n))
+    second = np.where(meets, n * (n - 1) + 1, _number(apart, heard, n))
+    together = shared.together()
+    listeners = [together.pairs, _number(own, other, n), _number(other, own, n)]
+    speakers = [np.full(len(together.pairs), n * (n - 1)), first, second]
+    weights = [together.numbers, left, left]
+    places = coupling_places(loop, arcs)[arc]
+    none = np.zeros(len(together.pairs), dtype=np.int64)
+    loose = np.concatenate([none > 0, arcs.uncertain[arc], arcs.uncertain[arc]])
+    # Optional arcs are the last ones.
+    order = np.argsort(loose, kind="stable")
+    numbers = np.concatenate(weights)[order].tolist()
+    known = {x: Fraction(x) / shared.bottom for x in set(numbers)}
+    return _Heard(
+        arcs=Arcs(
+            listeners=np.concatenate(listeners)[order],
+            speakers=np.concatenate(speakers)[order],
+            weights=tuple(map(known.__getitem__, numbers)),
+            optional=int(np.count_nonzero(loose)),
+        ),
+        places=np.concatenate([none, places, places])[order],
+        mirrored=np.repeat([False, False, True], [len(none), len(arc), len(arc)])[order],
+    )
+
+
+def _number(i: Any, j: Any, n: int) -> Any:
+    """The number of the pair (i, j) of n agents."""
+    return i * (n - 1) + j - (j > i)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Together:
+    pairs: IndexArray
+    numbers: Any
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Shared:
+    """What both agents of a pair hear of a third one: w (x_l - x_i) - w (x_l - x_j) is -w (x_i -
+    x_j) where the function is linear, an arc to a fixed node of the lesser weight of the two.
+
+    ``numbers`` (arcs,): weights times ``bottom``, integers where denominators are short; ``table`` (n, n): of who hears whom, by
+    arcs that are always there, none where functions are not one linear one.
+    """
+
+    arcs: Arcs
+    numbers: Any
+    bottom: int
+    table: Any
+
+    def of(self, arc: IndexArray, other: IndexArray) -> Any:
+        """What of the weight of each arc is shared with the agent ``other``."""
+        if self.table is None:
+            return 0
+        theirs = self.table[other, self.arcs.speakers[arc]]
+        return np.where(self.arcs.uncertain[arc], 0, np.minimum(self.numbers[arc], theirs))
+
+    def together(self) -> _Together:
+        """The shared weight of every pair that has some."""
+        if self.table is None:
+            return _Together(np.zeros(0, dtype=np.int64), self.numbers[:0])
+        n = len(self.table)
+        total = np.zeros_like(self.table)
+        for speaker in range(n):
+            listeners = np.flatnonzero(self.table[:, speaker])
+            weights = self.table[listeners, speaker]
+            total[np.ix_(listeners, listeners)] += np.minimum.outer(weights, weights)
+        np.fill_diagonal(total, 0)
+        i, j = np.nonzero(total)
+        return _Together(_number(i, j, n), total[i, j])
+
+
+def _shared_weights(loop: Loop, arcs: Arcs) -> _Shared:
+    bottom = common_denominator(arcs.weights, bits=512) or 1
+    numbers = np.array([w * bottom for w in arcs.weights], dtype=object)
+    if all(w.denominator == 1 and w < 2**40 for w in numbers.tolist()):
+        numbers = numbers.astype(np.int64)
+    table = None
+    if loop.is_linear and len(loop.functions) == 1:
+        table = np.zeros((loop.n, loop.n), dtype=numbers.dtype)
+        sure = len(arcs) - arcs.optional
+        table[arcs.listeners[:sure], arcs.speakers[:sure]] = numbers[:sure]
+    return _Shared(arcs, numbers, bottom, table)

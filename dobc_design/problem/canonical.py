@@ -40,7 +40,7 @@ from .network import (
     parse_weights,
 )
 from .problem import Problem
-from .region import Region
+from .region import GOALS, Region
 from .simulation import Simulation
 from .switching import Switching
 
@@ -62,7 +62,7 @@ _KEYS = (
 )
 _TABLES = ("exosystem", "observer", "offsets", "region", "switching", "simulation")
 _LATER_TABLES = ("uncertainty", "actuators", "dynamics", "leader")
-_LATER = (*_LATER_TABLES, "units")
+_LATER = (*_LATER_TABLES, "units", "goal")
 _ALWAYS = ("observer", "simulation")  # tables that are never null
 
 
@@ -117,6 +117,8 @@ def texts_of(problem: Problem) -> Document:
     # A key that came later: problems without it keep their hash.
     if problem.units:
         found["units"] = list(problem.units)
+    if problem.goal != GOALS[0]:
+        found["goal"] = problem.goal
     return found
 
 
@@ -248,7 +250,7 @@ def _load(data: bytes, name: str) -> Document:
 
 def _version_of(document: Table) -> int:
     """The first version that knows all that the document has."""
-    if _in_a_mode(document, "gains") or _leaves_agents_undisturbed(document):
+    if "goal" in document or _in_a_mode(document, "gains") or _leaves_agents_undisturbed(document):
         return VERSION_OPEN
     if _in_a_mode(document, "optional"):
         return VERSION_OPTIONAL
@@ -301,6 +303,7 @@ class _Reader:
             name=_text(document["name"], "name"),
             notes=_list(document["notes"], "notes"),
             units=_list(document["units"], "units") if "units" in document else None,
+            goal=self.goal(),
             network=Network(labels=labels_of(self.labels), modes=self.modes()),
             coupling=coupling["h"],
             exceptions=self.exceptions(coupling["exceptions"]),
@@ -380,6 +383,13 @@ class _Reader:
                 raise _wrong(f"{key}.arc", "an arc without an exception so far", ends)
             result[listener, speaker] = table["h"]
         return result
+
+    def goal(self) -> str | None:
+        """Another goal than the target, where there is one."""
+        goal = self.document.get("goal")
+        if goal == GOALS[0]:
+            raise _wrong("goal", "left out for a target", goal)
+        return None if goal is None else _text(goal, "goal")
 
     def mode_gains(self) -> Document:
         """The pins of single modes, by mode; after ``modes``, which reads the modes themselves."""

@@ -50,7 +50,7 @@ from .groups import (
 from .leader import Leader, read_leader
 from .network import Arc, Network
 from .pinning import GainForm, Pinning, by_label, read_pinning
-from .region import Pairs, Region, read_region, read_units
+from .region import Pairs, Region, read_goal, read_region, read_units
 from .simulation import Simulation, read_simulation
 from .switching import Switching, check_switching
 from .tables import (
@@ -94,6 +94,8 @@ class Problem(Shown):
         network: Network.
         coupling: h as text in y (by component), or m texts in y1..ym; h(0) = 0 is checked exactly.
         exceptions: {(listener index, speaker index): h}, for arcs with a coupling of their own.
+        goal: "target" (None stands for it): all agents reach it; "agreement": they agree on a value
+            that nobody prescribes, without target, pins or leader.
         target: xbar, a number for all components or m numbers.
         gains: {label: k} with k >= 0 or an m x m matrix; or one number for all agents.
         exosystem: Exosystem or None (no disturbance).
@@ -128,6 +130,7 @@ class Problem(Shown):
     network: Network
     coupling: Coupling
     exceptions: Mapping[Arc, Coupling]
+    goal: str
     target: Vector
     pinning: Pinning
     groups: tuple[Group, ...]
@@ -151,6 +154,7 @@ class Problem(Shown):
         network: Network,
         coupling: str | Names | Coupling,
         exceptions: Mapping[Arc, str | Names | Coupling] | None = None,
+        goal: str | None = None,
         target: Any = 0,
         gains: Any = None,
         mode_gains: Table | None = None,
@@ -205,6 +209,7 @@ class Problem(Shown):
                 m=p,
                 states=None if own is None else m,
             ),
+            "goal": lambda: read_goal(goal),
             "target": lambda: _read_states(target, key="target", length=m),
             "coupling": lambda: made(coupling, key="coupling.h"),
             "exceptions": lambda: _read_exceptions(exceptions, network, made),
@@ -224,12 +229,34 @@ class Problem(Shown):
             with errors:
                 put(self, **{part: read()})
         errors.raise_all()
+        self._check_goal()
         self._check_dynamics()
         # Arcs name a coupling by its place, so that equal ones are bounded once.
         couplings = dict.fromkeys((self.coupling, *self.exceptions.values()))
         places = {each: place for place, each in enumerate(couplings)}
         put(self, couplings=tuple(places))
         put(self, exception_places={arc: places[each] for arc, each in self.exceptions.items()})
+
+    def _check_goal(self) -> None:
+        """Agents that agree have nobody who tells them where.  Raises: SpecError with all that
+        does."""
+        if self.goal != "agreement":
+            return
+        errors = Mistakes()
+        known = {
+            "target": any(self.target),
+            "pinning": bool(self.pinning.agents),
+            "leader": self.leader is not None,
+        }
+        for key, is_given in known.items():
+            with errors:
+                if is_given:
+                    raise wrong(
+                        key,
+                        'has no meaning with goal = "agreement": nobody prescribes the value.',
+                        "Remove it, or the goal; an agent that leads is one that hears nobody.",
+                    )
+        errors.raise_all()
 
     def _check_dynamics(self) -> None:
         """With [dynamics] goals have to be equilibria; what is not known for them is refused."""

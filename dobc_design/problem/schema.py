@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, PlainValidator, WithJsonSchem
 
 from .exosystems import KINDS, PARTS
 from .network import ARROWS, LONGEST_LABEL, MOST_AGENTS
-from .region import LONGEST_UNIT
+from .region import GOALS, LONGEST_UNIT
 from .switching import GUARANTEES, SIGNALS
 
 SCHEMA_VERSION = 1
@@ -129,6 +129,7 @@ Modes = Annotated[
 Gains = Annotated[Given, WithJsonSchema(_either(_NUMBER, _table_of(_NUMBER, _MATRIX)))]
 GainsOfModes = Annotated[Any, _TABLE, WithJsonSchema(_table_of(_table_of(_NUMBER, _MATRIX)))]
 Kind = Annotated[Given, WithJsonSchema({"enum": list(KINDS)})]
+Goal = Annotated[Given, WithJsonSchema({"enum": list(GOALS)})]
 Flag = Annotated[Given, WithJsonSchema({"type": "boolean"})]
 Members = Annotated[Given, WithJsonSchema(_list_of(_LABEL))]
 Limits = Annotated[Given, WithJsonSchema(_either(_NUMBER, _table_of(_NUMBER)))]
@@ -297,6 +298,9 @@ class ProblemFile(_Table):
     name: Name = None
     notes: Texts = Field(
         default=(), description="What is assumed or stands in; shown wherever a result is shown."
+    )
+    goal: Goal = _optional(
+        '"target" (default): all reach it. "agreement": a value that nobody prescribes.'
     )
     target: NumberOrList = Field(default=0, description="xbar: a number, or m numbers.")
     units: Units = _optional('Of the states, for words and figures: "m/s", or m such texts.')

@@ -20,6 +20,7 @@ from dobc_design.conditions.separable.claim import SamplingBound, Separable
 from dobc_design.errors import CertificateError, reason_of
 from dobc_design.exact.matrix import Matrix
 from dobc_design.loop.loop import Loop
+from dobc_design.loop.pairs import gain_of_rows, required_rows
 from dobc_design.verdict import Verdict
 
 from .topics import TOPICS
@@ -67,10 +68,12 @@ def claim_of(check: Check, loop: Loop, W: Matrix | None) -> Claim | None:
     Raises what a malformed claim raises: KeyError, TypeError, ValueError, ArithmeticError or a
     DobcError.
     """
-    read = TOPICS[check.kind.topic].read
-    if read is None or not isinstance(check.claim, Values):
+    topic = TOPICS[check.kind.topic]
+    if topic.read is None or not isinstance(check.claim, Values):
         return check.claim
-    return read(check, loop, W)
+    if topic.of_rows:
+        loop, W = required_rows(loop), gain_of_rows(loop, W)
+    return topic.read(check, loop, W)
 
 
 def box_of(checks: Sequence[Check], loop: Loop, W: Matrix | None) -> Separable | None:

@@ -34,6 +34,7 @@ from dobc_design.conditions.stated import ACCURACY
 from dobc_design.conditions.weighted import checks as weighted
 from dobc_design.exact.matrix import Matrix
 from dobc_design.loop.loop import Loop
+from dobc_design.loop.pairs import gain_of_rows, required_rows
 from dobc_design.verdict import Verdict
 
 
@@ -54,10 +55,19 @@ Read = Callable[[Check, Loop, Matrix | None], Claim | None]
 class Topic:
     """``confirm`` gives None if a proof or refutation holds, else what does not.  ``read`` turns
     the values of a check into the noun of the topic; None where they stay values.  Both raise
-    what a malformed claim raises."""
+    what a malformed claim raises.  ``of_rows``: it is about the loop whose errors rows bound
+    (``loop.pairs``), not about the agents themselves."""
 
     confirm: Confirm
     read: Read | None = None
+    of_rows: bool = True
+
+    def confirmed(self, check: Check, trusted: Trusted) -> str | None:
+        """None if a check is confirmed for the loop that its topic is about, else why not."""
+        if self.of_rows:
+            loop = trusted.loop
+            trusted = replace(trusted, loop=required_rows(loop), W=gain_of_rows(loop, trusted.W))
+        return self.confirm(check, trusted)
 
 
 class OfLoop(Protocol):
@@ -130,16 +140,20 @@ def _beside(confirm: Callable[[Check, Case], str | None], *ids: str) -> Confirm:
 
 
 TOPICS: Final[Mapping[str, Topic]] = {
-    "observer": Topic(confirm=lambda check, case: observer.confirm(check, case.loop, case.W)),
-    "consensus": Topic(confirm=_consensus, read=theorems.read_claim),
+    "observer": Topic(
+        confirm=lambda check, case: observer.confirm(check, case.loop, case.W), of_rows=False
+    ),
+    "consensus": Topic(confirm=_consensus, read=theorems.read_claim, of_rows=False),
     "weighted": Topic(
         confirm=lambda check, case: weighted.confirm(
             check, case.loop, case.W, statements=case.statements
         ),
         read=weighted.read_claim,
+        of_rows=False,
     ),
     "linearisation": Topic(
-        confirm=lambda check, case: linearisation.confirm(check, case.statements, case.W)
+        confirm=lambda check, case: linearisation.confirm(check, case.statements, case.W),
+        of_rows=False,
     ),
     "separable": Topic(confirm=_beside(separable.confirm, MAX_SEPARABLE), read=rows.read_claim),
     "margins": Topic(

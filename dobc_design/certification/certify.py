@@ -228,12 +228,16 @@ class _Certification:
         loop, report = self.loop, self.report
         everything, tolerance = self.options.everything, self.options.settling
         # In this order, because each stage may rest on what those before it have proved.
-        case = Case(
+        agents = Case(
             loop=loop,
             W=found.W,
             domain=found.statements.domain,
             checks=self._with_cures_and_regions(found),
         )
+        case = agents.of_rows
+        if case is None:
+            return agents
+        loop = case.loop
         asked = read_region(loop, case.W, domain=case.domain, everything=everything)
         case = case.and_(safety_stage(asked, report))
         if tolerance is not None or (everything and loop.starts is not None):
@@ -244,7 +248,8 @@ class _Certification:
         case = case.and_(_ending(ACCURACY, case, partial(accuracy_stage, case, report)))
         inputs = partial(inputs_stage, asked, case.checks, report)
         case = case.and_(_ending(LIMIT, case, inputs))
-        return case.and_(other_equilibria(self.problem, case, report=report))
+        case = case.and_(other_equilibria(self.problem, case, report=report))
+        return replace(agents, checks=case.checks)
 
     def _with_cures_and_regions(self, found: Decided) -> tuple[Check, ...]:
         """Cures of what failed, then the region; under a guarantee the region first, because it may
@@ -256,11 +261,14 @@ class _Certification:
             report=self.report,
             rate=self.options.least_rate,
         )
-        case = Case(loop=loop, W=found.W, domain=found.statements.domain, checks=checks)
+        agents = Case(loop=loop, W=found.W, domain=found.statements.domain, checks=checks)
+        case = agents.of_rows
+        if case is None:
+            return checks
         first = loop.guarantee.is_given
         own = tuple(regions(case)) if first else ()
         # Cures name gains of integrators, and take the time of further decisions.
-        curable = loop.drift is None and out_of_time() is None
+        curable = loop.drift is None and not loop.agrees and out_of_time() is None
         if curable and not covering(loop, own):
             checks = with_cures(self.problem, found, progress=self.report, decide=_decide_quietly)
         if first:

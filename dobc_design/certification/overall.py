@@ -16,7 +16,12 @@ from dobc_design.certificate.claims import Claims
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.consensus.agreement import agreement_words
 from dobc_design.conditions.consensus.claim import Unstable
-from dobc_design.conditions.consensus.network import cure_in_words, name_agents, unheld_groups
+from dobc_design.conditions.consensus.network import (
+    apart_in_words,
+    cure_in_words,
+    name_agents,
+    unheld_groups,
+)
 from dobc_design.conditions.coverage import asked_radius, covering
 from dobc_design.conditions.domain import NEAR_TARGET, Around
 from dobc_design.conditions.graphs.claim import signals_in_words
@@ -41,6 +46,7 @@ from dobc_design.exact.polynomial import decide_hurwitz
 from dobc_design.exact.work import out_of_time, time_limit
 from dobc_design.loop.arcs import closed_groups, unreached
 from dobc_design.loop.loop import Loop
+from dobc_design.loop.pairs import rows_of
 from dobc_design.problem.network import Arcs
 from dobc_design.verdict import Verdict
 
@@ -90,11 +96,12 @@ def decide_overall(loop: Loop, checks: Sequence[Check], W: Matrix | None) -> Ove
     fails says nothing against the problem."""
     stated = stated_in(loop)
     # A proof that covers what is asked ends the question; whatever else fails is only a method.
-    proofs = covering(loop, checks)
+    rows = rows_of(loop) or loop
+    proofs = covering(rows, checks)
     if stated:  # the checks of the tables are about the graphs of the modes, not about every graph
         proofs = [check for check in proofs if check.kind.role != "safety"]
     if proofs:
-        return _proved(loop, checks, min(proofs, key=_preference))
+        return _proved(rows, checks, min(proofs, key=_preference))
     refuted = refutation(loop, checks, W)
     if refuted is not None:
         return Overall(verdict=Verdict.REFUTED, why=Reason(head=refuted))
@@ -271,6 +278,8 @@ def _apart_in(loop: Loop, cycle: Sequence[str]) -> str | None:
     arcs = [loop.modes[mode] for mode in cycle]
     if not arcs:
         arcs = [each.present for each in loop.modes.values()]
+    if loop.agrees:
+        return _disagreement_in(loop, cycle, arcs)
     # A group listens to nobody outside it, so a common error that no gain there acts on stays.
     apart = unreached(loop, arcs)
     for group, free in unheld_groups(loop, arcs):
@@ -288,6 +297,19 @@ def _apart_in(loop: Loop, cycle: Sequence[str]) -> str | None:
             "with k c != 0 for that direction c."
         )
     return None
+
+
+def _disagreement_in(loop: Loop, cycle: Sequence[str], arcs: Sequence[Arcs]) -> str | None:
+    """Two groups that hear nobody outside, if the region lets them start with different values."""
+    starts = loop.starts
+    if len(closed_groups(loop, arcs)) < 2:
+        return None
+    if starts is not None and all(lo == hi for lo, hi in starts.states):
+        return None
+    when = ""
+    if 0 < len(cycle) < len(loop.modes):
+        when = f"{_while_on(loop, cycle)}, "
+    return f"Agreement fails: {when}{apart_in_words(loop, arcs)}"
 
 
 def _unreached_words(

@@ -365,7 +365,7 @@ def confirm(check: Check, trusted: Trusted) -> str | None:
             if all(part is None for part in claims)
             else "an undecided check must claim nothing"
         )
-    return TOPICS[check.kind.topic].confirm(check, trusted)
+    return TOPICS[check.kind.topic].confirmed(check, trusted)
 
 
 def _matrix_failures(claims: Claims, loop: Loop) -> list[str]:

@@ -13,6 +13,7 @@ from typing import TypeVar
 from dobc_design._checks import noun
 from dobc_design.exact.matrix import Matrix
 from dobc_design.loop.loop import Loop
+from dobc_design.loop.pairs import gain_of_rows, rows_of
 
 from .check import Check
 from .domain import Domain
@@ -33,6 +34,14 @@ class Case:
     W: Matrix | None
     domain: Domain
     checks: tuple[Check, ...] = ()
+
+    @property
+    def of_rows(self) -> Case | None:
+        """The same for the loop whose errors rows bound; None where it has too many nodes."""
+        rows = rows_of(self.loop)
+        if rows is None:
+            return None
+        return replace(self, loop=rows, W=gain_of_rows(self.loop, self.W))
 
     def and_(self, more: Iterable[Check]) -> Case:
         """The same case with more checks."""

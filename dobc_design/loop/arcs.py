@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from fractions import Fraction
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -75,7 +76,11 @@ def split_by(kinds: IndexArray) -> Iterator[tuple[int, IndexArray]]:
 
 def unreached(loop: Loop, arcs: Iterable[Arcs], *, pins: Pins | None = None) -> tuple[int, ...]:
     """Nodes that nothing which hears the fixed node reaches along the arcs of all given modes,
-    without those that come and go; ``pins``: by default what pulls in ``pulls``."""
+    without those that come and go; ``pins``: by default what pulls in ``pulls``.  Of nodes that are
+    to agree: those of two or more groups that hear nobody outside."""
+    if loop.agrees:
+        groups = closed_groups(loop, arcs)
+        return tuple(sorted(chain(*groups))) if len(groups) > 1 else ()
     pulled = loop.pulls if pins is None else pins
     pinned = np.array(pulled.nodes, dtype=np.int64)
     # All fixed nodes are one, which those with a pin listen to.

@@ -163,14 +163,16 @@ class Starts:
 class Loop:
     """The error system of a problem; frozen and exact.  Two loops are equal if they are the same.
 
-    ``labels``: the free nodes in the user's words.  ``fixed``: names of further nodes, numbered
-    from n on, that hear nobody and whose error is 0.  ``modes``: the arcs by mode; listeners are
-    free nodes.  ``functions``: of arcs, the first one unless ``exceptions`` has another place for
-    (listener, speaker); the last ones may belong to the drift.  ``pulls``: what is linear and of a
-    node alone, pins less the slopes of the drift; it need not pull towards 0.  ``groups``: nodes
-    that share an exosystem and an observer, which act on the states.  ``agrees``: nodes have no
-    target and no pins, and are to agree.  ``starts``: None where no region is asked for.
-    ``xi0``: where disturbances start in simulations, rows by node.  ``unit``: for words and figures, the one that all components of the states share; "" without one.
+    ``labels``: the free nodes in the user's words. ``fixed``: names of further nodes, numbered
+    from n on, that hear nobody and whose error is 0. ``modes``: the arcs by mode; listeners are
+    free nodes. ``functions``: of arcs, the first one unless ``exceptions`` has another place
+    for (listener, speaker); the last ones may belong to the drift. ``pulls``: what is linear
+    and of a node alone, pins less the slopes of the drift; it need not pull towards 0.
+    ``groups``: nodes that share an exosystem and an observer, which act on the states.
+    ``goal``: "target"; "agreement" where nodes have none, and no pins; "differences" where
+    errors are those between such nodes (``pairs.rows_of``). ``starts``: None where no region is
+    asked for. ``xi0``: where disturbances start in simulations, rows by node. ``unit``: for
+    words and figures, the one that all components of the states share; "" without one.
     """
 
     name: str
@@ -184,7 +186,7 @@ class Loop:
     pulls: Pins
     drift: Drift | None
     groups: tuple[Group, ...]
-    agrees: bool
+    goal: str
     goals: Goals
     starts: Starts | None
     guarantee: Guarantee
@@ -212,6 +214,11 @@ class Loop:
     def q(self) -> int:
         """The states of all exosystems together."""
         return sum(group.exosystem.order for group in self.groups)
+
+    @property
+    def agrees(self) -> bool:
+        """Whether nodes are to agree on a value that nobody prescribes."""
+        return self.goal == "agreement"
 
     @property
     def switches(self) -> bool:

@@ -81,7 +81,7 @@ def _made_once(same: _Same) -> Loop:
         pulls=pins,
         drift=None,
         groups=problem.groups,
-        agrees=problem.goal == "agreement",
+        goal=problem.goal,
         goals=_goals(problem, is_curved=False),
         starts=starts,
         guarantee=guarantee_of(problem.switching, tuple(modes)),

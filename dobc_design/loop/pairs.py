@@ -59,6 +59,14 @@ def _made_once(loop: Loop) -> Loop | None:
     return pairs_of(loop) if loop.n <= MOST_AGENTS else None
 
 
+def required_rows(loop: Loop) -> Loop:
+    """The same.  Raises: ValueError where there are too many pairs."""
+    rows = rows_of(loop)
+    if rows is None:
+        raise ValueError(f"{loop.n} agents have more pairs than are looked at")
+    return rows
+
+
 def gain_of_rows(loop: Loop, W: Matrix | None) -> Matrix | None:
     """The observer gain as it counts in these rows."""
     return scale(1 / RESIDUALS, W) if loop.agrees and W is not None else W
@@ -105,6 +113,7 @@ def _of_disagreements(loop: Loop) -> Loop:
         pins=none,
         pulls=none,
         groups=tuple(map(_doubled, loop.groups)),
+        goal="differences",
         goals=zero_goals(loop.m),
         starts=starts,
         xi0=None,
@@ -240,8 +249,9 @@ class _Shared:
     """What both agents of a pair hear of a third one: w (x_l - x_i) - w (x_l - x_j) is -w (x_i -
     x_j) where the function is linear, an arc to a fixed node of the lesser weight of the two.
 
-    ``numbers`` (arcs,): weights times ``bottom``, integers where denominators are short; ``table`` (n, n): of who hears whom, by
-    arcs that are always there, none where functions are not one linear one.
+    ``numbers`` (arcs,): weights times ``bottom``, integers where denominators are short;
+    ``table`` (n, n): of who hears whom, by arcs that are always there, none where functions are
+    not one linear one.
     """
 
     arcs: Arcs

@@ -560,7 +560,7 @@ def state_theorems(loop: Loop) -> Statements:
     """State Lemma 1, Theorem 1 and Theorem 2 for ``problem`` at the consensus."""
     jacobians = None
     reason = _why_inapplicable(loop)
-    if reason is None:
+    if reason is None or loop.agrees:
         try:
             jacobians = jacobians_at_consensus(loop)
         except UndefinedError as error:
@@ -581,6 +581,8 @@ def state_theorems(loop: Loop) -> Statements:
 
 def _why_inapplicable(loop: Loop) -> str | None:
     """Why slopes at the target decide nothing; None where they may."""
+    if loop.agrees:
+        return "does not apply: it is about a target, and agents agree without one."
     if loop.slopes_move:
         return (
             "does not apply: the leader moves, and with it the slopes of f: those at one point "

@@ -112,14 +112,24 @@ def _is_symmetric(statements: Statements, mode: str) -> bool:
 def linear_part(statements: Statements, mode: str) -> Matrix | None:
     """J - K of one mode (n m, n m); None for more than 60 rows, for slopes that are not rational or
     too long."""
-    size = statements.loop.size
+    loop = statements.loop
+    size = loop.size
     if size > LARGEST_EXAMINED:
         return None
     entries = _known_entries(statements, mode)
     # Counting roots multiplies the digits of the entries.
     if entries is None or not has_short_denominator(entries.values(), MOST_COUNTING // size**2):
         return None
-    return tuple(tuple(entries.get((i, j), ZERO) for j in range(size)) for i in range(size))
+    rows = tuple(tuple(entries.get((i, j), ZERO) for j in range(size)) for i in range(size))
+    return _of_differences(rows, loop.m) if loop.agrees else rows
+
+
+def _of_differences(J: Matrix, m: int) -> Matrix:
+    """The matrix of x_i - x_n, i < n, where rows of J add up to 0: that of J without its eigenvalue
+    0, once for every component."""
+    kept = len(J) - m
+    last = J[kept:]
+    return tuple(tuple(J[i][j] - last[i % m][j] for j in range(kept)) for i in range(kept))
 
 
 def _known_entries(statements: Statements, mode: str) -> claim.Entries | None:

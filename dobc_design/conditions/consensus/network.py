@@ -268,6 +268,8 @@ def reachability_check(loop: Loop, mode: str) -> Check:
     check = partial(Check, id="reachability", mode=mode, domain=EVERYWHERE)
     arcs = [loop.modes[mode]]
     labels = tuple(loop.named(unreached(loop, arcs, pins=loop.pins)))
+    if loop.agrees:
+        return _roots_check(loop, mode, labels)
     if not labels:
         return check(verdict=Verdict.PROVED, reason="every agent is reached from a pinned agent.")
     reason = "there is no pinned agent"
@@ -280,6 +282,33 @@ def reachability_check(loop: Loop, mode: str) -> Check:
     reason += f". {cure_in_words(loop, arcs)}"
     return check(
         verdict=Verdict.REFUTED, reason=reason, witness=Witness(kind="agents", labels=labels)
+    )
+
+
+def _roots_check(loop: Loop, mode: str, labels: tuple[str, ...]) -> Check:
+    """Decide for one mode whether an agent is heard by all others, directly or through others."""
+    check = partial(Check, id="reachability", mode=mode, domain=EVERYWHERE)
+    if not labels:
+        return check(
+            verdict=Verdict.PROVED,
+            reason="an agent is heard by all others, directly or through others.",
+        )
+    return check(
+        verdict=Verdict.REFUTED,
+        reason=apart_in_words(loop, [loop.modes[mode]]),
+        witness=Witness(kind="agents", labels=labels),
+    )
+
+
+def apart_in_words(loop: Loop, arcs: Sequence[Arcs]) -> str:
+    """Two groups that hear nobody outside of themselves, and an arc that joins them."""
+    first, second = closed_groups(loop, arcs)[:2]
+    one, other = loop.labels[first[0]], loop.labels[second[0]]
+    return (
+        f"{name_agents([loop.labels[i] for i in first])} and "
+        f"{name_agents([loop.labels[i] for i in second])} hear nobody outside of their group, so "
+        f"that each keeps its own value. Let agent {one} listen to agent {other}, or the other way "
+        "round."
     )
 
 

@@ -26,7 +26,7 @@ def linearisation_check(statements: Statements, W: Matrix | None, *, estimate: f
     proposed rate."""
     check = partial(Check, id=ID, domain=statements.domain)
     undecided = partial(check, verdict=Verdict.UNDECIDED)
-    if statements.inapplicable is not None:
+    if statements.inapplicable is not None and statements.jacobians is None:
         return undecided(reason=statements.inapplicable, applies=False)
     # Of several modes eigenvalues say nothing: only a common V does.
     if len(statements.lambdas) > 1:

@@ -9,7 +9,7 @@ The theorems are about e and the observer's error together, by a pair P, Q. Psi 
 Omega(0) < 0 and Lambda + the blocks of S(0) of the agents < 0.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from fractions import Fraction
 from functools import lru_cache, partial
 from operator import mul
@@ -227,10 +227,33 @@ OF_GROUPS = {"observability": observability, "detectability": detectability, "hu
 
 
 def reachability(loop: Loop, mode: str) -> Fact:
-    """Every node has a pin, or hears one that has, directly or through others."""
+    """Every node has a pin, or hears one that has, directly or through others; without a target:
+    some node is heard by all others."""
+    if loop.agrees:
+        apart = closed_sets(loop, [mode], False)
+        members = sorted(i for group in apart for i in group) if len(apart) > 1 else []
+        labels = [loop.labels[i] for i in members]
+        return Fact(not labels, None, {"kind": "agents", "labels": labels})
     reached = reach(loop.pinned([mode]), loop.edges([mode], False))
     rest = [label for i, label in enumerate(loop.labels) if i not in reached]
     return Fact(not rest, None, {"kind": "agents", "labels": rest})
+
+
+def closed_sets(loop: Loop, modes: Collection[str], loose: bool) -> list[set[int]]:
+    """The smallest sets of nodes that hear nobody outside, in these modes together."""
+    hears = loop.edges(modes, True, loose)
+    heard_by = loop.edges(modes, False, loose)
+    left = set(loop.nodes)
+    found = []
+    while left:
+        # whoever is heard by a node of a smallest set, or through others, is in it
+        start = min(left)
+        behind = reach([start], hears)
+        within = behind & reach([start], heard_by)
+        if within == behind:
+            found.append(within)
+        left -= within
+    return found
 
 
 def fact(case: Case, check: Any) -> None:
@@ -319,6 +342,7 @@ def schur(case: Case, P: Matrix, b: Fraction) -> Matrix:
 def consensus(case: Case, check: Any) -> None:
     """Decide lemma1, theorem1, theorem2 and the printed pairs."""
     need(not case.kinked, "a coupling has a kink, so the theorems do not apply")
+    need(not case.agrees, "there is no target, so the theorems do not apply")
     margin = check.margin
     if check.verdict == "proved":
         need(check.witness is None, "it is proved and carries a witness")
@@ -418,6 +442,7 @@ def room(case: Case, mode: str) -> Fraction | None:
 def weighted(case: Case, check: Any) -> Any:
     """V = e'De + sum eps_i'P eps_i decreases at the rate."""
     need(not case.kinked, "a coupling has a kink, so the theorem does not apply")
+    need(not case.agrees, "there is no target, so the theorem does not apply")
     proved = check.verdict == "proved" and check.witness is None
     need(proved, "it is proved, without a witness, or undecided")
     modest = check.margin is None and (check.rate is None or check.rate > 0)
@@ -542,6 +567,8 @@ def linearisation(case: Case, check: Any) -> None:
     )
     # of several modes eigenvalues say nothing together: there is one mode here
     (X,) = [jacobian(case, mode) for mode in case.modes]
+    if case.agrees:
+        X = of_differences(X, case.m)
     if check.verdict == "proved":
         need(check.exact is None, "it claims exact values")
         need(stable(plus(X, 1, identity(len(X), b))), "J - K + rate I is not Hurwitz")
@@ -551,6 +578,12 @@ def linearisation(case: Case, check: Any) -> None:
     counted = check.rate is None and count.denominator == 1 and count > 0
     need(counted, "it is refuted by a number of roots")
     need(unstable(X, int(count)), "unstable roots are not shown")
+
+
+def of_differences(X: Matrix, m: int) -> Matrix:
+    """The matrix of x_i - x_n, i < n, for x' = X x where the rows of X add up to 0."""
+    kept = range(len(X) - m)
+    return [[X[i][j] - X[len(kept) + i % m][j] for j in kept] for i in kept]
 
 
 # --- Lemma 1 and the theorems: refutations

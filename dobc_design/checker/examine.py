@@ -14,6 +14,7 @@ from .factors import bounded
 from .files import Problem
 from .graphs import markov, safety
 from .margins import actuators, tolerance
+from .pairs import rows_of
 from .quadratic import lure
 from .reading import MAX_BYTES, UNTIL, OutOfTime, Refused, need
 from .schedule import settling
@@ -153,14 +154,17 @@ def decider(case: Case, id: str) -> Decider:
     return linearisation if id == "linearisation" else consensus
 
 
-def regional(case: Case, check: Any) -> Any:
+def regional(agents: Case, check: Any) -> Any:
     """A claim about a region that is proved or refuted."""
+    case = rows_of(agents)
     need(check.margin is None, "it has no margin to claim")
     need(case.q == 0 or case.W is not None, "there is no observer gain")
     need(check.id in OF_ANY_COUPLING or case.single, "a coupling is a list, or nodes are curved")
     need(case.own is None or check.id not in ("equilibrium", "markov"), "nodes are curved")
     known = not case.fixed or check.id in OF_FIXED
     need(known, "pins of single modes are not known to it")
+    late = agents.agrees and check.id == "delay"
+    need(not late, "a late state and one of now make no pair")
     rests = case.leader is None or check.id not in ("equilibrium", "delay", "sampling")
     need(rests, "the leader moves on")
     if check.verdict == "proved":

@@ -75,6 +75,7 @@ class Problem:
             "format": text,
             "name": text,
             "notes": [text],
+            "goal?": self.read_goal,
             "units?": (text,) * self.m,  # for words and figures; no claim depends on them
             "target": states,
             "modes": [{"name": text, "arcs": arcs, "optional?": arcs, "gains?": gains}],
@@ -89,6 +90,11 @@ class Problem:
             "simulation": an_object,
             "region": maybe(region),
         }
+
+    def read_goal(self, value: Any) -> str:
+        """What agents are to reach, if not a target."""
+        need(value == "agreement", "the goal is not known")
+        return str(value)
 
     def read_h(self, value: Any) -> tuple[str, ...]:
         """One expression, or one per input."""

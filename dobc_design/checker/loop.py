@@ -95,6 +95,8 @@ class Loop:
         #: Where the leader may start, by component.
         self.leads = [[ZERO, ZERO]] * self.m if self.leader is None else self.leader.initial
         self.region = stated.region
+        #: Whether there is no target: nodes are to agree.
+        self.agrees = stated.goal == "agreement"
         self.uncertainty = stated.uncertainty
         self.actuators = stated.actuators
         self.xi0 = stated.simulation.get("xi0")  # the starts of the disturbance, not read yet
@@ -153,6 +155,10 @@ class Loop:
             self.modes[mode.name][:0] = pins
         #: How many nodes come after those with a label.
         self.fixed = max(map(len, own.values()), default=0)
+        self.collect()
+
+    def collect(self) -> None:
+        """The arcs of each mode by the node that hears."""
         self.heard: dict[str, list[list[Arc]]] = {}  # in a mode and by a node
         for name, arcs in self.modes.items():
             self.heard[name] = [[] for _ in self.nodes]

@@ -6,7 +6,7 @@ from fractions import Fraction
 from typing import Any
 
 from .claims import Case
-from .consensus import closed, observable, takes_long
+from .consensus import closed, closed_sets, observable, takes_long
 from .factors import time_to_one_percent
 from .graphs import MODES, absorbing
 from .intervals import Exact
@@ -126,6 +126,9 @@ def holds_region(loop: Loop, domain: Any) -> bool:
         return False
     farthest = []
     for c, (side, leads) in enumerate(paired(region.initial_states, loop.leads)):
+        if loop.agrees:
+            farthest.append(side[1] - side[0])
+            continue
         ends = [end - start for end in side for start in leads]
         farthest.append(max(abs(end - goal[c]) for goal in loop.goals for end in ends))
     if domain.kind == "box":
@@ -192,6 +195,12 @@ def stays_apart(loop: Loop) -> bool:
     whatever arcs are there, or in modes that may be on over and over."""
     last = absorbing(loop) if len(loop.modes) <= MODES else []
     all_modes, *cycles = loop.guarantee.allowed()
+    if loop.agrees:
+        if loop.region is not None and all(lo == hi for lo, hi in loop.region.initial_states):
+            return False
+        sets = [closed_sets(loop, all_modes, True)]
+        sets += [closed_sets(loop, cycle, False) for cycle in [*cycles, *last]]
+        return any(len(each) > 1 for each in sets)
     if escapes(loop, all_modes, True):
         return True
     return any(escapes(loop, cycle, False) for cycle in [*cycles, *last])

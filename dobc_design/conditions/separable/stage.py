@@ -31,7 +31,7 @@ from .decide import composite_rate, covers, verify_separable
 from .propose import Cover, SeparablePlan
 from .propose_coordinates import propose_coordinates
 from .propose_limits import longest_delay
-from .timing import LEADER_GOES_ON
+from .timing import delay_obstacle
 
 #: A second program with simpler enclosures has to confirm the rows, so they keep this part of alpha
 #: in hand.
@@ -315,8 +315,8 @@ def _timing(asked: Asked, claim: Separable, check: Check, report: Progress) -> l
     fastest = claim.alpha if claim.error is None else min(claim.alpha, claim.error.beta)
 
     def delay() -> Check:
-        if loop.goals.moves:
-            return undecided_check("delay", domain, LEADER_GOES_ON, applies=False)
+        if (reason := delay_obstacle(loop)) is not None:
+            return undecided_check("delay", domain, reason, applies=False)
         bound = longest_delay(loop, claim, rate=rounded_down(fastest * KEPT, digits=4))
         if bound is None:
             return undecided_check("delay", domain, "no delay is found that leaves half the rate.")

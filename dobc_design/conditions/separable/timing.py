@@ -53,10 +53,21 @@ _CLOSE = Fraction(1, 1000)
 _UNSURE, _NEAR = Fraction(1, 10**12), Fraction(1, 10**9)
 _MANY_ARCS = 100  # from which on slopes are bounded once on every part of the box
 _ZERO = Fraction(0)
-LEADER_GOES_ON = (
-    "does not apply: the leader moves while a message is late, and the proof does not bound "
-    "that motion."
-)
+
+
+def delay_obstacle(loop: Loop) -> str | None:
+    """Why nothing is said of late messages; None where something is."""
+    if loop.goals.moves:
+        return (
+            "does not apply: the leader moves while a message is late, and the proof does not "
+            "bound that motion."
+        )
+    if loop.goal == "differences":
+        return (
+            "does not apply: x_l(t - delay) - x_j(t) is no difference of states at one time, which "
+            "is all that the proof bounds where agents agree without a target."
+        )
+    return None
 
 
 def verify_delay(loop: Loop, claim: Separable, bound: DelayBound) -> SeparableAnswer:
@@ -68,8 +79,8 @@ def verify_delay(loop: Loop, claim: Separable, bound: DelayBound) -> SeparableAn
         raise SpecError("a delay must be >= 0 and its rate > 0.", key=key)
     if claim.error is not None and bound.rate > claim.error.beta:
         return refuted("the rate exceeds beta, at which the observer error decays.")
-    if loop.goals.moves:
-        return undecided(LEADER_GOES_ON)
+    if (reason := delay_obstacle(loop)) is not None:
+        return undecided(reason)
     slower = Separable(v=claim.v, alpha=bound.rate, rho=claim.rho, error=claim.error)
     stretch = exp(Interval.point(bound.rate * bound.delay)).hi
     return verify_separable(loop, slower, stretch=stretch)

@@ -89,14 +89,19 @@ def typeset(text: str) -> str:
     ).replace("-", "−")
 
 
-def lower(value: float | Fraction | None) -> str:
-    """A certified size or rate, cut towards zero."""
-    return typeset(significant_towards_zero(value))
+def lower(value: float | Fraction | None, unit: str = "") -> str:
+    """A certified size or rate, cut towards zero, with its unit if there is one."""
+    return with_unit(typeset(significant_towards_zero(value)), unit)
 
 
-def upper(value: float | None) -> str:
-    """A certified time, rounded up to four digits."""
-    return typeset(significant_away_from_zero(value))
+def upper(value: float | None, unit: str = "") -> str:
+    """A certified time or bound, rounded up to four digits, with its unit if there is one."""
+    return with_unit(typeset(significant_away_from_zero(value)), unit)
+
+
+def with_unit(text: str, unit: str) -> str:
+    """A number as text with its unit; an en dash is no number."""
+    return f"{text} {unit}" if unit and text != "–" else text
 
 
 def latex_number(value: Fraction) -> str:

@@ -16,7 +16,12 @@ from typing import Any, Final
 
 from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Headed
-from dobc_design._show.text import significant, significant_away_from_zero, significant_towards_zero
+from dobc_design._show.text import (
+    significant,
+    significant_away_from_zero,
+    significant_towards_zero,
+    with_unit,
+)
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.coverage import asked_radius, covers
 from dobc_design.conditions.domain import EVERYWHERE, Around
@@ -169,8 +174,8 @@ class Regions(Headed):
         rows: list[list[str]] = []
         for claim in self.claims:
             title = ", ".join(filter(None, [claim.id, claim.variant]))
-            box = significant_towards_zero(claim.box)
-            ball = significant_towards_zero(claim.ball)
+            box = with_unit(significant_towards_zero(claim.box), self.unit)
+            ball = with_unit(significant_towards_zero(claim.ball), self.unit)
             rate = significant_towards_zero(claim.rate)
             factor = significant_away_from_zero(claim.factor)
             covers = "yes" if claim.covers else "no"

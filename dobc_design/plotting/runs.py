@@ -14,7 +14,6 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
 from dobc_design.errors import ShapeError
@@ -39,7 +38,6 @@ MOST_COMPONENTS = 3
 MOST_ESTIMATES = 3
 MOST_BOUNDS = 200  # points at which a certified bound is asked for
 MOST_NAMED_MODES = 6
-FEW_DECADES = 3
 WIDTH, PANEL, BAND = 7.0, 1.75, 0.32  # inches
 #: Colours, and once more with dashes: the agents that can be told apart.
 STYLES: Any = [(colour, dashes) for dashes in ("solid", (0, (6, 1.5, 1, 1.5))) for colour in SERIES]
@@ -342,16 +340,10 @@ def plot_errors(
     rate: float | None = None,
     units: Sequence[str] = (),
 ) -> Axes:
-    """Errors on a logarithmic axis, each (T,) with its name, and the certified envelope.  Without
-    one ``rate`` (1/s) adds a line that falls like exp(-rate t) from the first error, a slope and no
-    bound.  ``units``: of the state components, where they are known."""
+    """Errors, each (T,) with its name, and the certified envelope; on a logarithmic axis where they
+    span decades.  Without one ``rate`` (1/s) adds a line that falls like exp(-rate t) from the
+    first error, a slope and no bound.  ``units``: of the state components, where they are known."""
     rows = look.thinned_rows(len(times))
-    every = np.concatenate(list(errors.values()))
-    falls = any(values[-1] < values[0] for values in errors.values())
-    # Errors that stay where they are have no decades to be shown.
-    narrow = bool(every.max() < 10 * every.min())
-    level = envelope is None and not falls and narrow
-    ax.set_yscale("linear" if level else "log")
     for (name, values), colour in zip(errors.items(), (BLUE, PURPLE, GREEN), strict=False):
         shown = np.where(values[rows] > look.SMALLEST, values[rows], np.nan)
         ax.plot(times[rows], shown, color=colour, label=name, marker=_marker(rows))
@@ -366,10 +358,7 @@ def plot_errors(
         lowest = max(0.5 * float(np.nanmin(error)), look.SMALLEST)
         visible = np.where(slope > lowest, slope, np.nan)
         _draw_bound(ax, times[rows], visible, "slope of the certified rate")
-    if level:
-        ax.set_ylim(0, 1.1 * float(every.max()))
-    else:
-        tick_decades(ax)
+    look.fit_heights(ax)
     ax.set_ylabel(f"errors\n{look.in_units(*units)}", parse_math=False)
     return look.legend_above(ax, right=True)
 
@@ -389,13 +378,12 @@ def plot_quantiles(ax: Axes, times: Array, errors: Array, *, colour: str, what: 
     low, lower, _, upper, high = np.where(np.isfinite(bands), bands, top)
     median = np.where(np.isfinite(bands[2]), bands[2], np.nan)
     shown = times[rows]
-    ax.set_yscale("log")
     wide = ax.fill_between(shown, low, high, color=colour, alpha=0.18, linewidth=0)
     wide.set_label("5 to 95 %")
     narrow = ax.fill_between(shown, lower, upper, color=colour, alpha=0.34, linewidth=0)
     narrow.set_label("25 to 75 %")
     ax.plot(shown, median, color=colour, label="median")
-    tick_decades(ax)
+    look.fit_heights(ax, bands[np.isfinite(bands)])
     ax.set_ylabel(what)
     return ax
 
@@ -451,18 +439,6 @@ def _draw_bound(
     ax: Axes, times: Array, values: Array, label: str = "certified bound on |e|∞"
 ) -> None:
     ax.plot(times, values, color=INK, linestyle=DASHED, linewidth=1.2, label=label)
-
-
-def tick_decades(ax: Axes) -> None:
-    """Ticks at powers of ten; at 1, 2 and 5 of each where these are few; evenly in less than half a
-    decade."""
-    low, high = ax.get_ylim()
-    decades = float(np.log10(high) - np.log10(max(low, 1e-300)))
-    if decades >= FEW_DECADES:
-        ax.yaxis.set_major_formatter(FuncFormatter(look.power_of_ten))
-    else:
-        look.tick_numbers(ax.yaxis, MaxNLocator(4) if decades < 0.5 else None)
-    ax.minorticks_off()
 
 
 def _marker(rows: NDArray[np.intp]) -> str | None:

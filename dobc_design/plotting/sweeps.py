@@ -97,7 +97,8 @@ def heat_map(x: Places, y: Places, cases: Cases, *, ax: Axes | None = None) -> S
     def draw(ax: Axes) -> Axes:
         ax.grid(visible=False)
         shown = np.ma.masked_invalid(grid)
-        mesh = ax.pcolormesh(_edges(x), _edges(y), shown, cmap="cividis", shading="flat")
+        norm = "log" if look.spans_decades(grid) else "linear"
+        mesh = ax.pcolormesh(_edges(x), _edges(y), shown, cmap="cividis", norm=norm)
         mesh.set(linewidth=0, rasterized=False)
         bar = ax.figure.colorbar(mesh, ax=ax, pad=0.02)
         bar.outline.set_linewidth(0.5)
@@ -117,7 +118,8 @@ def _draw_signs(ax: Axes, x: Places, y: Places, grid: Array, signs: list[list[st
     bright = 0.0
     if np.isfinite(grid).any():
         # Half way between the darkest and the brightest colour that occurs.
-        bright = float(np.nanmean([np.nanmin(grid), np.nanmax(grid)]))
+        ends = np.array([np.nanmin(grid), np.nanmax(grid)])
+        bright = np.sqrt(ends.prod()) if look.spans_decades(grid) else ends.mean()
     for row, column in np.ndindex(grid.shape):
         outcome = signs[row][column]
         sign = MARKS[outcome][0] if outcome else ""
@@ -149,6 +151,8 @@ def lines(x: Places, cases: Cases, *, ax: Axes | None = None) -> Sheet | Axes:
             for place, name in enumerate(cases.lines):
                 _line(ax, x, cases, name=name, place=place)
         _name_axis(ax, x, along="x")
+        if look.spans_decades(cases.value):
+            look.fit_heights(ax, cases.value)
         ax.set_ylabel(cases.label)
         if cases.drawn or len(cases.lines) > 1:
             ax.legend(loc="best", handlelength=1.6)
@@ -405,9 +409,6 @@ def _periods(ax: Axes, period: float | None, certified: float | None) -> None:
         legend.get_frame().set_edgecolor("none")
 
 
-STEEP = 30  # times the least y from which the axis is logarithmic
-
-
 class Point(Protocol):
     """A design: what it costs and what it gives."""
 
@@ -449,13 +450,7 @@ def trade_off_plot(found: TradeOff, *, steps: bool, ax: Axes | None = None) -> S
             _draw_chosen(ax, found.chosen)
             ys = [*ys, found.chosen.y]
         # One far point must not press all others to the ground.
-        heights = [y for y in ys if y > 0]
-        if heights and max(heights) > STEEP * min(heights):
-            ax.set_yscale("log")
-            look.tick_numbers(ax.yaxis)
-            ax.minorticks_off()
-        else:
-            ax.set_ylim(bottom=0)
+        look.fit_heights(ax, np.array([y for y in ys if y > 0]))
         ax.set(xlabel=found.x_name, ylabel=found.y_name)
         return _title(ax, short(found.name, 60))
 

@@ -14,7 +14,7 @@ from dobc_design._checks import noun
 from dobc_design.plotting import look
 
 from .look import DOTTED, SERIES, short
-from .runs import MOST_NAMED_MODES, Switches, plot_modes, tick_decades
+from .runs import MOST_NAMED_MODES, Switches, plot_modes
 
 
 class Phase(Protocol):
@@ -69,9 +69,8 @@ def plot_weights(
     end = begins.pop()
     across = ax.get_xaxis_transform()
     ax.vlines(begins[1:], 0, 1, transform=across, color=look.MUTED, linewidth=0.7)
-    ax.set(yscale="log", xlim=(0, end))
-    ax.set(xlabel="time t in s, one phase after another", ylabel="weight vᵢ(t)")
-    tick_decades(ax)
+    ax.set(xlim=(0, end), xlabel="time t in s, one phase after another", ylabel="weight vᵢ(t)")
+    look.fit_heights(ax)
     names = list(dict.fromkeys(phase.mode for phase, _ in shown))
     modes = [names.index(phase.mode) for phase, _ in shown]
     look.legend_above(ax, widest=4)

@@ -100,11 +100,11 @@ def checks_section(found: Findings) -> Iterator[Section]:
     # Beside a proof a failed check is no failure: it was tried and is not needed.
     if found.proved and failed:
         counts = f"{len(checks) - failed} proved, {failed} not needed"
-    blocks = (to_read(Text(Own(_READING))), *_checks_table(checks))
+    blocks = (to_read(Text(Own(_READING))), *_checks_table(checks, found.problem.unit))
     yield Section(f"Checks: {counts}", blocks, "checks", "Checks")
 
 
-def _checks_table(checks: Sequence[Check]) -> Iterator[Block]:
+def _checks_table(checks: Sequence[Check], unit: str) -> Iterator[Block]:
     """The checks as rows; of very many, those not proved first, and a sentence about the others."""
     own_cures = {id(each) for each in other_cures(checks)}
 
@@ -120,7 +120,7 @@ def _checks_table(checks: Sequence[Check]) -> Iterator[Block]:
         Column("verdict", lambda check: mark_of(check.verdict), 0),
         Column("condition", _name, 1.5),
         Column("id", lambda check: check.id, only=("markdown",)),
-        Column("where", lambda check: domain_words(check.domain), 1.1),
+        Column("where", lambda check: domain_words(check.domain, unit), 1.1),
         Column("margin", lambda check: _below(check.margin), 0.8, unit="1/s", style="number"),
         Column("rate", lambda check: _below(check.rate), 0.8, unit="1/s", style="number"),
         Column("factor", lambda check: upper(check.factor), 0.8, style="number"),

@@ -258,7 +258,7 @@ def _starts(sides: Sides) -> Iterator[Section]:
 def _starts_of(certificate: Certificate) -> dict[str, str]:
     regions = certificate.regions
     claims = regions.claims if regions.tried else ()
-    return {claim.method: starts_words(claim) for claim in claims}
+    return {claim.method: starts_words(claim, regions.unit) for claim in claims}
 
 
 def differences(first: Problem, second: Problem) -> tuple[list[Difference], int]:

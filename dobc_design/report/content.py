@@ -120,7 +120,7 @@ def _regions(found: Findings) -> Iterator[Block]:
 
 def _settling(found: Findings) -> Iterator[Block]:
     settling = found.certificate.settling
-    drawn = tuple(pictures.envelope_pictures(settling, unit=found.problem.unit))
+    drawn = tuple(pictures.envelope_pictures(settling))
     return settling_section(settling, drawn)
 
 

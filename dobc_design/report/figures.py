@@ -105,10 +105,9 @@ def _shade(ax: Axes, end: float) -> None:
     ax.axvline(0, color=VERMILLION, linewidth=1.0)
 
 
-def plot_envelope(ax: Axes, settling: Settling, *, unit: str = "") -> Axes:
+def plot_envelope(ax: Axes, settling: Settling) -> Axes:
     """The certified bound of |e|_inf over time, on a logarithmic axis; a tick wherever another
-    certificate takes over. Solid: no start of the box leaves it.  Dashed: the tolerance.  ``unit``:
-    of all state components, "" without one."""
+    certificate takes over. Solid: no start of the box leaves it.  Dashed: the tolerance."""
     times, bounds = settling.curve(samples=ENVELOPE_SAMPLES)
     # Room below the least bound, on an axis that has no 0.
     foot, top = float(bounds.min()) * BELOW, float(bounds.max()) * 1.6
@@ -128,7 +127,7 @@ def plot_envelope(ax: Axes, settling: Settling, *, unit: str = "") -> Axes:
     ax.yaxis.set_major_formatter(FuncFormatter(look.power_of_ten))
     ax.minorticks_off()
     ax.set_xlabel("time t in s")
-    ax.set_ylabel(f"|e|∞, {look.in_units(unit)}", parse_math=False)
+    ax.set_ylabel(f"|e|∞, {look.in_units(settling.unit)}", parse_math=False)
     return look.legend_above(ax, widest=2)
 
 

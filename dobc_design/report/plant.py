@@ -126,7 +126,7 @@ def _told(problem: Problem, check: Check) -> Section:
     text, table = check.reason, list[Block]()
     where = ""
     if check.verdict is Verdict.PROVED:
-        where = f" {domain_words(check.domain)}"
+        where = f" {domain_words(check.domain, problem.unit)}"
         if check.domain != NEAR_TARGET:
             where = f" for{where}"
         if check.id == "accuracy":

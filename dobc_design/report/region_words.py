@@ -13,7 +13,7 @@ from fractions import Fraction
 from itertools import zip_longest
 from typing import Final
 
-from dobc_design._show.text import lower, upper
+from dobc_design._show.text import lower, upper, with_unit
 from dobc_design.certificate.regions import RegionClaim, Regions
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.domain import Around
@@ -86,9 +86,9 @@ def regions_table(regions: Regions, *, disturbed: bool) -> Table:
     """One row per method; Markdown has sizes in columns of their own."""
     # Text can be searched for one number; a page has one column of words instead.
     markdown: tuple[Form, ...] = ("markdown",)
-    settled = "settled after"
+    settled, unit = "settled after", regions.unit
     if regions.tolerance is not None:
-        settled = f"|e|∞ ≤ {lower(regions.tolerance)} after"
+        settled = f"|e|∞ ≤ {lower(regions.tolerance, unit)} after"
 
     def covers(claim: RegionClaim) -> str:
         if regions.asked is None:
@@ -101,12 +101,17 @@ def regions_table(regions: Regions, *, disturbed: bool) -> Table:
         Column("method", lambda claim: Name((claim.method,), id=claim.id), 1.1),
         Column("verdict", lambda claim: mark_of(claim.verdict), 0),
         Column("certified", lambda claim: claim.starts, only=markdown),
-        Column("|e|∞ ≤", lambda claim: size_words(claim, claim.box), only=markdown),
-        Column("|e|₂ ≤", lambda claim: size_words(claim, claim.ball), only=markdown),
+        Column("|e|∞ ≤", lambda claim: size_words(claim, claim.box, unit), only=markdown),
+        Column("|e|₂ ≤", lambda claim: size_words(claim, claim.ball, unit), only=markdown),
         Column(
             "|εᵢ| ≤", lambda claim: lower(claim.disturbance), only=markdown if disturbed else ()
         ),
-        Column("certified starts", starts_words, 1.3, only=("html", "pdf", "latex")),
+        Column(
+            "certified starts",
+            lambda claim: starts_words(claim, unit),
+            1.3,
+            only=("html", "pdf", "latex"),
+        ),
         Column("rate in 1/s", lambda claim: lower(claim.rate), 0.8, style="number"),
         Column("factor", lambda claim: upper(claim.factor), 0.8, style="number"),
         Column(settled, lambda claim: _in_seconds(claim.time), 0.8, style="number"),
@@ -120,10 +125,10 @@ def _in_seconds(time: float | None) -> str:
     return NONE if time is None else f"{upper(time)} s"
 
 
-def starts_words(claim: RegionClaim) -> str:
+def starts_words(claim: RegionClaim, unit: str) -> str:
     """The certified starts in a few words."""
     errors = f", every |εᵢ| ≤ {lower(claim.disturbance)}" if claim.disturbance else ""
-    box, ball = f"box |e|∞ ≤ {lower(claim.box)}", f"ball |e|₂ ≤ {lower(claim.ball)}"
+    box, ball = f"box |e|∞ ≤ {lower(claim.box, unit)}", f"ball |e|₂ ≤ {lower(claim.ball, unit)}"
     if claim.kind == "box":
         return f"{box}{errors}"
     if claim.kind == "ball":
@@ -132,9 +137,9 @@ def starts_words(claim: RegionClaim) -> str:
     return claim.starts
 
 
-def size_words(claim: RegionClaim, value: float | None) -> str:
+def size_words(claim: RegionClaim, value: float | None, unit: str) -> str:
     """A certified size."""
-    return "any" if claim.kind == "everywhere" else lower(value)
+    return "any" if claim.kind == "everywhere" else lower(value, unit)
 
 
 def limit_words(claim: RegionClaim) -> str:
@@ -147,8 +152,17 @@ def limit_words(claim: RegionClaim) -> str:
 
 
 def asked_sentence(regions: Regions) -> str:
-    """What was asked for, as one number for boxes and one for balls."""
-    asked = regions.asked
+    """What was asked for, as one number for boxes and one for balls, and what times mean."""
+    disturbed = regions.asked is not None and bool(regions.asked.disturbance)
+    # Everybody compares these times with the time to one percent of the verdict.
+    told = ""
+    if any(each.time and (disturbed or each.disturbance) for each in regions.claims):
+        told = f" {FIXED['with_estimation_errors']}"
+    return f"{_asked(regions)}{told}"
+
+
+def _asked(regions: Regions) -> str:
+    asked, unit = regions.asked, regions.unit
     if asked is None:
         if any(claim.box for claim in regions.claims):
             return "No region was asked for: the largest that was found is shown."
@@ -157,8 +171,8 @@ def asked_sentence(regions: Regions) -> str:
     if asked.disturbance:
         errors = f" and |εᵢ| ≤ {upper(asked.disturbance)} for every agent i"
     return (
-        f"Asked for: every start with |e|∞ ≤ {upper(asked.box)}{errors}. A ball covers these only "
-        f"if its radius is at least {upper(asked.ball)}."
+        f"Asked for: every start with |e|∞ ≤ {upper(asked.box, unit)}{errors}. A ball covers "
+        f"these only if its radius is at least {upper(asked.ball, unit)}."
     )
 
 
@@ -217,15 +231,15 @@ def rest_sentence(regions: Regions) -> str | None:
     if regions.rest is None:
         return None
     return (
-        f"There is another equilibrium, at |e|∞ ≈ {regions.rest:.4g}. No proof of consensus "
-        "can reach it."
+        f"There is another equilibrium, at |e|∞ ≈ {with_unit(number(regions.rest), regions.unit)}."
+        " No proof of consensus can reach it."
     )
 
 
 def agents_sentence(regions: Regions, *, drawn: int | None = None) -> str:
     """What the picture of single agents shows; ``drawn``: how many of them, if not all."""
-    bounds = [agent.bound for agent in regions.agents]
-    reach, most = lower(min(bounds)), lower(max(bounds))
+    bounds, unit = [agent.bound for agent in regions.agents], regions.unit
+    reach, most = lower(min(bounds), unit), lower(max(bounds), unit)
     if reach != most:
         # in coordinates or with weights agents differ
         reach += f", for some agents up to {most}"
@@ -256,12 +270,15 @@ def stages_table(settling: Settling) -> Table:
     def rate(stage: Stage) -> str:
         return NONE if stage.rate is None else lower(float_below(stage.rate))
 
+    def bound(stage: Stage) -> str:
+        return upper(float_above(stage.bound), settling.unit)
+
     return table_of(
         "What proves the settling time",
         settling.stages,
         Column("proof", lambda stage: stage.kind),
         Column("from t =", lambda stage: _in_seconds(float_above(stage.start)), style="number"),
-        Column("where |e|∞ ≤", lambda stage: upper(float_above(stage.bound)), style="number"),
+        Column("where |e|∞ ≤", bound, style="number"),
         Column("rate in 1/s", rate, style="number"),
     )
 
@@ -272,10 +289,11 @@ def settling_sentence(settling: Settling) -> str:
     errors = ""
     if settling.disturbance:
         errors = f" and |εᵢ| ≤ {lower(settling.disturbance)} for every i"
-    tolerance = upper(float_above(settling.tolerance))
+    tolerance = upper(float_above(settling.tolerance), settling.unit)
     proof = "a moving box and a certificate" if len(settling.stages) != 1 else "one certificate"
+    radius = lower(settling.radius, settling.unit)
     return (
-        f"{whose} every start with |e|∞ ≤ {lower(settling.radius)}{errors} it is proved that "
+        f"{whose} every start with |e|∞ ≤ {radius}{errors} it is proved that "
         f"|e(t)|∞ ≤ {tolerance} for all t ≥ {upper(settling.time or 0.0)} s, by {proof}."
     )
 
@@ -283,8 +301,9 @@ def settling_sentence(settling: Settling) -> str:
 def envelope_alt(settling: Settling) -> str:
     """The picture of the envelope in words."""
     first = upper(float(settling.envelope(0.0)))
+    last = lower(settling.tolerance, settling.unit)
     return (
-        f"Certified bound of |e|∞ over time: from {first} down to {lower(settling.tolerance)} at "
+        f"Certified bound of |e|∞ over time: from {first} down to {last} at "
         f"{upper(settling.time)} s."
     )
 

@@ -90,15 +90,15 @@ def mark_of(verdict: Verdict) -> doc.Mark:
     return doc.Mark(SIGNS[verdict.value], verdict.value)
 
 
-def domain_words(domain: Domain) -> str:
-    """Where a check holds, in a few words."""
+def domain_words(domain: Domain, unit: str) -> str:
+    """Where a check holds, in a few words; ``unit``: of the states, "" without one."""
     if not isinstance(domain, Around):
         said = {"global": "every start", "consensus": "near the target"}
         return said.get(str(domain), str(domain))
     # A box bounds every component by itself, a ball all of them together.
     norm = "|e|∞" if domain.kind == "box" else "|e|₂"
     errors = f"every |εᵢ| ≤ {lower(domain.disturbance)}"
-    return f"starts with {norm} ≤ {lower(domain.radius)} and {errors}"
+    return f"starts with {norm} ≤ {lower(domain.radius, unit)} and {errors}"
 
 
 def covering_domain(certificate: Certificate) -> Domain | None:
@@ -118,9 +118,9 @@ def _proved_of(certificate: Certificate) -> list[Check]:
 def facts(certificate: Certificate) -> dict[str, str]:
     """A certificate in a few words by name; an en dash where it says nothing."""
     domain, rate = covering_domain(certificate), certificate.rate
-    proof = certificate.covered_by
+    proof, unit = certificate.covered_by, certificate.problem.unit
     return {
-        "Holds for": "–" if domain is None else domain_words(domain),
+        "Holds for": "–" if domain is None else domain_words(domain, unit),
         "Certified decay rate": "–" if rate is None else f"{lower(rate)} 1/s",
         "Factor": upper(certificate.factor),
         "To one percent within": one_percent_words(certificate),
@@ -251,7 +251,7 @@ def _proved(certificate: Certificate) -> Iterator[str]:
     if domain == EVERYWHERE:
         yield f"Every agent {goes} from every start, however far: the proof is global."
     elif isinstance(domain, Around):
-        yield f"Every agent {goes} from all {domain_words(domain)}: {_norms(domain)}."
+        yield f"Every agent {goes} from all {domain_words(domain, problem.unit)}: {_norms(domain)}."
     else:
         yield f"There is a neighbourhood of the target from which every agent {goes}."
     if problem.groups and not final:

@@ -311,6 +311,8 @@ class _Tried:
         unit = UNITS[option]
         if self.setting.problem.dynamics is not None and option in OF_INPUTS:
             unit = "unit of u"
+        elif self.setting.problem.unit:
+            unit = unit.replace("unit of x", self.setting.problem.unit)
         return Sweep(
             option=option,
             unit=unit,

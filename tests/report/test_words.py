@@ -72,12 +72,12 @@ def test_numbers_are_written_as_people_write_them():
 
 
 def test_domains_in_words():
-    assert domain_words(EVERYWHERE) == "every start"
-    assert domain_words(NEAR_TARGET) == "near the target"
-    assert domain_words(Ball(1.5, 0)) == "starts with |e|₂ ≤ 1.5 and every |εᵢ| ≤ 0"
-    assert domain_words(Box(1.5, 0.25)) == "starts with |e|∞ ≤ 1.5 and every |εᵢ| ≤ 0.25"
-    assert domain_words(domain_from_json({"kind": "box"})) == '{"kind": "box"}'
-    assert domain_words(domain_from_json("<i>")) == "<i>"
+    assert domain_words(EVERYWHERE, "m") == "every start"
+    assert domain_words(NEAR_TARGET, "") == "near the target"
+    assert domain_words(Ball(1.5, 0), "m") == "starts with |e|₂ ≤ 1.5 m and every |εᵢ| ≤ 0"
+    assert domain_words(Box(1.5, 0.25), "") == "starts with |e|∞ ≤ 1.5 and every |εᵢ| ≤ 0.25"
+    assert domain_words(domain_from_json({"kind": "box"}), "m") == '{"kind": "box"}'
+    assert domain_words(domain_from_json("<i>"), "") == "<i>"
 
 
 def test_what_is_not_said_names_the_disturbances_that_the_problem_has(problem_with, certificate_of):

@@ -11,7 +11,7 @@ would cure it.  What passes is decided exactly, as by ``certify``; nothing is co
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -53,7 +53,8 @@ def assert_proved(
     if certificate.verdict is not Verdict.PROVED:
         raise AssertionError(_told(certificate, Verdict.PROVED))
     if rate is not None:
-        _require_rate(f"{stated.name}", certificate.rate, parse_number(rate, key="rate"))
+        why = [f"  Reason: {certificate.reason}"]
+        _require_rate(stated.name, certificate.rate, parse_number(rate, key="rate"), why)
     return certificate
 
 
@@ -118,7 +119,8 @@ def assert_condition(
             ("margin", check.margin, margin),
         ):
             if wanted is not None:
-                _require_rate(check.title, proved, parse_number(wanted, key=name), name=name)
+                least = parse_number(wanted, key=name)
+                _require_rate(check.title, proved, least, _about(check), name=name)
     return chosen[-1]
 
 
@@ -143,14 +145,19 @@ def assert_verified(folder: str | Path, problem: Source) -> None:
         raise AssertionError(f"The certificate in {folder} does not hold.\n{found}")
 
 
-def _require_rate(who: str, proved: float | None, wanted: Fraction, *, name: str = "rate") -> None:
+def _require_rate(
+    who: str, proved: float | None, wanted: Fraction, why: Iterable[str], *, name: str = "rate"
+) -> None:
     """Raises: AssertionError unless the proved number reaches the wanted one, exactly."""
+    if proved is not None and claimed(proved) >= wanted:
+        return
+    told = f"the proved {name} is {proved}, less than the {number_text(wanted)} asked."
     if proved is None:
-        raise AssertionError(f"{who} is proved without a {name}; {number_text(wanted)} is asked.")
-    if claimed(proved) < wanted:
-        raise AssertionError(
-            f"{who}: the proved {name} is {proved}, less than the {number_text(wanted)} asked."
-        )
+        told = f"proved without a {name}; {number_text(wanted)} is asked."
+    lines = [f"{who}: {told}", *why]
+    if name == "rate":
+        lines.append("  Cure: dd.design looks for gains with this rate, dd.design_observer for W.")
+    raise AssertionError("\n".join(lines))
 
 
 def _told(certificate: Certificate, wanted: Verdict) -> str:
@@ -162,7 +169,9 @@ def _told(certificate: Certificate, wanted: Verdict) -> str:
     ]
     for check in certificate.checks:
         if check.verdict is not Verdict.PROVED and check.applies:
-            lines += [f"{check.title} is {check.verdict.value}.", *_about(check)]
+            lines.append(f"{check.title} is {check.verdict.value}.")
+            # One cure may serve several checks.
+            lines += [line for line in _about(check) if line not in lines]
     return "\n".join(lines)
 
 
@@ -176,8 +185,9 @@ def _about(check: Check) -> Iterator[str]:
 
 
 def _witness_words(witness: Witness) -> str:
-    values = [*(witness.labels or ()), *(witness.values or ())]
-    shown = ", ".join(values[:12])
-    if len(values) > 12:
-        shown += f" and {len(values) - 12} more"
-    return f"{witness.kind} {shown}"
+    told = []
+    for kind, values in (("agents", witness.labels), (witness.kind, witness.values)):
+        if values:
+            more = f" and {len(values) - 12} more" if len(values) > 12 else ""
+            told.append(f"{kind} {', '.join(values[:12])}{more}")
+    return "; ".join(told)

@@ -17,8 +17,8 @@ from dobc_design.conditions.check import Check
 from dobc_design.conditions.consensus.agreement import agreement_words
 from dobc_design.conditions.consensus.claim import Unstable
 from dobc_design.conditions.consensus.network import cure_in_words, name_agents, unheld_groups
-from dobc_design.conditions.coverage import asked_radius, covering
-from dobc_design.conditions.domain import NEAR_TARGET, Around
+from dobc_design.conditions.coverage import asked_ball, asked_radius, covering
+from dobc_design.conditions.domain import NEAR_TARGET, Around, Ball
 from dobc_design.conditions.graphs.claim import signals_in_words
 from dobc_design.conditions.graphs.decide import absorbing
 from dobc_design.conditions.kinds import REACHABILITY
@@ -441,9 +441,13 @@ def _reached(loop: Loop, checks: Sequence[Check]) -> Reason | None:
         head = f"no proof reaches the region asked for: {tried[0].reason}"
         return Reason(head=head, advice=advice, is_open=True)
     reach = ", ".join(_domain_in_words(check, loop.unit) for check in proved)
-    asked = f"|e_i| <= {float(min(max(asked_radius(loop)), MOST)):.6g} {loop.unit}".rstrip()
+    radius = asked_radius(loop)
+    asked = f"|e_i| <= {float(min(max(radius), MOST)):.6g} {loop.unit}".rstrip()
+    asked += " for every agent"
     if loop.starts is not None and loop.starts.disturbance:
         asked += f" and |eps_i| <= {float(min(loop.starts.disturbance, MOST)):.6g}"
+    if any(isinstance(check.domain, Ball) for check in proved):
+        asked += f"; a ball that holds these needs |e| <= {asked_ball(loop, radius):.6g}"
     head = f"consensus is proved from {reach}; the region asks for {asked}."
     return Reason(head=head, advice=advice, is_open=True)
 
@@ -451,8 +455,11 @@ def _reached(loop: Loop, checks: Sequence[Check]) -> Reason | None:
 def _domain_in_words(check: Check, unit: str) -> str:
     if not isinstance(check.domain, Around):
         return f"every start ({check.id})"
-    error = "|e_i|" if check.domain.kind == "box" else "|e|"
-    told = f"{error} <= {check.domain.radius} {unit}".rstrip()
+    told = f"<= {check.domain.radius} {unit}".rstrip()
+    if isinstance(check.domain, Ball):
+        told = f"the ball |e| {told} of all errors together"
+    else:
+        told = f"|e_i| {told} for every agent"
     if check.domain.disturbance:
         told += f" and |eps_i| <= {check.domain.disturbance}"
     return f"{told} ({check.id})"

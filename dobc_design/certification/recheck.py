@@ -147,7 +147,7 @@ def verify_twice(certificate: Claims | bytes, problem: Problem) -> Recheck:
         refusals = [f"it cannot read the files: {error}"]
         if foreign:
             refusals = ["the files do not belong together"]
-    said = f"it refuses: {refusals[0]}" if refusals else "it accepts every claim"
+    said = f"it refuses the certificate; {refusals[0]}" if refusals else "it accepts every claim"
     if own.holds is not bool(refusals):
         return replace(own, lone_checker=said)
     view = "the package refuses, the second checker accepts"

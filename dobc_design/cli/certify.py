@@ -97,7 +97,7 @@ def certify(
         str | None,
         Option(
             metavar="NUMBER",
-            help="Look for proofs with at least this rate, 1/s; default: the least time to 1 %.",
+            help="Look for proofs with at least this rate, 1/s; default: what reaches 1 % first.",
         ),
     ] = None,
     time_limit: TimeLimit = None,

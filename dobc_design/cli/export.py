@@ -45,9 +45,7 @@ class Targets:
     ] = None
     rocq: Annotated[
         Path | None,
-        Option(
-            help="Write what is proved as a Rocq (Coq) file here: of all motions, or of a matrix."
-        ),
+        Option(help="Write the proof as a Rocq (Coq) file: of all motions, or of --theorem."),
     ] = None
 
 

@@ -35,7 +35,10 @@ class Stresses:
     loss: Annotated[float | None, Option(help="Probability that a packet is lost.")] = None
     fail: Annotated[
         list[str] | None,
-        Option(metavar="LABEL@TIME", help="Or LABEL@TIME:freeze; may be repeated."),
+        Option(
+            metavar="LABEL@TIME",
+            help="This agent fails then; with :freeze its last values stay. May be repeated.",
+        ),
     ] = None
     worst: Annotated[
         bool,

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from fractions import Fraction
 from itertools import chain, islice
 from types import MappingProxyType
@@ -398,9 +399,18 @@ def _read_pair(pair: Sequence[Any], index: Index, *, key: str) -> tuple[int, int
         if text not in index:
             what = f"arc {shown(list(pair))} leaves the graph;"
             what += f" there is no agent {shown(text)}{_range(index)}."
-            raise about(key, what, "Use a label from network.agents.")
+            raise about(key, what, meant(text, tuple(index)))
         ends.append(index[text])
     return ends[0], ends[1], pair[2] if len(pair) == 3 else 1
+
+
+def meant(label: str, labels: Names) -> str:
+    """What to write in place of a label that does not exist."""
+    near: list[str] = []
+    if not label.isdigit():
+        # Bounded, because the search takes the product of both lengths.
+        near = get_close_matches(label[:100], labels[:1000], n=1)
+    return f'Did you mean "{near[0]}"?' if near else "Use a label from network.agents."
 
 
 def _range(index: Index) -> str:

@@ -109,7 +109,7 @@ def _size(found: Findings) -> Iterator[Block]:
         rows, unknowns = loop.n * (m + q), q * (q + 1) // 2 + q * m
         told = (
             f"As printed, (18) is a linear matrix inequality of {counted(len(loop.modes), 'block')}"
-            f" with {rows} rows and {unknowns} unknowns (dobc_design.block_lmi). The equivalent "
+            f" of {rows} rows in {unknowns} unknowns (dobc_design.block_lmi). The equivalent "
             f"condition is decided with matrices of {loop.n * m} rows (Λ + I ⊗ S) and {q} (Ω₀); "
             "P and Q are sought for one agent, whatever the number of agents."
         )

@@ -74,7 +74,7 @@ def _summary(found: Findings) -> Iterator[Block]:
 def _meaning(found: Findings) -> Iterator[Block]:
     meaning = words.what_it_means(found.certificate)
     says = Section("It says", (List(meaning.says),))
-    says_not = Section("It does not say", (List(meaning.says_not),))
+    says_not = Section("Its limits", (List(meaning.says_not),))
     # Beside each other, so that nobody reads the first without the second.
     yield Beside(((says,), (says_not,)))
 

@@ -93,8 +93,8 @@ def _observability(analysis: Analysis) -> str:
     ]
     return (
         f" In floating point the observability matrix has rank {found.rank} of {found.order}. "
-        "The smallest singular value of [A − λI; C] at the eigenvalues λ of A, 0 means "
-        f"unobservable: {', '.join(margins)}."
+        "The smallest singular value of [A − λI; C], which would be 0 at an unobservable "
+        f"eigenvalue λ of A, is {', '.join(margins)}."
     )
 
 

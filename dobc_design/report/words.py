@@ -41,13 +41,13 @@ from dobc_design.report import document as doc
 from dobc_design.verdict import Verdict
 
 NO_DELAY = (
-    "No delay is certified: for agents with [dynamics] only some max-separable proofs state one. "
+    "No delay is certified. For agents with [dynamics] only some max-separable proofs allow one. "
     "`dobc stress FILE` looks for the longest sampling period at which runs converge (all "
     "readings, also of oneself, are then up to a period old); `dobc stress FILE --period 0.03` "
     "makes one run."
 )
 NO_DELAY_OF_LEADERS = (
-    "No delay is certified: for agents with [dynamics] only some max-separable proofs state one. "
+    "No delay is certified. For agents with [dynamics] only some max-separable proofs allow one. "
     "Delays are not simulated for a target that moves, either."
 )
 MOST_LISTED = 40  # agents listed one by one
@@ -503,6 +503,10 @@ def _mode_sentence(arcs: Arcs, problem: Problem) -> str:
         count += ", with weights"
     steps = common_offsets(weights, n)
     if steps is not None and n > 2 and len(steps) <= MOST_STEPS and len(steps) < n - 1:
+        labels = problem.network.labels
+        if labels != tuple(map(str, range(1, n + 1))):
+            whom = names_in_words([labels[s] for s in steps])
+            return f"{count}; {labels[0]} listens to {whom}, and so on around the circle of agents."
         whom = names_in_words([f"i + {s}" if 2 * s <= n else f"i − {n - s}" for s in steps])
         return f"{count}; every agent i listens to {whom}, counted around a circle of {n}."
     # one way at least once

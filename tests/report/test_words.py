@@ -5,6 +5,7 @@ from fractions import Fraction
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from networks import linked
 
 from dobc_design import Exosystem, Group, Network, Problem, Switching, certify
 from dobc_design._show.text import significant_towards_zero
@@ -95,6 +96,9 @@ def test_a_ring_is_said_in_words(problem_with):
     assert mode_sentences(problem) == [
         "Ga: 10 arcs; every agent i listens to i + 1, counted around a circle of 10."
     ]
+    named = linked([["a", "b"], ["b", "c"], ["c", "d"], ["d", "a"]])
+    (around,) = mode_sentences(named)
+    assert around.endswith(": 4 arcs; a listens to b, and so on around the circle of agents.")
     assert pin_sentence(problem) == "2 of 10 agents are pinned: 1 and 6."
     assert agents_table(problem).rows[0] == ("1", "5", "1", "2")
 

@@ -563,10 +563,7 @@ def state_theorems(loop: Loop) -> Statements:
 def _why_inapplicable(loop: Loop) -> str | None:
     """Why slopes at the target decide nothing; None where they may."""
     if loop.slopes_move:
-        return (
-            "does not apply: the leader moves, and with it the slopes of f: those at one point "
-            "prove nothing."
-        )
+        return "does not apply: the leader moves, and the slopes of f that it needs change with it."
     if (curved := pins_obstacle(loop)) is not None:
         return curved
     # The theorems ask for a derivative on a neighbourhood, not only at the consensus.

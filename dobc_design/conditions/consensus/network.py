@@ -306,7 +306,7 @@ def cure_in_words(loop: Loop, arcs: Sequence[Arcs]) -> str:
     for group in groups[:SHOWN]:
         agents = " or ".join(loop.labels[i] for i in group[:3])
         if len(group) > 3:
-            agents += " or another of theirs"
+            agents += " or another of that group"
         named.append(agents)
     text = f"Pin agent {', and agent '.join(named)}"
     if len(groups) > SHOWN:
@@ -371,7 +371,7 @@ def refutation(loop: Loop, vector: Vector, *, alone: Sequence[int], roots: int) 
         text = _unheard(loop, labels, moved)
     else:
         text = (
-            f"for the error vector shown, which moves {name_agents(moved)}, V = e'e does not "
+            f"for the error vector shown, nonzero at {name_agents(moved)}, V = e'e does not "
             "decrease."
         )
         pinned = {loop.labels[i] for i in loop.pulls.nodes}

@@ -391,6 +391,8 @@ def _why_so_many(problem: Problem, grounds: Grounds, count: int) -> str:
         return "the network is held where it listens to nobody outside"
     if len(groups) > 1:
         why = f"{len(groups)} groups listen to nobody outside, and each needs a pin"
+        if len(groups) > count:
+            why = f"{why} (groups of different modes may share one)"
         switching = problem.switching
         # Groups are those of every mode alone, although a signal may leave it in time.
         guaranteed = switching is not None and switching.is_guaranteed

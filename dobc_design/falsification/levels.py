@@ -7,6 +7,7 @@ every start but 0 to the boundary of a certified set.
 from __future__ import annotations
 
 import numpy as np
+from numpy.random import Generator
 
 from dobc_design._checks import noun
 from dobc_design.certificate.certificate import Certificate
@@ -234,7 +235,7 @@ class Boundary:
             width = 2 / np.sqrt(max(TINY, mean))
         return self.level.lengths, width * self.loop.owned
 
-    def draw(self, rng: np.random.Generator, count: int, kind: str) -> Pair:
+    def draw(self, rng: Generator, count: int, kind: str) -> Pair:
         """Starts of one kind."""
         rows = self.loop.n * self.loop.m
         if kind == RANDOM:

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.random import Generator, default_rng
 
 from dobc_design._checks import noun
 from dobc_design.loop.arrays import ArcGroup
@@ -53,9 +54,9 @@ class StressedRuns:
         # all runs have the same graphs
         return self.setting.groups_of(self.switches[0], mode)
 
-    def streams(self, number: int) -> list[np.random.Generator]:
+    def streams(self, number: int) -> list[Generator]:
         """One stream of random numbers of each run."""
-        return [np.random.default_rng([seed, number]) for seed in self.seeds]
+        return [default_rng([seed, number]) for seed in self.seeds]
 
     def stacked(self, part: str) -> Array:
         """x, xi, xihat or eps of all starts, (n, m or q, R)."""

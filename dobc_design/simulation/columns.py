@@ -64,7 +64,7 @@ class Ends:
             ESCAPED: f"|e|_inf exceeded {FARTHEST:.0e} times its start at",
             COLLAPSED: "the step size collapsed or the state overflowed just after",
         }
-        found: dict[int, str] = {}
+        found = {}
         for run in np.flatnonzero(self.states >= ESCAPED).tolist():
             why = words.get(int(self.states[run]))
             found[run] = "" if why is None else f"{why} t = {self.times[run]:.6g} s"

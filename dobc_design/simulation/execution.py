@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, partial
-from typing import Any
 
 import numpy as np
 
 from dobc_design._checks import noun
 from dobc_design.errors import wrong
+from dobc_design.exact.reading import Texts
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import IndexArray
 
@@ -240,7 +240,7 @@ class _Collector:
             self.side_by_side(closed)
         return self.ensemble(tuple(notes))
 
-    def ensemble(self, notes: tuple[str, ...]) -> Ensemble:
+    def ensemble(self, notes: Texts) -> Ensemble:
         """What was collected."""
         setting = self.setting
         problem = setting.problem
@@ -387,7 +387,7 @@ class _Chunk:
         estimation[self.chosen] = 0.0
         if closed is None:
             return
-        weights: Any = np.moveaxis(closed.many(setting.times), 2, 0)
+        weights = np.moveaxis(closed.many(setting.times), 2, 0)
         if setting.loop.plant is not None:  # from states to inputs
             weights = np.linalg.pinv(setting.loop.plant.B) @ weights
         for place, weight in enumerate(weights):

@@ -26,6 +26,8 @@ from dobc_design.loop.matrices import Array, pull_matrix
 from dobc_design.problem.network import BoolArray, IndexArray
 from dobc_design.problem.problem import Problem
 
+ArrayFunction = Callable[[Array], Array]
+
 BLOCK = 1 << 15  # differences held at once: a quarter of a MiB per array
 MOST_SLOTS = 32  # arcs of one agent up to which a block is worked through slot by slot
 LARGEST_PRODUCT = 8  # exponents up to which a power is computed by multiplication
@@ -53,7 +55,7 @@ class _FastAlgebra(NumpyAlgebra):
         return result
 
 
-def compile_coupling(coupling: Coupling) -> Callable[[Array], Array]:
+def compile_coupling(coupling: Coupling) -> ArrayFunction:
     """Return h as a function of differences y (arcs, m, ...), or of any shape where h acts by
     component."""
     programs = [tree.program(expression.node, _FastAlgebra()) for expression in coupling.components]
@@ -75,7 +77,7 @@ def compile_coupling(coupling: Coupling) -> Callable[[Array], Array]:
     return by_vector
 
 
-def _of_rows(coupling: Coupling, m: int) -> Callable[[Array], Array]:
+def _of_rows(coupling: Coupling, m: int) -> ArrayFunction:
     """h of differences (arcs, ...): if it does not act by component, it needs to see the m
     components of each together."""
     h = compile_coupling(coupling)
@@ -91,7 +93,7 @@ class _Block:
     ``rows``.  Without slots, for hubs, ``counts[i]`` arcs end at the i-th of ``rows``, and the
     matrix ``factor`` adds them."""
 
-    h: Callable[[Array], Array]
+    h: ArrayFunction
     rows: slice | IndexArray
     speakers: IndexArray
     factor: float | Array | sp.csr_array
@@ -148,7 +150,7 @@ def _blocks(group: ArcGroup, size: int, m: int) -> Iterator[_Block]:
         first = last
 
 
-def _block_of(h: Callable[[Array], Array], arcs: ArcGroup) -> _Block:
+def _block_of(h: ArrayFunction, arcs: ArcGroup) -> _Block:
     """One block of arcs that stand in the order of their listeners."""
     lowest = int(arcs.listeners[0])
     rows = int(arcs.listeners[-1] - arcs.listeners[0]) + 1
@@ -168,9 +170,7 @@ def _block_of(h: Callable[[Array], Array], arcs: ArcGroup) -> _Block:
     )
 
 
-def _by_slots(
-    h: Callable[[Array], Array], arcs: ArcGroup, lowest: int, counts: IndexArray
-) -> _Block:
+def _by_slots(h: ArrayFunction, arcs: ArcGroup, lowest: int, counts: IndexArray) -> _Block:
     """Order agents by their number of arcs, and the arcs by slots: the i-th slot has the i-th arc
     of every agent that has so many."""
     # those with many arcs first: every slot is a piece from the beginning
@@ -256,7 +256,7 @@ class ClosedLoop:
     own: BoolArray | None = None
     plant: Plant | None = None
     bend: Callable[..., Array] | None = None
-    lead: Callable[[Array], Array] | None = None
+    lead: ArrayFunction | None = None
 
     @property
     def rows(self) -> int:
@@ -345,7 +345,7 @@ def make_closed_loop(problem: Problem, gain: Gain | None) -> ClosedLoop:
     )
 
 
-def _bend(plant: Plant, own: Callable[[Array], Array]) -> Callable[..., Array]:
+def _bend(plant: Plant, own: ArrayFunction) -> Callable[..., Array]:
     """What ``own``, the curved part of an agent's dynamics, adds to its slopes at the target."""
 
     def bend(e: Array, s: Array | None = None) -> Array:
@@ -355,9 +355,7 @@ def _bend(plant: Plant, own: Callable[[Array], Array]) -> Callable[..., Array]:
     return bend
 
 
-def _lead(
-    plant: Plant, own: Callable[[Array], Array] | None, drift: Array
-) -> Callable[[Array], Array]:
+def _lead(plant: Plant, own: ArrayFunction | None, drift: Array) -> ArrayFunction:
     """s' of a leader s (m, R), which moves as an agent by itself would."""
 
     def lead(s: Array) -> Array:
@@ -414,7 +412,7 @@ def hears(groups: Sequence[ArcGroup], n: int) -> sp.csr_array:
     rows = np.concatenate([own, *(group.listeners for group in groups)])
     columns = np.concatenate([own, *(group.speakers for group in groups)])
     # a pair that is heard over several arcs is marked once
-    marks: Any = sp.csr_array((np.ones(len(rows)), (rows, columns)), shape=(n, n))
+    marks = sp.csr_array((np.ones(len(rows)), (rows, columns)), shape=(n, n))
     return sp.csr_array(marks != 0).astype(np.float64)
 
 

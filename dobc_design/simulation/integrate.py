@@ -174,7 +174,7 @@ class Integration:
         # signs of stiffness in the present stretch
         self.on_boundary = 0
         self.inside = 0
-        self.notes: list[str] = []
+        self.notes = []
         self.methods = ["DOP853"]
         if self.implicit:
             self.notes.append("The loop is stiff: integrated by the implicit method Radau.")
@@ -318,7 +318,7 @@ class Integration:
         end = piece.stay.end
         step = None if self.step is None else min(self.step, end - self.time)
         tolerance = self.tolerance
-        method: Any = DOP853
+        method = DOP853
         if self.implicit:
             tolerance = max(tolerance, LEAST_IMPLICIT)
             method = partial(Radau, jac_sparsity=piece.pattern())

@@ -138,7 +138,7 @@ class Between(StressedColumns):
 
 def run_sampled_alone(runs: StressedRuns, progress: Progress) -> Outcome:
     """Step a stack of one run from sample to sample."""
-    seen: list[Samples] = []
+    seen = []
     stepper = Stepper(runs, lambda number, sample: seen.append(sample), progress)
     stepper.run()
     count = int(stepper.counts[0])

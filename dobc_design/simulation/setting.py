@@ -10,6 +10,7 @@ import numpy as np
 
 from dobc_design._checks import noun
 from dobc_design.errors import refused, wrong
+from dobc_design.exact.reading import Texts
 from dobc_design.loop.arrays import (
     ArcGroup,
     Gain,
@@ -73,7 +74,7 @@ class Setting:
     observer: str
     tolerance: float
     stress: Stress
-    notes: tuple[str, ...]
+    notes: Texts
 
     @property
     def is_full(self) -> bool:
@@ -91,7 +92,7 @@ class Setting:
         return self.loop.A if self.observer == WITHOUT else self.loop.F
 
     @property
-    def stress_notes(self) -> tuple[str, ...]:
+    def stress_notes(self) -> Texts:
         """The stress in words."""
         return () if self.stress.is_calm else (f"Stress: {self.stress}.",)
 

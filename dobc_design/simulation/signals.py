@@ -22,7 +22,7 @@ from dobc_design._checks import noun, put
 from dobc_design._show.cards import Card, Shown, Told
 from dobc_design.errors import ShapeError, refused, wrong
 from dobc_design.exact.number import nearest
-from dobc_design.exact.reading import counted, is_list
+from dobc_design.exact.reading import Names, Texts, counted, is_list
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.switching import Switching
@@ -57,7 +57,7 @@ class Periodic(Shown):
 
     kind: ClassVar[str] = "periodic"
     dwell: float | Sequence[float]
-    order: tuple[str, ...] | None = None
+    order: Texts | None = None
 
     def __post_init__(self) -> None:
         put(self, order=_order(self.order))
@@ -111,7 +111,7 @@ class Markov(Shown):
 
     kind: ClassVar[str] = "markov"
     generator: tuple[tuple[float, ...], ...]
-    order: tuple[str, ...] | None = None
+    order: Texts | None = None
     start: str | None = None
 
     def __post_init__(self) -> None:
@@ -146,7 +146,7 @@ class Schedule(Shown):
 
     kind: ClassVar[str] = "schedule"
     times: tuple[float, ...]
-    modes: tuple[str, ...]
+    modes: Texts
 
     def __post_init__(self) -> None:
         times = tuple(not_negative(t, f"times[{i}]") for i, t in enumerate(self.times))
@@ -255,7 +255,7 @@ def _increase(times: Sequence[float]) -> bool:
     return all(a < b for a, b in pairwise(times))
 
 
-def _order(given: Sequence[str] | None) -> tuple[str, ...] | None:
+def _order(given: Names | None) -> Texts | None:
     return None if given is None else tuple(map(str, given))
 
 
@@ -316,7 +316,7 @@ def _schedule(own: Switching) -> Schedule:
     return Schedule(times=tuple(times), modes=tuple(modes))
 
 
-def _rounds(own: Switching, names: tuple[str, ...]) -> Periodic:
+def _rounds(own: Switching, names: Texts) -> Periodic:
     """Rounds of one period: of equal stays, or of a schedule."""
     period = own.period or Fraction(0)
     if own.schedule is None:

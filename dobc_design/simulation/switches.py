@@ -10,10 +10,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.random import Generator, default_rng
 
 from dobc_design._checks import noun
 from dobc_design.errors import ShapeError, refused, wrong
-from dobc_design.exact.reading import counted, is_list, shown
+from dobc_design.exact.reading import Texts, counted, is_list, shown
 from dobc_design.loop.arrays import ArcGroup, mode_index
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import BoolArray, IndexArray
@@ -41,7 +42,7 @@ class Switches:
 
     times: Array
     modes: IndexArray
-    names: tuple[str, ...]
+    names: Texts
     graphs: tuple[IndexArray, ...] = ()
 
     def __post_init__(self) -> None:
@@ -78,7 +79,7 @@ class ModeTable:
         """The rows of some runs."""
         return ModeTable(times=self.times[runs], modes=self.modes[runs])
 
-    def named(self, run: int, names: tuple[str, ...]) -> tuple[tuple[float, str], ...]:
+    def named(self, run: int, names: Texts) -> tuple[tuple[float, str], ...]:
         """The active modes of one run by name, each with the instant from which it is."""
         found = []
         for time, mode in zip(self.times[run].tolist(), self.modes[run].tolist(), strict=True):
@@ -112,12 +113,10 @@ def one_mode(name: str) -> Switches:
 Drawn = tuple[Array, IndexArray]  # instants, and the modes from each of them on
 
 
-def scheduled_switches(
-    signal: Scheduled, names: tuple[str, ...], horizon: float, seed: int
-) -> Switches:
+def scheduled_switches(signal: Scheduled, names: Texts, horizon: float, seed: int) -> Switches:
     """Draw the switches of one run over ``horizon`` s.  Raises: SpecError for an unknown mode or
     too many switches."""
-    rng = np.random.default_rng([seed, STREAM])
+    rng = default_rng([seed, STREAM])
     if isinstance(signal, Fixed):
         mode = 0 if signal.mode is None else mode_index(signal.mode, names)
         times, modes = np.zeros(1), np.array([mode])
@@ -151,7 +150,7 @@ def drawn_graphs(problem: Problem) -> dict[str, DrawnGraph]:
     found = {}
     for mode, arcs in problem.network.modes.items():
         # the same graphs for every run: what they cost is shared
-        draws = np.random.default_rng(0).random((GRAPHS, arcs.optional)) < 0.5
+        draws = default_rng(0).random((GRAPHS, arcs.optional)) < 0.5
         if not arcs.optional:
             continue
         draws[0] = False  # the fewest arcs that there can be
@@ -169,7 +168,7 @@ def drawn_switches(signal: Scheduled, problem: Problem, horizon: float, seed: in
     if not graphs:
         return switches
     # a stream of its own: the switches of the modes stay as they are without optional arcs
-    rng = np.random.default_rng([seed, STREAM, STREAM])
+    rng = default_rng([seed, STREAM, STREAM])
     # a mode as it stands in the file, or one of its drawn graphs
     names = (*switches.names, *graphs)
     choices = {mode: [names.index(mode)] for mode in switches.names}
@@ -192,9 +191,7 @@ def refuse_too_many(count: float) -> None:
         raise refused("signal", message, cure)
 
 
-def _order(
-    order: tuple[str, ...] | None, names: tuple[str, ...], length: int | None, key: str
-) -> IndexArray:
+def _order(order: Texts | None, names: Texts, length: int | None, key: str) -> IndexArray:
     """The modes of a signal by index; ``length`` numbers of the argument ``key`` belong to them."""
     if order is None:
         order = names
@@ -207,7 +204,7 @@ def _order(
     return found
 
 
-def _periodic(signal: Periodic, names: tuple[str, ...], horizon: float) -> Drawn:
+def _periodic(signal: Periodic, names: Texts, horizon: float) -> Drawn:
     given = np.atleast_1d(np.asarray(signal.dwell, dtype=np.float64))
     several = is_list(signal.dwell)
     order = _order(signal.order, names, len(given) if several else None, "dwell")
@@ -227,7 +224,7 @@ def _periodic(signal: Periodic, names: tuple[str, ...], horizon: float) -> Drawn
     return times[seen], modes[seen]
 
 
-def _random(signal: RandomDwell, count: int, horizon: float, rng: np.random.Generator) -> Drawn:
+def _random(signal: RandomDwell, count: int, horizon: float, rng: Generator) -> Drawn:
     draws = horizon / signal.dwell
     refuse_too_many(draws)
     most = int(draws) + 1
@@ -244,9 +241,7 @@ def _random(signal: RandomDwell, count: int, horizon: float, rng: np.random.Gene
     return np.asarray(times[seen]), modes[seen]
 
 
-def _markov(
-    signal: Markov, names: tuple[str, ...], horizon: float, rng: np.random.Generator
-) -> Drawn:
+def _markov(signal: Markov, names: Texts, horizon: float, rng: Generator) -> Drawn:
     order = _order(signal.order, names, len(signal.generator), "generator")
     rates = np.array(signal.generator)
     start = order[0] if signal.start is None else mode_index(signal.start, names)

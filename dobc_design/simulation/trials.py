@@ -11,6 +11,7 @@ from functools import cache
 import numpy as np
 
 from dobc_design._checks import noun
+from dobc_design.exact.reading import Texts
 from dobc_design.loop.arrays import Gain, error_arcs
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.matrices import Array, consensus_jacobian, pull_matrix
@@ -46,7 +47,7 @@ class Arena:
 
     problem: Problem
     loop: ClosedLoop
-    modes: tuple[str, ...]
+    modes: Texts
     networks: Callable[[int], Network]
 
     @property

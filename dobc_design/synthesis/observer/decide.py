@@ -19,20 +19,18 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import field
 from fractions import Fraction
 from functools import partial
-from typing import Any
 
 from dobc_design._checks import noun
 from dobc_design.conditions.numbers import bisected, claimed, largest_proved
 from dobc_design.conditions.observer.decide import detectability_check, error_matrix
 from dobc_design.conditions.statement import Statement, proved, refuted, undecided
-from dobc_design.errors import SpecError
+from dobc_design.errors import wrong
 from dobc_design.exact import interval as exponential
 from dobc_design.exact import polynomial as roots
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
 from dobc_design.exact.interval import Interval, exp
 from dobc_design.exact.matrix import (
     Matrix,
-    Vector,
     add,
     identity,
     inverse,
@@ -47,7 +45,7 @@ from dobc_design.exact.matrix import (
 from dobc_design.exact.number import float_above, number_text
 from dobc_design.exact.observability import decide_detectable, observable_reduction
 from dobc_design.exact.polynomial import Coefficients, characteristic_polynomial
-from dobc_design.exact.reading import shown_number
+from dobc_design.exact.reading import Table, shown_number
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.changes import value_text
 from dobc_design.problem.exosystems import Exosystem
@@ -143,24 +141,24 @@ def sampled_matrix(exosystem: Exosystem, W: Matrix, period: Fraction) -> exponen
     """Enclose Ad - W Cd, Ad = exp(A T), Cd = C (1/T) int_0^T exp(A s) ds, of the observer of means
     over T."""
     found = exponential.discretise(exosystem.A, period)
-    columns = range(exosystem.order)
-    zero = Interval.point(0)
-
-    def output(row: Vector, column: int) -> Interval:
-        """An entry of Cd; zeros of C are left out, so that they do not widen it."""
-        parts = (found.mean[r][column] * c for r, c in enumerate(row) if c)
-        return sum(parts, zero)
-
-    def correction(row: Vector, column: int) -> Interval:
-        """An entry of W Cd."""
-        parts = (Cd[c][column] * w for c, w in enumerate(row) if w)
-        return sum(parts, zero)
-
-    Cd = [[output(row, j) for j in columns] for row in exosystem.C]
-    closed = list[tuple[Interval, ...]]()
-    for row, gains in zip(found.transition, W, strict=True):
-        closed.append(tuple(row[j] - correction(gains, j) for j in columns))
+    corrections = _enclosed_product(W, _enclosed_product(exosystem.C, found.mean))
+    closed = []
+    for row, correction in zip(found.transition, corrections, strict=True):
+        closed.append(tuple(x - y for x, y in zip(row, correction, strict=True)))
     return tuple(closed)
+
+
+def _enclosed_product(M: Matrix, N: exponential.IntervalMatrix) -> exponential.IntervalMatrix:
+    """M N; zeros of M are left out, so that they do not widen it."""
+    columns = list(zip(*N, strict=True))
+    rows = []
+    for row in M:
+        entries = []
+        for column in columns:
+            parts = (x * y for x, y in zip(column, row, strict=True) if y)
+            entries.append(sum(parts, Interval.point(0)))
+        rows.append(tuple(entries))
+    return tuple(rows)
 
 
 @noun
@@ -227,9 +225,7 @@ def channel(exosystem: Exosystem, W: Matrix, name: str) -> StateSpace:
     """The transfer function of one channel, exactly.  Raises: SpecError for a name that is none of
     CHANNELS."""
     if name not in claim.CHANNELS:
-        raise SpecError(
-            f"channel must be one of {', '.join(claim.CHANNELS)}; got {name!r}.", key="channel"
-        )
+        raise wrong("channel", f"must be one of {', '.join(claim.CHANNELS)}; got {name!r}.")
     F = error_matrix(exosystem, W)
     C = exosystem.C
     if name == "measurement":
@@ -260,11 +256,12 @@ def hinf_below(system: StateSpace, gamma: Fraction) -> bool:
     if not decide_positive_definite(room).is_proved:
         return False
     R = inverse(room)
-    closed = add(F, multiply(multiply(B, R), multiply(transpose(D), C)))
+    BR = multiply(B, R)
+    closed = add(F, multiply(BR, multiply(transpose(D), C)))
     inner = add(identity(len(C)), multiply(multiply(D, R), transpose(D)))
-    upper = multiply(multiply(B, R), transpose(B))
+    upper = multiply(BR, transpose(B))
     lower = scale(-1, multiply(multiply(transpose(C), inner), C))
-    hamiltonian = list[Vector]()
+    hamiltonian = []
     for left, right in ((closed, upper), (lower, scale(-1, transpose(closed)))):
         hamiltonian += [p + s for p, s in zip(left, right, strict=True)]
     # Eigenvalues come in pairs s, -s, so that it is a polynomial in s^2.
@@ -286,7 +283,7 @@ def root_above(square: Fraction) -> float:
 def noise_statement(exosystem: Exosystem, W: Matrix, limit: claim.NoiseLimit) -> Statement:
     """State whether a norm keeps its limit (H-infinity: stays below it)."""
     system = channel(exosystem, W, limit.channel)
-    exact = dict[str, str]()
+    exact = {}
     if limit.norm == "h2":
         square = h2_squared(system)
         holds = square is not None and square <= limit.bound**2
@@ -402,7 +399,7 @@ class Reduction:
     """What becomes of an exosystem that C does not see whole: ``changes`` of the problem that leave
     its observable part, and the ``words`` for them; or why there is no W at all."""
 
-    changes: Mapping[str, Any] = field(default_factory=dict)
+    changes: Table = field(default_factory=dict)
     words: str | None = None
     obstacle: Statement | None = None
 
@@ -439,7 +436,7 @@ def _undetectable_groups(problem: Problem, *, reduce: bool) -> Iterator[Statemen
             yield refuted("detectable", text)
             continue
         # The reduction of one group is advice; it is not made here.
-        kept = list[str]()
+        kept = []
         for key, value in check.fix.set.items():
             if value:
                 kept.append(f"{key.rpartition('.')[2]} = {value_text(value)}")

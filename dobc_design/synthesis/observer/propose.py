@@ -74,7 +74,7 @@ def propose_gains(
         plant = make_plant(exosystem, request)
         if not len(plant.A):
             yield zeros(exosystem.order, exosystem.outputs), "nothing to correct"
-        found = list[tuple[Array, str]]()
+        found = []
         for W, source in _gains(plant, request) if len(plant.A) else ():
             yield round_matrix(plant.T.T @ W, request.digits), source
             found.append((W, source))
@@ -152,7 +152,7 @@ def _gains(plant: Plant, request: claim.ObserverRequest) -> Iterator[tuple[Array
             own = replace(plant, regions=(claim.HalfPlane(left_of=-rate), *plant.regions))
         if claim.common_interval(own.regions) is None:
             continue
-        found = list[tuple[Array, str]]()
+        found = []
         for slack in slacks:
             W = lmi_gain(own, slack=slack)
             if W is not None:
@@ -234,7 +234,7 @@ class _Inequalities:
             Unknown(name="Q", rows=q, columns=m, symmetric=False),
         )
         values = dict(self._at_unit_entries(unknowns))
-        pencils = list[Pencil]()
+        pencils = []
         for k, constant in enumerate(self._blocks(np.zeros((q, q)), np.zeros((q, m)))):
             coefficients = {place: _sparse(value[k] - constant) for place, value in values.items()}
             pencils.append(
@@ -310,7 +310,7 @@ class _Inequalities:
 
 def _sparse(matrix: Array) -> SparseSymmetric:
     """A symmetric array, exactly."""
-    entries = dict[tuple[int, int], Fraction]()
+    entries = {}
     for i, j in zip(*np.nonzero(np.triu(matrix)), strict=True):
         entries[int(i), int(j)] = Fraction(float(matrix[i, j]))
     return SparseSymmetric(len(matrix), entries)

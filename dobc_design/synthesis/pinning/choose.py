@@ -19,6 +19,7 @@ from dobc_design.conditions.statement import Statement, proved, refuted
 from dobc_design.exact.number import number_text
 from dobc_design.synthesis.pinning import decide
 
+from .claim import Agents
 from .decide import Ground
 from .propose import PinningProposer
 
@@ -38,7 +39,7 @@ class _Node:
     outside: frozenset[int]
     bound: Fraction
     # agents with a gain at the optimum of the node, the largest gain first
-    support: tuple[int, ...]
+    support: Agents
 
 
 @dataclass(eq=False, kw_only=True)
@@ -55,14 +56,14 @@ class Choice:
     pins: int
     groups: Sequence[Sequence[int]]
     start: Collection[int] | None = None
-    agents: tuple[int, ...] | None = None
+    agents: Agents | None = None
     cost: float = float("inf")
     # open nodes, the lowest bound first
     _heap: list[tuple[Fraction, int, _Node]] = field(default_factory=list)
     # bounds of closed nodes that are not impossible
     _closed: list[Fraction] = field(default_factory=list)
     _nodes: int = 0
-    _met: dict[tuple[int, ...], float] = field(default_factory=dict)
+    _met: dict[Agents, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.start is not None:
@@ -90,7 +91,7 @@ class Choice:
         self._add(node.inside, node.outside | {agent}, node.bound)
 
     @property
-    def rivals(self) -> list[tuple[int, ...]]:
+    def rivals(self) -> list[Agents]:
         """Other sets that were met and cost the same to six digits."""
         most = self.cost * (1 + SIX_DIGITS)
         alike = {agents for agents, cost in self._met.items() if cost <= most}

@@ -44,7 +44,7 @@ from dobc_design.exact.definite import decide_positive_definite, decide_positive
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Vector
 from dobc_design.exact.number import number_text
-from dobc_design.exact.reading import counted
+from dobc_design.exact.reading import Names, counted
 from dobc_design.exact.symmetric import SparseSymmetric, Symmetric
 from dobc_design.exact.zmatrix import proves
 from dobc_design.loop.arcs import closed_groups
@@ -52,13 +52,7 @@ from dobc_design.loop.make import loop_of
 from dobc_design.problem.changes import typed_number
 from dobc_design.problem.problem import Problem
 
-from .claim import (
-    Bound,
-    Gains,
-    Limits,
-    PinningRequest,
-    Structure,
-)
+from .claim import Agents, Bound, Gains, Limits, PinningRequest, Structure
 
 ZERO = Fraction(0)
 BITS = 40  # of the largest entry of a rounded multiplier
@@ -104,7 +98,7 @@ def reaches(ground: Ground, gains: Gains, *, hints: Vectors = ()) -> bool:
 
 def _diagonal(gains: Gains, m: int) -> dict[tuple[int, int], Fraction]:
     """The entries of -2 K, whose agents have m rows each."""
-    entries = dict[tuple[int, int], Fraction]()
+    entries = {}
     for agent, gain in gains.items():
         for row in range(agent * m, (agent + 1) * m):
             entries[row, row] = -2 * gain
@@ -143,7 +137,7 @@ def bound_from(ground: Ground, vectors: Vectors, allowed: Collection[int]) -> Bo
             rows.append((mode, [round(Fraction(x) / unit) for x in v]))
     multipliers = Multipliers(rows=rows, unit=unit, width=ground.problem.m)
     loads = [multipliers.load(i) for i in range(ground.problem.n)]
-    prices = dict[int, Fraction]()
+    prices = {}
     for i in sorted(set(allowed)):
         cost = request.costs[i]
         if loads[i] <= cost:
@@ -212,7 +206,7 @@ def obstacle_to(
     added = SparseSymmetric(size, held).shifted(2 * ground.request.rate)
     for mode, enclosed in ground.lambdas.items():
         matrix = Enclosed(middle=enclosed.middle + added, deviations=enclosed.deviations)
-        fitting = list[list[float]]()
+        fitting = []
         for name, v in candidates:
             if name == mode and len(v) == size:
                 fitting.append([0.0 if row // m in free else x for row, x in enumerate(v)])
@@ -254,7 +248,7 @@ def pins_needed(ground: Ground, directions: Vectors) -> int:
 def _are_slow(enclosed: Enclosed, rate: Fraction, vectors: list[Any]) -> bool:
     """Whether the directions are independent, and v'(Lambda0 + 2 rate I)v >= 0 for all their
     combinations."""
-    coarse = list[list[int]]()
+    coarse = []
     for v in vectors:
         top = max(map(abs, v))
         coarse.append([round(x / top * COARSE) for x in v])
@@ -280,7 +274,7 @@ def _from_integers(table: Any) -> SparseSymmetric:
 
 def structure_of(problem: Problem, allowed: Collection[int]) -> Structure:
     """The groups of all modes and the least number of allowed agents that meet them."""
-    found = set[tuple[int, ...]]()
+    found = set()
     for arcs in problem.network.modes.values():
         found |= set(closed_groups(loop_of(problem), [arcs]))
     groups = tuple(sorted(found, key=lambda group: (len(group), group)))
@@ -334,7 +328,7 @@ def structural_obstacle(
     return None
 
 
-def _too_few(pins: int, structure: Structure, labels: Sequence[str], scope: Scope) -> Statement:
+def _too_few(pins: int, structure: Structure, labels: Names, scope: Scope) -> Statement:
     groups = structure.groups
     if len(structure.apart) > pins:
         groups = structure.apart
@@ -352,7 +346,7 @@ def apart(groups: Sequence[Collection[int]]) -> list[int]:
     """Places of groups without a common agent, the smallest first: each needs a pin of its own."""
     # Small groups first: they leave the most agents for others.
     used = set[int]()
-    kept = list[int]()
+    kept = []
     for k in sorted(range(len(groups)), key=lambda k: (len(groups[k]), k)):
         if not used & set(groups[k]):
             used |= set(groups[k])
@@ -360,7 +354,7 @@ def apart(groups: Sequence[Collection[int]]) -> list[int]:
     return kept
 
 
-def _fewest(groups: Sequence[frozenset[int]], least: int) -> tuple[int, ...] | None:
+def _fewest(groups: Sequence[frozenset[int]], least: int) -> Agents | None:
     """The smallest set that meets all groups, by search in growing size; None if that was given
     up."""
     if len(apart(groups)) == len(groups):
@@ -376,9 +370,7 @@ def _fewest(groups: Sequence[frozenset[int]], least: int) -> tuple[int, ...] | N
     return None
 
 
-def _of_size(
-    groups: Sequence[frozenset[int]], size: int, steps: list[int]
-) -> tuple[int, ...] | None:
+def _of_size(groups: Sequence[frozenset[int]], size: int, steps: list[int]) -> Agents | None:
     """A set of so many agents that meets all groups; None without one, or where no ``steps`` are
     left."""
     steps[0] -= 1
@@ -455,7 +447,7 @@ def limit_of(
     if not any(w) or min(w) < 0 or any(w[i] for i in free) or not mode.is_nonnegative_diagonal:
         return None
     held = set(pinned) & set(caps)
-    pull = dict[int, Fraction]()
+    pull = {}
     for i, x in enumerate(w):
         if x:
             pull[i] = x * caps[i] if i in held else Fraction(0)

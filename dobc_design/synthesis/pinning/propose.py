@@ -31,7 +31,7 @@ from dobc_design.loop.make import loop_of
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import Array
 
-from .claim import Gains, PinningRequest
+from .claim import Agents, Gains, PinningRequest
 
 Vectors = list[tuple[str, Array]]  # mode, and a vector over the n m rows
 # closed forms spent on exchanges and ties, times agents; agents above which: none
@@ -82,7 +82,7 @@ class PinningProposer:
         blocks = pinning.for_rate(self.blocks, rate)
         if blocks.agents * blocks.width > pinning.PROGRAM_ROWS * 3:
             return []
-        columns = list[list[Array]]()
+        columns = []
         for table in blocks.tables:
             values, vectors = np.linalg.eigh(table.toarray())
             columns.append(list(vectors.T[values < -1e-7 * blocks.scale]))
@@ -90,7 +90,7 @@ class PinningProposer:
 
     def greedy(
         self, allowed: Sequence[int], groups: Sequence[Sequence[int]], rate: float, pins: int | None
-    ) -> tuple[int, ...] | None:
+    ) -> Agents | None:
         """A small set that reaches the rate, or with ``pins`` a cheap one of at most so many; None
         if none was found. One agent of each group first, then where the slowest direction is
         heaviest, then the cheapest to add, then exchanges of one agent for another; of many agents
@@ -140,7 +140,7 @@ class PinningProposer:
         costs = {agent: self._cost([*chosen, agent], rate) for agent in left[::step]}
         return min(costs, key=lambda agent: (costs[agent], agent))
 
-    def cheapest(self, allowed: Sequence[int], pins: int, rate: float) -> tuple[int, ...]:
+    def cheapest(self, allowed: Sequence[int], pins: int, rate: float) -> Agents:
         """The cheapest of all sets of so many agents, where these are few; () if none is found."""
         if comb(len(allowed), pins) > MOST_SETS:
             return ()
@@ -155,7 +155,7 @@ class PinningProposer:
         own = self._cost(chosen, rate)
         if own == np.inf or len(chosen) * len(allowed) > self._affordable():
             return []
-        alike = list[tuple[int, int]]()
+        alike = []
         for pinned, other in product(chosen, sorted(set(allowed) - set(chosen))):
             exchanged = {*chosen, other} - {pinned}
             if abs(self._cost(exchanged, rate) - own) <= 1e-6 * own:
@@ -196,7 +196,7 @@ class PinningProposer:
         # Groups without an allowed agent are refuted elsewhere.
         may = set(allowed)
         left = [may & set(group) for group in groups if may & set(group)]
-        chosen = list[int]()
+        chosen = []
         while left:
             count = Counter(agent for group in left for agent in group)
             best = min(count, key=lambda agent: (-count[agent], self.costs[agent], agent))
@@ -229,7 +229,7 @@ class PinningProposer:
         """Of every block the direction that allowed gains hold least, zero on the rows of gains
         without a cap."""
         rows = self._free_rows(blocks, chosen)
-        columns = list[list[Array]]()
+        columns = []
         for _, vector in self._lowest(blocks, chosen):
             column = np.zeros(blocks.agents * blocks.width)
             column[rows] = np.abs(vector) if blocks.z else vector
@@ -269,7 +269,7 @@ def greedy_set(
     free: Collection[int],
     costs: Array,
     pins: int | None,
-) -> tuple[int, ...] | None:
+) -> Agents | None:
     """Agents added until the rate is reached (else None), or ``pins`` are chosen; blocks have to be
     Z-matrices."""
     found = list(chosen)
@@ -306,7 +306,7 @@ def _best(matrices: Sequence[Any], found: list[int], left: Any, costs: Array) ->
     place = np.searchsorted(others, left)
     root = np.sqrt(costs)
     # Of each S how far v is above sqrt(c) on agents that may be pinned, and what solves with S.
-    held = list[tuple[Array, Any]]()
+    held = []
     # 1/G_aa <= S_aa bounds what each agent saves (module docstring).
     bounds = np.zeros(len(left))
     for matrix in matrices:

@@ -97,7 +97,7 @@ def propose_for_box(
             if best is None:
                 return []
             box, v = best
-            found = list[tuple[Vector, Array]]()
+            found = []
             # decimal in small networks, binary in large ones
             units = [10**digits for digits in DIGITS]
             if len(v) > LARGE:

@@ -21,7 +21,7 @@ from dobc_design.conditions.numbers import bisected, claimed, rounded_up, shorte
 from dobc_design.conditions.statement import Statement, proved, refuted, undecided
 from dobc_design.conditions.weighted.decide import network_holds, why_not
 from dobc_design.conditions.weighted.propose import network_claim
-from dobc_design.errors import SpecError
+from dobc_design.errors import refused
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import counted, shown_number
 from dobc_design.loop.make import loop_of
@@ -33,6 +33,7 @@ from dobc_design.verdict import Verdict
 from .choose import Choice
 from .claim import (
     FEWEST,
+    Agents,
     Alternatives,
     Gains,
     Limits,
@@ -113,7 +114,7 @@ def search_pinning(problem: Problem, request: PinningRequest, progress: Progress
         why = statements.inapplicable or "an entry of J + J is too large."
         must = "coupling must have a derivative at the consensus that floats can hold"
         text = f"{must}, because gains are designed for the linearisation; {why}"
-        raise SpecError(text, key="coupling.h", cure="Use a smooth coupling, such as tanh(y).")
+        raise refused("coupling.h", text, "Use a smooth coupling, such as tanh(y).")
     lambdas = {mode: enclosed_lambda(statements, mode) for mode in statements.lambdas}
     task = Task(
         ground=Ground(problem=problem, request=request, lambdas=lambdas),
@@ -166,7 +167,7 @@ def _weighted_attempt(task: Task) -> PinningDesign:
         task.progress("looking for the agents that a gain helps most")
         sets = _promising(task, proposer, plain)
     task.progress("proving the gains")
-    designs = list[PinningDesign]()
+    designs = []
     for agents in dict.fromkeys(filter(None, sets)):
         found = _with_weights(task, proposer, agents)
         if found is not None:
@@ -182,9 +183,7 @@ def _weighted_attempt(task: Task) -> PinningDesign:
     return replace(best, statements=(*best.statements, _fewest_in(task, len(best.gains))))
 
 
-def _promising(
-    task: Task, proposer: PinningProposer, plain: PinningDesign
-) -> list[tuple[int, ...]]:
+def _promising(task: Task, proposer: PinningProposer, plain: PinningDesign) -> list[Agents]:
     """Sets of agents that are worth a proof by V = e'De: those of V = e'e, and the greedy ones."""
     request = task.request
     most = request.pins if isinstance(request.pins, int) else None
@@ -325,11 +324,11 @@ def _fewest_chosen(task: Task, needed: int) -> Chosen:
     return choice, (_fewest(len(choice.agents or ()), needed), choice.statement())
 
 
-def _greedy(task: Task, pins: int | None) -> tuple[int, ...] | None:
+def _greedy(task: Task, pins: int | None) -> Agents | None:
     return task.plain.greedy(task.request.allowed, task.structure.groups, task.rate, pins)
 
 
-def _choice(task: Task, pins: int, *, start: tuple[int, ...] | None = None) -> Choice:
+def _choice(task: Task, pins: int, *, start: Agents | None = None) -> Choice:
     return Choice(
         ground=task.ground,
         proposer=task.plain,
@@ -409,16 +408,16 @@ def _proved_gains(task: Task, agents: Sequence[int]) -> Gains | None:
     return None
 
 
-def _alternatives(task: Task, pinned: tuple[int, ...], choice: Choice) -> Alternatives:
+def _alternatives(task: Task, pinned: Agents, choice: Choice) -> Alternatives:
     """Other agents and sets that cost the same to six digits."""
     labels = task.bare.network.labels
     others = dict[str, list[str]]()
-    known = set[tuple[int, ...]]()
+    known = set()
     for own, other in task.plain.replaceable(pinned, task.request.allowed, task.rate):
         others.setdefault(labels[own], []).append(labels[other])
         exchanged = {*pinned, other} - {own}
         known.add(tuple(sorted(exchanged)))
-    rivals = list[list[str]]()
+    rivals = []
     for rival in choice.rivals:
         if rival not in known:
             rivals.append([labels[i] for i in rival])

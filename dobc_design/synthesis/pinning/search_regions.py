@@ -18,7 +18,7 @@ from dobc_design.conditions.separable import decide as separable
 from dobc_design.conditions.separable.claim import Separable, acts_by_component, stuck_agents
 from dobc_design.conditions.separable.propose_observer import propose_error_bound, radius_needed
 from dobc_design.conditions.statement import Statement, proved, refuted, undecided
-from dobc_design.errors import SpecError
+from dobc_design.errors import refused, wrong
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import counted, shown_number
@@ -94,7 +94,7 @@ def _file_region(problem: Problem, request: PinningRequest) -> Region:
     """The [region] of the problem, with room for its observer."""
     if problem.region is None:
         text = "region = True means the [region] of the problem, and there is none."
-        raise SpecError(text, key="region", cure="Give a radius, or a [region].")
+        raise refused("region", text, "Give a radius, or a [region].")
     radius = max(*asked_radius(loop_of(problem)), SMALLEST)
     disturbance = problem.region.initial_disturbance or Fraction(0)
     exosystem = problem.joint_exosystem
@@ -103,14 +103,14 @@ def _file_region(problem: Problem, request: PinningRequest) -> Region:
     W = problem.joint_observer.W
     # The observer's error is in the certificate: V = N + kappa E.
     if W is None:
-        text = "observer.W is needed, because the [region] has an initial_disturbance."
-        raise SpecError(text, key="observer.W", cure="Design W first, with design_observer.")
+        text = "is needed, because the [region] has an initial_disturbance."
+        raise wrong("observer.W", text, "Design W first, with design_observer.")
     error = propose_error_bound(exosystem, W, rate=float(request.rate))
     if error is None:
-        must = "rate must be below the decay rate of the observer"
         why = "because V = N + kappa E is to reach it"
-        text = f"{must}, {why}; got {shown_number(request.rate)}."
-        raise SpecError(text, key="rate", cure="Ask for less, or for a faster W.")
+        got = shown_number(request.rate)
+        text = f"must be below the decay rate of the observer, {why}; got {got}."
+        raise wrong("rate", text, "Ask for less, or for a faster W.")
     rho = None if problem.is_linear else radius_needed(radius, error, disturbance)
     return Region(radius=radius, rho=rho, disturbance=disturbance, error=error, W=W)
 

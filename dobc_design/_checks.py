@@ -84,6 +84,12 @@ def noun(cls: type[T] | None = None, *, eq: bool = True) -> Any:
     return made if cls is None else made(cls)
 
 
+@dataclass_transform(frozen_default=True, field_specifiers=(field,))
+def positional(cls: type[T]) -> type[T]:
+    """Make a class a frozen dataclass with slots, whose few fields are given in their order."""
+    return dataclass(frozen=True, slots=True)(cls)
+
+
 def later() -> Any:
     """A field that problem.json has only where it was given."""
     return field(default=None, metadata=LATER)

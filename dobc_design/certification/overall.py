@@ -10,9 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 
-from dobc_design._checks import noun
 from dobc_design._show.text import capitalize_first, significant_away_from_zero
-from dobc_design.certificate.claims import Claims
+from dobc_design.certificate.claims import Claims, Overall
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.consensus.agreement import agreement_words
 from dobc_design.conditions.consensus.claim import Unstable
@@ -53,23 +52,6 @@ HELD_ALWAYS = (
     "An arc that is always there would help as well: in this mode or, with a guarantee in "
     '[switching] on time (such as "dwell"), in another one that comes often enough.'
 )
-
-
-@noun
-class Overall:
-    """The verdict in one word and one sentence, the certified rate (1/s) with its factor, and the
-    check that carries it."""
-
-    verdict: Verdict
-    why: Reason
-    rate: float | None = None
-    factor: float | None = None
-    covered_by: str | None = None
-
-    @property
-    def reason(self) -> str:
-        """The sentence."""
-        return str(self.why)
 
 
 def with_verdict(claims: Claims, overall: Overall) -> Claims:

@@ -11,9 +11,8 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from dobc_design._checks import noun
-from dobc_design.plotting import look
 
-from .look import DOTTED, SERIES, short
+from .look import DOTTED, MUTED, SERIES, fit_heights, legend_above, short
 from .runs import MOST_NAMED_MODES, Switches, plot_modes
 
 
@@ -68,12 +67,12 @@ def plot_weights(
     # The last phase ends where the picture does.
     end = begins.pop()
     across = ax.get_xaxis_transform()
-    ax.vlines(begins[1:], 0, 1, transform=across, color=look.MUTED, linewidth=0.7)
+    ax.vlines(begins[1:], 0, 1, transform=across, color=MUTED, linewidth=0.7)
     ax.set(xlim=(0, end), xlabel="time t in s, one phase after another", ylabel="weight vᵢ(t)")
-    look.fit_heights(ax)
+    fit_heights(ax)
     names = list(dict.fromkeys(phase.mode for phase, _ in shown))
     modes = [names.index(phase.mode) for phase, _ in shown]
-    look.legend_above(ax, widest=4)
+    legend_above(ax, widest=4)
     return draw_band(ax, _Round(times=begins, modes=modes, names=names), end)
 
 

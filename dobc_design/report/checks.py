@@ -21,8 +21,10 @@ from .document import (
     PAGES,
     READ,
     Block,
+    Blocks,
     Code,
     Column,
+    Fact,
     Facts,
     Name,
     Own,
@@ -96,7 +98,7 @@ def checks_section(found: Findings) -> Iterator[Section]:
     """Every check with its verdict, numbers and reason."""
     checks = found.certificate.checks
     counts = verdict_counts(checks) or "none"
-    failed = sum(check.verdict is not Verdict.PROVED for check in checks)
+    failed = sum(not check.is_proved for check in checks)
     # Beside a proof a failed check is no failure: it was tried and is not needed.
     if found.proved and failed:
         counts = f"{len(checks) - failed} proved, {failed} not needed"
@@ -104,7 +106,7 @@ def checks_section(found: Findings) -> Iterator[Section]:
     yield Section(f"Checks: {counts}", blocks, "checks", "Checks")
 
 
-def _checks_table(checks: Sequence[Check], unit: str) -> Iterator[Block]:
+def _checks_table(checks: Sequence[Check], unit: str) -> Blocks:
     """The checks as rows; of very many, those not proved first, and a sentence about the others."""
     own_cures = {id(each) for each in other_cures(checks)}
 
@@ -171,7 +173,7 @@ def _brief_reason(check: Check) -> str:
     return " ".join(parts)
 
 
-def _exact(check: Check) -> Iterator[tuple[str, str]]:
+def _exact(check: Check) -> Iterator[Fact]:
     """Exact values by what they are called; others stand in the reason, or among the matrices."""
     for key, value in (check.exact or {}).items():
         if key not in _EXACT:
@@ -181,7 +183,7 @@ def _exact(check: Check) -> Iterator[tuple[str, str]]:
         yield _EXACT[key], _entries(value) if listed else _number(str(value))
 
 
-def _witness(witness: Witness, id: str) -> tuple[str, str]:
+def _witness(witness: Witness, id: str) -> Fact:
     """What a witness is, and its values."""
     who = f" (agents {names_in_words(witness.labels)})" if witness.labels else ""
     values = _entries(witness.values) if witness.values else ""
@@ -227,7 +229,7 @@ def _number(text: str) -> str:
 
 
 @section("Traceability", "traceability")
-def trace_section(found: Findings) -> Iterator[Block]:
+def trace_section(found: Findings) -> Blocks:
     """One row per condition of the certificate, in its order."""
     ids = dict.fromkeys(check.id for check in found.certificate.checks)
     yield to_read(Text(Own(FIXED["traced"])))
@@ -245,7 +247,7 @@ def trace_section(found: Findings) -> Iterator[Block]:
 
 
 @section("Check it yourself", "recheck")
-def recheck_section(found: Findings) -> Iterator[Block]:
+def recheck_section(found: Findings) -> Blocks:
     """The commands that decide the certificate again and make it again, and what it was made
     from."""
     certificate, claims = found.certificate, found.certificate.claims
@@ -298,5 +300,5 @@ def _tolerances(certificate: Certificate) -> Iterator[str]:
     if "--all" in options:
         return
     for check in certificate.checks:
-        if check.kind.role == "settling" and check.verdict is Verdict.PROVED:
+        if check.kind.role == "settling" and check.is_proved:
             yield str((check.exact or {}).get("tolerance"))

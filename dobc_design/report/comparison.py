@@ -27,10 +27,12 @@ from dobc_design.verdict import Verdict
 from .document import (
     Beside,
     Block,
+    Blocks,
     Box,
     Cell,
     Column,
     Document,
+    Fact,
     List,
     Mark,
     Name,
@@ -76,7 +78,7 @@ def comparison_document(first: Certificate, second: Certificate) -> Document:
         told = f"The two problems differ in {counted(count, 'place')}."
     if count > MOST_DIFFERENCES:
         told += f" The first {MOST_DIFFERENCES} are listed."
-    identity: list[tuple[str, str]] = []
+    identity: list[Fact] = []
     for letter, each in sides.items():
         decided = f"{each.problem.name}, decided by dobc_design {each.claims.version}"
         identity.append((letter, decided))
@@ -161,7 +163,7 @@ def _facts(certificate: Certificate) -> dict[str, str]:
     """A certificate in a few words by name, with its pins and checks counted."""
     facts = {"Verdict": certificate.verdict.value, **words.facts(certificate)}
     facts["Pinned agents"] = str(len(certificate.problem.pinning.agents))
-    proved = sum(check.verdict is Verdict.PROVED for check in certificate.checks)
+    proved = sum(check.is_proved for check in certificate.checks)
     facts["Checks proved"] = f"{proved} of {len(certificate.checks)}"
     return facts
 
@@ -187,7 +189,7 @@ def _problems(sides: Sides, changed: Sequence[Difference], told: str) -> Section
     return Section("What differs between the problems", blocks, "differences", "Problems")
 
 
-def _networks(sides: Sides) -> Iterator[Block]:
+def _networks(sides: Sides) -> Blocks:
     """The networks of A and of B beside each other; none where they are the same or too large."""
     a, b = (each.problem for each in sides.values())
     # Two drawings that are the same would look as if they differed.
@@ -320,7 +322,7 @@ def _listed(names: Sequence[str]) -> str:
     return f"{len(names)}: {', '.join(names)}" if names else "none"
 
 
-def _flat(tables: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, str]]:
+def _flat(tables: Mapping[str, Any], path: str = "") -> Iterator[Fact]:
     """Every other key of a problem file with its value as text."""
     for name, value in tables.items():
         key = f"{path}{name}"

@@ -8,10 +8,9 @@ shown.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from fractions import Fraction
 from itertools import zip_longest
-from typing import Final
 
 from dobc_design._show.text import lower, upper, with_unit
 from dobc_design.certificate.regions import RegionClaim, Regions
@@ -23,13 +22,13 @@ from dobc_design.exact.number import float_above, float_below
 from dobc_design.exact.reading import counted
 from dobc_design.falsification.suspect import LEAVES, RESTS, STAYS_AWAY, Falsification, Suspect
 from dobc_design.problem.problem import Problem
-from dobc_design.verdict import Verdict
 
 from .document import (
     READ,
     Block,
+    Blocks,
     Column,
-    Form,
+    Forms,
     List,
     Name,
     Picture,
@@ -50,7 +49,7 @@ MOST_SUSPECTS = 8
 MOST_STATES = 6  # agents whose states a sentence tells
 _SEVERAL = 3  # modes that are named
 _FAST = 100  # samples a second from which a certified period is called pessimistic
-WARNING: Final[str] = FIXED["suspects"]
+WARNING: str = FIXED["suspects"]
 _WHAT = {
     STAYS_AWAY: "does not converge",
     LEAVES: "leaves the certified set",
@@ -59,9 +58,7 @@ _WHAT = {
 
 
 @section("From which starts it is proved", "region", "Region")
-def region_section(
-    problem: Problem, regions: Regions, pictures: Sequence[Picture]
-) -> Iterator[Block]:
+def region_section(problem: Problem, regions: Regions, pictures: Sequence[Picture]) -> Blocks:
     """From which starts each method proves consensus; nothing where nothing is said about a
     region."""
     if not regions.tried:
@@ -85,7 +82,7 @@ def region_section(
 def regions_table(regions: Regions, *, disturbed: bool) -> Table:
     """One row per method; Markdown has sizes in columns of their own."""
     # Text can be searched for one number; a page has one column of words instead.
-    markdown: tuple[Form, ...] = ("markdown",)
+    markdown: Forms = ("markdown",)
     settled, unit = "settled after", regions.unit
     if regions.tolerance is not None:
         settled = f"|e|∞ ≤ {lower(regions.tolerance, unit)} after"
@@ -181,12 +178,12 @@ def timing_sentences(regions: Regions) -> list[str]:
     sampling."""
     settling, sentences = regions.settling, list[str]()
     # a proved one is told stage by stage
-    if settling is not None and settling.verdict is not Verdict.PROVED:
+    if settling is not None and not settling.is_proved:
         sentences.append(sentence(f"Settling: {settling.reason}"))
     for check, words in ((regions.delay, _delay), (regions.sampling, _sampling)):
         if check is None:
             continue
-        if check.verdict is Verdict.PROVED:
+        if check.is_proved:
             sentences.append(words(check))
         else:
             sentences.append(sentence(f"{check.id}: {check.reason}"))
@@ -251,7 +248,7 @@ def agents_sentence(regions: Regions, *, drawn: int | None = None) -> str:
 
 
 @section("How fast it is proved to settle", "settling", "Settling")
-def settling_section(settling: Settling | None, pictures: Sequence[Picture]) -> Iterator[Block]:
+def settling_section(settling: Settling | None, pictures: Sequence[Picture]) -> Blocks:
     """The proved settling time, and what proves it from when on; nothing without one."""
     if settling is None or settling.time is None:
         return

@@ -9,7 +9,7 @@ import tomllib
 from collections.abc import Iterable, Iterator, Sequence
 from fractions import Fraction
 from importlib.resources import files
-from typing import Any, Final
+from typing import Any
 
 from dobc_design._checks import noun
 from dobc_design._show.cards import SIGNS
@@ -31,7 +31,7 @@ from dobc_design.description.meaning import disturbance_words, time_words
 from dobc_design.description.words import leader_words
 from dobc_design.exact.matrix import Matrix, Vector, matrix
 from dobc_design.exact.number import decimal_text, number_text
-from dobc_design.exact.reading import counted, is_scalar_matrix, some
+from dobc_design.exact.reading import Document, counted, is_scalar_matrix, some
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.network import Arcs
 from dobc_design.problem.problem import Problem
@@ -59,8 +59,8 @@ MOST_STEPS = 4  # around a circle
 OF_SIGNALS = ("schedule", "markov", "safety")
 GIVEN, FOUND = "the P given", "the P found"
 _TEXT = (files("dobc_design.report") / "templates" / "texts.toml").read_text("utf-8")
-TEXTS: Final[dict[str, Any]] = tomllib.loads(_TEXT)
-FIXED: Final[dict[str, Any]] = TEXTS["fixed"]
+TEXTS: Document = tomllib.loads(_TEXT)
+FIXED: Document = TEXTS["fixed"]
 #: Letters and signs as certificates write them.  Lambda and Psi may be labels, too: only where
 #: mathematics follows.
 _SIGNS = tuple(
@@ -112,7 +112,7 @@ def _covering(certificate: Certificate) -> list[Check]:
 
 
 def _proved_of(certificate: Certificate) -> list[Check]:
-    return [each for each in certificate.checks if each.verdict is Verdict.PROVED]
+    return [each for each in certificate.checks if each.is_proved]
 
 
 def facts(certificate: Certificate) -> dict[str, str]:
@@ -350,7 +350,7 @@ def shown_notes(certificate: Certificate) -> tuple[str, ...]:
     return (*notes, NO_DELAY if problem.leader is None else NO_DELAY_OF_LEADERS)
 
 
-def loop_facts(certificate: Certificate) -> Iterator[tuple[str, str]]:
+def loop_facts(certificate: Certificate) -> Iterator[doc.Fact]:
     """What acts on the agents and what was designed against it, numbers in decimals."""
     problem, claims = certificate.problem, certificate.claims
     yield from _disturbances(problem)
@@ -373,7 +373,7 @@ def loop_facts(certificate: Certificate) -> Iterator[tuple[str, str]]:
         yield "Time scales", times
 
 
-def _disturbances(problem: Problem) -> Iterator[tuple[str, str]]:
+def _disturbances(problem: Problem) -> Iterator[doc.Fact]:
     """What disturbs the agents, by group where they differ."""
     for group in problem.groups[:MOST_MODES]:
         whose = f" of {names_in_words(group.agents, 4)}" if problem.is_grouped else ""
@@ -401,7 +401,7 @@ def dynamics_words(problem: Problem) -> list[str]:
     return [f"{what}; constant inputs u⁰ that hold the goals: {'; '.join(told)}"]
 
 
-def _shared(rows: Iterable[tuple[str, str]]) -> list[tuple[str, list[str]]]:
+def _shared(rows: Iterable[doc.Fact]) -> list[tuple[str, list[str]]]:
     """Every text once, with the agents that it is said of."""
     alike: dict[str, list[str]] = {}
     for text, agent in rows:

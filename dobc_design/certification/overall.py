@@ -410,8 +410,10 @@ def _reached(loop: Loop, checks: Sequence[Check]) -> Reason | None:
         return None
     if tried[0].verdict is Verdict.REFUTED and not proved:
         signals = " Consensus may still hold for some signals." if loop.switches else ""
-        head = f"{tried[0].reason}{signals} More pinned agents would help."
-        return Reason(head=head, is_open=True)
+        advice = "more pinned agents"
+        if loop.switches and not loop.guarantee.is_given:
+            advice += ', or a guarantee on the signal in [switching] (such as "dwell")'
+        return Reason(head=f"{tried[0].reason}{signals}", advice=f"{advice}.", is_open=True)
     near = proved or any(check.kind.is_consensus and check.is_proved for check in checks)
     smaller = (
         "a smaller [region], larger gains or more pinned agents"

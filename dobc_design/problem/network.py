@@ -108,12 +108,10 @@ def labels_of(agents: int | Iterable[Any]) -> Texts:
 
 
 ARROWS = ("listens_to", "sends_to")
-_DROP_ONE = (
-    "Remove the arc (Network.from_arcs, from_networkx and from_sparse do with drop_loops=True)."
-)
+_DROP_ONE = "Remove the arc (Network.from_arcs, from_networkx, from_sparse: with drop_loops=True)."
 _ADD_UP = (
     "Remove one of the two, or give one arc with the sum of the weights"
-    ' (Network.from_arcs and from_networkx do with merge="sum").'
+    ' (Network.from_arcs, from_networkx: with merge="sum").'
 )
 ONE = Fraction(1)
 IndexArray = NDArray[np.int64]
@@ -410,7 +408,7 @@ def meant(label: str, labels: Names) -> str:
     if not label.isdigit():
         # Bounded, because the search takes the product of both lengths.
         near = get_close_matches(label[:100], labels[:1000], n=1)
-    return f'Did you mean "{near[0]}"?' if near else "Use a label from network.agents."
+    return f'Did you mean "{near[0]}"?' if near else "Use the label of an agent."
 
 
 def _range(index: Index) -> str:

@@ -129,7 +129,7 @@ def _read_disturbance(value: Any, *, with_exosystem: bool) -> Fraction | None:
         raise wrong(
             key,
             "is required when there is an [exosystem]: a large estimation error can push the "
-            "states out of it.",
+            "states out of the region.",
             "Give the largest |xi_i(0) - xihat_i(0)|, for example 0.5; 0 if it is known.",
         )
     if value is None:

@@ -81,6 +81,13 @@ disturbed("what fades", "decays by itself", [[-1]], [1])
 slip("nobody pinned", "No agent is pinned", gains={})
 TURNED = Network.from_arcs(CHAIN, arrow="sends_to", agents=4)
 slip("arrows turned round", "with the other network.arrow", network=TURNED)
+# In the cycle everybody is reached both ways round, in the chain one way only.
+IN_ONE_MODE = Network.from_arcs({"a": [*CHAIN, (4, 1)], "b": CHAIN}, arrow="sends_to", agents=4)
+slip(
+    "arrows turned round in one of two modes",
+    "In mode b not every agent is reached from a pinned one; with the other network.arrow",
+    network=IN_ONE_MODE,
+)
 slip("a deaf pin", "Agent 1 is pinned, but nobody listens to it", gains={1: 2})
 slip("an empty mode", "In mode b nobody listens", **heard({"a": CHAIN, "b": []}))
 slip("a mode twice", "Modes a and b have the same arcs", **heard({"a": CHAIN, "b": CHAIN}))

@@ -156,7 +156,10 @@ def text_of(card: Card) -> str:
     sentences."""
     verdict = "" if card.verdict is None else f" {card.verdict.upper()}."
     head = f"{card.title}:{verdict} {card.text}" if card.verdict or card.text else card.title
-    facts = (f"{name}: {plain(value, quoted=False)}" for name, value in card.facts)
+    facts = (
+        f"{name}: {value if isinstance(value, str) else plain(value, quoted=False)}"
+        for name, value in card.facts
+    )
     cells = [
         ["–" if x is None else x if isinstance(x, str) else plain(x) for x in row]
         for row in card.rows

@@ -13,6 +13,7 @@ from decimal import ROUND_DOWN, ROUND_HALF_EVEN, ROUND_UP, Context, Decimal
 from fractions import Fraction
 
 MAX_SHOWN = 12
+NEGLIGIBLE = 1e-9  # 1/s: thirty years
 Real = float | Fraction
 _POWER = re.compile(r"e([+-]\d+)")
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -66,6 +67,13 @@ def significant_away_from_zero(value: Real | None, digits: int = 4) -> str:
     """The same, never smaller in size than it is: for upper bounds and times after which something
     holds."""
     return _directed(value, digits, ROUND_UP)
+
+
+def rate_text(rate: float | None, digits: int = 4) -> str:
+    """A certified rate, cut towards zero; of one that only says that errors decay no digits."""
+    if rate is not None and 0 < rate < NEGLIGIBLE:
+        return "> 0"
+    return significant_towards_zero(rate, digits)
 
 
 def _directed(value: Real | None, digits: int, rounding: str) -> str:

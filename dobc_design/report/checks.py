@@ -6,8 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from dobc_design._show.text import capitalize_first, upper
-from dobc_design._show.text import significant_towards_zero as _below
+from dobc_design._show.text import capitalize_first, rate_text, significant_towards_zero, upper
 from dobc_design.certificate import text as certificate_text
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.check import Check, Fix, Witness, main_cure, other_cures
@@ -123,8 +122,14 @@ def _checks_table(checks: Sequence[Check], unit: str) -> Blocks:
         Column("condition", _name, 1.5),
         Column("id", lambda check: check.id, only=("markdown",)),
         Column("where", lambda check: domain_words(check.domain, unit), 1.1),
-        Column("margin", lambda check: _below(check.margin), 0.8, unit="1/s", style="number"),
-        Column("rate", lambda check: _below(check.rate), 0.8, unit="1/s", style="number"),
+        Column(
+            "margin",
+            lambda check: significant_towards_zero(check.margin),
+            0.8,
+            unit="1/s",
+            style="number",
+        ),
+        Column("rate", lambda check: rate_text(check.rate), 0.8, unit="1/s", style="number"),
         Column("factor", lambda check: upper(check.factor), 0.8, style="number"),
         Column("reason", reason, 3, style="why", only=READ),
         Column("reason", _brief_reason, 3, only=("latex",)),

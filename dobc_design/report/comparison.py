@@ -85,6 +85,8 @@ def comparison_document(first: Certificate, second: Certificate) -> Document:
         identity.append((f"SHA-256 of problem {letter}", each.claims.problem_sha256))
     a, b = first.problem.name, second.problem.name
     compared = f"{a} and {b}, compared"
+    if a == b:
+        compared = f"{a} (A) and {b} (B), compared"
     again = Text(FIXED["compared"])
     return Document(
         kind="Two certificates of consensus, side by side",

@@ -151,6 +151,10 @@ def _glossary(found: Findings) -> Blocks:
 def _signatures(found: Findings) -> Blocks:
     heads = ("Name", "Date", "Signature")
     roles = ("Prepared by", "Checked by", "Approved by")
+    # On paper the signatures may stand on a page of their own.
+    certificate = found.certificate
+    signed = f"{certificate.problem.name}: {certificate.verdict.value}."
+    yield Text(f"{signed} {words.sentence(certificate.reason)}")
     yield Text(words.FIXED["signing"])
     yield Signatures(heads, roles)
 

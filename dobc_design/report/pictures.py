@@ -306,8 +306,8 @@ def error_picture(
         bound = proved(times)
         envelope = np.stack([times, bound], axis=1)
         sources = " and ".join(proved.sources)
-        caption += f" Dashed: certified upper bound for this start ({sources}). It begins above the"
-        caption += " run: it holds for every run from a start as large, and every disturbance."
+        caption += f" Dashed: certified upper bound for this start ({sources})."
+        caption += " It may begin above the run: it holds for all runs from starts as large."
         alt += f"; proved to be at most {number(bound[-1])} there"
     elif certificate.rate:
         caption += " Dashed: the slope of the certified rate, for comparison."

@@ -69,6 +69,7 @@ _SIGNS = tuple(
         (r"\blambda_max\b", "λmax"),
         (r"\b(?<!agent )Lambda(?= [v+]|[()]| is not\b| <)", "Λ"),
         (r"\b(?<!agent )Psi(?= is not\b| <)", "Ψ"),
+        (r"\bsum(?= (?:eps|e)_i\b)", "Σ"),
         (r"\beps_i\b", "εᵢ"),
         (r"\b([evx])_i\b", r"\1ᵢ"),
         (r"\bmax_i\b", "maxᵢ"),

@@ -65,6 +65,12 @@ def test_a_reason_is_shown_in_letters_and_signs_of_mathematics(reason: str, show
     assert words.sentence(reason) == shown
 
 
+def test_sums_have_the_sign_that_the_traceability_has():
+    """kinds.toml, which the report shows beside the reasons, writes V = Σ eᵢ′eᵢ + Σ εᵢ′Pεᵢ."""
+    assert words.sentence("V = e'De + sum eps_i' P eps_i falls") == "V = e′De + Σ εᵢ′ P εᵢ falls"
+    assert words.sentence("it is the sum of all") == "It is the sum of all"
+
+
 def test_numbers_are_written_as_people_write_them():
     assert words.typeset("-1.5e-08") == "−1.5·10⁻⁸"
     assert number(-0.0) == "0"

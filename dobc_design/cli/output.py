@@ -98,7 +98,7 @@ Tolerance = Annotated[
 ]
 TimeLimit = Annotated[
     str | None,
-    Option("--time-limit", metavar="SECONDS", help="Skip or stop stages that would take longer."),
+    Option(metavar="SECONDS", help="Skip or stop stages that would take longer."),
 ]
 Search = Annotated[bool, Option("--search", help="Also look for starts that do not converge.")]
 
@@ -280,7 +280,7 @@ def certify_it(path: str, notes: Sequence[str]) -> str:
     return "\n".join(lines)
 
 
-def make_table(heads: Iterable[str] = ()) -> Table:
+def make_table(heads: Iterable[str]) -> Table:
     """A table without a frame."""
     from rich.table import Table
 

@@ -5,15 +5,16 @@ A stress is what the theorems leave out; nothing here is a proof.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from typer import Option
 
-from dobc_design.cli import output
+from dobc_design._checks import noun
 from dobc_design.errors import SpecError, refused
 
 from .options import in_groups
+from .output import Document, File, load_problem
 from .runs import BREAKING, OBSERVER, SUMMARY, Answer, Files, Runs, make_runs
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from dobc_design.simulation.stress import Failure, Stress
 
 
-@dataclass(frozen=True, kw_only=True)
+@noun
 class Stresses:
     """What acts on the loop; what is not given does not."""
 
@@ -79,7 +80,7 @@ MOVED["--what-breaks-first"] = "dobc stress FILE"
 
 
 @in_groups
-def stress(file: output.File, stresses: Stresses, runs: Runs, answer: Answer) -> None:
+def stress(file: File, stresses: Stresses, runs: Runs, answer: Answer) -> None:
     """Find what breaks the loop first; with --noise, --saturation, --worst, ... simulate it under
     that stress."""
     chosen = stresses.chosen()
@@ -100,7 +101,7 @@ def _break(file: str, runs: Runs, answer: Answer) -> None:
         raise _needs_a_stress("--runs")
     names = (BREAKING, SUMMARY)
     with answer.progress() as progress:
-        problem = output.load_problem(file)
+        problem = load_problem(file)
         answer.require_free()
         proof = answer.proof(problem, progress)
         progress("what breaks first")
@@ -148,13 +149,13 @@ def _failure(text: str) -> Failure:
         ) from None
 
 
-def _document(found: Any, problem: Problem, proof: Certificate | None) -> output.Document:
+def _document(found: Any, problem: Problem, proof: Certificate | None) -> Document:
     """What --json prints of what breaks the loop first, with the certified sampling period
     beside."""
     notes = list(found.calm.notes)
     if proof is not None and found.period is not None and found.period.certified is None:
         notes.append("The certificate proves no sampling period.")
-    document: output.Document = found.calm.summary()
+    document: Document = found.calm.summary()
     document |= {"problem": problem.name, "mode": found.calm.mode}
     document |= {"notes": notes, "breaking": found.to_json()}
     return document

@@ -57,7 +57,6 @@ def sweep(
     time_limit: Annotated[
         str | None,
         Option(
-            "--time-limit",
             metavar="SECONDS",
             help="Time limit of one case; the other cases continue.",
         ),

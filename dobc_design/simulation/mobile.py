@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from dobc_design.conditions.numbers import bisected
-from dobc_design.errors import ShapeError, refused, wrong
+from dobc_design.errors import misshapen, refused
 from dobc_design.loop.arcs import places_at, split_by
 from dobc_design.loop.arrays import ArcGroup
 from dobc_design.loop.loop import Loop
@@ -181,7 +181,7 @@ def motion_switches(signal: Mobile, motion: Waypoints, loop: Loop, horizon: floa
     if places.shape[1] != loop.n:
         message = f"must have one position per agent, {loop.n}; got {places.shape[1]}."
         cure = "Give positions of shape (times, agents, coordinates)."
-        raise wrong("motion", message, cure, kind=ShapeError)
+        raise misshapen("motion", message, cure)
     nearby = Nearby(signal, loop, horizon)
     positions = partial(motion.at, places=places)
     nearby.look(0.0, positions(0.0))

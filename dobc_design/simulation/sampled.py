@@ -29,7 +29,7 @@ import numpy as np
 from scipy.linalg import expm
 
 from dobc_design._checks import noun
-from dobc_design.errors import ShapeError, wrong
+from dobc_design.errors import misshapen, wrong
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import BoolArray, IndexArray
 
@@ -97,7 +97,7 @@ def check_sampled_gain(shape: tuple[int, ...], *, q: int, m: int, grouped: bool)
     if shape != (q, m):
         message = f"must have shape ({q}, {m}), one row per exosystem state; got {shape}."
         cure = "design_observer(problem, period=...).W has it."
-        raise wrong("sampled_gain", message, cure, kind=ShapeError)
+        raise misshapen("sampled_gain", message, cure)
 
 
 def integral(A: Array, times: float | Array) -> tuple[Array, Array]:

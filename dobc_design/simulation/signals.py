@@ -20,7 +20,7 @@ import numpy as np
 
 from dobc_design._checks import noun, put
 from dobc_design._show.cards import Card, Shown, Told
-from dobc_design.errors import ShapeError, refused, wrong
+from dobc_design.errors import ShapeError, misshapen, refused, wrong
 from dobc_design.exact.number import nearest
 from dobc_design.exact.reading import Names, Texts, counted, is_list
 from dobc_design.loop.matrices import Array
@@ -67,7 +67,7 @@ class Periodic(Shown):
         times = tuple(seconds(t, f"dwell[{i}]") for i, t in enumerate(self.dwell))  # type: ignore[arg-type]
         if not times:
             message = "must hold at least one time; got none."
-            raise wrong("dwell", message, "For example 0.5.", kind=ShapeError)
+            raise misshapen("dwell", message, "For example 0.5.")
         put(self, dwell=times)
 
     def __str__(self) -> str:
@@ -119,7 +119,7 @@ class Markov(Shown):
         put(self, order=_order(self.order), generator=rows)
         if not rows or any(len(row) != len(rows) for row in rows):
             message = "must be a square matrix, one row and column per mode."
-            raise wrong("generator", message, "For two modes [[-1, 1], [1, -1]].", kind=ShapeError)
+            raise misshapen("generator", message, "For two modes [[-1, 1], [1, -1]].")
         for k, row in enumerate(rows):
             self._check_row(k, row)
 
@@ -181,7 +181,7 @@ class Waypoints(Shown):
             wanted = f"shape (times, agents, coordinates) with {len(times)} times"
             message = f"must have {wanted}; got {places.shape}."
             cure = "Give one n x k array for every instant."
-            raise wrong("positions", message, cure, kind=ShapeError)
+            raise misshapen("positions", message, cure)
         if not np.isfinite(places).all() or not _increase(times):
             message = "positions must be finite and times must increase."
             raise refused("times", message, "Sort the instants.")

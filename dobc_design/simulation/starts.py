@@ -19,7 +19,7 @@ import numpy as np
 from numpy.random import Generator, default_rng
 
 from dobc_design._checks import noun
-from dobc_design.errors import ShapeError, wrong
+from dobc_design.errors import misshapen, wrong
 from dobc_design.exact.matrix import Vector, to_float
 from dobc_design.exact.reading import Table, shown
 from dobc_design.loop.matrices import Array
@@ -210,7 +210,7 @@ def _rows(value: Any, name: str, n: int, width: _Width) -> Array:
         shape = np.shape(value)
     except ValueError:  # rows of different lengths
         message = f"must be {because}; its rows differ in length."
-        raise wrong(name, message, "Fill them.", kind=ShapeError) from None
+        raise misshapen(name, message, "Fill them.") from None
     # one number per agent, else one row for all of them
     if shape == (n,) and width.numbers == 1:
         value = np.reshape(value, (n, 1))

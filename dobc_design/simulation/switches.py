@@ -13,7 +13,7 @@ import numpy as np
 from numpy.random import Generator, default_rng
 
 from dobc_design._checks import noun
-from dobc_design.errors import ShapeError, refused, wrong
+from dobc_design.errors import misshapen, refused, wrong
 from dobc_design.exact.reading import Texts, counted, is_list, shown
 from dobc_design.loop.arrays import ArcGroup, mode_index
 from dobc_design.loop.matrices import Array
@@ -200,7 +200,7 @@ def _order(order: Texts | None, names: Texts, length: int | None, key: str) -> I
         entries = counted(len(found), "entry").replace("entrys", "entries")
         message = f"must have {entries}, one per mode; got {length}."
         cure = "Give one per mode, or name the modes with order."
-        raise wrong(key, message, cure, kind=ShapeError)
+        raise misshapen(key, message, cure)
     return found
 
 

@@ -19,6 +19,7 @@ from .output import (
     Stage,
     check_target,
     load_problem,
+    naming_options,
     print_json,
     read_claims,
     refuse_option,
@@ -157,13 +158,14 @@ def _c(file: str, folder: Path, asked: Asked, progress: Stage) -> Exported:
         progress("verifying the certificate")
         claims = read_claims(asked.certificate, problem)
     progress("discretising and simulating")
-    found = to_c(
-        problem,
-        period=asked.period,
-        precision=asked.precision or "double",
-        agents=None if asked.agent is None else [asked.agent],
-        certificate=claims,
-    )
+    with naming_options(("precision",)):
+        found = to_c(
+            problem,
+            period=asked.period,
+            precision=asked.precision or "double",
+            agents=None if asked.agent is None else [asked.agent],
+            certificate=claims,
+        )
     written = [str(path) for path in found.save(folder, force=asked.force)]
     controller = found.controller
     document = {

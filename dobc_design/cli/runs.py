@@ -27,6 +27,7 @@ from .output import (
     Verbose,
     json_bytes,
     load_problem,
+    naming_options,
     print_json,
     read_claims,
     require_folder,
@@ -48,6 +49,8 @@ TRAJECTORY = "trajectory.npz"
 ENSEMBLE = "ensemble.npz"
 WRITTEN = (TRAJECTORY, ENSEMBLE, FIGURE, NETWORK, BREAKING, SUMMARY)  # all that a run may write
 MOST_MOVING = 200  # agents whose motion is drawn
+#: Arguments of ``simulate`` that have options of their names, and ``failures``, those of --fail.
+ARGUMENTS = ("runs", "mode", "start", "t_final", "seed", "observer", "failures")
 SHOWN = 5  # reasons for early ends that are printed
 OBSERVER = "closed-form"
 #: What is measured of runs: its key, its title, its unit, and the word where there is no number.
@@ -163,17 +166,18 @@ def make_runs(
         answer.require_free()
         proof = answer.proof(problem, progress)
         progress("simulating")
-        result: Any = simulation.simulate(
-            problem,
-            runs=None if runs.single else runs.runs,
-            mode=runs.mode,
-            start=runs.start,
-            t_final=runs.t_final,
-            seed=runs.seed,
-            observer=runs.observer,
-            stress=stress,
-            progress=lambda part: progress(f"simulating, {part:.0%}"),
-        )
+        with naming_options(ARGUMENTS):
+            result: Any = simulation.simulate(
+                problem,
+                runs=None if runs.single else runs.runs,
+                mode=runs.mode,
+                start=runs.start,
+                t_final=runs.t_final,
+                seed=runs.seed,
+                observer=runs.observer,
+                stress=stress,
+                progress=lambda part: progress(f"simulating, {part:.0%}"),
+            )
         document = _document(result, problem, proof)
         if not runs.single:
             document["intervals"] = _intervals(result)

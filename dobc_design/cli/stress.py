@@ -14,8 +14,8 @@ from dobc_design._checks import noun
 from dobc_design.errors import SpecError, refused
 
 from .options import in_groups
-from .output import Document, File, load_problem
-from .runs import BREAKING, OBSERVER, SUMMARY, Answer, Files, Runs, make_runs
+from .output import Document, File, load_problem, naming_options
+from .runs import ARGUMENTS, BREAKING, OBSERVER, SUMMARY, Answer, Files, Runs, make_runs
 
 if TYPE_CHECKING:
     from dobc_design.certificate.certificate import Certificate
@@ -64,14 +64,15 @@ class Stresses:
             return "worst"
         if not given:
             return None
-        return Stress(
-            noise=self.noise or 0.0,
-            disturbance=self.disturbance or 0.0,
-            saturation=self.saturation,
-            period=self.period,
-            loss=self.loss or 0.0,
-            failures=tuple(map(_failure, self.fail or ())),
-        )
+        with naming_options([each.name for each in fields(self)]):
+            return Stress(
+                noise=self.noise or 0.0,
+                disturbance=self.disturbance or 0.0,
+                saturation=self.saturation,
+                period=self.period,
+                loss=self.loss or 0.0,
+                failures=tuple(map(_failure, self.fail or ())),
+            )
 
 
 #: Options that ``simulate`` had: what to type now.
@@ -105,15 +106,16 @@ def _break(file: str, runs: Runs, answer: Answer) -> None:
         answer.require_free()
         proof = answer.proof(problem, progress)
         progress("what breaks first")
-        found = what_breaks_first(
-            problem,
-            signal=None if runs.mode is None else Fixed(mode=runs.mode),
-            start=runs.start,
-            t_final=runs.t_final,
-            seed=runs.seed,
-            certificate=proof,
-            progress=lambda part: progress(f"what breaks first, {part:.0%}"),
-        )
+        with naming_options(ARGUMENTS):
+            found = what_breaks_first(
+                problem,
+                signal=None if runs.mode is None else Fixed(mode=runs.mode),
+                start=runs.start,
+                t_final=runs.t_final,
+                seed=runs.seed,
+                certificate=proof,
+                progress=lambda part: progress(f"what breaks first, {part:.0%}"),
+            )
         document = _document(found, problem, proof)
 
         def draw() -> Files:

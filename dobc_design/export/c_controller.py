@@ -325,7 +325,7 @@ def make_controller(
     which period works."""
     if precision not in PRECISIONS:
         raise refused(
-            "--precision",
+            "precision",
             f"precision must be double or float; got {shown(precision)}.",
             "double is the default.",
         )

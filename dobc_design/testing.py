@@ -12,7 +12,6 @@ would cure it.  What passes is decided exactly, as by ``certify``; nothing is co
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -52,9 +51,7 @@ def assert_proved(
     certificate = certify(stated, rate=rate)
     if certificate.verdict is not Verdict.PROVED:
         raise AssertionError(_told(certificate, Verdict.PROVED))
-    if rate is not None:
-        why = [f"  Reason: {certificate.reason}"]
-        _require_rate(stated.name, certificate.rate, parse_number(rate, key="rate"), why)
+    _require("rate", stated.name, certificate.rate, rate, [f"  Reason: {certificate.reason}"])
     return certificate
 
 
@@ -114,13 +111,8 @@ def assert_condition(
         if check.verdict is not verdict:
             words = f"{check.title} is {check.verdict.value}, not {verdict.value}."
             raise AssertionError("\n".join([words, *_about(check)]))
-        for name, proved, wanted in (
-            ("rate", check.rate, rate),
-            ("margin", check.margin, margin),
-        ):
-            if wanted is not None:
-                least = parse_number(wanted, key=name)
-                _require_rate(check.title, proved, least, _about(check), name=name)
+        _require("rate", check.title, check.rate, rate, _about(check))
+        _require("margin", check.title, check.margin, margin, _about(check))
     return chosen[-1]
 
 
@@ -145,15 +137,18 @@ def assert_verified(folder: str | Path, problem: Source) -> None:
         raise AssertionError(f"The certificate in {folder} does not hold.\n{found}")
 
 
-def _require_rate(
-    who: str, proved: float | None, wanted: Fraction, why: Iterable[str], *, name: str = "rate"
+def _require(
+    name: str, who: str, proved: float | None, wanted: Number | None, why: Iterable[str]
 ) -> None:
-    """Raises: AssertionError unless the proved number reaches the wanted one, exactly."""
-    if proved is not None and claimed(proved) >= wanted:
+    """Raises: AssertionError unless the proved number reaches a wanted one, exactly."""
+    if wanted is None:
         return
-    told = f"the proved {name} is {proved}, less than the {number_text(wanted)} asked."
+    least = parse_number(wanted, key=name)
+    if proved is not None and claimed(proved) >= least:
+        return
+    told = f"the proved {name} is {proved}, less than the {number_text(least)} asked."
     if proved is None:
-        told = f"proved without a {name}; {number_text(wanted)} is asked."
+        told = f"proved without a {name}; {number_text(least)} is asked."
     lines = [f"{who}: {told}", *why]
     if name == "rate":
         lines.append("  Cure: dd.design looks for gains with this rate, dd.design_observer for W.")
@@ -162,9 +157,8 @@ def _require_rate(
 
 def _told(certificate: Certificate, wanted: Verdict) -> str:
     """Why the verdict is not the wanted one, check by check."""
-    name = certificate.problem.name
     lines = [
-        f"{name} is {certificate.verdict.value}, not {wanted.value}.",
+        f"{certificate.problem.name} is {certificate.verdict.value}, not {wanted.value}.",
         certificate.reason,
     ]
     for check in certificate.checks:

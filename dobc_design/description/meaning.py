@@ -62,7 +62,7 @@ def disturbance_words(problem: Problem, group: Group) -> str:
     found = []
     for part in parts:
         found.append(_part(part, _amplitude(group.exosystem, part, parts, starts)))
-    return " + ".join(found) or "none: the exosystem never reaches d"
+    return " + ".join(found) or "none: no mode of the exosystem appears in d"
 
 
 def disturbance_starts(problem: Problem, group: Group) -> Array:

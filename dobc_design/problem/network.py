@@ -413,11 +413,11 @@ def _read_pair(pair: Sequence[Any], index: Index, *, key: str) -> tuple[int, int
 
 def meant(label: str, labels: Names) -> str:
     """What to write in place of a label that does not exist."""
-    near: list[str] = []
-    if not label.isdigit():
-        # Bounded, because the search takes the product of both lengths.
-        near = get_close_matches(label[:100], labels[:1000], n=1)
-    return f'Did you mean "{near[0]}"?' if near else "Use the label of an agent."
+    # Bounded, because the search takes the product of both lengths.
+    near = get_close_matches(label[:100], labels[:1000], n=1)
+    if near and not label.isdigit():
+        return f'Did you mean "{near[0]}"?'
+    return "Use the label of an agent."
 
 
 def _range(index: Index) -> str:

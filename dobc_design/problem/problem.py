@@ -108,8 +108,8 @@ class Problem(Grouped, Shown):
             have p components.
         leader: a Leader, or a mapping with initial and stays_in: the target is a solution of the
             dynamics; it knows no ``target`` then.
-        uncertainty, actuators: an Uncertainty and Actuators, or mappings: what the plant may add,
-            what it can give.
+        uncertainty, actuators: an Uncertainty and Actuators, or mappings: bounds of model error and
+            noise, limits of inputs.
         name: of the problem; results are saved under it.
         units: of the states, such as "m/s", or one for each component; words and figures show them.
         notes: sentences on what is assumed or stands in; they are shown wherever a result is shown.

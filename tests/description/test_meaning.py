@@ -27,7 +27,7 @@ disturbance("constant + sine of 3.142 rad/s (0.5 Hz, period 2 s)", BOTH)
 disturbance("constant and ramp", exosystems.stacked(exosystems.ramp(), CONSTANT))
 disturbance("sine of 2 rad/s (0.3183 Hz, period 3.142 s, decaying like exp(-1 t))", DAMPED)
 disturbance("a part growing like exp(3 t)", Exosystem(A=[[3]], C=[[1]]))
-disturbance("none: the exosystem never reaches d", UNSEEN)
+disturbance("none: no mode of the exosystem appears in d", UNSEEN)
 
 
 @pytest.mark.parametrize(("exosystem", "words"), DISTURBANCES)

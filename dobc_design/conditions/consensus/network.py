@@ -387,9 +387,7 @@ def refutation(loop: Loop, vector: Vector, *, alone: Sequence[int], roots: int) 
 
 def _unheard(loop: Loop, labels: Sequence[str], moved: Sequence[str]) -> str:
     """That these agents hear no pinned one, and which of them the vector moves."""
-    hears, them = "hear", "them"
-    if len(labels) == 1:
-        hears, them = "hears", "it"
+    them = "it" if len(labels) == 1 else "them"
     moving = name_agents(moved)
     if moved == labels:
         moving = them
@@ -397,6 +395,6 @@ def _unheard(loop: Loop, labels: Sequence[str], moved: Sequence[str]) -> str:
             moving += " alone"
     pulls = "nothing" if loop.drift is None else "no gain"
     return (
-        f"{name_agents(labels)} {hears} no pinned agent, so {pulls} pulls {them} to the target:"
+        f"no pinned agent reaches {name_agents(labels)}, so {pulls} pulls {them} to the target:"
         f" v' Lambda v >= 0 for the vector that moves {moving}."
     )

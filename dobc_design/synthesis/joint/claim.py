@@ -388,7 +388,7 @@ def _why_so_many(problem: Problem, grounds: Grounds, count: int) -> str:
         return f"{least} {are} the least that the arcs allow, but {fewer}"
     # There cannot be fewer pins than the graph asks for.
     if problem.dynamics is not None:  # agents that may settle by themselves
-        return "the network is held where it listens to nobody outside"
+        return "pins go where agents listen to nobody else"
     if len(groups) > 1:
         why = f"{len(groups)} groups listen to nobody outside, and each needs a pin"
         if len(groups) > count:

@@ -372,7 +372,7 @@ def why_impossible(exosystem: Exosystem, request: claim.ObserverRequest) -> Stat
     found = decide_detectable(exosystem.A, exosystem.C)
     hidden = found.unobservable_text
     if not found.is_proved:
-        never = f"the part {hidden} never reaches d = C xi and does not decay."
+        never = f"its part {hidden} does not appear in d and does not decay."
         text = f"no W exists: (A, C) is not detectable; {never} {LEAVE_OUT}"
         return refuted("detectable", text, polynomial=hidden)
     if request.period is not None:

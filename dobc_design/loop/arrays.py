@@ -161,6 +161,9 @@ class ArcGroup:
     weights: Array
 
 
+ArcGroups = tuple[ArcGroup, ...]  # the arcs of one graph
+
+
 def chosen_mode(problem: Problem, mode: str | None) -> str:
     """Return ``mode`` if the problem has it, its first mode for None.  Raises: SpecError."""
     names = tuple(problem.network.modes)
@@ -273,13 +276,13 @@ def leaders_drift(problem: Problem) -> Array:
     return np.zeros(problem.m) if drift is None else np.ravel(to_float((drift,)))
 
 
-def error_arcs(loop: Loop, mode: str, there: BoolArray | None = None) -> tuple[ArcGroup, ...]:
+def error_arcs(loop: Loop, mode: str, there: BoolArray | None = None) -> ArcGroups:
     """Split the arcs of one mode, or those ``there`` (arcs,), by what errors feel along them: by
     functions of the loop, in their order; empty groups are left out."""
     return _split(loop.modes[mode], loop.functions, loop.exceptions, size=loop.n, there=there)
 
 
-def plant_arcs(problem: Problem, mode: str) -> tuple[ArcGroup, ...]:
+def plant_arcs(problem: Problem, mode: str) -> ArcGroups:
     """The same by couplings of the file, which act on the inputs of agents with [dynamics]."""
     return _split(
         problem.network.modes[mode], problem.couplings, problem.exception_places, size=problem.n
@@ -293,7 +296,7 @@ def _split(
     *,
     size: int,
     there: BoolArray | None = None,
-) -> tuple[ArcGroup, ...]:
+) -> ArcGroups:
     which, different = distinct_weights(arcs_of_mode.weights)
     weights = to_float((different,))[0][which]
     codes = arcs_of_mode.listeners * size + arcs_of_mode.speakers

@@ -360,10 +360,10 @@ class CalmColumns:
         total = np.zeros(shape)
         for k in range(states.shape[1]):
             total += states[:, k, None, :] * weights[:, None, :, k]
-        return total.reshape(len(times), self.loop.n * self.loop.m, len(runs))
+        return total.reshape(len(times), self.loop.size, len(runs))
 
     def size(self, y: Array) -> Array:
-        e = y[: self.loop.n * self.loop.m]
+        e = y[: self.loop.size]
         return np.asarray(np.abs(e).max(axis=0, initial=0.0))
 
     def switched(self, runs: IndexArray, modes: IndexArray) -> None:

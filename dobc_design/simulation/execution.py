@@ -22,7 +22,7 @@ from ._arguments import whole
 from .agents import StressedRuns
 from .closed_form import ClosedForm, evolve
 from .columns import COLUMN_NUMBERS, CalmColumns
-from .field import Network, network_of
+from .field import Network, largest, network_of
 from .integrate import (
     Integration,
     Outcome,
@@ -154,7 +154,7 @@ def _calm(setting: Setting, start: Start, modes: Modes, progress: Progress) -> O
 def _samples(setting: Setting, states: Array, xi: Array, xihat: Array) -> Samples:
     """What is seen of the errors, flat and those of a leader after them: (T, n m) or more."""
     loop = setting.loop
-    e, s = np.split(states, [loop.n * loop.m], axis=1)
+    e, s = np.split(states, [loop.size], axis=1)
     e = e.reshape(-1, loop.n, loop.m)
     x = e + loop.goal
     if loop.lead:
@@ -307,7 +307,7 @@ class _Collector:
         """How many runs are made at once."""
         setting = self.setting
         loop = setting.loop
-        room = COLUMN_NUMBERS // (loop.n * loop.m)
+        room = COLUMN_NUMBERS // loop.size
         if setting.is_full:
             modes = setting.problem.network.modes.values()
             arcs = sum(each.shape[1] for each in shared.graphs) or sum(map(len, modes))
@@ -392,7 +392,7 @@ class _Chunk:
             weights = np.linalg.pinv(setting.loop.plant.B) @ weights
         for place, weight in enumerate(weights):
             gap = np.tensordot(weight, eps, axes=(1, 1))
-            estimation[self.chosen, place] = np.abs(gap).max(axis=(0, 1))
+            estimation[self.chosen, place] = largest(gap)
 
     def stressed(self) -> None:
         """Under a stress in continuous time, or the full loop."""
@@ -417,13 +417,13 @@ class _Chunk:
         """Errors e and d - dhat, (n, m, k) each, of runs of the chunk at their samples, (k,)
         each."""
         self.put_errors(sample, run, e)
-        self.collector.estimation[self.chosen[run], sample] = np.abs(gap).max(axis=(0, 1))
+        self.collector.estimation[self.chosen[run], sample] = largest(gap)
 
     def put_errors(self, sample: IndexArray, run: IndexArray, e: Array) -> None:
         """Errors alone; or flat, and a leader after them, (n m, k) or more."""
         collector = self.collector
         loop = self.setting.loop
-        e, s = np.split(e.reshape(-1, len(run)), [loop.n * loop.m])
+        e, s = np.split(e.reshape(-1, len(run)), [loop.size])
         runs = self.chosen[run]
         collector.error[runs, sample] = np.abs(e).max(axis=0)
         # of the first runs the states are kept, too

@@ -35,7 +35,7 @@ from dobc_design.problem.network import BoolArray, IndexArray
 
 from .agents import Agents, StressedRuns
 from .columns import March, RightHandSide
-from .field import ClosedLoop, act
+from .field import ClosedLoop, act, largest
 from .integrate import FARTHEST, Outcome, Progress, Run, Samples
 from .stressed import LEAST_STEPS, StressedColumns, sample_instants
 from .switches import constant_signals
@@ -126,7 +126,7 @@ class Between(StressedColumns):
         u = self.u[..., chosen]
 
         def derivative(y: Array, force: Array) -> Array:
-            x, xi, z = self.split(y)
+            x, xi, z = self.loop.split(y)
             d = act(self.loop.output, xi)
             if len(force):
                 d = d + force.reshape(u.shape)
@@ -219,7 +219,7 @@ class Stepper:
 
     def size(self) -> Array:
         """|e|_inf of all runs, (R,)."""
-        return np.asarray(np.abs(self.x - self.goal).max(axis=(0, 1)))
+        return largest(self.x - self.goal)
 
     def run(self) -> None:
         """From instant to instant, up to the horizon.  Raises: SpecError for too many."""
@@ -303,7 +303,7 @@ class Stepper:
         path[times == hold.begin] = self.x
 
         def visit(sample: IndexArray, run: IndexArray, y: Array) -> None:
-            path[sample, :, :, alive[run]] = np.moveaxis(columns.split(y)[0], 2, 0)
+            path[sample, :, :, alive[run]] = np.moveaxis(self.loop.split(y)[0], 2, 0)
 
         if not len(times) or times[-1] <= hold.begin:
             return path

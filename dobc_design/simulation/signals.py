@@ -201,12 +201,13 @@ class Waypoints(Shown):
     def at(self, time: float, places: Array) -> Array:
         """Positions (n, k) at a time; ``places`` is ``positions`` as an array, made once by the
         caller."""
-        if len(self.times) == 1:  # no line to interpolate on
+        times = self.times
+        if len(times) == 1:  # no line to interpolate on
             return np.asarray(places[0])
-        passed = int(np.searchsorted(self.times, time, side="right")) - 1
-        number = min(max(passed, 0), len(self.times) - 2)
-        begin = self.times[number]
-        part = (time - begin) / (self.times[number + 1] - begin)
+        passed = int(np.searchsorted(times, time, side="right")) - 1
+        number = min(max(passed, 0), len(times) - 2)
+        begin = times[number]
+        part = (time - begin) / (times[number + 1] - begin)
         part = min(1.0, max(0.0, part))  # it rests before and after
         return np.asarray(places[number] + part * (places[number + 1] - places[number]))
 

@@ -90,12 +90,12 @@ class Starts:
             with np.errstate(all="ignore"):
                 x = self.low + (self.high - self.low) * rng.random(self.low.shape)
         xi = self.drawn_xi(rng) if self.xi is None else self.xi
-        if self.leads is None:
-            return Start(x=x, xi=xi, xihat=self.xihat, s=np.zeros(0))
-        low, high = self.leads
-        s = low + (high - low) * rng.random(len(low))
-        if self.relative:
-            x = x + s
+        s = np.zeros(0)
+        if self.leads is not None:
+            low, high = self.leads
+            s = low + (high - low) * rng.random(len(low))
+            if self.relative:
+                x = x + s
         return Start(x=x, xi=xi, xihat=self.xihat, s=s)
 
     def drawn_xi(self, rng: Generator) -> Array:

@@ -15,7 +15,7 @@ from numpy.random import Generator, default_rng
 from dobc_design._checks import noun
 from dobc_design.errors import misshapen, refused, wrong
 from dobc_design.exact.reading import Texts, counted, is_list, shown
-from dobc_design.loop.arrays import ArcGroup, mode_index
+from dobc_design.loop.arrays import ArcGroups, mode_index
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import BoolArray, IndexArray
 from dobc_design.problem.problem import Problem
@@ -287,7 +287,7 @@ class Planned:
     """Modes that are known beforehand; ``groups`` gives the arcs of a mode by its index."""
 
     switches: Switches
-    groups: Callable[[int], Sequence[ArcGroup]]
+    groups: Callable[[int], ArcGroups]
     horizon: float
 
     def stay(self, time: float, positions: Array) -> Stay:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dobc_design._checks import noun
+from dobc_design._checks import noun, put
 from dobc_design._show.cards import Card, Headed
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.errors import refused
@@ -111,10 +111,10 @@ class Trajectory(Simulated):
     def __post_init__(self) -> None:
         # without switches of its own it was in ``mode`` throughout
         if self.switches.names == ("",):
-            object.__setattr__(self, "switches", one_mode(self.mode))
-        object.__setattr__(self, "mode_index", self.switches.at(self.times))
+            put(self, switches=one_mode(self.mode))
+        put(self, mode_index=self.switches.at(self.times))
         if not self.leader.size:
-            object.__setattr__(self, "leader", np.zeros((len(self.times), self.x.shape[2])))
+            put(self, leader=np.zeros((len(self.times), self.x.shape[2])))
         for name in ("times", "goal", "leader", "mode_index", *SAMPLED):
             getattr(self, name).setflags(write=False)
 

@@ -53,7 +53,7 @@ class Arena:
     @property
     def chunk(self) -> int:
         """How many runs are made at once."""
-        return max(1, COLUMN_NUMBERS // (self.loop.n * self.loop.m))
+        return max(1, COLUMN_NUMBERS // self.loop.size)
 
 
 def make_arena(problem: Problem, gain: Gain | None) -> Arena:

@@ -32,7 +32,6 @@ from dobc_design.problem.load import (
 )
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation._arguments import whole
-from dobc_design.verdict import Verdict
 
 from .axes import Axis, Over, read_axes, read_value, with_changes
 
@@ -156,7 +155,7 @@ def _facts(certificate: Certificate) -> Document:
     margins = [each.margin for each in checks if each.id == near and each.margin is not None]
     # Only a proved settling time is a result, rounded up.
     settling, time = regions.settling, None
-    if settling is not None and settling.verdict is Verdict.PROVED and settling.exact is not None:
+    if settling is not None and settling.is_proved and settling.exact is not None:
         time = float_above(Fraction(settling.exact["time"]))
     one_percent = time_to_one_percent(certificate.rate, certificate.factor)
     return {

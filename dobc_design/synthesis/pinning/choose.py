@@ -8,7 +8,7 @@ impossible.
 from __future__ import annotations
 
 import heapq
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 
@@ -19,7 +19,7 @@ from dobc_design.conditions.statement import Statement, proved, refuted
 from dobc_design.exact.number import number_text
 from dobc_design.synthesis.pinning import decide
 
-from .claim import Agents
+from .claim import Agents, AgentSet
 from .decide import Ground
 from .propose import PinningProposer
 
@@ -54,8 +54,8 @@ class Choice:
     proposer: PinningProposer
     progress: Progress
     pins: int
-    groups: Sequence[Sequence[int]]
-    start: Collection[int] | None = None
+    groups: Sequence[AgentSet]
+    start: AgentSet | None = None
     agents: Agents | None = None
     cost: float = float("inf")
     # open nodes, the lowest bound first
@@ -113,7 +113,7 @@ class Choice:
         text = f"No gains on {agents} cost less than {text_below(self.bound, digits=6)} ({how})."
         return proved("choice", text, bound=number_text(claimed(shorten(self.bound))))
 
-    def _try_set(self, agents: Collection[int]) -> None:
+    def _try_set(self, agents: AgentSet) -> None:
         """Compare a set with the best one so far."""
         request = self.ground.request
         chosen = tuple(sorted(agents))

@@ -34,6 +34,7 @@ from dobc_design.synthesis.observer.claim import Answer, check_digits, read_posi
 from dobc_design.verdict import Verdict
 
 Agents = tuple[int, ...]  # by index
+AgentSet = Collection[int]  # in any order
 Gains = Mapping[int, Fraction]  # or their caps, in 1/s, by agent index
 FEWEST = "fewest"
 POSITIVE = "Give a positive number."

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from fractions import Fraction
 from itertools import combinations
 from math import comb
@@ -52,7 +52,7 @@ from dobc_design.loop.make import loop_of
 from dobc_design.problem.changes import typed_number
 from dobc_design.problem.problem import Problem
 
-from .claim import Agents, Bound, Gains, Limits, PinningRequest, Structure
+from .claim import Agents, AgentSet, Bound, Gains, Limits, PinningRequest, Structure
 
 ZERO = Fraction(0)
 BITS = 40  # of the largest entry of a rounded multiplier
@@ -119,7 +119,7 @@ def is_undirected(statements: Statements) -> bool:
     return there == back
 
 
-def bound_from(ground: Ground, vectors: Vectors, allowed: Collection[int]) -> Bound:
+def bound_from(ground: Ground, vectors: Vectors, allowed: AgentSet) -> Bound:
     """The lower bound that proposed vectors prove, for gains on the ``allowed`` agents; each made
     to fit first."""
     request = ground.request
@@ -193,7 +193,7 @@ class Multipliers:
 
 
 def obstacle_to(
-    ground: Ground, allowed: Collection[int], candidates: Vectors
+    ground: Ground, allowed: AgentSet, candidates: Vectors
 ) -> tuple[str, Vector] | None:
     """A mode and v (n m,), v'(Lambda0 - 2 K + 2 rate I) v >= 0 for all gains on ``allowed``, 0
     where one has no cap."""
@@ -272,7 +272,7 @@ def _from_integers(table: Any) -> SparseSymmetric:
     return SparseSymmetric.from_dense(tuple(rows))
 
 
-def structure_of(problem: Problem, allowed: Collection[int]) -> Structure:
+def structure_of(problem: Problem, allowed: AgentSet) -> Structure:
     """The groups of all modes and the least number of allowed agents that meet them."""
     found = set()
     for arcs in problem.network.modes.values():
@@ -342,7 +342,7 @@ def _too_few(pins: int, structure: Structure, labels: Names, scope: Scope) -> St
     return refuted("pins", text, least=str(structure.least), groups=every)
 
 
-def apart(groups: Sequence[Collection[int]]) -> list[int]:
+def apart(groups: Sequence[AgentSet]) -> list[int]:
     """Places of groups without a common agent, the smallest first: each needs a pin of its own."""
     # Small groups first: they leave the most agents for others.
     used = set[int]()
@@ -399,7 +399,7 @@ class SlowDirection:
 
 
 def slow_direction(
-    jacobians: Jacobians, pinned: Collection[int], caps: Gains, propose: Directions
+    jacobians: Jacobians, pinned: AgentSet, caps: Gains, propose: Directions
 ) -> SlowDirection | None:
     """The proved direction with the lowest limit for scalar gains on the ``pinned`` agents; None
     without any."""
@@ -426,7 +426,7 @@ def _components(mode: ModeJacobian) -> int:
     return 1
 
 
-def _direction(proposed: Sequence[float], free: Collection[int]) -> tuple[int, ...]:
+def _direction(proposed: Sequence[float], free: AgentSet) -> tuple[int, ...]:
     """A direction >= 0 as whole numbers, 0 on free agents; empty for one without numbers."""
     top = max((abs(x) for x in proposed), default=0.0)
     if not 0 < top < float("inf"):
@@ -439,7 +439,7 @@ def _direction(proposed: Sequence[float], free: Collection[int]) -> tuple[int, .
 
 
 def limit_of(
-    mode: ModeJacobian, component: int, w: Sequence[int], *, pinned: Collection[int], caps: Gains
+    mode: ModeJacobian, component: int, w: Sequence[int], *, pinned: AgentSet, caps: Gains
 ) -> Fraction | None:
     """The rate (1/s) out of reach by w: the largest -(M w)_i / w_i; None if w is 0, not >= 0 or
     moves a free agent."""
@@ -472,7 +472,7 @@ def too_fast(problem: Problem, limits: Limits, propose: Directions) -> Statement
     except UndefinedError:
         return None
 
-    def slowest(agents: Sequence[int], caps: Gains = limits.caps) -> SlowDirection | None:
+    def slowest(agents: AgentSet, caps: Gains = limits.caps) -> SlowDirection | None:
         direction = slow_direction(jacobians, agents, caps, propose)
         return None if direction is None or direction.limit >= rate else direction
 
@@ -504,7 +504,7 @@ def too_fast(problem: Problem, limits: Limits, propose: Directions) -> Statement
 def _too_few_pins(
     rate: Fraction,
     limits: Limits,
-    slowest: Callable[[Sequence[int]], SlowDirection | None],
+    slowest: Callable[[AgentSet], SlowDirection | None],
 ) -> Statement | None:
     """A proof that no so many of the allowed agents reach the rate: every set is excluded; None if
     one is not."""

@@ -7,7 +7,7 @@ over a region are designed in ``search_regions``.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from fractions import Fraction
 from typing import TypeVar
@@ -34,6 +34,7 @@ from .choose import Choice
 from .claim import (
     FEWEST,
     Agents,
+    AgentSet,
     Alternatives,
     Gains,
     Limits,
@@ -219,9 +220,7 @@ def _unbounded(design: PinningDesign) -> PinningDesign:
     )
 
 
-def _with_weights(
-    task: Task, proposer: PinningProposer, agents: Sequence[int]
-) -> PinningDesign | None:
+def _with_weights(task: Task, proposer: PinningProposer, agents: AgentSet) -> PinningDesign | None:
     """The smallest gains found on these agents for which weights of V are proved; None if none
     are."""
     request = task.request
@@ -350,7 +349,7 @@ def _fewest(pins: int, needed: int) -> Statement:
 
 def _designed(
     task: Task,
-    agents: Sequence[int],
+    agents: AgentSet,
     choice: Choice | None = None,
     chosen: tuple[Statement, ...] = (),
 ) -> PinningDesign:
@@ -393,7 +392,7 @@ def _designed(
     )
 
 
-def _proved_gains(task: Task, agents: Sequence[int]) -> Gains | None:
+def _proved_gains(task: Task, agents: AgentSet) -> Gains | None:
     """Gains for a rate a little faster, rounded up, that are proved for the rate asked."""
     request = task.request
     digit = max(Fraction(1, 10 ** (request.digits + 2)), Fraction(1, 10**10))

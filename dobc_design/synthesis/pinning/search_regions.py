@@ -5,7 +5,7 @@ Their max-separable certificate is proved by ``conditions.separable``.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from fractions import Fraction
 from typing import Any
@@ -30,6 +30,7 @@ from dobc_design.synthesis.pinning import decide
 
 from .claim import (
     FEWEST,
+    AgentSet,
     Gains,
     PinningDesign,
     PinningRequest,
@@ -202,7 +203,7 @@ def _unordered(task: Task) -> Statement | None:
     return refuted("ordering", text, agents=", ".join(names[:LISTED]))
 
 
-def _on(task: Task, agents: Sequence[int]) -> PinningDesign:
+def _on(task: Task, agents: AgentSet) -> PinningDesign:
     """Cheap gains on these agents with a certificate of the whole region, for every switching; or
     why not."""
     bare = task.bare
@@ -226,7 +227,7 @@ def _on(task: Task, agents: Sequence[int]) -> PinningDesign:
     return task.fails(undecided("gains", text))
 
 
-def _proposed(task: Task, agents: Sequence[int]) -> Iterator[tuple[Separable, Gains]]:
+def _proposed(task: Task, agents: AgentSet) -> Iterator[tuple[Separable, Gains]]:
     """Certificates of the rows, and gains on these agents, for rates a little faster than asked."""
     rho = task.region.rho
     request = replace(task.request, allowed=tuple(sorted(agents)))

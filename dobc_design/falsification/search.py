@@ -49,13 +49,7 @@ from dobc_design.simulation.trials import (
 )
 
 from .ascent import ascend, final_error, final_level
-from .levels import (
-    Boundary,
-    Certified,
-    Level,
-    StartSet,
-    level_of,
-)
+from .levels import Boundary, Certified, Level, StartSet, level_of
 from .paces import drawn_signals
 from .suspect import LEAVES, RESTS, STAYS_AWAY, Falsification, Suspect
 

@@ -23,14 +23,7 @@ from .agents import StressedRuns
 from .closed_form import ClosedForm, evolve
 from .columns import COLUMN_NUMBERS, CalmColumns
 from .field import Network, largest, network_of
-from .integrate import (
-    Integration,
-    Outcome,
-    Progress,
-    Samples,
-    errors,
-    silent,
-)
+from .integrate import Integration, Outcome, Progress, Samples, errors, silent
 from .mobile import Modes, Nearby
 from .sampled import Stepper, run_sampled_alone
 from .setting import WITHOUT, Setting

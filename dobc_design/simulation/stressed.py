@@ -19,15 +19,7 @@ from dobc_design.problem.network import IndexArray
 from .agents import Agents, StressedRuns
 from .columns import DONE, MOST_STEPS, Ends, March, RightHandSide
 from .field import act, full_pattern, largest
-from .integrate import (
-    FARTHEST,
-    Integration,
-    Outcome,
-    Piece,
-    Plan,
-    Progress,
-    Samples,
-)
+from .integrate import FARTHEST, Integration, Outcome, Piece, Plan, Progress, Samples
 from .mobile import Modes
 from .switches import ModeTable, table_of
 

@@ -20,14 +20,7 @@ from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import BoolArray, IndexArray
 from dobc_design.problem.problem import Problem
 
-from .signals import (
-    Fixed,
-    Markov,
-    Periodic,
-    RandomDwell,
-    Schedule,
-    Scheduled,
-)
+from .signals import Fixed, Markov, Periodic, RandomDwell, Schedule, Scheduled
 
 MOST_SWITCHES = 1_000_000  # of one run
 STREAM = 1  # starts are drawn from default_rng(seed), switches from default_rng([seed, STREAM])

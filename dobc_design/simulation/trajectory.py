@@ -23,15 +23,7 @@ from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import BoolArray, IndexArray
 from dobc_design.simulation import measures
 
-from .npz import (
-    ABOUT,
-    Shapes,
-    arrays_bytes,
-    describing,
-    read_arrays,
-    require,
-    save_arrays,
-)
+from .npz import ABOUT, Shapes, arrays_bytes, describing, read_arrays, require, save_arrays
 from .switches import Switches, one_mode
 
 if TYPE_CHECKING:

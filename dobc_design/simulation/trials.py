@@ -19,14 +19,7 @@ from dobc_design.problem.network import BoolArray, IndexArray
 from dobc_design.problem.problem import Problem
 
 from .closed_form import make_closed_form
-from .columns import (
-    COLLAPSED,
-    COLUMN_NUMBERS,
-    ESCAPED,
-    HANDED_BACK,
-    MOST_STEPS,
-    CalmColumns,
-)
+from .columns import COLLAPSED, COLUMN_NUMBERS, ESCAPED, HANDED_BACK, MOST_STEPS, CalmColumns
 from .field import ClosedLoop, Network, make_closed_loop, network_of
 from .switches import ModeTable
 

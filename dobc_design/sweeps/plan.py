@@ -32,6 +32,7 @@ from dobc_design.problem.load import (
 )
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation._arguments import whole
+from dobc_design.verdict import Verdict
 
 from .axes import Axis, Over, read_axes, read_value, with_changes
 

@@ -26,6 +26,7 @@ from dobc_design.problem.changes import typed_number
 from dobc_design.verdict import Decided, Verdict
 
 CHANNELS = ("measurement", "disturbance", "exosystem")
+ZERO = Fraction(0)
 NORMS = {"hinf": "H-infinity", "h2": "H2"}
 Ends = tuple[Fraction | None, Fraction | None]  # on the real axis; None is infinite
 
@@ -58,7 +59,7 @@ class HalfPlane(Told):
         low, high = self.real_ends
         if high is not None:
             return f"Re s <= {shown_number(high)}"
-        return f"Re s >= {shown_number(low or Fraction(0))}"
+        return f"Re s >= {shown_number(low or ZERO)}"
 
     @property
     def real_ends(self) -> Ends:
@@ -118,7 +119,7 @@ class Cone(Told):
     @property
     def real_ends(self) -> Ends:
         """Where the cone begins and ends on the real axis."""
-        return None, Fraction(0)
+        return None, ZERO
 
 
 SpectralRegion = HalfPlane | Disk | Cone
@@ -176,7 +177,7 @@ class ObserverRequest:
     @property
     def all_regions(self) -> tuple[SpectralRegion, ...]:
         """The regions and the half planes of the rate and of convergence, in continuous time."""
-        slowest = self.rate or Fraction(0)
+        slowest = self.rate or ZERO
         return (HalfPlane(left_of=-slowest), *self.regions)
 
 

@@ -60,6 +60,7 @@ from dobc_design.verdict import Verdict
 
 from .claim import (
     CHANNELS,
+    ZERO,
     Cone,
     Disk,
     Envelope,
@@ -103,7 +104,7 @@ def image(region: SpectralRegion, polynomial: Coefficients) -> Coefficients:
         return roots.cone_image(polynomial, damping=region.damping)
     if region.left_of is not None:
         return roots.shifted(polynomial, region.left_of)
-    return roots.reflected(roots.shifted(polynomial, region.right_of or Fraction(0)))
+    return roots.reflected(roots.shifted(polynomial, region.right_of or ZERO))
 
 
 def roots_inside(polynomial: Coefficients, region: SpectralRegion) -> tuple[bool, bool]:
@@ -216,11 +217,11 @@ def _sampled_disks(request: ObserverRequest, period: Fraction) -> Iterator[Sampl
     """The unit disk, that of the rate, and the disks asked for."""
     rate = request.rate
     text = "the sampled error converges: every eigenvalue lies inside the unit disk"
-    yield SampledDisk(kind="sampled", text=text, centre=Fraction(0), radius=Interval.point(1))
+    yield SampledDisk(kind="sampled", text=text, centre=ZERO, radius=Interval.point(1))
     if rate is not None:
         radius = exp(Interval.point(-rate * period))
         text = f"the sampled error decays at the rate {shown_number(rate)} 1/s or faster"
-        yield SampledDisk(kind="rate", text=text, centre=Fraction(0), radius=radius)
+        yield SampledDisk(kind="rate", text=text, centre=ZERO, radius=radius)
     for region in request.regions:
         if isinstance(region, Disk):
             radius = Interval.point(region.radius)
@@ -260,7 +261,7 @@ def h2_squared(system: StateSpace) -> Fraction | None:
     if X is None:  # cannot be for a Hurwitz F
         return None
     variance = multiply(multiply(system.C, X), transpose(system.C))
-    return sum((row[i] for i, row in enumerate(variance)), Fraction(0))
+    return sum((row[i] for i, row in enumerate(variance)), ZERO)
 
 
 def hinf_below(system: StateSpace, gamma: Fraction) -> bool:
@@ -314,7 +315,7 @@ def noise_statement(exosystem: Exosystem, W: Matrix, limit: NoiseLimit) -> State
 
 def size_above(W: Matrix) -> float:
     """|W|, rounded up: the root of the sum of the squares of its entries."""
-    return root_above(sum((x * x for row in W for x in row), Fraction(0)))
+    return root_above(sum((x * x for row in W for x in row), ZERO))
 
 
 def envelope_statement(exosystem: Exosystem, W: Matrix, envelope: Envelope) -> Statement | None:
@@ -469,8 +470,8 @@ def largest_hidden_rate(polynomial: Coefficients) -> Fraction | None:
     def reached(rate: Fraction) -> bool:
         return roots.count_right_half_plane(roots.shifted(polynomial, -rate)) == 0
 
-    most = 1 + sum((abs(x) for x in polynomial), Fraction(0))  # Cauchy's bound
-    low, high = bisected(reached, Fraction(0), most, steps=BISECTIONS)
+    most = 1 + sum((abs(x) for x in polynomial), ZERO)  # Cauchy's bound
+    low, high = bisected(reached, ZERO, most, steps=BISECTIONS)
     # A short number that the bisection closes in on is shown rather than its lower end.
     short = high.limit_denominator(1000)
     if short >= low > 0 and reached(short):

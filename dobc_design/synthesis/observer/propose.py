@@ -39,6 +39,7 @@ from dobc_design.solvers.program import GIVEN_UP, Array, Program, round_matrix
 
 from .claim import (
     CHANNELS,
+    ZERO,
     Cone,
     Disk,
     Envelope,
@@ -99,7 +100,7 @@ def _placed(exosystem: Exosystem, request: ObserverRequest) -> Iterator[Matrix]:
     """Gains that put all observable poles at one real point, which lies in all regions."""
     low, high = common_interval(request.all_regions) or (None, None)
     if high is None:
-        high = Fraction(0)
+        high = ZERO
     if low is None:
         low = high - 2 * max(Fraction(1), abs(high) / 10)
     point = (low + high) / 2
@@ -191,9 +192,9 @@ def _rates(plant: Plant, request: ObserverRequest) -> list[Fraction]:
     rate = propose.half_rate(plant.A, plant.C, propose.kalman_gain(plant.A, plant.C))
     # A rate that was asked for is among the regions of the plant already.
     if not rate or request.rate is not None or plant.sampled:
-        return [Fraction(0)]
+        return [ZERO]
     halvings = STEPS if request.noise else 1
-    return [*(rate / 2**k for k in range(halvings)), Fraction(0)]
+    return [*(rate / 2**k for k in range(halvings)), ZERO]
 
 
 def lmi_gain(plant: Plant, *, noise: Sequence[NoiseLimit] = (), slack: float) -> Array | None:

@@ -21,11 +21,7 @@ from dobc_design.synthesis.observer import decide
 from dobc_design.verdict import Verdict
 
 from .claim import NoiseLimit, ObserverDesign, ObserverRequest
-from .propose import (
-    estimate_observer,
-    propose_envelopes,
-    propose_gains,
-)
+from .propose import estimate_observer, propose_envelopes, propose_gains
 
 
 def search_groups(problem: Problem, request: ObserverRequest) -> ObserverDesign:

@@ -17,6 +17,7 @@ from dobc_design.conditions.coverage import Progress
 from dobc_design.conditions.numbers import claimed, shorten, text_below
 from dobc_design.conditions.statement import Statement, proved, refuted
 from dobc_design.exact.number import number_text
+from dobc_design.synthesis.observer.claim import ZERO
 from dobc_design.synthesis.pinning import decide
 
 from .claim import Agents, AgentSet
@@ -68,7 +69,7 @@ class Choice:
     def __post_init__(self) -> None:
         if self.start is not None:
             self._try_set(self.start)
-        self._add(frozenset(), frozenset(), Fraction(0))
+        self._add(frozenset(), frozenset(), ZERO)
         n = self.ground.problem.n
         most = max(50, WORK // n) if n <= FEW else max(1, MOST_WORK // n**2)
         while self._heap and self._nodes < most:
@@ -78,7 +79,7 @@ class Choice:
             else:
                 self._branch(node)
         bounds = [node.bound for _, _, node in self._heap] + self._closed
-        self.bound = min(bounds, default=Fraction(0))
+        self.bound = min(bounds, default=ZERO)
         self.impossible = not bounds and self.agents is None
 
     def _branch(self, node: _Node) -> None:

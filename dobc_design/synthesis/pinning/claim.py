@@ -30,7 +30,7 @@ from dobc_design.exact.reading import Document, Names, Texts, is_list, named, sh
 from dobc_design.problem.changes import changed_problem
 from dobc_design.problem.network import Index, one_form
 from dobc_design.problem.problem import Problem
-from dobc_design.synthesis.observer.claim import Answer, check_digits, read_positive
+from dobc_design.synthesis.observer.claim import ZERO, Answer, check_digits, read_positive
 from dobc_design.verdict import Verdict
 
 Agents = tuple[int, ...]  # by index
@@ -228,7 +228,7 @@ class Region:
 
     radius: Fraction
     rho: Fraction | None
-    disturbance: Fraction = Fraction(0)
+    disturbance: Fraction = ZERO
     error: ErrorBound | None = None
     W: Matrix | None = None
 
@@ -357,7 +357,7 @@ class PinningDesign(Answer):
         elif self.lower_bound is not None:
             least = shorten(self.lower_bound, digits=6)
             by = f", and nothing that does costs less than {least:.6g}."
-        rate = shown_number(self.rate or Fraction(0))
+        rate = shown_number(self.rate or ZERO)
         cost = float(self.cost or 0)
         who = name_agents(tuple(self.gains))
         return f"gains on {who} reach the rate {rate}{over} at the cost {cost:.6g}{by}"
@@ -439,7 +439,7 @@ def with_gains(
         request=request,
         gains={held.network.labels[i]: k for i, k in gains.items()},
         rate=request.rate,
-        cost=sum((request.costs[i] * k for i, k in gains.items()), Fraction(0)),
+        cost=sum((request.costs[i] * k for i, k in gains.items()), ZERO),
         structural_minimum=structure.least if structure.exact else None,
         problem=held,
     )

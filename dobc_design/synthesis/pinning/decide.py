@@ -51,10 +51,10 @@ from dobc_design.loop.arcs import closed_groups
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.changes import typed_number
 from dobc_design.problem.problem import Problem
+from dobc_design.synthesis.observer.claim import ZERO
 
 from .claim import Agents, AgentSet, Bound, Gains, Limits, PinningRequest, Structure
 
-ZERO = Fraction(0)
 BITS = 40  # of the largest entry of a rounded multiplier
 HINT_BITS = 50  # of the largest entry of a vector that shows definiteness
 LARGEST = 300  # rows that are eliminated in the search for a witness
@@ -225,10 +225,17 @@ def _shown(upper: Symmetric, hints: Sequence[Sequence[float]]) -> bool:
     if any(len(each) != upper.size for each in hints):
         return False
     total = [sum(column) for column in zip(*hints, strict=True)]
-    top = max(total, default=0.0)
-    if not 0 < top < float("inf"):
-        return False
-    return proves(upper, [round(x / top * 2**HINT_BITS) for x in total])
+    whole = _in_integers(total, 2**HINT_BITS)
+    return bool(whole) and proves(upper, whole)
+
+
+def _in_integers(values: Sequence[float], largest: int) -> list[int]:
+    """The numbers in proportion, so that the largest size is ``largest``; none where all are 0 or
+    the largest is infinite."""
+    top = max(map(abs, values), default=0.0)
+    if not 0 < top < math.inf:
+        return []
+    return [round(x / top * largest) for x in values]
 
 
 def pins_needed(ground: Ground, directions: Vectors) -> int:
@@ -248,11 +255,7 @@ def pins_needed(ground: Ground, directions: Vectors) -> int:
 def _are_slow(enclosed: Enclosed, rate: Fraction, vectors: list[Any]) -> bool:
     """Whether the directions are independent, and v'(Lambda0 + 2 rate I)v >= 0 for all their
     combinations."""
-    coarse = []
-    for v in vectors:
-        top = max(map(abs, v))
-        coarse.append([round(x / top * COARSE) for x in v])
-    columns = np.array(coarse, dtype=object).T
+    columns = np.array([_in_integers(v, COARSE) for v in vectors], dtype=object).T
     lower = enclosed.middle.shifted(2 * rate - enclosed.radius)
     common = math.lcm(1, *(x.denominator for x in lower.entries.values()))  # integers are quicker
     matrix = np.zeros((lower.size, lower.size), dtype=object)
@@ -428,14 +431,8 @@ def _components(mode: ModeJacobian) -> int:
 
 def _direction(proposed: Sequence[float], free: AgentSet) -> tuple[int, ...]:
     """A direction >= 0 as whole numbers, 0 on free agents; empty for one without numbers."""
-    top = max((abs(x) for x in proposed), default=0.0)
-    if not 0 < top < float("inf"):
-        return ()
-    w = [0] * len(proposed)
-    for i, x in enumerate(proposed):
-        if i not in free:
-            w[i] = max(0, round(x / top * FINE))
-    return tuple(w)
+    whole = _in_integers(proposed, FINE)
+    return tuple(0 if i in free else max(0, x) for i, x in enumerate(whole))
 
 
 def limit_of(
@@ -450,14 +447,14 @@ def limit_of(
     pull = {}
     for i, x in enumerate(w):
         if x:
-            pull[i] = x * caps[i] if i in held else Fraction(0)
+            pull[i] = x * caps[i] if i in held else ZERO
     listeners = mode.arcs.listeners.tolist()
     speakers = mode.arcs.speakers.tolist()
     for i, j, kind in zip(listeners, speakers, mode.kind.tolist(), strict=True):
         if w[i] and w[i] != w[j]:
             gain = mode.gains[kind][component][component]
             pull[i] += (gain.hi if w[i] > w[j] else gain.lo) * (w[i] - w[j])
-    return max(Fraction(0), *(value / w[i] for i, value in pull.items()))
+    return max(ZERO, *(value / w[i] for i, value in pull.items()))
 
 
 def too_fast(problem: Problem, limits: Limits, propose: Directions) -> Statement | None:
@@ -514,7 +511,7 @@ def _too_few_pins(
     count = comb(len(limits.allowed), pins)
     if pins >= len(limits.allowed) or count > MOST_SETS:
         return None
-    most = Fraction(0)
+    most = ZERO
     # Fewer pins do no better, so that sets of exactly so many are enough.
     for chosen in combinations(limits.allowed, pins):
         found = slowest(chosen)

@@ -25,7 +25,7 @@ from dobc_design.exact.reading import counted, shown_number
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.changes import changed_problem
 from dobc_design.problem.problem import Problem
-from dobc_design.synthesis.observer.claim import read_positive
+from dobc_design.synthesis.observer.claim import ZERO, read_positive
 from dobc_design.synthesis.pinning import decide
 
 from .claim import (
@@ -97,7 +97,7 @@ def _file_region(problem: Problem, request: PinningRequest) -> Region:
         text = "region = True means the [region] of the problem, and there is none."
         raise refused("region", text, "Give a radius, or a [region].")
     radius = max(*asked_radius(loop_of(problem)), SMALLEST)
-    disturbance = problem.region.initial_disturbance or Fraction(0)
+    disturbance = problem.region.initial_disturbance or ZERO
     exosystem = problem.joint_exosystem
     if not disturbance or exosystem is None:
         return Region(radius=radius, rho=None if problem.is_linear else radius)

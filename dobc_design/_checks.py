@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, Protocol, TypeVar, dataclass_transform
 
-from .errors import ShapeError, wrong
+from .errors import misshapen
 
 T = TypeVar("T")
 #: Of a field that problem.json has only where it was given, so that other problems keep their hash.
@@ -50,13 +50,13 @@ def require_shape(
                 f"must have rows of one length; got {widths[0]} in row 1 and {width} in row "
                 f"{number}."
             )
-            raise wrong(name, what, kind=ShapeError)
+            raise misshapen(name, what)
     got = (len(widths), widths[0] if widths else 0)
     # Nested sequences cannot say how many columns no rows have, so those agree with any number.
     wrong_columns = shape[1] is not None and got[0] > 0 and got[1] != shape[1]
     if (shape[0] is not None and got[0] != shape[0]) or wrong_columns:
         reason = f", {because}" if because else ""
-        raise wrong(name, f"must have {_wanted(shape)}{reason}; got shape {got}.", kind=ShapeError)
+        raise misshapen(name, f"must have {_wanted(shape)}{reason}; got shape {got}.")
     return got
 
 
@@ -65,9 +65,7 @@ def require_square(matrix: Rows, name: str, because: str = "") -> int:
     rows, columns = require_shape(matrix, (None, None), name=name)
     if rows != columns:
         reason = f", {because}" if because else ""
-        raise wrong(
-            name, f"must be square{reason}; got shape ({rows}, {columns}).", kind=ShapeError
-        )
+        raise misshapen(name, f"must be square{reason}; got shape ({rows}, {columns}).")
     return rows
 
 
@@ -82,6 +80,12 @@ def noun(cls: type[T] | None = None, *, eq: bool = True) -> Any:
         return dataclass(frozen=True, slots=True, kw_only=True, eq=eq, repr=not shows_itself)(cls)
 
     return made if cls is None else made(cls)
+
+
+@dataclass_transform(frozen_default=True, field_specifiers=(field,))
+def positional(cls: type[T]) -> type[T]:
+    """Make a class a frozen dataclass with slots, whose few fields are given in their order."""
+    return dataclass(frozen=True, slots=True)(cls)
 
 
 def later() -> Any:

@@ -105,6 +105,11 @@ def wrong(
     return kind(f"{key} {what}", key=key, cure=cure)
 
 
+def misshapen(key: str, what: str, cure: str | None = None) -> ShapeError:
+    """Return the error "KEY WHAT" about the shape of what stands under a key."""
+    return ShapeError(f"{key} {what}", key=key, cure=cure)
+
+
 def about(
     key: str, what: str, cure: str | None = None, *, kind: type[SpecError] = SpecError
 ) -> SpecError:

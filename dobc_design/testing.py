@@ -11,8 +11,7 @@ would cure it.  What passes is decided exactly, as by ``certify``; nothing is co
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from fractions import Fraction
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -52,8 +51,7 @@ def assert_proved(
     certificate = certify(stated, rate=rate)
     if certificate.verdict is not Verdict.PROVED:
         raise AssertionError(_told(certificate, Verdict.PROVED))
-    if rate is not None:
-        _require_rate(f"{stated.name}", certificate.rate, parse_number(rate, key="rate"))
+    _require("rate", stated.name, certificate.rate, rate, [f"  Reason: {certificate.reason}"])
     return certificate
 
 
@@ -113,12 +111,8 @@ def assert_condition(
         if check.verdict is not verdict:
             words = f"{check.title} is {check.verdict.value}, not {verdict.value}."
             raise AssertionError("\n".join([words, *_about(check)]))
-        for name, proved, wanted in (
-            ("rate", check.rate, rate),
-            ("margin", check.margin, margin),
-        ):
-            if wanted is not None:
-                _require_rate(check.title, proved, parse_number(wanted, key=name), name=name)
+        _require("rate", check.title, check.rate, rate, _about(check))
+        _require("margin", check.title, check.margin, margin, _about(check))
     return chosen[-1]
 
 
@@ -143,26 +137,35 @@ def assert_verified(folder: str | Path, problem: Source) -> None:
         raise AssertionError(f"The certificate in {folder} does not hold.\n{found}")
 
 
-def _require_rate(who: str, proved: float | None, wanted: Fraction, *, name: str = "rate") -> None:
-    """Raises: AssertionError unless the proved number reaches the wanted one, exactly."""
+def _require(
+    name: str, who: str, proved: float | None, wanted: Number | None, why: Iterable[str]
+) -> None:
+    """Raises: AssertionError unless the proved number reaches a wanted one, exactly."""
+    if wanted is None:
+        return
+    least = parse_number(wanted, key=name)
+    if proved is not None and claimed(proved) >= least:
+        return
+    told = f"the proved {name} is {proved}, less than the {number_text(least)} asked."
     if proved is None:
-        raise AssertionError(f"{who} is proved without a {name}; {number_text(wanted)} is asked.")
-    if claimed(proved) < wanted:
-        raise AssertionError(
-            f"{who}: the proved {name} is {proved}, less than the {number_text(wanted)} asked."
-        )
+        told = f"proved without a {name}; {number_text(least)} is asked."
+    lines = [f"{who}: {told}", *why]
+    if name == "rate":
+        lines.append("  Cure: dd.design looks for gains with this rate, dd.design_observer for W.")
+    raise AssertionError("\n".join(lines))
 
 
 def _told(certificate: Certificate, wanted: Verdict) -> str:
     """Why the verdict is not the wanted one, check by check."""
-    name = certificate.problem.name
     lines = [
-        f"{name} is {certificate.verdict.value}, not {wanted.value}.",
+        f"{certificate.problem.name} is {certificate.verdict.value}, not {wanted.value}.",
         certificate.reason,
     ]
     for check in certificate.checks:
         if check.verdict is not Verdict.PROVED and check.applies:
-            lines += [f"{check.title} is {check.verdict.value}.", *_about(check)]
+            lines.append(f"{check.title} is {check.verdict.value}.")
+            # One cure may serve several checks.
+            lines += [line for line in _about(check) if line not in lines]
     return "\n".join(lines)
 
 
@@ -176,8 +179,9 @@ def _about(check: Check) -> Iterator[str]:
 
 
 def _witness_words(witness: Witness) -> str:
-    values = [*(witness.labels or ()), *(witness.values or ())]
-    shown = ", ".join(values[:12])
-    if len(values) > 12:
-        shown += f" and {len(values) - 12} more"
-    return f"{witness.kind} {shown}"
+    told = []
+    for kind, values in (("agents", witness.labels), (witness.kind, witness.values)):
+        if values:
+            more = f" and {len(values) - 12} more" if len(values) > 12 else ""
+            told.append(f"{kind} {', '.join(values[:12])}{more}")
+    return "; ".join(told)

@@ -39,6 +39,8 @@ def test_a_proved_problem_passes_with_its_rate_and_not_with_a_greater_one(pair):
     assert certificate.verdict is Verdict.PROVED
     with pytest.raises(AssertionError, match=r"pair: the proved rate is 0\.\d+, less than the 2"):
         assert_proved(pair, rate=2)
+    with pytest.raises(AssertionError, match=r"(?s)Reason: .* reach the target.*Cure: dd\.design "):
+        assert_proved(pair, rate=2)
 
 
 def test_a_region_takes_the_place_of_that_of_the_problem(pair):

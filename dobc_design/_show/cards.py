@@ -17,11 +17,20 @@ from itertools import islice
 from typing import Any
 
 from dobc_design._checks import noun
-from dobc_design._show import text as _text
 
-from .text import Fragment, escape_html, mathml
+from .text import (
+    MAX_SHOWN,
+    Fragment,
+    escape_html,
+    latex_matrix,
+    latex_number,
+    latex_text,
+    mathml,
+    significant,
+)
 
-Facts = list[tuple[str, Any]]  # of a card: names and values
+Fact = tuple[str, Any]  # of a card: a name and a value
+Facts = list[Fact]
 MOST_ITEMS, MOST_ROWS, MOST_FACTS = 12, 40, 60
 LONGEST_TEXT, LONGEST_REPR = 600, 900  # characters
 SIGNS = {"proved": "✓", "refuted": "✗", "undecided": "?"}
@@ -60,7 +69,7 @@ class Card:
     title: str
     verdict: str | None = None
     text: str = ""
-    facts: Sequence[tuple[str, Any]] = ()
+    facts: Sequence[Fact] = ()
     heads: Sequence[str] = ()
     rows: Sequence[Sequence[Any]] = ()
     hidden: int = 0
@@ -110,7 +119,7 @@ class Headed(Shown):
         return f"<{type(self).__name__} of {cut(str(self).partition(chr(10))[0])}>"
 
 
-def own_fields(value: object) -> Iterator[tuple[str, Any]]:
+def own_fields(value: object) -> Iterator[Fact]:
     """Names and values of the fields of a dataclass that say something: not None and not empty."""
     for each in fields(value):  # type: ignore[arg-type]  # any dataclass
         found = getattr(value, each.name)
@@ -147,7 +156,10 @@ def text_of(card: Card) -> str:
     sentences."""
     verdict = "" if card.verdict is None else f" {card.verdict.upper()}."
     head = f"{card.title}:{verdict} {card.text}" if card.verdict or card.text else card.title
-    facts = (f"{name}: {plain(value, quoted=False)}" for name, value in card.facts)
+    facts = (
+        f"{name}: {value if isinstance(value, str) else plain(value, quoted=False)}"
+        for name, value in card.facts
+    )
     cells = [
         ["–" if x is None else x if isinstance(x, str) else plain(x) for x in row]
         for row in card.rows
@@ -165,8 +177,8 @@ def latex_of(card: Card) -> str | None:
     for name, value in card.facts:
         if isinstance(value, Formula):
             lines.append(str(value))
-        elif is_matrix(value) and (entries := _text.latex_matrix(value)) is not None:
-            lines.append(f"{name if len(name) == 1 else _text.latex_text(name)} = {entries}")
+        elif is_matrix(value) and (entries := latex_matrix(value)) is not None:
+            lines.append(f"{name if len(name) == 1 else latex_text(name)} = {entries}")
     return "\n".join(f"$$ {line} $$" for line in lines) or None
 
 
@@ -213,7 +225,7 @@ def plain(value: object, *, quoted: bool = True) -> str:
     if isinstance(value, str):
         return repr(cut(value, 80)) if quoted else cut(value, 80)
     if isinstance(value, Fraction):
-        return _text.significant(value, 6) if len(str(value)) > 2 * _text.MAX_SHOWN else str(value)
+        return significant(value, 6) if len(str(value)) > 2 * MAX_SHOWN else str(value)
     if isinstance(value, float):
         return f"{value:.6g}"
     if isinstance(value, (Mapping, tuple, list, frozenset, set)):
@@ -242,9 +254,9 @@ def value_html(value: Any) -> str:
     if isinstance(value, Enum) and value.value in SIGNS:
         return verdict_html(value.value)
     if isinstance(value, Fraction):
-        return mathml(_text.latex_number(value))
+        return mathml(latex_number(value))
     if is_matrix(value):
-        entries = _text.latex_matrix(value)
+        entries = latex_matrix(value)
         return (
             f"{len(value)} × {len(value[0])} matrix, too large to be shown"
             if entries is None
@@ -260,7 +272,7 @@ def value_html(value: Any) -> str:
     return escape_html(cut(plain(value, quoted=False) if not isinstance(value, str) else value))
 
 
-def _facts_html(facts: Sequence[tuple[str, Any]]) -> str:
+def _facts_html(facts: Sequence[Fact]) -> str:
     rows = [
         f'<tr><th scope="row">{escape_html(x)}</th><td>{value_html(y)}</td></tr>'
         for x, y in facts[:MOST_FACTS]

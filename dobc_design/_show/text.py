@@ -5,14 +5,16 @@ Only formatting: nothing is computed here beyond rounding for display.
 
 from __future__ import annotations
 
-import decimal
 import html
 import math
 import re
 from collections.abc import Iterable, Sequence
+from decimal import ROUND_DOWN, ROUND_HALF_EVEN, ROUND_UP, Context, Decimal
 from fractions import Fraction
 
 MAX_SHOWN = 12
+NEGLIGIBLE = 1e-9  # 1/s: thirty years
+Real = float | Fraction
 _POWER = re.compile(r"e([+-]\d+)")
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 # Written outside \text{}: inside, converters to MathML take a backslash literally and end at the
@@ -38,13 +40,12 @@ class Fragment(str):
         return str(self)
 
 
-def significant(value: float | Fraction | None, digits: int = 4) -> str:
+def significant(value: Real | None, digits: int = 4) -> str:
     """Format a number with ``digits`` significant digits; None gives an en dash."""
     if value is None:
         return "–"
     if isinstance(value, Fraction):  # a float may be too small for it: 1e400 is a legal number
-        context = decimal.Context(prec=digits)
-        exact = context.divide(decimal.Decimal(value.numerator), decimal.Decimal(value.denominator))
+        exact = _rounded(value, digits, ROUND_HALF_EVEN)
         return (
             f"{exact.normalize():.{digits}g}"
             if abs(exact.adjusted()) > 300
@@ -53,33 +54,43 @@ def significant(value: float | Fraction | None, digits: int = 4) -> str:
     return f"{value:.{digits}g}"
 
 
-def significant_towards_zero(value: float | Fraction | None, digits: int = 4) -> str:
+def significant_towards_zero(value: Real | None, digits: int = 4) -> str:
     """Format a number with ``digits`` significant digits, never larger in size than it is; None
     gives an en dash.
 
     Certified margins and rates stay claims that hold when they are shown.
     """
-    return _directed(value, digits, decimal.ROUND_DOWN)
+    return _directed(value, digits, ROUND_DOWN)
 
 
-def significant_away_from_zero(value: float | Fraction | None, digits: int = 4) -> str:
+def significant_away_from_zero(value: Real | None, digits: int = 4) -> str:
     """The same, never smaller in size than it is: for upper bounds and times after which something
     holds."""
-    return _directed(value, digits, decimal.ROUND_UP)
+    return _directed(value, digits, ROUND_UP)
 
 
-def _directed(value: float | Fraction | None, digits: int, rounding: str) -> str:
+def rate_text(rate: float | None, digits: int = 4) -> str:
+    """A certified rate, cut towards zero; of one that only says that errors decay no digits."""
+    if rate is not None and 0 < rate < NEGLIGIBLE:
+        return "> 0"
+    return significant_towards_zero(rate, digits)
+
+
+def _directed(value: Real | None, digits: int, rounding: str) -> str:
     if value is None:
         return "–"
     if isinstance(value, float) and not math.isfinite(value):
         return str(value)
-    # Decimal divides with the rounding that is asked for; a float would round to nearest first.
-    context = decimal.Context(prec=digits, rounding=rounding)
     if isinstance(value, float):
         # The number that is meant is its shortest text, as in a certificate.
         value = Fraction(repr(value))
-    shown = context.divide(decimal.Decimal(value.numerator), decimal.Decimal(value.denominator))
-    return f"{float(shown):.{digits}g}"
+    return f"{float(_rounded(value, digits, rounding)):.{digits}g}"
+
+
+def _rounded(value: Fraction, digits: int, rounding: str) -> Decimal:
+    """The quotient in decimals; a float would be rounded to the nearest first."""
+    context = Context(prec=digits, rounding=rounding)
+    return context.divide(Decimal(value.numerator), Decimal(value.denominator))
 
 
 def typeset(text: str) -> str:
@@ -89,14 +100,19 @@ def typeset(text: str) -> str:
     ).replace("-", "−")
 
 
-def lower(value: float | Fraction | None) -> str:
-    """A certified size or rate, cut towards zero."""
-    return typeset(significant_towards_zero(value))
+def lower(value: Real | None, unit: str = "") -> str:
+    """A certified size or rate, cut towards zero, with its unit if there is one."""
+    return with_unit(typeset(significant_towards_zero(value)), unit)
 
 
-def upper(value: float | None) -> str:
-    """A certified time, rounded up to four digits."""
-    return typeset(significant_away_from_zero(value))
+def upper(value: float | None, unit: str = "") -> str:
+    """A certified time or bound, rounded up to four digits, with its unit if there is one."""
+    return with_unit(typeset(significant_away_from_zero(value)), unit)
+
+
+def with_unit(text: str, unit: str) -> str:
+    """A number as text with its unit; an en dash is no number."""
+    return f"{text} {unit}" if unit and text != "–" else text
 
 
 def latex_number(value: Fraction) -> str:
@@ -113,7 +129,7 @@ def latex_number(value: Fraction) -> str:
     return latex_decimal(value)
 
 
-def latex_decimal(value: float | Fraction, digits: int = 5) -> str:
+def latex_decimal(value: Real, digits: int = 5) -> str:
     """LaTeX of a rounded decimal, powers of ten written out."""
     mantissa, _, exponent = significant(value, digits).partition("e")
     return rf"{mantissa}\cdot 10^{{{int(exponent)}}}" if exponent else mantissa
@@ -126,7 +142,7 @@ def latex_text(text: str) -> str:
     return rf"\text{{{inside}}}".replace(r"\text{}", "").strip()
 
 
-def latex_matrix(matrix: Sequence[Sequence[Fraction | float]]) -> str | None:
+def latex_matrix(matrix: Sequence[Sequence[Real]]) -> str | None:
     """LaTeX of a matrix, or None above 12 x 12."""
     if len(matrix) > MAX_SHOWN or (matrix and len(matrix[0]) > MAX_SHOWN):
         return None
@@ -139,7 +155,7 @@ def latex_rows(rows: Iterable[str]) -> str:
     return rf"\begin{{pmatrix}} {inside} \end{{pmatrix}}"
 
 
-def _entry(x: Fraction | float) -> str:
+def _entry(x: Real) -> str:
     return rf"\text{{{x}}}" if isinstance(x, float) and not math.isfinite(x) else latex_decimal(x)
 
 

@@ -28,7 +28,7 @@ from dobc_design.loop.arcs import closed_groups, split_by, unreached
 from dobc_design.loop.arrays import Gain, chosen_gain
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.make import loop_of
-from dobc_design.loop.matrices import consensus_jacobian, pull_matrix
+from dobc_design.loop.matrices import Array, consensus_jacobian, pull_matrix
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import group_numbers
 from dobc_design.problem.problem import Problem
@@ -249,7 +249,7 @@ class Analysis(Headed):
     modes: tuple[ModeSpectrum, ...]
 
     @property
-    def obsv(self) -> NDArray[np.float64]:
+    def obsv(self) -> Array:
         """The observability matrix of (A, C): C, C A, ..., C A^(q-1), (m q, q).  Raises: SpecError
         without an exosystem."""
         import control
@@ -306,7 +306,7 @@ class Analysis(Headed):
         eye = np.eye(columns, columns + rows)
         return control.ss(A, eye.T, eye, np.zeros((columns, columns)))
 
-    def _residuals(self) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    def _residuals(self) -> list[tuple[Array, Array]]:
         """A - W C and C of every agent; without rows where it has no disturbance."""
         loop = self.loop
         nothing = np.zeros((0, 0)), np.zeros((loop.m, 0))
@@ -401,9 +401,7 @@ def mode_spectrum(loop: Loop, mode: str, alike: Alike | Reason | None = None) ->
     )
 
 
-def _second_order(
-    A: NDArray[np.float64], G: NDArray[np.float64], mu: NDArray[np.complex128]
-) -> SecondOrder | None:
+def _second_order(A: Array, G: Array, mu: NDArray[np.complex128]) -> SecondOrder | None:
     """The condition of Yu, Chen and Cao; None of agents that are no such double integrators."""
     are_double_integrators = np.array_equal(A, [[0, 1], [0, 0]]) and not G[0].any()
     if not are_double_integrators or min(G[1]) <= 0 or min(mu.real) <= 0:

@@ -10,15 +10,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
-from typing import Any, Final, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dobc_design._checks import noun
+from dobc_design._checks import noun, positional
 from dobc_design._show.cards import Card, Shown, listed
 from dobc_design.conditions.check import Check, Claim
 from dobc_design.conditions.consensus.claim import PairFacts
@@ -38,7 +37,7 @@ from dobc_design.conditions.separable.decide import composite_rate
 from dobc_design.conditions.stated import LIMIT, TOLERANCE, stated_in, table_words
 from dobc_design.conditions.weighted.decide import Weighted
 from dobc_design.conditions.weighted.network import Alike
-from dobc_design.errors import SpecError, wrong
+from dobc_design.errors import refused, wrong
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import Number, float_above, float_below, parse_number, root_above
 from dobc_design.exact.symmetric import SparseSymmetric, largest, least
@@ -53,16 +52,16 @@ from .claims import Claims, box_of, claim_of, reading_claims
 Array = NDArray[np.float64]
 #: Rows of a full P_e up to which the diagonal of its inverse is computed; beyond, its least
 #: eigenvalue is used.
-MOST_INVERTED: Final = 40
+MOST_INVERTED = 40
 #: Starts count as inside a region when they exceed it by rounding only; floats of a run are what
 #: they are.
-ROOM: Final = 1 + Fraction(1, 10**12)
+ROOM = 1 + Fraction(1, 10**12)
 #: Of the floats that evaluate height exp(-rate t): a thousand times what they can be off.
-IN_HAND: Final = 1e-12
+IN_HAND = 1e-12
 _root = partial(root_above, unit=10**18)
 
 
-@dataclass(frozen=True, slots=True)
+@positional
 class Starts:
     """Starts with |e|_inf <= box, |e| <= ball (Euclidean, all agents stacked) and |eps_i| <=
     disturbance."""
@@ -113,13 +112,9 @@ class CertifiedBound(Shown):
         none."""
         t = np.asarray(times, dtype=np.float64)
         if not self.sources:
-            raise SpecError(
-                "there is no certified bound to evaluate.", key="certificate", cure=self.reason
-            )
+            raise refused("certificate", "there is no certified bound to evaluate.", self.reason)
         if not (np.isfinite(t).all() and (t >= 0).all()):
-            raise SpecError(
-                "times must be finite and >= 0 s.", key="times", cure="Leave out the others."
-            )
+            raise refused("times", "times must be finite and >= 0 s.", "Leave out the others.")
         bounds: list[Array] = []
         for each in self.envelopes:
             # A larger height and a smaller rate claim less.
@@ -392,7 +387,7 @@ def certified_bound(problem: Problem, claims: Claims, run: RunLike) -> Certified
             f"one of {own}."
         )
         cure = "Certify the problem that was simulated, or simulate this one."
-        raise SpecError(what, key="certificate", cure=cure)
+        raise refused("certificate", what, cure)
     box, ball, disturbance = map(Fraction, run.start_size())
     starts = Starts(box=box, ball=ball, disturbance=disturbance)
     bound = bound_from(loop, claims, starts)

@@ -27,7 +27,24 @@ from .topics import TOPICS
 
 
 @noun
-class Claims:
+class Overall:
+    """The verdict in one word and one sentence, the certified rate (1/s) with its factor, and the
+    check that carries it."""
+
+    verdict: Verdict
+    why: Reason
+    rate: float | None = None
+    factor: float | None = None
+    covered_by: str | None = None
+
+    @property
+    def reason(self) -> str:
+        """The verdict in one sentence."""
+        return str(self.why)
+
+
+@noun
+class Claims(Overall):
     """Verdict, checks and the matrices they rest on.
 
     ``reason`` is the verdict in one sentence, ``why`` its parts; ``rate`` (1/s), its ``factor`` and
@@ -41,10 +58,6 @@ class Claims:
 
     problem_name: str
     problem_sha256: str
-    verdict: Verdict
-    why: Reason
-    rate: float | None
-    covered_by: str | None
     checks: tuple[Check, ...]
     W: Matrix | None
     gain_source: str | None
@@ -53,12 +66,6 @@ class Claims:
     notes: tuple[str, ...]
     version: str
     options: tuple[str, ...] = ()
-    factor: float | None = None
-
-    @property
-    def reason(self) -> str:
-        """The verdict in one sentence."""
-        return str(self.why)
 
 
 def claim_of(check: Check, loop: Loop, W: Matrix | None) -> Claim | None:

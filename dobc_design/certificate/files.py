@@ -20,7 +20,7 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 
 from dobc_design._signals import Postponed
-from dobc_design.errors import CertificateError, SpecError
+from dobc_design.errors import CertificateError, refused
 from dobc_design.exact.reading import shown
 
 STALE = 3600.0  # seconds after which a temporary file belongs to nobody; no write takes so long
@@ -112,7 +112,7 @@ def require_own(folder: Path, name: str, *, force: bool) -> Path:
                 "Choose another folder with --out, or replace these files with --force (in "
                 "Python: force=True)."
             )
-            raise SpecError(f"{str(folder)!r} holds {owner}.", key="--out", cure=cure)
+            raise refused("--out", f"{str(folder)!r} holds {owner}.", cure)
     return folder
 
 

@@ -10,13 +10,17 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from fractions import Fraction
-from typing import Any, Final
 
-from dobc_design._checks import noun
+from dobc_design._checks import noun, positional
 from dobc_design._show.cards import Card, Headed
-from dobc_design._show.text import significant, significant_away_from_zero, significant_towards_zero
+from dobc_design._show.text import (
+    significant,
+    significant_away_from_zero,
+    significant_towards_zero,
+    with_unit,
+)
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.coverage import asked_radius, covers
 from dobc_design.conditions.domain import EVERYWHERE, Around
@@ -35,6 +39,7 @@ from dobc_design.conditions.separable.claim import Separable, largest_reach
 from dobc_design.coupling.enclosures import Curve, profile
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.number import root_above, root_below
+from dobc_design.exact.reading import Document
 from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
 
@@ -91,7 +96,7 @@ class RegionClaim:
         name = KINDS[self.id].short
         return f"{name}, {self.variant.replace('P_e', 'Pₑ')}" if self.variant else name
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         return {**asdict(self), "verdict": self.verdict.value}
 
 
@@ -152,7 +157,7 @@ class Regions(Headed):
         sizes = [abs(float(Fraction(value))) for value in found.witness.values or ()]
         return max(sizes, default=None)
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         """JSON object: numbers rounded towards the weaker claim."""
         asked = None
         if self.asked is not None:
@@ -169,8 +174,8 @@ class Regions(Headed):
         rows: list[list[str]] = []
         for claim in self.claims:
             title = ", ".join(filter(None, [claim.id, claim.variant]))
-            box = significant_towards_zero(claim.box)
-            ball = significant_towards_zero(claim.ball)
+            box = with_unit(significant_towards_zero(claim.box), self.unit)
+            ball = with_unit(significant_towards_zero(claim.ball), self.unit)
             rate = significant_towards_zero(claim.rate)
             factor = significant_away_from_zero(claim.factor)
             covers = "yes" if claim.covers else "no"
@@ -183,9 +188,9 @@ class Regions(Headed):
 
 
 # checks that stand beside the regions
-BESIDE: Final = ("settling", "delay", "sampling", "equilibrium")
+BESIDE = ("settling", "delay", "sampling", "equilibrium")
 #: Agents up to which the bound of each is listed.
-MOST_AGENTS: Final = 2000
+MOST_AGENTS = 2000
 _DIGITS, _UNIT = 6, 10**9
 
 
@@ -271,7 +276,7 @@ def _asked(loop: Loop) -> Asked | None:
     )
 
 
-@dataclass(frozen=True, slots=True)
+@positional
 class _Gatherer:
     loop: Loop
     checks: Sequence[Check]

@@ -39,6 +39,7 @@ from dobc_design.conditions.numbers import (
 from dobc_design.conditions.reason import read_reason
 from dobc_design.errors import CertificateError, SpecError, reason_of
 from dobc_design.exact.matrix import Matrix
+from dobc_design.exact.reading import Document
 from dobc_design.problem.foreign_json import CERTIFICATE, not_a
 from dobc_design.verdict import Verdict
 
@@ -49,9 +50,9 @@ VERSION = 1
 MAX_BYTES = 256 * 1024 * 1024
 
 
-def certificate_document(claims: Claims) -> dict[str, Any]:
+def certificate_document(claims: Claims) -> Document:
     """The JSON document of certificate.json."""
-    program: dict[str, Any] = {"name": "dobc_design", "version": claims.version}
+    program: Document = {"name": "dobc_design", "version": claims.version}
     if claims.options:
         program["options"] = list(claims.options)
     observer = fields_to_json(claims, "W") | {"source": claims.gain_source}
@@ -109,7 +110,7 @@ def read_claims(data: bytes) -> Claims:
         raise CertificateError(what, cure="Make it again with `dobc certify`.") from None
 
 
-def _claims(document: dict[str, Any]) -> Claims:
+def _claims(document: Document) -> Claims:
     keys = (
         "format version program problem problem_sha256 verdict reason rate covered_by observer "
         "notes checks"
@@ -179,7 +180,7 @@ def _no_constant(name: str) -> float:
     raise ValueError(f"{name} is not a number")
 
 
-def _no_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def _no_duplicates(pairs: list[tuple[str, Any]]) -> Document:
     result = dict(pairs)
     if len(result) != len(pairs):
         raise ValueError("a field stands there twice")

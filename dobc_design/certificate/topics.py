@@ -8,8 +8,8 @@ solvers.  Their order stands in ``certification/certify.py``.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from typing import Final, Protocol
+from dataclasses import replace
+from typing import Protocol
 
 from dobc_design._checks import noun
 from dobc_design.conditions.accuracy import decide as accuracy
@@ -38,7 +38,7 @@ from dobc_design.loop.pairs import gain_of_rows, required_rows
 from dobc_design.verdict import Verdict
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@noun(eq=False)
 class Trusted(Case):
     """What a check is confirmed against: the case, with the theorems stated for its loop and the
     pair (P, Q) of the certificate.  The ``checks`` are those of the certificate, not yet read."""
@@ -139,7 +139,7 @@ def _beside(confirm: Callable[[Check, Case], str | None], *ids: str) -> Confirm:
     return confirmed
 
 
-TOPICS: Final[Mapping[str, Topic]] = {
+TOPICS: Mapping[str, Topic] = {
     "observer": Topic(
         confirm=lambda check, case: observer.confirm(check, case.loop, case.W), of_rows=False
     ),

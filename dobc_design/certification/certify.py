@@ -19,7 +19,7 @@ from dobc_design._checks import noun
 from dobc_design._show.progress import Reports, report_to, shows_progress
 from dobc_design._show.text import capitalize_first
 from dobc_design.certificate.certificate import Certificate
-from dobc_design.certificate.claims import Claims
+from dobc_design.certificate.claims import Claims, Overall
 from dobc_design.certificate.factors import with_factors
 from dobc_design.certificate.text import writable
 from dobc_design.conditions.accuracy.stage import accuracy_stage
@@ -77,7 +77,7 @@ from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
 from .cures import Decided, with_cures
-from .overall import Overall, decide_overall, refutation
+from .overall import decide_overall, refutation
 from .recheck import Recheck, agreed, verify_twice
 
 OBSTACLES = ("detectability", "hurwitz")  # refuted, they rule out every pair

@@ -386,7 +386,7 @@ def _groups_words(problem: Problem, groups: Sequence[tuple[int, ...]]) -> str:
     more = f" and {len(groups) - RIVALS} more" if len(groups) > RIVALS else ""
     where = "in one of the modes " if len(problem.network.modes) > 1 else ""
     return (
-        f"These groups listen {where}to nobody else, so each needs a pin of its own: "
+        f"These groups listen {where}to nobody else, so each needs a pin: "
         f"{' and '.join(named)}{more}."
     )
 
@@ -417,7 +417,7 @@ def _task(problem: Problem, accepted: Accepted, *, minimum: Accepted | None) -> 
             f"a decay rate of at least {proposal.rate:.2g} 1/s near the target (V = e'De, a "
             "weight for each agent)"
         )
-        return f"{head}. Recommended: {aim}. Smaller gains do as well."
+        return f"{head}, for {aim}. Smaller gains give consensus, too."
     if minimum is not None:
         least = f"Minimum with V = e'e: {_gains(problem, minimum.gains)}"
         return f"{head}. Recommended: half of the maximum decay rate. {least}."

@@ -10,9 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 
-from dobc_design._checks import noun
 from dobc_design._show.text import capitalize_first, significant_away_from_zero
-from dobc_design.certificate.claims import Claims
+from dobc_design.certificate.claims import Claims, Overall
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.consensus.agreement import agreement_words
 from dobc_design.conditions.consensus.claim import Unstable
@@ -22,8 +21,8 @@ from dobc_design.conditions.consensus.network import (
     name_agents,
     unheld_groups,
 )
-from dobc_design.conditions.coverage import asked_radius, covering
-from dobc_design.conditions.domain import NEAR_TARGET, Around
+from dobc_design.conditions.coverage import asked_ball, asked_radius, covering
+from dobc_design.conditions.domain import NEAR_TARGET, Around, Ball
 from dobc_design.conditions.graphs.claim import signals_in_words
 from dobc_design.conditions.graphs.decide import absorbing
 from dobc_design.conditions.kinds import REACHABILITY
@@ -59,23 +58,6 @@ HELD_ALWAYS = (
     "An arc that is always there would help as well: in this mode or, with a guarantee in "
     '[switching] on time (such as "dwell"), in another one that comes often enough.'
 )
-
-
-@noun
-class Overall:
-    """The verdict in one word and one sentence, the certified rate (1/s) with its factor, and the
-    check that carries it."""
-
-    verdict: Verdict
-    why: Reason
-    rate: float | None = None
-    factor: float | None = None
-    covered_by: str | None = None
-
-    @property
-    def reason(self) -> str:
-        """The sentence."""
-        return str(self.why)
 
 
 def with_verdict(claims: Claims, overall: Overall) -> Claims:
@@ -450,8 +432,10 @@ def _reached(loop: Loop, checks: Sequence[Check]) -> Reason | None:
         return None
     if tried[0].verdict is Verdict.REFUTED and not proved:
         signals = " Consensus may still hold for some signals." if loop.switches else ""
-        head = f"{tried[0].reason}{signals} More pinned agents would help."
-        return Reason(head=head, is_open=True)
+        advice = "more pinned agents"
+        if loop.switches and not loop.guarantee.is_given:
+            advice += ', or a guarantee on the signal in [switching] (such as "dwell")'
+        return Reason(head=f"{tried[0].reason}{signals}", advice=f"{advice}.", is_open=True)
     near = proved or any(check.kind.is_consensus and check.is_proved for check in checks)
     smaller = (
         "a smaller [region], larger gains or more pinned agents"
@@ -463,9 +447,13 @@ def _reached(loop: Loop, checks: Sequence[Check]) -> Reason | None:
         head = f"no proof reaches the region asked for: {tried[0].reason}"
         return Reason(head=head, advice=advice, is_open=True)
     reach = ", ".join(_domain_in_words(check, loop.unit) for check in proved)
-    asked = f"|e_i| <= {float(min(max(asked_radius(loop)), MOST)):.6g} {loop.unit}".rstrip()
+    radius = asked_radius(loop)
+    asked = f"|e_i| <= {float(min(max(radius), MOST)):.6g} {loop.unit}".rstrip()
+    asked += " for every agent"
     if loop.starts is not None and loop.starts.disturbance:
         asked += f" and |eps_i| <= {float(min(loop.starts.disturbance, MOST)):.6g}"
+    if any(isinstance(check.domain, Ball) for check in proved):
+        asked += f"; a ball that holds these needs |e| <= {asked_ball(loop, radius):.6g}"
     head = f"consensus is proved from {reach}; the region asks for {asked}."
     return Reason(head=head, advice=advice, is_open=True)
 
@@ -473,8 +461,11 @@ def _reached(loop: Loop, checks: Sequence[Check]) -> Reason | None:
 def _domain_in_words(check: Check, unit: str) -> str:
     if not isinstance(check.domain, Around):
         return f"every start ({check.id})"
-    error = "|e_i|" if check.domain.kind == "box" else "|e|"
-    told = f"{error} <= {check.domain.radius} {unit}".rstrip()
+    told = f"<= {check.domain.radius} {unit}".rstrip()
+    if isinstance(check.domain, Ball):
+        told = f"the ball |e| {told} of all errors together"
+    else:
+        told = f"|e_i| {told} for every agent"
     if check.domain.disturbance:
         told += f" and |eps_i| <= {check.domain.disturbance}"
     return f"{told} ({check.id})"

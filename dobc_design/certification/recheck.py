@@ -8,11 +8,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import Final
 
 from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Shown
-from dobc_design.certificate.claims import Claims, claim_of
+from dobc_design.certificate.claims import Claims, Overall, claim_of
 from dobc_design.certificate.factors import factor_obstacle
 from dobc_design.certificate.files import another_problem
 from dobc_design.certificate.text import certificate_bytes, read_claims
@@ -36,18 +35,18 @@ from dobc_design.problem.groups import blocks_of
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
-from .overall import Overall, decide_overall, with_verdict
+from .overall import decide_overall, with_verdict
 
 #: Arcs of all modes together, and matrix rows, up to which ``verify`` waits for the lone checker,
 #: plain Python.
 LONE_ARCS, LONE_ROWS = 100_000, 50_000
 #: The same, up to which ``certify`` asks it before it writes; and what comes before the checks in
 #: its findings.
-PROMPT_ARCS: Final = 2000
-FIRST: Final = 3
-DISAGREE: Final = "it is {} here, but the second checker does not confirm it ({}). {}"
+PROMPT_ARCS = 2000
+FIRST = 3
+DISAGREE = "it is {} here, but the second checker does not confirm it ({}). {}"
 # How the second checker says that it met a limit, not that a claim is wrong.
-UNSURE: Final = (
+UNSURE = (
     "not shown",
     "followed here",
     "too many",
@@ -57,7 +56,7 @@ UNSURE: Final = (
     "may be none",
 )
 #: What a malformed claim raises where it is read or decided.
-MALFORMED: Final = (
+MALFORMED = (
     DobcError,
     ArithmeticError,
     ValueError,
@@ -147,7 +146,7 @@ def verify_twice(certificate: Claims | bytes, problem: Problem) -> Recheck:
         refusals = [f"it cannot read the files: {error}"]
         if foreign:
             refusals = ["the files do not belong together"]
-    said = f"it refuses: {refusals[0]}" if refusals else "it accepts every claim"
+    said = f"it refuses the certificate; {refusals[0]}" if refusals else "it accepts every claim"
     if own.holds is not bool(refusals):
         return replace(own, lone_checker=said)
     view = "the package refuses, the second checker accepts"

@@ -84,7 +84,7 @@ def finding(title: str, task: partial[None]) -> tuple[bool, str]:
 def stages(case: Case) -> list[list[Task]]:
     """What is examined."""
     about = [
-        ("it belongs to this problem", partial(belonging, case)),
+        ("its problem", partial(belonging, case)),
         ("its list of checks", partial(completeness, case)),
     ]
     gain = [("its observer gain and pair (P, Q)", partial(observer, case))]
@@ -100,7 +100,7 @@ def belonging(case: Case) -> None:
     """The certificate is about this problem."""
     claims = case.claims
     stated = case.problem.stated
-    need(claims.problem == stated.name, "the problem has another name")
+    need(claims.problem == stated.name, "the problem file has another name")
     need(claims.problem_sha256 == case.problem.sha256, "the problem file has another hash")
     repeated = claims.notes[: len(stated.notes)] == stated.notes
     need(repeated, "the notes of the problem are not repeated")

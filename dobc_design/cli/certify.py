@@ -97,7 +97,7 @@ def certify(
         str | None,
         Option(
             metavar="NUMBER",
-            help="Look for proofs with at least this rate, 1/s; default: the least time to 1 %.",
+            help="Look for proofs with at least this rate, 1/s; default: what reaches 1 % first.",
         ),
     ] = None,
     time_limit: TimeLimit = None,
@@ -442,6 +442,7 @@ def _check_parts(rows: Sequence[tuple[str, Check]], width: int) -> Iterator[Rend
 
     from dobc_design._show.text import (
         capitalize_first,
+        rate_text,
         significant_away_from_zero,
         significant_towards_zero,
     )
@@ -455,7 +456,7 @@ def _check_parts(rows: Sequence[tuple[str, Check]], width: int) -> Iterator[Rend
         table.add_column("what it says", overflow="fold")
     for title, check in rows:
         numbers = (
-            significant_towards_zero(check.rate),
+            rate_text(check.rate),
             significant_away_from_zero(check.factor),
             significant_towards_zero(check.margin),
         )

@@ -3,16 +3,29 @@
 from __future__ import annotations
 
 import shlex
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 from typer import Argument, Option
 
-from dobc_design.cli import output
+from dobc_design._checks import noun
 from dobc_design.errors import refused
 
 from .options import in_groups
+from .output import (
+    Document,
+    Json,
+    Progress,
+    Stage,
+    check_target,
+    load_problem,
+    naming_options,
+    print_json,
+    read_claims,
+    refuse_option,
+    say,
+    write_file,
+)
 
 TARGETS = "--c DIR, --fmu FILE, --sdpa FILE, --python-control FILE or --rocq FILE"
 #: Which targets have a use for which option.
@@ -27,31 +40,27 @@ BELONGS = {
 }
 
 
-@dataclass(frozen=True, kw_only=True)
+@noun
 class Targets:
     """What is written, and where to; exactly one of them."""
 
     c: Annotated[
         Path | None,
-        Option("--c", metavar="FOLDER", help="Write C99 of the sampled agents into this folder."),
+        Option(metavar="FOLDER", help="Write C99 of the sampled agents into this folder."),
     ] = None
-    fmu: Annotated[Path | None, Option("--fmu", help="Write one agent as an FMU (FMI 3.0).")] = None
-    sdpa: Annotated[
-        Path | None, Option("--sdpa", help="Write the LMI for any SDP solver (.dat-s).")
-    ] = None
+    fmu: Annotated[Path | None, Option(help="Write one agent as an FMU (FMI 3.0).")] = None
+    sdpa: Annotated[Path | None, Option(help="Write the LMI for any SDP solver (.dat-s).")] = None
     python_control: Annotated[
         Path | None,
-        Option("--python-control", help="Write the loop as a Python file for python-control."),
+        Option(help="Write the loop as a Python file for python-control."),
     ] = None
     rocq: Annotated[
         Path | None,
-        Option(
-            help="Write what is proved as a Rocq (Coq) file here: of all motions, or of a matrix."
-        ),
+        Option(help="Write the proof as a Rocq (Coq) file: of all motions, or of --theorem."),
     ] = None
 
 
-@dataclass(frozen=True, kw_only=True)
+@noun
 class Asked:
     """The options beside the target."""
 
@@ -95,7 +104,7 @@ class Asked:
 
 
 #: What was written: as the document of --json, and in words.
-Exported = tuple[output.Document, str]
+Exported = tuple[Document, str]
 
 
 @in_groups
@@ -109,7 +118,7 @@ def export(
     ],
     targets: Targets,
     asked: Asked,
-    as_json: output.Json = False,
+    as_json: Json = False,
 ) -> None:
     """Write C code, an FMU, the LMI for other solvers, a python-control file, or a proof for Rocq
     (Coq 8.16)."""
@@ -121,41 +130,42 @@ def export(
         ("--rocq", targets.rocq, _rocq),
     )
     chosen = [(key, path, write) for key, path, write in writers if path is not None]
-    with output.Progress() as progress:
+    with Progress() as progress:
         if len(chosen) != 1:
             raise refused("export", "exactly one target must be named.", f"{TARGETS}.")
         key, path, write = chosen[0]
         asked.require_for(key)
         # C code is a folder, which has its own rule of what may be replaced.
         if key == "--c":
-            output.refuse_option(path, key=key)
+            refuse_option(path, key=key)
         else:
-            output.check_target(path, force=asked.force, key=key)
+            check_target(path, force=asked.force, key=key)
         document, words = write(file, path, asked, progress)
     if as_json:
-        output.print_json(document)
+        print_json(document)
     else:
-        output.say(words)
+        say(words)
 
 
-def _c(file: str, folder: Path, asked: Asked, progress: output.Stage) -> Exported:
+def _c(file: str, folder: Path, asked: Asked, progress: Stage) -> Exported:
     from dobc_design.export import to_c
     from dobc_design.export.c_folder import COMPILE, check_free
 
     check_free(folder, force=asked.force)
-    problem = output.load_problem(file)
+    problem = load_problem(file)
     claims = None
     if asked.certificate is not None:
         progress("verifying the certificate")
-        claims = output.read_claims(asked.certificate, problem)
+        claims = read_claims(asked.certificate, problem)
     progress("discretising and simulating")
-    found = to_c(
-        problem,
-        period=asked.period,
-        precision=asked.precision or "double",
-        agents=None if asked.agent is None else [asked.agent],
-        certificate=claims,
-    )
+    with naming_options(("precision",)):
+        found = to_c(
+            problem,
+            period=asked.period,
+            precision=asked.precision or "double",
+            agents=None if asked.agent is None else [asked.agent],
+            certificate=claims,
+        )
     written = [str(path) for path in found.save(folder, force=asked.force)]
     controller = found.controller
     document = {
@@ -172,12 +182,12 @@ def _c(file: str, folder: Path, asked: Asked, progress: output.Stage) -> Exporte
     return document, "\n".join(lines)
 
 
-def _fmu(file: str, target: Path, asked: Asked, progress: output.Stage) -> Exported:
+def _fmu(file: str, target: Path, asked: Asked, progress: Stage) -> Exported:
     from dobc_design.export import to_fmu
 
     progress("discretising and compiling")
     found = to_fmu(file, period=asked.period, agent=asked.agent)
-    output.write_file(target, found.data, key="--fmu")
+    write_file(target, found.data, key="--fmu")
     what = "with sources only: no C compiler was found, so the importer has to compile them"
     if found.platform:
         what = f"with a library for {found.platform}"
@@ -185,34 +195,32 @@ def _fmu(file: str, target: Path, asked: Asked, progress: output.Stage) -> Expor
     return document, f"wrote {target}, {what}"
 
 
-def _sdpa(file: str, target: Path, asked: Asked, progress: output.Stage) -> Exported:
+def _sdpa(file: str, target: Path, asked: Asked, progress: Stage) -> Exported:
     from dobc_design.export import to_sdpa
 
     progress("deciding the theorem")
-    output.write_file(target, to_sdpa(file).encode("ascii"), key="--sdpa")
+    write_file(target, to_sdpa(file).encode("ascii"), key="--sdpa")
     solve = shlex.join(["csdp", str(target)])
     words = f"wrote {target}\nsolve it with, say: {solve}"
     return {"sdpa": str(target)}, words
 
 
-def _python(file: str, target: Path, asked: Asked, progress: output.Stage) -> Exported:
+def _python(file: str, target: Path, asked: Asked, progress: Stage) -> Exported:
     from dobc_design.export import python_script
 
-    output.write_file(target, python_script(file).encode("utf-8"), key="--python-control")
+    write_file(target, python_script(file).encode("utf-8"), key="--python-control")
     return {"python_control": str(target)}, f"wrote {target}"
 
 
-def _rocq(file: str, target: Path, asked: Asked, progress: output.Stage) -> Exported:
+def _rocq(file: str, target: Path, asked: Asked, progress: Stage) -> Exported:
     from dobc_design.certificate.certificate import Certificate
     from dobc_design.export.rocq.matrices import rocq_proof
     from dobc_design.export.rocq.motions import motions_proof, proved_in_states
 
     certificate = Path(file)
-    claims = output.read_claims(certificate)
+    claims = read_claims(certificate)
     folder = certificate if certificate.is_dir() else certificate.parent
-    trusted = output.load_problem(
-        str(folder / "problem.json") if asked.problem is None else asked.problem
-    )
+    trusted = load_problem(str(folder / "problem.json") if asked.problem is None else asked.problem)
     own = Certificate(problem=trusted, claims=claims)
     progress("looking at the rows piece by piece")
     # What is proved of motions says more, but it has no separate rate.
@@ -223,6 +231,6 @@ def _rocq(file: str, target: Path, asked: Asked, progress: output.Stage) -> Expo
             "--rocq", "Coq takes file names of letters, digits and _.", "Choose another name."
         )
     text = motions_proof(own) if motions else rocq_proof(own, rate=asked.rate)
-    output.write_file(target, text.encode("ascii"), key="--rocq")
+    write_file(target, text.encode("ascii"), key="--rocq")
     words = f"wrote {target}\ncheck it with: {shlex.join(['coqc', str(target)])}"
     return {"rocq": str(target)}, words

@@ -101,7 +101,7 @@ class _Command(TyperCommand):
     speak of the types of Python."""
 
     def get_short_help_str(self, limit: int = 45) -> str:
-        return self.help or ""
+        return (self.help or "").partition("\n\n")[0]
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
         # typer writes {FILE} and {KEY=VALUES...}...
@@ -170,7 +170,7 @@ def options(
     show_completion: Annotated[
         bool,
         Option(
-            "--show-completion", callback=_completion, help="Print what that adds to your shell."
+            "--show-completion", callback=_completion, help="Print what --install-completion adds."
         ),
     ] = False,
 ) -> None:

@@ -77,7 +77,7 @@ def new(
 
         problem = problem_from_file(source, arrow=arrow, merge=merge, drop_loops=drop_loops)
         read = f"read {source.name}: {size_words(problem.network)}\n"
-    files = scaffold(name, problem=problem, source="" if source is None else source.name)
+    files = scaffold(name, problem, "" if source is None else source.name)
     folder = require_folder(Path(name) if out is None else out)
     _require_none(folder, files)
     written = [str(path) for path in write_folder(folder, files)]
@@ -112,7 +112,7 @@ def _require_none(folder: Path, files: Iterable[str]) -> None:
             )
 
 
-def scaffold(name: str, *, problem: Problem | None = None, source: str = "") -> dict[str, bytes]:
+def scaffold(name: str, problem: Problem | None, source: str) -> dict[str, bytes]:
     """The files of a new project by name.  ``problem``: what was read of ``source``, a file of
     another program."""
     from dobc_design.problem.schema import json_schema

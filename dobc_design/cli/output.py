@@ -36,6 +36,8 @@ NOT_READ = 141  # 128 + SIGPIPE, as of other programs
 COLOURS = {"proved": "bold green", "refuted": "bold red", "undecided": "bold yellow"}
 #: Arguments of ``certify`` that have options of their names.
 NUMBERS = ("settling", "settling_radius", "settling_disturbance", "rate")
+#: Arguments whose options have other names.
+OTHERWISE = {"failures": "--fail", "everything": "--all"}
 PIPED = 160  # columns of output that no terminal limits
 # characters of a problem's name that go into its folder's; file systems take 255 bytes
 LONGEST_FOLDER = 60
@@ -98,7 +100,7 @@ Tolerance = Annotated[
 ]
 TimeLimit = Annotated[
     str | None,
-    Option("--time-limit", metavar="SECONDS", help="Skip or stop stages that would take longer."),
+    Option(metavar="SECONDS", help="Skip or stop stages that would take longer."),
 ]
 Search = Annotated[bool, Option("--search", help="Also look for starts that do not converge.")]
 
@@ -113,17 +115,21 @@ class NobodyReads(NoOutput):
 
 
 @contextmanager
-def naming_options() -> Iterator[None]:
-    """Let errors about arguments of ``certify`` name the options that stand for them."""
+def naming_options(names: Collection[str] = NUMBERS) -> Iterator[None]:
+    """Let errors about these arguments name the options that stand for them."""
+
+    def named(error: SpecError) -> SpecError:
+        # Errors about keys of the problem file keep their names.
+        key = error.key
+        if key is None or key not in names:
+            return error
+        option = OTHERWISE.get(key, f"--{key.replace('_', '-')}")
+        return refused(option, error.message.replace(key, option, 1), error.cure)
+
     try:
         yield
     except SpecError as error:
-        # Errors about keys of the problem file keep their names.
-        key = error.key
-        if key not in NUMBERS:
-            raise
-        option = f"--{key.replace('_', '-')}"
-        raise refused(option, error.message.replace(key, option, 1), error.cure) from error
+        raise SpecError.several([named(each) for each in error.errors]) from error.__cause__
 
 
 @contextmanager
@@ -280,7 +286,7 @@ def certify_it(path: str, notes: Sequence[str]) -> str:
     return "\n".join(lines)
 
 
-def make_table(heads: Iterable[str] = ()) -> Table:
+def make_table(heads: Iterable[str]) -> Table:
     """A table without a frame."""
     from rich.table import Table
 

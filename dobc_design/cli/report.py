@@ -3,17 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Exit, Option
 
-from dobc_design.cli import output
+from dobc_design._checks import noun
 from dobc_design.errors import CertificateError, refused
 from dobc_design.loop.make import loop_of
 
 from .options import in_groups
+from .output import (
+    MISTAKE,
+    Document,
+    Json,
+    Progress,
+    Quiet,
+    Stage,
+    Verbose,
+    check_target,
+    fail,
+    folder_name,
+    load_problem,
+    print_json,
+    read_certificate,
+    refuse_option,
+    require_folder,
+    require_free,
+    say,
+)
 
 if TYPE_CHECKING:
     from dobc_design.certificate.claims import Claims
@@ -21,7 +40,7 @@ if TYPE_CHECKING:
     from dobc_design.report.refusal import Checked
 
 
-@dataclass(frozen=True, kw_only=True)
+@noun
 class Asked:
     """How the certificates are shown, and where that goes."""
 
@@ -36,9 +55,7 @@ class Asked:
             help="Folder; default that of CERT, or for two ./NAME-NAME-comparison.",
         ),
     ] = None
-    pdf: Annotated[
-        Path | None, Option("--pdf", help="Also write a PDF; needs dobc_design[pdf].")
-    ] = None
+    pdf: Annotated[Path | None, Option(help="Also write a PDF; needs dobc_design[pdf].")] = None
     full: Annotated[bool, Option("--full", help="With all details open, also in the PDF.")] = False
     lmi: Annotated[
         bool,
@@ -46,9 +63,7 @@ class Asked:
     ] = False
     latex: Annotated[
         Path | None,
-        Option(
-            "--latex", metavar="FOLDER", help="Also as LaTeX fragments and BibTeX, into FOLDER."
-        ),
+        Option(metavar="FOLDER", help="Also as LaTeX fragments and BibTeX, into FOLDER."),
     ] = None
     force: Annotated[bool, Option("--force", help="Overwrite files there.")] = False
 
@@ -68,10 +83,10 @@ class Asked:
                 f"--problem must be given once for each certificate; got {problems} for {given}.",
                 "Leave it out where problem.json lies beside the certificate.",
             )
-        output.refuse_option(self.out, key="--out")
+        refuse_option(self.out, key="--out")
         pdf = self.pdf
         if pdf is not None:
-            output.check_target(pdf, force=self.force, key="--pdf")
+            check_target(pdf, force=self.force, key="--pdf")
             if pdf.suffix.lower() != ".pdf":
                 raise refused(
                     "--pdf", f"{str(pdf)!r} must end in .pdf.", f"For example {pdf.name}.pdf."
@@ -91,9 +106,9 @@ def report(
         Argument(metavar="CERT [CERT]", help="certificate.json, or its folder; one or two."),
     ],
     asked: Asked,
-    quiet: output.Quiet = False,
-    verbose: output.Verbose = False,
-    as_json: output.Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+    as_json: Json = False,
 ) -> None:
     """Write the report of a certificate again, or two certificates side by side, once all their
     claims are verified.
@@ -103,16 +118,16 @@ def report(
     """
     from dobc_design.certificate.files import make_folder, write_together
 
-    stages = output.Progress(quiet=quiet, verbose=verbose)
+    stages = Progress(quiet=quiet, verbose=verbose)
     asked.require_possible(len(certificates))
     with stages as progress:
         try:
             sides = _sides(certificates, asked.problem, progress)
         # unreadable: what was handed in is wrong, not the machine
         except CertificateError as error:
-            raise Exit(output.fail(error, output.MISTAKE, as_json=as_json)) from error
+            raise Exit(fail(error, MISTAKE, as_json=as_json)) from error
         pages = _pages(sides, asked, progress)
-    folder = output.require_folder(asked.out or _folder(sides, certificates))
+    folder = require_folder(asked.out or _folder(sides, certificates))
     # Beside its certificate a report may replace itself; anywhere else files are somebody's.
     own = len(sides) == 1 and asked.out is None
     files = _files(pages, folder, asked.pdf, force=asked.force or own)
@@ -124,15 +139,15 @@ def report(
     write_together(files)
     written = [str(path) for path in files]
     if as_json:
-        output.print_json(_document(sides, written))
+        print_json(_document(sides, written))
     elif not quiet:
-        output.say("\n".join([*_words(sides), *(f"wrote {path}" for path in written)]))
+        say("\n".join([*_words(sides), *(f"wrote {path}" for path in written)]))
     if not holds:
         raise Exit(1)
 
 
 def _sides(
-    certificates: Sequence[Path], given: Sequence[str] | None, progress: output.Stage
+    certificates: Sequence[Path], given: Sequence[str] | None, progress: Stage
 ) -> list[Checked]:
     """The certificates with their problems, every claim decided again."""
     # Two certificates need names, a single one has none.
@@ -144,7 +159,7 @@ def _sides(
     ]
 
 
-def _pages(sides: Sequence[Checked], asked: Asked, progress: output.Stage) -> dict[str, bytes]:
+def _pages(sides: Sequence[Checked], asked: Asked, progress: Stage) -> dict[str, bytes]:
     from dobc_design.report.write import render_comparison, render_refusal, render_report
 
     found, pdf = [side.certificate for side in sides], asked.pdf is not None
@@ -161,7 +176,7 @@ def _folder(sides: Sequence[Checked], certificates: Sequence[Path]) -> Path:
     if len(sides) == 1:
         path = certificates[0]
         return path if path.is_dir() else path.parent
-    names = dict.fromkeys(output.folder_name(side.certificate.problem.name) for side in sides)
+    names = dict.fromkeys(folder_name(side.certificate.problem.name) for side in sides)
     return Path(f"{'-'.join(names)}-comparison")
 
 
@@ -172,7 +187,7 @@ def _files(
     in the way."""
     # The PDF has a place of its own, which --pdf names.
     files = {folder / name: data for name, data in pages.items() if not name.endswith(".pdf")}
-    output.require_free(folder, [path.name for path in files], force=force)
+    require_free(folder, [path.name for path in files], force=force)
     if pdf is not None:
         files[pdf] = next(data for name, data in pages.items() if name.endswith(".pdf"))
     return files
@@ -182,12 +197,12 @@ def _fragments(side: Checked, folder: Path, *, force: bool) -> dict[Path, bytes]
     from dobc_design.report.write import render_latex
 
     fragments = render_latex(side.certificate)
-    output.require_folder(folder, key="--latex")
-    output.require_free(folder, fragments, force=force, key="--latex")
+    require_folder(folder, key="--latex")
+    require_free(folder, fragments, force=force, key="--latex")
     return {folder / name: data for name, data in fragments.items()}
 
 
-def _document(sides: Sequence[Checked], written: Sequence[str]) -> output.Document:
+def _document(sides: Sequence[Checked], written: Sequence[str]) -> Document:
     """What --json prints; a certificate that does not hold has no verdict."""
     verdicts = [side.certificate.verdict.value if side.found.holds else None for side in sides]
     return {
@@ -212,7 +227,7 @@ def _words(sides: Sequence[Checked]) -> Iterator[str]:
             yield f"  NOT confirmed: {failure}"
 
 
-def _checked(path: Path, problem: str | None, letter: str, progress: output.Stage) -> Checked:
+def _checked(path: Path, problem: str | None, letter: str, progress: Stage) -> Checked:
     """A certificate with its problem, by default problem.json beside it, every claim decided again.
 
     Raises: SpecError for a problem that is another one or is not there; CertificateError for what
@@ -225,7 +240,7 @@ def _checked(path: Path, problem: str | None, letter: str, progress: output.Stag
     from dobc_design.problem.canonical import problem_sha256
     from dobc_design.report.refusal import Checked
 
-    data = output.read_certificate(path)
+    data = read_certificate(path)
     claims = read_claims(data)
     beside = (path if path.is_dir() else path.parent) / "problem.json"
     if problem is None and not beside.exists():
@@ -235,7 +250,7 @@ def _checked(path: Path, problem: str | None, letter: str, progress: output.Stag
             f"unverified, {claims.verdict.value}, and no report is written.",
             "Name the problem that it was made for with --problem FILE.",
         )
-    own = output.load_problem(str(beside) if problem is None else problem)
+    own = load_problem(str(beside) if problem is None else problem)
     if problem_sha256(own) != claims.problem_sha256:
         raise refused(
             "--problem",

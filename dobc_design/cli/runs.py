@@ -7,17 +7,33 @@ An ensemble of one run is a trajectory.  A run that diverges is an answer, not a
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from typer import Option
 
-from dobc_design.cli import output
+from dobc_design._checks import noun
 from dobc_design.errors import refused
 from dobc_design.loop.make import loop_of
 
 from .options import in_groups
+from .output import (
+    Document,
+    File,
+    Json,
+    Progress,
+    Quiet,
+    Stage,
+    Verbose,
+    json_bytes,
+    load_problem,
+    naming_options,
+    print_json,
+    read_claims,
+    require_folder,
+    require_free,
+    say,
+)
 
 if TYPE_CHECKING:
     from dobc_design.certificate.certificate import Certificate
@@ -33,6 +49,8 @@ TRAJECTORY = "trajectory.npz"
 ENSEMBLE = "ensemble.npz"
 WRITTEN = (TRAJECTORY, ENSEMBLE, FIGURE, NETWORK, BREAKING, SUMMARY)  # all that a run may write
 MOST_MOVING = 200  # agents whose motion is drawn
+#: Arguments of ``simulate`` that have options of their names, and ``failures``, those of --fail.
+ARGUMENTS = ("runs", "mode", "start", "t_final", "seed", "observer", "failures")
 SHOWN = 5  # reasons for early ends that are printed
 OBSERVER = "closed-form"
 #: What is measured of runs: its key, its title, its unit, and the word where there is no number.
@@ -45,7 +63,7 @@ MEASURES = (
 Files = dict[str, bytes]  # by their names in --out
 
 
-@dataclass(frozen=True, kw_only=True)
+@noun
 class Runs:
     """Which runs are made, and how."""
 
@@ -53,9 +71,7 @@ class Runs:
     seed: Annotated[
         int | None, Option(help="Seed of starts and switches; default the problem's.")
     ] = None
-    t_final: Annotated[
-        float | None, Option("--t-final", help="Horizon in s; default the problem's.")
-    ] = None
+    t_final: Annotated[float | None, Option(help="Horizon in s; default the problem's.")] = None
     mode: Annotated[
         str | None, Option(metavar="MODE", help="Stay in this mode, whatever [switching] says.")
     ] = None
@@ -73,7 +89,7 @@ class Runs:
         return self.runs in (None, 1)
 
 
-@dataclass(frozen=True, kw_only=True)
+@noun
 class Answer:
     """What is shown of the runs, and where it goes."""
 
@@ -85,29 +101,25 @@ class Answer:
         Option(metavar="FOLDER", help="Folder for arrays (.npz), figures and summary.json."),
     ] = None
     force: Annotated[bool, Option("--force", help="Overwrite files in --out.")] = False
-    quiet: output.Quiet = False
-    verbose: output.Verbose = False
-    as_json: output.Json = False
+    quiet: Quiet = False
+    verbose: Verbose = False
+    as_json: Json = False
 
-    def progress(self) -> output.Progress:
+    def progress(self) -> Progress:
         """Names the stages."""
-        return output.Progress(quiet=self.quiet, verbose=self.verbose)
+        return Progress(quiet=self.quiet, verbose=self.verbose)
 
     def require_free(self) -> None:
         """Refuse a folder that has files of runs already, unless they may be replaced."""
         if self.out is not None:
-            folder = output.require_folder(self.out)
-            output.require_free(
-                folder, WRITTEN, force=self.force, other=", or choose another folder"
-            )
+            folder = require_folder(self.out)
+            require_free(folder, WRITTEN, force=self.force, other=", or choose another folder")
 
-    def proof(self, problem: Problem, progress: output.Stage) -> Certificate | None:
+    def proof(self, problem: Problem, progress: Stage) -> Certificate | None:
         """The certificate whose bounds are shown, verified."""
         return None if self.certificate is None else _verified(self.certificate, problem, progress)
 
-    def write(
-        self, document: output.Document, names: Sequence[str], draw: Callable[[], Files]
-    ) -> None:
+    def write(self, document: Document, names: Sequence[str], draw: Callable[[], Files]) -> None:
         """Write what ``draw`` gives and the document, all of it or nothing; without a folder
         nothing is drawn."""
         from dobc_design.certificate.files import make_folder, write_together
@@ -115,26 +127,26 @@ class Answer:
         document["files"] = [] if self.out is None else [str(self.out / name) for name in names]
         if self.out is None:
             return
-        made = draw() | {SUMMARY: output.json_bytes(document)}
+        made = draw() | {SUMMARY: json_bytes(document)}
         make_folder(self.out)
         whole = {self.out / name: data for name, data in made.items()}
         # What an earlier run left there goes, so that files of two runs are never mixed.
         write_together(whole, without=[self.out / name for name in WRITTEN])
 
-    def say(self, document: output.Document, text: str, names: Sequence[str]) -> None:
+    def say(self, document: Document, text: str, names: Sequence[str]) -> None:
         """Print the document, or the text with its notes and files."""
         if self.as_json:
-            output.print_json(document)
+            print_json(document)
         elif not self.quiet:
             lines = [text, *(f"  Note: {note}" for note in document["notes"])]
             lines += [f"wrote {path}" for path in document["files"]]
             if not document["files"]:
                 lines.append(f"Add --out FOLDER for {', '.join(names)}.")
-            output.say("\n".join(lines))
+            say("\n".join(lines))
 
 
 @in_groups
-def simulate(file: output.File, runs: Runs, answer: Answer) -> None:
+def simulate(file: File, runs: Runs, answer: Answer) -> None:
     """Simulate runs of the closed loop; the exit code is 0 even if a run diverges."""
     make_runs(file, runs, answer)
 
@@ -146,7 +158,7 @@ def make_runs(
     from dobc_design.simulation import runs as simulation
 
     with answer.progress() as progress:
-        problem = output.load_problem(file)
+        problem = load_problem(file)
         names = [TRAJECTORY if runs.single else ENSEMBLE, SUMMARY, FIGURE]
         # A motion of one component is a curve, and many agents would hide each other.
         if runs.single and problem.m > 1 and problem.n <= MOST_MOVING:
@@ -154,17 +166,18 @@ def make_runs(
         answer.require_free()
         proof = answer.proof(problem, progress)
         progress("simulating")
-        result: Any = simulation.simulate(
-            problem,
-            runs=None if runs.single else runs.runs,
-            mode=runs.mode,
-            start=runs.start,
-            t_final=runs.t_final,
-            seed=runs.seed,
-            observer=runs.observer,
-            stress=stress,
-            progress=lambda part: progress(f"simulating, {part:.0%}"),
-        )
+        with naming_options(ARGUMENTS):
+            result: Any = simulation.simulate(
+                problem,
+                runs=None if runs.single else runs.runs,
+                mode=runs.mode,
+                start=runs.start,
+                t_final=runs.t_final,
+                seed=runs.seed,
+                observer=runs.observer,
+                stress=stress,
+                progress=lambda part: progress(f"simulating, {part:.0%}"),
+            )
         document = _document(result, problem, proof)
         if not runs.single:
             document["intervals"] = _intervals(result)
@@ -191,11 +204,11 @@ def _moving_network(result: Trajectory, problem: Problem) -> bytes:
     return animation_page(result, arcs=arcs, pinned=problem.pinning.agents).encode("utf-8")
 
 
-def _document(result: Any, problem: Problem, proof: Certificate | None) -> output.Document:
+def _document(result: Any, problem: Problem, proof: Certificate | None) -> Document:
     """What --json prints of runs, with what the certificate bounds; a note where it bounds nothing
     here."""
     notes = list(result.notes)
-    document: output.Document = result.summary()
+    document: Document = result.summary()
     document |= {"problem": problem.name, "mode": result.mode}
     document |= {"reasons": _reasons(result), "notes": notes}
     if proof is None:
@@ -225,14 +238,14 @@ def _intervals(result: Ensemble) -> dict[str, list[float] | None]:
     return intervals
 
 
-def _verified(place: Path, problem: Problem, progress: output.Stage) -> Certificate:
+def _verified(place: Path, problem: Problem, progress: Stage) -> Certificate:
     """The certificate at ``place``, every claim decided again.  Raises: SpecError unless all of
     them hold."""
     from dobc_design.certificate.certificate import Certificate
     from dobc_design.conditions.observer.propose import observer_gain
 
     progress("verifying the certificate")
-    claims = output.read_claims(place, problem)
+    claims = read_claims(place, problem)
     if claims.W is not None and observer_gain(loop_of(problem)) != claims.W:
         raise refused(
             "--certificate",
@@ -242,7 +255,7 @@ def _verified(place: Path, problem: Problem, progress: output.Stage) -> Certific
     return Certificate(problem=problem, claims=claims)
 
 
-def _reasons(result: Trajectory | Ensemble) -> list[output.Document]:
+def _reasons(result: Trajectory | Ensemble) -> list[Document]:
     """Why runs ended early, by seed."""
     from dobc_design.simulation.trajectory import Trajectory
 
@@ -253,7 +266,7 @@ def _reasons(result: Trajectory | Ensemble) -> list[output.Document]:
     return [{"seed": int(result.seeds[run]), "reason": reason} for run, reason in early]
 
 
-def _lines(result: Trajectory | Ensemble, document: output.Document) -> Iterator[str]:
+def _lines(result: Trajectory | Ensemble, document: Document) -> Iterator[str]:
     """What came of the runs, in words."""
     yield str(result)
     for name, title, unit, nothing in MEASURES:

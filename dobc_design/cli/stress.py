@@ -5,16 +5,17 @@ A stress is what the theorems leave out; nothing here is a proof.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from typer import Option
 
-from dobc_design.cli import output
+from dobc_design._checks import noun
 from dobc_design.errors import SpecError, refused
 
 from .options import in_groups
-from .runs import BREAKING, OBSERVER, SUMMARY, Answer, Files, Runs, make_runs
+from .output import Document, File, load_problem, naming_options
+from .runs import ARGUMENTS, BREAKING, OBSERVER, SUMMARY, Answer, Files, Runs, make_runs
 
 if TYPE_CHECKING:
     from dobc_design.certificate.certificate import Certificate
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from dobc_design.simulation.stress import Failure, Stress
 
 
-@dataclass(frozen=True, kw_only=True)
+@noun
 class Stresses:
     """What acts on the loop; what is not given does not."""
 
@@ -35,7 +36,10 @@ class Stresses:
     loss: Annotated[float | None, Option(help="Probability that a packet is lost.")] = None
     fail: Annotated[
         list[str] | None,
-        Option(metavar="LABEL@TIME", help="Or LABEL@TIME:freeze; may be repeated."),
+        Option(
+            metavar="LABEL@TIME",
+            help="This agent fails then; with :freeze its last values stay. May be repeated.",
+        ),
     ] = None
     worst: Annotated[
         bool,
@@ -60,14 +64,15 @@ class Stresses:
             return "worst"
         if not given:
             return None
-        return Stress(
-            noise=self.noise or 0.0,
-            disturbance=self.disturbance or 0.0,
-            saturation=self.saturation,
-            period=self.period,
-            loss=self.loss or 0.0,
-            failures=tuple(map(_failure, self.fail or ())),
-        )
+        with naming_options([each.name for each in fields(self)]):
+            return Stress(
+                noise=self.noise or 0.0,
+                disturbance=self.disturbance or 0.0,
+                saturation=self.saturation,
+                period=self.period,
+                loss=self.loss or 0.0,
+                failures=tuple(map(_failure, self.fail or ())),
+            )
 
 
 #: Options that ``simulate`` had: what to type now.
@@ -76,7 +81,7 @@ MOVED["--what-breaks-first"] = "dobc stress FILE"
 
 
 @in_groups
-def stress(file: output.File, stresses: Stresses, runs: Runs, answer: Answer) -> None:
+def stress(file: File, stresses: Stresses, runs: Runs, answer: Answer) -> None:
     """Find what breaks the loop first; with --noise, --saturation, --worst, ... simulate it under
     that stress."""
     chosen = stresses.chosen()
@@ -97,19 +102,20 @@ def _break(file: str, runs: Runs, answer: Answer) -> None:
         raise _needs_a_stress("--runs")
     names = (BREAKING, SUMMARY)
     with answer.progress() as progress:
-        problem = output.load_problem(file)
+        problem = load_problem(file)
         answer.require_free()
         proof = answer.proof(problem, progress)
         progress("what breaks first")
-        found = what_breaks_first(
-            problem,
-            signal=None if runs.mode is None else Fixed(mode=runs.mode),
-            start=runs.start,
-            t_final=runs.t_final,
-            seed=runs.seed,
-            certificate=proof,
-            progress=lambda part: progress(f"what breaks first, {part:.0%}"),
-        )
+        with naming_options(ARGUMENTS):
+            found = what_breaks_first(
+                problem,
+                signal=None if runs.mode is None else Fixed(mode=runs.mode),
+                start=runs.start,
+                t_final=runs.t_final,
+                seed=runs.seed,
+                certificate=proof,
+                progress=lambda part: progress(f"what breaks first, {part:.0%}"),
+            )
         document = _document(found, problem, proof)
 
         def draw() -> Files:
@@ -145,13 +151,13 @@ def _failure(text: str) -> Failure:
         ) from None
 
 
-def _document(found: Any, problem: Problem, proof: Certificate | None) -> output.Document:
+def _document(found: Any, problem: Problem, proof: Certificate | None) -> Document:
     """What --json prints of what breaks the loop first, with the certified sampling period
     beside."""
     notes = list(found.calm.notes)
     if proof is not None and found.period is not None and found.period.certified is None:
         notes.append("The certificate proves no sampling period.")
-    document: output.Document = found.calm.summary()
+    document: Document = found.calm.summary()
     document |= {"problem": problem.name, "mode": found.calm.mode}
     document |= {"notes": notes, "breaking": found.to_json()}
     return document

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from dobc_design.sweeps.result import SweepResult
     from dobc_design.sweeps.running import State
 
+ARGUMENTS = ("task", "samples", "seed", "runs", "everything", "jobs", "cluster", "time_limit")
 SHOWN = 5  # failed cases that are told
 MOST_FAILURES = 100  # that a document holds
 
@@ -57,7 +58,6 @@ def sweep(
     time_limit: Annotated[
         str | None,
         Option(
-            "--time-limit",
             metavar="SECONDS",
             help="Time limit of one case; the other cases continue.",
         ),
@@ -82,7 +82,7 @@ def sweep(
         f"Interrupted; the finished cases are kept in {str(folder)!r}. The same command goes "
         f"on with the others:\n  {command}"
     )
-    with stages as progress:
+    with stages as progress, output.naming_options(ARGUMENTS):
         result = running.sweep(
             file,
             axes,

@@ -18,8 +18,13 @@ from fractions import Fraction
 from typing import Any, Protocol
 
 from dobc_design._checks import noun
-from dobc_design._show.cards import Card, Shown, listed
-from dobc_design._show.text import significant_away_from_zero, significant_towards_zero
+from dobc_design._show.cards import Card, Headed, Shown, listed
+from dobc_design._show.text import (
+    capitalize_first,
+    rate_text,
+    significant_away_from_zero,
+    significant_towards_zero,
+)
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, spend
 from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Decided, Verdict
@@ -92,7 +97,7 @@ class Fix(Shown):
 
 
 @noun(eq=False)
-class Check(Shown, Decided):
+class Check(Headed, Decided):
     """One condition, decided.
 
     ``margin`` and ``rate`` (1/s) are rounded towards the weaker claim.  ``factor`` >= 1 belongs to
@@ -169,11 +174,12 @@ class Check(Shown, Decided):
         return self.reason.partition(". ")[2]
 
     def _card(self) -> Card:
-        facts = [("holds for", str(self.domain))]
+        told = {"global": "every start", "consensus": "near the target"}
+        facts = [("starts", told.get(str(self.domain), str(self.domain)))]
         if self.margin is not None:
             facts.append(("margin", significant_towards_zero(self.margin, 6)))
         if self.rate is not None:
-            facts.append(("rate in 1/s", significant_towards_zero(self.rate, 6)))
+            facts.append(("rate in 1/s", rate_text(self.rate, 6)))
         if self.factor is not None:
             facts.append((f"factor of {self.norm}", significant_away_from_zero(self.factor, 6)))
         # Lists and tables of a claim are too long for a card.
@@ -186,7 +192,8 @@ class Check(Shown, Decided):
             facts.append((f"witness, {witness.kind}", named))
         if self.fix is not None:
             facts.append(("cure", self.fix.text))
-        return Card(title=self.title, verdict=self.verdict.value, text=self.reason, facts=facts)
+        reason = capitalize_first(self.reason)
+        return Card(title=self.title, verdict=self.verdict.value, text=reason, facts=facts)
 
     def unless(self, wrong: str | None, domain: Domain) -> Check:
         """The same check; where something is ``wrong`` with it an undecided one that says so."""

@@ -107,6 +107,11 @@ def asked_radius(loop: Loop) -> tuple[Fraction, ...]:
     return tuple(reach)
 
 
+def asked_ball(loop: Loop, reach: Sequence[Fraction]) -> float:
+    """The radius, rounded up, of the smallest ball that holds every |e_ic| <= ``reach[c]``."""
+    return decimal_above(root_above(_corner(loop, reach), unit=10**9))
+
+
 def _corner(loop: Loop, reach: Sequence[Fraction]) -> Fraction:
     """The largest e'e where every |e_ic| is at most ``reach[c]``."""
     return loop.n * sum((r * r for r in reach), Fraction(0))
@@ -156,12 +161,11 @@ def read_region(
     else:
         reach = asked_radius(loop)
         disturbance = region.disturbance or Fraction(0)
-    ball = root_above(_corner(loop, reach), unit=10**9)
     return Asked(
         loop=loop,
         W=W,
         radius=decimal_above(max(reach)) or POINT,
-        ball=decimal_above(ball) or POINT,
+        ball=asked_ball(loop, reach) or POINT,
         disturbance=decimal_above(disturbance),
         domain=domain,
         wanted=region is not None,

@@ -52,7 +52,8 @@ class Around:
         return {"kind": self.kind, "radius": self.radius, "disturbance": self.disturbance}
 
     def __str__(self) -> str:
-        return ", ".join(f"{name} {value}" for name, value in self.to_json().items())
+        norm = "|e|_inf" if self.kind == "box" else "|e|"
+        return f"{norm} <= {self.radius:.6g} and |eps_i| <= {self.disturbance:.6g}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -111,7 +111,7 @@ class Kind(Shown):
 
 
 _UNIT: Final = re.compile(r", (1/)?s$")  # at the end of a definition, no letter
-_WORD: Final = re.compile(r"[A-Za-z]\w*")
+_WORD: Final = re.compile(r"[A-Za-z]\w*(?:'s\b)?")  # the s of "one's" is no letter
 _LETTERS: Final = (files("dobc_design.conditions") / "letters.toml").read_text("utf-8")
 LETTERS: Final[dict[str, str]] = tomllib.loads(_LETTERS)
 _TEXT: Final = (files("dobc_design.conditions") / "kinds.toml").read_text("utf-8")

@@ -14,20 +14,39 @@ from functools import lru_cache, partial
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Facts, Formula, Shown, cut
-from dobc_design.coupling import expression as language
-from dobc_design.coupling import tree
-from dobc_design.errors import ExpressionError, Mistakes, ShapeError, wrong
-from dobc_design.exact.interval import Interval, UndefinedError
+from dobc_design.errors import ExpressionError, Mistakes, misshapen, wrong
+from dobc_design.exact.interval import Box, Interval, IntervalMatrix, UndefinedError
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import NumberText, Texts, counted, is_list, shown
 
-from .expression import LONGEST, Expression, parse_expression
-from .functions import NONSMOOTH
+from .expression import (
+    LONGEST,
+    ArrayFunction,
+    Expression,
+    evaluated,
+    numpy_function,
+    parse_expression,
+    polynomial_degree,
+    require_last_axis,
+    to_text,
+    variables_used,
+)
+from .functions import NONSMOOTH, Array
 from .parser import excerpt
+from .tree import (
+    ZERO,
+    Algebra,
+    GradientAlgebra,
+    IntervalAlgebra,
+    Node,
+    evaluate,
+    names_in_words,
+    postorder,
+)
 
 T = TypeVar("T")
 # Where h has to have a bounded slope: Lipschitz continuity around 0 cannot be seen at 0 alone.
@@ -59,12 +78,11 @@ class Coupling(Shown):
         else:
             fits = set(dimensions) == {self.dimension} and self.dimension > 1
         if not fits:
-            raise wrong(
+            raise misshapen(
                 key,
                 f"must be one expression in y, or {self.dimension} in"
-                f" {tree.names_in_words(self.dimension)}; got expressions in {dimensions} "
+                f" {names_in_words(self.dimension)}; got expressions in {dimensions} "
                 "variables.",
-                kind=ShapeError,
             )
         errors = Mistakes()
         for position, expression in enumerate(self.components):
@@ -92,7 +110,7 @@ class Coupling(Shown):
     def is_linear(self) -> bool:
         """Whether h is linear as written, which proves that it is; y**2 - y**2 + y is not
         recognised."""
-        degrees = [language.polynomial_degree(expression.node) for expression in self.components]
+        degrees = [polynomial_degree(expression.node) for expression in self.components]
         return all(degree is not None and degree <= 1 for degree in degrees)
 
     @property
@@ -101,8 +119,8 @@ class Coupling(Shown):
         empty if h is C1 wherever it is defined (theory, section 1)."""
         found: set[str] = set()
         for expression in self.components:
-            for part in tree.postorder(expression.node):
-                if part.kind == "call" and language.variables_used(part):
+            for part in postorder(expression.node):
+                if part.kind == "call" and variables_used(part):
                     found.add(part.own)
         return tuple(name for name in NONSMOOTH if name in found)
 
@@ -119,38 +137,38 @@ class Coupling(Shown):
     def __repr__(self) -> str:
         return f"<Coupling {cut('; '.join(self.texts))}>"
 
-    def evaluated(self, y: Sequence[T], algebra: tree.Algebra[T]) -> list[T]:
+    def evaluated(self, y: Sequence[T], algebra: Algebra[T]) -> list[T]:
         """Return the m components of h for differences y, one value of the algebra for each of m
         components."""
-        return language.evaluated(self.components, y, algebra)
+        return evaluated(self.components, y, algebra)
 
-    def jacobian_at_zero(self) -> tuple[tuple[Interval, ...], ...]:
+    def jacobian_at_zero(self) -> IntervalMatrix:
         """Enclose dh/dy at y = 0; exact (points) where the entries are known to be rational.
         Shapes: (m, m), diagonal if h acts by component.  At a kink: the hull of the slopes."""
-        rows = [_gradient(expression, at=tree.ZERO) for expression in self.components]
+        rows = [_gradient(expression, at=ZERO) for expression in self.components]
         if not self.by_component:
             return tuple(rows)
         slope = rows[0][0]
         places = range(self.dimension)  # component by component: a diagonal matrix
-        return tuple(tuple(slope if i == j else tree.ZERO for j in places) for i in places)
+        return tuple(tuple(slope if i == j else ZERO for j in places) for i in places)
 
-    def numpy_function(self) -> language.ArrayFunction:
+    def numpy_function(self) -> ArrayFunction:
         """Return h as a function of arrays, (..., m) to (..., m); overflow gives inf, undefined
         places give nan."""
-        functions = [language.numpy_function(expression) for expression in self.components]
+        functions = [numpy_function(expression) for expression in self.components]
         dimension = self.dimension
         by_component = self.by_component
 
-        def function(y: ArrayLike) -> NDArray[np.float64]:
+        def function(y: ArrayLike) -> Array:
             array = np.asarray(y, dtype=np.float64)
-            language.require_last_axis(array, dimension)
+            require_last_axis(array, dimension)
             if by_component:
                 return functions[0](array)
             return np.stack([component(array) for component in functions], axis=-1)
 
         return function
 
-    def value(self, y: ArrayLike) -> NDArray[np.float64]:
+    def value(self, y: ArrayLike) -> Array:
         """Return h(y) for differences y of shape (..., m)."""
         return self.numpy_function()(y)
 
@@ -175,11 +193,10 @@ def make_coupling(
     if isinstance(given, str) and not isinstance(given, NumberText):  # a number is no text
         if count != dimension:
             expressions = counted(count, "expression")
-            raise wrong(
+            raise misshapen(
                 key,
                 f"must be a list of {expressions}, one per input; got {shown(given)}.",
-                f"Give a list in {tree.names_in_words(dimension)}.",
-                kind=ShapeError,
+                f"Give a list in {names_in_words(dimension)}.",
             )
         _refuse_numbered_names(given, dimension=dimension, key=key)
         alone = parsed(given, key=key)
@@ -212,15 +229,14 @@ def _check_list(given: Any, count: int, *, dimension: int, key: str) -> None:
     if len(given) == count:
         return
     each = "input"
-    cure = f"Give a list in {tree.names_in_words(dimension)}."
+    cure = f"Give a list in {names_in_words(dimension)}."
     if count == dimension:
         each = "state component"
         cure = "Or give one expression in y, which is applied to each component."
-    raise wrong(
+    raise misshapen(
         key,
         f"must have {counted(count, 'expression')}, one per {each}; got {len(given)}.",
         cure,
-        kind=ShapeError,
     )
 
 
@@ -229,7 +245,7 @@ def _common_text(read: Sequence[Expression]) -> str | None:
     there is none."""
     texts: set[str] = set()
     for component, expression in enumerate(read):
-        if not set(language.variables_used(expression.node)) <= {component}:
+        if not set(variables_used(expression.node)) <= {component}:
             return None
         texts.add(re.sub(r"\by[0-9]+\b", "y", str(expression)))
     return texts.pop() if len(texts) == 1 else None
@@ -252,20 +268,20 @@ def _refuse_numbered_names(text: str, *, dimension: int, key: str) -> None:
             f" {found.start() + 1}; a single expression is applied to each component and uses y.",
             key=key,
             cure=f"For couplings between components give a list of {dimension} expressions in"
-            f" {tree.names_in_words(dimension)}.",
+            f" {names_in_words(dimension)}.",
         )
 
 
 def _check_at_zero(expression: Expression, key: str) -> None:
     quoted = f"{key} {excerpt(expression.text)}"
-    origin = (tree.ZERO,) * expression.dimension
+    origin = (ZERO,) * expression.dimension
     try:
-        value = tree.evaluate(expression.node, origin, tree.IntervalAlgebra())
+        value = evaluate(expression.node, origin, IntervalAlgebra())
     except UndefinedError as error:
         raise ExpressionError(
             f"{quoted} must vanish at y = 0 but is undefined there: {error}", key=key
         ) from error
-    if value != tree.ZERO:
+    if value != ZERO:
         raise _not_zero(expression, value, key=key)
     try:
         _gradient(expression, at=NEARZERO)
@@ -294,35 +310,35 @@ def _not_zero(expression: Expression, value: Interval, *, key: str) -> Expressio
             cure="Agents that agree must feel nothing. A distance that they are to keep is stated "
             "by [formation] offsets, a goal by target.",
         )
-    if not language.variables_used(expression.node):
+    if not variables_used(expression.node):
         return ExpressionError(
             f"{quoted} must vanish at y = 0 but is the constant {exact}.",
             key=key,
             cure='Write for example "tanh(y)".',
         )
     # h - h(0) vanishes: that is the guess behind "did you mean".
-    better = language.to_text(_lowered(expression.node, value.lo), dimension=expression.dimension)
+    better = to_text(_lowered(expression.node, value.lo), dimension=expression.dimension)
     cure = f'did you mean "{better}"?' if len(better) <= _LONGEST_SUGGESTION else None
     return ExpressionError(f"{quoted} must vanish at y = 0 but equals {exact}", key=key, cure=cure)
 
 
-def _lowered(node: tree.Node, value: Fraction) -> tree.Node:
+def _lowered(node: Node, value: Fraction) -> Node:
     """Return the tree of node - value; where the value is the last term itself, without that
     term."""
     if node.kind in ("add", "subtract"):
         rest, last = node.operands
-        if not language.variables_used(last):
-            term = tree.evaluate(last, (), tree.IntervalAlgebra())
+        if not variables_used(last):
+            term = evaluate(last, (), IntervalAlgebra())
             if (term if node.kind == "add" else -term) == Interval.point(value):
                 return rest
     kind = "subtract" if value > 0 else "add"
-    return tree.Node(kind, (node, tree.Node("constant", own=abs(value))))
+    return Node(kind, (node, Node("constant", own=abs(value))))
 
 
 @lru_cache(maxsize=256)
-def _gradient(expression: Expression, *, at: Interval) -> tuple[Interval, ...]:
+def _gradient(expression: Expression, *, at: Interval) -> Box:
     """Enclose the partial derivatives where every variable lies in ``at``; remembered, since every
     problem with this coupling asks for them."""
-    algebra = tree.GradientAlgebra(expression.dimension)
+    algebra = GradientAlgebra(expression.dimension)
     variables = algebra.variables((at,) * expression.dimension)
-    return tree.evaluate(expression.node, variables, algebra).partials
+    return evaluate(expression.node, variables, algebra).partials

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import lru_cache
 from itertools import groupby, pairwise
+from typing import NamedTuple
 
 from dobc_design.exact.floats import Floats
 from dobc_design.exact.interval import Interval, UndefinedError
@@ -107,8 +108,7 @@ class Curve:
         object.__setattr__(self, "programs", _programs(self.expression))
 
 
-@dataclass(frozen=True, slots=True)
-class Secant:
+class Secant(NamedTuple):
     """Enclosures of the secant gain g and of its derivative on an interval; None where that may be
     unbounded."""
 
@@ -316,8 +316,7 @@ def _shown(number: Fraction) -> str:
     return str(number) if number.denominator == 1 else f"{float(number):.6g}"
 
 
-@dataclass(frozen=True, slots=True)
-class Cell:
+class Cell(NamedTuple):
     """h on an interval of y: ``direction`` +1 nondecreasing, -1 nonincreasing, 0 not known;
     ``values`` there."""
 

@@ -10,27 +10,26 @@ from fractions import Fraction
 from functools import partial
 from itertools import accumulate
 from math import inf
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from dobc_design.coupling import tree
 from dobc_design.errors import ExpressionError, ShapeError, SpecError, wrong
 from dobc_design.exact.number import decimal_parts, with_exponent, without_exponent
 
-from .functions import FUNCTIONS, Function
+from .functions import FUNCTIONS, Array, Function
 from .parser import DEEPEST, Fault, Repair, excerpt, parse
+from .tree import Algebra, Node, NumpyAlgebra, evaluate, postorder, program, run, variable_names
 
 _LONGEST_PLAIN_NUMBER = 21
 T = TypeVar("T")
-ArrayFunction = Callable[[ArrayLike], NDArray[np.float64]]
+ArrayFunction = Callable[[ArrayLike], Array]
 
 SUM, SIGN, PRODUCT, UNARY, POWER, ATOM = range(6)
 
 
-@dataclass(frozen=True, slots=True)
-class Piece:
+class Piece(NamedTuple):
     """Text and how tightly its last operation binds."""
 
     text: str
@@ -39,29 +38,27 @@ class Piece:
     number: bool = False
 
 
-def evaluated(
-    expressions: Sequence[Expression], y: Sequence[T], algebra: tree.Algebra[T]
-) -> list[T]:
+def evaluated(expressions: Sequence[Expression], y: Sequence[T], algebra: Algebra[T]) -> list[T]:
     """Return their values at y, one value of the algebra for each component; one in a single
     variable acts on each."""
     # One function of y stands for all components; with one component both ways are the same.
     if [each.dimension for each in expressions] == [1]:
-        return [tree.evaluate(expressions[0].node, [each], algebra) for each in y]
-    return [tree.evaluate(each.node, y, algebra) for each in expressions]
+        return [evaluate(expressions[0].node, [each], algebra) for each in y]
+    return [evaluate(each.node, y, algebra) for each in expressions]
 
 
-def to_text(node: tree.Node, *, dimension: int = 1, compact: bool = False) -> str:
+def to_text(node: Node, *, dimension: int = 1, compact: bool = False) -> str:
     """Write the tree in the parser's language, with the fewest parentheses; ``compact``: in the
     fewest characters."""
-    variables = [Piece(name, ATOM) for name in tree.variable_names(dimension)]
-    return tree.evaluate(node, variables, _TextAlgebra(compact=compact)).text
+    variables = [Piece(name, ATOM) for name in variable_names(dimension)]
+    return evaluate(node, variables, _TextAlgebra(compact=compact)).text
 
 
-def to_latex(node: tree.Node, *, dimension: int = 1) -> str:
+def to_latex(node: Node, *, dimension: int = 1) -> str:
     r"""Write the tree as LaTeX mathematics: exp(y) - 1 + y becomes e^{y} - 1 + y."""
     names = ["y"] if dimension == 1 else [f"y_{{{index + 1}}}" for index in range(dimension)]
     variables = [Piece(name, ATOM) for name in names]
-    return tree.evaluate(node, variables, _LatexAlgebra()).text
+    return evaluate(node, variables, _LatexAlgebra()).text
 
 
 def formula_text(function: Function) -> str:
@@ -218,7 +215,7 @@ class Expression:
     tree.  Two expressions are equal when their trees and dimensions are."""
 
     text: str = field(compare=False)
-    node: tree.Node
+    node: Node
     dimension: int
 
     def __str__(self) -> str:
@@ -285,39 +282,39 @@ def parse_expression(
 def numpy_function(expression: Expression) -> ArrayFunction:
     """Return the expression as a function of arrays; overflow gives inf, undefined places nan,
     without warnings."""
-    steps = tree.program(expression.node, tree.NumpyAlgebra())
+    steps = program(expression.node, NumpyAlgebra())
     dimension = expression.dimension
 
-    def function(y: ArrayLike) -> NDArray[np.float64]:
+    def function(y: ArrayLike) -> Array:
         array = np.asarray(y, dtype=np.float64)
         variables = [array]
         if dimension > 1:
             require_last_axis(array, dimension)
             variables = [array[..., index] for index in range(dimension)]
         with np.errstate(all="ignore"):  # inf and nan are answers here
-            result = tree.run(steps, variables)
+            result = run(steps, variables)
         return np.array(np.broadcast_to(result, variables[0].shape), dtype=np.float64)
 
     return function
 
 
-def require_last_axis(array: NDArray[np.float64], length: int) -> None:
+def require_last_axis(array: Array, length: int) -> None:
     """Raise ShapeError unless the last axis, that of components, has this length."""
     if array.ndim == 0 or array.shape[-1] != length:
         raise ShapeError(f"the last axis of y must have length {length}; got shape {array.shape}.")
 
 
-def polynomial_degree(node: tree.Node) -> int | None:
+def polynomial_degree(node: Node) -> int | None:
     """Return a bound on the degree as written (y**2 - y**2 counts 2), so that 0 and 1 are proofs;
     None without one."""
     count = 1 + max(variables_used(node), default=-1)
-    degree = tree.evaluate(node, (1.0,) * count, _DegreeAlgebra())
+    degree = evaluate(node, (1.0,) * count, _DegreeAlgebra())
     return None if degree == inf else int(degree)
 
 
-def variables_used(node: tree.Node) -> tuple[int, ...]:
+def variables_used(node: Node) -> tuple[int, ...]:
     """Return the indices, from 0 and increasing, of the variables that occur."""
-    found = {part.own for part in tree.postorder(node) if part.kind == "variable"}
+    found = {part.own for part in postorder(node) if part.kind == "variable"}
     return tuple(sorted(found))
 
 

@@ -5,26 +5,25 @@ from __future__ import annotations
 
 import operator
 import re
-from collections.abc import Callable
 from dataclasses import dataclass
 from difflib import get_close_matches
 from enum import Enum
 from fractions import Fraction
+from typing import NamedTuple
 
 from dobc_design._show.text import visible
-from dobc_design.coupling import tree
 from dobc_design.errors import SpecError
 from dobc_design.exact.interval import Interval
 from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import Texts, counted
 
 from .functions import FOREIGN, FUNCTIONS, NONSMOOTH, OTHER_NAMES
+from .tree import LARGEST_EXPONENT, IntervalAlgebra, Node, names_in_words, variable_names
 
 Kind = Enum("Kind", "NUMBER NAME SIGN END")
 
 
-@dataclass(frozen=True, slots=True)
-class Token:
+class Token(NamedTuple):
     """One word and the index of its first character."""
 
     kind: Kind
@@ -41,8 +40,7 @@ class Token:
         return Fault(self.start, quote(self), why, repair)
 
 
-@dataclass(frozen=True, slots=True)
-class Repair:
+class Repair(NamedTuple):
     """Replace text[start:end] by ``replacement``: the guess behind "did you mean"."""
 
     start: int
@@ -138,7 +136,7 @@ def excerpt(text: str, place: int | None = None, *, width: int = 70) -> str:
 
 def unknown_name(token: Token, *, dimension: int, called: bool) -> Fault:
     """Return the fault of a name that means nothing; ``called`` tells that ( follows it."""
-    names = tree.variable_names(dimension)
+    names = variable_names(dimension)
     word = token.text.lower()
     if word in FOREIGN:
         return token.fault(FOREIGN[word])
@@ -146,11 +144,11 @@ def unknown_name(token: Token, *, dimension: int, called: bool) -> Fault:
     if word[0] == "y" and (number.isdigit() or word == "y"):
         why = "the only variable is y"
         if dimension > 1:
-            why = f"the variables are {tree.names_in_words(dimension)}"
+            why = f"the variables are {names_in_words(dimension)}"
         guess = "y" if word == "y" and dimension == 1 else f"y{number or 1}"
         repair = Repair(token.start, token.end, guess) if guess in names else None
         return token.fault(why, repair)
-    variables, functions = tree.names_in_words(dimension), " ".join(FUNCTIONS)
+    variables, functions = names_in_words(dimension), " ".join(FUNCTIONS)
     why = f"the names are {variables}, pi, and the functions {functions}"
     if word in OTHER_NAMES:
         why = f"it is called {OTHER_NAMES[word]} here"
@@ -178,25 +176,24 @@ def _guess_name(token: Token, *, names: Texts, called: bool) -> Repair | None:
 DEEPEST = 50
 LARGEST_CONSTANT_BITS = 4096  # 9**64**64 would fill the memory
 
-_BINARY: dict[str, tuple[str, Callable[[Fraction, Fraction], Fraction]]] = {
+_BINARY = {
     "+": ("add", operator.add),
     "-": ("subtract", operator.sub),
     "*": ("multiply", operator.mul),
     "/": ("divide", operator.truediv),
 }
 _HALF = Fraction(1, 2)
-_INTEGERS = f"integer from -{tree.LARGEST_EXPONENT} to {tree.LARGEST_EXPONENT}"
+_INTEGERS = f"integer from -{LARGEST_EXPONENT} to {LARGEST_EXPONENT}"
 _EXPONENTS = f"an exponent must be a literal {_INTEGERS}, or 1/2 (written 0.5)"
 
 
-@dataclass(frozen=True, slots=True)
-class _Operand:
-    node: tree.Node
+class _Operand(NamedTuple):
+    node: Node
     # the exact value of a constant, where it is rational by arithmetic alone
     value: Fraction | None
 
 
-def parse(text: str, *, dimension: int) -> tree.Node:
+def parse(text: str, *, dimension: int) -> Node:
     """Parse an expression in ``dimension`` variables.  Raises: Fault, which says where the text
     leaves the language."""
     return _Parser(text, dimension=dimension).parse()
@@ -210,7 +207,7 @@ class _Parser:
         self.dimension = dimension
         self.place = 0  # of the next token
         self.depth = 0  # of open parentheses
-        self.names = {name: index for index, name in enumerate(tree.variable_names(dimension))}
+        self.names = {name: index for index, name in enumerate(variable_names(dimension))}
         if dimension == 1:
             self.names["y1"] = 0
 
@@ -218,9 +215,9 @@ class _Parser:
     def token(self) -> Token:
         return self.tokens[self.place]
 
-    def parse(self) -> tree.Node:
+    def parse(self) -> Node:
         if self._at_end():
-            raise Fault(0, "nothing", f"write a function of {tree.names_in_words(self.dimension)}")
+            raise Fault(0, "nothing", f"write a function of {names_in_words(self.dimension)}")
         operand = self._sum()
         if not self._at_end():
             raise self._misplaced()
@@ -261,7 +258,7 @@ class _Parser:
         operand = self._power()
         for _ in range(minuses):
             negated = None if operand.value is None else -operand.value
-            operand = _Operand(tree.Node("negate", (operand.node,)), negated)
+            operand = _Operand(Node("negate", (operand.node,)), negated)
         return operand
 
     def _power(self) -> _Operand:
@@ -273,8 +270,8 @@ class _Parser:
         if self._at("**"):
             raise self.token.fault(f"{_EXPONENTS}; for a power of a power write (y**2)**3")
         if exponent == _HALF:  # a root is no power: its slope is not bounded at 0
-            return _Operand(tree.Node("call", (base.node,), "sqrt"), None)
-        node = tree.Node("power", (base.node,), exponent.numerator)
+            return _Operand(Node("call", (base.node,), "sqrt"), None)
+        node = Node("power", (base.node,), exponent.numerator)
         if base.value is None:
             return _Operand(node, None)
         # Constants are computed at once: what has no value, or too long a one, is refused here.
@@ -291,11 +288,11 @@ class _Parser:
         value = self._exponent_number()
         if parenthesised:
             divisor = self._exponent_number() if self._skip("/") else Fraction(1)
-            value = value / divisor if divisor else Fraction(tree.LARGEST_EXPONENT + 1)
+            value = value / divisor if divisor else Fraction(LARGEST_EXPONENT + 1)
             if not self._skip(")"):
                 raise self.token.fault(_EXPONENTS)
         value = -value if negative else value
-        if value != _HALF and (value.denominator != 1 or abs(value) > tree.LARGEST_EXPONENT):
+        if value != _HALF and (value.denominator != 1 or abs(value) > LARGEST_EXPONENT):
             hint = "; y**-0.5 is written 1/sqrt(y)" if value == -_HALF else ""
             read = self.tokens[: self.place]
             used = "".join(token.text for token in read if token.start >= first.start)
@@ -311,7 +308,7 @@ class _Parser:
         token = self.token
         if token.kind is Kind.NUMBER:
             value = _number(self._advance())
-            return _Operand(tree.Node("constant", own=value), value)
+            return _Operand(Node("constant", own=value), value)
         if token.kind is Kind.NAME:
             return self._name()
         if self._at("("):
@@ -326,9 +323,9 @@ class _Parser:
         if token.text in FUNCTIONS:
             return self._call(token)
         if token.text == "pi":
-            return _Operand(tree.Node("pi"), None)
+            return _Operand(Node("pi"), None)
         if token.text in self.names:
-            return _Operand(tree.Node("variable", own=self.names[token.text]), None)
+            return _Operand(Node("variable", own=self.names[token.text]), None)
         raise unknown_name(token, dimension=self.dimension, called=self._at("("))
 
     def _call(self, name: Token) -> _Operand:
@@ -344,7 +341,7 @@ class _Parser:
         self._close(parenthesis)
         _check_arguments(name, arguments, end=self.tokens[self.place - 1].start)
         # Where all arguments are known numbers, min, max, clip and abs of them are, too.
-        node = tree.Node("call", tuple(argument.node for argument in arguments), name.text)
+        node = Node("call", tuple(argument.node for argument in arguments), name.text)
         return _Operand(node, _fold(name.text, [argument.value for argument in arguments]))
 
     def _open(self) -> Token:
@@ -388,7 +385,7 @@ def _number(token: Token) -> Fraction:
 
 def _join(left: _Operand, sign: Token, right: _Operand) -> _Operand:
     kind, compute = _BINARY[sign.text]
-    node = tree.Node(kind, (left.node, right.node))
+    node = Node(kind, (left.node, right.node))
     if sign.text == "/" and right.value == 0:
         raise sign.fault("this divides by zero")
     if left.value is None or right.value is None:
@@ -429,4 +426,4 @@ def _fold(name: str, values: list[Fraction | None]) -> Fraction | None:
     points = tuple(Interval.point(value) for value in values if value is not None)
     if name not in NONSMOOTH or len(points) < len(values):
         return None
-    return tree.IntervalAlgebra().call(name, points).lo
+    return IntervalAlgebra().call(name, points).lo

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple, Protocol, TypeVar
 import numpy as np
 
 from dobc_design.exact import interval
-from dobc_design.exact.interval import Interval
+from dobc_design.exact.interval import Box, Interval
 from dobc_design.exact.number import nearest, number_key
 
 from .functions import FUNCTIONS, Array, applied
@@ -214,7 +214,7 @@ class IntervalAlgebra(Operators):
     def pi(self) -> Interval:
         return interval.pi()
 
-    def call(self, name: str, arguments: tuple[Interval, ...]) -> Interval:
+    def call(self, name: str, arguments: Box) -> Interval:
         if len(arguments) == 1:  # at once, being asked most often
             return FUNCTIONS[name].interval(arguments[0])
         return applied(name, arguments, self, self._called)
@@ -229,7 +229,7 @@ class Jet(NamedTuple):
     kink and h'' is not defined everywhere."""
 
     value: Interval
-    partials: tuple[Interval, ...]
+    partials: Box
     curvature: Interval | None
 
     @property

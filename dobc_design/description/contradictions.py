@@ -131,7 +131,7 @@ def _about_errors(problem: Problem) -> Sentences:
     if table is None:
         return
     for name, what in (("weights", "arc weight"), ("gains", "gain")):
-        error: Fraction = getattr(table, name)
+        error = getattr(table, name)
         if error > LARGE_ERROR:
             yield (
                 f"uncertainty.{name} = {significant(error)} says that every {what} may be "

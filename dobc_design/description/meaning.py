@@ -62,7 +62,7 @@ def disturbance_words(problem: Problem, group: Group) -> str:
     found = []
     for part in parts:
         found.append(_part(part, _amplitude(group.exosystem, part, parts, starts)))
-    return " + ".join(found) or "none: the exosystem never reaches d"
+    return " + ".join(found) or "none: no mode of the exosystem appears in d"
 
 
 def disturbance_starts(problem: Problem, group: Group) -> Array:
@@ -325,20 +325,25 @@ def _about_pins(problem: Problem, alone: Sequence[int]) -> Sentences:
     apart = set(alone)
     unheard = unreached(loop, [each.present for each in modes.values()])
     missing = [labels[i] for i in unheard if i not in apart]
-    if not missing:
-        return
     # Mixed-up directions are the commonest slip: try them the other way round.
     turned = [Arcs(arcs.speakers, arcs.listeners, arcs.weights) for arcs in modes.values()]
-    if unreached(loop, turned):
+    other = (
+        'with the other network.arrow ("sends_to" in place of "listens_to", or the reverse) every '
+        "agent is reached"
+    )
+    if missing and unreached(loop, turned):
         yield (
             f"No path of arcs leads from a pinned agent to {listed(missing)}. Add an arc, or a "
             "gain there."
         )
-    else:
-        yield (
-            "Not every agent is reached from a pinned one; with the other network.arrow "
-            '("sends_to" in place of "listens_to", or the reverse) every agent is reached.'
-        )
+    elif missing:
+        yield f"Not every agent is reached from a pinned one; {other}."
+    elif not unheard:
+        # Together the modes may reach everybody in both directions; each alone tells them apart.
+        cut = [name for name, arcs in modes.items() if unreached(loop, [arcs.present])]
+        if cut and not any(unreached(loop, [arcs]) for arcs in turned):
+            where = f"In mode {listed(cut)} not every agent is reached from a pinned one"
+            yield f"{where}; {other} in every mode."
 
 
 def _about_couplings(problem: Problem) -> Sentences:

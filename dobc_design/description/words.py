@@ -107,7 +107,7 @@ def size_words(network: Network) -> str:
     n, sizes = network.size, [len(arcs) for arcs in network.modes.values()]
     arcs = counted(sizes[0], "arc")
     if len(sizes) > 1:
-        arcs = f"{len(sizes)} modes of {some([*map(str, sizes)], FIRST)} arcs"
+        arcs = f"{len(sizes)} modes ({some([counted(size, 'arc') for size in sizes], FIRST)})"
     if n == 1:
         return f"1 agent, {arcs}, label {named(network.labels[0])}"
     if network.labels == tuple(map(str, range(1, n + 1))):

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict
 from fractions import Fraction
-from typing import Any
 
 from dobc_design._checks import noun
 from dobc_design._show.text import significant_away_from_zero, significant_towards_zero
@@ -25,6 +24,7 @@ from dobc_design.conditions.stated import (
 )
 from dobc_design.errors import SpecError
 from dobc_design.exact.number import float_above
+from dobc_design.exact.reading import Document
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.problem import Problem
 from dobc_design.report.plant import numbers_of, plant_numbers
@@ -42,7 +42,7 @@ class Bound:
     level: float | None = None
 
 
-def shown(certificate: Certificate, times: Sequence[float], radius: Fraction) -> dict[str, Any]:
+def shown(certificate: Certificate, times: Sequence[float], radius: Fraction) -> Document:
     """The verdict as the page shows it: a rate rounded down, its factor rounded up.
 
     ``times`` of the run in s, ``radius`` of its start |e|_inf, in the unit of x.
@@ -68,7 +68,7 @@ def limit_words(problem: Problem) -> str:
     return table_words(loop, LIMIT) if stated_in(loop).limit else ""
 
 
-def _limit_state(certificate: Certificate) -> dict[str, Any] | None:
+def _limit_state(certificate: Certificate) -> Document | None:
     """Whether it is proved that no input exceeds its limit, and why not; None without a limit."""
     if not limit_words(certificate.problem):
         return None

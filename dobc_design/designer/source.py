@@ -4,13 +4,15 @@ text."""
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from fractions import Fraction
 from pprint import pformat
 from textwrap import indent
 from typing import Any
 
+from dobc_design._checks import positional
 from dobc_design.coupling.coupling import Coupling
+from dobc_design.exact.reading import Document
 from dobc_design.problem.changes import gain_table, typed_number
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group, Observer
@@ -35,7 +37,7 @@ def python_source(problem: Problem) -> str:
     return f"import dobc_design as dd\n\nproblem = {written}\n"
 
 
-@dataclass(frozen=True)
+@positional
 class _Call:
     name: str
     arguments: Mapping[str, Any]
@@ -67,14 +69,14 @@ def _plain(value: Any) -> Any:
             return value
 
 
-def _of_network(network: Network) -> dict[str, Any]:
+def _of_network(network: Network) -> Document:
     """The arguments that make it, with labels where they are more than counting."""
     names: Any = network.labels
     agents: Any = list(network.labels)
     if network.labels == labels_of(network.size):  # 1 and "1" are one label
         names = range(1, network.size + 1)
         agents = network.size
-    arcs: dict[str, Any] = {mode: [] for mode in network.modes}
+    arcs: Document = {mode: [] for mode in network.modes}
     for mode, each in network.modes.items():
         for i, j, weight in each:
             arc = [names[i], names[j]]
@@ -82,7 +84,7 @@ def _of_network(network: Network) -> dict[str, Any]:
     return {"arcs": arcs, "arrow": "listens_to", "agents": agents}
 
 
-def _fields(noun: Any) -> dict[str, Any]:
+def _fields(noun: Any) -> Document:
     found = {each.name: getattr(noun, each.name) for each in fields(noun)}
     return {name: _plain(value) for name, value in found.items() if value is not None}
 

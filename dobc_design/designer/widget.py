@@ -27,7 +27,7 @@ from dobc_design.conditions.separable.claim import acts_by_component, stuck_agen
 from dobc_design.conditions.separable.propose import field_of, least_above
 from dobc_design.errors import DobcError, refused
 from dobc_design.exact.number import number_text, parse_number
-from dobc_design.exact.reading import is_scalar_matrix
+from dobc_design.exact.reading import Document, is_scalar_matrix
 from dobc_design.loop.make import loop_of
 from dobc_design.plotting.networks import positions
 from dobc_design.problem.changes import problem_text
@@ -57,6 +57,11 @@ SMALLEST = 1 / 64  # of the radius asked for: below that nothing is shown
 POINTS = 120  # of a curve
 
 
+def _synced() -> Any:
+    """A table that Python and the page share."""
+    return traitlets.Dict().tag(sync=True)
+
+
 class Designer(anywidget.AnyWidget):  # type: ignore[misc]
     """A problem to be changed by hand: pin agents, set gains, rate and region, add and remove arcs.
 
@@ -77,15 +82,15 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
     _esm = FOLDER / "designer.js"
     _css = FOLDER / "designer.css"
 
-    network = traitlets.Dict().tag(sync=True)
+    network = _synced()
     # mode -> [listener, speaker, weight as text], counted from 0
-    arcs = traitlets.Dict().tag(sync=True)
-    gains = traitlets.Dict().tag(sync=True)  # label -> k in 1/s, of pinned agents
+    arcs = _synced()
+    gains = _synced()  # label -> k in 1/s, of pinned agents
     rate = traitlets.Float(0.05).tag(sync=True)
     radius = traitlets.Float(1.0).tag(sync=True)
     version = traitlets.Int(0).tag(sync=True)  # counts the changes
-    numbers = traitlets.Dict().tag(sync=True)
-    verdict = traitlets.Dict().tag(sync=True)
+    numbers = _synced()
+    verdict = _synced()
 
     def __init__(
         self,
@@ -121,7 +126,7 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
         """The problem as it stands now.  Raises: SpecError for an arc, a gain or a radius that is
         none."""
         base = self._base
-        changes: dict[str, Any] = {"gains": {}}
+        changes: Document = {"gains": {}}
         for label, value in self.gains.items():
             given = self._gains.get(label)
             # What was not moved stays exact: 1/3 stays 1/3.
@@ -195,7 +200,7 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
             except (DobcError, OSError) as error:
                 self.send({"kind": "saved", "text": str(error)})
 
-    def _answer(self, content: dict[str, Any]) -> dict[str, str]:
+    def _answer(self, content: Document) -> dict[str, str]:
         """The problem as Python, or where it was saved."""
         if content["kind"] == "python":
             return {"kind": "python", "text": python_source(self.problem)}
@@ -232,7 +237,7 @@ def _require_drawable(problem: Problem) -> None:
             )
 
 
-def _drawn(problem: Problem) -> dict[str, Any]:
+def _drawn(problem: Problem) -> Document:
     # The drawing stays where it is when modes differ: it is of all their arcs.
     pairs = sorted({(i, j) for arcs in problem.network.modes.values() for i, j, _ in arcs})
     return {
@@ -254,11 +259,11 @@ def _radius(problem: Problem) -> float:
     return float(max(farthest))
 
 
-def _region(problem: Problem, radius: Fraction) -> dict[str, Any]:
+def _region(problem: Problem, radius: Fraction) -> Document:
     """Starts within ``radius`` of the target, in every component; the bound on the estimation error
     stays as it was."""
     states = [[target - radius, target + radius] for target in problem.target]
-    region: dict[str, Any] = {"initial_states": states[0] if problem.m == 1 else states}
+    region: Document = {"initial_states": states[0] if problem.m == 1 else states}
     given = None if problem.region is None else problem.region.initial_disturbance
     if problem.groups and given is None:
         region["initial_disturbance"] = 0

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from dobc_design._checks import noun
 from dobc_design._show.cards import Shown
-from dobc_design.errors import CertificateError, ShapeError, wrong
+from dobc_design.errors import CertificateError, misshapen
 from dobc_design.verdict import Decided, Verdict
 
 from .cholesky import (
@@ -304,13 +304,13 @@ def _read(given: object) -> Matrix | Symmetric:
         return given
     if isinstance(given, np.ndarray) and given.dtype != object:
         if given.ndim != 2 or given.shape[0] != given.shape[1]:
-            raise wrong("matrix", f"must be square; got shape {given.shape}.", kind=ShapeError)
+            raise misshapen("matrix", f"must be square; got shape {given.shape}.")
         if len(given) >= FLINT_SIZE and given.dtype in (np.float32, np.float64):
             return IntegerSymmetric.from_floats(given)
         return from_float(given, None)
     if not isinstance(given, (Sequence, np.ndarray)):
         what = f"must be a list of rows; got {type(given).__name__}."
-        raise wrong("matrix", what, kind=ShapeError)
+        raise misshapen("matrix", what)
     # Floats of an array are binary values; those in a list mean their decimal text.
     rows: list[Any] = []
     for row in given:

@@ -528,7 +528,8 @@ def _brief(value: Fraction) -> str:
     return f"about {nearest:.6g}" if math.isfinite(nearest) else "beyond the floats"
 
 
-IntervalMatrix = tuple[tuple[Interval, ...], ...]
+Box = tuple[Interval, ...]  # a side for each component
+IntervalMatrix = tuple[Box, ...]
 
 
 @noun
@@ -565,8 +566,8 @@ def discretise(A: Matrix, period: Fraction) -> Discretisation:
             raise SpecError(
                 "exp(A T) must be finite; A T is too large.", cure="Sample faster."
             ) from cause
-    transition: list[tuple[Interval, ...]] = []
-    mean: list[tuple[Interval, ...]] = []
+    transition: list[Box] = []
+    mean: list[Box] = []
     for pairs in ends:
         rounded = tuple(Interval(lo, hi).rounded(2 * BITS) for lo, hi in pairs)
         transition.append(rounded[:q])
@@ -574,7 +575,7 @@ def discretise(A: Matrix, period: Fraction) -> Discretisation:
     return Discretisation(transition=tuple(transition), mean=tuple(mean))
 
 
-def interval_characteristic_polynomial(F: Sequence[Sequence[Interval]]) -> tuple[Interval, ...]:
+def interval_characteristic_polynomial(F: Sequence[Sequence[Interval]]) -> Box:
     """Enclose det(s I - F) for every F in an interval matrix (q, q): Faddeev and LeVerrier in
     intervals."""
     places = range(len(F))

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dobc_design._checks import require_shape, require_square
-from dobc_design.errors import ShapeError, SpecError, wrong
+from dobc_design.errors import ShapeError, SpecError, misshapen
 
 from .number import from_fmpq_mat, parse_number, to_fmpq_mat
 
@@ -33,11 +33,11 @@ def matrix(rows: Sequence[Sequence[object]] | NDArray[Any], *, name: str = "matr
     Raises: ShapeError if the rows differ in length or are no rows; SpecError for a bad entry, with
     the key ``name[i][j]``, counted from 0."""
     if not _is_list(rows):
-        raise wrong(name, f"must be a list of rows; got {type(rows).__name__}.", kind=ShapeError)
+        raise misshapen(name, f"must be a list of rows; got {type(rows).__name__}.")
     for row in rows:
         if not _is_list(row):
             what = f"must have lists as rows; got {str(row)[:40]!r} as one."
-            raise wrong(name, what, kind=ShapeError)
+            raise misshapen(name, what)
     require_shape(rows, (None, None), name=name)
 
     def read(entry: object, i: int, j: int) -> Fraction:

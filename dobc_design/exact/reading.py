@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from dobc_design._show.text import visible
-from dobc_design.errors import ShapeError, wrong
+from dobc_design.errors import misshapen, wrong
 
 from .matrix import Matrix, Vector
 from .number import number_text, parse_number
@@ -62,31 +62,34 @@ def read_matrix(
     example = "For example [[1, 0], [0, 1]]; a column is [[1], [2]]."
     if not is_list(rows) or not rows or not all(is_list(row) for row in rows):
         what = f"must be a matrix, given as a list of rows; got {shown(value)}."
-        raise wrong(key, what, example, kind=ShapeError)
+        raise misshapen(key, what, example)
     width = len(rows[0])
     if width == 0:
-        raise wrong(
+        raise misshapen(
             f"{key}[0]",
             "must hold at least one number; got an empty row.",
             example,
-            kind=ShapeError,
         )
     for position, row in enumerate(rows):
         if len(row) != width:
             what = (
                 f"must have {counted(width, 'number')}, as many as the first row; got {len(row)}."
             )
-            raise wrong(f"{key}[{position}]", what, "Make all rows equally long.", kind=ShapeError)
-    if shape is not None and (len(rows), width) != shape:
-        what = (
-            f"must have shape {shape}{because and f', {because}'}; got shape ({len(rows)}, "
-            f"{width})."
-        )
-        raise wrong(key, what, f"Give {rows_of(shape)}.", kind=ShapeError)
+            raise misshapen(f"{key}[{position}]", what, "Make all rows equally long.")
+    if shape is not None:
+        check_shape(rows, key, shape, because)
     numbered = enumerate(map(enumerate, rows))
     return tuple(
         tuple(parse_number(entry, f"{key}[{i}][{j}]") for j, entry in row) for i, row in numbered
     )
+
+
+def check_shape(matrix: Matrix, key: str, shape: tuple[int, int], because: str) -> None:
+    """Refuse a matrix of another shape; ``because`` says why this one.  Raises: ShapeError."""
+    got = (len(matrix), len(matrix[0]))
+    if got != shape:
+        what = f"must have shape {shape}{because and f', {because}'}; got shape {got}."
+        raise misshapen(key, what, f"Give {rows_of(shape)}.")
 
 
 def read_vector(value: Any, key: str, *, length: int, because: str) -> Vector:
@@ -96,7 +99,7 @@ def read_vector(value: Any, key: str, *, length: int, because: str) -> Vector:
     if len(value) != length:
         numbers = counted(length, "number")
         what = f"must have {numbers}, {because}; got {len(value)}."
-        raise wrong(key, what, f"Give a list of {numbers}.", kind=ShapeError)
+        raise misshapen(key, what, f"Give a list of {numbers}.")
     return tuple(parse_number(entry, f"{key}[{i}]") for i, entry in enumerate(value))
 
 

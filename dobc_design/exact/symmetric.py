@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from dobc_design._checks import noun, require_square
 from dobc_design._show.cards import Card, Shown, plain
 from dobc_design._show.text import MAX_SHOWN
-from dobc_design.errors import ShapeError, SpecError, wrong
+from dobc_design.errors import ShapeError, SpecError, misshapen, wrong
 
 from .matrix import Matrix
 from .number import common_denominator
@@ -65,7 +65,7 @@ class SparseSymmetric(Shown):
                 if M[i][j] != M[j][i]:
                     what = f"must be exactly symmetric; entries [{i}][{j}] and [{j}][{i}] differ."
                     cure = "Take (M + M')/2 if its symmetric part is meant."
-                    raise wrong(name, what, cure, kind=ShapeError)
+                    raise misshapen(name, what, cure)
                 entries[i, j] = M[i][j]
         return cls(size, entries)
 
@@ -266,11 +266,11 @@ class IntegerSymmetric(Shown):
         """Return the exact binary value of a symmetric float array (n, n).  Raises: ShapeError;
         SpecError."""
         if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
-            raise wrong("matrix", f"must be square; got shape {matrix.shape}.", kind=ShapeError)
+            raise misshapen("matrix", f"must be square; got shape {matrix.shape}.")
         if not np.isfinite(matrix).all():
             raise wrong("matrix", "must have finite entries only; it holds nan or inf.")
         if not np.array_equal(matrix, matrix.T):
-            raise wrong("matrix", "must be exactly symmetric.", "Take (M + M')/2.", kind=ShapeError)
+            raise misshapen("matrix", "must be exactly symmetric.", "Take (M + M')/2.")
         rows, columns = np.nonzero(np.triu(matrix))
         # Every entry is fraction 2^exponent, fraction 2^53 an integer; the lowest power of two is
         # what all have in common.

@@ -15,6 +15,7 @@ from dobc_design.coupling.expression import formula_text
 from dobc_design.coupling.functions import FUNCTIONS
 from dobc_design.errors import refused
 from dobc_design.exact.matrix import Matrix, to_float
+from dobc_design.exact.reading import Document
 from dobc_design.loop import arrays
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.canonical import problem_sha256
@@ -151,7 +152,7 @@ def to_casadi(problem: Source, function: str = "closed_loop", *, mode: str | Non
     return found[function]
 
 
-def to_numpy(source: Source | Certificate) -> dict[str, Any]:
+def to_numpy(source: Source | Certificate) -> Document:
     """The matrices of a problem, or of a certificate with its W, P and Q, as float64 arrays by
     name.
 
@@ -165,7 +166,7 @@ def to_numpy(source: Source | Certificate) -> dict[str, Any]:
     return {name: to_float(each) for name, each in _matrices(source)[0].items()}
 
 
-def to_sympy(source: Source | Certificate) -> dict[str, Any]:
+def to_sympy(source: Source | Certificate) -> Document:
     """The matrices of ``to_numpy`` as SymPy matrices of exact rationals, and the coupling "h".
 
     Returns: matrices by name.  Raises: SpecError above 500 rows.
@@ -297,12 +298,7 @@ def python_script(problem: Source) -> str:
         title=_inside_docstring(problem.name),
         mode=_inside_docstring(next(iter(problem.network.modes))),
         imports="\n".join(_imports()),
-        couplings=problem.couplings,
-        n=problem.n,
-        m=problem.m,
-        q=problem.q,
-        labels=list(problem.network.labels),
-        p=problem.inputs,
+        problem=problem,
         plant=plant,
         nodes=() if own is None else own.f or (),
         named=named,

@@ -325,7 +325,7 @@ def make_controller(
     which period works."""
     if precision not in PRECISIONS:
         raise refused(
-            "--precision",
+            "precision",
             f"precision must be double or float; got {shown(precision)}.",
             "double is the default.",
         )
@@ -526,7 +526,7 @@ def _obstacle(controller: Controller, objection: Callable[[Controller], str] | N
     """Why a period cannot be used, or ""."""
     for each in controller.statements:
         # The observer must be proved to converge; the network need only not be refuted.
-        undecided = each.kind == "sampled" and each.verdict is not Verdict.PROVED
+        undecided = each.kind == "sampled" and not each.is_proved
         if undecided or each.verdict is Verdict.REFUTED:
             return each.text
     return "" if objection is None else objection(controller)

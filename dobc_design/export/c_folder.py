@@ -26,6 +26,7 @@ from dobc_design._show.text import significant
 from dobc_design.certificate.files import write_folder
 from dobc_design.conditions.statement import Statement
 from dobc_design.errors import refused
+from dobc_design.exact.reading import counted
 from dobc_design.loop.arrays import Gain
 from dobc_design.problem.dynamics import expressions_of
 from dobc_design.problem.problem import Problem
@@ -308,8 +309,7 @@ class CCode(Headed):
 
     def __str__(self) -> str:
         controller = self.controller
-        count = len(controller.agents)
-        agents = "1 agent" if count == 1 else f"{count} agents"
+        agents = counted(len(controller.agents), "agent")
         head = f"C99 of {agents} of {controller.problem.name}, {controller.precision}"
         head += f", every {float(controller.period):g} s"
         return "\n".join([head, *(f"  {each}" for each in self.statements)])
@@ -451,8 +451,8 @@ def readme(recorded: Recorded, statements: Sequence[Statement], tolerance: float
     names = ", ".join(labels[:8])
     if len(labels) > 8:
         names += ", ..."
-    agents = "1 agent" if len(labels) == 1 else f"{len(labels)} agents"
-    proved = [each.text for each in statements if each.verdict is Verdict.PROVED]
+    agents = counted(len(labels), "agent")
+    proved = [each.text for each in statements if each.is_proved]
     undecided = [each.text for each in statements if each.verdict is Verdict.UNDECIDED]
     return template("README.txt.j2").render(
         controller=controller,

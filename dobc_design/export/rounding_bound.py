@@ -10,14 +10,13 @@ because the recorded states do not answer to it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from itertools import accumulate, repeat
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dobc_design._checks import noun
+from dobc_design._checks import noun, positional
 from dobc_design.coupling.expression import Expression, evaluated
 from dobc_design.coupling.functions import FUNCTIONS, applied
 from dobc_design.exact.matrix import to_float
@@ -30,7 +29,7 @@ ROUNDOFF = {"double": 2.0**-53, "float": 2.0**-24}
 LIBRARY = 4.0  # units of roundoff of a function of <math.h>
 
 
-@dataclass(frozen=True, slots=True)
+@positional
 class Erring:
     """Values and bounds on their errors, arrays of one shape."""
 
@@ -97,8 +96,7 @@ class ErringAlgebra:
         slope = 1.0
         if row.steepest is not None:
             slope = row.steepest(inner.value, abs(inner.value) + inner.error)
-        value = np.asarray(of(inner.value))
-        return self._made(value, np.asarray(slope * inner.error), times=LIBRARY)
+        return self._made(of(inner.value), slope * inner.error, times=LIBRARY)
 
     def _made(self, value: Array, carried: Array, *, times: float = 1.0) -> Erring:
         rounding = times * self.u * abs(value)

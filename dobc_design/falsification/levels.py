@@ -7,6 +7,7 @@ every start but 0 to the boundary of a certified set.
 from __future__ import annotations
 
 import numpy as np
+from numpy.random import Generator
 
 from dobc_design._checks import noun
 from dobc_design.certificate.certificate import Certificate
@@ -23,7 +24,6 @@ from dobc_design.loop.matrices import Array
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.field import ClosedLoop
 from dobc_design.simulation.starts import RANDOM, TINY, Box, Pair, sphere, unit_cube
-from dobc_design.verdict import Verdict
 
 Certified = Separable | Lure | Check
 
@@ -182,7 +182,7 @@ def _ellipsoid(problem: Problem, claim: Lure) -> Ellipsoid:
 def _claim_of(problem: Problem, check: Check, W: Matrix | None) -> Separable | Lure:
     """What a proved check of a region claims."""
     known = ids_of("region")
-    if check.verdict is not Verdict.PROVED or check.id not in known or check.claim is None:
+    if not check.is_proved or check.id not in known or check.claim is None:
         got = f"{check.verdict.value} {check.title}"
         message = f"must be a proved check of a region ({', '.join(known)}); got {got}."
         raise wrong("certified", message, "Ask for a [region], or give certify everything=True.")
@@ -203,7 +203,7 @@ def regional_check(certificate: Certificate) -> Check | None:
     proved = []
     for check in certificate.checks:
         regional = check.kind.role == "region" and check.kind.signals == "every"
-        if regional and check.verdict is Verdict.PROVED:
+        if regional and check.is_proved:
             proved.append(check)
     # the verdict rests on this one
     for check in proved:
@@ -234,9 +234,9 @@ class Boundary:
             width = 2 / np.sqrt(max(TINY, mean))
         return self.level.lengths, width * self.loop.owned
 
-    def draw(self, rng: np.random.Generator, count: int, kind: str) -> Pair:
+    def draw(self, rng: Generator, count: int, kind: str) -> Pair:
         """Starts of one kind."""
-        rows = self.loop.n * self.loop.m
+        rows = self.loop.size
         if kind == RANDOM:
             part = rng.standard_normal((rows, count))
         else:

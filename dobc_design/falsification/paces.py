@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.random import Generator
 
 from dobc_design.loop.guarantee import Phase
 from dobc_design.loop.make import loop_of
@@ -22,7 +23,7 @@ PACES = (5, 20, 80)  # switches in a horizon, on average
 
 
 def drawn_signals(
-    rng: np.random.Generator, count: int, problem: Problem, horizon: float, *, longer: float = 1.0
+    rng: Generator, count: int, problem: Problem, horizon: float, *, longer: float = 1.0
 ) -> ModeTable:
     """Every third run in one mode, the modes in turn; the others switch at random, at quite
     different paces.  Under a guarantee all keep it, for ``longer`` horizons: modes last as short or
@@ -56,7 +57,7 @@ def drawn_signals(
 
 
 def _chained(
-    rng: np.random.Generator,
+    rng: Generator,
     problem: Problem,
     rates: tuple[tuple[float, ...], ...],
     horizon: float,
@@ -67,13 +68,11 @@ def _chained(
     return scheduled_switches(chain, names, horizon, int(rng.integers(2**32)))
 
 
-def _kept(
-    rng: np.random.Generator, problem: Problem, phases: Sequence[Phase], horizon: float
-) -> Switches:
+def _kept(rng: Generator, problem: Problem, phases: Sequence[Phase], horizon: float) -> Switches:
     """The switches of a signal that keeps the phases of the guarantee."""
     names = tuple(problem.network.modes)
-    times: list[float] = []
-    modes: list[int] = []
+    times = []
+    modes = []
     time = 0.0
     # a guarantee may say in which phases a signal begins
     firsts = [place for place, phase in enumerate(phases) if phase.first]

@@ -13,6 +13,7 @@ from dataclasses import replace
 from functools import cache, partial
 
 import numpy as np
+from numpy.random import Generator, default_rng
 
 from dobc_design._checks import noun
 from dobc_design._show.progress import Reports, report_to
@@ -26,6 +27,7 @@ from dobc_design.conditions.equilibrium.propose import (
     proved_equilibria,
 )
 from dobc_design.errors import wrong
+from dobc_design.exact.reading import Texts
 from dobc_design.loop.arrays import Gain, chosen_gain
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.matrices import Array
@@ -47,13 +49,7 @@ from dobc_design.simulation.trials import (
 )
 
 from .ascent import ascend, final_error, final_level
-from .levels import (
-    Boundary,
-    Certified,
-    Level,
-    StartSet,
-    level_of,
-)
+from .levels import Boundary, Certified, Level, StartSet, level_of
 from .paces import drawn_signals
 from .suspect import LEAVES, RESTS, STAYS_AWAY, Falsification, Suspect
 
@@ -164,7 +160,7 @@ class _Search:
 
     def run(self, count: int) -> Falsification:
         """Search with so many runs."""
-        rng = np.random.default_rng(self.seed)
+        rng = default_rng(self.seed)
         # derivatives of a large loop cost more than many more runs
         uphill = min(MOST_ASCENTS, count // 5) if self.is_small else 0
         self.say("simulating random starts, corners and edges")
@@ -181,7 +177,7 @@ class _Search:
         suspects = [*map(self.resting, proved), *leaving, *away]
         return self.result(done, suspects[:MOST_SUSPECTS], proved)
 
-    def drawn(self, rng: np.random.Generator, count: int) -> Batch:
+    def drawn(self, rng: Generator, count: int) -> Batch:
         """Starts of every kind."""
         counts = {kind: int(share * count) for kind, share in SHARES.items()}
         counts[RANDOM] = count - sum(counts.values())
@@ -193,7 +189,7 @@ class _Search:
             switches=self.signals(rng, count),
         )
 
-    def signals(self, rng: np.random.Generator, count: int) -> ModeTable:
+    def signals(self, rng: Generator, count: int) -> ModeTable:
         """The switches of runs that may be repeated for longer."""
         return drawn_signals(rng, count, self.problem, self.horizon, longer=LONGER)
 
@@ -241,7 +237,7 @@ class _Search:
         # where no mode may last for ever the climbed starts are tried with other signals
         switches = constant_signals(modes)
         if not all(loop_of(self.problem).may_stay(mode) for mode in self.arena.modes):
-            rng = np.random.default_rng(self.seed)
+            rng = default_rng(self.seed)
             switches = self.signals(rng, count)
         higher = Batch(e=np.stack(e, axis=1), eps=np.stack(eps, axis=2), switches=switches)
         return self.simulate(higher)
@@ -277,7 +273,7 @@ class _Search:
     def stay_away(self, done: list[Trials]) -> list[Suspect]:
         """Runs that stall and still do when they last longer; one of those that end at one
         place."""
-        found: list[Suspect] = []
+        found = []
         for trials in done:
             worst = self.worst(trials)
             chosen = worst[trials.stalled[worst]][:MOST_AGAIN]
@@ -293,7 +289,7 @@ class _Search:
                     found.append(self.suspect(STAYS_AWAY, again, run))
         return sorted(found, key=lambda suspect: -suspect.final_error)
 
-    def equilibria(self, done: list[Trials], rng: np.random.Generator) -> list[Equilibrium]:
+    def equilibria(self, done: list[Trials], rng: Generator) -> list[Equilibrium]:
         """Equilibria within the set of starts, proved: from where runs stall, and from other
         starts."""
         # linear couplings have the target alone, or a whole space
@@ -302,10 +298,10 @@ class _Search:
             return []
         # the same effort for one mode and for many
         count = max(1, NEWTON_STARTS // len(self.arena.modes))
-        stalled: list[Array] = []
+        stalled = []
         for trials in done:
             stalled += trials.resting_points
-        found: list[Equilibrium] = []
+        found = []
         for mode in self.arena.modes:
             corners, _ = self.starts.draw(rng, count, CORNERS)
             others, _ = self.starts.draw(rng, count, RANDOM)
@@ -358,7 +354,7 @@ class _Search:
             equilibrium=claim,
         )
 
-    def farthest(self, e: Array) -> tuple[str, ...]:
+    def farthest(self, e: Array) -> Texts:
         """The agents that are at least half as far from the target as the farthest, in the order of
         labels."""
         sizes = np.abs(e).reshape(self.arena.loop.n, -1).max(axis=1)

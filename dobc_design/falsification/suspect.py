@@ -6,8 +6,6 @@ equilibrium is one.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from dobc_design._checks import noun
@@ -15,6 +13,7 @@ from dobc_design._show.cards import Card, Headed, Told
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.equilibrium.decide import Equilibrium
 from dobc_design.exact.number import number_text
+from dobc_design.exact.reading import Document, Texts
 from dobc_design.loop.matrices import Array
 
 STAYS_AWAY = "does not converge"
@@ -40,7 +39,7 @@ class Suspect(Told):
     final_error: float
     times: Array
     error: Array
-    labels: tuple[str, ...]
+    labels: Texts
     modes: tuple[tuple[float, str], ...]
     equilibrium: Equilibrium | None = None
 
@@ -48,7 +47,7 @@ class Suspect(Told):
         for array in (self.start, self.eps, self.times, self.error):
             array.setflags(write=False)
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         """JSON object: where it starts and what becomes of it; infinite errors and runs that ended
         are null."""
         return {
@@ -100,9 +99,9 @@ class Falsification(Headed):
     seed: int
     certified_rate: float | None = None
     observed_rate: float | None = None
-    notes: tuple[str, ...] = ()
+    notes: Texts = ()
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         """JSON object.  ``proved`` lists boxes that each hold an equilibrium, ends as exact
         rationals."""
         shown = self.suspects[:MOST_WRITTEN]
@@ -136,7 +135,7 @@ def _finite(number: float) -> float | None:
     return number if np.isfinite(number) else None
 
 
-def _box(claim: Equilibrium) -> dict[str, Any]:
+def _box(claim: Equilibrium) -> Document:
     """Where a proved equilibrium lies."""
     sides = [[number_text(side.lo), number_text(side.hi)] for side in claim.box]
     return {"mode": claim.mode, "box": sides}

@@ -9,7 +9,7 @@ import numpy as np
 
 from dobc_design.errors import refused
 from dobc_design.exact.reading import shown
-from dobc_design.problem.arcs_file import READERS, read_arcs_file
+from dobc_design.problem.arcs_file import EDGES, READERS, TABLES, read_arcs_file
 from dobc_design.problem.load import load_problem, read_bytes
 from dobc_design.problem.network import Arcs, Network
 from dobc_design.problem.problem import Problem, is_name
@@ -33,8 +33,6 @@ UNWEIGHTED = (
     "value with another number. If"
     " another attribute is meant, call it weight."
 )
-GRAPHS = (".graphml", ".gml")
-LINES = (".csv", ".tsv", ".edges", ".edgelist", ".txt")
 
 
 def problem_from_file(
@@ -95,9 +93,9 @@ def _notes(path: Path, arcs: Arcs) -> list[str]:
     """What is said of a problem that was a file of arcs."""
     suffix = path.suffix.lower()
     sentences = list(ARCS_ONLY)
-    if suffix in LINES and _goes_one_way(arcs):
+    if suffix in TABLES and _goes_one_way(arcs):
         sentences.append(ONE_WAY)
-    if suffix in GRAPHS and set(arcs.weights) == {1}:
+    if suffix in EDGES and set(arcs.weights) == {1}:
         sentences.append(UNWEIGHTED)
     return [sentence.format(file=path.name) for sentence in sentences]
 

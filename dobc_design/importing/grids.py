@@ -16,9 +16,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
 from typing import Any
 
-import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+from scipy.cluster.hierarchy import DisjointSet
 
 from dobc_design._checks import noun
 from dobc_design.errors import SpecError, refused, wrong
@@ -40,6 +38,7 @@ NOTES = (
     " load that was not scheduled). Choose your own, for example with design_pinning(allowed=...).",
 )
 SHOWN = 8
+Ends = tuple[str, str]  # the buses of a branch
 
 
 @noun
@@ -47,7 +46,7 @@ class Branch:
     """A line or transformer: its two buses, its reactance x times the tap ratio in p.u., and its
     place in the file."""
 
-    ends: tuple[str, str]
+    ends: Ends
     reactance: Fraction
     place: str
 
@@ -119,9 +118,9 @@ def _check_ends(grid: Grid) -> None:
             raise refused(branch.place, f"{branch.place} leads from bus {named(a)} to itself.")
 
 
-def _weights(grid: Grid, becomes: Mapping[str, str]) -> dict[tuple[str, str], Fraction]:
+def _weights(grid: Grid, becomes: Mapping[str, str]) -> dict[Ends, Fraction]:
     """The susceptance between two agents, of all their branches together; none is 0."""
-    weights: dict[tuple[str, str], Fraction] = {}
+    weights: dict[Ends, Fraction] = {}
     # Parallel branches add up, whichever way they are listed.
     for branch in grid.branches:
         a, b = (becomes[end] for end in branch.ends)
@@ -141,21 +140,14 @@ def _filled(note: str, grid: Grid, generators: Names, gain: Any) -> str:
     )
 
 
-def merged(labels: Names, pairs: Sequence[tuple[str, str]]) -> dict[str, str]:
+def merged(labels: Names, pairs: Sequence[Ends]) -> dict[str, str]:
     """Label -> the label it becomes when these pairs are joined (closed bus couplers): the first of
     its group."""
-    if not labels:
-        return {}
-    place = {label: i for i, label in enumerate(labels)}
-    begins = [place[a] for a, _ in pairs]
-    ends = [place[b] for _, b in pairs]
-    entries = np.ones(len(pairs)), (begins, ends)
-    graph = coo_array(entries, shape=(len(labels), len(labels)))
-    first: dict[int, str] = {}  # label of a group
-    groups = connected_components(graph, directed=False)[1].tolist()
-    for label, group in zip(labels, groups, strict=True):
-        first.setdefault(group, label)
-    return {label: first[group] for label, group in zip(labels, groups, strict=True)}
+    groups = DisjointSet(labels)
+    for a, b in pairs:
+        groups.merge(a, b)
+    first: dict[str, str] = {}  # by the label that stands for the group
+    return {label: first.setdefault(groups[label], label) for label in labels}
 
 
 CURE = "Let MATPOWER compute it: savecase('plain.m', loadcase('case.m')), and import plain.m."
@@ -317,8 +309,7 @@ def _decimal(text: str, key: str) -> Fraction:
     return parse_number(re.sub(r"(?<=[0-9])\.(?![0-9])", "", trimmed), key)
 
 
-Row = Table
-Tables = Mapping[str, list[Row]]
+Tables = Mapping[str, list[Table]]
 BRANCHES = (
     ("line", "from_bus", "to_bus"),
     ("trafo", "hv_bus", "lv_bus"),
@@ -370,18 +361,18 @@ def is_pandapower(data: bytes) -> bool:
     return b'"_module"' in data[:4096] and b"pandapower" in data[:4096]
 
 
-def _records(table: Any) -> list[Row]:
+def _records(table: Any) -> list[Table]:
     if table is None:
         return []
     rows = zip(table.index, table.to_dict("records"), strict=True)
     return [{"index": index, **row} for index, row in rows]
 
 
-def _json_records(table: Any) -> list[Row]:
+def _json_records(table: Any) -> list[Table]:
     frame = table["_object"]
     if isinstance(frame, str):
         frame = json.loads(frame)
-    found: list[Row] = []
+    found: list[Table] = []
     for index, row in zip(frame["index"], frame["data"], strict=True):
         cells = zip(frame["columns"], row, strict=True)
         found.append({"index": index, **dict(cells)})
@@ -437,7 +428,7 @@ def _branches(tables: Tables, base: float) -> Iterator[Branch]:
             yield Branch(ends=labels, reactance=reactance, place=place)
 
 
-def _reactance(table: str, row: Row, base: float, voltage: Mapping[Any, float]) -> float:
+def _reactance(table: str, row: Table, base: float, voltage: Mapping[Any, float]) -> float:
     """Of a branch in p.u. on ``base`` MVA, from what the row of its table says; ``voltage`` of the
     buses in kV."""
     if table == "line":
@@ -455,7 +446,7 @@ def _reactance(table: str, row: Row, base: float, voltage: Mapping[Any, float]) 
     return 0.0  # a closed switch
 
 
-def _tap(row: Row) -> float:
+def _tap(row: Table) -> float:
     """The tap ratio of a transformer, 1 where there is no tap changer."""
     given = [row.get(key) for key in ("tap_pos", "tap_neutral", "tap_step_percent")]
     if any(value is None or value != value for value in given):  # nan: no tap changer
@@ -465,5 +456,5 @@ def _tap(row: Row) -> float:
     return ratio if row.get("tap_side") in (None, "hv") else 1 / ratio
 
 
-def _on(row: Row) -> bool:
+def _on(row: Table) -> bool:
     return bool(row.get("in_service", True))

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from fractions import Fraction
+from collections.abc import Iterable, Iterator
 from itertools import chain
 from typing import NamedTuple
 
@@ -12,7 +11,8 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from dobc_design._checks import noun
-from dobc_design.problem.network import Arc, Arcs, IndexArray, distinct_weights
+from dobc_design.exact.matrix import Vector
+from dobc_design.problem.network import Arcs, IndexArray, Places, distinct_weights
 
 from .loop import Loop, Pins
 
@@ -27,7 +27,7 @@ class ArcTable:
     speakers: IndexArray
     coupling: IndexArray
     weight: IndexArray
-    weights: tuple[Fraction, ...]
+    weights: Vector
 
 
 def arc_table(loop: Loop, mode: str) -> ArcTable:
@@ -49,7 +49,7 @@ def coupling_places(loop: Loop, arcs: Arcs) -> IndexArray:
     return places_at(loop.exceptions, codes, size=loop.nodes)
 
 
-def places_at(places: Mapping[Arc, int], codes: IndexArray, *, size: int) -> IndexArray:
+def places_at(places: Places, codes: IndexArray, *, size: int) -> IndexArray:
     """The place of the coupling of arcs given by listener * size + speaker: that in ``places``, by
     (listener, speaker), else 0."""
     # Most problems have one coupling, and then nothing has to be searched.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from itertools import chain
 from typing import Any
@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from dobc_design._checks import noun, require_shape
 from dobc_design.coupling.coupling import Coupling
@@ -18,7 +19,7 @@ from dobc_design.errors import wrong
 from dobc_design.exact.matrix import Matrix, matrix, to_float
 from dobc_design.exact.reading import Names, shown
 from dobc_design.problem.groups import gains_of, group_numbers
-from dobc_design.problem.network import Arc, Arcs, BoolArray, IndexArray, distinct_weights
+from dobc_design.problem.network import Arcs, BoolArray, IndexArray, Places, distinct_weights
 from dobc_design.problem.problem import Problem
 
 from .arcs import places_at, split_by
@@ -160,6 +161,9 @@ class ArcGroup:
     weights: Array
 
 
+ArcGroups = tuple[ArcGroup, ...]  # the arcs of one graph
+
+
 def chosen_mode(problem: Problem, mode: str | None) -> str:
     """Return ``mode`` if the problem has it, its first mode for None.  Raises: SpecError."""
     names = tuple(problem.network.modes)
@@ -231,25 +235,20 @@ def disturbance_arrays(loop: Loop, gain: Gain | None) -> Disturbance:
     if not loop.is_grouped:
         A, C = exosystem_arrays(loop)
         return Disturbance(A=A, C=C, F=A - W @ C, W=W)
-    n, m, q = loop.n, loop.m, loop.q
-    numbers = np.array(group_numbers(loop.groups, loop.labels))
-    A = np.zeros((q, q))
-    F = np.zeros((q, q))
-    C = np.zeros((m, q))
-    gains = np.zeros((n, q, m))
-    own = np.zeros((n, q), dtype=bool)
-    before = 0
-    for g, exact in enumerate(gains_of(loop.groups, chosen_gain(loop, gain) or ())):
-        system = loop.groups[g].exosystem
-        block = to_float(exact)
-        rows = slice(before, before + system.order)
-        A[rows, rows] = to_float(system.A)
-        C[:, rows] = to_float(system.C)
-        F[rows, rows] = A[rows, rows] - block @ C[:, rows]
-        gains[numbers == g, rows] = block
-        own[numbers == g, rows] = True
-        before = rows.stop
-    return Disturbance(A=A, C=C, F=F, W=gains, own=own)
+    gains = [to_float(each) for each in gains_of(loop.groups, chosen_gain(loop, gain) or ())]
+    drifts = [to_float(group.exosystem.A) for group in loop.groups]
+    outputs = [to_float(group.exosystem.C) for group in loop.groups]
+    errors = [a - w @ c for a, w, c in zip(drifts, gains, outputs, strict=True)]
+    owners = np.array(group_numbers(loop.groups, loop.labels))
+    # Which states are those of the group of each agent, (n, q).
+    own = owners[:, None] == np.repeat(np.arange(len(drifts)), [len(each) for each in drifts])
+    return Disturbance(
+        A=block_diag(*drifts),
+        C=np.hstack(outputs),
+        F=block_diag(*errors),
+        W=np.where(own[:, :, None], np.vstack(gains), 0),
+        own=own,
+    )
 
 
 def exosystem_arrays(loop: Loop) -> tuple[Array, Array]:
@@ -277,13 +276,13 @@ def leaders_drift(problem: Problem) -> Array:
     return np.zeros(problem.m) if drift is None else np.ravel(to_float((drift,)))
 
 
-def error_arcs(loop: Loop, mode: str, there: BoolArray | None = None) -> tuple[ArcGroup, ...]:
+def error_arcs(loop: Loop, mode: str, there: BoolArray | None = None) -> ArcGroups:
     """Split the arcs of one mode, or those ``there`` (arcs,), by what errors feel along them: by
     functions of the loop, in their order; empty groups are left out."""
     return _split(loop.modes[mode], loop.functions, loop.exceptions, size=loop.nodes, there=there)
 
 
-def plant_arcs(problem: Problem, mode: str) -> tuple[ArcGroup, ...]:
+def plant_arcs(problem: Problem, mode: str) -> ArcGroups:
     """The same by couplings of the file, which act on the inputs of agents with [dynamics]."""
     return _split(
         problem.network.modes[mode], problem.couplings, problem.exception_places, size=problem.n
@@ -293,11 +292,11 @@ def plant_arcs(problem: Problem, mode: str) -> tuple[ArcGroup, ...]:
 def _split(
     arcs_of_mode: Arcs,
     functions: Sequence[Coupling],
-    places: Mapping[Arc, int],
+    places: Places,
     *,
     size: int,
     there: BoolArray | None = None,
-) -> tuple[ArcGroup, ...]:
+) -> ArcGroups:
     which, different = distinct_weights(arcs_of_mode.weights)
     weights = to_float((different,))[0][which]
     codes = arcs_of_mode.listeners * size + arcs_of_mode.speakers

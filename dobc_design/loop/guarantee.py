@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import bisect
 from collections.abc import Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from itertools import accumulate, pairwise
 from typing import NamedTuple
 
 from dobc_design._checks import noun
 from dobc_design._show.cards import Shown
-from dobc_design.exact.matrix import Matrix
+from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.reading import Names
 from dobc_design.problem.switching import Switching
 from dobc_design.problem.tables import lasting
@@ -37,6 +36,9 @@ class Phase(Shown):
     first: bool
 
 
+Phases = tuple[Phase, ...]
+
+
 @noun
 class Guarantee:
     """What proofs may assume of the signal.
@@ -49,7 +51,7 @@ class Guarantee:
     """
 
     kind: str
-    phases: tuple[Phase, ...] = ()
+    phases: Phases = ()
     dwell: Fraction | None = None
     longest: Fraction | None = None
     generator: Matrix | None = None
@@ -114,12 +116,11 @@ class Turn(NamedTuple):
     ends: Fraction
 
 
-@dataclass(frozen=True, slots=True)
-class Round:
+class Round(NamedTuple):
     """Phases that follow one another over and over, each of them as long as the guarantee says."""
 
-    phases: tuple[Phase, ...]
-    starts: tuple[Fraction, ...]  # of each phase, and of the next round
+    phases: Phases
+    starts: Vector  # of each phase, and of the next round
 
     def at(self, time: Fraction) -> Turn:
         """The phase that is on from ``time`` (s) on."""
@@ -136,7 +137,7 @@ def guarantee_of(stated: Switching | None, modes: Names) -> Guarantee:
     if stated is None:
         return Guarantee(kind="arbitrary")
     kind = stated.guarantee or "arbitrary"
-    phases: tuple[Phase, ...] = ()
+    phases: Phases = ()
     # With one mode there is nothing to switch, whatever is stated.
     several = len(modes) > 1
     if kind == "dwell" and several:
@@ -155,7 +156,7 @@ def guarantee_of(stated: Switching | None, modes: Names) -> Guarantee:
     )
 
 
-def _dwelling(stated: Switching, modes: Names) -> tuple[Phase, ...]:
+def _dwelling(stated: Switching, modes: Names) -> Phases:
     """A phase for each mode, with all others after it."""
     every = range(len(modes))
     return tuple(
@@ -186,7 +187,7 @@ def _turns(stated: Switching, modes: Names) -> list[tuple[str, Fraction]]:
     return [(mode, length) for (_, mode), length in zip(stated.schedule, lengths, strict=True)]
 
 
-def _in_turn(turns: Sequence[tuple[str, Fraction]]) -> tuple[Phase, ...]:
+def _in_turn(turns: Sequence[tuple[str, Fraction]]) -> Phases:
     shortest = turns[: shortest_period(turns)]
     return tuple(
         Phase(

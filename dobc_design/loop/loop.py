@@ -19,19 +19,18 @@ from typing import TypeVar
 
 from dobc_design._checks import noun
 from dobc_design.coupling.coupling import Coupling
-from dobc_design.exact.interval import Interval, UndefinedError
+from dobc_design.exact.interval import Box, Interval, UndefinedError
 from dobc_design.exact.matrix import Matrix, Vector, left_inverse
 from dobc_design.exact.reading import Texts, is_scalar_matrix
-from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import (
     Group,
+    Grouped,
+    Groups,
     Observer,
     are_different,
     gains_of,
-    joint_exosystem,
-    joint_observer,
 )
-from dobc_design.problem.network import Arc, Arcs
+from dobc_design.problem.network import Modes, Places
 from dobc_design.problem.region import Pairs
 from dobc_design.problem.uncertainty import Actuators, Uncertainty
 
@@ -111,10 +110,10 @@ class Goals:
     offsets: Mapping[int, Vector]
     moves: bool
     starts: Pairs
-    stays_in: tuple[Interval, ...] | None
+    stays_in: Box | None
     unbounded: str
 
-    def leaders_box(self) -> tuple[Interval, ...]:
+    def leaders_box(self) -> Box:
         """The box that the leader never leaves; 0 without one.  Raises: UndefinedError where none
         is known."""
         # A proof must not go on with slopes at one point: it is stopped here.
@@ -160,7 +159,7 @@ class Starts:
 
 
 @noun(eq=False)
-class Loop:
+class Loop(Grouped):
     """The error system of a problem; frozen and exact.  Two loops are equal if they are the same.
 
     ``labels``: the free nodes in the user's words. ``fixed``: names of further nodes, numbered
@@ -179,13 +178,13 @@ class Loop:
     labels: Texts
     fixed: Texts
     m: int
-    modes: Mapping[str, Arcs]
+    modes: Modes
     functions: tuple[Coupling, ...]
-    exceptions: Mapping[Arc, int]
+    exceptions: Places
     pins: Pins
     pulls: Pins
     drift: Drift | None
-    groups: tuple[Group, ...]
+    groups: Groups
     goal: str
     goals: Goals
     starts: Starts | None
@@ -266,16 +265,6 @@ class Loop:
     def index(self) -> dict[str, int]:
         """Label -> node."""
         return {label: node for node, label in enumerate(self.labels)}
-
-    @property
-    def joint_exosystem(self) -> Exosystem | None:
-        """The exosystems of all groups side by side, A (q, q) and C (G m, q) block diagonal."""
-        return joint_exosystem(self.groups)
-
-    @property
-    def joint_observer(self) -> Observer:
-        """W (q, G m) and P (q, q) of all groups, block diagonal; None where a group lacks it."""
-        return joint_observer(self.groups)
 
     def observed(self, W: Matrix) -> Iterator[tuple[Group, Matrix]]:
         """Every group with its block of the gain W (q, G m)."""

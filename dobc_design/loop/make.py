@@ -14,8 +14,7 @@ is f(target + e) - f(target).  With a leader s the target is 0, and the errors o
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from functools import lru_cache
 from types import MappingProxyType
@@ -23,24 +22,25 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dobc_design._checks import noun
 from dobc_design.coupling.coupling import Coupling, make_coupling
 from dobc_design.coupling.expression import LONGEST_MADE
-from dobc_design.exact.interval import Interval
+from dobc_design.exact.interval import Box, Interval
 from dobc_design.exact.matrix import Matrix, multiple_of, multiply, subtract, zeros
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import Names, is_scalar_matrix
 from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Group, Observer
+from dobc_design.problem.groups import Group, Groups, Observer
 from dobc_design.problem.leader import enclosure, not_enclosed
-from dobc_design.problem.network import Arc, Arcs
+from dobc_design.problem.network import Arcs, Places
 from dobc_design.problem.problem import Problem
 
 from .guarantee import guarantee_of
 from .loop import Drift, Goals, Loop, Pins, Starts, pins_of
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@noun(eq=False)
 class _Same:
     """A problem that equals itself only: to compare large networks takes longer than to make their
     loop."""
@@ -57,7 +57,7 @@ class _Same:
 def loop_of(problem: Problem) -> Loop:
     """What proofs about ``problem`` are about; the same Loop for the same problem, so that what is
     computed about a loop is kept with it."""
-    return _made_once(_Same(problem))
+    return _made_once(_Same(problem=problem))
 
 
 @lru_cache(maxsize=16)
@@ -100,7 +100,7 @@ class Functions(NamedTuple):
     """The functions of arcs, and which arcs have another one than the first."""
 
     all: tuple[Coupling, ...]
-    exceptions: Mapping[Arc, int]
+    exceptions: Places
 
 
 def _with_dynamics(loop: Loop, problem: Problem, dynamics: Dynamics) -> Loop:
@@ -190,7 +190,7 @@ def _goals(problem: Problem, *, is_curved: bool) -> Goals:
     dynamics = problem.dynamics
     leader = problem.leader
     at_target = Interval.point(Fraction(0))
-    stays_in: tuple[Interval, ...] | None = (at_target,) * problem.m
+    stays_in: Box | None = (at_target,) * problem.m
     unbounded = ""
     if leader is not None and dynamics is not None and is_curved:
         stays_in = enclosure(dynamics, leader)
@@ -236,7 +236,7 @@ def _seen_in_states(group: Group, dynamics: Dynamics) -> Group:
     )
 
 
-def observed(problem: Problem) -> tuple[Group, ...]:
+def observed(problem: Problem) -> Groups:
     """The groups whose C is what a gain W of the file acts on: C of the inputs, or B C where W acts
     on x (p = m)."""
     return loop_of(problem).groups if problem.inputs == problem.m else problem.groups

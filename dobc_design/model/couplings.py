@@ -11,7 +11,13 @@ import numpy as np
 import scipy.sparse as sp
 
 from dobc_design.exact.matrix import to_float
-from dobc_design.loop.arrays import ArcGroup, difference_matrix, error_arcs, gathering_matrix
+from dobc_design.loop.arrays import (
+    ArcGroup,
+    ArcGroups,
+    difference_matrix,
+    error_arcs,
+    gathering_matrix,
+)
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.matrices import Array
 
@@ -38,14 +44,14 @@ def felt_errors(loop: Loop, mode: str) -> Felt:
     return _with_arcs(e, h, jacobian, error_arcs(loop, mode), n=loop.n)
 
 
-def felt_inputs(groups: Sequence[ArcGroup], *, n: int, m: int, p: int) -> Felt:
+def felt_inputs(groups: ArcGroups, *, n: int, m: int, p: int) -> Felt:
     """h of (9), (n p,): what couplings add to the inputs of agents with m states."""
     e = ca.SX.sym("e", n * m)
     h = ca.SX(n * p, 1)
     return _with_arcs(e, h, ca.SX(n * p, n * m), groups, n=n)
 
 
-def _with_arcs(e: Any, h: Any, jacobian: Any, groups: Sequence[ArcGroup], *, n: int) -> Felt:
+def _with_arcs(e: Any, h: Any, jacobian: Any, groups: ArcGroups, *, n: int) -> Felt:
     """The functions of what agents feel by themselves, h and its slopes, and along these arcs."""
     m = e.size1() // n
     p = h.size1() // n

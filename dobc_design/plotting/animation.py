@@ -30,9 +30,8 @@ from .look import (
     thinned_rows,
     write_new,
 )
-from .runs import Run
+from .runs import Array, Run
 
-Array = NDArray[np.float64]
 Arcs = Mapping[str, Sequence[tuple[int, int]]]
 MOST_FRAMES = 401
 MOST_AGENTS, MOST_LINKS = 500, 200_000

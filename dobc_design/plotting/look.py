@@ -20,7 +20,7 @@ from matplotlib import style
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.ticker import Locator, LogLocator, StrMethodFormatter
+from matplotlib.ticker import FuncFormatter, Locator, LogLocator, StrMethodFormatter
 from numpy.typing import NDArray
 
 from dobc_design.errors import refused
@@ -37,6 +37,8 @@ SMALLEST = 1e-14  # below it an error on a logarithmic axis is rounding
 # of its start: where a bound is below, a simulated error is that of the integration, and no
 # comparison
 RESOLVED = 1e-9
+STEEP = 30  # most over least value from which an axis is logarithmic
+FEW_DECADES = 3  # up to which 1, 2 and 5 of each are marked
 DOTS = 160  # per inch, of pictures in pixels
 #: What a file says about its making: nothing, by its kind.
 NOTHING: dict[str, dict[str, None]] = {
@@ -124,6 +126,34 @@ def tick_numbers(axis: Axis, locator: Locator | None = None) -> None:
     """Numbers along an axis, by default at 1, 2 and 5 of every decade."""
     axis.set_major_locator(locator or LogLocator(subs=(1, 2, 5)))
     axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+
+
+def fit_heights(ax: Axes, values: NDArray[np.float64] | None = None) -> None:
+    """A logarithmic vertical axis where all ``values``, by default those of the lines, are > 0 and
+    span decades; else a linear one, from 0 where none is below."""
+    if values is None:
+        values = np.concatenate([np.asarray(line.get_ydata(), float) for line in ax.lines])
+    if spans_decades(values):
+        ax.set_yscale("log")
+        _tick_decades(ax)
+    elif np.nanmin(values, initial=0.0) >= 0:
+        ax.set_ylim(bottom=0)
+
+
+def spans_decades(values: NDArray[np.float64]) -> bool:
+    """Whether the values, nan left out, are for a logarithmic axis."""
+    known = values[np.isfinite(values)]
+    return bool(len(known) and known.min() > 0 and known.max() > STEEP * known.min())
+
+
+def _tick_decades(ax: Axes) -> None:
+    """Ticks at powers of ten; at 1, 2 and 5 of each where these are few."""
+    low, high = ax.get_ylim()
+    if high >= 10**FEW_DECADES * low:
+        ax.yaxis.set_major_formatter(FuncFormatter(power_of_ten))
+    else:
+        tick_numbers(ax.yaxis)
+    ax.minorticks_off()
 
 
 def in_units(*units: str) -> str:

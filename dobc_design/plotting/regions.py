@@ -8,13 +8,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 from textwrap import fill
-from typing import Final, Protocol
+from typing import Protocol
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from dobc_design._show.text import lower
-from dobc_design.plotting import look
 
 from .look import (
     BLUE,
@@ -25,13 +24,16 @@ from .look import (
     PAPER,
     VERMILLION,
     Sheet,
+    in_units,
+    legend_above,
     short,
+    shown_agents,
 )
 from .weights import Phase, Weights, plot_weights
 
-ALONE: Final = 5.2  # inches, of one drawing in a file
-MOST_STARTS: Final = 24  # agents
-_LONGEST: Final = 18  # letters of a line of a method's name
+ALONE = 5.2  # inches, of one drawing in a file
+MOST_STARTS = 24  # agents
+_LONGEST = 18  # letters of a line of a method's name
 
 
 class Claim(Protocol):
@@ -116,9 +118,9 @@ def plot_regions(ax: Axes, regions: Regions) -> Axes:
     ax.set_xlim(0, reach)
     name_rows(ax, [_in_lines(claim.method) for claim in regions.claims])
     ax.tick_params(axis="y", length=0)
-    what = f"distance from the goals at the start, {look.in_units(regions.unit)}"
+    what = f"distance from the goals at the start, {in_units(regions.unit)}"
     ax.set_xlabel(what, parse_math=False)
-    return look.legend_above(ax, least=1)
+    return legend_above(ax, least=1)
 
 
 def _drawn_reach(claims: Sequence[Claim], lines: Sequence[float | None]) -> float:
@@ -174,7 +176,7 @@ def drawn_agents(regions: Regions) -> list[Agent]:
     """The agents whose starts are drawn."""
     agents = regions.agents
     pinned = {place for place, agent in enumerate(agents) if agent.pinned}
-    return [agents[place] for place in look.shown_agents(len(agents), pinned, MOST_STARTS)]
+    return [agents[place] for place in shown_agents(len(agents), pinned, MOST_STARTS)]
 
 
 def plot_starts(ax: Axes, regions: Regions) -> Axes:
@@ -205,8 +207,8 @@ def plot_starts(ax: Axes, regions: Regions) -> Axes:
     ax.set_xlabel("agent")
     in_states = all(agent.goal is not None for agent in regions.agents)
     what = "xᵢ(0)" if in_states else "error at the start"
-    ax.set_ylabel(f"{what}, {look.in_units(regions.unit)}", parse_math=False)
-    return look.legend_above(ax, widest=4, least=1)
+    ax.set_ylabel(f"{what}, {in_units(regions.unit)}", parse_math=False)
+    return legend_above(ax, widest=4, least=1)
 
 
 def _draw_start(ax: Axes, column: int, agent: Agent) -> None:

@@ -14,11 +14,9 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
 from dobc_design.errors import ShapeError
-from dobc_design.plotting import look
 
 from .look import (
     BLUE,
@@ -29,8 +27,16 @@ from .look import (
     MUTED,
     PURPLE,
     SERIES,
+    SMALLEST,
     VERMILLION,
     Sheet,
+    fit_heights,
+    in_units,
+    legend_above,
+    resolved,
+    short,
+    shown_agents,
+    thinned_rows,
 )
 
 Array = NDArray[np.float64]
@@ -39,7 +45,6 @@ MOST_COMPONENTS = 3
 MOST_ESTIMATES = 3
 MOST_BOUNDS = 200  # points at which a certified bound is asked for
 MOST_NAMED_MODES = 6
-FEW_DECADES = 3
 WIDTH, PANEL, BAND = 7.0, 1.75, 0.32  # inches
 #: Colours, and once more with dashes: the agents that can be told apart.
 STYLES: Any = [(colour, dashes) for dashes in ("solid", (0, (6, 1.5, 1, 1.5))) for colour in SERIES]
@@ -180,29 +185,29 @@ def ensemble_sheet(runs: Runs, *, envelope: Envelope | None = None) -> Sheet:
 def plot_states(ax: Axes, runs: Runs, *, component: int) -> Axes:
     """One component of the states of at most 30 agents in the first runs, one colour for each
     run."""
-    rows = look.thinned_rows(len(runs.times))
-    chosen = look.shown_agents(runs.states.shape[2], set())
+    rows = thinned_rows(len(runs.times))
+    chosen = shown_agents(runs.states.shape[2], set())
     times = runs.times[rows]
     for x, seed, colour in zip(runs.states, runs.seeds, SERIES, strict=False):
         curves = x[rows][:, chosen, component]
         ax.plot(times, curves, color=colour, linewidth=0.7, label=f"seed {seed}")
     _goals(ax, runs, chosen, component)
-    return look.legend_above(ax, right=True, widest=7)
+    return legend_above(ax, right=True, widest=7)
 
 
 def plot_bands(ax: Axes, runs: Runs, envelope: Envelope | None) -> Axes:
     """The first panel of an ensemble: |e|_inf over time."""
     points = checked_envelope(envelope, runs.times)
-    what = f"|e|∞, {look.in_units(*runs.units)}"
+    what = f"|e|∞, {in_units(*runs.units)}"
     plot_quantiles(ax, runs.times, runs.error, colour=BLUE, what=what)
     if points is not None:
-        _draw_bound(ax, points[:, 0], look.resolved(points[:, 1]))
+        _draw_bound(ax, points[:, 0], resolved(points[:, 1]))
     title = f"{len(runs)} runs"
     bad = int(np.count_nonzero(runs.diverged))
     if bad:
         title += f", {bad} diverged"
     ax.set_title(title)
-    look.legend_above(ax, right=True, widest=4)
+    legend_above(ax, right=True, widest=4)
     return in_time(ax, runs.times)
 
 
@@ -217,9 +222,9 @@ def plot_error(ax: Axes, run: Run, envelope: Envelope | None) -> Axes:
 def plot_agents(ax: Axes, run: Run, *, component: int, pinned: Sequence[int] = ()) -> Axes:
     """One component of the states of at most 30 agents, and their goals (dashed).  Up to 12 differ
     in colour and dashes, the ``pinned`` ones are thicker; of more, the pinned ones are blue."""
-    rows = look.thinned_rows(len(run.times))
+    rows = thinned_rows(len(run.times))
     held = set(pinned)
-    chosen = look.shown_agents(run.x.shape[1], held)
+    chosen = shown_agents(run.x.shape[1], held)
     few = len(chosen) <= len(STYLES)
     # Of many the order is seen from dark to light.
     shades: Any = colormaps["cividis"](np.linspace(0.05, 0.8, len(chosen)))
@@ -230,7 +235,7 @@ def plot_agents(ax: Axes, run: Run, *, component: int, pinned: Sequence[int] = (
         (line,) = ax.plot(times, x, linewidth=1.0, marker=marker)
         if few:
             colour, dashes = STYLES[place]
-            label = f"{word}{look.short(run.labels[agent], 10)}"
+            label = f"{word}{short(run.labels[agent], 10)}"
             line.set(color=colour, linestyle=dashes, label=label)
             if agent in held:
                 line.set(linewidth=2.2, label=f"{label}, pinned")
@@ -248,9 +253,9 @@ def plot_agents(ax: Axes, run: Run, *, component: int, pinned: Sequence[int] = (
         # As many columns as the longest name leaves room for.
         longest = max(map(len, ax.get_legend_handles_labels()[1]))
         columns = int(14 * ax.figure.bbox.width / ax.figure.dpi / (longest + 6))
-        return look.legend_above(ax, right=True, widest=min(columns, 7))
-    dark = look.short(run.labels[chosen[0]])
-    light = look.short(run.labels[chosen[-1]])
+        return legend_above(ax, right=True, widest=min(columns, 7))
+    dark = short(run.labels[chosen[0]])
+    light = short(run.labels[chosen[-1]])
     title = f"agents {dark} (dark) to {light} (light); goals dashed"
     ax.set_title(title, loc="right", parse_math=False)
     return ax
@@ -259,7 +264,7 @@ def plot_agents(ax: Axes, run: Run, *, component: int, pinned: Sequence[int] = (
 def _goals(ax: Axes, run: Goals, chosen: Sequence[int], component: int) -> Axes:
     """The axes of a state component, with the goals of these agents; those beside a leader move
     with it."""
-    rows = look.thinned_rows(len(run.times))
+    rows = thinned_rows(len(run.times))
     times = run.times[rows]
     # One leader for one run, or one for each of the runs whose states are drawn.
     leaders = run.leader[..., component].reshape(-1, len(run.times))
@@ -270,7 +275,7 @@ def _goals(ax: Axes, run: Goals, chosen: Sequence[int], component: int) -> Axes:
             drawn = [ax.axhline(goal, label="goal")]
         for line in drawn:
             line.set(color=VERMILLION, linewidth=1.1, linestyle=DASHED, zorder=1.5)
-    unit = look.in_units(*run.units[component : component + 1])
+    unit = in_units(*run.units[component : component + 1])
     ax.set_ylabel(f"{state_symbol(component, run.goal.shape[1])}\n{unit}", parse_math=False)
     return ax
 
@@ -286,8 +291,8 @@ def plot_plane(
     """Paths of at most 30 agents in their first two components, which share a scale, up to where
     they end; ``arcs`` (listener, speaker) as arrows there, towards who listens.  Pinned agents are
     blue squares, goals crosses."""
-    rows = look.thinned_rows(len(run.times))
-    chosen = look.shown_agents(run.x.shape[1], set(pinned))
+    rows = thinned_rows(len(run.times))
+    chosen = shown_agents(run.x.shape[1], set(pinned))
     ends = run.x[-1, :, :2]
     for listener, speaker in arcs:
         if listener in chosen and speaker in chosen:
@@ -299,7 +304,7 @@ def plot_plane(
         ax.plot(*run.x[rows, agent, :2].T, color=colour, linewidth=0.8, alpha=0.6)
         (end,) = ax.plot(*ends[agent], color=colour, linestyle="none", marker="s" if held else "o")
         end.set_label("pinned" if held else "not pinned")
-        label = look.short(run.labels[agent], 8)
+        label = short(run.labels[agent], 8)
         text = ax.annotate(label, ends[agent], (4, 4), textcoords="offset points", fontsize=7)
         text.set_parse_math(False)
     goals = run.goal[chosen, :2] + run.leader[-1, :2]
@@ -307,19 +312,19 @@ def plot_plane(
     ax.set_aspect("equal", adjustable="datalim")
     size = run.x.shape[2]
     for axis, component in ((ax.xaxis, 0), (ax.yaxis, 1)):
-        unit = look.in_units(*run.units[component : component + 1])
+        unit = in_units(*run.units[component : component + 1])
         axis.set_label_text(f"{state_symbol(component, size)} {unit}", parse_math=False)
-    return look.legend_above(ax, right=True)
+    return legend_above(ax, right=True)
 
 
 def plot_estimates(ax: Axes, run: Run) -> Axes:
     """The first component of the disturbance (dotted) and its estimate (solid) of at most three
     agents."""
-    rows = look.thinned_rows(len(run.times))
-    chosen = look.shown_agents(run.d.shape[1], set(), MOST_ESTIMATES)
+    rows = thinned_rows(len(run.times))
+    chosen = shown_agents(run.d.shape[1], set(), MOST_ESTIMATES)
     times = run.times[rows]
     for rank, agent in enumerate(chosen):
-        label = f"d̂, agent {look.short(run.labels[agent])}"
+        label = f"d̂, agent {short(run.labels[agent])}"
         values = run.dhat[rows, agent, 0]
         (line,) = ax.plot(times, values, color=SERIES[rank], marker=_marker(rows), label=label)
         line.set_linewidth(3.2 - rank)  # thinner from agent to agent: none hides another
@@ -328,9 +333,9 @@ def plot_estimates(ax: Axes, run: Run) -> Axes:
         line.set(linestyle=DOTTED, linewidth=1.3)
     unit = "in their own units"
     if run.d.shape == run.x.shape:
-        unit = f"{look.in_units(*run.units[:1])} per s"
+        unit = f"{in_units(*run.units[:1])} per s"
     ax.set_ylabel(f"d and estimate d̂\n{unit}", parse_math=False)
-    return look.legend_above(ax, right=True, widest=4)
+    return legend_above(ax, right=True, widest=4)
 
 
 def plot_errors(
@@ -342,60 +347,50 @@ def plot_errors(
     rate: float | None = None,
     units: Sequence[str] = (),
 ) -> Axes:
-    """Errors on a logarithmic axis, each (T,) with its name, and the certified envelope.  Without
-    one ``rate`` (1/s) adds a line that falls like exp(-rate t) from the first error, a slope and no
-    bound.  ``units``: of the state components, where they are known."""
-    rows = look.thinned_rows(len(times))
-    every = np.concatenate(list(errors.values()))
-    falls = any(values[-1] < values[0] for values in errors.values())
-    # Errors that stay where they are have no decades to be shown.
-    narrow = bool(every.max() < 10 * every.min())
-    level = envelope is None and not falls and narrow
-    ax.set_yscale("linear" if level else "log")
+    """Errors, each (T,) with its name, and the certified envelope; on a logarithmic axis where they
+    span decades.  Without one ``rate`` (1/s) adds a line that falls like exp(-rate t) from the
+    first error, a slope and no bound.  ``units``: of the state components, where they are known."""
+    rows = thinned_rows(len(times))
     for (name, values), colour in zip(errors.items(), (BLUE, PURPLE, GREEN), strict=False):
-        shown = np.where(values[rows] > look.SMALLEST, values[rows], np.nan)
+        shown = np.where(values[rows] > SMALLEST, values[rows], np.nan)
         ax.plot(times[rows], shown, color=colour, label=name, marker=_marker(rows))
     if envelope is not None:
-        _draw_bound(ax, envelope[:, 0], look.resolved(envelope[:, 1]))
+        _draw_bound(ax, envelope[:, 0], resolved(envelope[:, 1]))
     elif rate is not None:
         error = next(iter(errors.values()))
         # Clipped where exp would underflow or overflow.
         exponent = -rate * (times[rows] - times[0])
         slope = error[0] * np.exp(np.clip(exponent, -700, 0))
         # Not below the errors: the line would stretch the axis.
-        lowest = max(0.5 * float(np.nanmin(error)), look.SMALLEST)
+        lowest = max(0.5 * float(np.nanmin(error)), SMALLEST)
         visible = np.where(slope > lowest, slope, np.nan)
         _draw_bound(ax, times[rows], visible, "slope of the certified rate")
-    if level:
-        ax.set_ylim(0, 1.1 * float(every.max()))
-    else:
-        tick_decades(ax)
-    ax.set_ylabel(f"errors\n{look.in_units(*units)}", parse_math=False)
-    return look.legend_above(ax, right=True)
+    fit_heights(ax)
+    ax.set_ylabel(f"errors\n{in_units(*units)}", parse_math=False)
+    return legend_above(ax, right=True)
 
 
 def plot_quantiles(ax: Axes, times: Array, errors: Array, *, colour: str, what: str) -> Axes:
     """Bands of 5 to 95 and of 25 to 75 percent, and the median; errors (R, T) with nan counted as
     infinite."""
-    rows = look.thinned_rows(len(times))
+    rows = thinned_rows(len(times))
     chosen = errors[:, rows]
     ordered = np.sort(np.where(np.isnan(chosen), np.inf, chosen), axis=0)
     # Of the sorted runs the first that at least this part of them do not exceed.
     places = [max(0, int(np.ceil(level * len(ordered))) - 1) for level in LEVELS]
-    bands = np.clip(ordered[places], look.SMALLEST, None)
+    bands = np.clip(ordered[places], SMALLEST, None)
     finite = bands[np.isfinite(bands)]
     # Bands that end in infinity leave the picture at its top; a median stops there.
     top = 10 * float(finite.max()) if len(finite) else 1.0
     low, lower, _, upper, high = np.where(np.isfinite(bands), bands, top)
     median = np.where(np.isfinite(bands[2]), bands[2], np.nan)
     shown = times[rows]
-    ax.set_yscale("log")
     wide = ax.fill_between(shown, low, high, color=colour, alpha=0.18, linewidth=0)
     wide.set_label("5 to 95 %")
     narrow = ax.fill_between(shown, lower, upper, color=colour, alpha=0.34, linewidth=0)
     narrow.set_label("25 to 75 %")
     ax.plot(shown, median, color=colour, label="median")
-    tick_decades(ax)
+    fit_heights(ax, bands[np.isfinite(bands)])
     ax.set_ylabel(what)
     return ax
 
@@ -418,13 +413,13 @@ def plot_modes(ax: Axes, switches: Switches, end: float) -> Axes:
         spans = list(zip(times[here].tolist(), lengths[here].tolist(), strict=True))
         bars = ax.broken_barh(spans, (0, 1), facecolors=shade, linewidth=0)
         if named:
-            bars.set(alpha=0.75, label=look.short(switches.names[mode]))
+            bars.set(alpha=0.75, label=short(switches.names[mode]))
     ax.set_yticks([])
     ax.set_ylim(0, 1)
     ax.grid(visible=False)
     ax.set_ylabel("mode", rotation=0, ha="right", va="center")
     if named:
-        look.legend_above(ax, right=True, widest=MOST_NAMED_MODES)
+        legend_above(ax, right=True, widest=MOST_NAMED_MODES)
     else:
         ax.set_title(f"{len(used)} graphs, {len(times) - 1} switches")
     return ax
@@ -437,7 +432,7 @@ def checked_envelope(envelope: Envelope | None, times: Array) -> Array | None:
         return None
     if callable(envelope):
         # A certified bound can take a while to be computed at one time.
-        chosen = times[look.thinned_rows(len(times), MOST_BOUNDS)]
+        chosen = times[thinned_rows(len(times), MOST_BOUNDS)]
         bound = np.asarray(envelope(chosen), dtype=np.float64)
         envelope = np.stack([chosen, bound], axis=1)
     points = np.asarray(envelope, dtype=np.float64)
@@ -451,18 +446,6 @@ def _draw_bound(
     ax: Axes, times: Array, values: Array, label: str = "certified bound on |e|∞"
 ) -> None:
     ax.plot(times, values, color=INK, linestyle=DASHED, linewidth=1.2, label=label)
-
-
-def tick_decades(ax: Axes) -> None:
-    """Ticks at powers of ten; at 1, 2 and 5 of each where these are few; evenly in less than half a
-    decade."""
-    low, high = ax.get_ylim()
-    decades = float(np.log10(high) - np.log10(max(low, 1e-300)))
-    if decades >= FEW_DECADES:
-        ax.yaxis.set_major_formatter(FuncFormatter(look.power_of_ten))
-    else:
-        look.tick_numbers(ax.yaxis, MaxNLocator(4) if decades < 0.5 else None)
-    ax.minorticks_off()
 
 
 def _marker(rows: NDArray[np.intp]) -> str | None:

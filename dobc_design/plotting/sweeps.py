@@ -18,19 +18,24 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
 from dobc_design._checks import noun
-from dobc_design.plotting import look
 
 from .look import (
     BLUE,
     DASHED,
     GREEN,
     INK,
+    MARKERS,
     MUTED,
     PURPLE,
     SERIES,
     VERMILLION,
     Sheet,
+    fit_heights,
+    power_of_ten,
+    sheet_or_axes,
     short,
+    spans_decades,
+    tick_numbers,
 )
 
 Array = NDArray[np.float64]
@@ -97,7 +102,8 @@ def heat_map(x: Places, y: Places, cases: Cases, *, ax: Axes | None = None) -> S
     def draw(ax: Axes) -> Axes:
         ax.grid(visible=False)
         shown = np.ma.masked_invalid(grid)
-        mesh = ax.pcolormesh(_edges(x), _edges(y), shown, cmap="cividis", shading="flat")
+        norm = "log" if spans_decades(grid) else "linear"
+        mesh = ax.pcolormesh(_edges(x), _edges(y), shown, cmap="cividis", norm=norm)
         mesh.set(linewidth=0, rasterized=False)
         bar = ax.figure.colorbar(mesh, ax=ax, pad=0.02)
         bar.outline.set_linewidth(0.5)
@@ -109,7 +115,7 @@ def heat_map(x: Places, y: Places, cases: Cases, *, ax: Axes | None = None) -> S
         notes = [cases.note, *_told(grid, signs)]
         return _title(ax, cases.title, "; ".join(filter(None, notes)))
 
-    return look.sheet_or_axes(draw, ax, width=6.2, height=4.4)
+    return sheet_or_axes(draw, ax, width=6.2, height=4.4)
 
 
 def _draw_signs(ax: Axes, x: Places, y: Places, grid: Array, signs: list[list[str]]) -> None:
@@ -117,7 +123,8 @@ def _draw_signs(ax: Axes, x: Places, y: Places, grid: Array, signs: list[list[st
     bright = 0.0
     if np.isfinite(grid).any():
         # Half way between the darkest and the brightest colour that occurs.
-        bright = float(np.nanmean([np.nanmin(grid), np.nanmax(grid)]))
+        ends = np.array([np.nanmin(grid), np.nanmax(grid)])
+        bright = np.sqrt(ends.prod()) if spans_decades(grid) else ends.mean()
     for row, column in np.ndindex(grid.shape):
         outcome = signs[row][column]
         sign = MARKS[outcome][0] if outcome else ""
@@ -149,12 +156,14 @@ def lines(x: Places, cases: Cases, *, ax: Axes | None = None) -> Sheet | Axes:
             for place, name in enumerate(cases.lines):
                 _line(ax, x, cases, name=name, place=place)
         _name_axis(ax, x, along="x")
+        if spans_decades(cases.value):
+            fit_heights(ax, cases.value)
         ax.set_ylabel(cases.label)
         if cases.drawn or len(cases.lines) > 1:
             ax.legend(loc="best", handlelength=1.6)
         return _title(ax, cases.title, cases.note)
 
-    return look.sheet_or_axes(draw, ax, width=6.2, height=3.8)
+    return sheet_or_axes(draw, ax, width=6.2, height=3.8)
 
 
 def _line(ax: Axes, x: Places, cases: Cases, *, name: str, place: int) -> None:
@@ -168,7 +177,7 @@ def _line(ax: Axes, x: Places, cases: Cases, *, name: str, place: int) -> None:
             low[tick] = found.min()
             high[tick] = found.max()
     colour = SERIES[place % len(SERIES)]
-    marker = look.MARKERS[place % len(look.MARKERS)]
+    marker = MARKERS[place % len(MARKERS)]
     (line,) = ax.plot(x.ticks, middle, color=colour, marker=marker)
     if name:
         line.set_label(short(name))
@@ -350,7 +359,7 @@ def plot_breaking(ax: Axes, sweeps: Sequence[Sweep], *, tolerance: float, name: 
         label = TITLES.get(each.option, each.option)
         (line,) = ax.plot(each.relative, late, label=label)
         line.set_color(SERIES[place % len(SERIES)])
-        line.set_marker(look.MARKERS[place % len(look.MARKERS)])
+        line.set_marker(MARKERS[place % len(MARKERS)])
     ax.axhline(tolerance, color=VERMILLION, linewidth=1.0, linestyle=DASHED, label="breaks above")
     ax.set(yscale="log", xlabel="severity in natural units", ylabel="late error / start")
     ax.legend(loc="best", handlelength=1.4)
@@ -379,9 +388,9 @@ def _panel(ax: Axes, sweep: Sweep, *, tolerance: float, limits: tuple[float, flo
     ax.set_title(TITLES.get(sweep.option, sweep.option))
     said = "never breaks; " if sweep.breaks is None else ""
     ax.set_xlabel(said + UNITS.get(sweep.unit, f"in {sweep.unit}"))
-    ax.yaxis.set_major_formatter(FuncFormatter(look.power_of_ten))
+    ax.yaxis.set_major_formatter(FuncFormatter(power_of_ten))
     if not linear:
-        look.tick_numbers(ax.xaxis)
+        tick_numbers(ax.xaxis)
     elif sweep.option == "failures":
         ax.xaxis.set_major_locator(MaxNLocator(integer=True))
         ax.set_xlim(0, float(sweep.severity[-1]) + 1)
@@ -397,15 +406,12 @@ def _periods(ax: Axes, period: float | None, certified: float | None) -> None:
         low, high = sorted(ax.get_xlim())
         if high > MOST_FINE_TICKS * low:
             ax.xaxis.set_major_locator(LogLocator(numticks=5))
-            ax.xaxis.set_major_formatter(FuncFormatter(look.power_of_ten))
+            ax.xaxis.set_major_formatter(FuncFormatter(power_of_ten))
             ax.minorticks_off()
     if period is not None or certified is not None:
         legend = ax.legend(loc="center left", bbox_to_anchor=(0.06, 0.45), handlelength=1.4)
         legend.set_frame_on(True)
         legend.get_frame().set_edgecolor("none")
-
-
-STEEP = 30  # times the least y from which the axis is logarithmic
 
 
 class Point(Protocol):
@@ -449,17 +455,11 @@ def trade_off_plot(found: TradeOff, *, steps: bool, ax: Axes | None = None) -> S
             _draw_chosen(ax, found.chosen)
             ys = [*ys, found.chosen.y]
         # One far point must not press all others to the ground.
-        heights = [y for y in ys if y > 0]
-        if heights and max(heights) > STEEP * min(heights):
-            ax.set_yscale("log")
-            look.tick_numbers(ax.yaxis)
-            ax.minorticks_off()
-        else:
-            ax.set_ylim(bottom=0)
+        fit_heights(ax, np.array([y for y in ys if y > 0]))
         ax.set(xlabel=found.x_name, ylabel=found.y_name)
         return _title(ax, short(found.name, 60))
 
-    return look.sheet_or_axes(draw, ax, width=5.2, height=3.4)
+    return sheet_or_axes(draw, ax, width=5.2, height=3.4)
 
 
 def _draw_chosen(ax: Axes, point: Point) -> None:

@@ -11,10 +11,9 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from dobc_design._checks import noun
-from dobc_design.plotting import look
 
-from .look import DOTTED, SERIES, short
-from .runs import MOST_NAMED_MODES, Switches, plot_modes, tick_decades
+from .look import DOTTED, MUTED, SERIES, fit_heights, legend_above, short
+from .runs import MOST_NAMED_MODES, Switches, plot_modes
 
 
 class Phase(Protocol):
@@ -68,13 +67,12 @@ def plot_weights(
     # The last phase ends where the picture does.
     end = begins.pop()
     across = ax.get_xaxis_transform()
-    ax.vlines(begins[1:], 0, 1, transform=across, color=look.MUTED, linewidth=0.7)
-    ax.set(yscale="log", xlim=(0, end))
-    ax.set(xlabel="time t in s, one phase after another", ylabel="weight vᵢ(t)")
-    tick_decades(ax)
+    ax.vlines(begins[1:], 0, 1, transform=across, color=MUTED, linewidth=0.7)
+    ax.set(xlim=(0, end), xlabel="time t in s, one phase after another", ylabel="weight vᵢ(t)")
+    fit_heights(ax)
     names = list(dict.fromkeys(phase.mode for phase, _ in shown))
     modes = [names.index(phase.mode) for phase, _ in shown]
-    look.legend_above(ax, widest=4)
+    legend_above(ax, widest=4)
     return draw_band(ax, _Round(times=begins, modes=modes, names=names), end)
 
 

@@ -52,8 +52,10 @@ from .network import (
 
 MAX_BYTES = 1_000_000_000
 EMPTY = "is empty: it holds no arcs", "Add arcs, one per line."
-READERS = (".csv", ".tsv", ".edges", ".edgelist", ".txt", ".graphml", ".gml", ".net", ".mtx")
+TABLES = (".csv", ".tsv", ".edges", ".edgelist", ".txt")
+EDGES = (".graphml", ".gml")  # whose edges have no line
 _GRAPHS = {".graphml": graphml, ".gml": gml, ".net": pajek, ".mtx": matrix_market}
+READERS = (*TABLES, *_GRAPHS)
 _SUM = (
     'write merge = "sum" beside file = (dobc new: --merge sum; Python: merge="sum") to add the '
     "weights"
@@ -120,7 +122,7 @@ def read_arcs_file(
     check_repairs(merge, drop_loops, key=key)
     path = _resolve(name, folder=folder, key=key)
     suffix = path.suffix.lower()
-    unit = "edge" if suffix in (".graphml", ".gml") else "line"
+    unit = "edge" if suffix in EDGES else "line"
     try:
         file = _File(suffix=suffix, text=_text(path), unit=unit)
         # Without agents a name at the top may be that of a column, as it was when labels were read.

@@ -8,11 +8,13 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from itertools import chain
 
 from dobc_design._checks import noun
 from dobc_design.exact.reading import Names, named, shown
+
+from .network import Index
 
 Row = tuple[int, list[str]]  # number of the line or edge, [a, b] or [a, b, weight]
 Rows = Callable[[], Iterator[Row]]  # begins at the top of the file whenever it is called
@@ -259,7 +261,7 @@ def _weight_of(text: str, row: int) -> list[str]:
     return [found["weight"]] if "weight" in found else []
 
 
-def arcs_of(table: Table, index: Mapping[str, int]) -> Iterator[Row]:
+def arcs_of(table: Table, index: Index) -> Iterator[Row]:
     """The arcs of a table, whichever columns it has.  ``index``: the agents, where they are known.
 
     Raises: SpecError.
@@ -312,7 +314,7 @@ def _is_undirected(cells: Names, place: int, row: int) -> bool:
     return found
 
 
-def find_columns(first: Row, rows: Rows, index: Mapping[str, int]) -> Columns:
+def find_columns(first: Row, rows: Rows, index: Index) -> Columns:
     """Which columns a table has, by its first row: a header, if that is clear.  Raises: SpecError
     where it is not."""
     number, cells = first
@@ -364,7 +366,7 @@ def _named_columns(names: Names, cells: Names, ends: tuple[int, int], row: int) 
     )
 
 
-def _two_names(first: Row, rows: Rows, index: Mapping[str, int]) -> Columns:
+def _two_names(first: Row, rows: Rows, index: Index) -> Columns:
     """Two words at the top are a header if all labels below are numbers, and an arc if one of them
     occurs again."""
     number, (a, b, *_) = first

@@ -9,12 +9,13 @@ from dataclasses import field
 from typing import Any
 
 from dobc_design._checks import noun
-from dobc_design.errors import Mistakes, SpecError, about, wrong
+from dobc_design.errors import Mistakes, SpecError, wrong
 from dobc_design.exact.reading import Names, is_list, is_text, shown
 from dobc_design.problem import exosystems
 
 from .exosystems import Exosystem
-from .groups import Group, Observer, check_observer, group_key, renamed
+from .groups import Group, Groups, Observer, check_rest, group_key, in_another, renamed
+from .network import no_agent
 from .schema import ExosystemTable, GroupTable, ProblemFile
 from .schema_errors import EXAMPLES
 
@@ -25,7 +26,7 @@ class Disturbances:
     disturbance), the groups, and the lists of agents without a disturbance, with their keys."""
 
     exosystem: Exosystem | None = None
-    groups: tuple[Group, ...] = ()
+    groups: Groups = ()
     without: Mapping[str, Sequence[Any]] = field(default_factory=dict)
 
     @property
@@ -46,15 +47,8 @@ class Disturbances:
             return self
         others = {agent for group in self.groups for agent in group.agents} | listed
         rest = [label for label in labels if label not in others]
-        if not rest:
-            raise wrong(
-                "exosystem.A",
-                "and exosystem.C apply to no agent, because every agent is in a group of "
-                "exosystem.groups.",
-                "Remove A and C (or kind) from [exosystem].",
-            )
         own = Observer() if observer is None else Observer(W=observer.W, P=observer.P)
-        check_observer(own, self.exosystem, states)
+        check_rest(rest, self.exosystem, own, states)
         group = Group(agents=rest, exosystem=self.exosystem, observer=own)
         return Disturbances(groups=(*self.groups, group))
 
@@ -66,14 +60,9 @@ class Disturbances:
             for place, agent in enumerate(map(str, agents)):
                 own = f"{key}.agents[{place}]"
                 if agent not in labels:
-                    raise about(
-                        own,
-                        f"there is no agent {shown(agent)} in network.agents.",
-                        "Use the label of an agent.",
-                    )
+                    raise no_agent(agent, own)
                 if agent in owner:
-                    what = f"agent {shown(agent)} is in {owner[agent]} already, and an agent has "
-                    raise about(own, f"{what}one exosystem only.", "Keep it in one group.")
+                    raise in_another(agent, owner[agent], own)
                 owner[agent] = key
 
 

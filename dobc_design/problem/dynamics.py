@@ -17,7 +17,7 @@ from dobc_design.coupling.coupling import Coupling, make_coupling
 from dobc_design.coupling.expression import LONGEST_MADE, Expression, parse_expression
 from dobc_design.coupling.parser import excerpt
 from dobc_design.coupling.tree import GradientAlgebra, IntervalAlgebra, evaluate, variable_names
-from dobc_design.errors import ExpressionError, Mistakes, ShapeError, SpecError, wrong
+from dobc_design.errors import ExpressionError, Mistakes, SpecError, misshapen, wrong
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import (
     Matrix,
@@ -74,11 +74,10 @@ class Dynamics(Shown):
         m = len(drift or texts or ())
         enters = identity(m) if B is None else read_matrix(B, "dynamics.B")
         if len(enters) != m:
-            raise wrong(
+            raise misshapen(
                 "dynamics.B",
                 f"must have {counted(m, 'row')}, one per state component; got {len(enters)}.",
                 "Row c says how the inputs act on x_c.",
-                kind=ShapeError,
             )
         # Else two inputs could not be told apart, and B+ would not exist.
         if rank(enters) < len(enters[0]):

@@ -17,8 +17,8 @@ import numpy as np
 
 from dobc_design._checks import noun, put, require_square
 from dobc_design._show.cards import Shown
-from dobc_design.errors import ShapeError, refused, wrong
-from dobc_design.exact.matrix import Matrix
+from dobc_design.errors import misshapen, refused, wrong
+from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.number import nearest, parse_number
 from dobc_design.exact.reading import counted, is_list, read_matrix, shown, shown_number
 
@@ -59,15 +59,14 @@ class Exosystem(Shown):
         if q != width == len(output) == len(output[0]):
             what = f"must be square; got shape ({q}, {width}), and C is {width}x{width}."
             cure = "A and C look exchanged: exchange them."
-            raise wrong("exosystem.A", what, cure, kind=ShapeError)
+            raise misshapen("exosystem.A", what, cure)
         require_square(dynamics, "exosystem.A")
         if len(output[0]) != q:
-            raise wrong(
+            raise misshapen(
                 "exosystem.C",
                 f"must have {counted(q, 'column')}, one per exosystem state (A is {q}x{q}); got "
                 f"shape ({len(output)}, {len(output[0])}).",
                 "Each row of C picks one component of the disturbance.",
-                kind=ShapeError,
             )
         put(self, A=dynamics, C=output)
 
@@ -310,7 +309,7 @@ def block_diagonal(blocks: Sequence[Matrix]) -> Matrix:
     # Row by row, with zeros on both sides of each block.
     width = sum(len(block[0]) for block in blocks)
     before = 0  # columns of the blocks that are placed
-    rows: list[tuple[Fraction, ...]] = []
+    rows: list[Vector] = []
     for block in blocks:
         after = width - before - len(block[0])
         rows += [(zero,) * before + tuple(row) + (zero,) * after for row in block]

@@ -3,11 +3,11 @@ it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from dobc_design.errors import SpecError, refused
-from dobc_design.exact.reading import Table, named
+from dobc_design.exact.reading import named
 
 _TO_FILE = "with networkx.write_graphml(graph, file), which `dobc new NAME --from FILE` reads."
 _ONLY = ""  # the cure that says what is wanted instead
@@ -18,7 +18,7 @@ _WANTED = {
 }
 
 #: What it is, the keys by which it is known, and the cure.  The first that fits counts.
-_KINDS: tuple[tuple[str, Callable[[Table], bool], str], ...] = (
+_KINDS = (
     (
         "a certificate of dobc_design",
         lambda found: found.get("format") == "dobc-certificate",

@@ -16,23 +16,24 @@ from typing import Any
 
 from dobc_design._checks import noun, put, require_square
 from dobc_design._show.cards import Card, Shown, listed
-from dobc_design.errors import Mistakes, ShapeError, SpecError, about, refused, wrong
+from dobc_design.errors import Mistakes, SpecError, about, misshapen, refused, wrong
 from dobc_design.exact.matrix import Matrix, zeros
 from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import (
     Names,
     Texts,
+    check_shape,
     counted,
     is_list,
     named,
     read_matrix,
-    rows_of,
     shown,
     shown_number,
     some,
 )
 
-from .exosystems import Exosystem, block_diagonal
+from .exosystems import Exosystem, block_diagonal, stacked
+from .network import no_agent
 
 
 @noun
@@ -84,41 +85,23 @@ def _check_symmetric(P: Matrix) -> None:
             if row[j] != P[j][i]:
                 here, there = shown_number(P[j][i]), shown_number(row[j])
                 got = f"{here} at [{j}][{i}] and {there} at [{i}][{j}]"
-                raise wrong(
+                raise misshapen(
                     "observer.P",
                     f"must be symmetric, because only x'Px is used; got {got}.",
                     "Replace it by (P + P')/2.",
-                    kind=ShapeError,
                 )
 
 
-def check_observer(observer: Observer, exosystem: Exosystem, states: int | None = None) -> None:
+def check_observer(observer: Observer, exosystem: Exosystem, states: int | None) -> None:
     """Check the shapes of W and P against the exosystem (q states, m outputs); W may also act on
     all ``states``.  Raises ShapeError."""
     q = exosystem.order
     of_w = "one row per exosystem state, one column per state component"
-    _check_shape("W", observer.W, (q, exosystem.outputs), of_w, also=(q, states))
-    _check_shape("P", observer.P, (q, q), "one row and column per exosystem state")
-
-
-def _check_shape(
-    name: str,
-    matrix: Matrix | None,
-    shape: tuple[int, int],
-    because: str,
-    also: tuple[int, int | None] | None = None,
-) -> None:
-    """Refuse a matrix of another shape than this, or ``also``.  Raises: ShapeError."""
-    if matrix is None:
-        return
-    got = (len(matrix), len(matrix[0]))
-    if got not in (shape, also):
-        raise wrong(
-            f"observer.{name}",
-            f"must have shape {shape}, {because}; got shape {got}.",
-            f"Give {rows_of(shape)}.",
-            kind=ShapeError,
-        )
+    W, P = observer.W, observer.P
+    if W is not None and (len(W), len(W[0])) != (q, states):
+        check_shape(W, "observer.W", (q, exosystem.outputs), of_w)
+    if P is not None:
+        check_shape(P, "observer.P", (q, q), "one row and column per exosystem state")
 
 
 _SHOWN = 6  # agents in a sentence
@@ -172,6 +155,9 @@ class Group(Shown):
         return self.agents[0]
 
 
+Groups = tuple[Group, ...]
+
+
 def read_groups(
     groups: Sequence[Group] | None,
     *,
@@ -179,8 +165,8 @@ def read_groups(
     observer: Observer | None,
     labels: Texts,
     m: int,
-    states: int | None = None,
-) -> tuple[Group, ...]:
+    states: int | None,
+) -> Groups:
     """Divide the agents into groups: those given, and the others, who have ``exosystem`` and
     ``observer``, or without an ``exosystem`` no disturbance.  Returns: the groups ordered by their
     first agent, agents in the order of the labels; none without a disturbance.  ``m``: how many
@@ -190,11 +176,10 @@ def read_groups(
     common = Observer() if observer is None else observer
     if exosystem is not None and states is not None and exosystem.outputs != m:
         rows = counted(m, "row")
-        raise wrong(
+        raise misshapen(
             "exosystem.C",
             f"must have {rows}, one per input of [dynamics]; got {exosystem.outputs}.",
             f"Give {rows}: d = C xi acts through B.",
-            kind=ShapeError,
         )
     if not groups and exosystem is not None:
         check_observer(common, exosystem, states)
@@ -212,7 +197,7 @@ def read_groups(
     # With a mistake above, "in no group" would be said of agents that are meant to be in one.
     if not errors:
         rest = [label for label in labels if label not in owner]
-        _check_rest(rest, exosystem, common, states)
+        check_rest(rest, exosystem, common, states)
     errors.raise_all()
     # Groups stand in the order of their first agents, whatever the order in the file.
     members: dict[int, list[str]] = {}  # by group, in the order of their first agents
@@ -260,25 +245,21 @@ def _owners(groups: Sequence[Group], labels: Texts, errors: Mistakes) -> dict[st
         for place, label in enumerate(group.agents):
             key = f"{group_key(number)}.agents[{place}]"
             if label not in known:
-                errors.append(
-                    about(
-                        key,
-                        f"there is no agent {shown(label)} in network.agents.",
-                        "Use the label of an agent.",
-                    )
-                )
+                errors.append(no_agent(label, key))
             elif label in owner:
                 where = "this group" if owner[label] == number else group_key(owner[label])
-                errors.append(
-                    about(
-                        key,
-                        f"agent {shown(label)} is in {where} already, and an agent has one "
-                        "exosystem only.",
-                        "Keep it in one group.",
-                    )
-                )
+                errors.append(in_another(label, where, key))
             owner.setdefault(label, number)
     return owner
+
+
+def in_another(label: str, where: str, key: str) -> SpecError:
+    """Says that an agent is in two groups."""
+    return about(
+        key,
+        f"agent {shown(label)} is in {where} already, and an agent has one exosystem only.",
+        "Keep it in one group.",
+    )
 
 
 def _check_group(
@@ -288,11 +269,10 @@ def _check_group(
     key, outputs = group_key(number), group.exosystem.outputs
     if outputs != m:
         rows = counted(m, "row")
-        raise wrong(
+        raise misshapen(
             f"{key}.C",
             f"must have {rows}, one per state component, as every C has; got {outputs}.",
             f"Give {rows}.",
-            kind=ShapeError,
         )
     errors = Mistakes()
     if group.observer.rate not in (None, rate):
@@ -311,7 +291,7 @@ def _check_group(
     errors.raise_all()
 
 
-def _check_rest(
+def check_rest(
     rest: Names, exosystem: Exosystem | None, common: Observer, states: int | None
 ) -> None:
     """Those in no group have [exosystem]'s own A and C, or no disturbance; of nobody nothing may be
@@ -360,31 +340,37 @@ def join(matrices: Sequence[Matrix | None]) -> Matrix | None:
     return block_diagonal(known) if known and len(known) == len(matrices) else None
 
 
-def are_different(groups: Sequence[Group], n: int) -> bool:
+def are_different(groups: Groups, n: int) -> bool:
     """Whether n agents differ in their exosystems: those in no group have no disturbance."""
     if len(groups) == 1:
         return len(groups[0].agents) < n
     return len(groups) > 1
 
 
-def joint_exosystem(groups: Sequence[Group]) -> Exosystem | None:
-    """The exosystems of all groups side by side, A (q, q) and C (G m, q) block diagonal; of one
-    group its own."""
-    systems = [group.exosystem for group in groups]
-    if len(systems) < 2:
-        return systems[0] if systems else None
-    A = block_diagonal([each.A for each in systems])
-    return Exosystem(A=A, C=block_diagonal([each.C for each in systems]))
+class Grouped:
+    """What has groups: their exosystems and observers as one of each."""
 
+    __slots__ = ()
+    groups: Groups
 
-def joint_observer(groups: Sequence[Group]) -> Observer:
-    """W (q, G m) and P (q, q) of all groups, block diagonal, None where not every group has one; of
-    one group its own."""
-    own = [group.observer for group in groups]
-    if len(own) < 2:
-        return own[0] if own else Observer()
-    W, P = join([each.W for each in own]), join([each.P for each in own])
-    return Observer(W=W, P=P, rate=own[0].rate)
+    @property
+    def joint_exosystem(self) -> Exosystem | None:
+        """The exosystems of all groups side by side, A (q, q) and C (G m, q) block diagonal; of one
+        group its own."""
+        systems = [group.exosystem for group in self.groups]
+        if len(systems) < 2:
+            return systems[0] if systems else None
+        return stacked(*systems)
+
+    @property
+    def joint_observer(self) -> Observer:
+        """W (q, G m) and P (q, q) of all groups, block diagonal, None where not every group has
+        one; of one group its own."""
+        own = [group.observer for group in self.groups]
+        if len(own) < 2:
+            return own[0] if own else Observer()
+        W, P = join([each.W for each in own]), join([each.P for each in own])
+        return Observer(W=W, P=P, rate=own[0].rate)
 
 
 def blocks_of(matrix: Matrix, shapes: Sequence[tuple[int, int]]) -> tuple[Matrix, ...] | None:
@@ -404,7 +390,7 @@ def blocks_of(matrix: Matrix, shapes: Sequence[tuple[int, int]]) -> tuple[Matrix
     return tuple(blocks)
 
 
-def gains_of(groups: Sequence[Group], W: Matrix) -> tuple[Matrix, ...]:
+def gains_of(groups: Groups, W: Matrix) -> tuple[Matrix, ...]:
     """The gain of each group, W (q, G m) being block diagonal.  Raises: SpecError for a W that is
     not."""
     orders = [group.exosystem.order for group in groups]
@@ -420,14 +406,14 @@ def gains_of(groups: Sequence[Group], W: Matrix) -> tuple[Matrix, ...]:
     return found
 
 
-def group_numbers(groups: Sequence[Group], labels: Names) -> list[int]:
+def group_numbers(groups: Groups, labels: Names) -> list[int]:
     """For each agent the number of its group; ``len(groups)`` for an agent without a
     disturbance."""
     number = {label: place for place, group in enumerate(groups) for label in group.agents}
     return [number.get(label, len(groups)) for label in labels]
 
 
-def agent_blocks(S: Matrix, groups: Sequence[Group], labels: Names) -> list[Matrix]:
+def agent_blocks(S: Matrix, groups: Groups, labels: Names) -> list[Matrix]:
     """For each agent the block (m, m) of its group, 0 without a disturbance: S (G m, G m), or (m,
     m) for one group or none."""
     # S of a single group is the block of everybody, also where it leaves agents out.

@@ -18,14 +18,12 @@ from dobc_design._checks import later, noun
 from dobc_design._show.cards import Shown
 from dobc_design.coupling.tree import IntervalAlgebra, Node, evaluate
 from dobc_design.errors import wrong
-from dobc_design.exact.interval import Interval, UndefinedError
+from dobc_design.exact.interval import Box, Interval, UndefinedError
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import is_list, keyed
 
 from .dynamics import Dynamics, expressions_of
 from .region import Pairs, read_pairs
-
-Box = tuple[Interval, ...]
 
 _MOST_PIECES = 1000  # of a face, on which the sign of a component of f is decided
 _MOST_MOVES = 80  # of the faces, each by an eighth of the width

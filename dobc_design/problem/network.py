@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from fractions import Fraction
 from itertools import chain, islice
 from types import MappingProxyType
@@ -22,6 +23,7 @@ from scipy import sparse
 from dobc_design._checks import noun, put
 from dobc_design._show.cards import MOST_ITEMS, MOST_ROWS, Card, Shown, cut, listed
 from dobc_design.errors import Mistakes, SpecError, about, refused, wrong
+from dobc_design.exact.matrix import Vector
 from dobc_design.exact.number import nearest, number_key, parse_number
 from dobc_design.exact.reading import (
     Document,
@@ -57,7 +59,7 @@ def one_form(text: object) -> str:
     return normalize("NFC", text if isinstance(text, str) else str(text))
 
 
-def label_text(value: object, *, place: str = "network.agents") -> str:
+def label_text(value: object, place: str = "network.agents") -> str:
     """Turn a label as given into its text; 1 and "1" are one label."""
     # Numbers with a point stay text when a file is read: 1.0 is no label.
     if isinstance(value, (bool, NumberText)) or not isinstance(value, (str, int, np.integer)):
@@ -95,7 +97,7 @@ def labels_of(agents: int | Iterable[Any]) -> Texts:
         if type(label) is str and label.isascii() and is_label(label):
             labels.append(label)  # the common case, without a message to prepare
         else:
-            labels.append(label_text(label, place=f"network.agents[{position}]"))
+            labels.append(label_text(label, f"network.agents[{position}]"))
     if not labels:
         raise wrong(
             "network.agents",
@@ -106,19 +108,26 @@ def labels_of(agents: int | Iterable[Any]) -> Texts:
     return tuple(labels)
 
 
+def no_agent(label: str, key: str) -> SpecError:
+    """Says that the network has no agent of this name."""
+    what = f"there is no agent {shown(label)} in network.agents."
+    return about(key, what, "Use the label of an agent.")
+
+
 ARROWS = ("listens_to", "sends_to")
-_DROP_ONE = (
-    "Remove the arc (Network.from_arcs, from_networkx and from_sparse do with drop_loops=True)."
-)
+_DROP_ONE = "Remove the arc (Network.from_arcs, from_networkx, from_sparse: with drop_loops=True)."
 _ADD_UP = (
     "Remove one of the two, or give one arc with the sum of the weights"
-    ' (Network.from_arcs and from_networkx do with merge="sum").'
+    ' (Network.from_arcs, from_networkx: with merge="sum").'
 )
 ONE = Fraction(1)
 IndexArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 Index = Mapping[str, int]  # of every label
 Arc = tuple[int, int]  # the indices of a listener and a speaker
+Places = Mapping[Arc, int]  # of couplings, for arcs that have not the first one
+ArcList = Iterable[Sequence[Any]]  # of pairs [a, b] or triples [a, b, weight] of labels
+ArcLists = ArcList | Mapping[str, ArcList]  # of one mode, or by mode
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -130,7 +139,7 @@ class Arcs:
 
     listeners: IndexArray
     speakers: IndexArray
-    weights: tuple[Fraction, ...]
+    weights: Vector
     optional: int = 0
 
     @property
@@ -176,6 +185,9 @@ class Arcs:
         return hash((self.listeners.tobytes(), self.speakers.tobytes(), weights, self.optional))
 
 
+Modes = Mapping[str, Arcs]
+
+
 def joined(always: Arcs, optional: Arcs) -> Arcs:
     """The arcs of a mode that has these optional ones."""
     first = np.concatenate([always.listeners, optional.listeners])
@@ -185,7 +197,7 @@ def joined(always: Arcs, optional: Arcs) -> Arcs:
     return replace(every, optional=len(optional))
 
 
-def parse_weights(values: Sequence[Any], key: str) -> tuple[Fraction, ...]:
+def parse_weights(values: Sequence[Any], key: str) -> Vector:
     """Read weights exactly, each distinct value once."""
     known: dict[object, Fraction] = {number_key(1): ONE}
     result = []
@@ -230,9 +242,7 @@ def _is_adjacency(rows: Sequence[Any]) -> bool:
     return len(rows) > 3 or entries == {"0", "1"}
 
 
-def directed(
-    first: IndexArray, second: IndexArray, weights: tuple[Fraction, ...], *, arrow: str
-) -> Arcs:
+def directed(first: IndexArray, second: IndexArray, weights: Vector, *, arrow: str) -> Arcs:
     """Apply ``arrow`` to pairs of indices: who of [a, b] is the listener."""
     check_arrow(arrow)
     # Arcs are frozen, and hashed by the bytes of their ends.
@@ -301,7 +311,7 @@ def check_arrow(arrow: object) -> None:
         )
 
 
-def check_arcs(modes: Mapping[str, Arcs], labels: Names, *, mode: str) -> None:
+def check_arcs(modes: Modes, labels: Names, *, mode: str) -> None:
     """Refuse arcs of a mode that leave the graph, self-arcs, duplicates and weights that are not
     positive, with the first offender."""
     arcs = modes[mode]
@@ -351,9 +361,7 @@ def check_arcs(modes: Mapping[str, Arcs], labels: Names, *, mode: str) -> None:
     raise about(at(position), what, "Leave the arc out.")
 
 
-def negative_weight(
-    modes: Mapping[str, Arcs], labels: Names, *, mode: str, place: int
-) -> SpecError:
+def negative_weight(modes: Modes, labels: Names, *, mode: str, place: int) -> SpecError:
     """Says what a negative weight may mean, and how that is written; the signs of all modes
     count."""
     every = chain.from_iterable(modes.values())
@@ -398,15 +406,24 @@ def _read_pair(pair: Sequence[Any], index: Index, *, key: str) -> tuple[int, int
     ends = []
     for position, end in enumerate(pair[:2]):
         try:
-            text = label_text(end, place=f"{key}[{position}]")
+            text = label_text(end, f"{key}[{position}]")
         except SpecError as error:
             raise refused(f"{key}[{position}]", error.message, error.cure) from None
         if text not in index:
             what = f"arc {shown(list(pair))} leaves the graph;"
             what += f" there is no agent {shown(text)}{_range(index)}."
-            raise about(key, what, "Use a label from network.agents.")
+            raise about(key, what, meant(text, tuple(index)))
         ends.append(index[text])
     return ends[0], ends[1], pair[2] if len(pair) == 3 else 1
+
+
+def meant(label: str, labels: Names) -> str:
+    """What to write in place of a label that does not exist."""
+    # Bounded, because the search takes the product of both lengths.
+    near = get_close_matches(label[:100], labels[:1000], n=1)
+    if near and not label.isdigit():
+        return f'Did you mean "{near[0]}"?'
+    return "Use the label of an agent."
 
 
 def _range(index: Index) -> str:
@@ -429,7 +446,7 @@ class Network(Shown):
     """
 
     labels: Texts
-    modes: Mapping[str, Arcs]
+    modes: Modes
 
     def __post_init__(self) -> None:
         # A copy that nobody can change: a Network is hashed, and certificates are about it.
@@ -553,11 +570,11 @@ class Network(Shown):
     @classmethod
     def from_arcs(
         cls,
-        arcs: Iterable[Sequence[Any]] | Mapping[str, Iterable[Sequence[Any]]],
+        arcs: ArcLists,
         *,
         arrow: str,
         agents: int | Sequence[Any] | None = None,
-        optional: Iterable[Sequence[Any]] | Mapping[str, Iterable[Sequence[Any]]] | None = None,
+        optional: ArcLists | None = None,
         merge: str | None = None,
         drop_loops: bool = False,
     ) -> Network:
@@ -765,7 +782,7 @@ def _modes(value: Any, several: bool) -> Document:
     return {str(name): each for name, each in value.items()}
 
 
-def distinct_weights(weights: Sequence[Fraction]) -> tuple[IndexArray, tuple[Fraction, ...]]:
+def distinct_weights(weights: Sequence[Fraction]) -> tuple[IndexArray, Vector]:
     """For every arc the place of its weight among the different ones, and these; arcs mostly share
     few objects."""
     # Objects first, values of the few different ones then: a Fraction is slow to compare.

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import field
-from difflib import get_close_matches
 from fractions import Fraction
 from itertools import chain, islice
 from types import MappingProxyType
@@ -35,7 +34,7 @@ from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.verdict import Verdict
 
 from .dynamics import Dynamics
-from .network import Network, one_form
+from .network import Network, meant, one_form
 
 T = TypeVar("T")
 SHOWN_MODES = 6  # with pins of their own, in a message
@@ -277,7 +276,5 @@ def by_label(value: Any, read: Callable[[Any, str], T], *, labels: Names, key: s
 
 
 def _no_agent(label: object, labels: Names, *, key: str) -> SpecError:
-    # Bounded, because the search takes the product of both lengths.
-    near = get_close_matches(str(label)[:100], labels[:1000], n=1)
-    cure = f'Did you mean "{near[0]}"?' if near else "Use the label of an agent."
-    return about(key, f"there is no agent {shown(str(label))} in network.agents.", cure)
+    what = f"there is no agent {shown(str(label))} in network.agents."
+    return about(key, what, meant(str(label), labels))

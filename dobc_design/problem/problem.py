@@ -18,7 +18,7 @@ from dobc_design._checks import noun, put
 from dobc_design._show.cards import MOST_ITEMS, Card, Shown, listed, plain
 from dobc_design._show.text import significant
 from dobc_design.coupling.coupling import Coupling, make_coupling
-from dobc_design.errors import Mistakes, ShapeError, SpecError, about, refused, wrong
+from dobc_design.errors import Mistakes, ShapeError, SpecError, about, misshapen, refused, wrong
 from dobc_design.exact import reading
 from dobc_design.exact.matrix import Vector
 from dobc_design.exact.reading import (
@@ -40,15 +40,15 @@ from .dynamics import Dynamics, check_goal
 from .exosystems import Exosystem
 from .groups import (
     Group,
+    Grouped,
+    Groups,
     Observer,
     are_different,
     group_numbers,
-    joint_exosystem,
-    joint_observer,
     read_groups,
 )
 from .leader import Leader, read_leader
-from .network import Arc, Network
+from .network import Arc, Network, Places
 from .pinning import GainForm, Pinning, by_label, read_pinning
 from .region import Pairs, Region, read_goal, read_region, read_units
 from .simulation import Simulation, read_simulation
@@ -87,7 +87,7 @@ LARGEST_DIMENSION = 100  # every gain is an m x m matrix
 
 
 @noun
-class Problem(Shown):
+class Problem(Grouped, Shown):
     """A disturbance-observer-based consensus problem: equations (1), (12), (13), (19).
 
     Parameters (all by keyword; numbers are exact, a float means its shortest decimal text):
@@ -110,8 +110,8 @@ class Problem(Shown):
             have p components.
         leader: a Leader, or a mapping with initial and stays_in: the target is a solution of the
             dynamics; it knows no ``target`` then.
-        uncertainty, actuators: an Uncertainty and Actuators, or mappings: what the plant may add,
-            what it can give.
+        uncertainty, actuators: an Uncertainty and Actuators, or mappings: bounds of model error and
+            noise, limits of inputs.
         name: of the problem; results are saved under it.
         units: of the states, such as "m/s", or one for each component; words and figures show them.
         notes: sentences on what is assumed or stands in; they are shown wherever a result is shown.
@@ -133,7 +133,7 @@ class Problem(Shown):
     goal: str
     target: Vector
     pinning: Pinning
-    groups: tuple[Group, ...]
+    groups: Groups
     offsets: Mapping[int, Vector]
     region: Region | None
     switching: Switching | None
@@ -146,7 +146,7 @@ class Problem(Shown):
     units: Texts
     couplings: tuple[Coupling, ...] = field(init=False, compare=False)
     # the place among them of the coupling of every arc with its own
-    exception_places: Mapping[Arc, int] = field(init=False, compare=False)
+    exception_places: Places = field(init=False, compare=False)
 
     def __init__(
         self,
@@ -192,7 +192,7 @@ class Problem(Shown):
 
         def read_runs() -> Simulation | None:
             # With a mistake in the groups nobody knows how long the rows of xi0 have to be.
-            known: tuple[Group, ...] | None = getattr(self, "groups", None)
+            known: Groups | None = getattr(self, "groups", None)
             if known is None and groups:
                 return None
             orders = _orders(known, labels, exosystem)
@@ -514,18 +514,6 @@ class Problem(Shown):
         self.require_one_exosystem()
         return self.groups[0].observer if self.groups else Observer()
 
-    @property
-    def joint_exosystem(self) -> Exosystem | None:
-        """The exosystems of all groups side by side, A (q, q) and C (G m, q) block diagonal; of one
-        group its own."""
-        return joint_exosystem(self.groups)
-
-    @property
-    def joint_observer(self) -> Observer:
-        """W (q, G m) and P (q, q) of all groups, block diagonal, None where not every group has
-        one; of one group its own."""
-        return joint_observer(self.groups)
-
     def require_integrators(self, what: str) -> None:
         """Refuse a problem with [dynamics], or optional arcs, where ``what`` does not know it.
         Raises: SpecError."""
@@ -686,7 +674,7 @@ def dimension_of(
 
 
 #: The nouns among the arguments of a Problem, and how somebody makes one.
-_KINDS: Mapping[str, tuple[type, str]] = {
+_KINDS = {
     "network": (Network, "Make one with Network.from_arcs, from_networkx or from_sparse."),
     "exosystem": (
         Exosystem,
@@ -760,7 +748,7 @@ def _read_coupling(value: Any, *, dimension: int, outputs: int, key: str) -> Cou
     if outputs != dimension:
         what = f"must take {dimension} components to {outputs};"
         what += f" it takes {value.dimension} to {value.outputs}."
-    raise wrong(key, what, "Make it with the right dimension.", kind=ShapeError)
+    raise misshapen(key, what, "Make it with the right dimension.")
 
 
 def _read_exceptions(
@@ -806,9 +794,7 @@ def _read_offsets(value: Any, *, labels: Names, dimension: int) -> Mapping[int, 
     return MappingProxyType({i: offset for i, offset in sorted(found.items()) if any(offset)})
 
 
-def _orders(
-    groups: tuple[Group, ...] | None, labels: Names, exosystem: Exosystem | None
-) -> tuple[int, ...]:
+def _orders(groups: Groups | None, labels: Names, exosystem: Exosystem | None) -> tuple[int, ...]:
     """The order of every agent's exosystem; one number if it is the same for all."""
     if groups is None:
         return (0 if exosystem is None else exosystem.order,)

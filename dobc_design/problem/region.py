@@ -7,7 +7,7 @@ from typing import Any
 
 from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Facts, Shown, listed
-from dobc_design.errors import Mistakes, ShapeError, wrong
+from dobc_design.errors import Mistakes, misshapen, wrong
 from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import (
     Texts,
@@ -104,21 +104,19 @@ def read_pairs(value: Any, *, key: str, dimension: int) -> Pairs:
         several = ""
         if dimension > 1:
             several = f" for all state components, or {dimension} such pairs"
-        raise wrong(
+        raise misshapen(
             key,
             f"must be a pair [lo, hi]{several}; got {shown(value)}.",
             "For example [0, 5]: every start from 0 to 5.",
-            kind=ShapeError,
         )
     pairs = []
     for position, row in enumerate(rows):
         place = f"{key}[{position}]" if nested else key
         if len(row) != 2:
-            raise wrong(
+            raise misshapen(
                 place,
                 f"must be a pair [lo, hi]; got {shown(row)}.",
                 "For example [0, 5].",
-                kind=ShapeError,
             )
         lo = parse_number(row[0], f"{place}[0]")
         hi = parse_number(row[1], f"{place}[1]")
@@ -140,7 +138,7 @@ def _read_disturbance(value: Any, *, with_exosystem: bool) -> Fraction | None:
         raise wrong(
             key,
             "is required when there is an [exosystem]: a large estimation error can push the "
-            "states out of it.",
+            "states out of the region.",
             "Give the largest |xi_i(0) - xihat_i(0)|, for example 0.5; 0 if it is known.",
         )
     if value is None:

@@ -11,6 +11,8 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, PlainValidator, WithJsonSchema
 
+from dobc_design.exact.reading import Document
+
 from .exosystems import KINDS, PARTS
 from .network import ARROWS, LONGEST_LABEL, MOST_AGENTS
 from .region import GOALS, LONGEST_UNIT
@@ -27,7 +29,7 @@ _NUMBER = {
 }
 
 
-def _list_of(items: Any, least: int | None = 1, most: int | None = None) -> dict[str, Any]:
+def _list_of(items: Any, least: int | None = 1, most: int | None = None) -> Document:
     """A list of so many items."""
     sizes = {"minItems": least, "maxItems": most}
     return {"type": "array", "items": items} | {
@@ -35,12 +37,12 @@ def _list_of(items: Any, least: int | None = 1, most: int | None = None) -> dict
     }
 
 
-def _either(*choices: dict[str, Any]) -> dict[str, Any]:
+def _either(*choices: Document) -> Document:
     """One of several forms."""
     return {"anyOf": list(choices)}
 
 
-def _table_of(*values: dict[str, Any]) -> dict[str, Any]:
+def _table_of(*values: Document) -> Document:
     """A table with any keys."""
     return {"type": "object", "additionalProperties": _either(*values)}
 
@@ -322,7 +324,7 @@ class ProblemFile(_Table):
 RESERVED = {"delays"}
 
 
-def json_schema() -> dict[str, Any]:
+def json_schema() -> Document:
     """The JSON Schema of the problem file, for editors and for `dobc schema`."""
     schema = ProblemFile.model_json_schema(by_alias=True)
     # Descriptions are docstrings, whose lines end where those of the source do.

@@ -7,7 +7,7 @@ from fractions import Fraction
 from typing import Any
 
 from dobc_design._checks import later, noun
-from dobc_design.errors import ShapeError, wrong
+from dobc_design.errors import misshapen, wrong
 from dobc_design.exact.matrix import Vector
 from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import (
@@ -34,7 +34,7 @@ class Simulation:
     x0: Rows | None = later()
 
 
-def read_simulation(value: Any, *, n: int, orders: tuple[int, ...], m: int = 1) -> Simulation:
+def read_simulation(value: Any, *, n: int, orders: tuple[int, ...], m: int) -> Simulation:
     """Read the [simulation] table; ``orders``: that of the exosystem, or n of them where agents
     have different ones."""
     table = {} if value is None else value
@@ -76,12 +76,11 @@ def _read_different_xi0(value: Any, key: str, orders: tuple[int, ...]) -> Rows:
         return tuple(row if order else () for order in orders)
     # one row per agent, as long as the order of its own exosystem
     if len(lists) != len(orders) or not all(lists):
-        raise wrong(
+        raise misshapen(
             key,
             f"must have {counted(len(orders), 'row')}, one per agent, because the groups of "
             f"exosystem.groups differ in order; got {shown(value)}.",
             "Give every agent a row with one number per state of its own exosystem.",
-            kind=ShapeError,
         )
     because = "one per state of this agent's exosystem"
     rows = []
@@ -96,11 +95,10 @@ def _read_x0(value: Any, *, n: int, m: int) -> Rows:
     if m == 1 and is_list(value) and len(value) > 1 and not any(is_list(row) for row in value):
         if len(value) != n:
             numbers = counted(n, "number")
-            raise wrong(
+            raise misshapen(
                 key,
                 f"must have {numbers}, one per agent, or 1 for all; got {len(value)}.",
                 "Give one number per agent.",
-                kind=ShapeError,
             )
         return tuple((parse_number(number, f"{key}[{i}]"),) for i, number in enumerate(value))
     return _rows(value, key=key, n=n, width=m, because="one per state component")
@@ -110,21 +108,19 @@ def _rows(value: Any, *, key: str, n: int, width: int, because: str) -> Rows:
     """One list of ``width`` numbers for all agents, or a list for each."""
     if not is_list(value):
         cure = f"Write {[1] + [0] * (width - 1)}." if width <= 6 else "Write [1, 0, ...]."
-        raise wrong(
+        raise misshapen(
             key,
             f"must be a list of {counted(width, 'number')}; got {shown(value)}.",
             cure,
-            kind=ShapeError,
         )
     if len(value) == 0 or not all(is_list(row) for row in value):
         return (read_vector(value, key, length=width, because=because),)
     if len(value) not in (1, n):
-        raise wrong(
+        raise misshapen(
             key,
             f"must have {counted(n, 'row')}, one per agent, or be one list of "
             f"{counted(width, 'number')}; got {counted(len(value), 'row')}.",
             "Give one row for all agents, or one each.",
-            kind=ShapeError,
         )
     rows = []
     for i, row in enumerate(value):

@@ -5,7 +5,7 @@ What a proof makes of a guarantee is in ``loop/guarantee.py``.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import fields
 from fractions import Fraction
 from itertools import accumulate, pairwise
@@ -13,7 +13,7 @@ from typing import Any
 
 from dobc_design._checks import later, noun, put
 from dobc_design._show.cards import Shown
-from dobc_design.errors import Mistakes, ShapeError, SpecError, wrong
+from dobc_design.errors import Mistakes, SpecError, misshapen, wrong
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import MAX_CHARACTERS, number_text, parse_number
 from dobc_design.exact.reading import (
@@ -30,7 +30,7 @@ from dobc_design.exact.reading import (
 
 Schedule = tuple[tuple[Fraction, str], ...]
 #: Which keys each signal may have besides ``signal`` and ``dwell``.
-KEYS: Mapping[str, Texts] = {
+KEYS = {
     "random": (),
     "periodic": ("sequence", "period", "schedule"),
     "markov": ("generator",),
@@ -39,7 +39,7 @@ KEYS: Mapping[str, Texts] = {
 }
 SIGNALS = tuple(KEYS)
 #: What proofs may assume, and the signal that is simulated unless another is named.
-GUARANTEES: Mapping[str, str] = {
+GUARANTEES = {
     "arbitrary": "random",
     "dwell": "random",
     "sequence": "periodic",
@@ -188,11 +188,10 @@ def check_switching(switching: Switching | None, modes: Names) -> Switching | No
     rows = 0 if switching.generator is None else len(switching.generator)
     if rows and rows != len(modes):
         errors.append(
-            wrong(
+            misshapen(
                 "switching.generator",
                 f"must have {counted(len(modes), 'row')}, one per mode; got {rows}.",
                 "Give rows and columns in the order of [network.modes].",
-                kind=ShapeError,
             )
         )
     errors.raise_all()
@@ -318,12 +317,11 @@ def _instants(sequence: Any, dwell: Any) -> tuple[Any, Any]:
     # A list of times needs a list of modes beside it, one for one.
     modes = _read_sequence(sequence, "switching.sequence")
     if len(dwell) != len(modes):
-        raise wrong(
+        raise misshapen(
             "switching.dwell",
             f"must be one number, or {counted(len(modes), 'number')}, one for each of "
             f"switching.sequence; got {len(dwell)}.",
             "Give one for each.",
-            kind=ShapeError,
         )
     lengths: list[Fraction] = []
     for k, x in enumerate(dwell):
@@ -353,11 +351,10 @@ def _read_generator(value: Any, key: str) -> Matrix:
     matrix = read_matrix(value, key)
     rows, columns = len(matrix), len(matrix[0])
     if rows != columns:
-        raise wrong(
+        raise misshapen(
             key,
             f"must be square, one row and one column per mode; got shape ({rows}, {columns}).",
             f"For two modes {_EXAMPLES['generator']}.",
-            kind=ShapeError,
         )
     for k, row in enumerate(matrix):
         for other, rate in enumerate(row):

@@ -61,7 +61,7 @@ def exception_words(exceptions: Mapping[tuple[int, int], Coupling], labels: Name
     return "; ".join(said)
 
 
-def offset_words(offsets: Mapping[int, Sequence[Any]], labels: Names, units: Names = ()) -> str:
+def offset_words(offsets: Mapping[int, Sequence[Any]], labels: Names, units: Names) -> str:
     """Where the agents of a formation go, from the target."""
     return some([f"{labels[i]}: {vector_text(x, units)}" for i, x in offsets.items()], LISTED)
 
@@ -75,7 +75,7 @@ def observer_words(observer: Observer) -> str:
     return f"to be designed for a decay rate of {decimal_text(observer.rate)} 1/s"
 
 
-def region_words(region: Region, units: Names = ()) -> str:
+def region_words(region: Region, units: Names) -> str:
     """The starts that a certificate has to cover."""
     pairs = [f"[{decimal_text(lo)}, {decimal_text(hi)}]" for lo, hi in region.initial_states]
     said = f"initial states in {', '.join(in_units(pairs, units))}"

@@ -6,8 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from dobc_design._show.text import capitalize_first, upper
-from dobc_design._show.text import significant_towards_zero as _below
+from dobc_design._show.text import capitalize_first, rate_text, significant_towards_zero, upper
 from dobc_design.certificate import text as certificate_text
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.check import Check, Fix, Witness, main_cure, other_cures
@@ -21,8 +20,10 @@ from .document import (
     PAGES,
     READ,
     Block,
+    Blocks,
     Code,
     Column,
+    Fact,
     Facts,
     Name,
     Own,
@@ -96,15 +97,15 @@ def checks_section(found: Findings) -> Iterator[Section]:
     """Every check with its verdict, numbers and reason."""
     checks = found.certificate.checks
     counts = verdict_counts(checks) or "none"
-    failed = sum(check.verdict is not Verdict.PROVED for check in checks)
+    failed = sum(not check.is_proved for check in checks)
     # Beside a proof a failed check is no failure: it was tried and is not needed.
     if found.proved and failed:
         counts = f"{len(checks) - failed} proved, {failed} not needed"
-    blocks = (to_read(Text(Own(_READING))), *_checks_table(checks))
+    blocks = (to_read(Text(Own(_READING))), *_checks_table(checks, found.problem.unit))
     yield Section(f"Checks: {counts}", blocks, "checks", "Checks")
 
 
-def _checks_table(checks: Sequence[Check]) -> Iterator[Block]:
+def _checks_table(checks: Sequence[Check], unit: str) -> Blocks:
     """The checks as rows; of very many, those not proved first, and a sentence about the others."""
     own_cures = {id(each) for each in other_cures(checks)}
 
@@ -120,9 +121,15 @@ def _checks_table(checks: Sequence[Check]) -> Iterator[Block]:
         Column("verdict", lambda check: mark_of(check.verdict), 0),
         Column("condition", _name, 1.5),
         Column("id", lambda check: check.id, only=("markdown",)),
-        Column("where", lambda check: domain_words(check.domain), 1.1),
-        Column("margin", lambda check: _below(check.margin), 0.8, unit="1/s", style="number"),
-        Column("rate", lambda check: _below(check.rate), 0.8, unit="1/s", style="number"),
+        Column("where", lambda check: domain_words(check.domain, unit), 1.1),
+        Column(
+            "margin",
+            lambda check: significant_towards_zero(check.margin),
+            0.8,
+            unit="1/s",
+            style="number",
+        ),
+        Column("rate", lambda check: rate_text(check.rate), 0.8, unit="1/s", style="number"),
         Column("factor", lambda check: upper(check.factor), 0.8, style="number"),
         Column("reason", reason, 3, style="why", only=READ),
         Column("reason", _brief_reason, 3, only=("latex",)),
@@ -171,7 +178,7 @@ def _brief_reason(check: Check) -> str:
     return " ".join(parts)
 
 
-def _exact(check: Check) -> Iterator[tuple[str, str]]:
+def _exact(check: Check) -> Iterator[Fact]:
     """Exact values by what they are called; others stand in the reason, or among the matrices."""
     for key, value in (check.exact or {}).items():
         if key not in _EXACT:
@@ -181,7 +188,7 @@ def _exact(check: Check) -> Iterator[tuple[str, str]]:
         yield _EXACT[key], _entries(value) if listed else _number(str(value))
 
 
-def _witness(witness: Witness, id: str) -> tuple[str, str]:
+def _witness(witness: Witness, id: str) -> Fact:
     """What a witness is, and its values."""
     who = f" (agents {names_in_words(witness.labels)})" if witness.labels else ""
     values = _entries(witness.values) if witness.values else ""
@@ -227,7 +234,7 @@ def _number(text: str) -> str:
 
 
 @section("Traceability", "traceability")
-def trace_section(found: Findings) -> Iterator[Block]:
+def trace_section(found: Findings) -> Blocks:
     """One row per condition of the certificate, in its order."""
     ids = dict.fromkeys(check.id for check in found.certificate.checks)
     yield to_read(Text(Own(FIXED["traced"])))
@@ -245,7 +252,7 @@ def trace_section(found: Findings) -> Iterator[Block]:
 
 
 @section("Check it yourself", "recheck")
-def recheck_section(found: Findings) -> Iterator[Block]:
+def recheck_section(found: Findings) -> Blocks:
     """The commands that decide the certificate again and make it again, and what it was made
     from."""
     certificate, claims = found.certificate, found.certificate.claims
@@ -298,5 +305,5 @@ def _tolerances(certificate: Certificate) -> Iterator[str]:
     if "--all" in options:
         return
     for check in certificate.checks:
-        if check.kind.role == "settling" and check.verdict is Verdict.PROVED:
+        if check.kind.role == "settling" and check.is_proved:
             yield str((check.exact or {}).get("tolerance"))

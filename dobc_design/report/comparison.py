@@ -27,10 +27,12 @@ from dobc_design.verdict import Verdict
 from .document import (
     Beside,
     Block,
+    Blocks,
     Box,
     Cell,
     Column,
     Document,
+    Fact,
     List,
     Mark,
     Name,
@@ -76,13 +78,15 @@ def comparison_document(first: Certificate, second: Certificate) -> Document:
         told = f"The two problems differ in {counted(count, 'place')}."
     if count > MOST_DIFFERENCES:
         told += f" The first {MOST_DIFFERENCES} are listed."
-    identity: list[tuple[str, str]] = []
+    identity: list[Fact] = []
     for letter, each in sides.items():
         decided = f"{each.problem.name}, decided by dobc_design {each.claims.version}"
         identity.append((letter, decided))
         identity.append((f"SHA-256 of problem {letter}", each.claims.problem_sha256))
     a, b = first.problem.name, second.problem.name
     compared = f"{a} and {b}, compared"
+    if a == b:
+        compared = f"{a} (A) and {b} (B), compared"
     again = Text(FIXED["compared"])
     return Document(
         kind="Two certificates of consensus, side by side",
@@ -161,7 +165,7 @@ def _facts(certificate: Certificate) -> dict[str, str]:
     """A certificate in a few words by name, with its pins and checks counted."""
     facts = {"Verdict": certificate.verdict.value, **words.facts(certificate)}
     facts["Pinned agents"] = str(len(certificate.problem.pinning.agents))
-    proved = sum(check.verdict is Verdict.PROVED for check in certificate.checks)
+    proved = sum(check.is_proved for check in certificate.checks)
     facts["Checks proved"] = f"{proved} of {len(certificate.checks)}"
     return facts
 
@@ -187,7 +191,7 @@ def _problems(sides: Sides, changed: Sequence[Difference], told: str) -> Section
     return Section("What differs between the problems", blocks, "differences", "Problems")
 
 
-def _networks(sides: Sides) -> Iterator[Block]:
+def _networks(sides: Sides) -> Blocks:
     """The networks of A and of B beside each other; none where they are the same or too large."""
     a, b = (each.problem for each in sides.values())
     # Two drawings that are the same would look as if they differed.
@@ -258,7 +262,7 @@ def _starts(sides: Sides) -> Iterator[Section]:
 def _starts_of(certificate: Certificate) -> dict[str, str]:
     regions = certificate.regions
     claims = regions.claims if regions.tried else ()
-    return {claim.method: starts_words(claim) for claim in claims}
+    return {claim.method: starts_words(claim, regions.unit) for claim in claims}
 
 
 def differences(first: Problem, second: Problem) -> tuple[list[Difference], int]:
@@ -320,7 +324,7 @@ def _listed(names: Sequence[str]) -> str:
     return f"{len(names)}: {', '.join(names)}" if names else "none"
 
 
-def _flat(tables: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, str]]:
+def _flat(tables: Mapping[str, Any], path: str = "") -> Iterator[Fact]:
     """Every other key of a problem file with its value as text."""
     for name, value in tables.items():
         key = f"{path}{name}"

@@ -13,7 +13,7 @@ from dobc_design.report import words
 
 from .document import (
     IN_TEXT,
-    Block,
+    Blocks,
     Formula,
     Math,
     Matrices,
@@ -31,7 +31,7 @@ _LATEX = words.TEXTS["condition"]
 
 
 @section("The condition and its matrices", "condition", "Condition")
-def condition_section(found: Findings) -> Iterator[Block]:
+def condition_section(found: Findings) -> Blocks:
     """The condition, the matrices that it is about, and what was found."""
     certificate, problem = found.certificate, found.problem
     yield from _about_errors(problem)
@@ -57,7 +57,7 @@ def condition_section(found: Findings) -> Iterator[Block]:
             yield Matrices((shown,))
 
 
-def _about_errors(problem: Problem) -> Iterator[Block]:
+def _about_errors(problem: Problem) -> Blocks:
     """For agents with [dynamics]: which letters of the condition mean something else."""
     dynamics = problem.dynamics
     if dynamics is None:
@@ -70,7 +70,7 @@ def _about_errors(problem: Problem) -> Iterator[Block]:
     yield Text(words.FIXED["by_errors"] + slopes)
 
 
-def _asked(problem: Problem) -> Iterator[Block]:
+def _asked(problem: Problem) -> Blocks:
     """What the paper's theorem asks for, and the smaller condition that is decided in its place."""
     jacobian = Math("J", "J")
     if not problem.groups:
@@ -100,7 +100,7 @@ def _asked(problem: Problem) -> Iterator[Block]:
         yield Text(words.FIXED["by_group"])
 
 
-def _size(found: Findings) -> Iterator[Block]:
+def _size(found: Findings) -> Blocks:
     """How large the inequality is as it is printed, what is decided instead, and what a solver says
     of it where one was asked."""
     loop = loop_of(found.problem)
@@ -109,7 +109,7 @@ def _size(found: Findings) -> Iterator[Block]:
         rows, unknowns = loop.n * (m + q), q * (q + 1) // 2 + q * m
         told = (
             f"As printed, (18) is a linear matrix inequality of {counted(len(loop.modes), 'block')}"
-            f" with {rows} rows and {unknowns} unknowns (dobc_design.block_lmi). The equivalent "
+            f" of {rows} rows in {unknowns} unknowns (dobc_design.block_lmi). The equivalent "
             f"condition is decided with matrices of {loop.n * m} rows (Λ + I ⊗ S) and {q} (Ω₀); "
             "P and Q are sought for one agent, whatever the number of agents."
         )

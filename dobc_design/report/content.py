@@ -7,9 +7,8 @@ write it and list it.  Handed everything, computes nothing.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import replace
-from typing import Final
 
 from dobc_design.certificate import text as certificate_text
 from dobc_design.report import pictures, words
@@ -27,8 +26,10 @@ from .diagnostics import bound_section, eigenvalue_section, simulation_section
 from .document import (
     Beside,
     Block,
+    Blocks,
     Box,
     Document,
+    Fact,
     Facts,
     List,
     Section,
@@ -49,37 +50,37 @@ LONGEST_NAME = 70  # characters, in the footer of a printed page
 _REGION = "dobc region problem.json"
 _DESIGN = "dobc design problem.json --out designed.toml"
 
-Part = Callable[[Findings], Iterator[Block]]
+Part = Callable[[Findings], Blocks]
 
 
-def _identity(found: Findings) -> tuple[tuple[str, str], ...]:
+def _identity(found: Findings) -> tuple[Fact, ...]:
     """Which certificate this is, and what decided it."""
     version = found.certificate.claims.version
     file_format = f"{certificate_text.FORMAT} {certificate_text.VERSION}"
     return (*found.prints, ("Decided by", f"dobc_design {version}, {file_format}"))
 
 
-def _facts(found: Findings) -> list[tuple[str, str]]:
+def _facts(found: Findings) -> list[Fact]:
     """What is certified in a few words; of an undecided certificate only what is known."""
     facts = words.facts(found.certificate).items()
     return [(name, told) for name, told in facts if found.proved or told != "–"]
 
 
-def _summary(found: Findings) -> Iterator[Block]:
+def _summary(found: Findings) -> Blocks:
     """Identity and facts as a table: pages have them in their frames."""
     yield in_markdown(Facts((*_identity(found), *_facts(found))))
 
 
 @section("What this says, and what it does not", "meaning")
-def _meaning(found: Findings) -> Iterator[Block]:
+def _meaning(found: Findings) -> Blocks:
     meaning = words.what_it_means(found.certificate)
     says = Section("It says", (List(meaning.says),))
-    says_not = Section("It does not say", (List(meaning.says_not),))
+    says_not = Section("Its limits", (List(meaning.says_not),))
     # Beside each other, so that nobody reads the first without the second.
     yield Beside(((says,), (says_not,)))
 
 
-def _next_step(found: Findings) -> Iterator[Block]:
+def _next_step(found: Findings) -> Blocks:
     """What to do now: how a reviewer checks what is proved, else the cure, or what would settle
     it."""
     if found.proved:
@@ -112,26 +113,26 @@ def _next_step(found: Findings) -> Iterator[Block]:
     yield Section(title, (Text(told), command(typed)), "next")
 
 
-def _regions(found: Findings) -> Iterator[Block]:
+def _regions(found: Findings) -> Blocks:
     regions = found.certificate.regions
     drawn = tuple(pictures.region_pictures(regions))
     return region_section(found.problem, regions, drawn)
 
 
-def _settling(found: Findings) -> Iterator[Block]:
+def _settling(found: Findings) -> Blocks:
     settling = found.certificate.settling
-    drawn = tuple(pictures.envelope_pictures(settling, unit=found.problem.unit))
+    drawn = tuple(pictures.envelope_pictures(settling))
     return settling_section(settling, drawn)
 
 
 @section("What a search for counterexamples found", "search", "Search")
-def _searches(found: Findings) -> Iterator[Block]:
+def _searches(found: Findings) -> Blocks:
     unit = found.problem.unit
     drawn = [pictures.search_picture(each, k, unit=unit) for k, each in enumerate(found.searches)]
     yield from search_sections(found.searches, drawn)
 
 
-def _optional_changes(found: Findings) -> Iterator[Block]:
+def _optional_changes(found: Findings) -> Blocks:
     """Cures of checks that the proof did not need; those of a failure stand above."""
     if found.proved:
         for cure in cure_section(found):
@@ -139,7 +140,7 @@ def _optional_changes(found: Findings) -> Iterator[Block]:
 
 
 @section("Words", "glossary")
-def _glossary(found: Findings) -> Iterator[Block]:
+def _glossary(found: Findings) -> Blocks:
     # All three, also those that this report does not have: the sign alone explains nothing.
     verdicts = [(words.mark_of(each), words.TEXTS["verdicts"][each.value]) for each in Verdict]
     yield Terms(verdicts)
@@ -147,15 +148,19 @@ def _glossary(found: Findings) -> Iterator[Block]:
 
 
 @section("Signatures", "signatures")
-def _signatures(found: Findings) -> Iterator[Block]:
+def _signatures(found: Findings) -> Blocks:
     heads = ("Name", "Date", "Signature")
     roles = ("Prepared by", "Checked by", "Approved by")
+    # On paper the signatures may stand on a page of their own.
+    certificate = found.certificate
+    signed = f"{certificate.problem.name}: {certificate.verdict.value}."
+    yield Text(f"{signed} {words.sentence(certificate.reason)}")
     yield Text(words.FIXED["signing"])
     yield Signatures(heads, roles)
 
 
 #: What everybody reads, in this order.
-OPEN: Final[tuple[Part, ...]] = (
+OPEN: tuple[Part, ...] = (
     _summary,
     _meaning,
     plant_section,
@@ -164,7 +169,7 @@ OPEN: Final[tuple[Part, ...]] = (
     _next_step,
 )
 #: What is closed on a page, and printed only where the whole report is asked for.
-DETAILS: Final[tuple[Part, ...]] = (
+DETAILS: tuple[Part, ...] = (
     problem_section,
     network_section,
     _regions,

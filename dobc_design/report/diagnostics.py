@@ -10,7 +10,7 @@ from dobc_design.plotting.look import thinned_rows
 from dobc_design.report import pictures, words
 
 from .document import (
-    Block,
+    Blocks,
     Column,
     Pictures,
     Section,
@@ -33,7 +33,7 @@ MOST_SAMPLES = 9
 MOST_MARGINS = 12  # eigenvalues of A whose observability is told
 
 
-def bound_section(found: Findings) -> Iterator[Block]:
+def bound_section(found: Findings) -> Blocks:
     """One picture: what is proved about the largest error, and one simulated run, or two."""
     certificate, run = found.certificate, found.trajectory
     if run is None or len(run.times) < 2:
@@ -48,7 +48,7 @@ def bound_section(found: Findings) -> Iterator[Block]:
 
 
 @section("Eigenvalues", "eigenvalues")
-def eigenvalue_section(found: Findings) -> Iterator[Block]:
+def eigenvalue_section(found: Findings) -> Blocks:
     """As pictures on pages, as numbers in Markdown."""
     analysis = found.analysis
     if analysis is None:
@@ -93,8 +93,8 @@ def _observability(analysis: Analysis) -> str:
     ]
     return (
         f" In floating point the observability matrix has rank {found.rank} of {found.order}. "
-        "The smallest singular value of [A − λI; C] at the eigenvalues λ of A, 0 means "
-        f"unobservable: {', '.join(margins)}."
+        "The smallest singular value of [A − λI; C], which would be 0 at an unobservable "
+        f"eigenvalue λ of A, is {', '.join(margins)}."
     )
 
 
@@ -108,7 +108,7 @@ def _eigenvalue(value: complex) -> str:
 
 
 @section("A simulation", "simulation", "Simulation")
-def simulation_section(found: Findings) -> Iterator[Block]:
+def simulation_section(found: Findings) -> Blocks:
     """As pictures on pages, as a few samples in Markdown."""
     run = found.trajectory
     if run is None or len(run.times) == 0:

@@ -8,13 +8,13 @@ a column's ``only``.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import KW_ONLY, dataclass, replace
+from dataclasses import KW_ONLY, replace
 from fractions import Fraction
 from functools import wraps
 from itertools import chain, compress
-from typing import TYPE_CHECKING, Any, Final, Literal, ParamSpec
+from typing import TYPE_CHECKING, Any, Literal, ParamSpec
 
-from dobc_design._checks import noun
+from dobc_design._checks import noun, positional
 from dobc_design._show.text import latex_matrix
 from dobc_design.exact.matrix import Matrix
 
@@ -23,13 +23,14 @@ if TYPE_CHECKING:
 
 P = ParamSpec("P")
 Form = Literal["html", "markdown", "pdf", "latex"]
-EVERY: Final[tuple[Form, ...]] = ("html", "markdown", "pdf", "latex")
-PAGES: Final[tuple[Form, ...]] = ("html", "pdf")  # with pictures, and room for explanations
-IN_TEXT: Final[tuple[Form, ...]] = ("markdown", "latex")
+Forms = tuple[Form, ...]
+EVERY: Forms = ("html", "markdown", "pdf", "latex")
+PAGES: Forms = ("html", "pdf")  # with pictures, and room for explanations
+IN_TEXT: Forms = ("markdown", "latex")
 # whole documents; LaTeX fragments are parts of a paper
-READ: Final[tuple[Form, ...]] = ("html", "markdown", "pdf")
+READ: Forms = ("html", "markdown", "pdf")
 #: The details that every printed report has: what is signed is on paper.
-PRINTED: Final = ("region", "cure", "checks", "condition", "recheck", "signatures")
+PRINTED = ("region", "cure", "checks", "condition", "recheck", "signatures")
 
 
 class Own(str):
@@ -39,7 +40,7 @@ class Own(str):
     __slots__ = ()
 
 
-@dataclass(frozen=True, slots=True)
+@positional
 class Math:
     """A few letters of mathematics inside a sentence: as plain text, and as LaTeX for the page."""
 
@@ -69,7 +70,11 @@ class Block:
     __slots__ = ()
 
 
-@dataclass(frozen=True, slots=True)
+Blocks = Iterator[Block]
+Fact = tuple[str, str]  # a name and its value
+
+
+@positional
 class Text(Block):
     """A paragraph."""
 
@@ -77,28 +82,28 @@ class Text(Block):
     style: Literal["plain", "caption", "warning"] = "plain"
 
 
-@dataclass(frozen=True, slots=True)
+@positional
 class List(Block):
     """A list of sentences."""
 
     items: Sequence[Words]
 
 
-@dataclass(frozen=True, slots=True)
+@positional
 class Facts(Block):
     """Names and values side by side."""
 
-    rows: Sequence[tuple[str, str]]
+    rows: Sequence[Fact]
 
 
-@dataclass(frozen=True, slots=True)
+@positional
 class Terms(Block):
     """Words and what they mean."""
 
     items: Sequence[tuple[str | Mark, str]]
 
 
-@dataclass(frozen=True, slots=True)
+@positional
 class Code(Block):
     """Lines of a file, or with ``command`` one line to be typed."""
 
@@ -106,7 +111,7 @@ class Code(Block):
     command: bool = False
 
 
-@dataclass(frozen=True, slots=True)
+@positional
 class Formula(Block):
     """A displayed formula.  ``label`` says what it is, ``number`` is that of the paper.  ``typst``:
     its name in the template of the PDF, which does not read LaTeX, or the exact number below which
@@ -118,7 +123,7 @@ class Formula(Block):
     typst: str | Fraction = ""
 
 
-@dataclass(frozen=True, slots=True)
+@positional
 class ShownMatrix:
     """A matrix with its name (LaTeX) and what it is."""
 
@@ -138,14 +143,14 @@ class ShownMatrix:
         return f"{len(self.matrix)} × {len(self.matrix[0]) if self.matrix else 0}"
 
 
-@dataclass(frozen=True, slots=True)
+@positional
 class Matrices(Block):
     """Matrices beside each other."""
 
     items: Sequence[ShownMatrix]
 
 
-@dataclass(frozen=True, slots=True)
+@positional
 class Picture:
     """A figure still to be drawn, with caption and text alternative; inches.  ``name`` begins the
     SVG identifiers."""
@@ -160,7 +165,7 @@ class Picture:
     height: float = 2.9
 
 
-@dataclass(frozen=True, slots=True)
+@positional
 class Pictures(Block):
     """Figures beside each other; ``small`` ones need less room."""
 
@@ -168,7 +173,7 @@ class Pictures(Block):
     small: bool = False
 
 
-@dataclass(frozen=True, slots=True)
+@positional
 class Mark:
     """A verdict as a sign and a word."""
 
@@ -179,7 +184,7 @@ class Mark:
         return f"{self.symbol} {self.verdict}"
 
 
-@dataclass(frozen=True, slots=True)
+@positional
 class Name:
     """What a row is about, in a few parts; ``id`` stands below it on a page only."""
 
@@ -196,7 +201,7 @@ class Reason:
     the problem file."""
 
     text: str
-    details: Sequence[tuple[str, str]] = ()
+    details: Sequence[Fact] = ()
     cure: str | None = None
     lines: Sequence[str] = ()
 
@@ -204,7 +209,7 @@ class Reason:
 Cell = str | Mark | Name | Reason
 
 
-@dataclass(frozen=True, slots=True)
+@positional
 class Column:
     """One column: its head, what ``table_of`` shows of a row, and its part of a page's width (0:
     what it needs). ``unit`` is named where the head stands alone, on a phone.  ``style``: "number"
@@ -220,7 +225,7 @@ class Column:
     only: Sequence[Form] = EVERY
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Table(Block):
     """A table; ``cards``: on a phone every row is a card.  ``marked`` rows stand out."""
 
@@ -231,7 +236,7 @@ class Table(Block):
     marked: frozenset[int] = frozenset()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class Box(Block):
     """A verdict in a frame: its word and reason, facts, and for one of several its title and a
     note."""
@@ -239,12 +244,12 @@ class Box(Block):
     mark: Mark
     word: str
     reason: str
-    facts: Sequence[tuple[str, str]] = ()
+    facts: Sequence[Fact] = ()
     title: str = ""
     note: str = ""
 
 
-@dataclass(frozen=True, slots=True)
+@positional
 class Signatures(Block):
     """Lines to be signed on paper: one for each role."""
 
@@ -252,7 +257,7 @@ class Signatures(Block):
     roles: Sequence[str]
 
 
-@dataclass(frozen=True, slots=True)
+@positional
 class Section(Block):
     """A titled part; ``name`` is its anchor, ``short`` its words in the list of sections where the
     title is long."""
@@ -263,7 +268,7 @@ class Section(Block):
     short: str = ""
 
 
-@dataclass(frozen=True, slots=True)
+@positional
 class Beside(Block):
     """Parts beside each other where there is room, as equals or the second one wider; on a page of
     HTML only."""
@@ -272,7 +277,7 @@ class Beside(Block):
     second_wider: bool = False
 
 
-@dataclass(frozen=True, slots=True)
+@positional
 class Only(Block):
     """Blocks that only some forms show."""
 
@@ -289,7 +294,7 @@ class Document:
     name: str
     title: str
     verdict: Box
-    identity: Sequence[tuple[str, str]]
+    identity: Sequence[Fact]
     footer: str
     blocks: Sequence[Block]
     details: Sequence[Block] = ()
@@ -302,10 +307,10 @@ class Document:
 
 def section(
     title: str, name: str, short: str = ""
-) -> Callable[[Callable[P, Iterator[Block]]], Callable[P, Iterator[Section]]]:
+) -> Callable[[Callable[P, Blocks]], Callable[P, Iterator[Section]]]:
     """Make the blocks that a function yields a section; none where it yields none."""
 
-    def of(blocks: Callable[P, Iterator[Block]]) -> Callable[P, Iterator[Section]]:
+    def of(blocks: Callable[P, Blocks]) -> Callable[P, Iterator[Section]]:
         @wraps(blocks)
         def titled(*args: P.args, **named: P.kwargs) -> Iterator[Section]:
             found = tuple(blocks(*args, **named))
@@ -350,7 +355,7 @@ def in_form(document: Document, form: Form) -> Document:
     return replace(document, blocks=shown, details=more)
 
 
-def _chosen(blocks: Sequence[Block], form: Form) -> Iterator[Block]:
+def _chosen(blocks: Sequence[Block], form: Form) -> Blocks:
     for block in blocks:
         match block:
             case Only(forms, inner):

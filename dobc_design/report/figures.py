@@ -16,16 +16,21 @@ from numpy.typing import ArrayLike
 
 from dobc_design.conditions.schedule.settling import Settling
 from dobc_design.falsification.suspect import RESTS, Falsification
-from dobc_design.plotting import look
 from dobc_design.plotting.look import (
     BLUE,
     DASHED,
     DOTTED,
     INK,
+    MARKERS,
     PURPLE,
     SERIES,
+    SMALLEST,
     VERMILLION,
+    in_units,
+    legend_above,
+    power_of_ten,
     short,
+    thinned_rows,
 )
 from dobc_design.plotting.regions import name_rows
 
@@ -51,12 +56,12 @@ def plot_spectrum(ax: Axes, spectra: Mapping[str, ArrayLike]) -> Axes:
     for place, (name, values) in enumerate(known.items()):
         # Sorted, so that thinning keeps the rightmost, which decides.
         order = np.argsort(values.real, kind="stable")
-        points = values[order][look.thinned_rows(len(values))]
+        points = values[order][thinned_rows(len(values))]
         ax.plot(
             points.real,
             points.imag,
             linestyle="none",
-            marker=look.MARKERS[place % len(look.MARKERS)],
+            marker=MARKERS[place % len(MARKERS)],
             color=SERIES[place % len(SERIES)],
             markerfacecolor="none",
             markeredgewidth=1.3,
@@ -69,7 +74,7 @@ def plot_spectrum(ax: Axes, spectra: Mapping[str, ArrayLike]) -> Axes:
     else:
         ax.margins(y=0.15)
     ax.set(xlabel="Re λ in 1/s", ylabel="Im λ in 1/s")
-    return look.legend_above(ax)
+    return legend_above(ax)
 
 
 def plot_lambda(
@@ -88,7 +93,7 @@ def plot_lambda(
     ax.set_xlim(low - 0.06 * reach, high + 0.14 * reach)
     _shade(ax, high + 10 * reach)
     for row, values in enumerate(known.values()):
-        shown = values[look.thinned_rows(len(values))]
+        shown = values[thinned_rows(len(values))]
         level = np.full(len(shown), row)
         ax.plot(shown, level, linestyle="none", marker="|", markersize=9, color=BLUE)
         ax.plot(shown[-1:], [row], linestyle="none", marker="D", markersize=4.5, color=BLUE)
@@ -105,10 +110,9 @@ def _shade(ax: Axes, end: float) -> None:
     ax.axvline(0, color=VERMILLION, linewidth=1.0)
 
 
-def plot_envelope(ax: Axes, settling: Settling, *, unit: str = "") -> Axes:
+def plot_envelope(ax: Axes, settling: Settling) -> Axes:
     """The certified bound of |e|_inf over time, on a logarithmic axis; a tick wherever another
-    certificate takes over. Solid: no start of the box leaves it.  Dashed: the tolerance.  ``unit``:
-    of all state components, "" without one."""
+    certificate takes over. Solid: no start of the box leaves it.  Dashed: the tolerance."""
     times, bounds = settling.curve(samples=ENVELOPE_SAMPLES)
     # Room below the least bound, on an axis that has no 0.
     foot, top = float(bounds.min()) * BELOW, float(bounds.max()) * 1.6
@@ -125,11 +129,11 @@ def plot_envelope(ax: Axes, settling: Settling, *, unit: str = "") -> Axes:
     tolerance = ax.axhline(float(settling.tolerance), color=VERMILLION, label="tolerance")
     tolerance.set(linewidth=1.2, linestyle=DASHED, zorder=2)
     ax.set(ylim=(foot, top), xlim=(0, float(times[-1])))
-    ax.yaxis.set_major_formatter(FuncFormatter(look.power_of_ten))
+    ax.yaxis.set_major_formatter(FuncFormatter(power_of_ten))
     ax.minorticks_off()
     ax.set_xlabel("time t in s")
-    ax.set_ylabel(f"|e|∞, {look.in_units(unit)}", parse_math=False)
-    return look.legend_above(ax, widest=2)
+    ax.set_ylabel(f"|e|∞, {in_units(settling.unit)}", parse_math=False)
+    return legend_above(ax, widest=2)
 
 
 def plot_search(ax: Axes, search: Falsification, *, unit: str = "") -> Axes:
@@ -138,7 +142,7 @@ def plot_search(ax: Axes, search: Falsification, *, unit: str = "") -> Axes:
     shown = search.suspects[:MOST_SUSPECTS]
     for rank, suspect in enumerate(each for each in shown if each.kind != RESTS):
         # Below that a curve would show rounding.
-        error = np.where(suspect.error > look.SMALLEST, suspect.error, np.nan)
+        error = np.where(suspect.error > SMALLEST, suspect.error, np.nan)
         label = None if rank else "suspect, simulated"
         colour = SERIES[rank % len(SERIES)]
         ax.plot(suspect.times, error, color=colour, linestyle=DASHED, linewidth=1.1, label=label)
@@ -148,7 +152,7 @@ def plot_search(ax: Axes, search: Falsification, *, unit: str = "") -> Axes:
     end = max((float(suspect.times[-1]) for suspect in shown), default=search.horizon)
     ax.set(xlim=(0, end or 1.0), ylim=(0, None))
     ax.set_xlabel("time t in s")
-    ax.set_ylabel(f"|e|∞, {look.in_units(unit)}", parse_math=False)
+    ax.set_ylabel(f"|e|∞, {in_units(unit)}", parse_math=False)
     title = short(f"from {search.target}", 44).replace("|e|_inf <=", "|e|∞ ≤")
     ax.set_title(title, parse_math=False)
     if shown:

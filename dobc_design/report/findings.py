@@ -14,13 +14,15 @@ from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
+from .document import Fact
+
 if TYPE_CHECKING:
     from dobc_design.analysis.analysis import Analysis
     from dobc_design.falsification.suspect import Falsification
     from dobc_design.simulation.trajectory import Trajectory
 
 
-Prints = tuple[tuple[str, str], ...]
+Prints = tuple[Fact, ...]
 
 
 def fingerprints(certificate: Certificate) -> Prints:

@@ -16,7 +16,7 @@ from fractions import Fraction
 from importlib.resources import files
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Literal
 from xml.etree import ElementTree
 
 import matplotlib
@@ -55,7 +55,7 @@ from .document import (
 )
 from .pictures import svg_of
 
-STANDARD: Final[Literal["ua-1"]] = "ua-1"  # PDF/UA-1: readable by assistive technology
+STANDARD: Literal["ua-1"] = "ua-1"  # PDF/UA-1: readable by assistive technology
 #: Names of matrices in the template, by their LaTeX; the others have the same.
 MATRIX_NAMES = {
     r"P_{\text{given}}": "P given",
@@ -94,7 +94,7 @@ def require_typst() -> None:
         ) from error
 
 
-def content(document: Document, *, full: bool = False) -> dict[str, Any]:
+def content(document: Document, *, full: bool = False) -> Shown:
     """Everything that the template shows, as JSON: strings, lists and numbers' digits."""
     document, verdict = in_form(document, "pdf"), document.verdict
     blocks = list(document.blocks)

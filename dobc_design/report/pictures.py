@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from numpy.typing import NDArray
 
-from dobc_design._show.text import Fragment, lower
+from dobc_design._show.text import Fragment, lower, with_unit
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.regions import RegionClaim, Regions
 from dobc_design.conditions.schedule.settling import Settling
@@ -246,6 +246,7 @@ def _state_picture(problem: Problem, trajectory: Trajectory, component: int) -> 
     if problem.n > look.MOST_AGENTS:
         who = f"{look.MOST_AGENTS} of the {problem.n} agents"
     # The text for the blind tells where the curves end.
+    unit = "".join(problem.units[component : component + 1])
     end, least, most = (number(value) for value in (times[-1], last.min(), last.max()))
 
     def draw(ax: Axes) -> object:
@@ -257,7 +258,7 @@ def _state_picture(problem: Problem, trajectory: Trajectory, component: int) -> 
         f"states-{component + 1}",
         title,
         caption=f"{runs.state_symbol(component, problem.m)}(t) of {who}; goals dashed.",
-        alt=f"States over {end} s: at the end between {least} and {most}.",
+        alt=with_unit(f"States over {end} s: at the end between {least} and {most}", unit) + ".",
         draw=draw,
     )
 
@@ -306,6 +307,7 @@ def error_picture(
         envelope = np.stack([times, bound], axis=1)
         sources = " and ".join(proved.sources)
         caption += f" Dashed: certified upper bound for this start ({sources})."
+        caption += " It may begin above the run: it holds for all runs from starts as large."
         alt += f"; proved to be at most {number(bound[-1])} there"
     elif certificate.rate:
         caption += " Dashed: the slope of the certified rate, for comparison."
@@ -363,7 +365,7 @@ def _methods_picture(regions: Regions) -> Picture:
         bars.append("Dashed: what was asked for, of all agents at once.")
     if regions.rest is not None:
         bars.append("Dotted: another equilibrium.")
-    told = " ".join(f"{_told(claim)}." for claim in claims)
+    told = " ".join(f"{_told(claim, regions.unit)}." for claim in claims)
     return Picture(
         "region-methods",
         "How far each proof reaches",
@@ -374,15 +376,16 @@ def _methods_picture(regions: Regions) -> Picture:
     )
 
 
-def _told(claim: RegionClaim) -> str:
+def _told(claim: RegionClaim, unit: str) -> str:
     """How far one method reaches."""
     reach = {"everywhere": "every start", "near": "no radius"}.get(claim.kind, "nothing proved")
     if claim.kind in ("box", "ball"):
-        reach = f"{lower(claim.box)} for all agents at once, {lower(claim.ball)} for one alone"
+        box, ball = lower(claim.box, unit), lower(claim.ball, unit)
+        reach = f"{box} for all agents at once, {ball} for one alone"
     return f"{claim.method}: {reach}"
 
 
-def envelope_pictures(settling: Settling | None, *, unit: str) -> Iterator[Picture]:
+def envelope_pictures(settling: Settling | None) -> Iterator[Picture]:
     """The certified bound of |e|_inf over time; nothing without a proved settling time."""
     if settling is not None and settling.time is not None:
         yield Picture(
@@ -391,7 +394,7 @@ def envelope_pictures(settling: Settling | None, *, unit: str) -> Iterator[Pictu
             caption="Every start of the box stays below the curve. Marks: another certificate "
             "takes over.",
             alt=region_words.envelope_alt(settling),
-            draw=lambda ax: figures.plot_envelope(ax, settling, unit=unit),
+            draw=lambda ax: figures.plot_envelope(ax, settling),
             height=3.1,
         )
 

@@ -13,18 +13,8 @@ from dobc_design.conditions.domain import NEAR_TARGET
 from dobc_design.conditions.numbers import read_rational
 from dobc_design.exact.reading import counted
 from dobc_design.problem.problem import Problem
-from dobc_design.verdict import Verdict
 
-from .document import (
-    EVERY,
-    Beside,
-    Block,
-    Column,
-    Section,
-    Text,
-    section,
-    table_of,
-)
+from .document import EVERY, Beside, Block, Blocks, Column, Fact, Section, Text, section, table_of
 from .findings import Findings
 from .words import FIXED, decimal, domain_words, names_in_words, sentence
 
@@ -42,7 +32,7 @@ Values = Mapping[str, Fraction]  # by the name of an agent, or of one of its com
 
 
 @section("Model error, noise and input limits", "plant", "Plant")
-def plant_section(found: Findings) -> Iterator[Block]:
+def plant_section(found: Findings) -> Blocks:
     """What is proved under [uncertainty] and [actuators]; nothing where the problem has neither."""
     problem = found.problem
     if problem.uncertainty is None and problem.actuators is None:
@@ -72,7 +62,7 @@ def plant_numbers(certificate: Certificate) -> list[str]:
     proved."""
     proved: dict[str, Check] = {}
     for check in certificate.checks:
-        if check.verdict is Verdict.PROVED and check.exact:
+        if check.is_proved and check.exact:
             proved[check.id] = check
     told = []
     for id, key, what in _LARGEST:
@@ -93,7 +83,7 @@ def _percent_below(part: object) -> str:
     return significant_towards_zero(100 * read_rational(part))
 
 
-def _assumed(problem: Problem) -> Iterator[tuple[str, str]]:
+def _assumed(problem: Problem) -> Iterator[Fact]:
     """Names and bounds of what the two tables of the problem give."""
     table, actuators = problem.uncertainty, problem.actuators
     if table is not None:
@@ -125,8 +115,8 @@ def _told(problem: Problem, check: Check) -> Section:
     """What one of the checks says, where it is proved with its numbers."""
     text, table = check.reason, list[Block]()
     where = ""
-    if check.verdict is Verdict.PROVED:
-        where = f" {domain_words(check.domain)}"
+    if check.is_proved:
+        where = f" {domain_words(check.domain, problem.unit)}"
         if check.domain != NEAR_TARGET:
             where = f" for{where}"
         if check.id == "accuracy":
@@ -174,7 +164,7 @@ def _worst(values: Values, head: str, limits: Values) -> list[Block]:
         limit = limits.get(label)
         return limit is not None, values[label] / (limit or 1)
 
-    rows: dict[tuple[str, str], list[str]] = {}
+    rows: dict[Fact, list[str]] = {}
     for label in sorted(values, key=closeness, reverse=True):
         # rounded up, because it is a bound from above
         value = typeset(significant_away_from_zero(values[label]))

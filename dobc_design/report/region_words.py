@@ -8,12 +8,11 @@ shown.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from fractions import Fraction
 from itertools import zip_longest
-from typing import Final
 
-from dobc_design._show.text import lower, upper
+from dobc_design._show.text import lower, upper, with_unit
 from dobc_design.certificate.regions import RegionClaim, Regions
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.domain import Around
@@ -23,13 +22,13 @@ from dobc_design.exact.number import float_above, float_below
 from dobc_design.exact.reading import counted
 from dobc_design.falsification.suspect import LEAVES, RESTS, STAYS_AWAY, Falsification, Suspect
 from dobc_design.problem.problem import Problem
-from dobc_design.verdict import Verdict
 
 from .document import (
     READ,
     Block,
+    Blocks,
     Column,
-    Form,
+    Forms,
     List,
     Name,
     Picture,
@@ -50,7 +49,7 @@ MOST_SUSPECTS = 8
 MOST_STATES = 6  # agents whose states a sentence tells
 _SEVERAL = 3  # modes that are named
 _FAST = 100  # samples a second from which a certified period is called pessimistic
-WARNING: Final[str] = FIXED["suspects"]
+WARNING: str = FIXED["suspects"]
 _WHAT = {
     STAYS_AWAY: "does not converge",
     LEAVES: "leaves the certified set",
@@ -59,9 +58,7 @@ _WHAT = {
 
 
 @section("From which starts it is proved", "region", "Region")
-def region_section(
-    problem: Problem, regions: Regions, pictures: Sequence[Picture]
-) -> Iterator[Block]:
+def region_section(problem: Problem, regions: Regions, pictures: Sequence[Picture]) -> Blocks:
     """From which starts each method proves consensus; nothing where nothing is said about a
     region."""
     if not regions.tried:
@@ -85,10 +82,10 @@ def region_section(
 def regions_table(regions: Regions, *, disturbed: bool) -> Table:
     """One row per method; Markdown has sizes in columns of their own."""
     # Text can be searched for one number; a page has one column of words instead.
-    markdown: tuple[Form, ...] = ("markdown",)
-    settled = "settled after"
+    markdown: Forms = ("markdown",)
+    settled, unit = "settled after", regions.unit
     if regions.tolerance is not None:
-        settled = f"|e|∞ ≤ {lower(regions.tolerance)} after"
+        settled = f"|e|∞ ≤ {lower(regions.tolerance, unit)} after"
 
     def covers(claim: RegionClaim) -> str:
         if regions.asked is None:
@@ -101,12 +98,17 @@ def regions_table(regions: Regions, *, disturbed: bool) -> Table:
         Column("method", lambda claim: Name((claim.method,), id=claim.id), 1.1),
         Column("verdict", lambda claim: mark_of(claim.verdict), 0),
         Column("certified", lambda claim: claim.starts, only=markdown),
-        Column("|e|∞ ≤", lambda claim: size_words(claim, claim.box), only=markdown),
-        Column("|e|₂ ≤", lambda claim: size_words(claim, claim.ball), only=markdown),
+        Column("|e|∞ ≤", lambda claim: size_words(claim, claim.box, unit), only=markdown),
+        Column("|e|₂ ≤", lambda claim: size_words(claim, claim.ball, unit), only=markdown),
         Column(
             "|εᵢ| ≤", lambda claim: lower(claim.disturbance), only=markdown if disturbed else ()
         ),
-        Column("certified starts", starts_words, 1.3, only=("html", "pdf", "latex")),
+        Column(
+            "certified starts",
+            lambda claim: starts_words(claim, unit),
+            1.3,
+            only=("html", "pdf", "latex"),
+        ),
         Column("rate in 1/s", lambda claim: lower(claim.rate), 0.8, style="number"),
         Column("factor", lambda claim: upper(claim.factor), 0.8, style="number"),
         Column(settled, lambda claim: _in_seconds(claim.time), 0.8, style="number"),
@@ -120,10 +122,10 @@ def _in_seconds(time: float | None) -> str:
     return NONE if time is None else f"{upper(time)} s"
 
 
-def starts_words(claim: RegionClaim) -> str:
+def starts_words(claim: RegionClaim, unit: str) -> str:
     """The certified starts in a few words."""
     errors = f", every |εᵢ| ≤ {lower(claim.disturbance)}" if claim.disturbance else ""
-    box, ball = f"box |e|∞ ≤ {lower(claim.box)}", f"ball |e|₂ ≤ {lower(claim.ball)}"
+    box, ball = f"box |e|∞ ≤ {lower(claim.box, unit)}", f"ball |e|₂ ≤ {lower(claim.ball, unit)}"
     if claim.kind == "box":
         return f"{box}{errors}"
     if claim.kind == "ball":
@@ -132,9 +134,9 @@ def starts_words(claim: RegionClaim) -> str:
     return claim.starts
 
 
-def size_words(claim: RegionClaim, value: float | None) -> str:
+def size_words(claim: RegionClaim, value: float | None, unit: str) -> str:
     """A certified size."""
-    return "any" if claim.kind == "everywhere" else lower(value)
+    return "any" if claim.kind == "everywhere" else lower(value, unit)
 
 
 def limit_words(claim: RegionClaim) -> str:
@@ -147,8 +149,17 @@ def limit_words(claim: RegionClaim) -> str:
 
 
 def asked_sentence(regions: Regions) -> str:
-    """What was asked for, as one number for boxes and one for balls."""
-    asked = regions.asked
+    """What was asked for, as one number for boxes and one for balls, and what times mean."""
+    disturbed = regions.asked is not None and bool(regions.asked.disturbance)
+    # Everybody compares these times with the time to one percent of the verdict.
+    told = ""
+    if any(each.time and (disturbed or each.disturbance) for each in regions.claims):
+        told = f" {FIXED['with_estimation_errors']}"
+    return f"{_asked(regions)}{told}"
+
+
+def _asked(regions: Regions) -> str:
+    asked, unit = regions.asked, regions.unit
     if asked is None:
         if any(claim.box for claim in regions.claims):
             return "No region was asked for: the largest that was found is shown."
@@ -157,8 +168,8 @@ def asked_sentence(regions: Regions) -> str:
     if asked.disturbance:
         errors = f" and |εᵢ| ≤ {upper(asked.disturbance)} for every agent i"
     return (
-        f"Asked for: every start with |e|∞ ≤ {upper(asked.box)}{errors}. A ball covers these only "
-        f"if its radius is at least {upper(asked.ball)}."
+        f"Asked for: every start with |e|∞ ≤ {upper(asked.box, unit)}{errors}. A ball covers "
+        f"these only if its radius is at least {upper(asked.ball, unit)}."
     )
 
 
@@ -167,12 +178,12 @@ def timing_sentences(regions: Regions) -> list[str]:
     sampling."""
     settling, sentences = regions.settling, list[str]()
     # a proved one is told stage by stage
-    if settling is not None and settling.verdict is not Verdict.PROVED:
+    if settling is not None and not settling.is_proved:
         sentences.append(sentence(f"Settling: {settling.reason}"))
     for check, words in ((regions.delay, _delay), (regions.sampling, _sampling)):
         if check is None:
             continue
-        if check.verdict is Verdict.PROVED:
+        if check.is_proved:
             sentences.append(words(check))
         else:
             sentences.append(sentence(f"{check.id}: {check.reason}"))
@@ -217,15 +228,15 @@ def rest_sentence(regions: Regions) -> str | None:
     if regions.rest is None:
         return None
     return (
-        f"There is another equilibrium, at |e|∞ ≈ {regions.rest:.4g}. No proof of consensus "
-        "can reach it."
+        f"There is another equilibrium, at |e|∞ ≈ {with_unit(number(regions.rest), regions.unit)}."
+        " No proof of consensus can reach it."
     )
 
 
 def agents_sentence(regions: Regions, *, drawn: int | None = None) -> str:
     """What the picture of single agents shows; ``drawn``: how many of them, if not all."""
-    bounds = [agent.bound for agent in regions.agents]
-    reach, most = lower(min(bounds)), lower(max(bounds))
+    bounds, unit = [agent.bound for agent in regions.agents], regions.unit
+    reach, most = lower(min(bounds), unit), lower(max(bounds), unit)
     if reach != most:
         # in coordinates or with weights agents differ
         reach += f", for some agents up to {most}"
@@ -237,7 +248,7 @@ def agents_sentence(regions: Regions, *, drawn: int | None = None) -> str:
 
 
 @section("How fast it is proved to settle", "settling", "Settling")
-def settling_section(settling: Settling | None, pictures: Sequence[Picture]) -> Iterator[Block]:
+def settling_section(settling: Settling | None, pictures: Sequence[Picture]) -> Blocks:
     """The proved settling time, and what proves it from when on; nothing without one."""
     if settling is None or settling.time is None:
         return
@@ -256,12 +267,15 @@ def stages_table(settling: Settling) -> Table:
     def rate(stage: Stage) -> str:
         return NONE if stage.rate is None else lower(float_below(stage.rate))
 
+    def bound(stage: Stage) -> str:
+        return upper(float_above(stage.bound), settling.unit)
+
     return table_of(
         "What proves the settling time",
         settling.stages,
         Column("proof", lambda stage: stage.kind),
         Column("from t =", lambda stage: _in_seconds(float_above(stage.start)), style="number"),
-        Column("where |e|∞ ≤", lambda stage: upper(float_above(stage.bound)), style="number"),
+        Column("where |e|∞ ≤", bound, style="number"),
         Column("rate in 1/s", rate, style="number"),
     )
 
@@ -272,10 +286,11 @@ def settling_sentence(settling: Settling) -> str:
     errors = ""
     if settling.disturbance:
         errors = f" and |εᵢ| ≤ {lower(settling.disturbance)} for every i"
-    tolerance = upper(float_above(settling.tolerance))
+    tolerance = upper(float_above(settling.tolerance), settling.unit)
     proof = "a moving box and a certificate" if len(settling.stages) != 1 else "one certificate"
+    radius = lower(settling.radius, settling.unit)
     return (
-        f"{whose} every start with |e|∞ ≤ {lower(settling.radius)}{errors} it is proved that "
+        f"{whose} every start with |e|∞ ≤ {radius}{errors} it is proved that "
         f"|e(t)|∞ ≤ {tolerance} for all t ≥ {upper(settling.time or 0.0)} s, by {proof}."
     )
 
@@ -283,8 +298,9 @@ def settling_sentence(settling: Settling) -> str:
 def envelope_alt(settling: Settling) -> str:
     """The picture of the envelope in words."""
     first = upper(float(settling.envelope(0.0)))
+    last = lower(settling.tolerance, settling.unit)
     return (
-        f"Certified bound of |e|∞ over time: from {first} down to {lower(settling.tolerance)} at "
+        f"Certified bound of |e|∞ over time: from {first} down to {last} at "
         f"{upper(settling.time)} s."
     )
 

@@ -15,7 +15,9 @@ from .document import (
     IN_TEXT,
     Beside,
     Block,
+    Blocks,
     Column,
+    Fact,
     Facts,
     Formula,
     List,
@@ -47,7 +49,7 @@ _SHARED = {latex for _, latex, _ in words.TEXTS["loop"]["disturbed"]}
 
 
 @section("The loop", "loop")
-def loop_section(found: Findings) -> Iterator[Block]:
+def loop_section(found: Findings) -> Blocks:
     """The network as a drawing, beside it what the engineer has designed, in decimals; what looks
     like a slip."""
     certificate = found.certificate
@@ -68,7 +70,7 @@ def loop_section(found: Findings) -> Iterator[Block]:
 
 
 @section("The problem", "problem", "Problem")
-def problem_section(found: Findings) -> Iterator[Block]:
+def problem_section(found: Findings) -> Blocks:
     """The problem in a few sentences, and its equations with the numbers of the paper."""
     problem = found.problem
     yield Text(words.problem_words(problem))
@@ -147,7 +149,7 @@ def _column(latex: Sequence[str], *, alone: bool) -> str:
     return latex[0] if alone else latex_rows(latex)
 
 
-def _plain_functions(problem: Problem) -> Iterator[tuple[str, str]]:
+def _plain_functions(problem: Problem) -> Iterator[Fact]:
     """The same as it was typed, for the PDF, which does not read LaTeX."""
     coupling, dynamics = problem.coupling, problem.dynamics
     h = "h(y)" if coupling.by_component else "h(y) by components"
@@ -224,7 +226,7 @@ def _letters_of_errors(problem: Problem) -> Iterator[str | Math]:
 
 
 @section("Who listens to whom", "network", "Network")
-def network_section(found: Findings) -> Iterator[Block]:
+def network_section(found: Findings) -> Blocks:
     """Every mode in a sentence, the agents as a table, and facts about the graphs."""
     problem, analysis = found.problem, found.analysis
     sentences = words.mode_sentences(problem)

@@ -9,7 +9,7 @@ import tomllib
 from collections.abc import Iterable, Iterator, Sequence
 from fractions import Fraction
 from importlib.resources import files
-from typing import Any, Final
+from typing import Any
 
 from dobc_design._checks import noun
 from dobc_design._show.cards import SIGNS
@@ -31,7 +31,7 @@ from dobc_design.description.meaning import disturbance_words, time_words
 from dobc_design.description.words import leader_words
 from dobc_design.exact.matrix import Matrix, Vector, matrix
 from dobc_design.exact.number import decimal_text, number_text
-from dobc_design.exact.reading import counted, is_scalar_matrix, some
+from dobc_design.exact.reading import Document, counted, is_scalar_matrix, some
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.network import Arcs
 from dobc_design.problem.problem import Problem
@@ -41,13 +41,13 @@ from dobc_design.report import document as doc
 from dobc_design.verdict import Verdict
 
 NO_DELAY = (
-    "No delay is certified: for agents with [dynamics] only some max-separable proofs state one. "
+    "No delay is certified. For agents with [dynamics] only some max-separable proofs allow one. "
     "`dobc stress FILE` looks for the longest sampling period at which runs converge (all "
     "readings, also of oneself, are then up to a period old); `dobc stress FILE --period 0.03` "
     "makes one run."
 )
 NO_DELAY_OF_LEADERS = (
-    "No delay is certified: for agents with [dynamics] only some max-separable proofs state one. "
+    "No delay is certified. For agents with [dynamics] only some max-separable proofs allow one. "
     "Delays are not simulated for a target that moves, either."
 )
 MOST_LISTED = 40  # agents listed one by one
@@ -59,8 +59,8 @@ MOST_STEPS = 4  # around a circle
 OF_SIGNALS = ("schedule", "markov", "safety")
 GIVEN, FOUND = "the P given", "the P found"
 _TEXT = (files("dobc_design.report") / "templates" / "texts.toml").read_text("utf-8")
-TEXTS: Final[dict[str, Any]] = tomllib.loads(_TEXT)
-FIXED: Final[dict[str, Any]] = TEXTS["fixed"]
+TEXTS: Document = tomllib.loads(_TEXT)
+FIXED: Document = TEXTS["fixed"]
 #: Letters and signs as certificates write them.  Lambda and Psi may be labels, too: only where
 #: mathematics follows.
 _SIGNS = tuple(
@@ -69,6 +69,7 @@ _SIGNS = tuple(
         (r"\blambda_max\b", "λmax"),
         (r"\b(?<!agent )Lambda(?= [v+]|[()]| is not\b| <)", "Λ"),
         (r"\b(?<!agent )Psi(?= is not\b| <)", "Ψ"),
+        (r"\bsum(?= (?:eps|e)_i\b)", "Σ"),
         (r"\beps_i\b", "εᵢ"),
         (r"\b([evx])_i\b", r"\1ᵢ"),
         (r"\bmax_i\b", "maxᵢ"),
@@ -90,15 +91,15 @@ def mark_of(verdict: Verdict) -> doc.Mark:
     return doc.Mark(SIGNS[verdict.value], verdict.value)
 
 
-def domain_words(domain: Domain) -> str:
-    """Where a check holds, in a few words."""
+def domain_words(domain: Domain, unit: str) -> str:
+    """Where a check holds, in a few words; ``unit``: of the states, "" without one."""
     if not isinstance(domain, Around):
         said = {"global": "every start", "consensus": "near the target"}
         return said.get(str(domain), str(domain))
     # A box bounds every component by itself, a ball all of them together.
     norm = "|e|∞" if domain.kind == "box" else "|e|₂"
     errors = f"every |εᵢ| ≤ {lower(domain.disturbance)}"
-    return f"starts with {norm} ≤ {lower(domain.radius)} and {errors}"
+    return f"starts with {norm} ≤ {lower(domain.radius, unit)} and {errors}"
 
 
 def covering_domain(certificate: Certificate) -> Domain | None:
@@ -112,15 +113,15 @@ def _covering(certificate: Certificate) -> list[Check]:
 
 
 def _proved_of(certificate: Certificate) -> list[Check]:
-    return [each for each in certificate.checks if each.verdict is Verdict.PROVED]
+    return [each for each in certificate.checks if each.is_proved]
 
 
 def facts(certificate: Certificate) -> dict[str, str]:
     """A certificate in a few words by name; an en dash where it says nothing."""
     domain, rate = covering_domain(certificate), certificate.rate
-    proof = certificate.covered_by
+    proof, unit = certificate.covered_by, certificate.problem.unit
     return {
-        "Holds for": "–" if domain is None else domain_words(domain),
+        "Holds for": "–" if domain is None else domain_words(domain, unit),
         "Certified decay rate": "–" if rate is None else f"{lower(rate)} 1/s",
         "Factor": upper(certificate.factor),
         "To one percent within": one_percent_words(certificate),
@@ -251,7 +252,7 @@ def _proved(certificate: Certificate) -> Iterator[str]:
     if domain == EVERYWHERE:
         yield f"Every agent {goes} from every start, however far: the proof is global."
     elif isinstance(domain, Around):
-        yield f"Every agent {goes} from all {domain_words(domain)}: {_norms(domain)}."
+        yield f"Every agent {goes} from all {domain_words(domain, problem.unit)}: {_norms(domain)}."
     else:
         yield f"There is a neighbourhood of the target from which every agent {goes}."
     if problem.groups and not final:
@@ -350,7 +351,7 @@ def shown_notes(certificate: Certificate) -> tuple[str, ...]:
     return (*notes, NO_DELAY if problem.leader is None else NO_DELAY_OF_LEADERS)
 
 
-def loop_facts(certificate: Certificate) -> Iterator[tuple[str, str]]:
+def loop_facts(certificate: Certificate) -> Iterator[doc.Fact]:
     """What acts on the agents and what was designed against it, numbers in decimals."""
     problem, claims = certificate.problem, certificate.claims
     yield from _disturbances(problem)
@@ -373,7 +374,7 @@ def loop_facts(certificate: Certificate) -> Iterator[tuple[str, str]]:
         yield "Time scales", times
 
 
-def _disturbances(problem: Problem) -> Iterator[tuple[str, str]]:
+def _disturbances(problem: Problem) -> Iterator[doc.Fact]:
     """What disturbs the agents, by group where they differ."""
     for group in problem.groups[:MOST_MODES]:
         whose = f" of {names_in_words(group.agents, 4)}" if problem.is_grouped else ""
@@ -401,7 +402,7 @@ def dynamics_words(problem: Problem) -> list[str]:
     return [f"{what}; constant inputs u⁰ that hold the goals: {'; '.join(told)}"]
 
 
-def _shared(rows: Iterable[tuple[str, str]]) -> list[tuple[str, list[str]]]:
+def _shared(rows: Iterable[doc.Fact]) -> list[tuple[str, list[str]]]:
     """Every text once, with the agents that it is said of."""
     alike: dict[str, list[str]] = {}
     for text, agent in rows:
@@ -503,6 +504,10 @@ def _mode_sentence(arcs: Arcs, problem: Problem) -> str:
         count += ", with weights"
     steps = common_offsets(weights, n)
     if steps is not None and n > 2 and len(steps) <= MOST_STEPS and len(steps) < n - 1:
+        labels = problem.network.labels
+        if labels != tuple(map(str, range(1, n + 1))):
+            whom = names_in_words([labels[s] for s in steps])
+            return f"{count}; {labels[0]} listens to {whom}, and so on around the circle of agents."
         whom = names_in_words([f"i + {s}" if 2 * s <= n else f"i − {n - s}" for s in steps])
         return f"{count}; every agent i listens to {whom}, counted around a circle of {n}."
     # one way at least once

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from dobc_design.errors import ShapeError, wrong
+from dobc_design.errors import misshapen, wrong
 from dobc_design.loop.matrices import Array
 
 
@@ -50,7 +50,7 @@ def finite_array(value: Any, name: str, *, shape: tuple[int, ...], because: str)
         raise wrong(name, message, f"Give shape {shape}.") from None
     if array.shape != shape:
         message = f"must have shape {shape}, {because}; got shape {array.shape}."
-        raise wrong(name, message, f"Give {because}.", kind=ShapeError)
+        raise misshapen(name, message, f"Give {because}.")
     for place in np.argwhere(~np.isfinite(array)).tolist():
         names = ("row", "column") if len(place) > 1 else ("entry",)
         where = ", ".join(f"{what} {i + 1}" for what, i in zip(names, place, strict=False))

@@ -11,9 +11,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.random import Generator, default_rng
 
 from dobc_design._checks import noun
-from dobc_design.loop.arrays import ArcGroup
+from dobc_design.loop.arrays import ArcGroups
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import IndexArray
 
@@ -46,16 +47,16 @@ class StressedRuns:
     def stress(self) -> Stress:
         return self.setting.stress
 
-    def groups(self, mode: int) -> Sequence[ArcGroup]:
+    def groups(self, mode: int) -> ArcGroups:
         """The arcs of a mode by its index."""
         if self.nearby is not None:
             return self.nearby.groups(mode)
         # all runs have the same graphs
         return self.setting.groups_of(self.switches[0], mode)
 
-    def streams(self, number: int) -> list[np.random.Generator]:
+    def streams(self, number: int) -> list[Generator]:
         """One stream of random numbers of each run."""
-        return [np.random.default_rng([seed, number]) for seed in self.seeds]
+        return [default_rng([seed, number]) for seed in self.seeds]
 
     def stacked(self, part: str) -> Array:
         """x, xi, xihat or eps of all starts, (n, m or q, R)."""
@@ -158,27 +159,28 @@ class Agents:
         """The disturbance that no exosystem knows, (n, p, R); times (R,), or any number of them for
         a single run."""
         phase = self.phase[..., chosen]
-        if not self.stress.disturbance:
+        size = self.stress.disturbance
+        if not size:
             return np.zeros_like(times + phase)
         if self.signs is not None:
             runs = np.arange(self.phase.shape[2])[chosen]
-            return self.stress.disturbance * self.signs.at(times, runs)
+            return size * self.signs.at(times, runs)
         # every agent and input has a phase of its own
-        wave = np.sin(self.stress.frequency * times + phase)
-        return self.stress.disturbance * wave
+        return size * np.sin(self.stress.frequency * times + phase)
 
     def extra_integral(self, begin: float, end: float) -> Array:
         """Its integral between two times, (n, m, R), or 0."""
-        if not self.stress.disturbance:
+        size = self.stress.disturbance
+        if not size:
             return np.zeros(1)
         if self.signs is not None:
-            return self.stress.disturbance * self.signs.integral(begin, end)
+            return size * self.signs.integral(begin, end)
+        frequency = self.stress.frequency
         half = (end - begin) / 2
         # The mean value times the length: no cancellation where the frequency is small.
-        shrink = np.sinc(self.stress.frequency * half / np.pi)
-        middle = np.sin(self.stress.frequency * (begin + half) + self.phase)
-        length = self.stress.disturbance * 2 * half
-        return length * shrink * middle
+        shrink = np.sinc(frequency * half / np.pi)
+        middle = np.sin(frequency * (begin + half) + self.phase)
+        return size * 2 * half * shrink * middle
 
     def believed(self, estimate: Array) -> Array:
         """An estimate of xi or d as it is acted on: 0 where nothing is estimated."""

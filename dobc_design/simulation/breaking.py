@@ -13,6 +13,7 @@ from dataclasses import asdict, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.random import default_rng
 
 from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Headed
@@ -22,6 +23,7 @@ from dobc_design.certificate.claims import certified_period
 from dobc_design.conditions.numbers import bisected
 from dobc_design.conditions.observer.propose import observer_gain
 from dobc_design.errors import refused, wrong
+from dobc_design.exact.reading import Document, Texts
 from dobc_design.loop.arrays import error_arcs
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.matrices import Array
@@ -73,7 +75,7 @@ class Sweep:
     breaks: float | None
     relative_break: float | None
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         """JSON types: late errors are null where a run diverged."""
         return {
             "option": self.option,
@@ -119,7 +121,7 @@ class Breaking(Headed):
     calm: Trajectory  # the run without stress
 
     @property
-    def order(self) -> tuple[str, ...]:
+    def order(self) -> Texts:
         """The options that broke the loop, the first to break before the others, by relative
         severity."""
         broken = []
@@ -155,7 +157,7 @@ class Breaking(Headed):
             lines=() if self.period is None else (f"Sampling period: {self.period}",),
         )
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         """JSON types: late errors are null where a run diverged."""
         return {
             "tolerance": self.tolerance,
@@ -297,8 +299,8 @@ class _Tried:
 
     def sweep(self, option: str) -> Sweep:
         """One option from mild to severe, up to the first that breaks the loop."""
-        done: list[_Step] = []
-        errors: list[float] = []
+        done = []
+        errors = []
         survives = None
         broken = None
         for step in self.steps(option):
@@ -311,6 +313,8 @@ class _Tried:
         unit = UNITS[option]
         if self.setting.problem.dynamics is not None and option in OF_INPUTS:
             unit = "unit of u"
+        elif self.setting.problem.unit:
+            unit = unit.replace("unit of x", self.setting.problem.unit)
         return Sweep(
             option=option,
             unit=unit,
@@ -360,7 +364,7 @@ class _Tried:
     def failures(self) -> Iterator[_Step]:
         """Ever more agents vanish, in a random order."""
         labels = self.calm.labels
-        order = np.random.default_rng([self.calm.seed, 5]).permutation(len(labels))
+        order = default_rng([self.calm.seed, 5]).permutation(len(labels))
         gone = [Failure(agent=labels[i], time=0.1 * self.calm.t_final) for i in order]
         if len(gone) < 2:
             return

@@ -64,7 +64,7 @@ class Ends:
             ESCAPED: f"|e|_inf exceeded {FARTHEST:.0e} times its start at",
             COLLAPSED: "the step size collapsed or the state overflowed just after",
         }
-        found: dict[int, str] = {}
+        found = {}
         for run in np.flatnonzero(self.states >= ESCAPED).tolist():
             why = words.get(int(self.states[run]))
             found[run] = "" if why is None else f"{why} t = {self.times[run]:.6g} s"
@@ -360,10 +360,10 @@ class CalmColumns:
         total = np.zeros(shape)
         for k in range(states.shape[1]):
             total += states[:, k, None, :] * weights[:, None, :, k]
-        return total.reshape(len(times), self.loop.n * self.loop.m, len(runs))
+        return total.reshape(len(times), self.loop.size, len(runs))
 
     def size(self, y: Array) -> Array:
-        e = y[: self.loop.n * self.loop.m]
+        e = y[: self.loop.size]
         return np.asarray(np.abs(e).max(axis=0, initial=0.0))
 
     def switched(self, runs: IndexArray, modes: IndexArray) -> None:

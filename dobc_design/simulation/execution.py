@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, partial
-from typing import Any
 
 import numpy as np
 
 from dobc_design._checks import noun
 from dobc_design.errors import wrong
+from dobc_design.exact.reading import Texts
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import IndexArray
 
@@ -22,15 +22,8 @@ from ._arguments import whole
 from .agents import StressedRuns
 from .closed_form import ClosedForm, evolve
 from .columns import COLUMN_NUMBERS, CalmColumns
-from .field import Network, network_of
-from .integrate import (
-    Integration,
-    Outcome,
-    Progress,
-    Samples,
-    errors,
-    silent,
-)
+from .field import Network, largest, network_of
+from .integrate import Integration, Outcome, Progress, Samples, errors, silent
 from .mobile import Modes, Nearby
 from .sampled import Stepper, run_sampled_alone
 from .setting import WITHOUT, Setting
@@ -154,7 +147,7 @@ def _calm(setting: Setting, start: Start, modes: Modes, progress: Progress) -> O
 def _samples(setting: Setting, states: Array, xi: Array, xihat: Array) -> Samples:
     """What is seen of the errors, flat and those of a leader after them: (T, n m) or more."""
     loop = setting.loop
-    e, s = np.split(states, [loop.n * loop.m], axis=1)
+    e, s = np.split(states, [loop.size], axis=1)
     e = e.reshape(-1, loop.n, loop.m)
     x = e + loop.goal
     if loop.lead:
@@ -240,7 +233,7 @@ class _Collector:
             self.side_by_side(closed)
         return self.ensemble(tuple(notes))
 
-    def ensemble(self, notes: tuple[str, ...]) -> Ensemble:
+    def ensemble(self, notes: Texts) -> Ensemble:
         """What was collected."""
         setting = self.setting
         problem = setting.problem
@@ -307,7 +300,7 @@ class _Collector:
         """How many runs are made at once."""
         setting = self.setting
         loop = setting.loop
-        room = COLUMN_NUMBERS // (loop.n * loop.m)
+        room = COLUMN_NUMBERS // loop.size
         if setting.is_full:
             modes = setting.problem.network.modes.values()
             arcs = sum(each.shape[1] for each in shared.graphs) or sum(map(len, modes))
@@ -387,12 +380,12 @@ class _Chunk:
         estimation[self.chosen] = 0.0
         if closed is None:
             return
-        weights: Any = np.moveaxis(closed.many(setting.times), 2, 0)
+        weights = np.moveaxis(closed.many(setting.times), 2, 0)
         if setting.loop.plant is not None:  # from states to inputs
             weights = np.linalg.pinv(setting.loop.plant.B) @ weights
         for place, weight in enumerate(weights):
             gap = np.tensordot(weight, eps, axes=(1, 1))
-            estimation[self.chosen, place] = np.abs(gap).max(axis=(0, 1))
+            estimation[self.chosen, place] = largest(gap)
 
     def stressed(self) -> None:
         """Under a stress in continuous time, or the full loop."""
@@ -417,13 +410,13 @@ class _Chunk:
         """Errors e and d - dhat, (n, m, k) each, of runs of the chunk at their samples, (k,)
         each."""
         self.put_errors(sample, run, e)
-        self.collector.estimation[self.chosen[run], sample] = np.abs(gap).max(axis=(0, 1))
+        self.collector.estimation[self.chosen[run], sample] = largest(gap)
 
     def put_errors(self, sample: IndexArray, run: IndexArray, e: Array) -> None:
         """Errors alone; or flat, and a leader after them, (n m, k) or more."""
         collector = self.collector
         loop = self.setting.loop
-        e, s = np.split(e.reshape(-1, len(run)), [loop.n * loop.m])
+        e, s = np.split(e.reshape(-1, len(run)), [loop.size])
         runs = self.chosen[run]
         collector.error[runs, sample] = np.abs(e).max(axis=0)
         # of the first runs the states are kept, too

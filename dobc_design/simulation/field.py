@@ -7,24 +7,26 @@ arrays: arcs are worked through in blocks that fit into the processor's cache, s
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
+from scipy.sparse import block_array, block_diag, csr_array, eye_array, kron
 
 from dobc_design._checks import noun
 from dobc_design.coupling import tree
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.tree import NumpyAlgebra
 from dobc_design.loop import arrays
-from dobc_design.loop.arrays import ArcGroup, Gain, Plant
+from dobc_design.loop.arrays import ArcGroup, ArcGroups, Gain, Plant
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.matrices import Array, pull_matrix
 from dobc_design.problem.network import BoolArray, IndexArray
 from dobc_design.problem.problem import Problem
+
+ArrayFunction = Callable[[Array], Array]
 
 BLOCK = 1 << 15  # differences held at once: a quarter of a MiB per array
 MOST_SLOTS = 32  # arcs of one agent up to which a block is worked through slot by slot
@@ -53,7 +55,7 @@ class _FastAlgebra(NumpyAlgebra):
         return result
 
 
-def compile_coupling(coupling: Coupling) -> Callable[[Array], Array]:
+def compile_coupling(coupling: Coupling) -> ArrayFunction:
     """Return h as a function of differences y (arcs, m, ...), or of any shape where h acts by
     component."""
     programs = [tree.program(expression.node, _FastAlgebra()) for expression in coupling.components]
@@ -75,7 +77,7 @@ def compile_coupling(coupling: Coupling) -> Callable[[Array], Array]:
     return by_vector
 
 
-def _of_rows(coupling: Coupling, m: int) -> Callable[[Array], Array]:
+def _of_rows(coupling: Coupling, m: int) -> ArrayFunction:
     """h of differences (arcs, ...): if it does not act by component, it needs to see the m
     components of each together."""
     h = compile_coupling(coupling)
@@ -91,15 +93,16 @@ class _Block:
     ``rows``.  Without slots, for hubs, ``counts[i]`` arcs end at the i-th of ``rows``, and the
     matrix ``factor`` adds them."""
 
-    h: Callable[[Array], Array]
+    h: ArrayFunction
     rows: slice | IndexArray
     speakers: IndexArray
-    factor: float | Array | sp.csr_array
+    factor: float | Array | csr_array
     slots: tuple[tuple[int, int], ...] = ()
     counts: IndexArray | None = None
 
     def add(self, total: Array, e: Array) -> None:
         """Add what the listeners feel; ``e`` and ``total`` have a row for every agent."""
+        factor = self.factor
         own = e[self.rows]
         # take is faster than an index here
         y = e.take(self.speakers, axis=0)
@@ -109,17 +112,17 @@ class _Block:
         for begin, end in self.slots:
             y[begin:end] -= own[: end - begin]
         felt = self.h(y)
-        if isinstance(self.factor, sp.csr_array):
-            total[self.rows] += self.factor @ felt
+        if isinstance(factor, csr_array):
+            total[self.rows] += factor @ felt
             return
-        if isinstance(self.factor, np.ndarray):
-            felt = felt * (self.factor if felt.ndim == 1 else self.factor[:, None])
+        if isinstance(factor, np.ndarray):
+            felt = felt * (factor if felt.ndim == 1 else factor[:, None])
         found = felt[: self.slots[0][1]].copy()
         for begin, end in self.slots[1:]:
             found[: end - begin] += felt[begin:end]
         # one product for all slots instead of one for all arcs
-        if not isinstance(self.factor, np.ndarray) and self.factor != 1:
-            found *= self.factor
+        if not isinstance(factor, np.ndarray) and factor != 1:
+            found *= factor
         # no agent stands twice in a block, so that nothing is lost here
         total[self.rows] += found
 
@@ -148,17 +151,18 @@ def _blocks(group: ArcGroup, size: int, m: int) -> Iterator[_Block]:
         first = last
 
 
-def _block_of(h: Callable[[Array], Array], arcs: ArcGroup) -> _Block:
+def _block_of(h: ArrayFunction, arcs: ArcGroup) -> _Block:
     """One block of arcs that stand in the order of their listeners."""
-    lowest = int(arcs.listeners[0])
-    rows = int(arcs.listeners[-1] - arcs.listeners[0]) + 1
+    listeners = arcs.listeners
+    lowest = int(listeners[0])
+    rows = int(listeners[-1]) - lowest + 1
     # how many agents each listener of the block hears
-    counts = np.bincount(arcs.listeners - lowest, minlength=rows)
+    counts = np.bincount(listeners - lowest, minlength=rows)
     if counts.max() <= MOST_SLOTS:
         return _by_slots(h, arcs, lowest, counts)
     begins = np.concatenate([[0], np.cumsum(counts)])
-    places = np.arange(len(arcs.listeners))
-    gather = sp.csr_array((arcs.weights, places, begins), shape=(rows, len(places)))
+    places = np.arange(len(listeners))
+    gather = csr_array((arcs.weights, places, begins), shape=(rows, len(places)))
     return _Block(
         h=h,
         rows=slice(lowest, lowest + rows),
@@ -168,9 +172,7 @@ def _block_of(h: Callable[[Array], Array], arcs: ArcGroup) -> _Block:
     )
 
 
-def _by_slots(
-    h: Callable[[Array], Array], arcs: ArcGroup, lowest: int, counts: IndexArray
-) -> _Block:
+def _by_slots(h: ArrayFunction, arcs: ArcGroup, lowest: int, counts: IndexArray) -> _Block:
     """Order agents by their number of arcs, and the arcs by slots: the i-th slot has the i-th arc
     of every agent that has so many."""
     # those with many arcs first: every slot is a piece from the beginning
@@ -204,7 +206,7 @@ class Links:
     """The arcs of one graph as in (9), evaluated arc by arc: every arc may hold an older value of
     its speaker."""
 
-    def __init__(self, groups: Sequence[ArcGroup], n: int) -> None:
+    def __init__(self, groups: ArcGroups, n: int) -> None:
         self.groups = groups
         self.parts = [
             (compile_coupling(group.coupling), arrays.gathering_matrix(group, n))
@@ -251,18 +253,23 @@ class ClosedLoop:
     C: Array
     F: Array
     W: Array
-    K: sp.csr_array
+    K: csr_array
     goal: Array
     own: BoolArray | None = None
     plant: Plant | None = None
     bend: Callable[..., Array] | None = None
-    lead: Callable[[Array], Array] | None = None
+    lead: ArrayFunction | None = None
     fixed: int = 0  # nodes after the agents, whose error is 0
+
+    @property
+    def size(self) -> int:
+        """How many numbers e has, n m."""
+        return self.n * self.m
 
     @property
     def rows(self) -> int:
         """How many numbers e takes, with those of a leader."""
-        return self.m * (self.n + (self.lead is not None))
+        return self.size + self.m * (self.lead is not None)
 
     @property
     def output(self) -> Array:
@@ -274,21 +281,22 @@ class ClosedLoop:
         """1 where a number of xi is an agent's own, else 0, (n, q)."""
         return np.ones((self.n, self.q)) if self.own is None else self.own.astype(np.float64)
 
-    def split(self, state: Array) -> tuple[Array, Array, Array]:
-        """Cut states (..., n (m + 2 q)) into x (..., n, m), xi and z (..., n, q)."""
-        cuts = [self.n * self.m, self.n * (self.m + self.q)]
-        x, xi, z = np.split(state, cuts, axis=-1)
-        lead = (*state.shape[:-1], self.n)
-        return x.reshape(*lead, self.m), xi.reshape(*lead, self.q), z.reshape(*lead, self.q)
+    def split(self, y: Array) -> tuple[Array, Array, Array]:
+        """Cut states (n (m + 2 q), R) into x (n, m, R), xi and z (n, q, R)."""
+        many = y.shape[1]
+        x, xi, z = np.split(y, [self.size, self.n * (self.m + self.q)])
+        of_observers = (self.n, self.q, many)
+        x = x.reshape(self.n, self.m, many)
+        return x, xi.reshape(of_observers), z.reshape(of_observers)
 
     def control(self, e: Array, dhat: Array) -> Array:
         """u of (19) for e (..., n, m) and dhat (..., n, p)."""
-        K: sp.csr_array = self.K
+        K: csr_array = self.K
         u0: Array | float = 0.0
         if self.plant is not None:
             K = self.plant.K
             u0 = self.plant.u0
-        flat = e.reshape(-1, self.n * self.m).T
+        flat = e.reshape(-1, self.size).T
         pulled = (K @ flat).T.reshape(dhat.shape)
         return np.asarray(-pulled - dhat + u0)
 
@@ -315,6 +323,11 @@ def act(matrix: Array, y: Array) -> Array:
     if y.shape[2] == 1:  # faster without the last axis
         return applied(matrix, y[..., 0])[..., None]
     return matrix @ y
+
+
+def largest(y: Array) -> Array:
+    """|y|_inf of every run, (R,), for y (n, p, R)."""
+    return np.asarray(np.abs(y).max(axis=(0, 1)))
 
 
 def make_closed_loop(problem: Problem, gain: Gain | None) -> ClosedLoop:
@@ -347,7 +360,7 @@ def make_closed_loop(problem: Problem, gain: Gain | None) -> ClosedLoop:
     )
 
 
-def _bend(plant: Plant, own: Callable[[Array], Array]) -> Callable[..., Array]:
+def _bend(plant: Plant, own: ArrayFunction) -> Callable[..., Array]:
     """What ``own``, the curved part of an agent's dynamics, adds to its slopes at the target."""
 
     def bend(e: Array, s: Array | None = None) -> Array:
@@ -357,9 +370,7 @@ def _bend(plant: Plant, own: Callable[[Array], Array]) -> Callable[..., Array]:
     return bend
 
 
-def _lead(
-    plant: Plant, own: Callable[[Array], Array] | None, drift: Array
-) -> Callable[[Array], Array]:
+def _lead(plant: Plant, own: ArrayFunction | None, drift: Array) -> ArrayFunction:
     """s' of a leader s (m, R), which moves as an agent by itself would."""
 
     def lead(s: Array) -> Array:
@@ -374,7 +385,7 @@ class Network:
     """h(e) - K e of one graph: e' of (22) without the observer's error."""
 
     loop: ClosedLoop
-    groups: Sequence[ArcGroup]
+    groups: ArcGroups
     blocks: tuple[_Block, ...]
 
     def __call__(self, e: Array) -> Array:
@@ -383,8 +394,7 @@ class Network:
         those of a leader."""
         loop = self.loop
         n, m = loop.n, loop.m
-        s = e[n * m :]
-        e = e[: n * m]
+        e, s = np.split(e, [loop.size])
         # one run of agents with one component is a vector: no axes of length 1 in the blocks
         rows = np.ascontiguousarray(e).reshape((n, -1) if e.size > n else (n,))
         if loop.fixed:
@@ -404,7 +414,7 @@ class Network:
         return result
 
 
-def network_of(loop: ClosedLoop, groups: Sequence[ArcGroup], *, runs: int = 1) -> Network:
+def network_of(loop: ClosedLoop, groups: ArcGroups, *, runs: int = 1) -> Network:
     """h(e) - K e on arcs that are grouped by coupling."""
     # with many runs a block holds fewer arcs
     size = max(1, BLOCK // (loop.m * runs))
@@ -412,22 +422,22 @@ def network_of(loop: ClosedLoop, groups: Sequence[ArcGroup], *, runs: int = 1) -
     return Network(loop=loop, groups=groups, blocks=tuple(blocks))
 
 
-def hears(groups: Sequence[ArcGroup], n: int) -> sp.csr_array:
+def hears(groups: ArcGroups, n: int) -> csr_array:
     """Mark who may influence whose derivative: neighbours, and every agent itself."""
     own = np.arange(n)
     rows = np.concatenate([own, *(group.listeners for group in groups)])
     columns = np.concatenate([own, *(group.speakers for group in groups)])
     # a pair that is heard over several arcs is marked once
-    marks: Any = sp.csr_array((np.ones(len(rows)), (rows, columns)), shape=(n, n))
-    return sp.csr_array(marks != 0).astype(np.float64)
+    marks = csr_array((np.ones(len(rows)), (rows, columns)), shape=(n, n))
+    return csr_array(marks != 0).astype(np.float64)
 
 
-def full_pattern(loop: ClosedLoop, groups: Sequence[ArcGroup]) -> sp.csr_array:
+def full_pattern(loop: ClosedLoop, groups: ArcGroups) -> csr_array:
     """Who may influence whom: agents by neighbourhood, and all states of one agent among
     themselves."""
     m, q = loop.m, loop.q
     neighbours = hears(groups, loop.n)
-    own = sp.eye_array(loop.n, format="csr")
+    own = eye_array(loop.n, format="csr")
     x_of_exosystem = _filled(own, m, q)
     among_exosystem = _filled(own, q, q)
     rows = [
@@ -435,27 +445,27 @@ def full_pattern(loop: ClosedLoop, groups: Sequence[ArcGroup]) -> sp.csr_array:
         [None, among_exosystem, None],
         [_filled(neighbours, q, m), None, among_exosystem],
     ]
-    return sp.block_array(rows, format="csr")
+    return block_array(rows, format="csr")
 
 
-def errors_pattern(loop: ClosedLoop, groups: Sequence[ArcGroup], *, both: bool) -> sp.csr_array:
+def errors_pattern(loop: ClosedLoop, groups: ArcGroups, *, both: bool) -> csr_array:
     """Who may influence whom in e, or in ``both`` [e; eps]."""
-    m, q = loop.m, loop.q
-    alone = _filled(hears(groups, loop.n), m, m)
+    n, m, q = loop.n, loop.m, loop.q
+    alone = _filled(hears(groups, n), m, m)
     if loop.lead is not None:
-        everyone = np.ones((loop.n * m, m))
+        everyone = np.ones((n * m, m))
         rows = [[alone, everyone], [None, np.ones((m, m))]]
-        alone = sp.block_array(rows, format="csr")
+        alone = block_array(rows, format="csr")
     if not both:
         return alone
     if loop.lead is not None:
-        observers = np.ones((loop.n * q, loop.n * q))
-        return sp.block_diag([alone, observers], format="csr")
-    own = sp.eye_array(loop.n, format="csr")
+        observers = np.ones((n * q, n * q))
+        return block_diag([alone, observers], format="csr")
+    own = eye_array(n, format="csr")
     rows = [[alone, _filled(own, m, q)], [None, _filled(own, q, q)]]
-    return sp.block_array(rows, format="csr")
+    return block_array(rows, format="csr")
 
 
-def _filled(graph: sp.csr_array, rows: int, columns: int) -> sp.csr_array:
+def _filled(graph: csr_array, rows: int, columns: int) -> csr_array:
     """Every mark of a graph as a block of ones."""
-    return sp.kron(graph, np.ones((rows, columns)), format="csr")
+    return kron(graph, np.ones((rows, columns)), format="csr")

@@ -7,7 +7,7 @@ Hairer's test while it runs.  Many runs side by side: ``columns.py``.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache, partial
 from typing import Any, NamedTuple
@@ -18,7 +18,7 @@ from scipy.integrate import DOP853, Radau
 
 from dobc_design._checks import noun
 from dobc_design.errors import wrong
-from dobc_design.loop.arrays import ArcGroup
+from dobc_design.loop.arrays import ArcGroups
 from dobc_design.loop.matrices import Array
 
 from .closed_form import ClosedForm
@@ -78,7 +78,7 @@ def errors(
     eps' = F eps (17). Both may die out, while xi and z go on; nor is eps lost in the difference of
     two states that grow.  A leader s stands after e, and positions are relative to it."""
     shape = (loop.n, loop.m)
-    cut = loop.n * loop.m
+    cut = loop.size
     rows = loop.rows
     both = loop.q > 0 and closed is None
 
@@ -174,7 +174,7 @@ class Integration:
         # signs of stiffness in the present stretch
         self.on_boundary = 0
         self.inside = 0
-        self.notes: list[str] = []
+        self.notes = []
         self.methods = ["DOP853"]
         if self.implicit:
             self.notes.append("The loop is stiff: integrated by the implicit method Radau.")
@@ -318,7 +318,7 @@ class Integration:
         end = piece.stay.end
         step = None if self.step is None else min(self.step, end - self.time)
         tolerance = self.tolerance
-        method: Any = DOP853
+        method = DOP853
         if self.implicit:
             tolerance = max(tolerance, LEAST_IMPLICIT)
             method = partial(Radau, jac_sparsity=piece.pattern())
@@ -369,7 +369,7 @@ def _stepped(solver: Any) -> bool:
     return bool(solver.status != "failed")
 
 
-def fastest_decay(loop: ClosedLoop, groups: Sequence[ArcGroup]) -> float:
+def fastest_decay(loop: ClosedLoop, groups: ArcGroups) -> float:
     """A Gershgorin bound on the fastest decay of e at the consensus, 1/s; at a kink the steeper
     side counts."""
     # the circles of Gershgorin: what pulls an agent, and twice what its arcs can do

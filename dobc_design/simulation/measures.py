@@ -9,11 +9,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from statistics import median
-from typing import Any
 
 import numpy as np
 from scipy.special import bdtr, betaincinv
 
+from dobc_design.exact.reading import Document
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import BoolArray
 
@@ -58,7 +58,7 @@ def final_errors(error: Array) -> Array:
     return np.asarray(error[np.arange(len(error)), last])
 
 
-def summary(times: Array, error: Array, diverged: BoolArray) -> dict[str, Any]:
+def summary(times: Array, error: Array, diverged: BoolArray) -> Document:
     """Medians and maxima over runs; one that never settles counts as later than any time, which is
     None."""
     settled = []

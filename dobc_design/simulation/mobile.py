@@ -14,9 +14,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from dobc_design.conditions.numbers import bisected
-from dobc_design.errors import ShapeError, refused, wrong
+from dobc_design.errors import misshapen, refused
 from dobc_design.loop.arcs import places_at, split_by
-from dobc_design.loop.arrays import ArcGroup
+from dobc_design.loop.arrays import ArcGroup, ArcGroups
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import IndexArray
@@ -72,7 +72,7 @@ def _nearest(positions: Array, count: int, hysteresis: float, kept: IndexArray) 
     return np.sort(codes[order[rank < count]])
 
 
-def groups_of(loop: Loop, codes: IndexArray) -> tuple[ArcGroup, ...]:
+def groups_of(loop: Loop, codes: IndexArray) -> ArcGroups:
     """The links as arcs of weight 1, grouped by function."""
     found = []
     for place, links in split_by(places_at(loop.exceptions, codes, size=loop.n)):
@@ -127,7 +127,7 @@ class Nearby:
         """The graph at a time and positions."""
         return Stay(self.look(time, positions), self.horizon, self.change)
 
-    def groups(self, number: int) -> tuple[ArcGroup, ...]:
+    def groups(self, number: int) -> ArcGroups:
         """The arcs of a graph by its number."""
         return groups_of(self.loop, self.codes[number])
 
@@ -181,7 +181,7 @@ def motion_switches(signal: Mobile, motion: Waypoints, loop: Loop, horizon: floa
     if places.shape[1] != loop.n:
         message = f"must have one position per agent, {loop.n}; got {places.shape[1]}."
         cure = "Give positions of shape (times, agents, coordinates)."
-        raise wrong("motion", message, cure, kind=ShapeError)
+        raise misshapen("motion", message, cure)
     nearby = Nearby(signal, loop, horizon)
     positions = partial(motion.at, places=places)
     nearby.look(0.0, positions(0.0))

@@ -82,7 +82,7 @@ def simulate(
         ((61, 10, 1), False, True)
     """
     problem = load_problem(problem)
-    remarks: list[str] = []
+    remarks = []
     if signal is None and mode is None:
         if stress == "worst":
             signal = worst_signal(problem)

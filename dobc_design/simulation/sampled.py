@@ -29,13 +29,13 @@ import numpy as np
 from scipy.linalg import expm
 
 from dobc_design._checks import noun
-from dobc_design.errors import ShapeError, wrong
+from dobc_design.errors import misshapen, wrong
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import BoolArray, IndexArray
 
 from .agents import Agents, StressedRuns
 from .columns import March, RightHandSide
-from .field import ClosedLoop, act
+from .field import ClosedLoop, act, largest
 from .integrate import FARTHEST, Outcome, Progress, Run, Samples
 from .stressed import LEAST_STEPS, StressedColumns, sample_instants
 from .switches import constant_signals
@@ -97,7 +97,7 @@ def check_sampled_gain(shape: tuple[int, ...], *, q: int, m: int, grouped: bool)
     if shape != (q, m):
         message = f"must have shape ({q}, {m}), one row per exosystem state; got {shape}."
         cure = "design_observer(problem, period=...).W has it."
-        raise wrong("sampled_gain", message, cure, kind=ShapeError)
+        raise misshapen("sampled_gain", message, cure)
 
 
 def integral(A: Array, times: float | Array) -> tuple[Array, Array]:
@@ -126,7 +126,7 @@ class Between(StressedColumns):
         u = self.u[..., chosen]
 
         def derivative(y: Array, force: Array) -> Array:
-            x, xi, z = self.split(y)
+            x, xi, z = self.loop.split(y)
             d = act(self.loop.output, xi)
             if len(force):
                 d = d + force.reshape(u.shape)
@@ -138,7 +138,7 @@ class Between(StressedColumns):
 
 def run_sampled_alone(runs: StressedRuns, progress: Progress) -> Outcome:
     """Step a stack of one run from sample to sample."""
-    seen: list[Samples] = []
+    seen = []
     stepper = Stepper(runs, lambda number, sample: seen.append(sample), progress)
     stepper.run()
     count = int(stepper.counts[0])
@@ -219,7 +219,7 @@ class Stepper:
 
     def size(self) -> Array:
         """|e|_inf of all runs, (R,)."""
-        return np.asarray(np.abs(self.x - self.goal).max(axis=(0, 1)))
+        return largest(self.x - self.goal)
 
     def run(self) -> None:
         """From instant to instant, up to the horizon.  Raises: SpecError for too many."""
@@ -303,7 +303,7 @@ class Stepper:
         path[times == hold.begin] = self.x
 
         def visit(sample: IndexArray, run: IndexArray, y: Array) -> None:
-            path[sample, :, :, alive[run]] = np.moveaxis(columns.split(y)[0], 2, 0)
+            path[sample, :, :, alive[run]] = np.moveaxis(self.loop.split(y)[0], 2, 0)
 
         if not len(times) or times[-1] <= hold.begin:
             return path

@@ -10,8 +10,9 @@ import numpy as np
 
 from dobc_design._checks import noun
 from dobc_design.errors import refused, wrong
+from dobc_design.exact.reading import Texts
 from dobc_design.loop.arrays import (
-    ArcGroup,
+    ArcGroups,
     Gain,
     error_arcs,
     mode_index,
@@ -64,7 +65,7 @@ class Setting:
     problem: Problem
     exact: Loop
     loop: ClosedLoop
-    groups: Callable[[str], Sequence[ArcGroup]]
+    groups: Callable[[str], ArcGroups]
     signal: Signal
     starts: Starts
     horizon: float
@@ -73,7 +74,7 @@ class Setting:
     observer: str
     tolerance: float
     stress: Stress
-    notes: tuple[str, ...]
+    notes: Texts
 
     @property
     def is_full(self) -> bool:
@@ -91,7 +92,7 @@ class Setting:
         return self.loop.A if self.observer == WITHOUT else self.loop.F
 
     @property
-    def stress_notes(self) -> tuple[str, ...]:
+    def stress_notes(self) -> Texts:
         """The stress in words."""
         return () if self.stress.is_calm else (f"Stress: {self.stress}.",)
 
@@ -144,7 +145,7 @@ class Setting:
             raise refused("signal", message, "Give a motion.")
         return motion_switches(signal, signal.motion, self.exact, self.horizon)
 
-    def groups_of(self, switches: Switches, mode: int) -> Sequence[ArcGroup]:
+    def groups_of(self, switches: Switches, mode: int) -> ArcGroups:
         """The arcs of a mode by its index: the problem's own, or those of a mobile graph."""
         if not switches.graphs:
             return self.groups(switches.names[mode])
@@ -235,11 +236,11 @@ def _horizon(problem: Problem, given: float | None) -> float:
     return horizon
 
 
-def _arcs_by_name(problem: Problem, exact: Loop) -> Callable[[str], Sequence[ArcGroup]]:
+def _arcs_by_name(problem: Problem, exact: Loop) -> Callable[[str], ArcGroups]:
     """The arcs of a mode, or of one of its drawn graphs, by name."""
     drawn = drawn_graphs(problem)
 
-    def arcs(name: str) -> Sequence[ArcGroup]:
+    def arcs(name: str) -> ArcGroups:
         graph = drawn.get(name)
         if graph is None:
             return error_arcs(exact, name)

@@ -20,9 +20,9 @@ import numpy as np
 
 from dobc_design._checks import noun, put
 from dobc_design._show.cards import Card, Shown, Told
-from dobc_design.errors import ShapeError, refused, wrong
+from dobc_design.errors import ShapeError, misshapen, refused, wrong
 from dobc_design.exact.number import nearest
-from dobc_design.exact.reading import counted, is_list
+from dobc_design.exact.reading import Names, Texts, counted, is_list
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.switching import Switching
@@ -57,7 +57,7 @@ class Periodic(Shown):
 
     kind: ClassVar[str] = "periodic"
     dwell: float | Sequence[float]
-    order: tuple[str, ...] | None = None
+    order: Texts | None = None
 
     def __post_init__(self) -> None:
         put(self, order=_order(self.order))
@@ -67,7 +67,7 @@ class Periodic(Shown):
         times = tuple(seconds(t, f"dwell[{i}]") for i, t in enumerate(self.dwell))  # type: ignore[arg-type]
         if not times:
             message = "must hold at least one time; got none."
-            raise wrong("dwell", message, "For example 0.5.", kind=ShapeError)
+            raise misshapen("dwell", message, "For example 0.5.")
         put(self, dwell=times)
 
     def __str__(self) -> str:
@@ -111,7 +111,7 @@ class Markov(Shown):
 
     kind: ClassVar[str] = "markov"
     generator: tuple[tuple[float, ...], ...]
-    order: tuple[str, ...] | None = None
+    order: Texts | None = None
     start: str | None = None
 
     def __post_init__(self) -> None:
@@ -119,7 +119,7 @@ class Markov(Shown):
         put(self, order=_order(self.order), generator=rows)
         if not rows or any(len(row) != len(rows) for row in rows):
             message = "must be a square matrix, one row and column per mode."
-            raise wrong("generator", message, "For two modes [[-1, 1], [1, -1]].", kind=ShapeError)
+            raise misshapen("generator", message, "For two modes [[-1, 1], [1, -1]].")
         for k, row in enumerate(rows):
             self._check_row(k, row)
 
@@ -146,7 +146,7 @@ class Schedule(Shown):
 
     kind: ClassVar[str] = "schedule"
     times: tuple[float, ...]
-    modes: tuple[str, ...]
+    modes: Texts
 
     def __post_init__(self) -> None:
         times = tuple(not_negative(t, f"times[{i}]") for i, t in enumerate(self.times))
@@ -181,7 +181,7 @@ class Waypoints(Shown):
             wanted = f"shape (times, agents, coordinates) with {len(times)} times"
             message = f"must have {wanted}; got {places.shape}."
             cure = "Give one n x k array for every instant."
-            raise wrong("positions", message, cure, kind=ShapeError)
+            raise misshapen("positions", message, cure)
         if not np.isfinite(places).all() or not _increase(times):
             message = "positions must be finite and times must increase."
             raise refused("times", message, "Sort the instants.")
@@ -201,12 +201,13 @@ class Waypoints(Shown):
     def at(self, time: float, places: Array) -> Array:
         """Positions (n, k) at a time; ``places`` is ``positions`` as an array, made once by the
         caller."""
-        if len(self.times) == 1:  # no line to interpolate on
+        times = self.times
+        if len(times) == 1:  # no line to interpolate on
             return np.asarray(places[0])
-        passed = int(np.searchsorted(self.times, time, side="right")) - 1
-        number = min(max(passed, 0), len(self.times) - 2)
-        begin = self.times[number]
-        part = (time - begin) / (self.times[number + 1] - begin)
+        passed = int(np.searchsorted(times, time, side="right")) - 1
+        number = min(max(passed, 0), len(times) - 2)
+        begin = times[number]
+        part = (time - begin) / (times[number + 1] - begin)
         part = min(1.0, max(0.0, part))  # it rests before and after
         return np.asarray(places[number] + part * (places[number + 1] - places[number]))
 
@@ -255,7 +256,7 @@ def _increase(times: Sequence[float]) -> bool:
     return all(a < b for a, b in pairwise(times))
 
 
-def _order(given: Sequence[str] | None) -> tuple[str, ...] | None:
+def _order(given: Names | None) -> Texts | None:
     return None if given is None else tuple(map(str, given))
 
 
@@ -316,7 +317,7 @@ def _schedule(own: Switching) -> Schedule:
     return Schedule(times=tuple(times), modes=tuple(modes))
 
 
-def _rounds(own: Switching, names: tuple[str, ...]) -> Periodic:
+def _rounds(own: Switching, names: Texts) -> Periodic:
     """Rounds of one period: of equal stays, or of a schedule."""
     period = own.period or Fraction(0)
     if own.schedule is None:

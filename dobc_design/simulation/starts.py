@@ -16,11 +16,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.random import Generator, default_rng
 
 from dobc_design._checks import noun
-from dobc_design.errors import ShapeError, wrong
+from dobc_design.errors import misshapen, wrong
 from dobc_design.exact.matrix import Vector, to_float
-from dobc_design.exact.reading import shown
+from dobc_design.exact.reading import Table, shown
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.load import read_bytes
 from dobc_design.problem.network import BoolArray
@@ -30,7 +31,7 @@ from ._arguments import finite_array
 from .field import ClosedLoop
 from .npz import Shapes, UnfitError, describing, read_arrays, require
 
-Given = Mapping[str, Any] | Array | list[Any] | str | PathLike[str]
+Given = Table | Array | list[Any] | str | PathLike[str]
 
 AWAY = 1.0  # drawn starts without a region: at most this far from the goal, in every component
 PARTS = ("x", "xi", "xihat")
@@ -83,21 +84,21 @@ class Starts:
 
     def draw(self, seed: int) -> Start:
         """The start of one seed."""
-        rng = np.random.default_rng(seed)
+        rng = default_rng(seed)
         x = self.x
         if x is None:
             with np.errstate(all="ignore"):
                 x = self.low + (self.high - self.low) * rng.random(self.low.shape)
         xi = self.drawn_xi(rng) if self.xi is None else self.xi
-        if self.leads is None:
-            return Start(x=x, xi=xi, xihat=self.xihat, s=np.zeros(0))
-        low, high = self.leads
-        s = low + (high - low) * rng.random(len(low))
-        if self.relative:
-            x = x + s
+        s = np.zeros(0)
+        if self.leads is not None:
+            low, high = self.leads
+            s = low + (high - low) * rng.random(len(low))
+            if self.relative:
+                x = x + s
         return Start(x=x, xi=xi, xihat=self.xihat, s=s)
 
-    def drawn_xi(self, rng: np.random.Generator) -> Array:
+    def drawn_xi(self, rng: Generator) -> Array:
         """xi evenly in the ball of every agent: a direction, and the q-th root of a number from 0
         to 1 for the length."""
         n, q = self.xihat.shape
@@ -186,7 +187,7 @@ def _placed(rows: Sequence[Vector], loop: ClosedLoop) -> Array:
     return xi
 
 
-def _parts(given: Given | None, n: int, widths: Mapping[str, _Width]) -> Mapping[str, Any]:
+def _parts(given: Given | None, n: int, widths: Mapping[str, _Width]) -> Table:
     """What was given, by part."""
     if given is None:
         return {}
@@ -209,7 +210,7 @@ def _rows(value: Any, name: str, n: int, width: _Width) -> Array:
         shape = np.shape(value)
     except ValueError:  # rows of different lengths
         message = f"must be {because}; its rows differ in length."
-        raise wrong(name, message, "Fill them.", kind=ShapeError) from None
+        raise misshapen(name, message, "Fill them.") from None
     # one number per agent, else one row for all of them
     if shape == (n,) and width.numbers == 1:
         value = np.reshape(value, (n, 1))
@@ -218,7 +219,7 @@ def _rows(value: Any, name: str, n: int, width: _Width) -> Array:
     return finite_array(value, name, shape=(n, width.numbers), because=because)
 
 
-def _read(path: Path, n: int, widths: Mapping[str, _Width]) -> Mapping[str, Any]:
+def _read(path: Path, n: int, widths: Mapping[str, _Width]) -> Table:
     """The parts of a start in a file; of a trajectory, its last sample."""
 
     def fits(shapes: Shapes) -> None:
@@ -267,7 +268,7 @@ class Box:
         """How far the set reaches from side to side, by number of e and of eps."""
         return self.high - self.low, 2 * self.radius * self.loop.owned
 
-    def draw(self, rng: np.random.Generator, count: int, kind: str) -> Pair:
+    def draw(self, rng: Generator, count: int, kind: str) -> Pair:
         """Starts of one kind: anywhere, at corners, or on sides; eps anywhere or at the most."""
         part = unit_cube(rng, len(self.low), count, kind)
         width = (self.high - self.low)[:, None]
@@ -317,7 +318,7 @@ def asked_box(
     return Box(words=words, low=low, high=high, radius=disturbance, loop=loop)
 
 
-def unit_cube(rng: np.random.Generator, rows: int, count: int, kind: str) -> Array:
+def unit_cube(rng: Generator, rows: int, count: int, kind: str) -> Array:
     """Points of [-1, 1]^rows, (rows, count): anywhere, at corners (all where there are few), or on
     sides."""
     inside = rng.uniform(-1, 1, (rows, count))
@@ -337,7 +338,7 @@ def unit_cube(rng: np.random.Generator, rows: int, count: int, kind: str) -> Arr
     return signs
 
 
-def sphere(rng: np.random.Generator, own: Array, count: int) -> Array:
+def sphere(rng: Generator, own: Array, count: int) -> Array:
     """Unit vectors of the numbers that are an agent's own, (n, q, count) for ``own`` (n, q)."""
     directions = rng.standard_normal((*own.shape, count)) * own[:, :, None]
     lengths = np.linalg.norm(directions, axis=1, keepdims=True)

@@ -18,16 +18,8 @@ from dobc_design.problem.network import IndexArray
 
 from .agents import Agents, StressedRuns
 from .columns import DONE, MOST_STEPS, Ends, March, RightHandSide
-from .field import act, full_pattern
-from .integrate import (
-    FARTHEST,
-    Integration,
-    Outcome,
-    Piece,
-    Plan,
-    Progress,
-    Samples,
-)
+from .field import act, full_pattern, largest
+from .integrate import FARTHEST, Integration, Outcome, Piece, Plan, Progress, Samples
 from .mobile import Modes
 from .switches import ModeTable, table_of
 
@@ -75,17 +67,8 @@ class StressedColumns:
         z = runs.stacked("xihat") - act(self.loop.W, x)
         self.start = self.joined(x, runs.stacked("xi"), z)
 
-    def split(self, y: Array) -> tuple[Array, Array, Array]:
-        """States (N, k) as x (n, m, k), xi and z (n, q, k)."""
-        n, m, q = self.loop.n, self.loop.m, self.loop.q
-        many = y.shape[1]
-        x = y[: n * m].reshape(n, m, many)
-        xi = y[n * m : n * (m + q)].reshape(n, q, many)
-        z = y[n * (m + q) :].reshape(n, q, many)
-        return x, xi, z
-
     def joined(self, *parts: Array) -> Array:
-        """The other way round."""
+        """States (N, k) of x (n, m, k), xi and z (n, q, k), which ``loop.split`` undoes."""
         return np.concatenate([part.reshape(-1, part.shape[2]) for part in parts])
 
     def known(self, x: Array, z: Array, noise: Array) -> tuple[Array, Array]:
@@ -101,7 +84,7 @@ class StressedColumns:
         if due:
             self.noise = agents.noise(self.next)
         # of all runs, those that have ended included: their numbers are not used
-        x, _, z = self.split(y)
+        x, _, z = self.loop.split(y)
         e, xihat = self.known(x, z, self.noise)
         # first, so that a frozen agent sends what it measured at this instant
         agents.fail(time, e, act(self.loop.output, xihat))
@@ -125,7 +108,7 @@ class StressedColumns:
             held = agents.heard.values[agents.heard.places[mode]].take(chosen, axis=2)
 
         def derivative(y: Array, force: Array) -> Array:
-            x, xi, z = self.split(y)
+            x, xi, z = self.loop.split(y)
             e, xihat = self.known(x, z, noise)
             # without exchanges neighbours are heard as they are now
             arrived = agents.said(e, chosen)[links.speakers] if held is None else held
@@ -151,8 +134,7 @@ class StressedColumns:
 
     def size(self, y: Array) -> Array:
         """|e|_inf of states, (k,)."""
-        x = self.split(y)[0]
-        return np.asarray(np.abs(x - self.goal).max(axis=(0, 1)))
+        return largest(self.loop.split(y)[0] - self.goal)
 
     def switched(self, runs: IndexArray, modes: IndexArray) -> None:
         """Nothing is kept of links that are gone."""
@@ -160,7 +142,7 @@ class StressedColumns:
 
     def gap(self, y: Array, times: Array, chosen: IndexArray) -> Array:
         """d - dhat of the chosen runs at these times, (n, p, k)."""
-        x, xi, z = self.split(y)
+        x, xi, z = self.loop.split(y)
         C = self.loop.output
         d = act(C, xi) + self.agents.extra(times, chosen)
         if not self.agents.estimates:
@@ -255,7 +237,7 @@ class Together:
 
     def seen(self, sample: IndexArray, run: IndexArray, state: Array) -> None:
         chosen = self.columns.alive[run]
-        e = self.columns.split(state)[0] - self.columns.goal
+        e = self.columns.loop.split(state)[0] - self.columns.goal
         gap = self.columns.gap(state, self.times[sample], chosen)
         self.visit(sample, chosen, e, gap)
 
@@ -287,7 +269,7 @@ class _Alone:
         self.noises: list[Array] = []
 
     def positions(self, state: Array) -> Array:
-        return self.columns.loop.split(state)[0]
+        return self.columns.loop.split(state[:, None])[0][..., 0]
 
     def segment(self, time: float, state: Array) -> Piece:
         """Up to the next switch, exchange or failure."""
@@ -314,7 +296,7 @@ class _Alone:
         """What was seen at the times (T,) of the states (T, N)."""
         columns = self.columns
         agents = columns.agents
-        x, xi, z = columns.split(states.T)  # samples in place of runs
+        x, xi, z = columns.loop.split(states.T)  # samples in place of runs
         # broadcast: no noise is the same for all agents
         noise = np.zeros(1)
         if agents.stress.noise:

@@ -10,23 +10,17 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.random import Generator, default_rng
 
 from dobc_design._checks import noun
-from dobc_design.errors import ShapeError, refused, wrong
-from dobc_design.exact.reading import counted, is_list, shown
-from dobc_design.loop.arrays import ArcGroup, mode_index
+from dobc_design.errors import misshapen, refused, wrong
+from dobc_design.exact.reading import Texts, counted, is_list, shown
+from dobc_design.loop.arrays import ArcGroups, mode_index
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import BoolArray, IndexArray
 from dobc_design.problem.problem import Problem
 
-from .signals import (
-    Fixed,
-    Markov,
-    Periodic,
-    RandomDwell,
-    Schedule,
-    Scheduled,
-)
+from .signals import Fixed, Markov, Periodic, RandomDwell, Schedule, Scheduled
 
 MOST_SWITCHES = 1_000_000  # of one run
 STREAM = 1  # starts are drawn from default_rng(seed), switches from default_rng([seed, STREAM])
@@ -41,7 +35,7 @@ class Switches:
 
     times: Array
     modes: IndexArray
-    names: tuple[str, ...]
+    names: Texts
     graphs: tuple[IndexArray, ...] = ()
 
     def __post_init__(self) -> None:
@@ -78,7 +72,7 @@ class ModeTable:
         """The rows of some runs."""
         return ModeTable(times=self.times[runs], modes=self.modes[runs])
 
-    def named(self, run: int, names: tuple[str, ...]) -> tuple[tuple[float, str], ...]:
+    def named(self, run: int, names: Texts) -> tuple[tuple[float, str], ...]:
         """The active modes of one run by name, each with the instant from which it is."""
         found = []
         for time, mode in zip(self.times[run].tolist(), self.modes[run].tolist(), strict=True):
@@ -112,12 +106,10 @@ def one_mode(name: str) -> Switches:
 Drawn = tuple[Array, IndexArray]  # instants, and the modes from each of them on
 
 
-def scheduled_switches(
-    signal: Scheduled, names: tuple[str, ...], horizon: float, seed: int
-) -> Switches:
+def scheduled_switches(signal: Scheduled, names: Texts, horizon: float, seed: int) -> Switches:
     """Draw the switches of one run over ``horizon`` s.  Raises: SpecError for an unknown mode or
     too many switches."""
-    rng = np.random.default_rng([seed, STREAM])
+    rng = default_rng([seed, STREAM])
     if isinstance(signal, Fixed):
         mode = 0 if signal.mode is None else mode_index(signal.mode, names)
         times, modes = np.zeros(1), np.array([mode])
@@ -151,7 +143,7 @@ def drawn_graphs(problem: Problem) -> dict[str, DrawnGraph]:
     found = {}
     for mode, arcs in problem.network.modes.items():
         # the same graphs for every run: what they cost is shared
-        draws = np.random.default_rng(0).random((GRAPHS, arcs.optional)) < 0.5
+        draws = default_rng(0).random((GRAPHS, arcs.optional)) < 0.5
         if not arcs.optional:
             continue
         draws[0] = False  # the fewest arcs that there can be
@@ -169,7 +161,7 @@ def drawn_switches(signal: Scheduled, problem: Problem, horizon: float, seed: in
     if not graphs:
         return switches
     # a stream of its own: the switches of the modes stay as they are without optional arcs
-    rng = np.random.default_rng([seed, STREAM, STREAM])
+    rng = default_rng([seed, STREAM, STREAM])
     # a mode as it stands in the file, or one of its drawn graphs
     names = (*switches.names, *graphs)
     choices = {mode: [names.index(mode)] for mode in switches.names}
@@ -192,9 +184,7 @@ def refuse_too_many(count: float) -> None:
         raise refused("signal", message, cure)
 
 
-def _order(
-    order: tuple[str, ...] | None, names: tuple[str, ...], length: int | None, key: str
-) -> IndexArray:
+def _order(order: Texts | None, names: Texts, length: int | None, key: str) -> IndexArray:
     """The modes of a signal by index; ``length`` numbers of the argument ``key`` belong to them."""
     if order is None:
         order = names
@@ -203,11 +193,11 @@ def _order(
         entries = counted(len(found), "entry").replace("entrys", "entries")
         message = f"must have {entries}, one per mode; got {length}."
         cure = "Give one per mode, or name the modes with order."
-        raise wrong(key, message, cure, kind=ShapeError)
+        raise misshapen(key, message, cure)
     return found
 
 
-def _periodic(signal: Periodic, names: tuple[str, ...], horizon: float) -> Drawn:
+def _periodic(signal: Periodic, names: Texts, horizon: float) -> Drawn:
     given = np.atleast_1d(np.asarray(signal.dwell, dtype=np.float64))
     several = is_list(signal.dwell)
     order = _order(signal.order, names, len(given) if several else None, "dwell")
@@ -227,7 +217,7 @@ def _periodic(signal: Periodic, names: tuple[str, ...], horizon: float) -> Drawn
     return times[seen], modes[seen]
 
 
-def _random(signal: RandomDwell, count: int, horizon: float, rng: np.random.Generator) -> Drawn:
+def _random(signal: RandomDwell, count: int, horizon: float, rng: Generator) -> Drawn:
     draws = horizon / signal.dwell
     refuse_too_many(draws)
     most = int(draws) + 1
@@ -244,9 +234,7 @@ def _random(signal: RandomDwell, count: int, horizon: float, rng: np.random.Gene
     return np.asarray(times[seen]), modes[seen]
 
 
-def _markov(
-    signal: Markov, names: tuple[str, ...], horizon: float, rng: np.random.Generator
-) -> Drawn:
+def _markov(signal: Markov, names: Texts, horizon: float, rng: Generator) -> Drawn:
     order = _order(signal.order, names, len(signal.generator), "generator")
     rates = np.array(signal.generator)
     start = order[0] if signal.start is None else mode_index(signal.start, names)
@@ -292,7 +280,7 @@ class Planned:
     """Modes that are known beforehand; ``groups`` gives the arcs of a mode by its index."""
 
     switches: Switches
-    groups: Callable[[int], Sequence[ArcGroup]]
+    groups: Callable[[int], ArcGroups]
     horizon: float
 
     def stay(self, time: float, positions: Array) -> Stay:

@@ -14,24 +14,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dobc_design._checks import noun
+from dobc_design._checks import noun, put
 from dobc_design._show.cards import Card, Headed
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.errors import refused
-from dobc_design.exact.reading import shown
+from dobc_design.exact.reading import Document, Table, Texts, shown
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import BoolArray, IndexArray
 from dobc_design.simulation import measures
 
-from .npz import (
-    ABOUT,
-    Shapes,
-    arrays_bytes,
-    describing,
-    read_arrays,
-    require,
-    save_arrays,
-)
+from .npz import ABOUT, Shapes, arrays_bytes, describing, read_arrays, require, save_arrays
 from .switches import Switches, one_mode
 
 if TYPE_CHECKING:
@@ -83,7 +75,7 @@ class Trajectory(Simulated):
 
     name: str
     mode: str
-    labels: tuple[str, ...]
+    labels: Texts
     t_final: float
     seed: int
     times: Array
@@ -98,23 +90,23 @@ class Trajectory(Simulated):
     reason: str = ""
     method: str = ""
     evaluations: int = 0
-    notes: tuple[str, ...] = ()
+    notes: Texts = ()
     signal: str = ""  # as JSON
     observer: str = "closed-form"  # or "full-loop", "off"
     stress: str = ""  # as JSON; "" where there was none
     loop_sha256: str = ""  # of the problem and W; "" where they were not recorded
     switches: Switches = field(default_factory=lambda: one_mode(""))  # default: ``mode`` throughout
     leader: Array = field(default_factory=lambda: np.zeros(0))  # default: 0
-    units: tuple[str, ...] = ()  # of the m state components, where the problem gives them
+    units: Texts = ()  # of the m state components, where the problem gives them
     mode_index: IndexArray = field(init=False)
 
     def __post_init__(self) -> None:
         # without switches of its own it was in ``mode`` throughout
         if self.switches.names == ("",):
-            object.__setattr__(self, "switches", one_mode(self.mode))
-        object.__setattr__(self, "mode_index", self.switches.at(self.times))
+            put(self, switches=one_mode(self.mode))
+        put(self, mode_index=self.switches.at(self.times))
         if not self.leader.size:
-            object.__setattr__(self, "leader", np.zeros((len(self.times), self.x.shape[2])))
+            put(self, leader=np.zeros((len(self.times), self.x.shape[2])))
         for name in ("times", "goal", "leader", "mode_index", *SAMPLED):
             getattr(self, name).setflags(write=False)
 
@@ -165,7 +157,7 @@ class Trajectory(Simulated):
         """
         return measures.decay_rate(self.times, self.error())
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> Document:
         """The numbers of ``dobc simulate --json``, without its files."""
         return measures.summary(self.times, self.error()[None], np.array([self.diverged]))
 
@@ -313,7 +305,7 @@ class Ensemble(Simulated):
 
     name: str
     mode: str
-    labels: tuple[str, ...]
+    labels: Texts
     t_final: float
     seeds: IndexArray
     times: Array
@@ -325,7 +317,7 @@ class Ensemble(Simulated):
     reasons: dict[int, str]
     goal: Array
     method: str
-    notes: tuple[str, ...]
+    notes: Texts
     signal: str
     observer: str
     stress: str
@@ -334,7 +326,7 @@ class Ensemble(Simulated):
     states: Array
     leader: Array
     loop_sha256: str = ""  # of the problem and W; "" where they were not recorded
-    units: tuple[str, ...] = ()  # of the m state components, where the problem gives them
+    units: Texts = ()  # of the m state components, where the problem gives them
 
     def __post_init__(self) -> None:
         for array in self._arrays().values():
@@ -363,7 +355,7 @@ class Ensemble(Simulated):
         counts as infinite."""
         return np.stack([measures.quantile(self.error, level) for level in levels])
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> Document:
         """The numbers of ``dobc simulate --json``, without its files."""
         return measures.summary(self.times, self.error, self.diverged)
 
@@ -400,7 +392,7 @@ class Ensemble(Simulated):
 
     def to_bytes(self) -> bytes:
         """What ``save`` writes."""
-        facts: dict[str, Any] = {name: getattr(self, name) for name in FACTS}
+        facts: Document = {name: getattr(self, name) for name in FACTS}
         facts |= {"format": "dobc-ensemble", "version": 1}
         about = np.array(json.dumps(facts, ensure_ascii=False))
         return arrays_bytes({ABOUT: about} | self._arrays())
@@ -423,7 +415,7 @@ def bound_of(
     if envelope is not None:
         message = "certificate and envelope exclude each other."
         raise refused("envelope", message, "Leave one of them out.")
-    found: Any = certificate.envelope(run)
+    found = certificate.envelope(run)
     return found if found.sources else None
 
 
@@ -486,7 +478,7 @@ def _require_shapes(shapes: Shapes) -> None:
     require(min(samples, n, m, *p, *switches), "it has no samples")
 
 
-def _plain_facts(facts: Any) -> dict[str, Any]:
+def _plain_facts(facts: Any) -> Document:
     """The fields that stand in the text, each of its type."""
     known = isinstance(facts, dict) and facts.get("format") == FORMAT
     require(
@@ -503,7 +495,7 @@ def _plain_facts(facts: Any) -> dict[str, Any]:
     return plain
 
 
-def _require_texts(facts: Mapping[str, Any], plain: Mapping[str, Any]) -> None:
+def _require_texts(facts: Table, plain: Table) -> None:
     """Every text must be one that can be shown.  Raises: UnfitError."""
     texts = [value for value in plain.values() if type(value) is str]
     for each in (*(facts[name] for name in ("labels", "notes", "modes")), facts.get("units", [])):
@@ -514,7 +506,7 @@ def _require_texts(facts: Mapping[str, Any], plain: Mapping[str, Any]) -> None:
         require(readable, "a text entry is not text or has control characters")
 
 
-def _require_numbers(arrays: Mapping[str, NDArray[Any]], plain: Mapping[str, Any]) -> None:
+def _require_numbers(arrays: Mapping[str, NDArray[Any]], plain: Table) -> None:
     """Numbers must be of the kind that they are for, and times increase.  Raises: UnfitError."""
     kinds = dict.fromkeys(("switch_modes", "graph_sizes", "graph_arcs"), "iu")
     kinds |= dict.fromkeys(("times", "goal", "switch_times", *SAMPLED), "f")
@@ -528,7 +520,7 @@ def _require_numbers(arrays: Mapping[str, NDArray[Any]], plain: Mapping[str, Any
     require(ordered and plain["t_final"] > 0, "its times do not increase")
 
 
-def _switches(facts: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Switches:
+def _switches(facts: Table, arrays: Mapping[str, NDArray[Any]]) -> Switches:
     """Its switches, which have to be of its modes and agents.  Raises: UnfitError."""
     labels = facts["labels"]
     names = facts["modes"]

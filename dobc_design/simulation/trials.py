@@ -11,6 +11,7 @@ from functools import cache
 import numpy as np
 
 from dobc_design._checks import noun
+from dobc_design.exact.reading import Texts
 from dobc_design.loop.arrays import Gain, error_arcs
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.matrices import Array, consensus_jacobian, pull_matrix
@@ -18,14 +19,7 @@ from dobc_design.problem.network import BoolArray, IndexArray
 from dobc_design.problem.problem import Problem
 
 from .closed_form import make_closed_form
-from .columns import (
-    COLLAPSED,
-    COLUMN_NUMBERS,
-    ESCAPED,
-    HANDED_BACK,
-    MOST_STEPS,
-    CalmColumns,
-)
+from .columns import COLLAPSED, COLUMN_NUMBERS, ESCAPED, HANDED_BACK, MOST_STEPS, CalmColumns
 from .field import ClosedLoop, Network, make_closed_loop, network_of
 from .switches import ModeTable
 
@@ -46,13 +40,13 @@ class Arena:
 
     problem: Problem
     loop: ClosedLoop
-    modes: tuple[str, ...]
+    modes: Texts
     networks: Callable[[int], Network]
 
     @property
     def chunk(self) -> int:
         """How many runs are made at once."""
-        return max(1, COLUMN_NUMBERS // (self.loop.n * self.loop.m))
+        return max(1, COLUMN_NUMBERS // self.loop.size)
 
 
 def make_arena(problem: Problem, gain: Gain | None) -> Arena:

@@ -24,7 +24,7 @@ import copy
 import json
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from fractions import Fraction
 from random import Random
 from statistics import NormalDist
@@ -35,12 +35,13 @@ import numpy as np
 from dobc_design._checks import noun
 from dobc_design.errors import Mistakes, SpecError, about, refused
 from dobc_design.exact.number import number_text, parse_number
-from dobc_design.exact.reading import NumberText, is_list, shown
+from dobc_design.exact.reading import Document, Names, NumberText, Table, Texts, is_list, shown
 from dobc_design.problem.changes import typed_number
 from dobc_design.problem.load import parse_toml
 from dobc_design.problem.network import one_form
 
 Path = tuple[str | int, ...]
+Over = Table | Names  # key -> values, or KEY=VALUES
 
 MOST_VALUES = 1_000_000
 LONGEST = 500  # characters of the keys of an axis
@@ -67,7 +68,7 @@ class Draw:
     """A distribution: its kind, its numbers as text, or for "choice" the values."""
 
     kind: str
-    arguments: tuple[str, ...]
+    arguments: Texts
 
     def value(self, seed: int, axis: str, sample: int) -> str:
         u = Random(f"{seed}|{axis}|{sample}").random()
@@ -91,7 +92,7 @@ class Axis:
 
     name: str
     keys: tuple[Path, ...]
-    values: tuple[str, ...] = ()
+    values: Texts = ()
     draw: Draw | None = None
 
     @property
@@ -101,14 +102,14 @@ class Axis:
         return f"{self.name}={','.join(self.values)}"
 
 
-def read_axes(over: Mapping[str, Any] | Sequence[str]) -> tuple[Axis, ...]:
+def read_axes(over: Over) -> tuple[Axis, ...]:
     """Axes from texts "KEY=VALUES", or from a mapping key -> values (text as typed, or a
     sequence).  Raises: SpecError that names every wrong axis."""
     given = list(over.items()) if isinstance(over, Mapping) else [split_axis(text) for text in over]
     if not given:
         cure = "For example pinning.gains.1=1:5:9."
         raise refused("over", "nothing is varied: a sweep needs at least one KEY=VALUES.", cure)
-    axes: list[Axis] = []
+    axes = []
     errors = Mistakes()
     for key, values in given:
         try:
@@ -160,7 +161,7 @@ def _axis(key: str, given: Any) -> Axis:
     return Axis(name=name, keys=keys, values=values)
 
 
-def _listed(text: str) -> tuple[str, ...]:
+def _listed(text: str) -> Texts:
     found = _RANGE.fullmatch(text.strip())
     if found is None:
         return _readable(text)
@@ -184,7 +185,7 @@ def _listed(text: str) -> tuple[str, ...]:
     return (exact_text(a), *inner, exact_text(b))
 
 
-def _readable(text: str) -> tuple[str, ...]:
+def _readable(text: str) -> Texts:
     """The values between commas; what cannot be read is said before anything runs."""
     values = tuple(split(text))
     for value in values:
@@ -262,16 +263,16 @@ def path_text(path: Path) -> str:
     return text
 
 
-def with_changes(document: Mapping[str, Any], changes: Mapping[Path, Any]) -> dict[str, Any]:
+def with_changes(document: Table, changes: Mapping[Path, Any]) -> Document:
     """A copy of the document with these places set; None removes a key.  Tables on the way are
     made.  Raises: SpecError where a path leads through something that is no table and no list."""
-    changed: dict[str, Any] = copy.deepcopy(dict(document))
+    changed: Document = copy.deepcopy(dict(document))
     for path, value in changes.items():
         _set(changed, path, copy.deepcopy(value))
     return changed
 
 
-def _set(document: dict[str, Any], path: Path, value: Any) -> None:
+def _set(document: Document, path: Path, value: Any) -> None:
     inner: Any = document
     for depth, part in enumerate(_spelled(inner, each) for each in path[:-1]):
         # A table that is missing on the way is made, for a value to be set in it.

@@ -11,26 +11,30 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping, Sequence
 from fractions import Fraction
-from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from dobc_design import __version__
 from dobc_design._checks import noun, put
 from dobc_design.conditions.numbers import time_to_one_percent
 from dobc_design.errors import refused
 from dobc_design.exact.number import float_above
-from dobc_design.exact.reading import shown
+from dobc_design.exact.reading import Document, Table, Texts, shown
 from dobc_design.problem.canonical import problem_sha256
 from dobc_design.problem.changes import problem_text
-from dobc_design.problem.load import load_problem, parse_toml, read_problem_tables, source_text
+from dobc_design.problem.load import (
+    Source,
+    load_problem,
+    parse_toml,
+    read_problem_tables,
+    source_text,
+)
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation._arguments import whole
 from dobc_design.verdict import Verdict
 
-from .axes import Axis, read_axes, read_value, with_changes
+from .axes import Axis, Over, read_axes, read_value, with_changes
 
 if TYPE_CHECKING:
     from dobc_design.certificate.certificate import Certificate
@@ -112,7 +116,7 @@ class Task:
         """What is kept of every case."""
         return COLUMNS[self.kind]
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         # Options of the other task are no part of what the results depend on.
         own = {"everything": self.everything} if self.kind == "certify" else {"runs": self.runs}
         return {"kind": self.kind, **own}
@@ -123,7 +127,7 @@ class Task:
         from dobc_design.certification import certify  # noqa: F401 - for its imports
         from dobc_design.simulation import runs  # noqa: F401 - likewise
 
-    def run(self, problem: Problem) -> dict[str, Any]:
+    def run(self, problem: Problem) -> Document:
         # Imported here: a sweep of simulations needs no solver, and one of proofs no simulation.
         if self.kind == "certify":
             from dobc_design.certification.certify import certify
@@ -140,7 +144,7 @@ class Task:
         return found
 
 
-def _facts(certificate: Certificate) -> dict[str, Any]:
+def _facts(certificate: Certificate) -> Document:
     regions = certificate.regions
     proved = [claim for claim in regions.claims if claim.verdict is Verdict.PROVED]
     kinds = [claim.kind for claim in proved if claim.kind in _ORDER]
@@ -152,7 +156,7 @@ def _facts(certificate: Certificate) -> dict[str, Any]:
     margins = [each.margin for each in checks if each.id == near and each.margin is not None]
     # Only a proved settling time is a result, rounded up.
     settling, time = regions.settling, None
-    if settling is not None and settling.verdict is Verdict.PROVED and settling.exact is not None:
+    if settling is not None and settling.is_proved and settling.exact is not None:
         time = float_above(Fraction(settling.exact["time"]))
     one_percent = time_to_one_percent(certificate.rate, certificate.factor)
     return {
@@ -176,7 +180,7 @@ class Plan:
     each point. ``tables`` are those of a problem file, ``folder`` the place of its arc files."""
 
     name: str
-    tables: Mapping[str, Any]
+    tables: Table
     folder: Path | None
     problem_sha256: str
     axes: tuple[Axis, ...]
@@ -188,11 +192,11 @@ class Plan:
         listed = [len(axis.values) for axis in self.axes if axis.draw is None]
         return self.samples * math.prod(listed)
 
-    def values(self, case: int) -> tuple[str, ...]:
+    def values(self, case: int) -> Texts:
         """The value of every axis in the case of that number, as text."""
         # Like digits of a number: draws first, then the axes from the last to the first.
         rest, sample = divmod(case, self.samples)
-        values: list[str] = []
+        values = []
         for axis in reversed(self.axes):
             if axis.draw is not None:
                 values.append(axis.draw.value(self.seed, axis.name, sample))
@@ -209,7 +213,7 @@ class Plan:
         return read_problem_tables(tables, folder=self.folder, default_name=self.name)
 
     @property
-    def document(self) -> dict[str, Any]:
+    def document(self) -> Document:
         """What makes this sweep: everything that its results depend on."""
         return {
             "format": "dobc-sweep",
@@ -231,8 +235,8 @@ class Plan:
 
 
 def make_plan(
-    source: Problem | str | PathLike[str],
-    over: Mapping[str, Any] | Sequence[str],
+    source: Source,
+    over: Over,
     *,
     task: Task,
     samples: int | None = None,
@@ -273,7 +277,7 @@ def make_plan(
     return plan
 
 
-def _tables(text: str | None, problem: Problem) -> Mapping[str, Any]:
+def _tables(text: str | None, problem: Problem) -> Table:
     """The tables as they were typed where that is possible, so that paths lead to what the user
     sees."""
     if text is None:

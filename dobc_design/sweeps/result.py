@@ -29,7 +29,7 @@ from dobc_design._checks import noun
 from dobc_design._show.cards import MOST_ROWS, Card, Headed
 from dobc_design.certificate.files import make_folder, write_atomically
 from dobc_design.errors import CertificateError, SpecError, refused
-from dobc_design.exact.reading import shown
+from dobc_design.exact.reading import Document, Texts, shown
 
 from .axes import number_of
 from .plan import Plan
@@ -205,7 +205,7 @@ def _require_same(folder: Path, plan: Plan) -> None:
             )
         return
     try:
-        found: Any = json.loads(head.read_bytes().decode("utf-8"))
+        found = json.loads(head.read_bytes().decode("utf-8"))
     except (OSError, ValueError, RecursionError):
         found = None
     # all of it, so that a change by hand is not overwritten
@@ -262,7 +262,7 @@ class SweepResult(Headed):
         return len(self.lines)
 
     @property
-    def axes(self) -> tuple[str, ...]:
+    def axes(self) -> Texts:
         """The names of the axes: what was varied."""
         return tuple(axis.name for axis in self.plan.axes)
 
@@ -276,7 +276,7 @@ class SweepResult(Headed):
         return {"case": "count", **axes, **own, "error": "text", "seconds": "number", "id": "text"}
 
     @property
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list[Document]:
         """Every case as a mapping column -> value."""
         columns = self.columns
         numeric = [columns[name] == "number" for name in self.axes]
@@ -463,7 +463,7 @@ class SweepResult(Headed):
         lines are few."""
         from dobc_design.plotting.sweeps import MOST_SERIES
 
-        used: list[int] = []
+        used = []
         count = 1
         for place, axis in enumerate(self.plan.axes):
             several = axis.name != x and len(axis.values) > 1

@@ -13,7 +13,7 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager, suppress
 from multiprocessing import TimeoutError as NoAnswer  # what joblib raises
@@ -26,12 +26,13 @@ from dobc_design import __version__
 from dobc_design._checks import noun
 from dobc_design._show.progress import Reports, report_to, shows_progress
 from dobc_design.errors import DobcError, SpecError, refused
-from dobc_design.exact.reading import shown
+from dobc_design.exact.reading import Document, Table, shown
 from dobc_design.exact.work import read_time_limit
 from dobc_design.problem.canonical import problem_sha256
-from dobc_design.problem.problem import Problem
+from dobc_design.problem.load import Source
 from dobc_design.simulation._arguments import whole
 
+from .axes import Over
 from .plan import Plan, Task, make_plan
 from .result import TIME, Journal, Outcome, SweepResult, to_be_done_again
 
@@ -67,8 +68,8 @@ Progress = Callable[[State], None]
 
 @shows_progress
 def sweep(
-    problem: Problem | str | PathLike[str],
-    over: Mapping[str, Any] | Sequence[str],
+    problem: Source,
+    over: Over,
     *,
     task: str = "certify",
     samples: int | None = None,
@@ -236,13 +237,11 @@ def _line(plan: Plan, case: int) -> Outcome:
     }
 
 
-def _error(
-    kind: str, message: str, *, key: str | None = None, cure: str | None = None
-) -> dict[str, Any]:
+def _error(kind: str, message: str, *, key: str | None = None, cure: str | None = None) -> Document:
     return {"kind": kind, "key": key, "message": message, "cure": cure}
 
 
-def _too_long(limit: float | None) -> dict[str, Any]:
+def _too_long(limit: float | None) -> Document:
     cure = "The same sweep with a longer time limit, or none, does it again."
     return _error(TIME, f"The case was given up after {limit:g} s, the time limit.", cure=cure)
 
@@ -359,7 +358,7 @@ def _backend(cluster: str | None, jobs: int | None, cases: int) -> Iterator[Back
         raise refused("--cluster", message, f"{cure}are used.") from None
     with ExitStack() as stack:
         try:
-            address: Any = cluster
+            address = cluster
             if cluster == LOCAL:
                 from joblib import cpu_count
 
@@ -381,7 +380,7 @@ def _backend(cluster: str | None, jobs: int | None, cases: int) -> Iterator[Back
         yield {"backend": "dask"}
 
 
-def _require_this_version(found: Mapping[str, Any]) -> None:
+def _require_this_version(found: Table) -> None:
     """Raise SpecError unless every worker has this program: its numbers would be others."""
     for worker, version in found.items():
         if version != __version__:

@@ -188,9 +188,18 @@ class BlockLMI(Shown):
     def certify(self, *, digits: int = DIGITS) -> Certificate:
         """Decide the P and Q found: rounded to ``digits``, then exactly.
 
-        Returns: the Certificate of the problem with this P and W = P^-1 Q; its check
-        ``theorem1-printed`` or ``theorem2-printed`` says whether they prove it, by how much or
-        with which vector they fail.
+        Returns: the Certificate of ``problem_with_gain``; its check ``theorem1-printed`` or
+        ``theorem2-printed`` says whether P and W prove it, by how much or with which vector they
+        fail.
+        Raises: SpecError without values.
+        """
+        return certify(self.problem_with_gain(digits=digits))
+
+    def problem_with_gain(self, *, digits: int = DIGITS) -> Problem:
+        """The problem with the P found and W = P^-1 Q, rounded to ``digits``, to go on with:
+        ``certify``, ``simulate``, ``design_pinning``; ``save`` of its certificate writes it as
+        problem.json.
+
         Raises: SpecError without values.
         """
         gain = self.W
@@ -199,7 +208,7 @@ class BlockLMI(Shown):
         observer = Observer(
             W=round_matrix(gain, digits), P=round_matrix(self.P.value, digits), rate=None
         )
-        return certify(self.stated.replace(observer=observer))
+        return self.stated.replace(observer=observer)
 
     def __repr__(self) -> str:
         return f"{self._title}: {self._size}. {self.status}"

@@ -372,7 +372,10 @@ def test_the_report_draws_the_bound_and_says_whose_it_is(curved):
     problem, certificate = curved
     box = only(certificate, "max-separable")
     picture = error_picture(box, dd.simulate(problem, t_final=2))
-    assert picture.caption.endswith("Dashed: certified upper bound for this start (max-separable).")
+    assert picture.caption.endswith(
+        "Dashed: certified upper bound for this start (max-separable). It may begin above the "
+        "run: it holds for all runs from starts as large."
+    )
     assert "certified bound" in svg_of(picture)
     outside = dd.simulate(problem, start={"x": 3 * FAR}, t_final=2)
     picture = error_picture(box, outside)

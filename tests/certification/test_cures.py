@@ -61,7 +61,7 @@ def test_the_ten_cycle_without_pins_is_cured_by_any_one_pin():
     gain = {beta: 2**10 / (2 - beta) ** 9 - 2 + beta for beta in (1 / 8, 1 / 4)}
     assert gain[1 / 4] > 4
     assert gain[1 / 8] <= float(gains_of(fix)["1"]) <= 1.02 * gain[1 / 8]
-    assert "Recommended: a decay rate of at least 0.12 1/s near the target" in fix.text
+    assert ", for a decay rate of at least 0.12 1/s near the target" in fix.text
     assert theorem_holds(cured(problem, fix.set))
     assert not theorem_holds(changed_problem(problem, {"pinning.gains": {"1": 0}}))
 

@@ -155,7 +155,7 @@ def test_every_check_that_a_problem_calls_for_has_to_be_there(paper):
     assert (found.confirmed, found.failures) == ((), ("checks: a check stands there twice",))
     second = checker.examine(certificate_bytes(doubled), canonical_bytes(problem))
     assert [title for _, title in second] == [
-        "it belongs to this problem",
+        "its problem",
         "its list of checks: a check stands there twice",
     ]
     # several modes: theorem2; without an exosystem Lemma 1 alone; a P given: the printed check as

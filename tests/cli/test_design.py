@@ -196,3 +196,29 @@ def test_a_disk_that_refuses_leaves_with_4(dobc, monkeypatch):
 
     monkeypatch.setattr("dobc_design.certificate.files.write_atomically", refuse)
     assert dobc("design", "star.toml", "--out", "new.toml")[0] == 4
+
+
+@pytest.mark.parametrize(
+    ("command", "option"),
+    [
+        ("design star.toml --rate 0", "--rate"),
+        ("design star.toml --max-gain 0", "--max-gain"),
+        ("design star.toml --coupling", "--coupling"),
+        ("simulate star.toml --t-final 0", "--t-final"),
+        ("simulate star.toml --mode zz", "--mode"),
+        ("stress star.toml --loss 2", "--loss"),
+        ("stress star.toml --fail zz@1", "--fail"),
+        ("sweep star.toml target=1 --jobs 0", "--jobs"),
+        ("certify star.toml --rate 0", "--rate"),
+    ],
+)
+def test_errors_about_options_name_them_as_they_were_typed(dobc, command, option):
+    code, out, _ = dobc(*command.split(), "--json")
+    error = json.loads(out)["error"]
+    assert (code, error["key"]) == (2, option)
+    assert error["message"].startswith(option)
+
+
+def test_every_wrong_option_is_named_at_once(dobc):
+    err = dobc("design", "star.toml", "--rate", "0", "--noise=-1", "--digits", "99")[2]
+    assert all(f"error: {option} must be" in err for option in ("--rate", "--noise", "--digits"))

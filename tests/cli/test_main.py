@@ -18,6 +18,7 @@ import tomlkit
 from bad_files import BAD_FILES, listing, write_case
 from certified import certify_once
 from problem_texts import CHAIN
+from slips import TYPED
 from typer.main import get_command
 
 from dobc_design import __version__
@@ -309,16 +310,7 @@ def test_help_says_what_is_a_file_and_what_a_number(dobc):
     assert all(text in told for text in ("--t-final NUMBER", "--start FILE", "--out FOLDER"))
 
 
-@pytest.mark.parametrize(
-    ("line", "key", "cure"),
-    [
-        ("export paper-fixed --c code --period 20ms", "--period", "Write 0.02, without the unit"),
-        ("simulate paper-fixed --t-final 10s", "--t-final", "Write 10, without the unit"),
-        ("simulate paper-fixed --t-final 2,5", "--t-final", "Write 2.5."),
-        ("stress paper-fixed --loss 5%", "--loss", "Write 0.05."),
-        ("certify paper-fixed --time-limit 1min", "--time-limit", "Write 60, without the unit"),
-    ],
-)
+@pytest.mark.parametrize(("line", "key", "cure"), TYPED)
 def test_a_number_with_its_unit_is_answered_by_the_number(dobc, line, key, cure):
     """A slip of the command line, told as one of a problem file is."""
     ran = dobc(*line.split(), "--json")

@@ -126,11 +126,11 @@ def test_a_run_that_diverges_is_an_answer(dobc):
 @pytest.mark.parametrize(
     ("arguments", "key"),
     [
-        (("paper-fixed", "--t-final", "0"), "t_final"),
-        (("paper-fixed", "--runs", "0"), "runs"),
-        (("paper-fixed", "--seed", "-1"), "seed"),
-        (("paper-fixed", "--mode", "Gz"), "mode"),
-        (("paper-fixed", "--start", "none.csv"), "start"),
+        (("paper-fixed", "--t-final", "0"), "--t-final"),
+        (("paper-fixed", "--runs", "0"), "--runs"),
+        (("paper-fixed", "--seed", "-1"), "--seed"),
+        (("paper-fixed", "--mode", "Gz"), "--mode"),
+        (("paper-fixed", "--start", "none.csv"), "--start"),
         (("no-such-problem",), "no-such-problem"),
         (("paper-fixed", "--out", "file"), "--out"),
         (("paper-fixed", "--out", "--json"), "--out"),

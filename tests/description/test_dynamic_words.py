@@ -84,7 +84,7 @@ def test_report_shows_the_plant_and_says_nothing_of_integrators_alone(problem):
     assert r"u_i = -K_i e_i - \hat{d}_i + u^0_i" in text
     for advice in ("single integrators", "dobc design", "dobc export"):
         assert advice not in text
-    assert "those of integrators with the couplings B h" in text
+    assert "read B h for h" in text
     assert ("<mi>f</mi>" in page) is (problem.dynamics.f is not None)
     assert not re.search(r"\[[^]]*\] 1/s on", text)
 

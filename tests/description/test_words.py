@@ -43,7 +43,7 @@ def test_words_say_who_listens_to_whom_and_who_is_not_reached():
 
 
 RICH_IN_WORDS = """\
-rich: 2 agents, 2 modes of 1, 1 arcs, labels 1 to 2.
+rich: 2 agents, 2 modes (1 arc, 1 arc), labels 1 to 2.
 2 state components each, disturbance of order 2.
 Target: (1, 0.5). Coupling: h = y (1 arc with another).
 Mode "A": 1 arc.

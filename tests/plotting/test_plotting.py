@@ -137,7 +137,7 @@ def test_the_certified_envelope_is_drawn_where_it_was_given(switched):
     ("low", "high", "wanted"),
     [
         (0.13, 4.5, ["0.2", "0.5", "1", "2"]),
-        (1.2, 2.3, ["2"]),
+        (1.2, 2.3, ["0.0", "2.0"]),
         (1e-6, 2.0, ["10⁻⁵", "10⁻³", "0.1"]),
     ],
 )

@@ -209,7 +209,7 @@ def test_readers_in_python_know_both(tmp_path):
     pairs = list(graph.edges())
     again = dd.Network.from_arcs(pairs, arrow="listens_to", merge="sum", drop_loops=True)
     assert again == network
-    with pytest.raises(SpecError, match='from_networkx do with merge="sum"'):
+    with pytest.raises(SpecError, match='with merge="sum"'):
         dd.Network.from_networkx(graph, arrow="listens_to", drop_loops=True)
     with pytest.raises(SpecError, match="with drop_loops=True"):
         dd.Network.from_networkx(graph, arrow="listens_to", merge="sum")

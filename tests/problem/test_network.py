@@ -123,6 +123,13 @@ def by_hand(listener: int, speaker: int, second: str = "b") -> Network:
     return Network(labels=("a", second), modes={"G": arcs})
 
 
+def test_a_misspelled_label_of_an_arc_is_answered_by_the_label_that_was_meant():
+    with pytest.raises(SpecError, match=r"'eats'.*Did you mean \"east\"\?"):
+        Network.from_arcs([["west", "eats"]], arrow="listens_to", agents=["west", "east"])
+    with pytest.raises(SpecError, match=r"no agent '11'.*Use the label of an agent"):
+        Network.from_arcs([[1, 11]], arrow="listens_to", agents=2)
+
+
 def test_a_network_made_by_hand_is_checked_too():
     network = by_hand(0, 1)
     assert list(network.modes["G"]) == [(0, 1, 1)]

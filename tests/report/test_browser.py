@@ -227,5 +227,9 @@ def test_a_report_is_three_screens_high_and_printed_with_all_that_is_signed(
     text = texts((tmp_path / "closed.pdf").read_bytes(), tmp_path)
     for words in ("Checks:", "max-separable", "Lyapunov matrix", "certified starts", "Approved by"):
         assert words in text
+    # What is signed stands beside the lines for it, with its fingerprints.
+    signed = text[text.rindex("Signatures") :]
+    for words in ("paper-fixed: proved. All agents reach", "SHA-256 of problem.json"):
+        assert words in signed
     assert "Eigenvalues" not in text
     assert "A simulation" not in text

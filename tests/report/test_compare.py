@@ -28,6 +28,14 @@ def test_a_problem_differs_from_itself_in_nothing(problem_with, certificate_of):
     assert "The two problems are the same." in compare_markdown(certificate_of(), certificate_of())
 
 
+def test_two_certificates_of_one_name_are_told_apart_in_the_title(problem_with, certificate_of):
+    other = certificate_of(problem_with(name="valley"))
+    assert comparison_document(certificate_of(), other).title.endswith(" and valley, compared")
+    again = certificate_of(problem_with(name="valley", target=2))
+    title = comparison_document(other, again).title
+    assert title == "valley (A) and valley (B), compared"
+
+
 def test_every_kind_of_difference_is_named_by_its_key(problem_with):
     first = problem_with()
     second = problem_with(

@@ -62,7 +62,7 @@ def test_on_request_a_solver_is_asked_for_the_inequality_as_printed(
     """paper-fixed: n = 10, m = 1, q = 2, so n (m + q) = 30 rows; P has 3 unknowns and Q has 2."""
     certificate = certified("paper-fixed")
     page = render_report(certificate, lmi=True)["report.md"].decode("utf-8")
-    assert "1 block with 30 rows and 5 unknowns" in page
+    assert "1 block of 30 rows in 5 unknowns" in page
     assert "matrices of 10 rows (Λ + I ⊗ S) and 2 (Ω₀)" in page
     assert 'The solver says "optimal": Psi' in page
     monkeypatch.setattr(block_lmi, "MOST_ROWS", 29)

@@ -17,6 +17,7 @@ from dobc_design.conditions.domain import NEAR_TARGET, Box
 from dobc_design.plotting.look import Sheet
 from dobc_design.plotting.regions import plot_regions, plot_starts, region_sheet
 from dobc_design.report.region_words import (
+    agents_sentence,
     asked_sentence,
     regions_table,
     rest_sentence,
@@ -119,6 +120,28 @@ def test_a_time_is_never_shown_shorter_than_it_is(value: float, shown: str):
     assert upper(value) == shown
 
 
+def test_sizes_have_the_unit_that_all_components_share():
+    regions = make(claim(), BALL, NEAR, EVERYWHERE, unit="m")
+    box, ball, near, everywhere = rows(regions)
+    assert (box["|e|∞ ≤"], ball["|e|₂ ≤"]) == ("4 m", "1.138 m")
+    assert (near["|e|∞ ≤"], everywhere["|e|∞ ≤"]) == ("–", "any")
+    assert box["certified starts"] == "box |e|∞ ≤ 4 m, every |εᵢ| ≤ 0.5"
+    assert box["|e|∞ ≤ 0.04 m after"] == "25.61 s"
+    assert "|e|∞ ≤ 4 m and |εᵢ| ≤ 0.5" in asked_sentence(regions)
+    assert str(regions).count(" 4 m ") == 2
+    assert "up to 4 m, for some agents up to 6.65 m." in agents_sentence(regions)
+
+
+def test_times_of_the_table_are_told_apart_from_the_time_to_one_percent_of_the_verdict():
+    """Both are of the same bound factor |e(0)| exp(-rate t) + error; only the table has the
+    error."""
+    told = "Times in the table count what the estimation errors add."
+    assert told in asked_sentence(make(claim()))
+    calm = Asked(box=4.0, ball=12.6491107, disturbance=0.0)
+    assert told not in asked_sentence(make(claim(disturbance=0.0), asked=calm))
+    assert told not in asked_sentence(make(claim(time=None)))
+
+
 def test_rows_say_what_covers_and_why_not():
     covering, ball, near, none, everywhere = rows(make(claim(), BALL, NEAR, NONE, EVERYWHERE))
     assert covering["covers it"] == "yes"
@@ -148,9 +171,7 @@ def test_rows_say_what_covers_and_why_not():
 def test_where_nothing_is_asked_the_sentence_says_so_and_there_is_no_section(
     problem_with, certificate_of
 ):
-    assert asked_sentence(make(claim(), asked=None)).endswith(
-        "the largest that was found is shown."
-    )
+    assert "the largest that was found is shown." in asked_sentence(make(claim(), asked=None))
     assert asked_sentence(make(NONE, asked=None)) == "No region was asked for."
     assert rows(make(NEAR, tolerance=None))[0]["settled after"] == "–"
     problem = problem_with(

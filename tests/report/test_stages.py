@@ -55,7 +55,7 @@ def test_the_sentence_claims_no_more_than_is_proved():
 
 
 def test_the_curve_drawn_is_the_certified_bound_and_said_in_words():
-    ax = plot_envelope(Figure().add_subplot(), settling(), unit="m")
+    ax = plot_envelope(Figure().add_subplot(), replace(settling(), unit="m"))
     curve = ax.lines[0]
     assert curve.get_ydata()[0] >= 1
     assert curve.get_ydata()[-1] <= 0.01
@@ -63,9 +63,9 @@ def test_the_curve_drawn_is_the_certified_bound_and_said_in_words():
     assert ax.lines[1].get_xdata()[0] == 0.5  # where the certificate takes over
     assert ax.get_yscale() == "log"
     assert ax.get_ylabel() == "|e|∞, in m"
-    (picture,) = envelope_pictures(settling(), unit="m")
+    (picture,) = envelope_pictures(settling())
     assert "from 1 down to 0.01 at 4.67" in picture.alt
-    assert list(envelope_pictures(None, unit="")) == []
+    assert list(envelope_pictures(None)) == []
 
 
 def test_without_a_moving_box_one_certificate_covers_the_whole_time():

@@ -5,6 +5,7 @@ from fractions import Fraction
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from networks import linked
 
 from dobc_design import Exosystem, Group, Network, Problem, Switching, certify
 from dobc_design._show.text import significant_towards_zero
@@ -64,6 +65,12 @@ def test_a_reason_is_shown_in_letters_and_signs_of_mathematics(reason: str, show
     assert words.sentence(reason) == shown
 
 
+def test_sums_have_the_sign_that_the_traceability_has():
+    """kinds.toml, which the report shows beside the reasons, writes V = Σ eᵢ′eᵢ + Σ εᵢ′Pεᵢ."""
+    assert words.sentence("V = e'De + sum eps_i' P eps_i falls") == "V = e′De + Σ εᵢ′ P εᵢ falls"
+    assert words.sentence("it is the sum of all") == "It is the sum of all"
+
+
 def test_numbers_are_written_as_people_write_them():
     assert words.typeset("-1.5e-08") == "−1.5·10⁻⁸"
     assert number(-0.0) == "0"
@@ -72,12 +79,12 @@ def test_numbers_are_written_as_people_write_them():
 
 
 def test_domains_in_words():
-    assert domain_words(EVERYWHERE) == "every start"
-    assert domain_words(NEAR_TARGET) == "near the target"
-    assert domain_words(Ball(1.5, 0)) == "starts with |e|₂ ≤ 1.5 and every |εᵢ| ≤ 0"
-    assert domain_words(Box(1.5, 0.25)) == "starts with |e|∞ ≤ 1.5 and every |εᵢ| ≤ 0.25"
-    assert domain_words(domain_from_json({"kind": "box"})) == '{"kind": "box"}'
-    assert domain_words(domain_from_json("<i>")) == "<i>"
+    assert domain_words(EVERYWHERE, "m") == "every start"
+    assert domain_words(NEAR_TARGET, "") == "near the target"
+    assert domain_words(Ball(1.5, 0), "m") == "starts with |e|₂ ≤ 1.5 m and every |εᵢ| ≤ 0"
+    assert domain_words(Box(1.5, 0.25), "") == "starts with |e|∞ ≤ 1.5 and every |εᵢ| ≤ 0.25"
+    assert domain_words(domain_from_json({"kind": "box"}), "m") == '{"kind": "box"}'
+    assert domain_words(domain_from_json("<i>"), "") == "<i>"
 
 
 def test_what_is_not_said_names_the_disturbances_that_the_problem_has(problem_with, certificate_of):
@@ -95,6 +102,9 @@ def test_a_ring_is_said_in_words(problem_with):
     assert mode_sentences(problem) == [
         "Ga: 10 arcs; every agent i listens to i + 1, counted around a circle of 10."
     ]
+    named = linked([["a", "b"], ["b", "c"], ["c", "d"], ["d", "a"]])
+    (around,) = mode_sentences(named)
+    assert around.endswith(": 4 arcs; a listens to b, and so on around the circle of agents.")
     assert pin_sentence(problem) == "2 of 10 agents are pinned: 1 and 6."
     assert agents_table(problem).rows[0] == ("1", "5", "1", "2")
 

@@ -259,6 +259,17 @@ def test_mathematics_is_mathml_and_latex_and_text_says_what_was_typed():
     assert repr(network) == "<Network of 2 agents: G with 1 arc>"
 
 
+def test_a_check_prints_itself_as_sentences_and_lines():
+    certificate = dd.certify(dd.load_problem("paper-fixed"))
+    told = str(certificate.check("max-separable")).splitlines()
+    assert told[0].startswith("max-separable: PROVED. Every start with |e_i| <= 4 and |eps_i|")
+    assert told[1] == "  starts: |e|_inf <= 4 and |eps_i| <= 0.5"
+    refuted = certificate.check("theorem1-printed")
+    assert str(refuted).endswith(f"\n  cure: {refuted.fix.text}")
+    assert "=" not in repr(refuted).partition(":")[0]
+    assert repr(refuted).startswith("<Check of theorem1-printed: REFUTED. Psi is not negative")
+
+
 def test_numbers_that_are_claims_are_not_rounded_up(small: dd.Certificate):
     for check in small.checks:
         for name, value in check._card().facts:

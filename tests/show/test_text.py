@@ -53,3 +53,9 @@ def test_user_text_is_escaped_for_latex():
     assert latex_text("a_b}") == r"\text{a}\_ \text{b}\}"
     assert latex_text("\\input") == r"\backslash \text{input}"
     assert "<b>" not in mathml(latex_text("<b>"))
+
+
+def test_a_rate_that_only_says_that_errors_decay_is_shown_as_positive():
+    assert shown.rate_text(3e-13) == "> 0"
+    assert shown.rate_text(0.25189) == "0.2518"
+    assert (shown.rate_text(0.0), shown.rate_text(None)) == ("0", "–")

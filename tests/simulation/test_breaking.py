@@ -124,3 +124,12 @@ def test_a_certified_period_stands_beside_and_below_the_observed_one():
     found = dd.what_breaks_first(problem, options=["period"], t_final=60, certificate=certificate)
     assert 0.2 < found.period.certified <= 0.25
     assert found.period.certified < found.period.converges
+
+
+def test_severities_have_the_unit_of_the_states():
+    options = ["noise", "disturbance"]
+    units = []
+    for problem in (ring(), ring(units="m")):
+        found = what_breaks_first(problem, options=options, start=[[2]] * 5, t_final=1)
+        units.append([sweep.unit for sweep in found.sweeps])
+    assert units == [["unit of x", "unit of x per s"], ["m", "m per s"]]

@@ -63,7 +63,7 @@ def test_the_full_loop_is_the_symbolic_closed_loop(problem: Problem):
     for _ in range(5):
         size = problem.n * (problem.m + 2 * problem.q)
         state = rng.normal(size=size)
-        parts = [part.ravel() for part in setting.loop.split(state)]
+        parts = [part.ravel() for part in setting.loop.split(state[:, None])]
         wanted = np.asarray(ca.vertcat(*model.closed_loop(*parts))).ravel()
         found = derivative(state[:, None], np.zeros((0, 1)))[:, 0]
         np.testing.assert_allclose(found, wanted, rtol=1e-12, atol=1e-11)

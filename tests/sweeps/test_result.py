@@ -10,6 +10,7 @@ import pytest
 from problem_texts import CHAIN
 
 from dobc_design.errors import SpecError
+from dobc_design.plotting.sweeps import Cases, Places, heat_map, lines
 from dobc_design.sweeps.plan import Task, make_plan
 from dobc_design.sweeps.result import SweepResult
 
@@ -156,6 +157,18 @@ def test_a_heat_map_draws_the_median_of_what_falls_on_a_cell_and_marks_the_worst
     texts = [text.get_text() for text in figure.axes[0].texts]
     assert texts.count("!") == 1
     assert texts.count("?") == 11
+
+
+@pytest.mark.parametrize(("ratio", "scale"), [(10.0, "log"), (1.1, "linear")])
+def test_rates_that_span_decades_are_drawn_on_a_logarithmic_axis(ratio: float, scale: str):
+    value = ratio ** np.arange(6.0)
+    outcome = ["proved"] * 6
+    cases = Cases(value=value, outcome=outcome, label="rate", title="", note="", series=[""] * 6)
+    agents = Places(name="agents", position=np.arange(6.0), ticks=np.arange(6.0))
+    assert lines(agents, cases).figure.axes[0].get_yscale() == scale
+    row = Places(name="k", position=np.zeros(6), ticks=np.zeros(1))
+    figure = heat_map(agents, row, cases).figure
+    assert figure.axes[1].get_yscale() == scale  # of the bar of colours
 
 
 def test_what_cannot_be_drawn_is_refused_with_what_can(tmp_path):

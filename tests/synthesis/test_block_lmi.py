@@ -65,6 +65,21 @@ def test_the_answers_of_two_solvers_are_proved(name, solver):
     assert "Psi < 0 in floating point" in lmi.status
 
 
+def test_the_answer_can_be_kept_as_a_problem_that_is_certified_again(tmp_path):
+    """W = P^-1 Q and P stand in problem.json, rounded, and prove the same."""
+    lmi = dd.block_lmi("paper-fixed")
+    with pytest.raises(SpecError, match="no P and Q"):
+        lmi.problem_with_gain()
+    lmi.problem().solve(solver="CLARABEL")
+    found = lmi.problem_with_gain(digits=6)
+    assert np.allclose(to_float(found.observer.W), lmi.W, rtol=1e-4)
+    assert np.allclose(to_float(found.observer.P), lmi.P.value, rtol=1e-4)
+    dd.certify(found).save(tmp_path)
+    kept = dd.load_problem(tmp_path / "problem.json")
+    assert kept.observer.W == found.observer.W and kept.observer.P == found.observer.P
+    assert printed(dd.certify(kept)).verdict is Verdict.PROVED
+
+
 def test_an_optimal_answer_on_the_border_is_refuted_exactly():
     """All pinned with k = 9/16 makes Psi of the printed P singular (theory, known answers): the
     solver finds Psi <= 0 "optimal"; Psi < 0 fails for a vector that proves it."""

@@ -584,10 +584,7 @@ def _why_inapplicable(loop: Loop) -> str | None:
     if loop.agrees:
         return "does not apply: it is about a target, and agents agree without one."
     if loop.slopes_move:
-        return (
-            "does not apply: the leader moves, and with it the slopes of f: those at one point "
-            "prove nothing."
-        )
+        return "does not apply: the leader moves, and the slopes of f that it needs change with it."
     # The theorems ask for a derivative on a neighbourhood, not only at the consensus.
     kinked = next((coupling for coupling in loop.functions if coupling.nonsmooth), None)
     if kinked is None:

@@ -335,7 +335,7 @@ def cure_in_words(loop: Loop, arcs: Sequence[Arcs]) -> str:
     for group in groups[:SHOWN]:
         agents = " or ".join(loop.labels[i] for i in group[:3])
         if len(group) > 3:
-            agents += " or another of theirs"
+            agents += " or another of that group"
         named.append(agents)
     text = f"Pin agent {', and agent '.join(named)}"
     if len(groups) > SHOWN:
@@ -400,7 +400,7 @@ def refutation(loop: Loop, vector: Vector, *, alone: Sequence[int], roots: int) 
         text = _unheard(loop, labels, moved)
     else:
         text = (
-            f"for the error vector shown, which moves {name_agents(moved)}, V = e'e does not "
+            f"for the error vector shown, nonzero at {name_agents(moved)}, V = e'e does not "
             "decrease."
         )
         pinned = {loop.labels[i] for i in loop.pulls.nodes}
@@ -416,9 +416,7 @@ def refutation(loop: Loop, vector: Vector, *, alone: Sequence[int], roots: int) 
 
 def _unheard(loop: Loop, labels: Sequence[str], moved: Sequence[str]) -> str:
     """That these agents hear no pinned one, and which of them the vector moves."""
-    hears, them = "hear", "them"
-    if len(labels) == 1:
-        hears, them = "hears", "it"
+    them = "it" if len(labels) == 1 else "them"
     moving = name_agents(moved)
     if moved == labels:
         moving = them
@@ -426,6 +424,6 @@ def _unheard(loop: Loop, labels: Sequence[str], moved: Sequence[str]) -> str:
             moving += " alone"
     pulls = "nothing" if loop.drift is None else "no gain"
     return (
-        f"{name_agents(labels)} {hears} no pinned agent, so {pulls} pulls {them} to the target:"
+        f"no pinned agent reaches {name_agents(labels)}, so {pulls} pulls {them} to the target:"
         f" v' Lambda v >= 0 for the vector that moves {moving}."
     )

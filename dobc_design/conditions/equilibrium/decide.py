@@ -28,13 +28,12 @@ from dobc_design.conditions.reason import pins_obstacle
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.tree import GradientAlgebra, IntervalAlgebra, evaluate
 from dobc_design.errors import ShapeError, SpecError
-from dobc_design.exact.interval import Interval, UndefinedError
+from dobc_design.exact.interval import Box, Interval, UndefinedError
 from dobc_design.exact.matrix import Matrix, Vector, dot, identity, multiply, subtract
 from dobc_design.exact.number import nearest, number_text
 from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
 
-Box = tuple[Interval, ...]
 Slopes = Mapping[tuple[int, int], Interval]
 
 LARGEST = 60  # rows n m

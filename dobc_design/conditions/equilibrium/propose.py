@@ -14,7 +14,7 @@ from functools import partial
 import numpy as np
 from scipy import optimize
 
-from dobc_design.exact.interval import Interval
+from dobc_design.exact.interval import Box, Interval
 from dobc_design.exact.work import spend
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.matrices import Array, pull_matrix
@@ -23,7 +23,6 @@ from dobc_design.model.couplings import felt_errors
 from .decide import (
     LARGEST,
     ONE,
-    Box,
     Equilibrium,
     lies_in_region,
     why_not,

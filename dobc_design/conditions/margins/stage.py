@@ -205,7 +205,7 @@ def _tolerated(claim: Tolerance, *, is_largest: bool, needs_hurwitz: bool) -> st
     )
     reason += ", while A - WC is Hurwitz." if needs_hurwitz else "."
     if is_largest:
-        reason += " These are about the largest common errors that it allows."
+        reason += " With the same percentage for both, it allows hardly more."
     return reason
 
 

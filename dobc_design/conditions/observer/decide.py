@@ -78,9 +78,9 @@ def detectability_check(exosystem: Exosystem, loop: Loop | None = None) -> Check
         return check(verdict=Verdict.PROVED, reason=f"(A, C) is detectable: {hidden}.")
     return check(
         verdict=Verdict.REFUTED,
-        reason=f"(A, C) is not detectable: the part {polynomial} of the exosystem never reaches d "
-        "= C xi and does not decay, so no gain W can estimate it. It does not act on the agents "
-        "either: leave it out.",
+        reason="(A, C) is not detectable: the modes of the exosystem with the characteristic "
+        f"polynomial {polynomial} do not appear in d = C xi and do not decay, so no gain W can "
+        "estimate them. They do not act on the agents either: leave them out.",
         witness=Witness(kind="polynomial", values=(polynomial,)),
         fix=_reduction(exosystem, loop),
     )

@@ -342,7 +342,7 @@ def lure_check(asked: Asked, lure: Lure, *, radius: float, remark: str = "") -> 
         rate=numbers.decimal_below(lure.rate) or None if lure.rate else None,
         domain=EVERYWHERE if lure.level is None else Ball(radius, disturbance),
         claim=lure,
-        reason=f"from every start{within} V = {V} decreases{pace}, for all gains that the "
+        reason=f"from every start{within}, V = {V} decreases{pace}, for all gains that the "
         f"couplings have there ({means}){where}.{remark}",
     )
 

@@ -30,12 +30,11 @@ from dobc_design.coupling.expression import (
 )
 from dobc_design.coupling.tree import GradientAlgebra, Node, evaluate
 from dobc_design.errors import SpecError, wrong
-from dobc_design.exact.interval import Interval, UndefinedError
+from dobc_design.exact.interval import Box, Interval, UndefinedError
 from dobc_design.exact.work import spend
 from dobc_design.loop.loop import Loop
 
-Entries = tuple[tuple[Interval, ...], ...]  # m x m
-Box = tuple[Interval, ...]
+Entries = tuple[Box, ...]  # m x m
 
 DIGITS = 6
 # gains are claimed this much wider, so that a second program can confirm them
@@ -114,7 +113,7 @@ def gains_on(
                 known[side] = _secants(curve, side, tolerance)
         own = [known[side] for side in box]
         return tuple(tuple(own[c] if c == d else _ZERO for d in range(m)) for c in range(m))
-    rows: list[tuple[Interval, ...]] = []
+    rows: list[Box] = []
     hull: Entries | None = None
     for c, component in enumerate(coupling.components):
         if is_sum_of_curves(component.node):

@@ -294,8 +294,8 @@ def _remark(asked: Asked, best: Found, found: Sequence[Found]) -> str:
         reached = f" Largest |e| by method: {others}."
     if asked.wanted and best.radius >= asked.ball:
         return reached
-    wish = f"the region asks for {asked.ball:.6g}" if asked.wanted else "no region is asked for"
+    wish = f"the region needs {asked.ball:.6g}" if asked.wanted else "no region is asked for"
     return (
-        f" The ball reaches |e| <= {best.radius:.6g}, {wish}: beyond, no quadratic V is "
-        f"found.{reached}"
+        f" The ball reaches |e| <= {best.radius:.6g} (all errors together), {wish}: beyond, no "
+        f"quadratic V is found.{reached}"
     )

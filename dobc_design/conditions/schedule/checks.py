@@ -232,4 +232,5 @@ def settling_of(loop: Loop, claim: Descent, reason: str) -> Settling:
         tolerance=claim.tolerance,
         claim=claim,
         guarantee=guarantee_of(loop, claim),
+        unit=loop.unit,
     )

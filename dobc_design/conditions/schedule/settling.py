@@ -99,6 +99,7 @@ class Settling(Shown):
     claim: Descent | None = None
     single: Descent | None = None
     guarantee: str | None = None
+    unit: str = ""  # of the states, where all components share one
 
     @property
     def time(self) -> float | None:

@@ -185,6 +185,7 @@ def settle(loop: Loop, W: Matrix | None, asked: Asked, *, progress: Progress) ->
         claim=best,
         single=single,
         guarantee=None if best is None else guarantee_of(loop, best),
+        unit=loop.unit,
     )
 
 

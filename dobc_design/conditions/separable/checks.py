@@ -34,6 +34,7 @@ from .claim import (
     Separable,
     acts_by_component,
     is_stuck,
+    pins_that_order,
     read_claim,
     separable_from_json,
     stuck_agents,
@@ -50,6 +51,7 @@ SHORTEST = Fraction(1, 10**30)  # sampling periods below are no use to anybody (
 # of a sampling period, for a second program with wider enclosures
 IN_HAND = Fraction(1, 1000)
 _SHOWN = 6  # stuck agents that a sentence tells with the mode that blocks them
+_LARGEST = 1000  # agents of a network in which the pins that would help are looked for
 
 
 def obstacle(loop: Loop, W: Matrix | None, *, turned: bool = False) -> str | None:
@@ -135,6 +137,9 @@ def stuck_check(loop: Loop, W: Matrix | None, *, domain: Domain) -> Check | None
             f"no common weights v exist: these agents are not {held} and hear only each other: "
             f"{told}."
         )
+    if len(labels) <= _SHOWN and loop.n <= _LARGEST:
+        pins = name_agents(tuple(loop.named(pins_that_order(loop))))
+        reason += f" Pinning {pins} would remove this obstacle; larger gains would not."
     witness = Witness(kind="agents", labels=labels)
     return Check(
         id=MAX_SEPARABLE, verdict=Verdict.REFUTED, domain=domain, reason=reason, witness=witness

@@ -455,10 +455,10 @@ def _at_worst(term: Term, error: Fraction) -> Iterator[Term]:
         yield Term(place, 2 * error * weight, reach, _NONE)
 
 
-def stuck_agents(loop: Loop) -> dict[int, str]:
+def stuck_agents(loop: Loop, *, held: Collection[int] = ()) -> dict[int, str]:
     """The agents (indices) that no common v can hold, each with a mode in which its pin does not
     hold it and it hears nobody outside of them by an arc that is always there; empty if there are
-    none.
+    none.  ``held``: agents that are taken for pinned.
 
     Then no rows with alpha > 0 hold for any v > 0, whatever the couplings: take the agent of the
     set with the least v. Else the agents have an order in which each is pinned or hears an earlier
@@ -474,7 +474,10 @@ def stuck_agents(loop: Loop) -> dict[int, str]:
         start = np.searchsorted(arcs.speakers[order], np.arange(loop.nodes + 1))
         listeners.append((start.tolist(), arcs.listeners[order].tolist()))
     # Modes in which nobody earlier is heard yet.
-    waiting = [0 if held else len(names) for held in _are_held(loop)]
+    pinned = _are_held(loop)
+    for agent in held:
+        pinned[agent] = True
+    waiting = [0 if is_held else len(names) for is_held in pinned]
     heard: list[set[int]] = [set() for _ in names]
     ordered = [agent for agent, count in enumerate(waiting) if not count]
     ordered += range(loop.n, loop.nodes)
@@ -491,6 +494,18 @@ def stuck_agents(loop: Loop) -> dict[int, str]:
         agent: next(name for name, known in zip(names, heard, strict=True) if agent not in known)
         for agent in stuck
     }
+
+
+def pins_that_order(loop: Loop) -> list[int]:
+    """Agents with pins on which no agent is stuck, few of them: the next one leaves the fewest."""
+    found: list[int] = []
+    left = stuck_agents(loop)
+    while left:
+        rest = {agent: stuck_agents(loop, held=[*found, agent]) for agent in left}
+        best = min(rest, key=lambda agent: len(rest[agent]))
+        found.append(best)
+        left = rest[best]
+    return found
 
 
 def is_stuck(loop: Loop, agents: Collection[int]) -> bool:

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from dobc_design._checks import noun
+from dobc_design.conditions.numbers import fields_to_json
 from dobc_design.errors import SolverError, refused
 
 THEOREM = "every_motion_converges"
@@ -46,12 +47,8 @@ class Judgement:
         return f"{told} It assumes: {listed}."
 
     def to_json(self) -> dict[str, Any]:
-        names = ("accepted", "coq", "sha256", "message")
-        return {
-            "theorem": THEOREM,
-            **{name: getattr(self, name) for name in names},
-            "axioms": list(self.axioms),
-        }
+        shown = fields_to_json(self, "accepted", "coq", "sha256", "message", "axioms")
+        return {"theorem": THEOREM, **shown}
 
 
 def judged(text: str) -> Judgement:

@@ -19,7 +19,7 @@ from functools import cached_property, partial
 from importlib.resources import files
 from itertools import pairwise, product
 
-from dobc_design._checks import noun
+from dobc_design._checks import noun, positional
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.claims import claim_of, reading_claims
 from dobc_design.conditions.check import Check
@@ -43,7 +43,6 @@ from dobc_design.export.c_text import template
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.groups import gains_of
 from dobc_design.problem.problem import Problem
-from dobc_design.verdict import Verdict
 
 from .matrices import comment, matrix, require_own
 
@@ -132,7 +131,7 @@ class Part:
     arcs: tuple[Arc, ...]
 
 
-@dataclass(frozen=True)
+@positional
 class Law:
     """A coupling on a face, 1 or -1 (the lower: couplings are mirrored, -h(-y))."""
 
@@ -355,7 +354,7 @@ def proved_in_states(certificate: Certificate) -> tuple[Check, Separable] | None
         return None
     # Coordinates T change what a row is: the library is about the states themselves.
     for check in certificate.checks:
-        proved = check.verdict is Verdict.PROVED and check.rate is not None
+        proved = check.is_proved and check.rate is not None
         if check.id == MAX_SEPARABLE and proved:
             with reading_claims():
                 claim = claim_of(check, loop_of(problem), certificate.claims.W)

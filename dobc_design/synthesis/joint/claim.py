@@ -144,13 +144,16 @@ class RegionPrices:
     savings: Mapping[str, float] | None
     barred: bool
 
-    def sentences(self) -> Iterator[str]:
+    def sentences(self, *, pins: bool) -> Iterator[str]:
+        """What each limit costs; ``pins``: their number, too."""
         more = f"each 1 % more takes about {self.share:.3g} % more gain"
         yield f"Price of the rate: near {self.rate:.4g} 1/s, {more}."
         if self.capped:
             have = "has" if len(self.capped) == 1 else "have"
             who = name_agents(self.capped)
             yield f"Price of the caps: {who} {have} the largest gain allowed."
+        if not pins:
+            return
         if self.savings:
             first = next(iter(self.savings))
             each = ", ".join(f"agent {label} {saved:.3g}" for label, saved in self.savings.items())
@@ -332,6 +335,9 @@ def _decisions(design: Design) -> Iterator[str]:
         return
     if design.given is not None:
         yield _beside_words(design, design.given)
+        lost = _lost(design, design.given)
+        if lost:
+            yield f"Proved with your own gains, but not with this design: {', '.join(lost)}."
     if grounds.reduction is not None:
         yield f"Exosystem: {grounds.reduction}"
     if design.observer is not None:
@@ -382,9 +388,11 @@ def _why_so_many(problem: Problem, grounds: Grounds, count: int) -> str:
         return f"{least} {are} the least that the arcs allow, but {fewer}"
     # There cannot be fewer pins than the graph asks for.
     if problem.dynamics is not None:  # agents that may settle by themselves
-        return "the network is held where it listens to nobody outside"
+        return "pins go where agents listen to nobody else"
     if len(groups) > 1:
         why = f"{len(groups)} groups listen to nobody outside, and each needs a pin"
+        if len(groups) > count:
+            why = f"{why} (groups of different modes may share one)"
         switching = problem.switching
         # Groups are those of every mode alone, although a signal may leave it in time.
         guaranteed = switching is not None and switching.is_guaranteed
@@ -433,7 +441,8 @@ def _prices(design: Design) -> Iterator[str]:
         yield from grounds.near.prices
         yield from grounds.near.ties
     if grounds.region is not None:
-        yield from grounds.region.sentences()
+        # These prices are of small gains beside the others; a table of whole designs says more.
+        yield from grounds.region.sentences(pins=not design.further)
     if grounds.weaker is not None:
         part = f"{grounds.weaker:.3g} times all couplings and gains"
         rate = f"would keep {design.rate or 0:.4g} 1/s"
@@ -462,20 +471,51 @@ def _beside_words(design: Design, given: Certificate) -> str:
     if total and design.cost is not None:
         both = f"{typed_number(design.cost)} instead of {typed_number(total)}"
         text += f" with {float(design.cost / total):.3g} times the total gain ({both})"
+    text += "."
+    if _settles_later(design, given):
+        text += (
+            " The larger rate has the later time because its factor is larger: one percent is "
+            "reached after ln(100 factor) / rate."
+        )
     if design.request.rate is not None:
-        return f"{text}."
+        return text
     if design.rate >= given.rate:
-        return f"{text}. No rate was asked for; at least that of your own gains was aimed at."
-    return f"{text}. No design with the rate of your own gains was proved within the limits."
+        return f"{text} No rate was asked for; at least that of your own gains was aimed at."
+    return f"{text} No design with the rate of your own gains was proved within the limits."
 
 
 def _rate_words(rate: float, proof: Certificate) -> str:
-    """A certified rate, and the certified time to one percent where there is one."""
+    """A certified rate, and the certified time to one percent with the factor that it follows
+    from."""
     text = f"{significant_towards_zero(rate)} 1/s"
     time = time_to_one_percent(proof.rate, proof.factor)
     if math.isfinite(time):
-        text += f" (one percent after {significant_away_from_zero(time, 3)} s)"
+        by = f"factor {significant_away_from_zero(proof.factor)}"
+        # The largest rate may be another check's than the least time.
+        if proof.rate != rate:
+            by += f" at {significant_towards_zero(proof.rate)} 1/s"
+        text += f" (one percent after {significant_away_from_zero(time, 3)} s, {by})"
     return text
+
+
+def _settles_later(design: Design, given: Certificate) -> bool:
+    """Whether the faster of the two, by the rate, is the later one at one percent."""
+    proof = design.certificate
+    if proof is None or proof.rate != design.rate or not given.rate or not proof.rate:
+        return False
+    own = time_to_one_percent(given.rate, given.factor)
+    this = time_to_one_percent(proof.rate, proof.factor)
+    return (own - this) * (given.rate - proof.rate) > 0 and math.isfinite(own + this)
+
+
+def _lost(design: Design, given: Certificate) -> list[str]:
+    """Ids of conditions that are proved with the problem's own gains, but not with the design."""
+    if design.certificate is None:
+        return []
+    missing = {each.id for each in design.certificate.checks if not each.is_proved}
+    failing = {each.id for each in given.checks if not each.is_proved}
+    found = dict.fromkeys(each.id for each in given.checks)
+    return [each for each in found if each in missing - failing]
 
 
 @noun

@@ -17,15 +17,16 @@ from dobc_design._checks import noun, put
 from dobc_design._show.cards import Card, Shown, Told, cut
 from dobc_design.conditions.numbers import fields_to_json
 from dobc_design.conditions.statement import Statement
-from dobc_design.errors import SpecError
+from dobc_design.errors import refused, wrong
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import parse_number
-from dobc_design.exact.reading import is_list, shown, shown_number
+from dobc_design.exact.reading import Document, is_list, shown, shown_number
 from dobc_design.problem.canonical import matrix_text
 from dobc_design.problem.changes import typed_number
 from dobc_design.verdict import Decided, Verdict
 
 CHANNELS = ("measurement", "disturbance", "exosystem")
+ZERO = Fraction(0)
 NORMS = {"hinf": "H-infinity", "h2": "H2"}
 Ends = tuple[Fraction | None, Fraction | None]  # on the real axis; None is infinite
 
@@ -50,15 +51,15 @@ class HalfPlane(Told):
         if (left_of is None) == (right_of is None):
             got = "neither" if left_of is None else "both"
             text = f"a HalfPlane must have one side, left_of or right_of; got {got}."
-            raise SpecError(text, key="region", cure="For a strip give two half planes in a list.")
-        put(self, left_of=_end(left_of, "region.left_of"))
-        put(self, right_of=_end(right_of, "region.right_of"))
+            raise refused("region", text, "For a strip give two half planes in a list.")
+        left = _end(left_of, "region.left_of")
+        put(self, left_of=left, right_of=_end(right_of, "region.right_of"))
 
     def __str__(self) -> str:
         low, high = self.real_ends
         if high is not None:
             return f"Re s <= {shown_number(high)}"
-        return f"Re s >= {shown_number(low or Fraction(0))}"
+        return f"Re s >= {shown_number(low or ZERO)}"
 
     @property
     def real_ends(self) -> Ends:
@@ -68,9 +69,7 @@ class HalfPlane(Told):
 
 def _end(value: Any, key: str) -> Fraction | None:
     """A side of a half plane, exactly; None if it is not given."""
-    if value is None:
-        return None
-    return parse_number(value, key)
+    return None if value is None else parse_number(value, key)
 
 
 @noun
@@ -112,7 +111,7 @@ class Cone(Told):
             got = shown_number(self.damping)
             must = "must lie between 0 and 1, as the cosine of the cone's half angle"
             cure = "For real eigenvalues only, ask for 0.999."
-            raise SpecError(f"region.damping {must}; got {got}.", key="region.damping", cure=cure)
+            raise wrong("region.damping", f"{must}; got {got}.", cure)
 
     def __str__(self) -> str:
         return f"damping >= {shown_number(self.damping)}"
@@ -120,7 +119,7 @@ class Cone(Told):
     @property
     def real_ends(self) -> Ends:
         """Where the cone begins and ends on the real axis."""
-        return None, Fraction(0)
+        return None, ZERO
 
 
 SpectralRegion = HalfPlane | Disk | Cone
@@ -157,9 +156,8 @@ def _require_one_of(words: Sequence[str], value: Any, name: str) -> None:
     """Raises: SpecError unless the value is one of the words."""
     if value in words:
         return
-    key = f"noise.{name}"
-    text = f"{key} must be one of {', '.join(words)}; got {shown(value)}."
-    raise SpecError(text, key=key, cure=f'For example {name}="{words[0]}".')
+    text = f"must be one of {', '.join(words)}; got {shown(value)}."
+    raise wrong(f"noise.{name}", text, f'For example {name}="{words[0]}".')
 
 
 @noun
@@ -179,7 +177,7 @@ class ObserverRequest:
     @property
     def all_regions(self) -> tuple[SpectralRegion, ...]:
         """The regions and the half planes of the rate and of convergence, in continuous time."""
-        slowest = self.rate or Fraction(0)
+        slowest = self.rate or ZERO
         return (HalfPlane(left_of=-slowest), *self.regions)
 
 
@@ -199,9 +197,9 @@ def read_observer_request(
     regions = _given(region)
     for each in regions:
         if not isinstance(each, SpectralRegion):
-            must = "region must be a HalfPlane, a Disk or a Cone, or a list of them"
+            must = "must be a HalfPlane, a Disk or a Cone, or a list of them"
             cure = "For example region=dd.poles.Cone(damping=0.7)."
-            raise SpecError(f"{must}; got {shown(each)}.", key="region", cure=cure)
+            raise wrong("region", f"{must}; got {shown(each)}.", cure)
     request = ObserverRequest(
         rate=None if rate is None else read_positive(rate, "rate"),
         regions=regions,
@@ -217,12 +215,11 @@ def read_observer_request(
 def _require_sampled(request: ObserverRequest) -> None:
     """Raises: SpecError for what cannot be asked of a sampled observer."""
     if request.noise:
-        text = "noise cannot be asked of a sampled observer yet; got it together with period."
-        raise SpecError(text, key="noise", cure="Leave noise out, or design in continuous time.")
+        text = "cannot be asked of a sampled observer yet; got it together with period."
+        raise wrong("noise", text, "Leave noise out, or design in continuous time.")
     if not all(isinstance(region, Disk) for region in request.regions):
-        must = "region must be a Disk for a sampled observer"
-        text = f"{must}: its eigenvalues belong in the unit disk."
-        raise SpecError(text, key="region", cure="Use rate for a decay rate in 1/s.")
+        text = "must be a Disk for a sampled observer: its eigenvalues belong in the unit disk."
+        raise wrong("region", text, "Use rate for a decay rate in 1/s.")
 
 
 def check_digits(digits: Any) -> None:
@@ -235,8 +232,8 @@ def check_count(value: Any, key: str, *, least: int, most: int, cure: str) -> No
     # True and False are integers of Python.
     is_number = isinstance(value, int) and not isinstance(value, bool)
     if not is_number or not least <= value <= most:
-        text = f"{key} must be an integer from {least} to {most}; got {shown(value)}."
-        raise SpecError(text, key=key, cure=cure)
+        text = f"must be an integer from {least} to {most}; got {shown(value)}."
+        raise wrong(key, text, cure)
 
 
 def read_positive(
@@ -244,21 +241,16 @@ def read_positive(
 ) -> Fraction:
     """A number > 0 and at most 1e100, exactly.  Raises: SpecError for another one."""
     number = parse_number(value, key)
-    must = None
-    if number > LARGEST_ASKED:
-        must = "at most 1e100"
-    if number <= 0:
-        must = f"> 0{why}"
-    if must is not None:
-        text = f"{key} must be {must}; got {shown_number(number)}."
-        raise SpecError(text, key=key, cure=cure)
-    return number
+    if 0 < number <= LARGEST_ASKED:
+        return number
+    must = "at most 1e100" if number > 0 else f"> 0{why}"
+    raise wrong(key, f"must be {must}; got {shown_number(number)}.", cure)
 
 
 def read_noise(value: Any) -> tuple[NoiseLimit, ...]:
     """A limit or a list of them; a number bounds the H-infinity norm from measurement noise to
     dhat."""
-    limits = list[NoiseLimit]()
+    limits = []
     for each in _given(value):
         limit = each if isinstance(each, NoiseLimit) else NoiseLimit(bound=each)
         limits.append(limit)
@@ -269,9 +261,7 @@ def _given(value: Any) -> tuple[Any, ...]:
     """None, one, or a list of them."""
     if value is None:
         return ()
-    if is_list(value):
-        return tuple(value)
-    return (value,)
+    return tuple(value) if is_list(value) else (value,)
 
 
 def common_interval(regions: tuple[SpectralRegion, ...]) -> Ends | None:
@@ -314,9 +304,7 @@ class Answer(Shown, Decided):
     def reason(self) -> str:
         """Why the verdict is what it is, in words."""
         why = self._why()
-        if self.under_guarantee:
-            return f"{why} {LESS_MAY_DO}"
-        return why
+        return f"{why} {LESS_MAY_DO}" if self.under_guarantee else why
 
     def _why(self) -> str:
         raise NotImplementedError
@@ -363,16 +351,15 @@ class ObserverDesign(Answer):
     relaxed: bool = False
 
     def _why(self) -> str:
-        proved = self.is_proved
         if self.relaxed:
             return "every group meets this request."
-        if self.groups and not proved:
+        if self.groups and not self.is_proved:
             # The first group that has the verdict of all.
             worst = next(name for name, each in self.groups.items() if each.verdict is self.verdict)
             return f"group of agent {worst}: {self.groups[worst].reason}"
         if self.obstacle is not None:
             return self.obstacle.text
-        if proved:
+        if self.is_proved:
             whose = " of every group" if self.groups else ""
             return f"W{whose}, with its rounded entries, meets all requirements."
         return "no W was found that meets all requirements, and no proof that there is none."
@@ -397,7 +384,7 @@ class ObserverDesign(Answer):
             facts.append((name.replace("_", " "), repr(value)))
         return self._card_of("Observer design", facts)
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         """JSON object; exact numbers as text, infinite ones as null."""
         measures = {}
         # JSON has no infinite numbers.

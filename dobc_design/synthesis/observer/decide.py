@@ -19,20 +19,24 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import field
 from fractions import Fraction
 from functools import partial
-from typing import Any
 
 from dobc_design._checks import noun
 from dobc_design.conditions.numbers import bisected, claimed, largest_proved
 from dobc_design.conditions.observer.decide import detectability_check, error_matrix
 from dobc_design.conditions.statement import Statement, proved, refuted, undecided
-from dobc_design.errors import SpecError
-from dobc_design.exact import interval as exponential
+from dobc_design.errors import wrong
 from dobc_design.exact import polynomial as roots
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
-from dobc_design.exact.interval import Interval, exp
+from dobc_design.exact.interval import (
+    Interval,
+    IntervalMatrix,
+    discretise,
+    exp,
+    interval_characteristic_polynomial,
+    interval_routh,
+)
 from dobc_design.exact.matrix import (
     Matrix,
-    Vector,
     add,
     identity,
     inverse,
@@ -47,13 +51,25 @@ from dobc_design.exact.matrix import (
 from dobc_design.exact.number import float_above, number_text
 from dobc_design.exact.observability import decide_detectable, observable_reduction
 from dobc_design.exact.polynomial import Coefficients, characteristic_polynomial
-from dobc_design.exact.reading import shown_number
+from dobc_design.exact.reading import Table, shown_number
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.changes import value_text
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.problem import Problem
-from dobc_design.synthesis.observer import claim
 from dobc_design.verdict import Verdict
+
+from .claim import (
+    CHANNELS,
+    ZERO,
+    Cone,
+    Disk,
+    Envelope,
+    HalfPlane,
+    NoiseLimit,
+    ObserverRequest,
+    SpectralRegion,
+    common_interval,
+)
 
 BISECTIONS = 40
 WIDENINGS = (1e-9, 1e-7, 1e-5, 1e-3)
@@ -64,7 +80,7 @@ ONLY_ALIKE = "This is automatic only if all agents have one exosystem."
 
 
 def gain_statements(
-    exosystem: Exosystem, W: Matrix, request: claim.ObserverRequest
+    exosystem: Exosystem, W: Matrix, request: ObserverRequest
 ) -> tuple[Statement, ...]:
     """Everything that the request asks of W (q, m), decided for W exactly."""
     noise = [noise_statement(exosystem, W, limit) for limit in request.noise]
@@ -79,27 +95,27 @@ def gain_statements(
     return *found, *noise
 
 
-def image(region: claim.SpectralRegion, polynomial: Coefficients) -> Coefficients:
+def image(region: SpectralRegion, polynomial: Coefficients) -> Coefficients:
     """A polynomial that has no root with positive real part iff the roots of a monic one lie in the
     closed region."""
-    if isinstance(region, claim.Disk):
+    if isinstance(region, Disk):
         return roots.disk_image(polynomial, centre=region.centre, radius=region.radius)
-    if isinstance(region, claim.Cone):
+    if isinstance(region, Cone):
         return roots.cone_image(polynomial, damping=region.damping)
     if region.left_of is not None:
         return roots.shifted(polynomial, region.left_of)
-    return roots.reflected(roots.shifted(polynomial, region.right_of or Fraction(0)))
+    return roots.reflected(roots.shifted(polynomial, region.right_of or ZERO))
 
 
-def roots_inside(polynomial: Coefficients, region: claim.SpectralRegion) -> tuple[bool, bool]:
+def roots_inside(polynomial: Coefficients, region: SpectralRegion) -> tuple[bool, bool]:
     """Whether every root lies in the closed region, and whether in its interior: exact."""
     degree = len(polynomial) - 1
-    if isinstance(region, claim.Cone):
+    if isinstance(region, Cone):
         degree = 2 * degree  # so large is that of its image
     return roots.decide_images((image(region, polynomial),), degree=degree)
 
 
-def region_statement(F: Matrix, region: claim.SpectralRegion, *, kind: str = "region") -> Statement:
+def region_statement(F: Matrix, region: SpectralRegion, *, kind: str = "region") -> Statement:
     """State whether the spectrum of F = A - W C lies in a closed region."""
     polynomial = characteristic_polynomial(F)
     inside, strictly = roots_inside(polynomial, region)
@@ -123,44 +139,44 @@ def hurwitz_statement(F: Matrix) -> Statement:
 
 def rate_holds(F: Matrix, rate: Fraction) -> bool:
     """Whether every eigenvalue of F has a real part <= -rate, the border included."""
-    return _none_outside(claim.HalfPlane(left_of=-rate), F)
+    return _none_outside(HalfPlane(left_of=-rate), F)
 
 
 def damping_holds(F: Matrix, damping: Fraction) -> bool:
     """Whether the damping ratio of F is at least ``damping``: exact; false outside (0, 1)."""
     if not 0 < damping < 1:
         return False
-    return _none_outside(claim.Cone(damping=damping), F)
+    return _none_outside(Cone(damping=damping), F)
 
 
-def _none_outside(region: claim.SpectralRegion, F: Matrix) -> bool:
+def _none_outside(region: SpectralRegion, F: Matrix) -> bool:
     """Whether no eigenvalue of F lies outside the closed region: exact."""
     mapped = image(region, characteristic_polynomial(F))
     return roots.count_right_half_plane(mapped) == 0
 
 
-def sampled_matrix(exosystem: Exosystem, W: Matrix, period: Fraction) -> exponential.IntervalMatrix:
+def sampled_matrix(exosystem: Exosystem, W: Matrix, period: Fraction) -> IntervalMatrix:
     """Enclose Ad - W Cd, Ad = exp(A T), Cd = C (1/T) int_0^T exp(A s) ds, of the observer of means
     over T."""
-    found = exponential.discretise(exosystem.A, period)
-    columns = range(exosystem.order)
-    zero = Interval.point(0)
-
-    def output(row: Vector, column: int) -> Interval:
-        """An entry of Cd; zeros of C are left out, so that they do not widen it."""
-        parts = (found.mean[r][column] * c for r, c in enumerate(row) if c)
-        return sum(parts, zero)
-
-    def correction(row: Vector, column: int) -> Interval:
-        """An entry of W Cd."""
-        parts = (Cd[c][column] * w for c, w in enumerate(row) if w)
-        return sum(parts, zero)
-
-    Cd = [[output(row, j) for j in columns] for row in exosystem.C]
-    closed = list[tuple[Interval, ...]]()
-    for row, gains in zip(found.transition, W, strict=True):
-        closed.append(tuple(row[j] - correction(gains, j) for j in columns))
+    found = discretise(exosystem.A, period)
+    corrections = _enclosed_product(W, _enclosed_product(exosystem.C, found.mean))
+    closed = []
+    for row, correction in zip(found.transition, corrections, strict=True):
+        closed.append(tuple(x - y for x, y in zip(row, correction, strict=True)))
     return tuple(closed)
+
+
+def _enclosed_product(M: Matrix, N: IntervalMatrix) -> IntervalMatrix:
+    """M N; zeros of M are left out, so that they do not widen it."""
+    columns = list(zip(*N, strict=True))
+    rows = []
+    for row in M:
+        entries = []
+        for column in columns:
+            parts = (x * y for x, y in zip(column, row, strict=True) if y)
+            entries.append(sum(parts, Interval.point(0)))
+        rows.append(tuple(entries))
+    return tuple(rows)
 
 
 @noun
@@ -176,38 +192,38 @@ class SampledDisk:
         """The statement about the roots of a polynomial with enclosed coefficients."""
         # It is proved for the smallest disk that the radius may mean, refuted for the largest.
         small = roots.disk_image(polynomial, centre=self.centre, radius=self.radius.lo)
-        if exponential.interval_routh(small) is Verdict.PROVED:
+        if interval_routh(small) is Verdict.PROVED:
             return proved(self.kind, f"{self.text}.", **shown)
         large = roots.disk_image(polynomial, centre=self.centre, radius=self.radius.hi)
-        if exponential.interval_routh(large) is Verdict.REFUTED:
+        if interval_routh(large) is Verdict.REFUTED:
             return refuted(self.kind, f"it is false that {self.text}.", **shown)
         return undecided(self.kind, f"it is not decided whether {self.text}.", **shown)
 
 
 def sampled_statements(
-    exosystem: Exosystem, W: Matrix, request: claim.ObserverRequest, period: Fraction
+    exosystem: Exosystem, W: Matrix, request: ObserverRequest, period: Fraction
 ) -> tuple[Statement, ...]:
     """Schur stability of the sampled error, its rate (|z| <= exp(-rate T)) and disks; UNDECIDED
     close to a border."""
     closed = sampled_matrix(exosystem, W, period)
-    polynomial = exponential.interval_characteristic_polynomial(closed)
+    polynomial = interval_characteristic_polynomial(closed)
     widest = max(x.width for x in polynomial)
     shown = {"period": number_text(period), "width": f"{float_above(widest):.1e}"}
     asked = _sampled_disks(request, period)
     return tuple(disk.decided(polynomial, **shown) for disk in asked)
 
 
-def _sampled_disks(request: claim.ObserverRequest, period: Fraction) -> Iterator[SampledDisk]:
+def _sampled_disks(request: ObserverRequest, period: Fraction) -> Iterator[SampledDisk]:
     """The unit disk, that of the rate, and the disks asked for."""
     rate = request.rate
     text = "the sampled error converges: every eigenvalue lies inside the unit disk"
-    yield SampledDisk(kind="sampled", text=text, centre=Fraction(0), radius=Interval.point(1))
+    yield SampledDisk(kind="sampled", text=text, centre=ZERO, radius=Interval.point(1))
     if rate is not None:
         radius = exp(Interval.point(-rate * period))
         text = f"the sampled error decays at the rate {shown_number(rate)} 1/s or faster"
-        yield SampledDisk(kind="rate", text=text, centre=Fraction(0), radius=radius)
+        yield SampledDisk(kind="rate", text=text, centre=ZERO, radius=radius)
     for region in request.regions:
-        if isinstance(region, claim.Disk):
+        if isinstance(region, Disk):
             radius = Interval.point(region.radius)
             text = f"every eigenvalue of the sampled error lies in {region.in_letter('z')}"
             yield SampledDisk(kind="region", text=text, centre=region.centre, radius=radius)
@@ -226,10 +242,8 @@ class StateSpace:
 def channel(exosystem: Exosystem, W: Matrix, name: str) -> StateSpace:
     """The transfer function of one channel, exactly.  Raises: SpecError for a name that is none of
     CHANNELS."""
-    if name not in claim.CHANNELS:
-        raise SpecError(
-            f"channel must be one of {', '.join(claim.CHANNELS)}; got {name!r}.", key="channel"
-        )
+    if name not in CHANNELS:
+        raise wrong("channel", f"must be one of {', '.join(CHANNELS)}; got {name!r}.")
     F = error_matrix(exosystem, W)
     C = exosystem.C
     if name == "measurement":
@@ -247,7 +261,7 @@ def h2_squared(system: StateSpace) -> Fraction | None:
     if X is None:  # cannot be for a Hurwitz F
         return None
     variance = multiply(multiply(system.C, X), transpose(system.C))
-    return sum((row[i] for i, row in enumerate(variance)), Fraction(0))
+    return sum((row[i] for i, row in enumerate(variance)), ZERO)
 
 
 def hinf_below(system: StateSpace, gamma: Fraction) -> bool:
@@ -260,11 +274,12 @@ def hinf_below(system: StateSpace, gamma: Fraction) -> bool:
     if not decide_positive_definite(room).is_proved:
         return False
     R = inverse(room)
-    closed = add(F, multiply(multiply(B, R), multiply(transpose(D), C)))
+    BR = multiply(B, R)
+    closed = add(F, multiply(BR, multiply(transpose(D), C)))
     inner = add(identity(len(C)), multiply(multiply(D, R), transpose(D)))
-    upper = multiply(multiply(B, R), transpose(B))
+    upper = multiply(BR, transpose(B))
     lower = scale(-1, multiply(multiply(transpose(C), inner), C))
-    hamiltonian = list[Vector]()
+    hamiltonian = []
     for left, right in ((closed, upper), (lower, scale(-1, transpose(closed)))):
         hamiltonian += [p + s for p, s in zip(left, right, strict=True)]
     # Eigenvalues come in pairs s, -s, so that it is a polynomial in s^2.
@@ -283,10 +298,10 @@ def root_above(square: Fraction) -> float:
     return root
 
 
-def noise_statement(exosystem: Exosystem, W: Matrix, limit: claim.NoiseLimit) -> Statement:
+def noise_statement(exosystem: Exosystem, W: Matrix, limit: NoiseLimit) -> Statement:
     """State whether a norm keeps its limit (H-infinity: stays below it)."""
     system = channel(exosystem, W, limit.channel)
-    exact = dict[str, str]()
+    exact = {}
     if limit.norm == "h2":
         square = h2_squared(system)
         holds = square is not None and square <= limit.bound**2
@@ -300,12 +315,10 @@ def noise_statement(exosystem: Exosystem, W: Matrix, limit: claim.NoiseLimit) ->
 
 def size_above(W: Matrix) -> float:
     """|W|, rounded up: the root of the sum of the squares of its entries."""
-    return root_above(sum((x * x for row in W for x in row), Fraction(0)))
+    return root_above(sum((x * x for row in W for x in row), ZERO))
 
 
-def envelope_statement(
-    exosystem: Exosystem, W: Matrix, envelope: claim.Envelope
-) -> Statement | None:
+def envelope_statement(exosystem: Exosystem, W: Matrix, envelope: Envelope) -> Statement | None:
     """|eps(t)| <= root(upper / lower) exp(-rate t) |eps(0)|, if F'P + P F + 2 rate P <= 0 and the
     bounds of P hold."""
     P = envelope.P
@@ -346,7 +359,7 @@ def proved_measures(
         result["peak_seen"] = estimates["peak"]
     if not norms or exosystem.order > LARGEST_ORDER:
         return result
-    for name in claim.CHANNELS:
+    for name in CHANNELS:
         system = channel(exosystem, W, name)
         square = h2_squared(system)
         result[f"h2 {name}"] = math.inf if square is None else root_above(square)
@@ -369,13 +382,13 @@ def _proved_near(estimate: float, holds: Callable[[Fraction], bool]) -> float | 
     return largest_proved(estimate, lambda x: x == 0 or holds(x))
 
 
-def why_impossible(exosystem: Exosystem, request: claim.ObserverRequest) -> Statement | None:
+def why_impossible(exosystem: Exosystem, request: ObserverRequest) -> Statement | None:
     """A proof that no W meets a request, or None; its kind says what fails: detectable, rate,
     region or noise."""
     found = decide_detectable(exosystem.A, exosystem.C)
     hidden = found.unobservable_text
     if not found.is_proved:
-        never = f"the part {hidden} never reaches d = C xi and does not decay."
+        never = f"its part {hidden} does not appear in d and does not decay."
         text = f"no W exists: (A, C) is not detectable; {never} {LEAVE_OUT}"
         return refuted("detectable", text, polynomial=hidden)
     if request.period is not None:
@@ -390,7 +403,7 @@ def why_impossible(exosystem: Exosystem, request: claim.ObserverRequest) -> Stat
                 # The first half plane is that of the rate.
                 kind = "region" if position else "rate"
                 return refuted(kind, text, polynomial=hidden)
-    common = claim.common_interval(regions)
+    common = common_interval(regions)
     if common is None or (common[0] is not None and common[0] >= 0):
         names = " and ".join(str(region) for region in regions)
         return refuted("region", f"no W exists: no point with Re s < 0 lies in {names}.")
@@ -402,7 +415,7 @@ class Reduction:
     """What becomes of an exosystem that C does not see whole: ``changes`` of the problem that leave
     its observable part, and the ``words`` for them; or why there is no W at all."""
 
-    changes: Mapping[str, Any] = field(default_factory=dict)
+    changes: Table = field(default_factory=dict)
     words: str | None = None
     obstacle: Statement | None = None
 
@@ -439,7 +452,7 @@ def _undetectable_groups(problem: Problem, *, reduce: bool) -> Iterator[Statemen
             yield refuted("detectable", text)
             continue
         # The reduction of one group is advice; it is not made here.
-        kept = list[str]()
+        kept = []
         for key, value in check.fix.set.items():
             if value:
                 kept.append(f"{key.rpartition('.')[2]} = {value_text(value)}")
@@ -457,8 +470,8 @@ def largest_hidden_rate(polynomial: Coefficients) -> Fraction | None:
     def reached(rate: Fraction) -> bool:
         return roots.count_right_half_plane(roots.shifted(polynomial, -rate)) == 0
 
-    most = 1 + sum((abs(x) for x in polynomial), Fraction(0))  # Cauchy's bound
-    low, high = bisected(reached, Fraction(0), most, steps=BISECTIONS)
+    most = 1 + sum((abs(x) for x in polynomial), ZERO)  # Cauchy's bound
+    low, high = bisected(reached, ZERO, most, steps=BISECTIONS)
     # A short number that the bisection closes in on is shown rather than its lower end.
     short = high.limit_denominator(1000)
     if short >= low > 0 and reached(short):
@@ -466,7 +479,7 @@ def largest_hidden_rate(polynomial: Coefficients) -> Fraction | None:
     return low or None
 
 
-def _too_quiet(exosystem: Exosystem, request: claim.ObserverRequest) -> Statement | None:
+def _too_quiet(exosystem: Exosystem, request: ObserverRequest) -> Statement | None:
     """At an eigenvalue s of A with C v != 0 the estimate follows exactly: C (sI - F)^-1 W C v = C
     v.  So for Re s >= 0 (maximum principle) no W has a disturbance channel of norm below 1, or a
     measurement channel below |s|."""
@@ -482,7 +495,7 @@ def _too_quiet(exosystem: Exosystem, request: claim.ObserverRequest) -> Statemen
     return None
 
 
-def _follows_exactly(polynomial: Coefficients, limit: claim.NoiseLimit) -> str | None:
+def _follows_exactly(polynomial: Coefficients, limit: NoiseLimit) -> str | None:
     """What every estimate that converges follows, and the limit does not allow; None without such.
     ``polynomial``: of the observable part of A."""
     if limit.norm != "hinf":
@@ -494,7 +507,7 @@ def _follows_exactly(polynomial: Coefficients, limit: claim.NoiseLimit) -> str |
     # If none decays, all eigenvalues count, and one of them is not inside the open disk of the
     # bound.
     none_decays = roots.count_right_half_plane(roots.reflected(polynomial)) == 0
-    disk = claim.Disk(centre=0, radius=limit.bound)
+    disk = Disk(centre=0, radius=limit.bound)
     if none_decays and not roots_inside(polynomial, disk)[1]:
         return "fastest frequency exactly, which takes at least that gain"
     return None

@@ -36,8 +36,19 @@ from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.solvers.conic import solve_directly
 from dobc_design.solvers.program import GIVEN_UP, Array, Program, round_matrix
-from dobc_design.synthesis.observer import claim
 
+from .claim import (
+    CHANNELS,
+    ZERO,
+    Cone,
+    Disk,
+    Envelope,
+    HalfPlane,
+    NoiseLimit,
+    ObserverRequest,
+    SpectralRegion,
+    common_interval,
+)
 from .decide import channel
 
 # how far inside the regions a gain is designed, so that rounding stays inside
@@ -61,20 +72,18 @@ class Plant:
     A: Array
     C: Array
     T: Array
-    regions: tuple[claim.SpectralRegion, ...]
+    regions: tuple[SpectralRegion, ...]
     sampled: bool
 
 
-def propose_gains(
-    exosystem: Exosystem, request: claim.ObserverRequest
-) -> Iterator[tuple[Matrix, str]]:
+def propose_gains(exosystem: Exosystem, request: ObserverRequest) -> Iterator[tuple[Matrix, str]]:
     """Rational W (q, m) and how each came about; numbers beyond the floats leave only the exact
     placement."""
     with suppress(*GIVEN_UP):
         plant = make_plant(exosystem, request)
         if not len(plant.A):
             yield zeros(exosystem.order, exosystem.outputs), "nothing to correct"
-        found = list[tuple[Array, str]]()
+        found = []
         for W, source in _gains(plant, request) if len(plant.A) else ():
             yield round_matrix(plant.T.T @ W, request.digits), source
             found.append((W, source))
@@ -87,11 +96,11 @@ def propose_gains(
             yield placed, "exact pole placement"
 
 
-def _placed(exosystem: Exosystem, request: claim.ObserverRequest) -> Iterator[Matrix]:
+def _placed(exosystem: Exosystem, request: ObserverRequest) -> Iterator[Matrix]:
     """Gains that put all observable poles at one real point, which lies in all regions."""
-    low, high = claim.common_interval(request.all_regions) or (None, None)
+    low, high = common_interval(request.all_regions) or (None, None)
     if high is None:
-        high = Fraction(0)
+        high = ZERO
     if low is None:
         low = high - 2 * max(Fraction(1), abs(high) / 10)
     point = (low + high) / 2
@@ -102,7 +111,7 @@ def _placed(exosystem: Exosystem, request: claim.ObserverRequest) -> Iterator[Ma
         yield scale(time / output, placed)
 
 
-def make_plant(exosystem: Exosystem, request: claim.ObserverRequest) -> Plant:
+def make_plant(exosystem: Exosystem, request: ObserverRequest) -> Plant:
     """The pair in floats, sampled if there is a period.  Raises: SpecError if a number is beyond
     the floats."""
     A = to_float(exosystem.A)
@@ -115,7 +124,7 @@ def make_plant(exosystem: Exosystem, request: claim.ObserverRequest) -> Plant:
         if rate is None:
             rate = propose.half_rate(A, C, propose.kalman_gain(A, C))
         radius = Fraction(math.exp(-float(rate) * period))
-        disk = claim.Disk(centre=0, radius=radius.limit_denominator(10**15))
+        disk = Disk(centre=0, radius=radius.limit_denominator(10**15))
         A, C = _sampled(A, C, period)
         regions = (disk, *request.regions)
     T = np.eye(len(A))
@@ -138,7 +147,7 @@ def _sampled(A: Array, C: Array, period: float) -> tuple[Array, Array]:
     return block[:q, :q], C @ block[:q, q:] / period
 
 
-def _gains(plant: Plant, request: claim.ObserverRequest) -> Iterator[tuple[Array, str]]:
+def _gains(plant: Plant, request: ObserverRequest) -> Iterator[tuple[Array, str]]:
     """Gains for the regions with the smallest |W| of what the methods give first; then those for
     bounds on noise."""
     # A Kalman gain reaches every rate that can be had: with many states and no other region it is
@@ -149,10 +158,10 @@ def _gains(plant: Plant, request: claim.ObserverRequest) -> Iterator[tuple[Array
         own = plant
         if rate:
             # The smallest |W| alone would be too slow to be of use.
-            own = replace(plant, regions=(claim.HalfPlane(left_of=-rate), *plant.regions))
-        if claim.common_interval(own.regions) is None:
+            own = replace(plant, regions=(HalfPlane(left_of=-rate), *plant.regions))
+        if common_interval(own.regions) is None:
             continue
-        found = list[tuple[Array, str]]()
+        found = []
         for slack in slacks:
             W = lmi_gain(own, slack=slack)
             if W is not None:
@@ -177,18 +186,18 @@ def _gains(plant: Plant, request: claim.ObserverRequest) -> Iterator[tuple[Array
             yield W, f"Kalman gain, process noise {ratio:.3g} times that of the measurement"
 
 
-def _rates(plant: Plant, request: claim.ObserverRequest) -> list[Fraction]:
+def _rates(plant: Plant, request: ObserverRequest) -> list[Fraction]:
     """Rates (1/s) to be added where none was asked: half that of the Kalman gain, then smaller
     ones; 0 in the end."""
     rate = propose.half_rate(plant.A, plant.C, propose.kalman_gain(plant.A, plant.C))
     # A rate that was asked for is among the regions of the plant already.
     if not rate or request.rate is not None or plant.sampled:
-        return [Fraction(0)]
+        return [ZERO]
     halvings = STEPS if request.noise else 1
-    return [*(rate / 2**k for k in range(halvings)), Fraction(0)]
+    return [*(rate / 2**k for k in range(halvings)), ZERO]
 
 
-def lmi_gain(plant: Plant, *, noise: Sequence[claim.NoiseLimit] = (), slack: float) -> Array | None:
+def lmi_gain(plant: Plant, *, noise: Sequence[NoiseLimit] = (), slack: float) -> Array | None:
     """W = P^-1 Q (q, m) with the least tr P + |Q|^2 subject to the inequalities, or None.
     ``slack`` keeps the answer inside, relative to P.  Time is in units of the fastest rate in play,
     so that an H-infinity norm of the exosystem channel is so many times as large."""
@@ -221,7 +230,7 @@ class _Inequalities:
     """What (P, Q) have to meet (module docstring), with ``time`` (1/s) as the unit of rates."""
 
     plant: Plant
-    noise: Sequence[claim.NoiseLimit]
+    noise: Sequence[NoiseLimit]
     time: float
     slack: float
 
@@ -234,7 +243,7 @@ class _Inequalities:
             Unknown(name="Q", rows=q, columns=m, symmetric=False),
         )
         values = dict(self._at_unit_entries(unknowns))
-        pencils = list[Pencil]()
+        pencils = []
         for k, constant in enumerate(self._blocks(np.zeros((q, q)), np.zeros((q, m)))):
             coefficients = {place: _sparse(value[k] - constant) for place, value in values.items()}
             pencils.append(
@@ -268,15 +277,15 @@ class _Inequalities:
             found += self._of_noise(M, P, Q, limit)
         return found
 
-    def _of_region(self, M: Array, P: Array, region: claim.SpectralRegion) -> Array:
+    def _of_region(self, M: Array, P: Array, region: SpectralRegion) -> Array:
         """Of the region, for P^-1 M."""
         time, slack = self.time, self.slack
-        if isinstance(region, claim.Disk):
+        if isinstance(region, Disk):
             radius = float(region.radius) / time
             moved = M - float(region.centre) / time * P
             corner = (slack - radius) * P
             return np.block([[corner, moved], [moved.T, corner]])
-        if isinstance(region, claim.Cone):
+        if isinstance(region, Cone):
             z = float(region.damping)
             symmetric = math.sqrt(1 - z * z) * (M + M.T) + slack * P
             skew = z * (M - M.T)
@@ -286,7 +295,7 @@ class _Inequalities:
             return M + M.T + (slack - 2 * float(high) / time) * P
         return -(M + M.T) + (slack + 2 * float(low or 0) / time) * P
 
-    def _of_noise(self, M: Array, P: Array, Q: Array, limit: claim.NoiseLimit) -> list[Array]:
+    def _of_noise(self, M: Array, P: Array, Q: Array, limit: NoiseLimit) -> list[Array]:
         """Of the bound on a norm."""
         # C (A - W C) is not affine in Q.
         if limit.channel == "measurement":
@@ -310,7 +319,7 @@ class _Inequalities:
 
 def _sparse(matrix: Array) -> SparseSymmetric:
     """A symmetric array, exactly."""
-    entries = dict[tuple[int, int], Fraction]()
+    entries = {}
     for i, j in zip(*np.nonzero(np.triu(matrix)), strict=True):
         entries[int(i), int(j)] = Fraction(float(matrix[i, j]))
     return SparseSymmetric(len(matrix), entries)
@@ -318,9 +327,9 @@ def _sparse(matrix: Array) -> SparseSymmetric:
 
 def _faster_sampled(plant: Plant) -> Iterator[tuple[Array, str]]:
     """A / radius has its poles in the unit disk where those of A lie in the disk of the radius."""
-    disks = [each for each in plant.regions if isinstance(each, claim.Disk) and not each.centre]
+    disks = [each for each in plant.regions if isinstance(each, Disk) and not each.centre]
     radius = min((float(disk.radius) for disk in disks), default=1.0)
-    for size in (radius * 1.0, radius * 0.95, radius * 0.7):
+    for size in (radius, radius * 0.95, radius * 0.7):
         gain = propose.kalman_gain(plant.A / size, plant.C, sampled=True)
         if gain is not None:
             yield size * gain, "Kalman gain of A / exp(-rate T)"
@@ -328,19 +337,17 @@ def _faster_sampled(plant: Plant) -> Iterator[tuple[Array, str]]:
 
 def _faster(plant: Plant) -> Iterator[tuple[Array, str]]:
     """A + shift I decays where A decays faster than the shift."""
-    common = claim.common_interval(plant.regions)
+    common = common_interval(plant.regions)
     if common is None or not common[1]:
         return
     rate = -float(common[1])
     for shift in SHIFTS:
         gain = propose.kalman_gain(plant.A + shift * rate * np.eye(len(plant.A)), plant.C)
         if gain is not None:
-            yield 1.0 * gain, f"Kalman gain of A + {shift:g} rate I"
+            yield gain, f"Kalman gain of A + {shift:g} rate I"
 
 
-def propose_envelopes(
-    exosystem: Exosystem, W: Matrix, rate: Fraction | None
-) -> Iterator[claim.Envelope]:
+def propose_envelopes(exosystem: Exosystem, W: Matrix, rate: Fraction | None) -> Iterator[Envelope]:
     """P with (F + rate I)'P + P (F + rate I) = -I, rounded, for the ``rate`` (None: half that of F)
     and smaller."""
     with suppress(*GIVEN_UP):
@@ -357,7 +364,7 @@ def propose_envelopes(
             yield from _envelopes_at(F, exact)
 
 
-def _envelopes_at(F: Array, rate: Fraction) -> Iterator[claim.Envelope]:
+def _envelopes_at(F: Array, rate: Fraction) -> Iterator[Envelope]:
     """P of one rate with more and more digits, and bounds of its eigenvalues."""
     unit = np.eye(len(F))
     # F + rate I is stable, so that P is positive definite.
@@ -368,7 +375,7 @@ def _envelopes_at(F: Array, rate: Fraction) -> Iterator[claim.Envelope]:
         lower = float(values[0]) * (1 - 1e-9)
         upper = float(values[-1]) * (1 + 1e-9)
         if lower > 0:
-            yield claim.Envelope(
+            yield Envelope(
                 P=rounded,
                 rate=rate,
                 lower=Fraction(f"{lower:.12g}"),
@@ -388,7 +395,7 @@ def estimate_observer(exosystem: Exosystem, W: Matrix) -> dict[str, float]:
             "damping": float(np.min(-poles.real / sizes)),
             "peak": propose.transient_peak(F),
         }
-        for name in claim.CHANNELS:
+        for name in CHANNELS:
             system = channel(exosystem, W, name)
             B, C, D = to_float(system.B), to_float(system.C), to_float(system.D)
             found[f"hinf {name}"] = propose.hinf_norm(F, B, C, D)

@@ -11,7 +11,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from dobc_design.conditions.numbers import claimed, rounded_up, shorten
-from dobc_design.conditions.statement import Statement
 from dobc_design.exact.matrix import Matrix, multiply
 from dobc_design.exact.observability import decide_detectable
 from dobc_design.loop.make import observed
@@ -22,11 +21,7 @@ from dobc_design.synthesis.observer import decide
 from dobc_design.verdict import Verdict
 
 from .claim import NoiseLimit, ObserverDesign, ObserverRequest
-from .propose import (
-    estimate_observer,
-    propose_envelopes,
-    propose_gains,
-)
+from .propose import estimate_observer, propose_envelopes, propose_gains
 
 
 def search_groups(problem: Problem, request: ObserverRequest) -> ObserverDesign:
@@ -47,7 +42,7 @@ def _nearest_of_all(
     designs: Mapping[str, ObserverDesign], request: ObserverRequest
 ) -> ObserverDesign | None:
     """The design for the nearest request that every group meets; None where one has none."""
-    known = dict[str, ObserverDesign]()
+    known = {}
     # A group that meets the request as it is keeps its design.
     for name, design in designs.items():
         near = design if design.is_proved else design.nearest
@@ -58,7 +53,7 @@ def _nearest_of_all(
     rates = [each.rate for each in asked if each.rate is not None]
     # A group without a rate leaves all without one.
     slowest = min(rates) if len(rates) == len(asked) else None
-    noise = list[NoiseLimit]()
+    noise = []
     for limits in zip(*(each.noise for each in asked), strict=True):
         loudest = max(limits, key=lambda limit: limit.bound)
         noise.append(loudest)
@@ -107,13 +102,13 @@ def _side_by_side(
     group."""
     found = list(designs.values())
     verdict = Verdict.all_of([design.verdict for design in found])
-    worst = dict[str, float]()
+    worst = {}
     for key in found[0].measures:
         if all(key in design.measures for design in found):
             values = [design.measures[key] for design in found]
             # A rate is worst where it is small, a gain, norm or peak where it is large.
             worst[key] = min(values) if key == "rate" else max(values)
-    statements = list[Statement]()
+    statements = []
     for name, design in designs.items():
         for each in design.statements:
             # Of an answer that is not proved, only what stands in the way.

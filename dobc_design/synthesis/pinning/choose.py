@@ -8,7 +8,7 @@ impossible.
 from __future__ import annotations
 
 import heapq
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 
@@ -17,8 +17,10 @@ from dobc_design.conditions.coverage import Progress
 from dobc_design.conditions.numbers import claimed, shorten, text_below
 from dobc_design.conditions.statement import Statement, proved, refuted
 from dobc_design.exact.number import number_text
+from dobc_design.synthesis.observer.claim import ZERO
 from dobc_design.synthesis.pinning import decide
 
+from .claim import Agents, AgentSet
 from .decide import Ground
 from .propose import PinningProposer
 
@@ -38,7 +40,7 @@ class _Node:
     outside: frozenset[int]
     bound: Fraction
     # agents with a gain at the optimum of the node, the largest gain first
-    support: tuple[int, ...]
+    support: Agents
 
 
 @dataclass(eq=False, kw_only=True)
@@ -53,21 +55,21 @@ class Choice:
     proposer: PinningProposer
     progress: Progress
     pins: int
-    groups: Sequence[Sequence[int]]
-    start: Collection[int] | None = None
-    agents: tuple[int, ...] | None = None
+    groups: Sequence[AgentSet]
+    start: AgentSet | None = None
+    agents: Agents | None = None
     cost: float = float("inf")
     # open nodes, the lowest bound first
     _heap: list[tuple[Fraction, int, _Node]] = field(default_factory=list)
     # bounds of closed nodes that are not impossible
     _closed: list[Fraction] = field(default_factory=list)
     _nodes: int = 0
-    _met: dict[tuple[int, ...], float] = field(default_factory=dict)
+    _met: dict[Agents, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.start is not None:
             self._try_set(self.start)
-        self._add(frozenset(), frozenset(), Fraction(0))
+        self._add(frozenset(), frozenset(), ZERO)
         n = self.ground.problem.n
         most = max(50, WORK // n) if n <= FEW else max(1, MOST_WORK // n**2)
         while self._heap and self._nodes < most:
@@ -77,7 +79,7 @@ class Choice:
             else:
                 self._branch(node)
         bounds = [node.bound for _, _, node in self._heap] + self._closed
-        self.bound = min(bounds, default=Fraction(0))
+        self.bound = min(bounds, default=ZERO)
         self.impossible = not bounds and self.agents is None
 
     def _branch(self, node: _Node) -> None:
@@ -90,7 +92,7 @@ class Choice:
         self._add(node.inside, node.outside | {agent}, node.bound)
 
     @property
-    def rivals(self) -> list[tuple[int, ...]]:
+    def rivals(self) -> list[Agents]:
         """Other sets that were met and cost the same to six digits."""
         most = self.cost * (1 + SIX_DIGITS)
         alike = {agents for agents, cost in self._met.items() if cost <= most}
@@ -112,7 +114,7 @@ class Choice:
         text = f"No gains on {agents} cost less than {text_below(self.bound, digits=6)} ({how})."
         return proved("choice", text, bound=number_text(claimed(shorten(self.bound))))
 
-    def _try_set(self, agents: Collection[int]) -> None:
+    def _try_set(self, agents: AgentSet) -> None:
         """Compare a set with the best one so far."""
         request = self.ground.request
         chosen = tuple(sorted(agents))

@@ -23,16 +23,18 @@ from dobc_design.conditions.numbers import (
 from dobc_design.conditions.separable.claim import ErrorBound, Separable
 from dobc_design.conditions.statement import Statement
 from dobc_design.conditions.weighted.decide import Weighted
-from dobc_design.errors import Mistakes, SpecError
+from dobc_design.errors import Mistakes, about, wrong
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.number import float_above, float_below, number_text
-from dobc_design.exact.reading import is_list, named, shown, shown_number
+from dobc_design.exact.reading import Document, Names, Texts, is_list, named, shown, shown_number
 from dobc_design.problem.changes import changed_problem
-from dobc_design.problem.network import one_form
+from dobc_design.problem.network import Index, one_form
 from dobc_design.problem.problem import Problem
-from dobc_design.synthesis.observer.claim import Answer, check_digits, read_positive
+from dobc_design.synthesis.observer.claim import ZERO, Answer, check_digits, read_positive
 from dobc_design.verdict import Verdict
 
+Agents = tuple[int, ...]  # by index
+AgentSet = Collection[int]  # in any order
 Gains = Mapping[int, Fraction]  # or their caps, in 1/s, by agent index
 FEWEST = "fewest"
 POSITIVE = "Give a positive number."
@@ -51,7 +53,7 @@ class Limits:
     ``pins``: at most so many agents; ``digits``: significant digits of the gains."""
 
     rate: Fraction | None
-    allowed: tuple[int, ...]
+    allowed: Agents
     caps: Gains
     pins: int | str | None
     digits: int
@@ -82,7 +84,7 @@ class AskedGains:
     conservative: Any = False
 
 
-def read_request(labels: Sequence[str], asked: AskedGains) -> PinningRequest:
+def read_request(labels: Names, asked: AskedGains) -> PinningRequest:
     """Read the arguments of ``design_pinning``, exactly.  Raises: SpecError that names every wrong
     one."""
     index = {label: i for i, label in enumerate(labels)}
@@ -120,7 +122,7 @@ def read_request(labels: Sequence[str], asked: AskedGains) -> PinningRequest:
 def check_yes_or_no(value: Any, key: str, *, cure: str) -> None:
     """Raises: SpecError unless the value is True or False."""
     if not isinstance(value, bool):
-        raise SpecError(f"{key} must be True or False; got {shown(value)}.", key=key, cure=cure)
+        raise wrong(key, f"must be True or False; got {shown(value)}.", cure)
 
 
 def _check_pins(pins: Any) -> None:
@@ -129,43 +131,43 @@ def _check_pins(pins: Any) -> None:
     # True and False are integers of Python.
     is_number = isinstance(pins, int) and not isinstance(pins, bool)
     if not is_number or pins < 1:
-        text = f'pins must be an integer >= 1 or "{FEWEST}"; got {shown(pins)}.'
-        raise SpecError(text, key="pins", cure="Leave it out for any number of pinned agents.")
+        text = f'must be an integer >= 1 or "{FEWEST}"; got {shown(pins)}.'
+        raise wrong("pins", text, "Leave it out for any number of pinned agents.")
 
 
-def _agents(allowed: Any, index: Mapping[str, int]) -> tuple[int, ...]:
+def _agents(allowed: Any, index: Index) -> Agents:
     if allowed is None:
         return tuple(index.values())
-    wrong = ""
+    must = ""
     if not is_list(allowed) and not isinstance(allowed, (set, frozenset, range)):
-        wrong = f"allowed must be a list of labels of agents; got {shown(allowed)}."
+        must = f"must be a list of labels of agents; got {shown(allowed)}."
     elif not len(allowed):
-        wrong = "allowed must name at least one agent; got none."
-    if wrong:
-        raise SpecError(wrong, key="allowed", cure="Leave it out to allow every agent.")
+        must = "must name at least one agent; got none."
+    if must:
+        raise wrong("allowed", must, "Leave it out to allow every agent.")
     agents = {_agent(label, index, key="allowed") for label in allowed}
     return tuple(sorted(agents))
 
 
-def _agent(label: Any, index: Mapping[str, int], *, key: str) -> int:
+def _agent(label: Any, index: Index, *, key: str) -> int:
     place = None
     # True would stand for agent 1.
     if not isinstance(label, bool):
         place = index.get(one_form(label))
     if place is None:
-        text = f"{key}: there is no agent {shown(str(label))} in network.agents."
-        raise SpecError(text, key=key, cure="Use the label of an agent.")
+        text = f"there is no agent {shown(str(label))} in network.agents."
+        raise about(key, text, "Use the label of an agent.")
     return place
 
 
-def _by_agent(value: Any, index: Mapping[str, int], *, key: str, why: str) -> dict[int, Fraction]:
+def _by_agent(value: Any, index: Index, *, key: str, why: str) -> dict[int, Fraction]:
     """A number for all agents, or label -> number; None for none."""
     if value is None:
         return {}
     read = partial(read_positive, why=f", because {why}", cure=POSITIVE)
     if not isinstance(value, Mapping):
         return dict.fromkeys(range(len(index)), read(value, key))
-    found = dict[int, Fraction]()
+    found = {}
     for label, x in value.items():
         agent = _agent(label, index, key=key)
         found[agent] = read(x, f"{key}.{named(str(label))}")
@@ -177,7 +179,7 @@ def typed_gains(gains: Mapping[int, float], limits: Limits) -> dict[int, Fractio
     0 is left out."""
     # A gain of the size of rounding errors would pin an agent for nothing.
     least = max(gains.values(), default=0.0) * NOISE
-    typed = dict[int, Fraction]()
+    typed = {}
     for agent, k in sorted(gains.items()):
         if k > least:
             # down would lose the rate; a cap is a limit even so
@@ -208,12 +210,12 @@ class Structure:
     many ways.  ``apart``: groups without a common agent.  ``unmet``: a group without an allowed
     agent, or None."""
 
-    groups: tuple[tuple[int, ...], ...]
+    groups: tuple[Agents, ...]
     least: int
     exact: bool
-    agents: tuple[int, ...]
-    apart: tuple[tuple[int, ...], ...]
-    unmet: tuple[int, ...] | None
+    agents: Agents
+    apart: tuple[Agents, ...]
+    unmet: Agents | None
 
 
 @noun
@@ -226,7 +228,7 @@ class Region:
 
     radius: Fraction
     rho: Fraction | None
-    disturbance: Fraction = Fraction(0)
+    disturbance: Fraction = ZERO
     error: ErrorBound | None = None
     W: Matrix | None = None
 
@@ -240,8 +242,8 @@ class Alternatives:
     """Agents that are as good: ``others`` by the pinned agent whose place one of them may take, and
     whole sets (``rivals``) that were met on the way."""
 
-    others: Mapping[str, Sequence[str]]
-    rivals: Sequence[Sequence[str]]
+    others: Mapping[str, Names]
+    rivals: Sequence[Names]
 
     def sentences(self) -> Iterator[str]:
         for pinned, names in self.others.items():
@@ -261,9 +263,9 @@ class Whole(Protocol):
     @property
     def reason(self) -> str: ...
     @property
-    def decisions(self) -> tuple[str, ...]: ...
+    def decisions(self) -> Texts: ...
     @property
-    def prices(self) -> tuple[str, ...]: ...
+    def prices(self) -> Texts: ...
 
 
 @noun
@@ -289,7 +291,7 @@ class PinningDesign(Answer):
     cost: Fraction | None = None
     lower_bound: Fraction | None = None
     bound: Bound | None = None
-    bound_for: tuple[str, ...] = ()
+    bound_for: Texts = ()
     structural_minimum: int | None = None
     alternatives: Alternatives | None = None
     problem: Problem | None = None
@@ -322,7 +324,7 @@ class PinningDesign(Answer):
         return "weighted" if self.weights is not None or agents else "consensus"
 
     @property
-    def prices(self) -> tuple[str, ...]:
+    def prices(self) -> Texts:
         """What each limit costs, in words."""
         if self.whole is not None:
             return self.whole.prices
@@ -332,11 +334,9 @@ class PinningDesign(Answer):
         return tuple(prices_in_words(labels, self.request, self.bound, set(self.bound_for)))
 
     @property
-    def ties(self) -> tuple[str, ...]:
+    def ties(self) -> Texts:
         """Agents that are as good as the pinned ones, in words."""
-        if self.alternatives is None:
-            return ()
-        return tuple(self.alternatives.sentences())
+        return () if self.alternatives is None else tuple(self.alternatives.sentences())
 
     def _why(self) -> str:
         if self.whole is not None:
@@ -357,7 +357,7 @@ class PinningDesign(Answer):
         elif self.lower_bound is not None:
             least = shorten(self.lower_bound, digits=6)
             by = f", and nothing that does costs less than {least:.6g}."
-        rate = shown_number(self.rate or Fraction(0))
+        rate = shown_number(self.rate or ZERO)
         cost = float(self.cost or 0)
         who = name_agents(tuple(self.gains))
         return f"gains on {who} reach the rate {rate}{over} at the cost {cost:.6g}{by}"
@@ -390,7 +390,7 @@ class PinningDesign(Answer):
             facts.append(("pins needed at least", self.structural_minimum))
         return self._card_of("Pinning design", facts, (*self.prices, *self.ties))
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         """JSON object; exact numbers as text, bounds as numbers rounded towards the weaker
         claim."""
         names = (
@@ -439,7 +439,7 @@ def with_gains(
         request=request,
         gains={held.network.labels[i]: k for i, k in gains.items()},
         rate=request.rate,
-        cost=sum((request.costs[i] * k for i, k in gains.items()), Fraction(0)),
+        cost=sum((request.costs[i] * k for i, k in gains.items()), ZERO),
         structural_minimum=structure.least if structure.exact else None,
         problem=held,
     )
@@ -458,7 +458,7 @@ _up = partial(text_above, digits=6)
 
 
 def prices_in_words(
-    labels: Sequence[str], request: PinningRequest, bound: Bound, agents: Collection[str]
+    labels: Names, request: PinningRequest, bound: Bound, agents: Collection[str]
 ) -> Iterator[str]:
     """What each limit costs, from the exact multipliers; ``agents`` are those that may have a gain
     in the bound."""
@@ -470,10 +470,8 @@ def prices_in_words(
     for i in _largest(bound.cap_prices)[:SHOWN]:
         most = _up(bound.cap_prices[i])
         yield f"Cap of agent {labels[i]}: each 1/s more of it saves at most {most}."
-    saved = dict[int, Fraction]()
-    for i, load in enumerate(bound.loads):
-        if labels[i] not in agents:
-            saved[i] = load - request.costs[i]
+    left_out = [i for i, label in enumerate(labels) if label not in agents]
+    saved = {i: bound.loads[i] - request.costs[i] for i in left_out}
     best = [i for i in _largest(saved) if saved[i] > 0][:SHOWN]
     if best:
         most = ", ".join(f"agent {labels[i]} at most {_up(saved[i])}" for i in best)

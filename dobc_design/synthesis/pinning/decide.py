@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from fractions import Fraction
 from itertools import combinations
 from math import comb
@@ -44,23 +44,17 @@ from dobc_design.exact.definite import decide_positive_definite, decide_positive
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Vector
 from dobc_design.exact.number import number_text
-from dobc_design.exact.reading import counted
+from dobc_design.exact.reading import Names, counted
 from dobc_design.exact.symmetric import SparseSymmetric, Symmetric
 from dobc_design.exact.zmatrix import proves
 from dobc_design.loop.arcs import closed_groups
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.changes import typed_number
 from dobc_design.problem.problem import Problem
+from dobc_design.synthesis.observer.claim import ZERO
 
-from .claim import (
-    Bound,
-    Gains,
-    Limits,
-    PinningRequest,
-    Structure,
-)
+from .claim import Agents, AgentSet, Bound, Gains, Limits, PinningRequest, Structure
 
-ZERO = Fraction(0)
 BITS = 40  # of the largest entry of a rounded multiplier
 HINT_BITS = 50  # of the largest entry of a vector that shows definiteness
 LARGEST = 300  # rows that are eliminated in the search for a witness
@@ -104,7 +98,7 @@ def reaches(ground: Ground, gains: Gains, *, hints: Vectors = ()) -> bool:
 
 def _diagonal(gains: Gains, m: int) -> dict[tuple[int, int], Fraction]:
     """The entries of -2 K, whose agents have m rows each."""
-    entries = dict[tuple[int, int], Fraction]()
+    entries = {}
     for agent, gain in gains.items():
         for row in range(agent * m, (agent + 1) * m):
             entries[row, row] = -2 * gain
@@ -125,7 +119,7 @@ def is_undirected(statements: Statements) -> bool:
     return there == back
 
 
-def bound_from(ground: Ground, vectors: Vectors, allowed: Collection[int]) -> Bound:
+def bound_from(ground: Ground, vectors: Vectors, allowed: AgentSet) -> Bound:
     """The lower bound that proposed vectors prove, for gains on the ``allowed`` agents; each made
     to fit first."""
     request = ground.request
@@ -143,7 +137,7 @@ def bound_from(ground: Ground, vectors: Vectors, allowed: Collection[int]) -> Bo
             rows.append((mode, [round(Fraction(x) / unit) for x in v]))
     multipliers = Multipliers(rows=rows, unit=unit, width=ground.problem.m)
     loads = [multipliers.load(i) for i in range(ground.problem.n)]
-    prices = dict[int, Fraction]()
+    prices = {}
     for i in sorted(set(allowed)):
         cost = request.costs[i]
         if loads[i] <= cost:
@@ -199,7 +193,7 @@ class Multipliers:
 
 
 def obstacle_to(
-    ground: Ground, allowed: Collection[int], candidates: Vectors
+    ground: Ground, allowed: AgentSet, candidates: Vectors
 ) -> tuple[str, Vector] | None:
     """A mode and v (n m,), v'(Lambda0 - 2 K + 2 rate I) v >= 0 for all gains on ``allowed``, 0
     where one has no cap."""
@@ -212,7 +206,7 @@ def obstacle_to(
     added = SparseSymmetric(size, held).shifted(2 * ground.request.rate)
     for mode, enclosed in ground.lambdas.items():
         matrix = Enclosed(middle=enclosed.middle + added, deviations=enclosed.deviations)
-        fitting = list[list[float]]()
+        fitting = []
         for name, v in candidates:
             if name == mode and len(v) == size:
                 fitting.append([0.0 if row // m in free else x for row, x in enumerate(v)])
@@ -231,10 +225,17 @@ def _shown(upper: Symmetric, hints: Sequence[Sequence[float]]) -> bool:
     if any(len(each) != upper.size for each in hints):
         return False
     total = [sum(column) for column in zip(*hints, strict=True)]
-    top = max(total, default=0.0)
-    if not 0 < top < float("inf"):
-        return False
-    return proves(upper, [round(x / top * 2**HINT_BITS) for x in total])
+    whole = _in_integers(total, 2**HINT_BITS)
+    return bool(whole) and proves(upper, whole)
+
+
+def _in_integers(values: Sequence[float], largest: int) -> list[int]:
+    """The numbers in proportion, so that the largest size is ``largest``; none where all are 0 or
+    the largest is infinite."""
+    top = max(map(abs, values), default=0.0)
+    if not 0 < top < math.inf:
+        return []
+    return [round(x / top * largest) for x in values]
 
 
 def pins_needed(ground: Ground, directions: Vectors) -> int:
@@ -254,11 +255,7 @@ def pins_needed(ground: Ground, directions: Vectors) -> int:
 def _are_slow(enclosed: Enclosed, rate: Fraction, vectors: list[Any]) -> bool:
     """Whether the directions are independent, and v'(Lambda0 + 2 rate I)v >= 0 for all their
     combinations."""
-    coarse = list[list[int]]()
-    for v in vectors:
-        top = max(map(abs, v))
-        coarse.append([round(x / top * COARSE) for x in v])
-    columns = np.array(coarse, dtype=object).T
+    columns = np.array([_in_integers(v, COARSE) for v in vectors], dtype=object).T
     lower = enclosed.middle.shifted(2 * rate - enclosed.radius)
     common = math.lcm(1, *(x.denominator for x in lower.entries.values()))  # integers are quicker
     matrix = np.zeros((lower.size, lower.size), dtype=object)
@@ -278,9 +275,9 @@ def _from_integers(table: Any) -> SparseSymmetric:
     return SparseSymmetric.from_dense(tuple(rows))
 
 
-def structure_of(problem: Problem, allowed: Collection[int]) -> Structure:
+def structure_of(problem: Problem, allowed: AgentSet) -> Structure:
     """The groups of all modes and the least number of allowed agents that meet them."""
-    found = set[tuple[int, ...]]()
+    found = set()
     for arcs in problem.network.modes.values():
         found |= set(closed_groups(loop_of(problem), [arcs]))
     groups = tuple(sorted(found, key=lambda group: (len(group), group)))
@@ -334,7 +331,7 @@ def structural_obstacle(
     return None
 
 
-def _too_few(pins: int, structure: Structure, labels: Sequence[str], scope: Scope) -> Statement:
+def _too_few(pins: int, structure: Structure, labels: Names, scope: Scope) -> Statement:
     groups = structure.groups
     if len(structure.apart) > pins:
         groups = structure.apart
@@ -348,11 +345,11 @@ def _too_few(pins: int, structure: Structure, labels: Sequence[str], scope: Scop
     return refuted("pins", text, least=str(structure.least), groups=every)
 
 
-def apart(groups: Sequence[Collection[int]]) -> list[int]:
+def apart(groups: Sequence[AgentSet]) -> list[int]:
     """Places of groups without a common agent, the smallest first: each needs a pin of its own."""
     # Small groups first: they leave the most agents for others.
     used = set[int]()
-    kept = list[int]()
+    kept = []
     for k in sorted(range(len(groups)), key=lambda k: (len(groups[k]), k)):
         if not used & set(groups[k]):
             used |= set(groups[k])
@@ -360,7 +357,7 @@ def apart(groups: Sequence[Collection[int]]) -> list[int]:
     return kept
 
 
-def _fewest(groups: Sequence[frozenset[int]], least: int) -> tuple[int, ...] | None:
+def _fewest(groups: Sequence[frozenset[int]], least: int) -> Agents | None:
     """The smallest set that meets all groups, by search in growing size; None if that was given
     up."""
     if len(apart(groups)) == len(groups):
@@ -376,9 +373,7 @@ def _fewest(groups: Sequence[frozenset[int]], least: int) -> tuple[int, ...] | N
     return None
 
 
-def _of_size(
-    groups: Sequence[frozenset[int]], size: int, steps: list[int]
-) -> tuple[int, ...] | None:
+def _of_size(groups: Sequence[frozenset[int]], size: int, steps: list[int]) -> Agents | None:
     """A set of so many agents that meets all groups; None without one, or where no ``steps`` are
     left."""
     steps[0] -= 1
@@ -407,7 +402,7 @@ class SlowDirection:
 
 
 def slow_direction(
-    jacobians: Jacobians, pinned: Collection[int], caps: Gains, propose: Directions
+    jacobians: Jacobians, pinned: AgentSet, caps: Gains, propose: Directions
 ) -> SlowDirection | None:
     """The proved direction with the lowest limit for scalar gains on the ``pinned`` agents; None
     without any."""
@@ -434,20 +429,14 @@ def _components(mode: ModeJacobian) -> int:
     return 1
 
 
-def _direction(proposed: Sequence[float], free: Collection[int]) -> tuple[int, ...]:
+def _direction(proposed: Sequence[float], free: AgentSet) -> tuple[int, ...]:
     """A direction >= 0 as whole numbers, 0 on free agents; empty for one without numbers."""
-    top = max((abs(x) for x in proposed), default=0.0)
-    if not 0 < top < float("inf"):
-        return ()
-    w = [0] * len(proposed)
-    for i, x in enumerate(proposed):
-        if i not in free:
-            w[i] = max(0, round(x / top * FINE))
-    return tuple(w)
+    whole = _in_integers(proposed, FINE)
+    return tuple(0 if i in free else max(0, x) for i, x in enumerate(whole))
 
 
 def limit_of(
-    mode: ModeJacobian, component: int, w: Sequence[int], *, pinned: Collection[int], caps: Gains
+    mode: ModeJacobian, component: int, w: Sequence[int], *, pinned: AgentSet, caps: Gains
 ) -> Fraction | None:
     """The rate (1/s) out of reach by w: the largest -(M w)_i / w_i; None if w is 0, not >= 0 or
     moves a free agent."""
@@ -455,17 +444,17 @@ def limit_of(
     if not any(w) or min(w) < 0 or any(w[i] for i in free) or not mode.is_nonnegative_diagonal:
         return None
     held = set(pinned) & set(caps)
-    pull = dict[int, Fraction]()
+    pull = {}
     for i, x in enumerate(w):
         if x:
-            pull[i] = x * caps[i] if i in held else Fraction(0)
+            pull[i] = x * caps[i] if i in held else ZERO
     listeners = mode.arcs.listeners.tolist()
     speakers = mode.arcs.speakers.tolist()
     for i, j, kind in zip(listeners, speakers, mode.kind.tolist(), strict=True):
         if w[i] and w[i] != w[j]:
             gain = mode.gains[kind][component][component]
             pull[i] += (gain.hi if w[i] > w[j] else gain.lo) * (w[i] - w[j])
-    return max(Fraction(0), *(value / w[i] for i, value in pull.items()))
+    return max(ZERO, *(value / w[i] for i, value in pull.items()))
 
 
 def too_fast(problem: Problem, limits: Limits, propose: Directions) -> Statement | None:
@@ -480,7 +469,7 @@ def too_fast(problem: Problem, limits: Limits, propose: Directions) -> Statement
     except UndefinedError:
         return None
 
-    def slowest(agents: Sequence[int], caps: Gains = limits.caps) -> SlowDirection | None:
+    def slowest(agents: AgentSet, caps: Gains = limits.caps) -> SlowDirection | None:
         direction = slow_direction(jacobians, agents, caps, propose)
         return None if direction is None or direction.limit >= rate else direction
 
@@ -512,7 +501,7 @@ def too_fast(problem: Problem, limits: Limits, propose: Directions) -> Statement
 def _too_few_pins(
     rate: Fraction,
     limits: Limits,
-    slowest: Callable[[Sequence[int]], SlowDirection | None],
+    slowest: Callable[[AgentSet], SlowDirection | None],
 ) -> Statement | None:
     """A proof that no so many of the allowed agents reach the rate: every set is excluded; None if
     one is not."""
@@ -522,7 +511,7 @@ def _too_few_pins(
     count = comb(len(limits.allowed), pins)
     if pins >= len(limits.allowed) or count > MOST_SETS:
         return None
-    most = Fraction(0)
+    most = ZERO
     # Fewer pins do no better, so that sets of exactly so many are enough.
     for chosen in combinations(limits.allowed, pins):
         found = slowest(chosen)

@@ -15,7 +15,7 @@ as far as that takes.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import combinations, product
 from math import comb
 from typing import Any
@@ -24,14 +24,24 @@ import numpy as np
 from scipy import sparse
 
 from dobc_design._checks import noun
-from dobc_design.conditions.consensus import pinning
 from dobc_design.conditions.consensus.claim import ModeJacobian
+from dobc_design.conditions.consensus.pinning import (
+    PROGRAM_ROWS,
+    Blocks,
+    cheapest_gains,
+    factorised,
+    fastest_rate,
+    for_rate,
+    lowest_on,
+    network_blocks,
+    slowest_on,
+)
 from dobc_design.conditions.consensus.propose import rows_of
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import Array
 
-from .claim import Gains, PinningRequest
+from .claim import Agents, AgentSet, Gains, PinningRequest
 
 Vectors = list[tuple[str, Array]]  # mode, and a vector over the n m rows
 # closed forms spent on exchanges and ties, times agents; agents above which: none
@@ -52,25 +62,25 @@ class PinningProposer:
     """The blocks of one problem, its costs and caps (inf where there is none)."""
 
     problem: Problem
-    blocks: pinning.Blocks
+    blocks: Blocks
     costs: Array
     caps: Array
 
-    def relax(self, allowed: Collection[int], rate: float) -> tuple[list[float] | None, Vectors]:
+    def relax(self, allowed: AgentSet, rate: float) -> tuple[list[float] | None, Vectors]:
         """Gains (n) of least cost, about, and their multipliers; without (None) directions that no
         gains hold."""
-        blocks = pinning.for_rate(self.blocks, rate)
+        blocks = for_rate(self.blocks, rate)
         chosen = self._mask(allowed)
         found = None
         # Gains without a cap have to hold every direction, as floating point sees it.
         least = NEARLY_ZERO * blocks.scale
         if blocks.z or all(value > least for value, _ in self._lowest(blocks, chosen)):
-            found = pinning.cheapest_gains(blocks, chosen, self.costs, self.caps)
+            found = cheapest_gains(blocks, chosen, self.costs, self.caps)
         if found is None:
             return None, self._loose(blocks, chosen)
         return found.gains.tolist(), self._named(blocks, found.vectors)
 
-    def fastest(self, allowed: Collection[int], factor: float = 1.0) -> float:
+    def fastest(self, allowed: AgentSet, factor: float = 1.0) -> float:
         """The rate (1/s) that gains on these agents approach, about, with caps times ``factor``;
         inf without limit."""
         lowest = self._lowest(self.blocks, self._mask(allowed), factor=factor)
@@ -79,24 +89,24 @@ class PinningProposer:
     def slow(self, rate: float) -> Vectors:
         """Of every block the eigenvectors of S with eigenvalues below 0; nothing for large
         blocks."""
-        blocks = pinning.for_rate(self.blocks, rate)
-        if blocks.agents * blocks.width > pinning.PROGRAM_ROWS * 3:
+        blocks = for_rate(self.blocks, rate)
+        if blocks.agents * blocks.width > PROGRAM_ROWS * 3:
             return []
-        columns = list[list[Array]]()
+        columns = []
         for table in blocks.tables:
             values, vectors = np.linalg.eigh(table.toarray())
             columns.append(list(vectors.T[values < -1e-7 * blocks.scale]))
         return self._named(blocks, columns)
 
     def greedy(
-        self, allowed: Sequence[int], groups: Sequence[Sequence[int]], rate: float, pins: int | None
-    ) -> tuple[int, ...] | None:
+        self, allowed: AgentSet, groups: Sequence[AgentSet], rate: float, pins: int | None
+    ) -> Agents | None:
         """A small set that reaches the rate, or with ``pins`` a cheap one of at most so many; None
         if none was found. One agent of each group first, then where the slowest direction is
         heaviest, then the cheapest to add, then exchanges of one agent for another; of many agents
         those that save most."""
         chosen = self._hitting(allowed, groups)
-        blocks = pinning.for_rate(self.blocks, rate)
+        blocks = for_rate(self.blocks, rate)
         free = set(allowed)
         if blocks.z and blocks.agents > MANY and not blocks.weighted:
             # Closed forms of every candidate would take too long.
@@ -116,31 +126,27 @@ class PinningProposer:
                 chosen.append(self._cheapest_with(chosen, sorted(free - set(chosen)), rate, pins))
         return tuple(sorted(self._exchanged(chosen, sorted(free), rate)))
 
-    def _fastest_with(
-        self, blocks: pinning.Blocks, chosen: Sequence[int], left: Collection[int]
-    ) -> int:
+    def _fastest_with(self, blocks: Blocks, chosen: AgentSet, left: AgentSet) -> int:
         """The further agent, of those where the slowest direction is heaviest, that allows the
         fastest rate."""
         others = np.setdiff1d(np.arange(blocks.agents), list(chosen))
         weight = np.zeros(blocks.agents)
-        weight[others] = pinning.slowest_on(blocks, others)
+        weight[others] = slowest_on(blocks, others)
         order = sorted(left, key=lambda agent: (-round(float(weight[agent]), 9), agent))
         most = 40 if blocks.agents <= 60 else 8
         return max(
             order[:most],
-            key=lambda agent: (pinning.fastest_rate(blocks, [*chosen, agent]), -agent),
+            key=lambda agent: (fastest_rate(blocks, [*chosen, agent]), -agent),
         )
 
-    def _cheapest_with(
-        self, chosen: Sequence[int], left: Sequence[int], rate: float, pins: int
-    ) -> int:
+    def _cheapest_with(self, chosen: AgentSet, left: Sequence[int], rate: float, pins: int) -> int:
         """The further agent with which the gains are cheapest, of as many as are worth the time."""
         most = max(1, self._affordable() // pins)
         step = -(-len(left) // most)
         costs = {agent: self._cost([*chosen, agent], rate) for agent in left[::step]}
         return min(costs, key=lambda agent: (costs[agent], agent))
 
-    def cheapest(self, allowed: Sequence[int], pins: int, rate: float) -> tuple[int, ...]:
+    def cheapest(self, allowed: AgentSet, pins: int, rate: float) -> Agents:
         """The cheapest of all sets of so many agents, where these are few; () if none is found."""
         if comb(len(allowed), pins) > MOST_SETS:
             return ()
@@ -149,20 +155,20 @@ class PinningProposer:
         return best if costs.get(best, np.inf) < np.inf else ()
 
     def replaceable(
-        self, chosen: Sequence[int], allowed: Sequence[int], rate: float
+        self, chosen: AgentSet, allowed: AgentSet, rate: float
     ) -> list[tuple[int, int]]:
         """Pairs (pinned, other): with the other in its place the cost is the same to six digits."""
         own = self._cost(chosen, rate)
         if own == np.inf or len(chosen) * len(allowed) > self._affordable():
             return []
-        alike = list[tuple[int, int]]()
+        alike = []
         for pinned, other in product(chosen, sorted(set(allowed) - set(chosen))):
             exchanged = {*chosen, other} - {pinned}
             if abs(self._cost(exchanged, rate) - own) <= 1e-6 * own:
                 alike.append((pinned, other))
         return alike
 
-    def _exchanged(self, chosen: list[int], allowed: Sequence[int], rate: float) -> list[int]:
+    def _exchanged(self, chosen: list[int], allowed: AgentSet, rate: float) -> list[int]:
         """The agents after exchanges of one for another, while these make the gains cheaper."""
         cost = self._cost(chosen, rate)
         better = True
@@ -187,16 +193,16 @@ class PinningProposer:
             return 0
         return WORK // len(self.costs)
 
-    def _cost(self, chosen: Collection[int], rate: float) -> float:
+    def _cost(self, chosen: AgentSet, rate: float) -> float:
         gains = self.relax(chosen, rate)[0] if chosen else None
         return np.inf if gains is None else float(self.costs @ np.array(gains))
 
-    def _hitting(self, allowed: Sequence[int], groups: Sequence[Sequence[int]]) -> list[int]:
+    def _hitting(self, allowed: AgentSet, groups: Sequence[AgentSet]) -> list[int]:
         """Agents that meet all groups, always the one that meets most of those that are left."""
         # Groups without an allowed agent are refuted elsewhere.
         may = set(allowed)
         left = [may & set(group) for group in groups if may & set(group)]
-        chosen = list[int]()
+        chosen = []
         while left:
             count = Counter(agent for group in left for agent in group)
             best = min(count, key=lambda agent: (-count[agent], self.costs[agent], agent))
@@ -204,18 +210,18 @@ class PinningProposer:
             left = [group for group in left if best not in group]
         return chosen
 
-    def _mask(self, agents: Collection[int]) -> Array:
+    def _mask(self, agents: AgentSet) -> Array:
         mask = np.zeros(self.blocks.agents, dtype=bool)
         mask[list(agents)] = True
         return mask
 
-    def _free_rows(self, blocks: pinning.Blocks, chosen: Array) -> Any:
+    def _free_rows(self, blocks: Blocks, chosen: Array) -> Any:
         """The rows that no gain without a cap holds."""
         agents = np.flatnonzero(np.logical_not(chosen) | np.isfinite(self.caps))
         return rows_of(agents, blocks.width)
 
     def _lowest(
-        self, blocks: pinning.Blocks, chosen: Array, *, factor: float = 1.0
+        self, blocks: Blocks, chosen: Array, *, factor: float = 1.0
     ) -> list[tuple[float, Array]]:
         """Of every block the lowest eigenvalue on these rows, with caps times ``factor`` on the
         diagonal."""
@@ -223,20 +229,20 @@ class PinningProposer:
         added = sparse.diags_array(np.repeat(2 * held * factor, blocks.width))
         rows = self._free_rows(blocks, chosen)
         tables = [sparse.csr_array(table + added) for table in blocks.tables]
-        return [pinning.lowest_on(table, rows) for table in tables]
+        return [lowest_on(table, rows) for table in tables]
 
-    def _loose(self, blocks: pinning.Blocks, chosen: Array) -> Vectors:
+    def _loose(self, blocks: Blocks, chosen: Array) -> Vectors:
         """Of every block the direction that allowed gains hold least, zero on the rows of gains
         without a cap."""
         rows = self._free_rows(blocks, chosen)
-        columns = list[list[Array]]()
+        columns = []
         for _, vector in self._lowest(blocks, chosen):
             column = np.zeros(blocks.agents * blocks.width)
             column[rows] = np.abs(vector) if blocks.z else vector
             columns.append([column])
         return self._named(blocks, columns)
 
-    def _named(self, blocks: pinning.Blocks, columns: Sequence[Sequence[Array]]) -> Vectors:
+    def _named(self, blocks: Blocks, columns: Sequence[Sequence[Array]]) -> Vectors:
         """The vectors of every block with its mode, on all n m rows."""
         m = self.problem.m
         result: Vectors = []
@@ -255,7 +261,7 @@ def make_proposer(
 ) -> PinningProposer | None:
     """The proposer of one problem and request, for V with or without weights; None beyond the
     floats."""
-    blocks = pinning.network_blocks(loop_of(problem), weighted=weighted)
+    blocks = network_blocks(loop_of(problem), weighted=weighted)
     if blocks is None:
         return None
     caps = np.array([float(request.caps.get(i, np.inf)) for i in range(problem.n)])
@@ -264,12 +270,12 @@ def make_proposer(
 
 
 def greedy_set(
-    blocks: pinning.Blocks,
-    chosen: Sequence[int],
-    free: Collection[int],
+    blocks: Blocks,
+    chosen: AgentSet,
+    free: AgentSet,
     costs: Array,
     pins: int | None,
-) -> tuple[int, ...] | None:
+) -> Agents | None:
     """Agents added until the rate is reached (else None), or ``pins`` are chosen; blocks have to be
     Z-matrices."""
     found = list(chosen)
@@ -291,10 +297,10 @@ def greedy_set(
             left = left[left != found[-1]]
 
 
-def _needed_shift(blocks: pinning.Blocks, pinned: Sequence[int]) -> float:
+def _needed_shift(blocks: Blocks, pinned: list[int]) -> float:
     """What has to be added to S for the pins to hold the others; 0 where they do."""
     others = np.setdiff1d(np.arange(blocks.agents), pinned)
-    lowest = min(pinning.lowest_on(table, others)[0] for table in blocks.tables)
+    lowest = min(lowest_on(table, others)[0] for table in blocks.tables)
     if lowest > 1e-9 * blocks.scale:
         return 0.0
     return ROOM * blocks.scale * 1e-3 - lowest * (1 + ROOM)
@@ -306,12 +312,12 @@ def _best(matrices: Sequence[Any], found: list[int], left: Any, costs: Array) ->
     place = np.searchsorted(others, left)
     root = np.sqrt(costs)
     # Of each S how far v is above sqrt(c) on agents that may be pinned, and what solves with S.
-    held = list[tuple[Array, Any]]()
+    held = []
     # 1/G_aa <= S_aa bounds what each agent saves (module docstring).
     bounds = np.zeros(len(left))
     for matrix in matrices:
         rows = matrix[others]
-        solve = pinning.factorised(rows[:, others])
+        solve = factorised(rows[:, others])
         # Where nobody is pinned yet: by how loosely everybody is held.
         v = solve(-(rows[:, found] @ root[found]) if found else np.ones(len(others)))
         above = np.maximum(v[place] - root[left], 0.0)
@@ -328,7 +334,7 @@ def _best(matrices: Sequence[Any], found: list[int], left: Any, costs: Array) ->
 
 
 def slow_directions(
-    mode: ModeJacobian, component: int, pinned: Collection[int], caps: Gains, *, size: int
+    mode: ModeJacobian, component: int, pinned: AgentSet, caps: Gains, *, size: int
 ) -> Iterator[list[float]]:
     """Directions (n) >= 0 worth an exact look: the Perron vector, and the agent alone that is
     pulled least."""

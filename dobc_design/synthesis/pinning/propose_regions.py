@@ -10,7 +10,7 @@ which other agent a gain would help most.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
@@ -30,7 +30,7 @@ from dobc_design.loop.make import loop_of
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import Array, factored
 
-from .claim import Gains, PinningRequest
+from .claim import AgentSet, Gains, PinningRequest
 
 HELD = 1e9  # a gain, times the size of the rows, that holds an agent whatever the others do
 FIRST_STEP, LAST_STEP = 0.3, 1e-5  # of log v: the trust region
@@ -97,7 +97,7 @@ def propose_for_box(
             if best is None:
                 return []
             box, v = best
-            found = list[tuple[Vector, Array]]()
+            found = []
             # decimal in small networks, binary in large ones
             units = [10**digits for digits in DIGITS]
             if len(v) > LARGE:
@@ -114,7 +114,7 @@ def propose_for_box(
 
 
 def box_of(
-    field: Field, agents: Collection[int], caps: Gains, *, rate: float, costs: Array | None = None
+    field: Field, agents: AgentSet, caps: Gains, *, rate: float, costs: Array | None = None
 ) -> Box:
     """The rows of ``field`` (whose gains are 0) with gains on these agents; every gain costs 1
     without ``costs``."""
@@ -307,7 +307,7 @@ class RegionSearch:
 
     def holds(
         self,
-        pinned: Collection[int],
+        pinned: AgentSet,
         rate: float,
         *,
         coarse: bool = False,
@@ -327,7 +327,7 @@ class RegionSearch:
             return None
         return v
 
-    def fastest(self, pinned: Collection[int], *, coarse: bool = False) -> float:
+    def fastest(self, pinned: AgentSet, *, coarse: bool = False) -> float:
         """The largest rate (1/s), about, with gains on these agents; 0 if none is possible."""
         best = self.holds(pinned, 0.0, coarse=coarse) if pinned else None
         if best is None:
@@ -348,13 +348,13 @@ class RegionSearch:
         )
         return rate
 
-    def _most(self, pinned: Collection[int]) -> float:
+    def _most(self, pinned: AgentSet) -> float:
         """No rate is larger: an agent with the least v has at most its gain, or it hears others."""
         if all(i in self.caps for i in pinned):
             return max(float(self.caps[i]) for i in pinned)
         return 4 * (1.0 + self._size(self.rows(0.0)))
 
-    def smallest(self, pinned: Sequence[int], rate: float) -> RegionGains | None:
+    def smallest(self, pinned: AgentSet, rate: float) -> RegionGains | None:
         """The smallest gains found on these agents for a rate (1/s), about; None if the rate is out
         of reach."""
         rows = self.rows(rate)

@@ -7,7 +7,7 @@ over a region are designed in ``search_regions``.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from fractions import Fraction
 from typing import TypeVar
@@ -21,7 +21,7 @@ from dobc_design.conditions.numbers import bisected, claimed, rounded_up, shorte
 from dobc_design.conditions.statement import Statement, proved, refuted, undecided
 from dobc_design.conditions.weighted.decide import network_holds, why_not
 from dobc_design.conditions.weighted.propose import network_claim
-from dobc_design.errors import SpecError
+from dobc_design.errors import refused
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import counted, shown_number
 from dobc_design.loop.make import loop_of
@@ -33,6 +33,8 @@ from dobc_design.verdict import Verdict
 from .choose import Choice
 from .claim import (
     FEWEST,
+    Agents,
+    AgentSet,
     Alternatives,
     Gains,
     Limits,
@@ -113,7 +115,7 @@ def search_pinning(problem: Problem, request: PinningRequest, progress: Progress
         why = statements.inapplicable or "an entry of J + J is too large."
         must = "coupling must have a derivative at the consensus that floats can hold"
         text = f"{must}, because gains are designed for the linearisation; {why}"
-        raise SpecError(text, key="coupling.h", cure="Use a smooth coupling, such as tanh(y).")
+        raise refused("coupling.h", text, "Use a smooth coupling, such as tanh(y).")
     lambdas = {mode: enclosed_lambda(statements, mode) for mode in statements.lambdas}
     task = Task(
         ground=Ground(problem=problem, request=request, lambdas=lambdas),
@@ -166,7 +168,7 @@ def _weighted_attempt(task: Task) -> PinningDesign:
         task.progress("looking for the agents that a gain helps most")
         sets = _promising(task, proposer, plain)
     task.progress("proving the gains")
-    designs = list[PinningDesign]()
+    designs = []
     for agents in dict.fromkeys(filter(None, sets)):
         found = _with_weights(task, proposer, agents)
         if found is not None:
@@ -182,9 +184,7 @@ def _weighted_attempt(task: Task) -> PinningDesign:
     return replace(best, statements=(*best.statements, _fewest_in(task, len(best.gains))))
 
 
-def _promising(
-    task: Task, proposer: PinningProposer, plain: PinningDesign
-) -> list[tuple[int, ...]]:
+def _promising(task: Task, proposer: PinningProposer, plain: PinningDesign) -> list[Agents]:
     """Sets of agents that are worth a proof by V = e'De: those of V = e'e, and the greedy ones."""
     request = task.request
     most = request.pins if isinstance(request.pins, int) else None
@@ -220,9 +220,7 @@ def _unbounded(design: PinningDesign) -> PinningDesign:
     )
 
 
-def _with_weights(
-    task: Task, proposer: PinningProposer, agents: Sequence[int]
-) -> PinningDesign | None:
+def _with_weights(task: Task, proposer: PinningProposer, agents: AgentSet) -> PinningDesign | None:
     """The smallest gains found on these agents for which weights of V are proved; None if none
     are."""
     request = task.request
@@ -325,11 +323,11 @@ def _fewest_chosen(task: Task, needed: int) -> Chosen:
     return choice, (_fewest(len(choice.agents or ()), needed), choice.statement())
 
 
-def _greedy(task: Task, pins: int | None) -> tuple[int, ...] | None:
+def _greedy(task: Task, pins: int | None) -> Agents | None:
     return task.plain.greedy(task.request.allowed, task.structure.groups, task.rate, pins)
 
 
-def _choice(task: Task, pins: int, *, start: tuple[int, ...] | None = None) -> Choice:
+def _choice(task: Task, pins: int, *, start: Agents | None = None) -> Choice:
     return Choice(
         ground=task.ground,
         proposer=task.plain,
@@ -351,7 +349,7 @@ def _fewest(pins: int, needed: int) -> Statement:
 
 def _designed(
     task: Task,
-    agents: Sequence[int],
+    agents: AgentSet,
     choice: Choice | None = None,
     chosen: tuple[Statement, ...] = (),
 ) -> PinningDesign:
@@ -394,7 +392,7 @@ def _designed(
     )
 
 
-def _proved_gains(task: Task, agents: Sequence[int]) -> Gains | None:
+def _proved_gains(task: Task, agents: AgentSet) -> Gains | None:
     """Gains for a rate a little faster, rounded up, that are proved for the rate asked."""
     request = task.request
     digit = max(Fraction(1, 10 ** (request.digits + 2)), Fraction(1, 10**10))
@@ -409,16 +407,16 @@ def _proved_gains(task: Task, agents: Sequence[int]) -> Gains | None:
     return None
 
 
-def _alternatives(task: Task, pinned: tuple[int, ...], choice: Choice) -> Alternatives:
+def _alternatives(task: Task, pinned: Agents, choice: Choice) -> Alternatives:
     """Other agents and sets that cost the same to six digits."""
     labels = task.bare.network.labels
     others = dict[str, list[str]]()
-    known = set[tuple[int, ...]]()
+    known = set()
     for own, other in task.plain.replaceable(pinned, task.request.allowed, task.rate):
         others.setdefault(labels[own], []).append(labels[other])
         exchanged = {*pinned, other} - {own}
         known.add(tuple(sorted(exchanged)))
-    rivals = list[list[str]]()
+    rivals = []
     for rival in choice.rivals:
         if rival not in known:
             rivals.append([labels[i] for i in rival])

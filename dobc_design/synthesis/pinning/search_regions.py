@@ -5,7 +5,7 @@ Their max-separable certificate is proved by ``conditions.separable``.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from fractions import Fraction
 from typing import Any
@@ -18,18 +18,19 @@ from dobc_design.conditions.separable import decide as separable
 from dobc_design.conditions.separable.claim import Separable, acts_by_component, stuck_agents
 from dobc_design.conditions.separable.propose_observer import propose_error_bound, radius_needed
 from dobc_design.conditions.statement import Statement, proved, refuted, undecided
-from dobc_design.errors import SpecError
+from dobc_design.errors import refused, wrong
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import counted, shown_number
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.changes import changed_problem
 from dobc_design.problem.problem import Problem
-from dobc_design.synthesis.observer.claim import read_positive
+from dobc_design.synthesis.observer.claim import ZERO, read_positive
 from dobc_design.synthesis.pinning import decide
 
 from .claim import (
     FEWEST,
+    AgentSet,
     Gains,
     PinningDesign,
     PinningRequest,
@@ -94,23 +95,23 @@ def _file_region(problem: Problem, request: PinningRequest) -> Region:
     """The [region] of the problem, with room for its observer."""
     if problem.region is None:
         text = "region = True means the [region] of the problem, and there is none."
-        raise SpecError(text, key="region", cure="Give a radius, or a [region].")
+        raise refused("region", text, "Give a radius, or a [region].")
     radius = max(*asked_radius(loop_of(problem)), SMALLEST)
-    disturbance = problem.region.initial_disturbance or Fraction(0)
+    disturbance = problem.region.initial_disturbance or ZERO
     exosystem = problem.joint_exosystem
     if not disturbance or exosystem is None:
         return Region(radius=radius, rho=None if problem.is_linear else radius)
     W = problem.joint_observer.W
     # The observer's error is in the certificate: V = N + kappa E.
     if W is None:
-        text = "observer.W is needed, because the [region] has an initial_disturbance."
-        raise SpecError(text, key="observer.W", cure="Design W first, with design_observer.")
+        text = "is needed, because the [region] has an initial_disturbance."
+        raise wrong("observer.W", text, "Design W first, with design_observer.")
     error = propose_error_bound(exosystem, W, rate=float(request.rate))
     if error is None:
-        must = "rate must be below the decay rate of the observer"
         why = "because V = N + kappa E is to reach it"
-        text = f"{must}, {why}; got {shown_number(request.rate)}."
-        raise SpecError(text, key="rate", cure="Ask for less, or for a faster W.")
+        got = shown_number(request.rate)
+        text = f"must be below the decay rate of the observer, {why}; got {got}."
+        raise wrong("rate", text, "Ask for less, or for a faster W.")
     rho = None if problem.is_linear else radius_needed(radius, error, disturbance)
     return Region(radius=radius, rho=rho, disturbance=disturbance, error=error, W=W)
 
@@ -202,7 +203,7 @@ def _unordered(task: Task) -> Statement | None:
     return refuted("ordering", text, agents=", ".join(names[:LISTED]))
 
 
-def _on(task: Task, agents: Sequence[int]) -> PinningDesign:
+def _on(task: Task, agents: AgentSet) -> PinningDesign:
     """Cheap gains on these agents with a certificate of the whole region, for every switching; or
     why not."""
     bare = task.bare
@@ -226,7 +227,7 @@ def _on(task: Task, agents: Sequence[int]) -> PinningDesign:
     return task.fails(undecided("gains", text))
 
 
-def _proposed(task: Task, agents: Sequence[int]) -> Iterator[tuple[Separable, Gains]]:
+def _proposed(task: Task, agents: AgentSet) -> Iterator[tuple[Separable, Gains]]:
     """Certificates of the rows, and gains on these agents, for rates a little faster than asked."""
     rho = task.region.rho
     request = replace(task.request, allowed=tuple(sorted(agents)))

@@ -138,7 +138,7 @@ def test_of_unreached_agents_those_are_shown_that_suffice_and_all_are_named():
     problem = linked(arcs, gains={1: 5})
     lemma = certify(problem).check("lemma1")
     assert lemma.reason.startswith(
-        "agents 4, 5 and 6 hear no pinned agent, so nothing pulls them to the target:"
+        "no pinned agent reaches agents 4, 5 and 6, so nothing pulls them to the target:"
     )
     assert lemma.witness.labels == ("6",)
     expected = ("0", "0", "0", "0", "0", "1")

@@ -12,6 +12,7 @@ from regional_problems import HARMONIC, PAPER, PAPER_GAIN, identity
 
 import dobc_design as dd
 from dobc_design import Check, Observer, Problem, Region, Verdict
+from dobc_design.certification.overall import decide_overall
 from dobc_design.conditions.coverage import Asked, read_region
 from dobc_design.conditions.domain import EVERYWHERE, NEAR_TARGET
 from dobc_design.conditions.quadratic import propose
@@ -67,20 +68,25 @@ def test_the_largest_ball_is_that_of_the_theory(gains, ball):
     found = [message.rpartition(", ")[2] for message in said]
     assert found == SHAPES
     assert (
-        "the region asks for 12.6491: beyond, no quadratic V is found. Largest |e| by method: P_e"
+        "the region needs 12.6491: beyond, no quadratic V is found. Largest |e| by method: P_e"
         in check.reason
     )
 
 
 def test_a_ball_that_is_too_small_is_told_with_the_one_asked_for():
     """Theory, section 20: two agents that hear each other, one k = 3, reach 3.31; sides of 4 ask
-    for sqrt(32)."""
+    for sqrt(32).  The verdict says which is the ball and which the bound of an agent."""
     problem = ring(2, {1: 3}, side="4")
     check, _ = stage(problem)
     assert check.verdict is Verdict.PROVED
     assert check.domain.radius == pytest.approx(3.31, abs=0.01)
+    whole = decide_overall(loop_of(ring(2, {1: 3}, side="4")), [check], None).reason
+    assert f"from the ball |e| <= {check.domain.radius} of all errors together (lure)" in whole
     assert (
-        "the region asks for 5.65685: beyond, no quadratic V is found. Largest |e| by method: P_e"
+        "asks for |e_i| <= 4 for every agent; a ball that holds these needs |e| <= 5.656" in whole
+    )
+    assert (
+        "the region needs 5.65685: beyond, no quadratic V is found. Largest |e| by method: P_e"
         in check.reason
     )
 
@@ -128,7 +134,7 @@ def test_every_form_is_tried_where_none_covers_and_few_arcs_also_corner_by_corne
     found = [message.rpartition(", ")[2] for message in said]
     assert found == SHAPES
     assert (
-        "the region asks for 5.65685: beyond, no quadratic V is found. Largest |e| by method: P_e"
+        "the region needs 5.65685: beyond, no quadratic V is found. Largest |e| by method: P_e"
         in check.reason
     )
     balls = [

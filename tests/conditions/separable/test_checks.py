@@ -26,6 +26,7 @@ from dobc_design.conditions.separable.claim import (
     DelayBound,
     ErrorBound,
     Separable,
+    pins_that_order,
     separable_from_json,
     stuck_agents,
 )
@@ -164,6 +165,27 @@ def test_agents_that_hear_only_each_other_in_turn_are_shown():
         assert confirmed(replace(check, witness=witness), CROSSED) is not None
     for witness in (None, replace(check.witness, values=("1",))):
         assert confirmed(replace(check, witness=witness), CROSSED) is not None
+
+
+def test_the_pins_that_are_advised_remove_the_obstacle_and_larger_gains_do_not():
+    check = stuck_check(loop_of(CROSSED), None, domain=NEAR_TARGET)
+    assert check.reason.endswith(
+        "Pinning agent 2 would remove this obstacle; larger gains would not."
+    )
+    stronger = CROSSED.replace(gains={1: 300})
+    assert stuck_check(loop_of(stronger), None, domain=NEAR_TARGET) is not None
+    pinned = CROSSED.replace(gains={1: 3, 2: "1/10"})
+    assert stuck_check(loop_of(pinned), None, domain=NEAR_TARGET) is None
+
+
+def test_advised_pins_are_among_the_fewest_that_serve():
+    """Pairs (2, 3) and (4, 5) that hear each other in turn: no single pin serves both."""
+    rows = {"A": [[2, 1], [3, 2], [4, 1], [5, 4]], "B": [[3, 1], [2, 3], [5, 1], [4, 5]]}
+    loop = loop_of(listening(rows, "tanh(y)", n=5, gains={1: 3}))
+    pins = pins_that_order(loop)
+    assert not stuck_agents(loop, held=pins)
+    assert len(pins) == 2
+    assert all(stuck_agents(loop, held=[agent]) for agent in range(5))
 
 
 def test_couplings_between_components_are_neither_proved_nor_refuted():

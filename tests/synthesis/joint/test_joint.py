@@ -1,6 +1,7 @@
 """Joint design: what is designed is certified, and what is refused is impossible by an oracle of
 its own."""
 
+import math
 from fractions import Fraction
 from itertools import combinations
 
@@ -20,6 +21,7 @@ from networks import (
 import dobc_design as dd
 from dobc_design.errors import SpecError
 from dobc_design.problem.changes import changed_problem
+from dobc_design.synthesis.joint.claim import RegionPrices
 from dobc_design.synthesis.pinning.decide import structural_obstacle, structure_of
 from dobc_design.synthesis.pinning.propose_regions import RegionSearch
 from dobc_design.verdict import Verdict
@@ -138,6 +140,39 @@ def test_further_pins_cost_what_closed_forms_say_and_are_no_slower():
         {"pinned": ["1", "3"], "cost": second.y, "rate": second.x}
     ]
     assert dd.design(own_gains(), rate="0.2", pins=1, further=1).further == ()
+
+
+def test_a_larger_rate_with_a_later_time_is_explained_by_its_factor():
+    """A chain, all pinned with k = 1, against its leader alone: both rates are near 0.9."""
+    problem = pinned_chain()
+    found = dd.design(problem)
+    given, own = found.given, found.certificate
+    assert own.rate > given.rate
+    assert math.log(100 * own.factor) / own.rate > math.log(100 * given.factor) / given.rate
+    first = found.decisions[0]
+    assert "s, factor 1.711), this design" in first
+    assert "The larger rate has the later time because its factor is larger" in first
+    assert "later time" not in dd.design(problem, rate="0.2").decisions[0]
+
+
+def test_a_design_names_the_conditions_that_it_loses():
+    """J + J' - K - K' of the chain is < 0 for k = 1 everywhere; for the leader alone it is only if
+    k > 1/3 (Schur complement)."""
+    found = dd.design(pinned_chain(), rate="0.2")
+    assert list(found.gains) == ["3"] and found.cost < Fraction(1, 3)
+    assert found.decisions[1] == "Proved with your own gains, but not with this design: lemma1."
+
+
+def pinned_chain() -> dd.Problem:
+    """3 leads 2 leads 1, h = y, all pinned with k = 1."""
+    return linked([[1, 2], [2, 3]], 3, gains={1: 1, 2: 1, 3: 1})
+
+
+@pytest.mark.parametrize("pins", [True, False])
+def test_where_further_pins_have_a_table_no_price_of_a_small_gain_stands_beside_it(pins):
+    prices = RegionPrices(rate=1.0, share=1.0, capped=(), savings={"7": 2.0}, barred=False)
+    said = " ".join(prices.sentences(pins=pins))
+    assert ("agent 7 would save most" in said) is pins
 
 
 @pytest.mark.parametrize("further", [-1, True, 21, "two"])

@@ -19,6 +19,7 @@ from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.loop.guarantee import Phase
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.make import loop_of
+from dobc_design.loop.pairs import rows_of
 from dobc_design.problem.canonical import canonical_bytes
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
@@ -58,7 +59,8 @@ class Certificate(Headed):
     @property
     def _loop(self) -> Loop:
         """What the checks are about."""
-        return loop_of(self.problem)
+        loop = loop_of(self.problem)
+        return rows_of(loop) or loop
 
     @property
     def verdict(self) -> Verdict:

@@ -219,29 +219,33 @@ def _controls(arcs: Weights, places: Positions, radius: float) -> dict[Pair, Pos
         start, end = places[one], places[other]
         opposite = arcs.get((other, one), weight)
         if weighted and opposite != weight:
-            found[one, other] = (start + end) / 2 + _APART * _aside(end - start)
+            found[one, other] = _control(start, end, _APART)
         elif (other, one) in found:
             found[one, other] = found[other, one]
         else:
             others = np.delete(places, [one, other], axis=0)
-            found[one, other] = _control(start, end, others, _CLEAR * radius)
+            bend = bend_past(others, start, end, _CLEAR * radius)
+            found[one, other] = _control(start, end, bend)
     return found
 
 
-def _control(start: Positions, end: Positions, others: Positions, clear: float) -> Positions:
-    """The least bend that keeps the curve ``clear`` of all ``others``, or comes closest to that."""
-    aside = _aside(end - start)
-    best, widest = (start + end) / 2, -1.0
+def bend_past(others: Positions, start: Positions, end: Positions, clear: float) -> float:
+    """How far aside an arc bends, in its lengths: the least that keeps it ``clear`` of all
+    ``others``, (k, 2), or comes closest to that."""
+    best, widest = 0.0, -1.0
     for bend in _BENDS:
-        control = (start + end) / 2 + bend * aside
-        points = _point(start, control, end, _ALONG)
+        points = _point(start, _control(start, end, bend), end, _ALONG)
         gaps = np.hypot(*(points[:, None, :] - others).transpose(2, 0, 1))
         least = float(gaps.min(initial=clear))
         if least > widest:
-            best, widest = control, least
+            best, widest = bend, least
         if least >= clear:
             break
     return best
+
+
+def _control(start: Positions, end: Positions, bend: float) -> Positions:
+    return np.asarray((start + end) / 2 + bend * _aside(end - start))
 
 
 def _point(start: Positions, control: Positions, end: Positions, t: Any) -> Positions:

@@ -38,6 +38,7 @@ from .look import (
     shown_agents,
     thinned_rows,
 )
+from .networks import bend_past
 
 Array = NDArray[np.float64]
 Envelope = ArrayLike | Callable[[Array], Array]
@@ -294,9 +295,13 @@ def plot_plane(
     rows = thinned_rows(len(run.times))
     chosen = shown_agents(run.x.shape[1], set(pinned))
     ends = run.x[-1, :, :2]
+    clear = 0.03 * float(np.ptp(ends[chosen], axis=0).max())  # about a marker
     for listener, speaker in arcs:
         if listener in chosen and speaker in chosen:
+            others = ends[[agent for agent in chosen if agent not in (listener, speaker)]]
+            bend = bend_past(others, ends[speaker], ends[listener], clear)
             arrow = {"arrowstyle": "-|>", "color": MUTED, "linewidth": 0.6, "shrinkB": 4}
+            arrow["connectionstyle"] = f"arc3,rad={-bend}"
             ax.annotate("", ends[listener], ends[speaker], arrowprops=arrow)
     for agent in chosen:
         held = agent in pinned

@@ -4,6 +4,7 @@ import json
 import re
 import subprocess
 import warnings
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -285,6 +286,18 @@ def test_a_formation_has_one_scale_arrows_goals_and_pinned_agents(swarm):
     data = page_data(animation_page(swarm, pinned=[0]))
     assert data["plane"] is True
     assert data["pinned"] == [0]
+
+
+def test_an_arrow_of_a_formation_passes_by_an_agent_between_its_ends(swarm):
+    agents = [0, 1, 2]
+    apart = np.zeros(swarm.x.shape)
+    apart[:, agents, 0] = agents
+    apart[:, 3:, 1] = 5.0
+    ax = Figure().add_subplot()
+    plot_plane(ax, replace(swarm, x=apart), arcs=[(2, 0), (1, 0)])
+    far, near = (text.arrow_patch for text in ax.texts if text.arrow_patch is not None)
+    assert far.get_connectionstyle().rad != 0
+    assert near.get_connectionstyle().rad == 0
 
 
 def test_eight_agents_differ_in_colour_or_dashes():

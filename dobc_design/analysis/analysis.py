@@ -24,6 +24,7 @@ from dobc_design.conditions.weighted.network import network_of
 from dobc_design.errors import wrong
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Matrix, multiply, subtract, to_float
+from dobc_design.exact.reading import Texts
 from dobc_design.loop.arcs import closed_groups, split_by, unreached
 from dobc_design.loop.arrays import Gain, chosen_gain
 from dobc_design.loop.loop import Loop
@@ -130,9 +131,9 @@ class GraphFacts:
 
     mode: str
     arcs: int
-    unreached: tuple[str, ...]
-    components: tuple[tuple[str, ...], ...]
-    sources: tuple[tuple[str, ...], ...]
+    unreached: Texts
+    components: tuple[Texts, ...]
+    sources: tuple[Texts, ...]
     balanced: bool
     heard: tuple[int, ...]
     hearing: tuple[int, ...]
@@ -167,7 +168,7 @@ def graph_facts(problem: Problem, mode: str) -> GraphFacts:
         surplus[listener] += weight
         surplus[speaker] -= weight
 
-    def named(agents: Sequence[int]) -> tuple[str, ...]:
+    def named(agents: Sequence[int]) -> Texts:
         return tuple(labels[agent] for agent in agents)
 
     return GraphFacts(
@@ -332,7 +333,7 @@ class Analysis(Headed):
         return self.W
 
     @property
-    def lines(self) -> tuple[str, ...]:
+    def lines(self) -> Texts:
         """The facts in words, one line each."""
         found: list[str] = []
         if self.observability is not None:

@@ -7,13 +7,13 @@ decided by that.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from fractions import Fraction
 
 from dobc_design._checks import noun
 from dobc_design._show.text import visible
-from dobc_design.conditions.check import Check, Claim, Values
+from dobc_design.conditions.check import Check, Checks, Claim, Values
 from dobc_design.conditions.kinds import MAX_SEPARABLE
 from dobc_design.conditions.reason import Reason
 from dobc_design.conditions.separable.claim import SamplingBound, Separable
@@ -80,7 +80,7 @@ def claim_of(check: Check, loop: Loop, W: Matrix | None) -> Claim | None:
     return read(check, loop, W)
 
 
-def box_of(checks: Sequence[Check], loop: Loop, W: Matrix | None) -> Separable | None:
+def box_of(checks: Checks, loop: Loop, W: Matrix | None) -> Separable | None:
     """What the proved max-separable certificate claims, on which others rest; None without one.
     Raises: as ``claim_of``."""
     for check in checks:

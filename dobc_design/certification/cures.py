@@ -10,11 +10,10 @@ import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
-from typing import Any
 
 from dobc_design._checks import noun
 from dobc_design._show.text import capitalize_first
-from dobc_design.conditions.check import Check, Fix
+from dobc_design.conditions.check import Check, Checks, Fix
 from dobc_design.conditions.consensus import cures
 from dobc_design.conditions.consensus.claim import Pair, PairFacts, Statements, state_theorems
 from dobc_design.conditions.consensus.cures import PinProposal, rounded_up
@@ -34,6 +33,7 @@ from dobc_design.conditions.weighted.decide import network_holds, why_not
 from dobc_design.conditions.weighted.propose import network_claim
 from dobc_design.conditions.weighted.stage import weighted_stage
 from dobc_design.exact.matrix import Matrix, Vector, scale
+from dobc_design.exact.reading import Document
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, spend
 from dobc_design.loop.arcs import unreached
 from dobc_design.loop.loop import Loop
@@ -233,7 +233,7 @@ def _weights_do(problem: Problem) -> bool:
     return _has_weights(weighted_stage(state_theorems(loop_of(problem)), W))
 
 
-def _holds(problem: Problem, checks: Sequence[Check]) -> bool:
+def _holds(problem: Problem, checks: Checks) -> bool:
     """Whether the theorem is proved, with weights or without; without an exosystem, Lemma 1 in
     every mode."""
     if _has_weights(checks):
@@ -296,7 +296,7 @@ def _model_parts(problem: Problem) -> list[Fix]:
     if W is None or check is None or not check.is_proved:
         return parts
     pace = f" at least like exp(-{text_below(check.rate)} t)" if check.rate else ""
-    changes: dict[str, Any] = {"observer.W": typed_matrix(W)}
+    changes: Document = {"observer.W": typed_matrix(W)}
     gone = ""
     if observer.P is not None:
         gone = " and drop P, which was meant for the old W"
@@ -324,7 +324,7 @@ def _proved(problem: Problem, proposals: Iterable[PinProposal]) -> Iterator[Acce
                 break
 
 
-def _gain_changes(problem: Problem, accepted: Accepted) -> dict[str, Any]:
+def _gain_changes(problem: Problem, accepted: Accepted) -> Document:
     gains, labels = accepted.gains, problem.network.labels
     # One number stands for all agents in the file.
     if len(gains) == problem.n > 1 and len(set(gains.values())) == 1:

@@ -12,7 +12,7 @@ from fractions import Fraction
 
 from dobc_design._show.text import capitalize_first, significant_away_from_zero
 from dobc_design.certificate.claims import Claims, Overall
-from dobc_design.conditions.check import Check
+from dobc_design.conditions.check import Check, Checks
 from dobc_design.conditions.consensus.agreement import agreement_words
 from dobc_design.conditions.consensus.claim import Unstable
 from dobc_design.conditions.consensus.network import cure_in_words, name_agents, unheld_groups
@@ -37,6 +37,7 @@ from dobc_design.conditions.stated import (
 from dobc_design.exact.matrix import Matrix, Vector, find_in_nullspace
 from dobc_design.exact.number import number_text
 from dobc_design.exact.polynomial import decide_hurwitz
+from dobc_design.exact.reading import Names
 from dobc_design.exact.work import out_of_time, time_limit
 from dobc_design.loop.arcs import closed_groups, unreached
 from dobc_design.loop.loop import Loop
@@ -66,7 +67,7 @@ def with_verdict(claims: Claims, overall: Overall) -> Claims:
     )
 
 
-def decide_overall(loop: Loop, checks: Sequence[Check], W: Matrix | None) -> Overall:
+def decide_overall(loop: Loop, checks: Checks, W: Matrix | None) -> Overall:
     """Combine checks decided for the gain W.  Of these only verdicts, domains, rates and proved
     instabilities enter, never a text; the rest is exact facts of ``problem``.  A designed W that
     fails says nothing against the problem."""
@@ -84,13 +85,13 @@ def decide_overall(loop: Loop, checks: Sequence[Check], W: Matrix | None) -> Ove
     return Overall(verdict=Verdict.UNDECIDED, why=why)
 
 
-def refutation(loop: Loop, checks: Sequence[Check], W: Matrix | None) -> str | None:
+def refutation(loop: Loop, checks: Checks, W: Matrix | None) -> str | None:
     """Why consensus itself fails, where that is proved and none of these checks, decided for the
     gain W, covers what is asked; None where it is not."""
     return _apart_reason(loop) or _adrift_reason(loop) or _refuted_reason(loop, checks, W)
 
 
-def _proved(loop: Loop, checks: Sequence[Check], best: Check) -> Overall:
+def _proved(loop: Loop, checks: Checks, best: Check) -> Overall:
     """The verdict about the plant that the file states, where ``best`` proves what is asked of the
     model alone."""
     stated, open_tables = stated_in(loop), list(gaps(loop, checks))
@@ -139,7 +140,7 @@ def _limited(loop: Loop) -> str:
     )
 
 
-def _limited_starts(loop: Loop, checks: Sequence[Check]) -> str:
+def _limited_starts(loop: Loop, checks: Checks) -> str:
     """From where no limit is reached.  Without a region that is a box, whatever the domain of the
     consensus is."""
     held = answer_of(loop, checks, LIMIT)
@@ -160,7 +161,7 @@ def _preference(check: Check) -> tuple[bool, float, float]:
     return check.kind.signals == "some", check.time_to_one_percent, -(check.rate or 0.0)
 
 
-def _moving_words(loop: Loop, checks: Sequence[Check], best: Check | None) -> str:
+def _moving_words(loop: Loop, checks: Checks, best: Check | None) -> str:
     """What is proved of graphs that move, beside the proof that carries the verdict."""
     words = ""
     if not loop.guarantee.moves:
@@ -180,7 +181,7 @@ def _moving_words(loop: Loop, checks: Sequence[Check], best: Check | None) -> st
     return words
 
 
-def _refuted_reason(loop: Loop, checks: Sequence[Check], W: Matrix | None) -> str | None:
+def _refuted_reason(loop: Loop, checks: Checks, W: Matrix | None) -> str | None:
     """What a given W or a refuted check says against consensus itself."""
     region = loop.starts
     if region is None or (region.disturbance or 0) > 0:
@@ -247,7 +248,7 @@ def _apart_reason(loop: Loop) -> str | None:
     return None
 
 
-def _apart_in(loop: Loop, cycle: Sequence[str]) -> str | None:
+def _apart_in(loop: Loop, cycle: Names) -> str | None:
     """The same for these modes, or for all with every arc there; what an allowed signal may leave
     out is left out."""
     arcs = [loop.modes[mode] for mode in cycle]
@@ -272,9 +273,7 @@ def _apart_in(loop: Loop, cycle: Sequence[str]) -> str | None:
     return None
 
 
-def _unreached_words(
-    loop: Loop, cycle: Sequence[str], arcs: Sequence[Arcs], apart: Sequence[int]
-) -> str:
+def _unreached_words(loop: Loop, cycle: Names, arcs: Sequence[Arcs], apart: Sequence[int]) -> str:
     """That no pinned agent reaches the agents ``apart`` by these arcs, those of a cycle of modes or
     of all modes."""
     who = name_agents(tuple(loop.labels[i] for i in apart))
@@ -292,7 +291,7 @@ def _unreached_words(
     return f"Consensus fails: {pins} to the target. {cure_in_words(loop, arcs)}"
 
 
-def _while_on(loop: Loop, cycle: Sequence[str]) -> str:
+def _while_on(loop: Loop, cycle: Names) -> str:
     """When only these modes are on."""
     if loop.guarantee.generator is not None:
         on = f"mode {cycle[0]}" if len(cycle) == 1 else f"modes {', '.join(cycle)}"
@@ -401,7 +400,7 @@ def _pace_in_words(loop: Loop, check: Check) -> str:
     )
 
 
-def _reached(loop: Loop, checks: Sequence[Check]) -> Reason | None:
+def _reached(loop: Loop, checks: Checks) -> Reason | None:
     """How far the regional proofs reach, and what would help; None if none was tried or applies."""
     # Those that are not about such a problem at all would only distract.
     tried = [check for check in checks if check.kind.role == "region" and check.applies]
@@ -449,7 +448,7 @@ def _domain_in_words(check: Check, unit: str) -> str:
     return f"{told} ({check.id})"
 
 
-def _cut_reason(checks: Sequence[Check], unit: str) -> Reason | None:
+def _cut_reason(checks: Checks, unit: str) -> Reason | None:
     """What was not decided, because time or work ran out, where that might have decided; None if
     nothing.  ``unit``: of the states."""
     cut = [
@@ -482,7 +481,7 @@ def _cut_reason(checks: Sequence[Check], unit: str) -> Reason | None:
     return Reason(head=told, is_open=True)
 
 
-def _undecided_reason(loop: Loop, checks: Sequence[Check]) -> Reason:
+def _undecided_reason(loop: Loop, checks: Checks) -> Reason:
     """Why nothing is decided: what ran out, an agent out of reach, how far proofs reach, or the
     first condition that is not met."""
     # Nothing else may be blamed while some check had no time.

@@ -17,7 +17,7 @@ from dobc_design.certificate.files import another_problem
 from dobc_design.certificate.text import certificate_bytes, read_claims
 from dobc_design.certificate.topics import TOPICS, Trusted
 from dobc_design.checker import examine as checker
-from dobc_design.conditions.check import Check, withdrawn
+from dobc_design.conditions.check import Check, Checks, withdrawn
 from dobc_design.conditions.consensus import decide as consensus
 from dobc_design.conditions.consensus.claim import Pair, state_theorems
 from dobc_design.conditions.domain import EVERYWHERE, Domain
@@ -26,7 +26,7 @@ from dobc_design.conditions.numbers import MATRIX_BITS, doubles_from_json, is_sh
 from dobc_design.conditions.reason import Reason
 from dobc_design.errors import CertificateError, DobcError, reason_of
 from dobc_design.exact.matrix import is_symmetric, multiply
-from dobc_design.exact.reading import counted, shown
+from dobc_design.exact.reading import Texts, counted, shown
 from dobc_design.exact.work import last_call
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.make import loop_of
@@ -78,8 +78,8 @@ class Recheck(Shown):
     checker found."""
 
     verdict: Verdict
-    confirmed: tuple[str, ...]
-    failures: tuple[str, ...]
+    confirmed: Texts
+    failures: Texts
     lone_checker: str = "it was not asked"
 
     @property
@@ -228,7 +228,7 @@ def _first_refusal(found: Sequence[Finding]) -> str | None:
 
 
 def _without_refused(
-    checks: Sequence[Check], said: Sequence[Finding], domain: Domain
+    checks: Checks, said: Sequence[Finding], domain: Domain
 ) -> tuple[Check, ...] | None:
     """The checks, decided ones that are refused as undecided; None if that is none of them."""
     kept = list(checks)
@@ -433,7 +433,7 @@ def _block_failures(claims: Claims, loop: Loop) -> list[str]:
     return failures
 
 
-def _overall_failures(claims: Claims, loop: Loop, confirmed: Sequence[Check]) -> list[str]:
+def _overall_failures(claims: Claims, loop: Loop, confirmed: Checks) -> list[str]:
     found = [(check.id, check.mode, check.group) for check in claims.checks]
     lacking = [each for each in expected_checks(loop) if each not in found]
     missing = [

@@ -209,6 +209,9 @@ class Check(Headed, Decided):
         return result | known_to_json(self, "witness", "fix")
 
 
+Checks = Sequence[Check]
+
+
 def not_a_proof(check: Check) -> str | None:
     """Why a claimed check is not even a proof, where its topic refutes nothing; None if it is."""
     if check.is_proved and check.witness is None:
@@ -285,7 +288,7 @@ def read_domain(domain: Domain, loop: Loop, *, kind: type[Around]) -> tuple[Frac
     return claimed(radius), claimed(disturbance)
 
 
-def main_cure(checks: Sequence[Check]) -> Check | None:
+def main_cure(checks: Checks) -> Check | None:
     """The failed check whose fix cures most: the condition everything rests on, else a printed P,
     else the model."""
     order = (
@@ -301,7 +304,7 @@ def main_cure(checks: Sequence[Check]) -> Check | None:
     return min(cured, key=lambda check: order.index(check.id), default=None)
 
 
-def other_cures(checks: Sequence[Check]) -> list[Check]:
+def other_cures(checks: Checks) -> list[Check]:
     """Checks with a fix that sets other keys than the main one and than those before, which
     supersede it."""
     seen = list[set[str]]()

@@ -9,7 +9,7 @@ from typing import Any
 from dobc_design._show.text import capitalize_first, rate_text, significant_towards_zero, upper
 from dobc_design.certificate import text as certificate_text
 from dobc_design.certificate.certificate import Certificate
-from dobc_design.conditions.check import Check, Fix, Witness, main_cure, other_cures
+from dobc_design.conditions.check import Check, Checks, Fix, Witness, main_cure, other_cures
 from dobc_design.conditions.kinds import KINDS
 from dobc_design.problem import canonical
 from dobc_design.problem.changes import change_lines
@@ -105,7 +105,7 @@ def checks_section(found: Findings) -> Iterator[Section]:
     yield Section(f"Checks: {counts}", blocks, "checks", "Checks")
 
 
-def _checks_table(checks: Sequence[Check], unit: str) -> Blocks:
+def _checks_table(checks: Checks, unit: str) -> Blocks:
     """The checks as rows; of very many, those not proved first, and a sentence about the others."""
     own_cures = {id(each) for each in other_cures(checks)}
 

@@ -31,7 +31,7 @@ from dobc_design.description.meaning import disturbance_words, time_words
 from dobc_design.description.words import leader_words
 from dobc_design.exact.matrix import Matrix, Vector, matrix
 from dobc_design.exact.number import decimal_text, number_text
-from dobc_design.exact.reading import Document, counted, is_scalar_matrix, some
+from dobc_design.exact.reading import Document, Names, counted, is_scalar_matrix, some
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.network import Arcs
 from dobc_design.problem.problem import Problem
@@ -463,7 +463,7 @@ def agents_table(problem: Problem) -> doc.Table | None:
     return doc.table_of(caption, range(problem.n), *columns, cards=True)
 
 
-def _heard(arcs: Arcs, labels: Sequence[str]) -> list[str]:
+def _heard(arcs: Arcs, labels: Names) -> list[str]:
     """Whom each agent listens to, with what weight."""
     heard: list[list[tuple[int, str]]] = [[] for _ in labels]
     for listener, speaker, weight in arcs:
@@ -625,7 +625,7 @@ def unreached_agents(certificate: Certificate, mode: str) -> set[int]:
     return set()
 
 
-def names_in_words(names: Sequence[str], most: int = MOST_NAMES) -> str:
+def names_in_words(names: Names, most: int = MOST_NAMES) -> str:
     """List names: "1", "1 and 6", "1, 2, 3 and 40 more"."""
     if not names:
         return "nobody"

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Protocol
 
 from dobc_design._checks import noun
 from dobc_design.conditions.accuracy import decide as accuracy
@@ -18,7 +17,6 @@ from dobc_design.conditions.check import Check, Claim, same_witness
 from dobc_design.conditions.consensus import claim as theorems
 from dobc_design.conditions.consensus import decide as consensus
 from dobc_design.conditions.consensus.claim import Pair, Statements
-from dobc_design.conditions.domain import Domain
 from dobc_design.conditions.equilibrium import decide as equilibrium
 from dobc_design.conditions.graphs import claim as graphs_claimed
 from dobc_design.conditions.graphs import decide as graphs
@@ -58,23 +56,6 @@ class Topic:
 
     confirm: Confirm
     read: Read | None = None
-
-
-class OfLoop(Protocol):
-    """Confirms a check that rests on no other one."""
-
-    def __call__(
-        self, check: Check, loop: Loop, W: Matrix | None, *, domain: Domain
-    ) -> str | None: ...
-
-
-def _alone(confirm: OfLoop) -> Confirm:
-    """The same, in the form of a row."""
-
-    def confirmed(check: Check, trusted: Trusted) -> str | None:
-        return confirm(check, trusted.loop, trusted.W, domain=trusted.domain)
-
-    return confirmed
 
 
 def _consensus(check: Check, trusted: Trusted) -> str | None:
@@ -145,9 +126,9 @@ TOPICS: Mapping[str, Topic] = {
     "margins": Topic(
         confirm=_beside(margins.confirm, MAX_SEPARABLE, ACCURACY), read=margins.read_claim
     ),
-    "quadratic": Topic(confirm=_alone(quadratic.confirm), read=quadratic.read_claim),
-    "schedule": Topic(confirm=_alone(schedule.confirm), read=schedule.read_claim),
-    "graphs": Topic(confirm=_alone(graphs.confirm), read=graphs_claimed.read_claim),
+    "quadratic": Topic(confirm=quadratic.confirm, read=quadratic.read_claim),
+    "schedule": Topic(confirm=schedule.confirm, read=schedule.read_claim),
+    "graphs": Topic(confirm=graphs.confirm, read=graphs_claimed.read_claim),
     "accuracy": Topic(confirm=accuracy.confirm, read=accuracy.read_claim),
-    "equilibrium": Topic(confirm=_alone(equilibrium.confirm), read=equilibrium.read_claim),
+    "equilibrium": Topic(confirm=equilibrium.confirm, read=equilibrium.read_claim),
 }

@@ -8,6 +8,7 @@ from fractions import Fraction
 
 import numpy as np
 
+from dobc_design.conditions.case import Case
 from dobc_design.conditions.check import Check, Values, Witness, differs
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.consensus.decide import linear_part
@@ -183,16 +184,17 @@ def apart_check(loop: Loop, domain: Domain) -> Check | None:
     return None
 
 
-def confirm(check: Check, loop: Loop, W: Matrix | None, *, domain: Domain) -> str | None:
+def confirm(check: Check, case: Case) -> str | None:
     """None if everything that a proved or refuted check of this topic claims is confirmed, else
     what is not."""
+    loop, W = case.loop, case.W
     if check.verdict is Verdict.REFUTED:
-        own = apart_check(loop, domain)
+        own = apart_check(loop, case.domain)
         if own is None or check.id != own.id or check.rate is not None:
             return "the chain leaves no agents apart"
         return differs(check, own)
     claim = read_claim(check, loop, W)
     if not isinstance(claim, Kept) or check.witness is not None:
         return "a proof has no witness"
-    wrong = not_as_claimed(check, loop, claim.rate, claim.box, domain)
+    wrong = not_as_claimed(check, loop, claim.rate, claim.box, case.domain)
     return wrong or why_not(loop, W, claim)

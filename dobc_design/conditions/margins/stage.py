@@ -117,7 +117,7 @@ def is_asked(asked: Asked) -> bool:
 
 
 def _case(asked: Asked, checks: Iterable[Check]) -> Case:
-    return Case(loop=asked.loop, W=asked.W, domain=asked.domain, checks=tuple(checks))
+    return replace(asked.case, checks=tuple(checks))
 
 
 def margins_stage(asked: Asked, checks: Sequence[Check], report: Progress) -> list[Check]:

@@ -18,6 +18,7 @@ import numpy as np
 
 from dobc_design._checks import noun
 from dobc_design.conditions import numbers
+from dobc_design.conditions.case import Case
 from dobc_design.conditions.check import (
     Check,
     not_a_proof,
@@ -29,7 +30,7 @@ from dobc_design.conditions.consensus.claim import Pair
 from dobc_design.conditions.consensus.decide import schur_block
 from dobc_design.conditions.consensus.network import name_agents
 from dobc_design.conditions.coverage import Asked
-from dobc_design.conditions.domain import EVERYWHERE, Ball, Domain
+from dobc_design.conditions.domain import EVERYWHERE, Ball
 from dobc_design.conditions.numbers import (
     claimed,
     has_short_denominator,
@@ -347,15 +348,16 @@ def lure_check(asked: Asked, lure: Lure, *, radius: float, remark: str = "") -> 
     )
 
 
-def confirm(check: Check, loop: Loop, W: Matrix | None, *, domain: Domain) -> str | None:
+def confirm(check: Check, case: Case) -> str | None:
     """None if everything that a proved check of this topic claims is confirmed, else what is
     not."""
+    loop, W = case.loop, case.W
     reason = quadratic_obstacle(loop, W) or not_a_proof(check)
     if reason is not None:
         return reason
     lure = read_claim(check, loop, W)
     if lure.level is None:
-        if check.domain != EVERYWHERE or domain != EVERYWHERE:
+        if check.domain != EVERYWHERE or case.domain != EVERYWHERE:
             return "without a level the domain must be global, and every coupling linear"
     else:
         radius, disturbance = read_domain(check.domain, loop, kind=Ball)

@@ -50,14 +50,19 @@ class SpectrumResult:
 def check_spectrum(A: Matrix, C: Matrix, W: Matrix) -> SpectrumResult:
     """Eigenvalues of A - W C (17), A (q, q), C (m, q), W (q, m), and the rate -max Re in 1/s.
     Raises: ShapeError."""
-    q = require_square(A, "A")
-    m, _ = require_shape(C, (None, q), name="C", because="one column per exosystem state")
+    m, q = _require_pair(A, C)
     because = "one row per exosystem state, one column per disturbance component"
     require_shape(W, (q, m), name="W", because=because)
     # Exact as long as possible: only the difference is rounded.
     dynamics = to_float(subtract(A, multiply(W, C)))
     poles = _slowest_first(np.linalg.eigvals(dynamics))
     return SpectrumResult(eigenvalues=poles, rate=-poles[0].real)
+
+
+def _require_pair(A: Matrix, C: Matrix) -> tuple[int, int]:
+    """The shape (m, q) of C, beside A (q, q).  Raises: ShapeError."""
+    q = require_square(A, "A")
+    return require_shape(C, (None, q), name="C", because="one column per exosystem state")
 
 
 def _slowest_first(eigenvalues: ArrayLike) -> tuple[complex, ...]:
@@ -97,8 +102,7 @@ class ObservabilityResult:
 def check_observability(A: Matrix, C: Matrix) -> ObservabilityResult:
     """Rank, singular values and mode margins of the pair A (q, q), C (m, q) of (12).  Raises:
     ShapeError."""
-    q = require_square(A, "A")
-    require_shape(C, (None, q), name="C", because="one column per exosystem state")
+    _, q = _require_pair(A, C)
     dynamics, output = to_float(A), to_float(C)
     rank: int | None = None
     values: tuple[float, ...] = ()

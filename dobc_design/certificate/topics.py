@@ -75,11 +75,10 @@ def _confirm_obstacle(check: Check, trusted: Trusted) -> str | None:
     exact = check.exact or {}
     block, group = exact["block"], exact.get("group")
     exosystem, W = observer.group_of(group, trusted.loop, trusted.W)
-    own = (
-        observer.detectability_check(exosystem)
-        if block == "detectability"
-        else observer.hurwitz_check(exosystem, W)
-    )
+    if block == "detectability":
+        own = observer.detectability_check(exosystem)
+    else:
+        own = observer.hurwitz_check(exosystem, W)
     if own.verdict is not Verdict.REFUTED:
         return f"{block} is {own.verdict.value}"
     given = any(
@@ -87,7 +86,9 @@ def _confirm_obstacle(check: Check, trusted: Trusted) -> str | None:
     )
     if block == "hurwitz" and not given:
         return "another W can be designed, so no pair is ruled out"
-    named = {"block": block} | ({} if group is None else {"group": group})
+    named = {"block": block}
+    if group is not None:
+        named["group"] = group
     if exact != named or not same_witness(check.witness, own.witness):
         return f"it claims more than that {block} fails"
     return None

@@ -315,9 +315,7 @@ def verify(certificate: Certificate | Claims | bytes, problem: Source) -> Rechec
     return verify_twice(claims, load_problem(problem))
 
 
-def region_checks(
-    case: Case, *, everything: bool, report: Progress, rate: float = 0.0
-) -> list[Check]:
+def region_checks(case: Case, *, everything: bool, report: Progress, rate: float) -> list[Check]:
     """Examine the region, or with ``everything`` the largest box where none is asked for.
 
     Nothing is examined where the checks of the case cover the region already, unless ``everything``

@@ -338,7 +338,7 @@ def _pin_fix(
     problem: Problem,
     accepted: Accepted,
     *,
-    faster: Sequence[Accepted] = (),
+    faster: Sequence[Accepted],
     other: Accepted | None = None,
     held_back: tuple[str, Vector] | None = None,
     groups: Sequence[tuple[int, ...]] = (),

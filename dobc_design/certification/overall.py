@@ -23,7 +23,7 @@ from dobc_design.conditions.graphs.decide import absorbing
 from dobc_design.conditions.kinds import REACHABILITY
 from dobc_design.conditions.numbers import read_rational, rounded_up, text_below
 from dobc_design.conditions.observer.decide import observable_part_is_hurwitz, too_large
-from dobc_design.conditions.reason import Reason
+from dobc_design.conditions.reason import Reason, open_reason
 from dobc_design.conditions.schedule.cycles import cycles_of
 from dobc_design.conditions.stated import (
     ACCURACY,
@@ -104,7 +104,7 @@ def _proved(loop: Loop, checks: Checks, best: Check) -> Overall:
             tables = " and with ".join(gap.table for gap in open_tables if gap.reason == reason)
             told += f"; with {tables} it is not proved: {reason.removesuffix('.')}"
         cures = "; ".join(dict.fromkeys(gap.cure for gap in open_tables))
-        why = Reason(head=f"{told}.", advice=f"{cures}.", is_open=True)
+        why = open_reason(f"{told}.", f"{cures}.")
         return Overall(verdict=Verdict.UNDECIDED, why=why)
     # The rate is that of the plant with all that is stated, not that of the model alone.
     # Without tables the proof carries the verdict itself.
@@ -133,11 +133,9 @@ def _proved(loop: Loop, checks: Checks, best: Check) -> Overall:
 def _limited(loop: Loop) -> str:
     """Which inputs the limits are about."""
     limits = None if loop.actuators is None else loop.actuators.limit
-    return (
-        "input"
-        if not isinstance(limits, Mapping) or len(limits) == loop.n
-        else "input of an agent with a limit"
-    )
+    if isinstance(limits, Mapping) and len(limits) != loop.n:
+        return "input of an agent with a limit"
+    return "input"
 
 
 def _limited_starts(loop: Loop, checks: Checks) -> str:
@@ -364,11 +362,9 @@ def _arrival(loop: Loop, check: Check, *, pace: Check, final: Check | None = Non
     whose rate counts; ``final``: a proved ``accuracy``."""
     switching = f" {signals_in_words(loop, check)}".rstrip()
     shown = check if final is None else final
-    elsewhere = (
-        " in the region"
-        if loop.starts is not None
-        else f" with {_domain_in_words(shown, loop.unit)}"
-    )
+    elsewhere = " in the region"
+    if loop.starts is None:
+        elsewhere = f" with {_domain_in_words(shown, loop.unit)}"
     which = {"global": "", "consensus": " close enough to it"}.get(str(shown.domain), elsewhere)
     if final is not None:
         goal = "the target" if not loop.goals.moves else "the leader"
@@ -412,17 +408,15 @@ def _reached(loop: Loop, checks: Checks) -> Reason | None:
         advice = "more pinned agents"
         if loop.switches and not loop.guarantee.is_given:
             advice += ', or a guarantee on the signal in [switching] (such as "dwell")'
-        return Reason(head=f"{tried[0].reason}{signals}", advice=f"{advice}.", is_open=True)
+        return open_reason(f"{tried[0].reason}{signals}", f"{advice}.")
     near = proved or any(check.kind.is_consensus and check.is_proved for check in checks)
-    smaller = (
-        "a smaller [region], larger gains or more pinned agents"
-        if near
-        else "more pinned agents, larger gains"
-    )
+    smaller = "more pinned agents, larger gains"
+    if near:
+        smaller = "a smaller [region], larger gains or more pinned agents"
     advice = f"{smaller}. {ALONE}"
     if not proved:
         head = f"no proof reaches the region asked for: {tried[0].reason}"
-        return Reason(head=head, advice=advice, is_open=True)
+        return open_reason(head, advice)
     reach = ", ".join(_domain_in_words(check, loop.unit) for check in proved)
     radius = asked_radius(loop)
     asked = f"|e_i| <= {float(min(max(radius), MOST)):.6g} {loop.unit}".rstrip()
@@ -432,7 +426,7 @@ def _reached(loop: Loop, checks: Checks) -> Reason | None:
     if any(isinstance(check.domain, Ball) for check in proved):
         asked += f"; a ball that holds these needs |e| <= {asked_ball(loop, radius):.6g}"
     head = f"consensus is proved from {reach}; the region asks for {asked}."
-    return Reason(head=head, advice=advice, is_open=True)
+    return open_reason(head, advice)
 
 
 def _domain_in_words(check: Check, unit: str) -> str:
@@ -478,7 +472,7 @@ def _cut_reason(checks: Checks, unit: str) -> Reason | None:
     reach = [_domain_in_words(check, unit) for check in regions]
     if reach:
         told = f"{told} So far consensus is proved from {', '.join(reach)}."
-    return Reason(head=told, is_open=True)
+    return open_reason(told)
 
 
 def _undecided_reason(loop: Loop, checks: Checks) -> Reason:
@@ -498,7 +492,7 @@ def _undecided_reason(loop: Loop, checks: Checks) -> Reason:
                 if loop.modes[str(check.mode)].optional:
                     rest = HELD_ALWAYS
                 text = f"in mode {check.mode} {check.reason}"
-                return Reason(head=f"{text} {rest}", is_open=True)
+                return open_reason(f"{text} {rest}")
     reached = None if loop.starts is None else _reached(loop, checks)
     if reached is not None:
         return reached
@@ -510,11 +504,11 @@ def _undecided_reason(loop: Loop, checks: Checks) -> Reason:
     ]
     if loop.starts is not None and any(check.domain == NEAR_TARGET for check in local):
         near = "consensus is proved near the target only, and the region asked for is larger."
-        return Reason(head=f"{near} {ALONE}", is_open=True)
+        return open_reason(f"{near} {ALONE}")
     ids = ("lure", *SPEAKING) if loop.slopes_move else SPEAKING
     unproved = [check for check in checks if not check.is_proved]
     speaking = [check for check in unproved if check.id in ids]
     first = min(speaking, key=lambda check: ids.index(check.id), default=None)
     if first is None:
-        return Reason(head="no condition that applies covers what is asked.", is_open=True)
-    return Reason(head=first.reason, is_open=True)
+        return open_reason("no condition that applies covers what is asked.")
+    return open_reason(first.reason)

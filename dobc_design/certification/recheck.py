@@ -23,7 +23,7 @@ from dobc_design.conditions.consensus.claim import Pair, state_theorems
 from dobc_design.conditions.domain import EVERYWHERE, Domain
 from dobc_design.conditions.kinds import ids_in
 from dobc_design.conditions.numbers import MATRIX_BITS, doubles_from_json, is_short
-from dobc_design.conditions.reason import Reason
+from dobc_design.conditions.reason import open_reason
 from dobc_design.errors import CertificateError, DobcError, reason_of
 from dobc_design.exact.matrix import is_symmetric, multiply
 from dobc_design.exact.reading import Texts, counted, shown
@@ -88,7 +88,8 @@ class Recheck(Shown):
         return not self.failures
 
     @property
-    def _what_fails(self) -> str:
+    def what_fails(self) -> str:
+        """How many claims do not hold, in words."""
         claims = counted(len(self.failures), "claim")
         return f"{claims} {'does' if len(self.failures) == 1 else 'do'} not hold"
 
@@ -97,7 +98,7 @@ class Recheck(Shown):
         confirmed = [(title, "confirmed") for title in self.confirmed]
         text = "Every claim holds."
         if failed:
-            text = f"{self._what_fails}."
+            text = f"{self.what_fails}."
         return Card(
             title="Recheck",
             verdict=self.verdict.value if self.holds else None,
@@ -108,7 +109,7 @@ class Recheck(Shown):
         )
 
     def __str__(self) -> str:
-        head = f"{self._what_fails}; no verdict is confirmed."
+        head = f"{self.what_fails}; no verdict is confirmed."
         if self.holds:
             head = f"every claim holds; verdict {self.verdict.value}."
         rows = [head]
@@ -210,7 +211,7 @@ def agreed(claims: Claims, problem: Problem) -> Claims:
     lacking = _first_refusal(found)
     if lacking is None or claims.verdict is Verdict.UNDECIDED:
         return claims
-    why = Reason(head=_disagrees(claims.verdict, lacking), is_open=True)
+    why = open_reason(_disagrees(claims.verdict, lacking))
     return with_verdict(claims, Overall(verdict=Verdict.UNDECIDED, why=why))
 
 
@@ -359,11 +360,9 @@ def confirm(check: Check, trusted: Trusted) -> str | None:
     # What nobody decided has nothing that others could rest on.
     if check.verdict is Verdict.UNDECIDED:
         claims = (check.margin, check.rate, check.factor, check.claim, check.witness)
-        return (
-            None
-            if all(part is None for part in claims)
-            else "an undecided check must claim nothing"
-        )
+        if any(part is not None for part in claims):
+            return "an undecided check must claim nothing"
+        return None
     return TOPICS[check.kind.topic].confirm(check, trusted)
 
 

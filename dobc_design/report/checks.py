@@ -282,7 +282,8 @@ def certify_command(certificate: Certificate) -> str:
     typed = ["dobc certify problem.json"]
     typed += [option for option in SWITCHES if option in options]
     # A certificate comes from a file: of its texts only numbers become part of a command.
-    limits = [option for option in options if _is_number_after(TIMED, option)]
+    timed = (option for option in options if option.startswith(TIMED))
+    limits = [each for each in timed if rational(each.removeprefix(TIMED)) is not None]
     typed += limits[:1]
     tolerances = [rational(text) for text in _tolerances(certificate)]
     # The first that is asked for is the one that the command repeats.
@@ -290,10 +291,6 @@ def certify_command(certificate: Certificate) -> str:
     if known:
         typed.append(f"{SETTLING}{known[0]}")
     return " ".join([*typed, "--out again"])
-
-
-def _is_number_after(name: str, option: str) -> bool:
-    return option.startswith(name) and rational(option.removeprefix(name)) is not None
 
 
 def _tolerances(certificate: Certificate) -> Iterator[str]:

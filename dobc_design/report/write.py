@@ -118,7 +118,11 @@ def _computed(certificate: Certificate, say: Callable[[str], None]) -> Findings:
         if (not problem.groups or gain is not None) and out_of_time() is None:
             say("simulating")
             found = replace(found, trajectory=_drawn_run(problem, gain))
-            found = replace(found, worst=_slow_run(problem, gain))
+            # With a guarantee, beside it one with a slow signal that keeps it.
+            signal = worst_signal(problem)
+            if signal is not None:
+                setting = make_setting(problem, gain=gain, signal=signal)
+                found = replace(found, worst=run_once(setting))
     return found
 
 
@@ -143,13 +147,6 @@ def _solver_words(problem: Problem) -> str:
             raise
         return "the solver failed on the block matrix inequality, which says nothing about it."
     return f"a solver was asked for P and Q of (18). {lmi.status}"
-
-
-def _slow_run(problem: Problem, gain: Matrix | None) -> Trajectory | None:
-    """One run with a slow signal that keeps the guarantee; None without a guarantee."""
-
-    signal = worst_signal(problem)
-    return None if signal is None else run_once(make_setting(problem, gain=gain, signal=signal))
 
 
 def _pages(document: Document, name: str, *, pdf: bool, full: bool = False) -> dict[str, bytes]:

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import pairwise
 
-from dobc_design.conditions.case import Case
 from dobc_design.conditions.check import (
     Check,
     cut_check,
@@ -325,8 +324,7 @@ def _timing(asked: Asked, claim: Separable, check: Check, report: Progress) -> l
 
     def sampling() -> Check:
         own = _flatter_claim(asked, claim, check)
-        case = Case(loop=loop, W=asked.W, domain=domain)
-        return checks.sampling_check(case, claim, check, own=own)
+        return checks.sampling_check(asked.case, claim, check, own=own)
 
     found = [limited("delay", domain, delay)]
     if loop.drift is None:  # own dynamics are not held between samples

@@ -124,16 +124,17 @@ class _Width(NamedTuple):
 def make_starts(problem: Problem, loop: ClosedLoop, given: Given | None) -> Starts:
     """Decide where runs start: as given, by [simulation], by the region, or around the goal.
     Raises: SpecError."""
+    goal = loop.goal
     rows = _given_rows(given, loop)
     region = problem.region
-    low, high = loop.goal - AWAY, loop.goal + AWAY
+    low, high = goal - AWAY, goal + AWAY
     if region is not None:
         sides = to_float(region.initial_states).T
-        low, high = (np.broadcast_to(side, loop.goal.shape) for side in sides)
+        low, high = (np.broadcast_to(side, goal.shape) for side in sides)
     # what is given comes first, then [simulation], then the region
     x = rows.get("x")
     if x is None and problem.simulation.x0 is not None:
-        x = np.array(np.broadcast_to(to_float(problem.simulation.x0), loop.goal.shape))
+        x = np.array(np.broadcast_to(to_float(problem.simulation.x0), goal.shape))
     xi = rows.get("xi")
     if xi is None and problem.simulation.xi0 is not None:
         xi = _placed(problem.simulation.xi0, loop)

@@ -285,8 +285,9 @@ class Planned:
 
     def stay(self, time: float, positions: Array) -> Stay:
         """The mode at a time."""
-        place = int(np.searchsorted(self.switches.times, time, side="right"))
+        switches = self.switches
+        place = int(np.searchsorted(switches.times, time, side="right"))
         end = self.horizon
-        if place < len(self.switches):
-            end = float(self.switches.times[place])
-        return Stay(int(self.switches.modes[place - 1]), end)
+        if place < len(switches):
+            end = float(switches.times[place])
+        return Stay(int(switches.modes[place - 1]), end)

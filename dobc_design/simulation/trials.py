@@ -160,13 +160,14 @@ def run_starts(
 ) -> Trials:
     """Simulate every start; V = ``value``(e, eps) is followed, (R,) of states (n m, R) and (n, q,
     R).  Where the observer is too fast, eps = 0 from the start."""
+    horizon = effort.horizon
     loop = arena.loop
-    closed = make_closed_form(loop.F, loop.C, effort.horizon) if loop.q else None
-    states = make_closed_form(loop.F, np.eye(loop.q), effort.horizon) if loop.q else None
+    closed = make_closed_form(loop.F, loop.C, horizon) if loop.q else None
+    states = make_closed_form(loop.F, np.eye(loop.q), horizon) if loop.q else None
     # |F| times the horizon is too large for a table
     if closed is None or states is None:
         starts = Batch(e=starts.e, eps=np.zeros_like(starts.eps), switches=starts.switches)
-    times = np.linspace(0.0, effort.horizon, effort.samples)
+    times = np.linspace(0.0, horizon, effort.samples)
     shape = (len(times), len(starts))
     # nothing is known yet
     trials = Trials(

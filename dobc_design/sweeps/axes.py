@@ -71,16 +71,17 @@ class Draw:
     arguments: Texts
 
     def value(self, seed: int, axis: str, sample: int) -> str:
+        kind = self.kind
         u = Random(f"{seed}|{axis}|{sample}").random()
         # One number in [0, 1) for each draw, so that distributions can be compared draw by draw.
-        if self.kind == "choice":
+        if kind == "choice":
             return self.arguments[int(u * len(self.arguments))]
         a, b = (Fraction(text) for text in self.arguments)
-        if self.kind == "integers":
+        if kind == "integers":
             return str(int(a) + int(u * (int(b) - int(a) + 1)))
-        if self.kind == "loguniform":
+        if kind == "loguniform":
             return _rounded(math.exp(math.log(a) + u * (math.log(b) - math.log(a))))
-        if self.kind == "normal":
+        if kind == "normal":
             inside = min(max(u, 2.0**-53), 1 - 2.0**-53)  # at 0 and 1 it is infinite
             return _rounded(NormalDist(float(a), float(b)).inv_cdf(inside))
         return _rounded(float(a) + u * float(b - a))

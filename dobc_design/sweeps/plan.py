@@ -100,14 +100,15 @@ class Task:
     runs: int = 1
 
     def __post_init__(self) -> None:
-        if self.kind not in COLUMNS:
-            message = f"task must be one of {', '.join(COLUMNS)}; got {shown(self.kind)}."
+        kind = self.kind
+        if kind not in COLUMNS:
+            message = f"task must be one of {', '.join(COLUMNS)}; got {shown(kind)}."
             raise refused("task", message, "Choose one.")
         put(self, runs=whole(self.runs, "runs", least=1))
-        if self.kind == "certify" and self.runs != 1:
+        if kind == "certify" and self.runs != 1:
             message = "runs is for simulations; a proof is made once."
             raise refused("runs", message, 'Take task="simulate".')
-        if self.kind == "simulate" and self.everything:
+        if kind == "simulate" and self.everything:
             message = "everything (--all) is for certify."
             raise refused("everything", message, "Leave it out.")
 

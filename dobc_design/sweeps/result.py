@@ -109,13 +109,14 @@ class Journal:
 
     def append(self, line: Outcome) -> None:
         """Keep the line of one case, written down to the disk."""
-        if self.stream is not None:
+        stream = self.stream
+        if stream is not None:
             try:
                 text = json.dumps(line, ensure_ascii=False, allow_nan=False)
-                self.stream.write(f"{text}\n".encode())
+                stream.write(f"{text}\n".encode())
                 # A case counts only when it is on the disk.
-                self.stream.flush()
-                os.fsync(self.stream.fileno())
+                stream.flush()
+                os.fsync(stream.fileno())
             except OSError as error:
                 raise self._refused(error) from error
         self.done[line["case"]] = line

@@ -128,11 +128,11 @@ def sweep(
             limit=None if limit is None else float(limit),
             progress=report_to(progress),
         )
-        result = SweepResult(plan=plan, lines=journal.lines, folder=journal.folder)
-        if journal.folder is not None:
-            result.save(journal.folder / "results.csv", force=True)
+        result = SweepResult(plan=plan, lines=journal.lines, folder=folder)
+        if folder is not None:
+            result.save(folder / "results.csv", force=True)
             with suppress(SpecError):  # without the extra "store" the CSV file holds everything
-                result.save(journal.folder / "results.parquet", force=True)
+                result.save(folder / "results.parquet", force=True)
     return result
 
 

@@ -351,16 +351,17 @@ class ObserverDesign(Answer):
     relaxed: bool = False
 
     def _why(self) -> str:
+        groups = self.groups
         if self.relaxed:
             return "every group meets this request."
-        if self.groups and not self.is_proved:
+        if groups and not self.is_proved:
             # The first group that has the verdict of all.
-            worst = next(name for name, each in self.groups.items() if each.verdict is self.verdict)
-            return f"group of agent {worst}: {self.groups[worst].reason}"
+            worst = next(name for name, each in groups.items() if each.verdict is self.verdict)
+            return f"group of agent {worst}: {groups[worst].reason}"
         if self.obstacle is not None:
             return self.obstacle.text
         if self.is_proved:
-            whose = " of every group" if self.groups else ""
+            whose = " of every group" if groups else ""
             return f"W{whose}, with its rounded entries, meets all requirements."
         return "no W was found that meets all requirements, and no proof that there is none."
 

@@ -322,23 +322,26 @@ def envelope_statement(exosystem: Exosystem, W: Matrix, envelope: Envelope) -> S
     """|eps(t)| <= root(upper / lower) exp(-rate t) |eps(0)|, if F'P + P F + 2 rate P <= 0 and the
     bounds of P hold."""
     P = envelope.P
-    if envelope.lower <= 0 or not is_symmetric(P):
+    rate = envelope.rate
+    lower = envelope.lower
+    upper = envelope.upper
+    if lower <= 0 or not is_symmetric(P):
         return None
     unit = identity(exosystem.order)
     product = multiply(P, error_matrix(exosystem, W))
-    decay = scale(-1, add(add(product, transpose(product)), scale(2 * envelope.rate, P)))
-    above = subtract(P, scale(envelope.lower, unit))
-    below = subtract(scale(envelope.upper, unit), P)
+    decay = scale(-1, add(add(product, transpose(product)), scale(2 * rate, P)))
+    above = subtract(P, scale(lower, unit))
+    below = subtract(scale(upper, unit), P)
     for part in (above, below, decay):
         if not decide_positive_semidefinite(part).is_proved:
             return None
-    stretch = root_above(envelope.upper / envelope.lower)
+    stretch = root_above(upper / lower)
     return proved(
         "lyapunov",
-        f"P proves |eps(t)| <= {stretch:.4g} exp(-{float(envelope.rate):.4g} t) |eps(0)|.",
-        rate=number_text(envelope.rate),
-        lower=number_text(envelope.lower),
-        upper=number_text(envelope.upper),
+        f"P proves |eps(t)| <= {stretch:.4g} exp(-{float(rate):.4g} t) |eps(0)|.",
+        rate=number_text(rate),
+        lower=number_text(lower),
+        upper=number_text(upper),
     )
 
 

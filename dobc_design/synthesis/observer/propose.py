@@ -280,6 +280,7 @@ class _Inequalities:
     def _of_region(self, M: Array, P: Array, region: SpectralRegion) -> Array:
         """Of the region, for P^-1 M."""
         time, slack = self.time, self.slack
+        twice = M + M.T
         if isinstance(region, Disk):
             radius = float(region.radius) / time
             moved = M - float(region.centre) / time * P
@@ -287,13 +288,13 @@ class _Inequalities:
             return np.block([[corner, moved], [moved.T, corner]])
         if isinstance(region, Cone):
             z = float(region.damping)
-            symmetric = math.sqrt(1 - z * z) * (M + M.T) + slack * P
+            symmetric = math.sqrt(1 - z * z) * twice + slack * P
             skew = z * (M - M.T)
             return np.block([[symmetric, skew], [skew.T, symmetric]])
         low, high = region.real_ends
         if high is not None:
-            return M + M.T + (slack - 2 * float(high) / time) * P
-        return -(M + M.T) + (slack + 2 * float(low or 0) / time) * P
+            return twice + (slack - 2 * float(high) / time) * P
+        return -twice + (slack + 2 * float(low or 0) / time) * P
 
     def _of_noise(self, M: Array, P: Array, Q: Array, limit: NoiseLimit) -> list[Array]:
         """Of the bound on a norm."""

@@ -178,12 +178,14 @@ def _with_envelope(exosystem: Exosystem, W: Matrix, design: ObserverDesign) -> O
 
 def _reached(exosystem: Exosystem, found: ObserverDesign, limit: NoiseLimit) -> NoiseLimit:
     """The limit, or what W reaches where that is more."""
-    value = found.measures.get(f"{limit.norm} {limit.channel}")
-    if limit.norm == "h2" and found.W is not None:
+    channel = limit.channel
+    norm = limit.norm
+    value = found.measures.get(f"{norm} {channel}")
+    if norm == "h2" and found.W is not None:
         # The exact square is also known where measures leave norms out.
-        square = decide.h2_squared(decide.channel(exosystem, found.W, limit.channel))
+        square = decide.h2_squared(decide.channel(exosystem, found.W, channel))
         value = None if square is None else decide.root_above(square)
     if value is None or claimed(value) < limit.bound:
         return limit
     bound = rounded_up(claimed(value), digits=6)
-    return NoiseLimit(channel=limit.channel, norm=limit.norm, bound=bound)
+    return NoiseLimit(channel=channel, norm=norm, bound=bound)

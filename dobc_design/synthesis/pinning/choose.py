@@ -100,17 +100,18 @@ class Choice:
 
     def statement(self) -> Statement:
         """What is proved of all sets of so many agents."""
+        pins = self.pins
         if self.impossible:
-            none = f"no {self.pins} of the allowed agents reach"
-            if self.pins == 1:
+            none = f"no {pins} of the allowed agents reach"
+            if pins == 1:
                 none = "none of the allowed agents alone reaches"
             how = f"every choice is excluded, {self._nodes} parts of the choice one by one"
             by = "each by a direction that stays too slow or a group without a pin"
             text = f"{none} this rate: {how}, {by}."
-            return refuted("pins", text, pins=str(self.pins), nodes=str(self._nodes))
+            return refuted("pins", text, pins=str(pins), nodes=str(self._nodes))
         finished = all(self._is_beaten(node) for _, _, node in self._heap)
         how = "all choices compared" if finished else f"{self._nodes} parts of the choice looked at"
-        agents = "one agent" if self.pins == 1 else f"at most {self.pins} agents"
+        agents = "one agent" if pins == 1 else f"at most {pins} agents"
         text = f"No gains on {agents} cost less than {text_below(self.bound, digits=6)} ({how})."
         return proved("choice", text, bound=number_text(claimed(shorten(self.bound))))
 
@@ -131,8 +132,9 @@ class Choice:
     def _add(self, inside: frozenset[int], outside: frozenset[int], above: Fraction) -> None:
         """Open a node with its exact bound, at least its parent's; or close it: impossible, known,
         or not better."""
+        pins = self.pins
         unmet = [set(group) - outside for group in self.groups if not set(group) & inside]
-        if len(inside) + len(decide.apart(unmet)) > self.pins:
+        if len(inside) + len(decide.apart(unmet)) > pins:
             return
         self._nodes += 1
         node = self._bounded(inside, outside, above)
@@ -140,11 +142,11 @@ class Choice:
             return
         support = node.support
         free = [agent for agent in support if agent not in inside]
-        if len(support) > self.pins:
-            self._try_set(inside | set(free[: self.pins - len(inside)]))
+        if len(support) > pins:
+            self._try_set(inside | set(free[: pins - len(inside)]))
         elif support:
             self._try_set(support)
-        known = len(support) <= self.pins or len(inside) >= self.pins or not free
+        known = len(support) <= pins or len(inside) >= pins or not free
         if known or self._is_beaten(node):
             self._closed.append(node.bound)
         else:

@@ -310,9 +310,10 @@ class PinningDesign(Answer):
     def gap(self) -> float | None:
         """(cost - lower bound) / cost, rounded up: nothing that does what was asked is cheaper by
         more than this."""
-        if self.cost is None or self.lower_bound is None or not self.cost:
+        cost = self.cost
+        if cost is None or self.lower_bound is None or not cost:
             return None
-        return float_above((self.cost - self.lower_bound) / self.cost)
+        return float_above((cost - self.lower_bound) / cost)
 
     @property
     def method(self) -> str:

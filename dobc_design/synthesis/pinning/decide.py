@@ -505,15 +505,16 @@ def _too_few_pins(
 ) -> Statement | None:
     """A proof that no so many of the allowed agents reach the rate: every set is excluded; None if
     one is not."""
+    allowed = limits.allowed
     pins = limits.pins
     if not isinstance(pins, int):
         return None
-    count = comb(len(limits.allowed), pins)
-    if pins >= len(limits.allowed) or count > MOST_SETS:
+    count = comb(len(allowed), pins)
+    if pins >= len(allowed) or count > MOST_SETS:
         return None
     most = ZERO
     # Fewer pins do no better, so that sets of exactly so many are enough.
-    for chosen in combinations(limits.allowed, pins):
+    for chosen in combinations(allowed, pins):
         found = slowest(chosen)
         if found is None:
             return None

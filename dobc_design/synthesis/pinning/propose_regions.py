@@ -293,15 +293,16 @@ class RegionSearch:
     def rows(self, rate: float, *, coarse: bool = False) -> Field | None:
         """All rows without gains, for the rho of a rate; fewer points of s with ``coarse``.  None
         as in ``reach``."""
+        problem = self.problem
         rho = self.reach(rate)
         if rho is None:
             return None
         size = float(rho)
         if size not in self._fields:
-            rows = field_of(loop_of(self.problem), rho=size)
-            self._fields[size] = replace(rows, gains=np.zeros(self.problem.n))
+            rows = field_of(loop_of(problem), rho=size)
+            self._fields[size] = replace(rows, gains=np.zeros(problem.n))
         found = self._fields[size]
-        if self.problem.is_linear:  # all s say the same
+        if problem.is_linear:  # all s say the same
             return replace(found, grid=found.grid[-1:])
         return _coarse(found) if coarse else found
 

@@ -155,10 +155,11 @@ def _attempt(task: Task) -> PinningDesign:
 def _weighted_attempt(task: Task) -> PinningDesign:
     """Decide by V = e'De on the agents that either V would choose; gains for V = e'e stand in,
     without their bounds."""
+    bare = task.bare
     request = task.request
-    obstacle = decide.structural_obstacle(task.bare, request.pins, task.structure)
-    obstacle = obstacle or decide.too_fast(task.bare, request, slow_directions)
-    proposer = make_proposer(task.bare, request, weighted=True)
+    obstacle = decide.structural_obstacle(bare, request.pins, task.structure)
+    obstacle = obstacle or decide.too_fast(bare, request, slow_directions)
+    proposer = make_proposer(bare, request, weighted=True)
     if obstacle is not None or proposer is None:
         return task.fails(obstacle)
     # Its gains stand in where no weights are proved, and its agents are worth a look.
@@ -291,16 +292,17 @@ def _too_fast(task: Task) -> Statement | None:
 def _chosen(task: Task) -> Chosen:
     """The agents to pin: at most so many, or the fewest."""
     request = task.request
+    pins = request.pins
     slow = task.plain.slow(task.rate)
     needed = max(task.structure.least, decide.pins_needed(task.ground, slow))
-    if not isinstance(request.pins, int):
+    if not isinstance(pins, int):
         return _fewest_chosen(task, needed)
-    if request.pins < needed:
-        few = f"{counted(request.pins, 'pin')} cannot do at this rate: at least {needed} are needed"
+    if pins < needed:
+        few = f"{counted(pins, 'pin')} cannot do at this rate: at least {needed} are needed"
         why = "So many independent directions are slower than that without gains"
         text = f"{few}. {why}, and each pin holds one of them."
         return None, (refuted("pins", text, least=str(needed)),)
-    choice = _choice(task, request.pins, start=_greedy(task, request.pins))
+    choice = _choice(task, pins, start=_greedy(task, pins))
     return choice, (choice.statement(),)
 
 
@@ -470,8 +472,9 @@ def _larger_caps(proposer: PinningProposer, request: PinningRequest) -> Fraction
 
 def with_lacking(problem: Problem, request: Asked) -> Asked:
     """The request with its allowed agents, and all of every group that has none of them."""
-    agents = set(request.allowed)
-    for group in decide.structure_of(problem, request.allowed).groups:
-        if not set(request.allowed) & set(group):
+    allowed = request.allowed
+    agents = set(allowed)
+    for group in decide.structure_of(problem, allowed).groups:
+        if not set(allowed) & set(group):
             agents |= set(group)
     return replace(request, allowed=tuple(sorted(agents)))

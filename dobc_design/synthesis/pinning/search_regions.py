@@ -185,17 +185,18 @@ def _fewest(task: Task, pins: int) -> Statement:
 
 def _unordered(task: Task) -> Statement | None:
     """A proof that no v exists for any radius, whatever the gains: agents that no order serves."""
-    if not acts_by_component(loop_of(task.bare)):
+    bare = task.bare
+    if not acts_by_component(loop_of(bare)):
         return None
     # Which order serves depends on who has a gain, not on how large it is.
-    held = holding(task.bare, dict.fromkeys(task.request.allowed, Fraction(1)))
+    held = holding(bare, dict.fromkeys(task.request.allowed, Fraction(1)))
     stuck = stuck_agents(loop_of(held))
     if not stuck:
         return None
-    labels = task.bare.network.labels
+    labels = bare.network.labels
     names = [labels[i] for i in stuck]
     modes = ""
-    if len(task.bare.network.modes) > 1:
+    if len(bare.network.modes) > 1:
         modes = f" ({', '.join(dict.fromkeys(stuck.values()))})"
     none = "no gains on the allowed agents have a max-separable certificate, of any radius"
     hears = f"in one of the modes hears nobody but these{modes}"

@@ -98,14 +98,15 @@ class StressedColumns:
     def part(self, mode: int, runs: IndexArray) -> RightHandSide:
         """The derivative of runs, named by their places among the living, in one mode."""
         agents = self.agents
+        heard = agents.heard
         loop = self.loop
         chosen = self.alive[runs]
         noise = self.noise.take(chosen, axis=2)
-        links = agents.heard.links[mode]
+        links = heard.links[mode]
         # what was heard last; without exchanges everything is heard at once
         held = None
         if agents.stress.exchanges is not None:
-            held = agents.heard.values[agents.heard.places[mode]].take(chosen, axis=2)
+            held = heard.values[heard.places[mode]].take(chosen, axis=2)
 
         def derivative(y: Array, force: Array) -> Array:
             x, xi, z = self.loop.split(y)
@@ -189,16 +190,17 @@ class Together:
 
     def go_on(self, begin: float, end: float) -> None:
         """From one instant to the next."""
+        y = self.y
         columns = self.columns
-        columns.wait(begin, self.y, self.switches.modes[self.everyone, self.place])
+        columns.wait(begin, y, self.switches.modes[self.everyone, self.place])
         alive = columns.alive
         # with the noise that holds from now on
         for sample in np.flatnonzero(self.times == begin):
             places = np.full(len(alive), sample)
-            self.seen(places, np.arange(len(alive)), self.y[:, alive])
+            self.seen(places, np.arange(len(alive)), y[:, alive])
         found = March(
             columns=columns,
-            start=self.y[:, alive],
+            start=y[:, alive],
             begin=begin,
             end=end,
             switches=self.switches_until(end).of(alive),
@@ -210,7 +212,7 @@ class Together:
             samples=self.times,
             visit=self.seen,
         ).run()
-        self.y[:, alive] = found.e
+        y[:, alive] = found.e
         # of those that had ended before nothing changes
         self.states[alive] = found.states
         self.ended[alive] = found.times

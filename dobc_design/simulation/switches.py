@@ -218,17 +218,18 @@ def _periodic(signal: Periodic, names: Texts, horizon: float) -> Drawn:
 
 
 def _random(signal: RandomDwell, count: int, horizon: float, rng: Generator) -> Drawn:
-    draws = horizon / signal.dwell
+    dwell = signal.dwell
+    draws = horizon / dwell
     refuse_too_many(draws)
     most = int(draws) + 1
     modes = rng.integers(count, size=most)
     if signal.longest is None:
-        times = signal.dwell * np.arange(most)
+        times = dwell * np.arange(most)
     else:
         # every draw is another mode than the one before: so many places further in the cycle
         further = rng.integers(1, max(2, count), size=most - 1)
         modes = np.cumsum([modes[0], *further]) % count
-        stays = rng.uniform(signal.dwell, signal.longest, size=most)
+        stays = rng.uniform(dwell, signal.longest, size=most)
         times = np.concatenate([[0.0], np.cumsum(stays)[:-1]])
     seen: BoolArray = times < horizon
     return np.asarray(times[seen]), modes[seen]

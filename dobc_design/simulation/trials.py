@@ -120,13 +120,14 @@ class Trials:
     def stalled(self) -> BoolArray:
         """Runs that diverged, or that end far away without having come closer in the second
         half."""
+        error = self.error
         count = len(self.times)
-        last = np.max(self.error[-count // 10 :], axis=0, initial=0.0)
+        last = np.max(error[-count // 10 :], axis=0, initial=0.0)
         # over a tenth of the time: an error that oscillates is not 0 by chance
-        halfway = self.error[int(0.45 * count) : int(0.55 * count) + 1]
+        halfway = error[int(0.45 * count) : int(0.55 * count) + 1]
         middle = np.max(halfway, axis=0, initial=0.0)
         with np.errstate(invalid="ignore"):
-            away = (last > NEAR * self.error[0]) & (last > STALLED * middle)
+            away = (last > NEAR * error[0]) & (last > STALLED * middle)
         return np.asarray((self.diverged | away) & ~self.unfinished)
 
     @property
@@ -162,8 +163,9 @@ def run_starts(
     R).  Where the observer is too fast, eps = 0 from the start."""
     horizon = effort.horizon
     loop = arena.loop
-    closed = make_closed_form(loop.F, loop.C, horizon) if loop.q else None
-    states = make_closed_form(loop.F, np.eye(loop.q), horizon) if loop.q else None
+    q = loop.q
+    closed = make_closed_form(loop.F, loop.C, horizon) if q else None
+    states = make_closed_form(loop.F, np.eye(q), horizon) if q else None
     # |F| times the horizon is too large for a table
     if closed is None or states is None:
         starts = Batch(e=starts.e, eps=np.zeros_like(starts.eps), switches=starts.switches)

@@ -71,12 +71,13 @@ class Draw:
     arguments: Texts
 
     def value(self, seed: int, axis: str, sample: int) -> str:
+        arguments = self.arguments
         kind = self.kind
         u = Random(f"{seed}|{axis}|{sample}").random()
         # One number in [0, 1) for each draw, so that distributions can be compared draw by draw.
         if kind == "choice":
-            return self.arguments[int(u * len(self.arguments))]
-        a, b = (Fraction(text) for text in self.arguments)
+            return arguments[int(u * len(arguments))]
+        a, b = (Fraction(text) for text in arguments)
         if kind == "integers":
             return str(int(a) + int(u * (int(b) - int(a) + 1)))
         if kind == "loguniform":
@@ -98,8 +99,9 @@ class Axis:
 
     @property
     def text(self) -> str:
-        if self.draw is not None:
-            return f"{self.name}=~{self.draw.kind}({','.join(self.draw.arguments)})"
+        draw = self.draw
+        if draw is not None:
+            return f"{self.name}=~{draw.kind}({','.join(draw.arguments)})"
         return f"{self.name}={','.join(self.values)}"
 
 

@@ -197,6 +197,7 @@ def to_be_done_again(line: Outcome, limit: float | None) -> bool:
 def _require_same(folder: Path, plan: Plan) -> None:
     """Refuse a folder that holds another sweep, or lines of which nobody knows what they are
     about."""
+    document = plan.document
     head, lines = folder / HEAD, folder / LINES
     if not head.exists():
         if lines.exists() and lines.stat().st_size:
@@ -210,7 +211,7 @@ def _require_same(folder: Path, plan: Plan) -> None:
     except (OSError, ValueError, RecursionError):
         found = None
     # all of it, so that a change by hand is not overwritten
-    if found == plan.document | {"sha256": plan.sha256}:
+    if found == document | {"sha256": plan.sha256}:
         return
     words = {
         "problem": "problem",
@@ -221,8 +222,8 @@ def _require_same(folder: Path, plan: Plan) -> None:
         "task": "task",
         "made_by": "version of dobc_design",
     }
-    known = found if isinstance(found, dict) else plan.document
-    changed = [word for name, word in words.items() if known.get(name) != plan.document[name]]
+    known = found if isinstance(found, dict) else document
+    changed = [word for name, word in words.items() if known.get(name) != document[name]]
     message = f"{str(folder)!r} was made for another sweep"
     if changed:
         first = [f" another {word}" for word in dict.fromkeys(changed)][:2]
@@ -372,9 +373,10 @@ class SweepResult(Headed):
         Returns: a Sheet; with Matplotlib's ``ax`` these axes.
         Raises: SpecError for a name that does not fit.
         """
+        plan = self.plan
         from dobc_design.plotting.sweeps import Cases, heat_map, lines
 
-        name = value or DRAWN[self.plan.task.kind]
+        name = value or DRAWN[plan.task.kind]
         meaning = self._meaning_of(name)
         column = [math.nan if each is None else float(each) for each in self.column(name)]
         numbers = np.array(column)
@@ -388,13 +390,13 @@ class SweepResult(Headed):
             value=numbers,
             outcome=[outcome_of(line) for line in self.lines],
             label=meaning,
-            title=f"{self.plan.name}: {meaning}",
+            title=f"{plan.name}: {meaning}",
             note=self._note(chosen),
         )
         if len(chosen) == 2:
             return heat_map(places[0], places[1], cases, ax=ax)
         series, used = self._series(chosen[0])
-        axis = self.plan.axes[self.axes.index(chosen[0])]
+        axis = plan.axes[self.axes.index(chosen[0])]
         # Random numbers have no lines: each case is a point of its own, nothing is a median.
         if axis.draw is not None and places[0].names is None:
             cases = replace(cases, series=series, drawn=True, note="")
@@ -414,16 +416,17 @@ class SweepResult(Headed):
     def _drawn_axes(self, x: str | None, y: str | None) -> list[str]:
         """One axis, or two for a heat map: those named, else the first two that are listed, else
         the first."""
+        axes = self.axes
         for key, name in (("x", x), ("y", y)):
-            if name is not None and name not in self.axes:
-                cure = f"One of {', '.join(self.axes)}."
+            if name is not None and name not in axes:
+                cure = f"One of {', '.join(axes)}."
                 raise refused(key, f"{shown(name)} is no axis of this sweep.", cure)
         if x is not None and x == y:
             raise refused("y", "x and y must be different axes.", "Leave y out for lines.")
         listed = {axis.name: len(axis.values) for axis in self.plan.axes if len(axis.values) > 1}
-        numbers = [name for name in self.axes if self.columns[name] == "number"]
+        numbers = [name for name in axes if self.columns[name] == "number"]
         # Numbers that are listed first, then those that are drawn, then words.
-        preferred = [*(name for name in listed if name in numbers), *numbers, *listed, *self.axes]
+        preferred = [*(name for name in listed if name in numbers), *numbers, *listed, *axes]
         first = x or preferred[0]
         if y is not None:
             return [first, y]
@@ -498,8 +501,9 @@ class SweepResult(Headed):
         return f"{len(self)} cases of {', '.join(self.axes)}: {counts}"
 
     def __str__(self) -> str:
-        lines = [f"{self.plan.name}, {self.plan.task.kind}: {self._summary}"]
-        for name, kind, meaning in self.plan.task.columns:
+        plan = self.plan
+        lines = [f"{plan.name}, {plan.task.kind}: {self._summary}"]
+        for name, kind, meaning in plan.task.columns:
             values = [each for each in self.column(name) if each is not None]
             if kind == "number" and values:
                 found = f"{min(values):.4g} to {max(values):.4g}, median {np.median(values):.4g}"

@@ -190,14 +190,16 @@ class SampledDisk:
 
     def decided(self, polynomial: Sequence[Interval], **shown: str) -> Statement:
         """The statement about the roots of a polynomial with enclosed coefficients."""
+        text = self.text
+        kind = self.kind
         # It is proved for the smallest disk that the radius may mean, refuted for the largest.
         small = roots.disk_image(polynomial, centre=self.centre, radius=self.radius.lo)
         if interval_routh(small) is Verdict.PROVED:
-            return proved(self.kind, f"{self.text}.", **shown)
+            return proved(kind, f"{text}.", **shown)
         large = roots.disk_image(polynomial, centre=self.centre, radius=self.radius.hi)
         if interval_routh(large) is Verdict.REFUTED:
-            return refuted(self.kind, f"it is false that {self.text}.", **shown)
-        return undecided(self.kind, f"it is not decided whether {self.text}.", **shown)
+            return refuted(kind, f"it is false that {text}.", **shown)
+        return undecided(kind, f"it is not decided whether {text}.", **shown)
 
 
 def sampled_statements(

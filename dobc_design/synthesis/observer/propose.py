@@ -150,9 +150,10 @@ def _sampled(A: Array, C: Array, period: float) -> tuple[Array, Array]:
 def _gains(plant: Plant, request: ObserverRequest) -> Iterator[tuple[Array, str]]:
     """Gains for the regions with the smallest |W| of what the methods give first; then those for
     bounds on noise."""
+    A = plant.A
     # A Kalman gain reaches every rate that can be had: with many states and no other region it is
     # enough.
-    small = len(plant.A) <= propose.LARGEST_PROGRAM
+    small = len(A) <= propose.LARGEST_PROGRAM
     slacks = SLACKS if small or request.regions else ()
     for rate in _rates(plant, request):
         own = plant
@@ -167,7 +168,7 @@ def _gains(plant: Plant, request: ObserverRequest) -> Iterator[tuple[Array, str]
             if W is not None:
                 found.append((W, INEQUALITIES))
         # Then those of A + shift I, or of A / radius, which decay faster.
-        gain = propose.kalman_gain(plant.A, plant.C, sampled=plant.sampled)
+        gain = propose.kalman_gain(A, plant.C, sampled=plant.sampled)
         if gain is not None:
             found.append((gain, "Kalman gain with unit weights"))
         found += _faster_sampled(own) if plant.sampled else _faster(own)
@@ -181,7 +182,7 @@ def _gains(plant: Plant, request: ObserverRequest) -> Iterator[tuple[Array, str]
             yield W, INEQUALITIES
     # Kalman gains from fast to slow.
     for ratio in RATIOS:
-        W = propose.kalman_gain(plant.A, plant.C, process=ratio)
+        W = propose.kalman_gain(A, plant.C, process=ratio)
         if W is not None:
             yield W, f"Kalman gain, process noise {ratio:.3g} times that of the measurement"
 
@@ -298,6 +299,7 @@ class _Inequalities:
 
     def _of_noise(self, M: Array, P: Array, Q: Array, limit: NoiseLimit) -> list[Array]:
         """Of the bound on a norm."""
+        time = self.time
         # C (A - W C) is not affine in Q.
         if limit.channel == "measurement":
             return []
@@ -307,13 +309,13 @@ class _Inequalities:
         if limit.norm == "hinf":
             border = np.hstack([P if of_exosystem else Q, C.T])
             if of_exosystem:
-                bound = bound * self.time
+                bound = bound * time
             rest = -bound * np.eye(border.shape[1])
             return [np.block([[M + M.T, border], [border.T, rest]])]
         gramian = M + M.T + C.T @ C
         if of_exosystem:
-            return [gramian, np.array([[np.trace(P) - bound**2 * self.time]])]
-        square = bound**2 * (1 / self.time)
+            return [gramian, np.array([[np.trace(P) - bound**2 * time]])]
+        square = bound**2 * (1 / time)
         m = len(C)
         return [gramian, -np.block([[square / m * np.eye(m), Q.T], [Q, P]])]
 

@@ -84,12 +84,13 @@ class Choice:
 
     def _branch(self, node: _Node) -> None:
         """The free agent with the largest gain is pinned, or it is not."""
+        inside = node.inside
         if self._nodes % REPORTED == 0:
             so_far = f"{self._nodes} parts of the choice so far"
             self.progress(f"comparing sets of agents ({so_far})")
-        agent = next(agent for agent in node.support if agent not in node.inside)
-        self._add(node.inside | {agent}, node.outside, node.bound)
-        self._add(node.inside, node.outside | {agent}, node.bound)
+        agent = next(agent for agent in node.support if agent not in inside)
+        self._add(inside | {agent}, node.outside, node.bound)
+        self._add(inside, node.outside | {agent}, node.bound)
 
     @property
     def rivals(self) -> list[Agents]:
@@ -156,16 +157,17 @@ class Choice:
         self, inside: frozenset[int], outside: frozenset[int], above: Fraction
     ) -> _Node | None:
         """The node with a proved bound of its cost; None if it is proved impossible."""
-        request = self.ground.request
+        ground = self.ground
+        request = ground.request
         left = inside
         if len(inside) < self.pins:
             left = frozenset(request.allowed) - outside
         gains, vectors = self.proposer.relax(left, float(request.rate))
         if gains is None:
-            if decide.obstacle_to(self.ground, left, vectors) is not None:
+            if decide.obstacle_to(ground, left, vectors) is not None:
                 return None
             return _Node(inside=inside, outside=outside, bound=above, support=())
-        own = decide.bound_from(self.ground, vectors, left)
+        own = decide.bound_from(ground, vectors, left)
         kept = [agent for agent in left if gains[agent] > SUPPORT * max(gains)]
         kept.sort(key=lambda agent: (-gains[agent], agent))
         bound = max(above, own.value)

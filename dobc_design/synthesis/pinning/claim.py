@@ -246,13 +246,14 @@ class Alternatives:
     rivals: Sequence[Names]
 
     def sentences(self) -> Iterator[str]:
+        rivals = self.rivals
         for pinned, names in self.others.items():
             alike = f"{name_agents(names)} would cost the same (to six digits)."
             yield f"In place of agent {pinned}, {alike}"
-        if not self.rivals:
+        if not rivals:
             return
-        sets = "; ".join(name_agents(rival) for rival in self.rivals[:SHOWN])
-        left = len(self.rivals) - SHOWN
+        sets = "; ".join(name_agents(rival) for rival in rivals[:SHOWN])
+        left = len(rivals) - SHOWN
         more = f"; and {left} more." if left > 0 else "."
         yield f"As good (to six digits) among the sets that were met: {sets}{more}"
 

@@ -422,8 +422,9 @@ def slow_direction(
 
 def _components(mode: ModeJacobian) -> int:
     """How many components have to be looked at: one stands for all where h acts on all alike."""
-    width = len(mode.gains[0]) if mode.gains else 1
-    for gain in mode.gains:
+    gains = mode.gains
+    width = len(gains[0]) if gains else 1
+    for gain in gains:
         if any(gain[c][c] != gain[0][0] for c in range(width)):
             return width
     return 1
@@ -461,6 +462,7 @@ def too_fast(problem: Problem, limits: Limits, propose: Directions) -> Statement
     """A proof that no gains within the limits let every error decay at their rate (1/s). Whatever
     proves it; None if there is none.  Its kind is "pins" where every set of so many is excluded,
     "max_gain" where gains without caps are not excluded by the same means, else "rate"."""
+    allowed = limits.allowed
     rate = limits.rate
     if rate is None or any(coupling.nonsmooth for coupling in problem.couplings):
         return None
@@ -473,13 +475,13 @@ def too_fast(problem: Problem, limits: Limits, propose: Directions) -> Statement
         direction = slow_direction(jacobians, agents, caps, propose)
         return None if direction is None or direction.limit >= rate else direction
 
-    found = slowest(limits.allowed)
+    found = slowest(allowed)
     if found is None:
         return _too_few_pins(rate, limits, slowest)
     # Caps are to blame if gains without them are not excluded.
-    capped = bool(limits.caps) and slowest(limits.allowed, {}) is None
+    capped = bool(limits.caps) and slowest(allowed, {}) is None
     how = "with the allowed agents held exactly at the target"
-    if capped or len(limits.allowed) == problem.n:
+    if capped or len(allowed) == problem.n:
         how = "with every gain at its cap"
     labels = problem.network.labels
     moved = [labels[i] for i, x in enumerate(found.w) if x]

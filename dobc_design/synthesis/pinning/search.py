@@ -188,12 +188,13 @@ def _weighted_attempt(task: Task) -> PinningDesign:
 def _promising(task: Task, proposer: PinningProposer, plain: PinningDesign) -> list[Agents]:
     """Sets of agents that are worth a proof by V = e'De: those of V = e'e, and the greedy ones."""
     request = task.request
+    allowed = request.allowed
     most = request.pins if isinstance(request.pins, int) else None
     index = task.bare.network.index
     own = tuple(sorted(index[label] for label in plain.gains))
-    greedy = proposer.greedy(request.allowed, task.structure.groups, task.rate, most)
+    greedy = proposer.greedy(allowed, task.structure.groups, task.rate, most)
     if not greedy:
-        greedy = proposer.cheapest(request.allowed, most or len(request.allowed), task.rate)
+        greedy = proposer.cheapest(allowed, most or len(allowed), task.rate)
     return [own, greedy]
 
 
@@ -264,16 +265,17 @@ def _proved_by_weights(task: Task, gains: Gains) -> PinningDesign | None:
 def _too_fast(task: Task) -> Statement | None:
     """A proof that even gains on all allowed agents, at their caps, do not reach the rate."""
     request = task.request
-    gains, vectors = task.plain.relax(request.allowed, task.rate)
+    allowed = request.allowed
+    gains, vectors = task.plain.relax(allowed, task.rate)
     if gains is not None:
         return None
-    obstacle = decide.obstacle_to(task.ground, request.allowed, vectors)
+    obstacle = decide.obstacle_to(task.ground, allowed, vectors)
     if obstacle is None:
         return None
     mode, v = obstacle
     labels = task.bare.network.labels
     moved = carriers(loop_of(task.bare), v)
-    capped = {labels[i] for i in set(request.allowed) & set(request.caps)}
+    capped = {labels[i] for i in set(allowed) & set(request.caps)}
     if capped & set(moved):
         kind = "max_gain"
         because = "even with every gain at its cap the direction shown decays more slowly"

@@ -282,11 +282,11 @@ class ClosedLoop:
         return np.ones((self.n, self.q)) if self.own is None else self.own.astype(np.float64)
 
     def split(self, y: Array) -> tuple[Array, Array, Array]:
-        """Cut states (n (m + 2 q), R) into x (n, m, R), xi and z (n, q, R)."""
-        many = y.shape[1]
+        """Cut states (n (m + 2 q), R) into x (n, m, R), xi and z (n, q, R); also without R."""
+        many = y.shape[1:]
         x, xi, z = np.split(y, [self.size, self.n * (self.m + self.q)])
-        of_observers = (self.n, self.q, many)
-        x = x.reshape(self.n, self.m, many)
+        of_observers = (self.n, self.q, *many)
+        x = x.reshape(self.n, self.m, *many)
         return x, xi.reshape(of_observers), z.reshape(of_observers)
 
     def control(self, e: Array, dhat: Array) -> Array:

@@ -378,7 +378,7 @@ def certificate_folder(out: Path | None, problem: Problem, *, force: bool) -> Pa
 
 def require_folder(folder: Path, *, key: str = "--out") -> Path:
     """Refuse a folder that is something else already, or an option.  Raises: SpecError."""
-    refuse_option(folder, key=key)
+    refuse_option(folder, key)
     if os.path.lexists(folder) and not folder.is_dir():  # a link to nowhere counts
         raise refused(key, f"{str(folder)!r} is not a folder.", f"Choose another with {key}.")
     return folder
@@ -396,7 +396,7 @@ def require_free(
         )
 
 
-def refuse_option(path: Path | None, *, key: str) -> None:
+def refuse_option(path: Path | None, key: str) -> None:
     """Refuse an option that was taken for the value of another one, as in ``--out --json``."""
     if path is not None and str(path).startswith("--"):
         raise refused(
@@ -406,7 +406,7 @@ def refuse_option(path: Path | None, *, key: str) -> None:
 
 def check_target(path: Path, *, force: bool, key: str) -> None:
     """Refuse a file that is there already, unless ``force``.  Raises: SpecError."""
-    refuse_option(path, key=key)
+    refuse_option(path, key)
     if path.is_dir():
         raise refused(key, f"{str(path)!r} is a folder.", "Name a file in it.")
     require_free(path.parent, [path.name], force=force, key=key)

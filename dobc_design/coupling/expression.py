@@ -263,7 +263,7 @@ def parse_expression(
             kind=ExpressionError,
         )
     try:
-        expression = Expression(text, parse(text, dimension=dimension), dimension)
+        expression = Expression(text, parse(text, dimension), dimension)
     except Fault as fault:
         raise _refusal(text, fault, dimension=dimension, key=key) from None
     # The canonical text has to be read again: from a file, and where it is pickled.
@@ -335,7 +335,7 @@ def _repaired(text: str, repair: Repair | None, *, dimension: int) -> str | None
             return None
         text = text[: repair.start] + repair.replacement + text[repair.end :]
         try:
-            return to_text(parse(text, dimension=dimension), dimension=dimension)
+            return to_text(parse(text, dimension), dimension=dimension)
         except Fault as fault:
             repair = fault.repair
     return None

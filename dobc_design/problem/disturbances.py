@@ -95,17 +95,17 @@ def read_exosystem(
         try:
             observer = Observer(W=group.W, P=group.P)
             if exosystem is not None:
-                agents = _labels(group.agents, key=f"{place}.agents")
+                agents = _labels(group.agents, f"{place}.agents")
                 groups.append(Group(agents=agents, exosystem=exosystem, observer=observer))
             elif group.none:
-                without[place] = _labels(group.agents, key=f"{place}.agents")
+                without[place] = _labels(group.agents, f"{place}.agents")
         except SpecError as error:
             errors.append(renamed(error, place))
     errors.raise_all()
     return Disturbances(exosystem=found["exosystem"], groups=tuple(groups), without=without)
 
 
-def _labels(agents: Any, *, key: str) -> list[Any]:
+def _labels(agents: Any, key: str) -> list[Any]:
     """The agents of a group.  Raises: SpecError."""
     known = is_list(agents) and len(agents) > 0
     if not known or not all(is_text(x) or isinstance(x, str | int) for x in agents):

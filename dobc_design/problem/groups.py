@@ -195,24 +195,20 @@ def read_groups(
         with errors:
             _check_group(group, number, m=m, states=states, rate=common.rate)
     # With a mistake above, "in no group" would be said of agents that are meant to be in one.
-    if not errors:
-        rest = [label for label in labels if label not in owner]
-        check_rest(rest, exosystem, common, states)
     errors.raise_all()
-    # Groups stand in the order of their first agents, whatever the order in the file.
-    members: dict[int, list[str]] = {}  # by group, in the order of their first agents
-    for label in labels:
-        if label in owner or exosystem is not None:
-            members.setdefault(owner.get(label, -1), []).append(label)
+    rest = [label for label in labels if label not in owner]
+    check_rest(rest, exosystem, common, states)
+    every = list(groups)
+    if exosystem is not None:
+        every.append(Group(agents=rest, exosystem=exosystem, observer=common))
+    places = {label: place for place, label in enumerate(labels)}
     result = []
-    for number, agents in members.items():
-        system, own = exosystem, common
-        if number >= 0:
-            system = groups[number].exosystem
-            own = groups[number].observer
-        if system is not None:
-            chosen = Observer(W=own.W, P=own.P, rate=common.rate)
-            result.append(Group(agents=agents, exosystem=system, observer=chosen))
+    for group in every:
+        agents = sorted(group.agents, key=places.__getitem__)
+        own = Observer(W=group.observer.W, P=group.observer.P, rate=common.rate)
+        result.append(Group(agents=agents, exosystem=group.exosystem, observer=own))
+    # In the order of their first agents, whatever the order in the file.
+    result.sort(key=lambda group: places[group.agents[0]])
     _check_all_have_p(result)
     return tuple(result)
 

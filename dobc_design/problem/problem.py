@@ -19,7 +19,6 @@ from dobc_design._show.cards import MOST_ITEMS, Card, Shown, listed, plain
 from dobc_design._show.text import significant
 from dobc_design.coupling.coupling import Coupling, make_coupling
 from dobc_design.errors import Mistakes, ShapeError, SpecError, about, misshapen, refused, wrong
-from dobc_design.exact import reading
 from dobc_design.exact.matrix import Vector
 from dobc_design.exact.reading import (
     Document,
@@ -32,6 +31,7 @@ from dobc_design.exact.reading import (
     is_text,
     items,
     named,
+    read_vector,
     shown,
     some,
 )
@@ -688,7 +688,7 @@ def _read_name(name: str) -> str:
     return name
 
 
-_read_states = partial(reading.read_vector, because="one per state component")
+_read_states = partial(read_vector, because="one per state component")
 
 
 def _read_notes(notes: Any) -> Texts:

@@ -46,7 +46,8 @@ def outward(lo: Real, hi: Real) -> Interval[Real]:
     """Room for rounding: the next floating-point numbers outside (a result of IEEE arithmetic is at
     most half as far away), or rationals of PRECISION bits."""
     if isinstance(lo, float):
-        lo, hi = math.nextafter(lo, -math.inf), math.nextafter(hi, math.inf)
+        lo = math.nextafter(lo, -math.inf)
+        hi = math.nextafter(hi, math.inf)
         need(-LARGEST < lo <= hi < LARGEST, OUT_OF_RANGE)
         return lo, hi
 

@@ -180,15 +180,18 @@ def quickly_down(divisor: int) -> Callable[[float, float], float]:
 def golden_section(f: Callable[[float], float], low: float, high: float, *, steps: int) -> None:
     """Evaluate f at ``steps`` places that close in on its minimum between two ends."""
     part = (math.sqrt(5) - 1) / 2
-    left, right = high - part * (high - low), low + part * (high - low)
+    left = high - part * (high - low)
+    right = low + part * (high - low)
     values = {left: f(left), right: f(right)}
     for _ in range(steps - 2):
         if values[left] <= values[right]:
-            high, right = right, left
+            high = right
+            right = left
             left = high - part * (high - low)
             values[left] = f(left)
         else:
-            low, left = left, right
+            low = left
+            left = right
             right = low + part * (high - low)
             values[right] = f(right)
 

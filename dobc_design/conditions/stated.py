@@ -63,7 +63,8 @@ class Gap:
 
 def stated_in(loop: Loop) -> Stated:
     """What the two tables of the problem state."""
-    table, actuators = loop.uncertainty, loop.actuators
+    table = loop.uncertainty
+    actuators = loop.actuators
     acts = [] if table is None else [name for name in ABSOLUTE if getattr(table, name)]
     return Stated(
         limit=actuators is not None and bool(actuators.limit),

@@ -211,13 +211,16 @@ def scaled(M: SparseSymmetric | IntegerSymmetric) -> Scaled | list[int] | None:
     found = _whole_entries(M, bits)
     if found is None:
         return None
-    rows, columns, whole = found.rows, found.columns, found.values
+    rows = found.rows
+    columns = found.columns
+    whole = found.values
     # Beside a diagonal below 1 an entry of size 1 or more refutes: see ``_against``.
     beyond_one = (whole >= 1 << bits) | (whole < -(1 << bits))
     large = np.flatnonzero((rows != columns) & beyond_one)
     if len(large):
         first = large[0]
-        i, j = int(rows[first]), int(columns[first])
+        i = int(rows[first])
+        j = int(columns[first])
         return _against(i, j, int(whole[first]), found.exponents)
 
     def dense(values: NDArray[Any]) -> NDArray[Any]:

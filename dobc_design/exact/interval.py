@@ -47,7 +47,8 @@ def round_down(value: Fraction, bits: int = BITS) -> Fraction:
     -2^65536."""
     if not value:
         return value
-    numerator, denominator = value.numerator, value.denominator
+    numerator = value.numerator
+    denominator = value.denominator
     exponent = numerator.bit_length() - denominator.bit_length()
     if exponent > MAX_EXPONENT:
         if value < 0:
@@ -310,7 +311,8 @@ class Interval(Told):
         return self + -other
 
     def __mul__(self, other: Interval | Fraction | int) -> Interval:
-        x, y = self, _interval(other)
+        x = self
+        y = _interval(other)
         if x._mixed:
             x, y = y, x
         if x._mixed:
@@ -331,9 +333,13 @@ class Interval(Told):
         y = _interval(other)
         if y.lo.numerator <= 0 <= y.hi.numerator:
             raise UndefinedError(f"division by {y}, which contains 0, is not defined.")
-        x, near, far = self, y.lo, y.hi
+        x = self
+        near = y.lo
+        far = y.hi
         if y.lo.numerator < 0:  # x / y = -x / -y
-            x, near, far = -self, -y.hi, -y.lo
+            x = -self
+            near = -y.hi
+            far = -y.lo
         low = x.lo / (far if x.lo.numerator >= 0 else near)
         high = x.hi / (near if x.hi.numerator >= 0 else far)
         return _enclose(low, high, "/", self, y)

@@ -347,7 +347,8 @@ def observer_peaks(loop: Loop, W: Matrix, *, step: Fraction, steps: int) -> Peak
     worst = dict.fromkeys(INPUTS, Fraction(0))
     own = loop.drift
     for group, gain in loop.observed(W):
-        F, C = error_matrix(group.exosystem, gain), group.exosystem.C
+        F = error_matrix(group.exosystem, gain)
+        C = group.exosystem.C
         entering = gain
         if own is not None:  # w acts on the inputs, and what is asked is C eps in the inputs
             C = multiply(own.left_inverse, C)
@@ -399,7 +400,8 @@ class Plant:
     def input(self) -> Fraction:
         """b = omega (1 + peak of W) + gamma (peak of I): what acts on the inputs of every agent in
         the end."""
-        omega, peaks = self.stated.disturbance, self.peaks
+        omega = self.stated.disturbance
+        peaks = self.peaks
         if peaks is None:
             return omega
         return omega + (omega * peaks.disturbance + self.stated.drift * peaks.drift)
@@ -425,7 +427,8 @@ class Plant:
         )
         if found is None:
             return None
-        b, m = self.input, loop.m
+        b = self.input
+        m = loop.m
         ends = [b * row[-1] for row in found]
         return {label: tuple(ends[i * m : (i + 1) * m]) for i, label in enumerate(loop.labels)}
 
@@ -433,8 +436,11 @@ class Plant:
         """Every row of a stage with what acts besides.  What an observer passes on it has seen in
         any mode: there the largest over the modes counts.  Raises: UndefinedError where a slope has
         no bound as far out."""
-        loop, plant, peaks = self.loop, self.stated, self.peaks
-        errors, noise = stated_errors(loop), plant.measurement
+        loop = self.loop
+        plant = self.stated
+        peaks = self.peaks
+        errors = stated_errors(loop)
+        noise = plant.measurement
         slopes = _Slopes(loop, stage, noise)
         passed = unknown = Fraction(0)
         by_model = Fraction(0)
@@ -586,7 +592,8 @@ def _told(loop: Loop, claim: Accuracy, domain: Domain) -> str:
 def confirm(check: Check, case: Case) -> str | None:
     """None if everything that a proved check of this topic claims is confirmed, else what is
     not."""
-    loop, W = case.loop, case.W
+    loop = case.loop
+    W = case.W
     claim = check.claim if isinstance(check.claim, Accuracy) else read_claim(check, loop, W)
     reason = obstacle(loop, W, turned=claim.by_component)
     if reason is not None:

@@ -287,7 +287,8 @@ class _Theorem:
 
     def proved(self) -> Check | None:
         """The check with its largest proved margin and rate; None without a proof."""
-        statements, pair = self.statements, self.facts.pair
+        statements = self.statements
+        pair = self.facts.pair
         matrices = [lambda_with(statements, mode, self.facts.S) for mode in statements.lambdas]
 
         def has_margin(shift: Fraction) -> bool:
@@ -319,7 +320,8 @@ class _Theorem:
 
     def refuted(self) -> Check | None:
         """The check with a direction in which V does not decrease; None if none is found."""
-        statements, S = self.statements, self.facts.S
+        statements = self.statements
+        S = self.facts.S
         for mode in statements.lambdas:
             enclosed = lambda_with(statements, mode, S)
             vector = find_witness(enclosed, self.proposal.vectors)
@@ -510,9 +512,11 @@ def _confirm_lambda(
     """The vector shows that Lambda, or Lambda + I (x) S, is not negative definite in that mode; so
     does the margin."""
     if S is None:
-        what, matrix = "Lambda", enclosed_lambda(statements, mode)
+        what = "Lambda"
+        matrix = enclosed_lambda(statements, mode)
     else:
-        what, matrix = "Psi", lambda_with(statements, mode, S)
+        what = "Psi"
+        matrix = lambda_with(statements, mode, S)
     if not refutes(matrix, vector):
         return f"the vector does not refute {what} < 0"
     if not same_witness(check.witness, lambda_witness(statements, vector)):

@@ -353,7 +353,8 @@ def pair_rate(tops: Mapping[str, Top], P: Array, Q: Array, exosystem: Exosystem)
 
 def _lambda_max_of_s(P: Array, Q: Array, exosystem: Exosystem, *, rate: float) -> float:
     try:
-        A, C = to_float(exosystem.A), to_float(exosystem.C)
+        A = to_float(exosystem.A)
+        C = to_float(exosystem.C)
         # the factorisation below refuses what is not finite
         with np.errstate(over="ignore", invalid="ignore"):
             block = -(P @ A + A.T @ P - Q @ C - C.T @ Q.T) - 2 * rate * P

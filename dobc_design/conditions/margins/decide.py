@@ -156,7 +156,8 @@ _ZERO, _ONE = Fraction(0), Fraction(1)
 def confirm(check: Check, case: Case) -> str | None:
     """None if everything that a proved check claims is confirmed, beside the proofs max-separable
     and accuracy of the case."""
-    loop, W = case.loop, case.W
+    loop = case.loop
+    W = case.W
     reason = not_a_proof(check)
     if reason is None and loop.drift is not None:
         return "errors of gains, and inputs, are not known for agents with [dynamics]"
@@ -208,7 +209,8 @@ def _not_tolerated_at_target(
 
 def _not_tolerated(check: Check, case: Case, claim: Tolerance, base: Separable) -> str | None:
     """None if the rows of ``base`` hold for all errors of the claim, and V falls."""
-    loop, errors = case.loop, claim.errors
+    loop = case.loop
+    errors = claim.errors
     wrong = verify_separable(loop, replace(base, alpha=claim.alpha), errors=errors).wrong
     if wrong is not None:
         return wrong
@@ -242,7 +244,8 @@ def observer_pull(loop: Loop, W: Matrix | None, base: Separable) -> Fraction:
     columns = transpose(W)
     squares = [multiply((c,), multiply(base.error.P, transpose((c,))))[0][0] for c in columns]
     roots = [root_above(square, unit=ROOTS) for square in squares]
-    m, rho = loop.m, base.rho or _ONE
+    m = loop.m
+    rho = base.rho or _ONE
     norm = max(sum(roots[k : k + m], _ZERO) for k in range(0, len(roots), m))  # of every group
     steepest = []
     for coupling, reach in zip(loop.functions, largest_reach(loop, base.v), strict=True):
@@ -317,7 +320,8 @@ def _amplitude(exosystem: Exosystem, start: Vector) -> Fraction | None:
     """A bound of every component of C exp(A t) start.  If A^2 is diagonal, xi_i'' = -w_i^2 xi_i:
     what the components with one w^2 add is a sine, or with w = 0 constant where its slope is 0.
     None for others."""
-    A, q = exosystem.A, exosystem.order
+    A = exosystem.A
+    q = exosystem.order
     squares = multiply(A, A)
     if any(squares[i][j] for i in range(q) for j in range(q) if i != j):
         return None
@@ -396,7 +400,8 @@ def loaded_inputs(
 
 def _not_inputs(check: Check, loop: Loop, base: Separable, claim: Inputs) -> str | None:
     """None if every input is bounded by ``claim``, below every limit."""
-    table, found = loop.actuators, largest_disturbance(loop)
+    table = loop.actuators
+    found = largest_disturbance(loop)
     if table is None or found is None or check.rate is not None:
         return "it needs [actuators], a bound of the disturbance, and no rate"
     radius, noise = read_domain(check.domain, loop, kind=Box)

@@ -763,7 +763,8 @@ def _begun(
     pair = None if W is None else scaled_pair(loop, W, rate=observer, disturbance=disturbance)
     if W is not None and pair is None:
         return None
-    templates, basis = programs.make_templates(loop), make_basis(loop.size, shape)
+    templates = programs.make_templates(loop)
+    basis = make_basis(loop.size, shape)
     return _Search(loop=loop, templates=templates, basis=basis, pair=pair, rate=rate, sampled=True)
 
 

@@ -301,7 +301,8 @@ class Place:
 def holding_gains(loop: Loop, *, error: Fraction | int = 0) -> tuple[Fraction, ...]:
     """What the linear pin of each agent is worth in a row: the least k_cc - sum_{d != c} |k_cd|;
     ``error``: relative, of every entry."""
-    least, most = 1 - Fraction(error), 1 + Fraction(error)
+    least = 1 - Fraction(error)
+    most = 1 + Fraction(error)
 
     def worth(k: Matrix) -> Fraction:
         return min(
@@ -437,7 +438,8 @@ def _terms(
     """The terms of an agent with v_i = ``own``; ``error``: relative, of every weight."""
     for (place, other, absent), weight in sorted(heard.items()):
         far = stretch * other
-        reach, step = far + own, far - own
+        reach = far + own
+        step = far - own
         if absent:
             step = max(step, _NONE)
         term = Term(place, weight, reach, step)
@@ -449,7 +451,10 @@ def _terms(
 
 def _at_worst(term: Term, error: Fraction) -> Iterator[Term]:
     """The term at the worse end of its weight; ``error``: relative."""
-    place, weight, reach, step = term.coupling, term.weight, term.reach, term.step
+    place = term.coupling
+    weight = term.weight
+    reach = term.reach
+    step = term.step
     if step >= 0:
         yield Term(place, weight * (1 + error), reach, step)
         return

@@ -74,11 +74,14 @@ def reaches(loop: Loop, T: Matrix, v: Sequence[Fraction], rho: Fraction) -> dict
     sizes = list(error_sizes(T, v))
     found = {place: [Fraction(0)] * loop.m for place in used_couplings(loop)}
     for arcs in loop.modes.values():
-        listeners, speakers = arcs.listeners.tolist(), arcs.speakers.tolist()
+        listeners = arcs.listeners.tolist()
+        speakers = arcs.speakers.tolist()
         places = coupling_places(loop, arcs).tolist()
         # A difference is at most as large as both of its errors together.
         for i, j, place in zip(listeners, speakers, places, strict=True):
-            known, own, other = found[place], sizes[i], sizes[j]
+            known = found[place]
+            own = sizes[i]
+            other = sizes[j]
             for c in range(loop.m):
                 known[c] = max(known[c], own[c] + other[c])
     if loop.drift_place is not None:
@@ -118,7 +121,8 @@ def rows_obstacle(loop: Loop, claim: Separable, *, load: Vector = ()) -> str | N
     slowest = slowest_row(loop, claim.T, claim.v, claim.ranges, load=load)
     if slowest.rate >= claim.alpha:
         return None
-    agent, component = loop.labels[slowest.agent], slowest.component + 1
+    agent = loop.labels[slowest.agent]
+    component = slowest.component + 1
     return (
         f"the row of agent {agent}, component {component}, in mode {slowest.mode} allows only "
         f"{float(slowest.rate):.4g} 1/s."
@@ -138,7 +142,8 @@ def gains_obstacle(
     if far.keys() - {each.coupling for each in ranges}:
         return "the gains of a coupling are missing."
     for each in ranges:
-        place, entries = each.coupling, each.entries
+        place = each.coupling
+        entries = each.entries
         # those of the nodes are no corners: each of their entries is taken at its worse end
         if place != loop.drift_place and varying(entries) > MOST_FREE:
             return f"more than {MOST_FREE} gains of a coupling vary."
@@ -225,7 +230,8 @@ def _corners(loop: Loop, T: Matrix, table: dict[int, Entries]) -> _Corners:
 
 def _turned_corners(T: Matrix, entries: Entries) -> list[list[Vector]]:
     """The rows of G = T J S for every corner J of the gains: by row, then by corner."""
-    m, S = len(T), inverse(T)
+    m = len(T)
+    S = inverse(T)
     ends = [[x.lo] if x.is_point else [x.lo, x.hi] for row in entries for x in row]
     found = []
     for corner in product(*ends):
@@ -252,7 +258,8 @@ class _ArcSums:
         arcs = loop.modes[mode]
         factors, bottom = _integers(arcs.weights)
         totals: list[list[list[Any]]] = [[[0] * len(each) for each in self.signs] for _ in self.own]
-        listeners, speakers = arcs.listeners.tolist(), arcs.speakers.tolist()
+        listeners = arcs.listeners.tolist()
+        speakers = arcs.speakers.tolist()
         places = coupling_places(loop, arcs).tolist()
         sure = len(arcs) - arcs.optional
         ends = zip(listeners, speakers, places, factors, strict=True)
@@ -292,7 +299,8 @@ def _rows_alone(
     loop: Loop, T: Matrix, own: Sequence[Any], signs: Sequence[Any], table: dict[int, Entries]
 ) -> list[list[list[Fraction]]]:
     """For every agent what gains and nodes add to its rows, by component and signs."""
-    S, none = inverse(T), zeros(loop.m, loop.m)
+    S = inverse(T)
+    none = zeros(loop.m, loop.m)
     pulls = loop.pulls.each(lambda k: multiply(multiply(T, k), S))
     F: list[list[Interval]] = []
     if loop.drift_place is not None:

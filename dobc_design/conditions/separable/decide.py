@@ -193,7 +193,8 @@ class Many(NamedTuple):
 def in_arrays(question: Question) -> Many | None:
     """The question in arrays where there are many arcs; None for few, for couplings that turn
     often, and where pins are curved."""
-    loop, rho = question.loop, question.rho
+    loop = question.loop
+    rho = question.rho
     # Floats know a pin by its gain alone.
     if loop.pins.curved:
         return None
@@ -508,7 +509,8 @@ def _largest(side: Side, S: Interval) -> Interval:
 def _within(place: Interval, term: Term, S: Interval) -> Interval | None:
     """The s > 0 of S for which ``place`` may meet -s reach <= y <= s step; None if there are
     none."""
-    lo, hi = S.lo, S.hi
+    lo = S.lo
+    hi = S.hi
     if place.lo > 0:
         if term.step <= 0:
             return None
@@ -563,7 +565,8 @@ def observer_obstacle(loop: Loop, W: Matrix | None, claim: Separable) -> str | N
 def error_bound_obstacle(exosystem: Exosystem, W: Matrix, error: ErrorBound) -> str | None:
     """Why ``error`` does not hold for W, in words; None if it is proved.  Exact: there is no third
     answer."""
-    P, q = error.P, exosystem.order
+    P = error.P
+    q = exosystem.order
     if exact.shape(P) != (q, q) or not exact.is_symmetric(P):
         return f"P must be a symmetric {q}x{q} matrix."
     if decide_positive_definite(P).verdict is not Verdict.PROVED:

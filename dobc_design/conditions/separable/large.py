@@ -149,7 +149,8 @@ def gain_table(expression: Expression, radius: Fraction, *, cells: int = CELLS) 
 def _spans(values: Array) -> Array:
     """The most over 1, 2, 4, ... cells from each on, near the right end over those that are left;
     by level, in the last axis but one."""
-    levels, span = [values], 1
+    levels = [values]
+    span = 1
     while 2 * span <= values.shape[-1]:
         last = levels[-1]
         beside = np.concatenate([last[..., span:], np.repeat(last[..., -1:], span, -1)], axis=-1)
@@ -397,7 +398,8 @@ def _weights(graphs: Sequence[Arcs], order: Any, error: Fraction) -> tuple[Array
     above = _stacked([high for _, high in bounds])[order]
     if not error:
         return below, above
-    least, most = float_below(1 - error), float_above(1 + error)
+    least = float_below(1 - error)
+    most = float_above(1 + error)
     return np.maximum(down(below * least), 0.0), up(above * most)
 
 
@@ -415,8 +417,10 @@ def arc_rows(
     layout = arc_layout(loop, errors=errors)
     low, high = floats_around(v)
     stretched = high if stretch == 1 else floats_around([stretch * x for x in v])[1]
-    low, high = _stacked([low] * modes), _stacked([high] * modes)
-    own, other = low[layout.rows], stretched[layout.speakers]
+    low = _stacked([low] * modes)
+    high = _stacked([high] * modes)
+    own = low[layout.rows]
+    other = stretched[layout.speakers]
     steps = other - own
     # The difference of two floats within a factor of two of each other has no rounding.
     is_exact = (other <= 2 * own) & (own <= 2 * other)
@@ -446,8 +450,10 @@ def float_kinds(
     """Bring the couplings into floats, as far out as these rows look; None if one of them turns too
     often.  ``cells``: of a table; half as many where it reaches to the left ends, which seldom
     decide. Raises: exact.interval.UndefinedError where a gain cannot be enclosed."""
-    tables, turns = [], {}
-    steps, reaches = np.zeros(len(profiles)), np.zeros(len(profiles))
+    tables = []
+    turns = {}
+    steps = np.zeros(len(profiles))
+    reaches = np.zeros(len(profiles))
     np.maximum.at(steps, arcs.kinds, np.abs(arcs.steps))
     np.maximum.at(reaches, arcs.kinds, np.abs(arcs.reaches))
     for number, kind in enumerate(profiles):
@@ -683,7 +689,8 @@ class Piece:
 
     def _right(self, low: Array, high: Array) -> tuple[Array, Array]:
         """The least and the largest step g for g in [low, high]."""
-        rising, still = self.steps >= 0, self.steps == 0
+        rising = self.steps >= 0
+        still = self.steps == 0
         most = np.where(still, 0.0, up(self.steps * np.where(rising, high, low)))
         # the least is asked for where couplings turn only
         if not self.turning:
@@ -736,7 +743,8 @@ def floats_around(
     high = np.empty(len(first))
     for k, place in enumerate(first.tolist()):
         value = values[place] if less is None else values[place] - less
-        top, bottom = value.numerator, value.denominator
+        top = value.numerator
+        bottom = value.denominator
         # The same number as a float where that is seen at once: few bits over a power of two, as v
         # has them.
         bits = max(top.bit_length(), bottom.bit_length())

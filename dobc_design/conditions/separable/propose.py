@@ -101,7 +101,8 @@ class Field:
         residual = worst + self.load - (self.gains - alpha) * v
         jacobian = self._jacobian(chosen, choices, v, alpha)
         if self.extra is not None:
-            residual, jacobian = residual + self.extra @ v, jacobian + self.extra
+            residual = residual + self.extra @ v
+            jacobian = jacobian + self.extra
         return residual, jacobian, scale
 
     def values(self, mode: int, face: int, v: Array) -> Array:
@@ -110,7 +111,8 @@ class Field:
         spend(VALUES)
         total = np.zeros((len(self.grid), self.size))
         for group in self.modes[mode]:
-            own, other = v[group.listeners], v[group.speakers]
+            own = v[group.listeners]
+            other = v[group.speakers]
             # Some s at a time, so that arrays stay small.
             together = max(1, AT_ONCE // max(1, len(own)))
             for first in range(0, len(self.grid), together):
@@ -144,7 +146,9 @@ class Field:
             mine = chosen == number
             for group in self.modes[mode]:
                 here = mine[group.listeners]
-                i, j, w = group.listeners[here], group.speakers[here], group.weights[here]
+                i = group.listeners[here]
+                j = group.speakers[here]
+                w = group.weights[here]
                 own, other = _derivatives(group, face, s, v[i], v[j])
                 if self.off:
                     w = w * self._worse(_sup(group, face, s, v[i], v[j])[0])
@@ -219,7 +223,8 @@ def _sup(group: Group, face: int, s: float | Array, own: Array, other: Array) ->
     """phi = sup { h(s t)/s : -(own + other) <= t <= other - own }; where: 0 right end, 1 left end,
     2 inside."""
     other = np.maximum(own, other) if group.loose else other
-    high, low = s * (other - own), -s * (other + own)
+    high = s * (other - own)
+    low = -s * (other + own)
     best = face * group.h(face * high) / s
     where = np.zeros(best.shape, dtype=np.int64)
     places, values = group.tops if face > 0 else group.bottoms
@@ -241,7 +246,8 @@ def _derivatives(
     """The derivatives of phi in own and other."""
     where = _sup(group, face, s, own, other)[1]
     if group.loose:
-        where, other = np.where((where == 0) & (other < own), 2, where), np.maximum(own, other)
+        where = np.where((where == 0) & (other < own), 2, where)
+        other = np.maximum(own, other)
     at = face * s * np.where(where == 1, -(own + other), other - own)
     step = STEP * (1.0 + np.abs(at))
     slope = (group.h(at + step) - group.h(at - step)) / (2 * step)
@@ -502,7 +508,8 @@ def rough_rates(field: Field, *, first: float) -> list[tuple[float, Array]]:
         if found and _later(each, found[-1]):
             break
         found.append(each)
-        low, start = alpha, each[1]
+        low = alpha
+        start = each[1]
         # Of linear couplings the largest v is 1 / (1 - rate/mu), where mu is the largest rate.
         used = 1 - 1 / float(np.max(start))
         alpha = low * max(GOAL / max(used, GOAL / LEAP), GROWTH)
@@ -566,13 +573,16 @@ class Cover:
             return best
         # A faster observer's part wants a larger kappa and rho, with which N is slower: V is as
         # fast as the slower of the two.
-        gained, low, high = first, 0.0, 2 * best.rate * ABOVE
+        gained = first
+        low = 0.0
+        high = 2 * best.rate * ABOVE
         for _ in range(rounds):
             rate = (low + high) / 2
             plan = self._beside(rate, near=best.rate)
             reached = 0.0 if plan is None else min(rate, plan.rate)
             if plan is not None and reached > gained:
-                best, gained = plan, reached
+                best = plan
+                gained = reached
             if reached > rate * ENOUGH and not low:
                 break
             if reached == rate:

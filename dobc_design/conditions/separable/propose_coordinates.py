@@ -101,7 +101,8 @@ class Agents:
     @classmethod
     def of(cls, loop: Loop, *, most: int) -> Agents:
         """The first ``most`` agents of a loop."""
-        size, m = min(loop.n, most), loop.m
+        size = min(loop.n, most)
+        m = loop.m
         gains = np.zeros((size, m, m))
         for i, k in loop.pulls.each(to_float).items():
             if i < size:
@@ -151,7 +152,8 @@ def _groups(loop: Loop, arcs: Arcs, size: int) -> Iterator[Group]:
     places = coupling_places(loop, arcs)
     here = np.flatnonzero(arcs.listeners < size)
     # who is left out is at the target
-    speakers, sure = np.minimum(arcs.speakers, size), ~arcs.uncertain
+    speakers = np.minimum(arcs.speakers, size)
+    sure = ~arcs.uncertain
     for place, part in split_by(places[here]):
         own = here[part]
         yield Group(place, arcs.listeners[own], speakers[own], weights[own], sure[own])
@@ -196,7 +198,8 @@ class Rows:
         n, m = v.shape
         agents = np.arange(n)
         everybody = np.vstack([v, np.zeros((1, m))])  # and the target
-        best, chosen = [], []
+        best = []
+        chosen = []
         for c, signs in enumerate(faces(m)):
             listed = []
             for groups in self.agents.modes:
@@ -326,7 +329,8 @@ def candidates(agents: Agents, gains: Gains) -> list[Matrix]:
 
 def _candidates(agents: Agents, gains: Gains) -> Iterator[Matrix | None]:
     """The same; None where rows are dependent."""
-    m, A = agents.loop.m, -agents.gains.mean(axis=0)
+    m = agents.loop.m
+    A = -agents.gains.mean(axis=0)
     pull = np.zeros((m, m))
     for group in agents.modes[0]:
         pull = pull + group.weights.sum() / agents.size * gains[group.place].mean(axis=0)
@@ -510,7 +514,8 @@ class Search:
         """v (n, m) with min v = 1 that goes with the gains where it is used, and its rate; the
         flattest v that keeps ``enough`` of the best rate."""
         v = self.agents.ones
-        rate, best = 0.0, None
+        rate = 0.0
+        best = None
         # Weights belong to gains, and gains to how far the weights reach: one after the other.
         for _ in range(1 if self.agents.loop.is_linear else ROUNDS):
             rows = self.rows(v)
@@ -534,7 +539,8 @@ class Search:
     def claim(self, v: Any) -> Separable | None:
         """The claim with these weights at the largest rate; None if its rows do not hold, or V does
         not fall."""
-        loop, T = self.agents.loop, self.T
+        loop = self.agents.loop
+        T = self.T
         rho = None
         if not self.everywhere:
             rho = rounded_up(self.cover.radius * spread(T, v) + self.offset, digits=6)

@@ -113,7 +113,9 @@ def _in_coordinates(asked: Asked) -> tuple[dict[float, Separable], str | None]:
 
 def _by_component(asked: Asked, report: Progress) -> list[Check]:
     """The certificate for couplings by component."""
-    loop, W, domain = asked.loop, asked.W, asked.domain
+    loop = asked.loop
+    W = asked.W
+    domain = asked.domain
     report("deciding the region (max-separable)")
     reason = checks.obstacle(loop, W)
     if reason is not None:
@@ -128,7 +130,8 @@ def _by_component(asked: Asked, report: Progress) -> list[Check]:
         return [cut_check(MAX_SEPARABLE, domain, cut)]
     if found is None:
         return [undecided_check(MAX_SEPARABLE, domain, _not_found(asked))]
-    claim, fastest = found.claim, found.fastest
+    claim = found.claim
+    fastest = found.fastest
     if cut is None:
         told = _remark(asked, claim, found.radius)
     else:
@@ -187,7 +190,8 @@ def largest_claim(asked: Asked) -> Found | None:
     if found is not None or asked.domain == EVERYWHERE:
         return found
     # Boxes may be far too large: halved first, then cut between the last one and the next.
-    low, high = _short(asked.radius / 2**HALVINGS), asked.radius
+    low = _short(asked.radius / 2**HALVINGS)
+    high = asked.radius
     nearest = at(low)
     if nearest is None:
         return None
@@ -195,7 +199,8 @@ def largest_claim(asked: Asked) -> Found | None:
         radius = _short(high / 2)
         found = at(radius)
         if found is not None:
-            nearest, low = found, radius
+            nearest = found
+            low = radius
             break
         high = radius
     plans: list[tuple[_Box, SeparablePlan]] = []  # that floating point covers, increasing
@@ -302,7 +307,8 @@ def _time(claim: Separable) -> float:
 
 def _timing(asked: Asked, claim: Separable, check: Check, report: Progress) -> list[Check]:
     """Delays and sampling beside a proved max-separable check."""
-    loop, domain = asked.loop, asked.domain
+    loop = asked.loop
+    domain = asked.domain
     arcs = sum(map(len, loop.modes.values()))
     if arcs > TIMED_ARCS:
         reason = (

@@ -20,7 +20,6 @@ from .matrix import Matrix
 from .number import common_denominator
 
 # rows, columns and values
-Triplets: TypeAlias = tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -140,17 +139,6 @@ class SparseSymmetric(Shown):
                 sums[value.denominator] = sums.get(value.denominator, 0) + product
         total = _pairwise_sum([Fraction(x, y) for y, x in sums.items()])
         return total / (common * common)
-
-    def triplets(self) -> Triplets:
-        """Return rows, columns and nearest floats of the full matrix, both triangles."""
-        full: dict[tuple[int, int], float] = {}
-        for (i, j), x in self.entries.items():
-            full[i, j] = full[j, i] = float(x)
-        places = sorted(full)
-        rows = np.array([i for i, _ in places], dtype=np.intp)
-        columns = np.array([j for _, j in places], dtype=np.intp)
-        values = np.array([full[place] for place in places], dtype=np.float64)
-        return rows, columns, values
 
 
 def _pairwise_sum(terms: list[Fraction]) -> Fraction:
@@ -298,9 +286,6 @@ class IntegerSymmetric(Shown):
 
     def to_dense(self) -> Matrix:
         return self.to_sparse().to_dense()
-
-    def triplets(self) -> Triplets:
-        return self.to_sparse().triplets()
 
     @property
     def entries(self) -> Mapping[tuple[int, int], Fraction]:

@@ -19,7 +19,6 @@ from dobc_design.exact import (
     identity,
     multiply,
     scale,
-    to_float,
 )
 from dobc_design.exact.symmetric import (
     Doubles,
@@ -247,17 +246,6 @@ def test_operations_agree_with_the_dense_ones(M, N, c):
 def test_the_quadratic_form_is_the_product(M, v):
     column = tuple((x,) for x in v)
     assert M.quadratic_form(v) == multiply((tuple(v),), multiply(M.to_dense(), column))[0][0]
-
-
-@settings(max_examples=12)
-@given(SPARSE)
-def test_triplets_fill_both_triangles(M):
-    rows, columns, values = M.triplets()
-    full = np.zeros((5, 5))
-    np.add.at(full, (rows, columns), values)
-    assert (full == to_float(M.to_dense())).all()
-    found = set(zip(rows.tolist(), columns.tolist(), strict=True))
-    assert len(found) == len(values)
 
 
 def test_doubles_are_exact_frozen_and_equal_by_value():

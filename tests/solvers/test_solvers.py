@@ -12,7 +12,7 @@ from dobc_design import Exosystem, Network, Problem, Verdict
 from dobc_design.conditions.consensus.claim import omega, reduced, state_theorems
 from dobc_design.errors import SpecError
 from dobc_design.exact.definite import decide_positive_definite
-from dobc_design.exact.matrix import from_float, matrix
+from dobc_design.exact.matrix import from_float, matrix, to_float
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.loop.make import loop_of
 from dobc_design.solvers.conic import smat, solve_directly, svec, svec_exact, symmetric_basis
@@ -28,9 +28,7 @@ def residual(program: Program, values) -> float:
     exact = {name: from_float(value, None) for name, value in values.items()}
     tops = []
     for pencil in program.pencils:
-        rows, columns, entries = pencil.at(exact).triplets()
-        table = np.zeros((pencil.size, pencil.size))
-        table[rows, columns] = entries
+        table = to_float(pencil.at(exact).to_dense())
         tops.append(np.linalg.eigvalsh(table)[-1])
     return float(max(tops))
 

@@ -11,7 +11,6 @@ from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import from_float, to_float
 from dobc_design.loop.make import loop_of
-from dobc_design.solvers.program import as_sparse
 
 
 def printed(certificate):
@@ -50,7 +49,7 @@ def test_psi_is_the_matrix_that_is_decided_exactly(separable):
     pencils = state_theorems(loop_of(problem)).psi()
     assert len(pencils) == len(lmi.psi)
     for pencil, psi in zip(pencils, lmi.psi.values(), strict=True):
-        whole = as_sparse(pencil.at(exact)).toarray()
+        whole = to_float(pencil.at(exact).to_dense())
         assert np.allclose(psi.value, whole, rtol=1e-14, atol=1e-14)
 
 

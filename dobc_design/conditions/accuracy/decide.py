@@ -71,6 +71,7 @@ from dobc_design.conditions.separable.claim import (
     Term,
     error_from_json,
     error_sizes,
+    error_to_json,
     rows,
     stated_errors,
 )
@@ -84,8 +85,8 @@ from dobc_design.conditions.separable.decide import (
 from dobc_design.coupling.enclosures import Profile, jet, secant_range
 from dobc_design.coupling.tree import ZERO
 from dobc_design.exact.interval import Interval, UndefinedError
-from dobc_design.exact.matrix import Matrix, Vector, identity, kronecker, multiply
-from dobc_design.exact.peaks import MOST_STEPS, peak_gains, peak_gains_by_row, row_norm
+from dobc_design.exact.matrix import Matrix, Vector, identity, kronecker, multiply, row_norm
+from dobc_design.exact.peaks import MOST_STEPS, peak_gains, peak_gains_by_row
 from dobc_design.exact.symmetric import Doubles, least
 from dobc_design.loop.loop import Loop
 from dobc_design.problem.uncertainty import Uncertainty
@@ -194,9 +195,7 @@ class Accuracy:
         """The exact values of a proved check."""
         first = "stages" if self.response is None else "response"
         values = fields_to_json(self, first, "bounds") | known_to_json(self, "T", "peaks")
-        if self.error is not None:
-            values |= self.error.to_json()
-        return values
+        return values | error_to_json(self.error)
 
 
 def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Accuracy:
@@ -598,7 +597,7 @@ def confirm(check: Check, case: Case) -> str | None:
     reason = obstacle(loop, W, turned=claim.by_component)
     if reason is not None:
         return reason
-    if check.verdict is not Verdict.PROVED or check.witness is not None or check.rate is not None:
+    if not check.is_proved or check.witness is not None or check.rate is not None:
         return "it can only be proved or undecided, and has no witness and no rate"
     if loop.uncertainty is None:
         return "the problem has no [uncertainty]"

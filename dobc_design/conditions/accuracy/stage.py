@@ -49,14 +49,13 @@ from dobc_design.conditions.separable.stage import largest_claim, separable_stag
 from dobc_design.conditions.stated import stated_in
 from dobc_design.coupling.expression import numpy_function
 from dobc_design.exact.interval import UndefinedError
-from dobc_design.exact.matrix import Matrix, Vector, identity, to_float
+from dobc_design.exact.matrix import Matrix, Vector, identity, row_norm, to_float
 from dobc_design.exact.number import root_above
-from dobc_design.exact.peaks import MOST_GROWTH, MOST_STEPS, row_norm
+from dobc_design.exact.peaks import MOST_GROWTH, MOST_STEPS
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, out_of_time
 from dobc_design.loop.arcs import coupling_places
 from dobc_design.loop.loop import Loop
 from dobc_design.solvers.program import Array
-from dobc_design.verdict import Verdict
 
 from .decide import (
     ID,
@@ -674,5 +673,5 @@ def _proved(case: Case, claim: Accuracy, starts: Domain) -> Iterator[Check]:
 def _decided(case: Case, claim: Accuracy, starts: Domain) -> Iterator[Check]:
     """The check of a claim, if it is proved."""
     check = limited(ID, case.domain, lambda: accuracy_check(case, claim, starts))
-    if check.verdict is Verdict.PROVED:
+    if check.is_proved:
         yield check

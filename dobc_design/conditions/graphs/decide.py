@@ -151,12 +151,10 @@ def _square(loop: Loop, claim: Kept, generator: Matrix, rate: Fraction) -> Itera
         total = exact.add(exact.add(half, exact.transpose(half)), exact.scale(2 * rate, P))
         for g, other in zip(rates, forms.values(), strict=True):
             total = exact.add(total, exact.scale(g, other))
-        holds = _is_positive(P) and _is_positive(exact.scale(-1, total))
+        holds = decide_positive_definite(P).is_proved
+        if holds:
+            holds = decide_positive_definite(exact.scale(-1, total)).is_proved
         yield holds, f"P > 0 or its inequality fails in mode {mode}."
-
-
-def _is_positive(M: Matrix) -> bool:
-    return decide_positive_definite(M).verdict is Verdict.PROVED
 
 
 def apart_check(loop: Loop, domain: Domain) -> Check | None:

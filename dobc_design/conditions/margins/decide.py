@@ -50,6 +50,7 @@ from dobc_design.conditions.separable.claim import (
     Separable,
     acts_by_component,
     error_from_json,
+    error_to_json,
     largest_reach,
     observed_in,
     rows,
@@ -67,9 +68,8 @@ from dobc_design.conditions.separable.decide import (
 from dobc_design.conditions.stated import stated_in
 from dobc_design.coupling.enclosures import Curve, secant_range
 from dobc_design.exact.interval import Interval
-from dobc_design.exact.matrix import Matrix, Vector, multiply, transpose
+from dobc_design.exact.matrix import Matrix, Vector, multiply, row_norm, transpose
 from dobc_design.exact.number import root_above
-from dobc_design.exact.peaks import row_norm
 from dobc_design.exact.symmetric import Doubles, least
 from dobc_design.loop.loop import Loop
 from dobc_design.problem.exosystems import Exosystem
@@ -114,9 +114,7 @@ class Inputs:
         if self.stage is not None:
             values["v"] = vector_to_json(self.stage.v)
             values |= fields_to_json(self.stage, "alpha", "level")
-        if self.error is not None:
-            values |= self.error.to_json()
-        return values
+        return values | error_to_json(self.error)
 
 
 def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Claim:

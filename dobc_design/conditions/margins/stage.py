@@ -133,7 +133,7 @@ def margins_stage(asked: Asked, checks: Sequence[Check], report: Progress) -> li
             beside.append(check)
     case = _case(asked, beside)
     found = limited("tolerance", asked.domain, lambda: _tolerance(asked, case))
-    if found.verdict is not Verdict.PROVED and _given(asked) is None:
+    if not found.is_proved and _given(asked) is None:
         return []  # nobody asked for it
     return [found]
 

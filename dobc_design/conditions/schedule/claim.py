@@ -45,6 +45,7 @@ from dobc_design.conditions.quadratic.sectors import GainRange
 from dobc_design.conditions.separable.claim import (
     ErrorBound,
     Separable,
+    error_to_json,
     reach,
     require_coordinates,
     spread,
@@ -177,9 +178,7 @@ class Cycles:
         values = fields_to_json(self, "rate", "rho", "phases")
         if self.T is not None:
             values |= fields_to_json(self, "T", "ranges")
-        if self.error is not None:
-            values |= self.error.to_json()
-        return values
+        return values | error_to_json(self.error)
 
 
 Last = Separable | Lure | Cycles  # what may take over from a box that moves
@@ -235,12 +234,10 @@ class Tube(Shown):
         return Card(title="Tube", facts=[("until", until), ("segments", segments)])
 
     def to_json(self) -> dict[str, Any]:
-        values = fields_to_json(self, "times", "upper", "lower")
-        if self.error is not None:
-            values |= self.error.to_json()
-            # A box that moves has no V, so that nothing weighs E against N.
-            del values["kappa"]
-        return values
+        observed = error_to_json(self.error)
+        # A box that moves has no V, so that nothing weighs E against N.
+        observed.pop("kappa", None)
+        return fields_to_json(self, "times", "upper", "lower") | observed
 
 
 @noun

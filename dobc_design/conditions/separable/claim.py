@@ -65,9 +65,10 @@ class ErrorBound:
     kappa: Fraction
     size: Fraction
 
-    def to_json(self) -> dict[str, Any]:
-        """The exact values of the observer's part, by the keys ``OBSERVED``."""
-        return fields_to_json(self, *OBSERVED)
+    def fits(self, disturbance: Fraction, room: Fraction) -> bool:
+        """Whether kappa E <= kappa disturbance sqrt(size) is at most ``room``; by squares, which
+        need no root."""
+        return room >= 0 and (self.kappa * disturbance) ** 2 * self.size <= room**2
 
 
 def observed_in(loop: Loop) -> tuple[str, ...]:
@@ -75,8 +76,13 @@ def observed_in(loop: Loop) -> tuple[str, ...]:
     return OBSERVED if loop.groups else ()
 
 
+def error_to_json(error: ErrorBound | None) -> dict[str, Any]:
+    """The exact values of the observer's part, by the keys ``OBSERVED``; empty without one."""
+    return {} if error is None else fields_to_json(error, *OBSERVED)
+
+
 def error_from_json(values: Mapping[str, Any], loop: Loop) -> ErrorBound | None:
-    """Read ``ErrorBound.to_json`` back; None without an exosystem.  Raises as ``read_claim``."""
+    """Read ``error_to_json`` back; None without an exosystem.  Raises as ``read_claim``."""
     if not loop.groups:
         return None
     beta, kappa, size = read_rationals(values, "beta", "kappa", "size")
@@ -138,9 +144,7 @@ class Separable:
         values = {"v": vector_to_json(self.v), **fields_to_json(self, "alpha", "rho")}
         if self.T is not None:
             values |= fields_to_json(self, "T", "ranges")
-        if self.error is not None:
-            values |= self.error.to_json()
-        return values
+        return values | error_to_json(self.error)
 
 
 def require_coordinates(T: Matrix | None) -> None:

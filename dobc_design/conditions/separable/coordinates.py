@@ -57,11 +57,13 @@ class Slowest(NamedTuple):
     mode: str
 
 
-def seen_through(loop: Loop, T: Matrix, W: Matrix | None) -> tuple[Exosystem | None, Matrix | None]:
+def seen_through(
+    loop: Loop, T: Matrix | None, W: Matrix | None
+) -> tuple[Exosystem | None, Matrix | None]:
     """The joint exosystem with the output T C of every group, and the gain W S, so that A - W C is
-    the same."""
+    the same; both as they are without T."""
     exosystem = loop.joint_exosystem
-    if exosystem is None or W is None:
+    if exosystem is None or W is None or T is None:
         return exosystem, W
     groups = identity(max(1, len(loop.groups)))
     turned = Exosystem(A=exosystem.A, C=multiply(kronecker(groups, T), exosystem.C))
@@ -99,7 +101,7 @@ def enclosed_ranges(
     without rho for couplings that are not linear."""
     if rho is None and not loop.is_linear:
         raise SpecError("rho must be a number, because a coupling is not linear.", key="rho")
-    far = reaches(loop, T, v, Fraction(1) if rho is None else rho)
+    far = reaches(loop, T, v, rho or Fraction(1))
     found = []
     for place, each in far.items():
         gains = widened_gains(loop, place, each)
@@ -138,7 +140,7 @@ def gains_obstacle(
 ) -> str | None:
     """Why couplings and nodes are not shown to keep to ``ranges`` where N <= rho; None if they
     are."""
-    far = reaches(loop, T, v, Fraction(1) if rho is None else rho)
+    far = reaches(loop, T, v, rho or Fraction(1))
     if far.keys() - {each.coupling for each in ranges}:
         return "the gains of a coupling are missing."
     for each in ranges:

@@ -82,7 +82,7 @@ def separable_stage(asked: Asked, report: Progress) -> list[Check]:
 
 def _size(check: Check) -> float:
     """The radius of a proved box, 0 without one."""
-    if check.verdict is not Verdict.PROVED:
+    if not check.is_proved:
         return 0.0
     return float(check.domain.radius) if isinstance(check.domain, Around) else math.inf
 
@@ -141,7 +141,7 @@ def _by_component(asked: Asked, report: Progress) -> list[Check]:
     if fastest is not None and fastest.whole_rate > NEARLY * composite_rate(claim):
         told = fastest_in_words(fastest.whole_rate, fastest.factor) + told
     check = checks.max_separable_check(asked, claim, radius=found.radius, remark=told)
-    if check.verdict is not Verdict.PROVED:
+    if not check.is_proved:
         return [check]
     return [check, *_timing(asked, claim, check, report)]
 

@@ -11,17 +11,18 @@ from typing import Any
 
 import cvxpy as cp
 import numpy as np
-from scipy import linalg
+from scipy import linalg, sparse
 
 from dobc_design.conditions.consensus.claim import reduced
 from dobc_design.conditions.consensus.propose import float_lambda, largest_eigenvalue
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import to_float
 from dobc_design.exact.pencil import Pencil
+from dobc_design.exact.symmetric import Symmetric
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.conic import solve_directly
-from dobc_design.solvers.program import Program, Solution, as_sparse, assemble
+from dobc_design.solvers.program import Program, Solution, assemble
 from dobc_design.synthesis.observer.decide import StateSpace
 
 
@@ -72,10 +73,15 @@ def dense_problem(program: Program) -> tuple[Any, dict[str, Any]]:
 
 def affine(pencil: Pencil, variables: dict[str, Any]) -> Any:
     """F(P, Q) of a pencil as an expression of cvxpy."""
-    total = cp.Constant(as_sparse(pencil.constant))
+    total = cp.Constant(_as_sparse(pencil.constant))
     for (name, i, j), coefficient in pencil.coefficients.items():
-        total = total + variables[name][i, j] * as_sparse(coefficient)
+        total = total + variables[name][i, j] * _as_sparse(coefficient)
     return total
+
+
+def _as_sparse(matrix: Symmetric) -> Any:
+    """The nearest floats of an exact matrix."""
+    return sparse.csr_array(to_float(matrix.to_dense()))
 
 
 def _margin(program: Margin, variables: dict[str, Any]) -> Any:

@@ -42,10 +42,11 @@ REGIONAL: dict[str, Decider] = {
 # of these the claims themselves say for which couplings they hold
 OF_ANY_COUPLING = ("max-separable", "lure", "equilibrium", "markov", "accuracy", "schedule")
 REFUTABLE = ("max-separable", "equilibrium", "markov", "schedule")
+Finding = tuple[bool, str]  # whether it holds, and what
 Task = tuple[str, partial[None]]
 
 
-def examine(certificate: bytes, problem: bytes, until: float = math.inf) -> list[tuple[bool, str]]:
+def examine(certificate: bytes, problem: bytes, until: float = math.inf) -> list[Finding]:
     """Every claim of a certificate: does it hold, what it is, and why it fails. It is confirmed iff
     all of them hold.
 
@@ -54,7 +55,7 @@ def examine(certificate: bytes, problem: bytes, until: float = math.inf) -> list
     Raises: Refused if one of the two files is not what the format page describes.
     """
     token = UNTIL.set(until)
-    found: list[tuple[bool, str]] = []
+    found: list[Finding] = []
     try:
         for stage in stages(Case(certificate, Problem(problem))):
             for title, task in stage:
@@ -69,7 +70,7 @@ def examine(certificate: bytes, problem: bytes, until: float = math.inf) -> list
     return found
 
 
-def finding(title: str, task: partial[None]) -> tuple[bool, str]:
+def finding(title: str, task: partial[None]) -> Finding:
     """Whether a claim holds, and what it is, or why it fails."""
     try:
         task()

@@ -15,6 +15,7 @@ from .matrices import ZERO, Matrix, paired
 from .reading import Object, matrix, maybe, need, rational, read, text
 
 TIMES = ("dwell", "period", "longest")
+Cycles = list[tuple[str, ...]]  # modes that may be on in turn for ever
 PHASES = 40  # of a guarantee whose cycles of modes are looked at one by one
 
 
@@ -103,10 +104,10 @@ class Guarantee:
         before = ends[place - 1] if place else ZERO
         return Turn(place, begun + before, begun + ends[place])
 
-    def cycles(self) -> list[tuple[str, ...]]:
+    def cycles(self) -> Cycles:
         """Modes that may be on over and over, and no other; no longer cycle lacks all of them."""
         turns = self.phases
-        found: list[tuple[str, ...]] = [(turn.mode,) for turn in turns if turn.longest is None]
+        found: Cycles = [(turn.mode,) for turn in turns if turn.longest is None]
         every = tuple(dict.fromkeys(turn.mode for turn in turns))
         # dwell: two modes may alternate for ever, whatever the others are
         if len(turns) > 1 and all(turn.first for turn in turns):
@@ -115,7 +116,7 @@ class Guarantee:
             found.append(every)
         return found
 
-    def allowed(self) -> list[tuple[str, ...]]:
+    def allowed(self) -> Cycles:
         """All modes, whatever arcs are there, and the cycles that a guarantee allows of at most
         PHASES phases."""
         found = [tuple(self.modes)]

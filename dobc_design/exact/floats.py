@@ -21,8 +21,8 @@ from .number import float_above, float_below
 LARGEST: Final = 1e300
 _NARROW: Final = 2.0**-50
 _WHOLE: Final = 2**53  # integers up to that are floats
-# The largest argument whose multiples of pi floats count, and how far off they may be.
-_MAX_ANGLE, _MARGIN = 2.0**20, 2.0**-30
+_MAX_ANGLE = 2.0**20  # the largest argument whose multiples of pi floats count,
+_MARGIN = 2.0**-30  # and how far off they may be
 
 
 class Floats(Interval):

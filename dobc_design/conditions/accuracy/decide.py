@@ -87,6 +87,7 @@ from dobc_design.coupling.tree import ZERO
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import Matrix, Vector, identity, kronecker, multiply, row_norm
 from dobc_design.exact.peaks import MOST_STEPS, peak_gains, peak_gains_by_row
+from dobc_design.exact.reading import Document, Table
 from dobc_design.exact.symmetric import Doubles, least
 from dobc_design.loop.loop import Loop
 from dobc_design.problem.uncertainty import Uncertainty
@@ -109,7 +110,7 @@ class Level:
     rho: Fraction | None
     ranges: tuple[GainRange, ...] = ()
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         """The exact values as text."""
         values = {"v": vector_to_json(self.v), **fields_to_json(self, "alpha", "level", "rho")}
         if self.ranges:
@@ -130,7 +131,7 @@ class Peaks:
     step: Fraction
     steps: int
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         """The exact values as text."""
         return fields_to_json(self, *INPUTS, "step", "steps")
 
@@ -142,7 +143,7 @@ class Response:
     step: Fraction
     steps: int
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         """The exact values."""
         return fields_to_json(self, "step", "steps")
 
@@ -191,7 +192,7 @@ class Accuracy:
             ranges=stage.ranges,
         )
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         """The exact values of a proved check."""
         first = "stages" if self.response is None else "response"
         values = fields_to_json(self, first, "bounds") | known_to_json(self, "T", "peaks")
@@ -232,7 +233,7 @@ def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Accuracy:
     )
 
 
-def _read_steps(data: Any, names: tuple[str, ...]) -> dict[str, Any]:
+def _read_steps(data: Any, names: tuple[str, ...]) -> Document:
     """Rationals by these names, and ``steps``."""
     found = read_object(data, (*names, "steps"))
     if type(found["steps"]) is not int:
@@ -263,7 +264,7 @@ def _read_level(data: object, loop: Loop, turned: bool) -> Level:
     return level
 
 
-def level_from_json(values: Mapping[str, Any], size: int, rho: Fraction | None) -> Level:
+def level_from_json(values: Table, size: int, rho: Fraction | None) -> Level:
     """Read v (``size`` entries), alpha and level."""
     v = vector_from_json(values["v"], size)
     alpha, level = read_rationals(values, "alpha", "level")

@@ -38,24 +38,18 @@ from dobc_design.conditions.numbers import (
 from dobc_design.conditions.reason import pins_obstacle
 from dobc_design.errors import SpecError
 from dobc_design.exact import symmetric as sparse
-from dobc_design.exact.interval import Interval, UndefinedError
+from dobc_design.exact.interval import Interval, IntervalMatrix, UndefinedError
 from dobc_design.exact.matrix import Matrix, add, multiply, transpose
 from dobc_design.exact.number import common_denominator
 from dobc_design.exact.pencil import Deviation, Pencil, Place, Unknown
-from dobc_design.exact.reading import is_scalar_matrix
-from dobc_design.exact.symmetric import (
-    Places,
-    SparseSymmetric,
-    as_integers,
-)
+from dobc_design.exact.reading import Document, is_scalar_matrix
+from dobc_design.exact.symmetric import Entries, Places, SparseSymmetric, as_integers
 from dobc_design.loop.arcs import arc_table
 from dobc_design.loop.loop import Loop, Pins
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import group_numbers
 from dobc_design.problem.network import Arcs
 
-Gain = tuple[tuple[Interval, ...], ...]  # m x m
-Entries = dict[tuple[int, int], Fraction]
 Triplets = tuple[Places, Places, sparse.Integers]
 
 ZERO = Fraction(0)
@@ -73,7 +67,7 @@ class ModeJacobian:
     name: str
     arcs: Arcs
     kind: NDArray[np.int64]
-    gains: tuple[Gain, ...]
+    gains: tuple[IntervalMatrix, ...]
 
     def entries(self) -> Iterator[Interval]:
         """The entries of all gains, row by row."""
@@ -119,7 +113,7 @@ def jacobians_at_consensus(loop: Loop) -> Jacobians:
     return Jacobians(domain=domain, size=loop.n, dimension=loop.m, modes=tuple(modes))
 
 
-def _mode_jacobian(loop: Loop, name: str, slopes: Sequence[Gain]) -> ModeJacobian:
+def _mode_jacobian(loop: Loop, name: str, slopes: Sequence[IntervalMatrix]) -> ModeJacobian:
     """The Jacobian of one mode, from the slopes at 0 of every coupling."""
     arcs = loop.modes[name]
     table = arc_table(loop, name)
@@ -128,7 +122,7 @@ def _mode_jacobian(loop: Loop, name: str, slopes: Sequence[Gain]) -> ModeJacobia
     numbers = (table.coupling * width + table.weight) * 2 + arcs.uncertain
     different, kinds = np.unique(numbers, return_inverse=True)
     kinds.setflags(write=False)
-    gains: list[Gain] = []
+    gains: list[IntervalMatrix] = []
     for number in different.tolist():
         pair, loose = divmod(number, 2)
         coupling, place = divmod(pair, width)
@@ -435,7 +429,7 @@ class Shown:
     vector: NDArray[np.float64]
     bound: Fraction
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         """The exact values of Lemma 1, proved for a large network."""
         return {"v": doubles_to_json(self.vector)}
 
@@ -449,7 +443,7 @@ class Unstable:
     roots: int
     value: Fraction | None = None
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         """The exact values."""
         return known_to_json(self, "value") | {"unstable_roots": str(self.roots)}
 
@@ -478,7 +472,7 @@ class PairFacts:
         """What lambda_max(Lambda) must stay below, where S = s I: the number -s."""
         return -self.S[0][0] if is_scalar_matrix(self.S) else None
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         """The exact values."""
         return fields_to_json(self.pair, "P", "Q") | known_to_json(self, "S", "bound", "mode")
 

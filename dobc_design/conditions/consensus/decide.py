@@ -32,7 +32,7 @@ from dobc_design.exact.interval import Interval
 from dobc_design.exact.matrix import Matrix, Vector, multiply, transpose, zeros
 from dobc_design.exact.number import from_fmpq_mat, number_text, to_fmpq_mat
 from dobc_design.exact.polynomial import characteristic_polynomial, count_right_half_plane
-from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.exact.symmetric import Entries, SparseSymmetric
 from dobc_design.loop.arcs import unreached
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import group_blocks, group_numbers
@@ -122,7 +122,7 @@ def linear_part(statements: Statements, mode: str) -> Matrix | None:
     return tuple(tuple(entries.get((i, j), ZERO) for j in range(size)) for i in range(size))
 
 
-def _known_entries(statements: Statements, mode: str) -> claim.Entries | None:
+def _known_entries(statements: Statements, mode: str) -> Entries | None:
     """The entries of J - K of one mode, where all slopes are rational; else None."""
     each = _jacobian(statements, mode)
     if each is None or not each.is_point:

@@ -31,6 +31,8 @@ from dobc_design.solvers.program import GIVEN_UP, Array, factored
 
 from .claim import Statements
 
+Agents = tuple[int, ...]
+
 
 def float_lambda(loop: Loop, mode: str, *, pins: bool = True, twice: bool = False) -> Any:
     """Lambda = J + J' - (K + K') of one mode, or ``twice`` J - K, as a SciPy array (n m, n m) in
@@ -382,7 +384,7 @@ def witness_directions(loop: Loop, mode: str) -> list[Sequence[float]]:
     pinned = set(loop.pulls.nodes)
     everyone = list(range(loop.n))
     free = [agent for agent in everyone if agent not in pinned]
-    supports: dict[tuple[int, ...], None] = {}
+    supports: dict[Agents, None] = {}
     for base in (free, everyone):
         if base and not search.top(base)[0] < -search.edge:
             supports |= dict.fromkeys(search.supports_in(base))
@@ -398,7 +400,7 @@ class _Search:
         self.width = width
         largest = float(np.max(np.abs(table.data), initial=0.0))
         self.edge = EDGE * max(largest, 1e-300)
-        self.known: dict[tuple[int, ...], tuple[float, Array]] = {}
+        self.known: dict[Agents, tuple[float, Array]] = {}
         self.left = BUDGET
 
     def top(self, agents: Sequence[int]) -> tuple[float, Array]:
@@ -426,9 +428,9 @@ class _Search:
         result: list[float] = whole.tolist()
         return result
 
-    def supports_in(self, base: Sequence[int]) -> list[tuple[int, ...]]:
+    def supports_in(self, base: Sequence[int]) -> list[Agents]:
         """Small supports inside ``base``, whose submatrix fails."""
-        single: list[tuple[int, ...]] = [(agent,) for agent in base if self.fails((agent,))]
+        single: list[Agents] = [(agent,) for agent in base if self.fails((agent,))]
         if single:
             return single[:5]
         if self.needs_all(base):
@@ -468,7 +470,7 @@ class _Search:
         result: list[int] = ordered[np.argsort(-weights, kind="stable")].tolist()
         return result
 
-    def cut(self, agents: Sequence[int]) -> tuple[int, ...]:
+    def cut(self, agents: Sequence[int]) -> Agents:
         """Leave out agents as long as the rest still fails, the lightest first."""
         kept = self.by_weight(agents)
         for agent in reversed(list(kept)):

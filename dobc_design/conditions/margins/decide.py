@@ -26,7 +26,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from dobc_design._checks import noun
 from dobc_design.conditions.accuracy.decide import Accuracy, Level, Plant, level_from_json
@@ -70,6 +70,7 @@ from dobc_design.coupling.enclosures import Curve, secant_range
 from dobc_design.exact.interval import Interval
 from dobc_design.exact.matrix import Matrix, Vector, multiply, row_norm, transpose
 from dobc_design.exact.number import root_above
+from dobc_design.exact.reading import Document
 from dobc_design.exact.symmetric import Doubles, least
 from dobc_design.loop.loop import Loop
 from dobc_design.problem.exosystems import Exosystem
@@ -87,7 +88,7 @@ class Tolerance:
     eta: Fraction | None = None
     v: Vector | Doubles | None = None
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         """The exact values of a proved check."""
         values = fields_to_json(self.errors, "weights", "gains")
         values |= known_to_json(self, "alpha", "eta")
@@ -108,7 +109,7 @@ class Inputs:
     stage: Level | None = None
     error: ErrorBound | None = None
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         """The exact values of a proved check."""
         values = fields_to_json(self, "rho", "inputs")
         if self.stage is not None:
@@ -148,7 +149,8 @@ def _read_inputs(check: Check, loop: Loop) -> Inputs:
 
 
 ROOTS = 10**15  # roots are rounded up to multiples of 1/ROOTS
-_ZERO, _ONE = Fraction(0), Fraction(1)
+_ZERO = Fraction(0)
+_ONE = Fraction(1)
 
 
 def confirm(check: Check, case: Case) -> str | None:
@@ -291,7 +293,7 @@ def _not_local(loop: Loop, claim: Tolerance, v: Vector | Doubles) -> str | None:
     return None
 
 
-def largest_disturbance(loop: Loop) -> tuple[Fraction, ...] | None:
+def largest_disturbance(loop: Loop) -> Vector | None:
     """For each agent a bound of |d_i(t)|, t >= 0, by component; None where neither [actuators] nor
     xi0 gives one, as where amplitudes drift."""
     given = None if loop.actuators is None else loop.actuators.amplitude
@@ -350,7 +352,7 @@ def limit_of(loop: Loop, label: str) -> Fraction | None:
     return None if loop.actuators is None else loop.actuators.limit_of(label)
 
 
-def pin_sizes(loop: Loop) -> tuple[Fraction, ...]:
+def pin_sizes(loop: Loop) -> Vector:
     """|k_i|_1, the largest row sum of sizes, of each agent, with the errors of gains."""
     more = 1 + stated_errors(loop).gains
     sizes = loop.pulls.each(lambda k: more * row_norm(k))

@@ -108,7 +108,8 @@ NOT_FINAL = (
 NO_BOX = "no box is found that holds the starts and is not left under what the file states."
 SLOWLY = (0.01, 0.1)  # parts of the largest rate that weights of their own are made for
 NO_PROOF = "there is no proved max-separable certificate that it could rest on."
-_ZERO, ONE = Fraction(0), Fraction(1)
+_ZERO = Fraction(0)
+ONE = Fraction(1)
 
 
 def is_asked(asked: Asked) -> bool:

@@ -9,10 +9,9 @@ says that consensus fails. docs/certificate-claims.md, "Regions", fixes the form
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from fractions import Fraction
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -47,7 +46,8 @@ from dobc_design.exact.definite import decide_positive_definite, decide_positive
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Matrix, Vector, inverse, is_symmetric, multiply, to_float
 from dobc_design.exact.number import float_below
-from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.exact.reading import Table
+from dobc_design.exact.symmetric import Entries, SparseSymmetric
 from dobc_design.loop.arcs import unreached
 from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Decided, Verdict
@@ -382,7 +382,7 @@ def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Lure:
     return lure_from_json(read_object(check.exact, names_of(loop)), loop, W)
 
 
-def lure_from_json(values: Mapping[str, Any], loop: Loop, W: Matrix | None) -> Lure:
+def lure_from_json(values: Table, loop: Loop, W: Matrix | None) -> Lure:
     """Read them back.  Raises: KeyError, TypeError, ValueError, ShapeError or SpecError for what is
     no such claim."""
     radius = rational_or_none(values["radius"])
@@ -421,7 +421,7 @@ def _sparse(rows: object, size: int) -> SparseSymmetric:
     """The nonzero entries [a, b, value], a <= b, each once."""
     if not isinstance(rows, list):
         raise TypeError("P_e must be a list")
-    entries: dict[tuple[int, int], Fraction] = {}
+    entries: Entries = {}
     for row in rows:
         i, j, text = row
         if type(i) is not int or type(j) is not int or (i, j) in entries:
@@ -433,7 +433,7 @@ def _sparse(rows: object, size: int) -> SparseSymmetric:
     return SparseSymmetric(size, entries)
 
 
-def _multipliers(values: Mapping[str, Any], loop: Loop) -> dict[str, tuple[Fraction, ...]]:
+def _multipliers(values: Table, loop: Loop) -> dict[str, Vector]:
     # Other methods have no multipliers.
     names = tuple(loop.modes) if values["method"] == "lure" else ()
     taus = read_object(values["multipliers"], names)

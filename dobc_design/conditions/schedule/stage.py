@@ -120,8 +120,9 @@ def _no_region(key: str, cure: str) -> SpecError:
     return wrong(key, what, cure)
 
 
-def read_tolerance(value: Any, *, key: str = "settling") -> Fraction:
-    """A tolerance > 0 in the unit of x.  Raises: SpecError with ``key`` for anything else."""
+def read_tolerance(value: Any) -> Fraction:
+    """A tolerance > 0 in the unit of x.  Raises: SpecError for anything else."""
+    key = "settling"
     limit = parse_number(value, key)
     if limit <= 0:
         what = f"must be > 0, because |e(t)| only comes close to 0; got {float(limit):.6g}."

@@ -23,7 +23,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from operator import mul
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -42,6 +42,7 @@ from dobc_design.conditions.quadratic.sectors import GainRange, ranges_from_json
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.matrix import Matrix, Vector, inverse, rank
 from dobc_design.exact.number import float_above
+from dobc_design.exact.reading import Document, Table
 from dobc_design.exact.symmetric import Doubles, largest, least
 from dobc_design.loop.arcs import coupling_places
 from dobc_design.loop.loop import Loop
@@ -51,7 +52,8 @@ OBSERVED = ("P", "beta", "kappa", "size")
 MOST_COMPONENTS = 6  # of an agent, for T
 # the key under which a check of sampling holds one of its own, where it has one
 OWN = "certificate"
-_NONE, _ONE = Fraction(0), Fraction(1)
+_NONE = Fraction(0)
+_ONE = Fraction(1)
 
 
 @noun
@@ -76,12 +78,12 @@ def observed_in(loop: Loop) -> tuple[str, ...]:
     return OBSERVED if loop.groups else ()
 
 
-def error_to_json(error: ErrorBound | None) -> dict[str, Any]:
+def error_to_json(error: ErrorBound | None) -> Document:
     """The exact values of the observer's part, by the keys ``OBSERVED``; empty without one."""
     return {} if error is None else fields_to_json(error, *OBSERVED)
 
 
-def error_from_json(values: Mapping[str, Any], loop: Loop) -> ErrorBound | None:
+def error_from_json(values: Table, loop: Loop) -> ErrorBound | None:
     """Read ``error_to_json`` back; None without an exosystem.  Raises as ``read_claim``."""
     if not loop.groups:
         return None
@@ -139,7 +141,7 @@ class Separable:
         min v without T."""
         return self.spread * self.reach
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         """The exact values of a proved max-separable check."""
         values = {"v": vector_to_json(self.v), **fields_to_json(self, "alpha", "rho")}
         if self.T is not None:
@@ -191,7 +193,7 @@ class DelayBound:
     delay: Fraction
     rate: Fraction
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         """The exact values of a proved check of delays."""
         return fields_to_json(self, "delay", "rate")
 
@@ -205,7 +207,7 @@ class SamplingBound:
     factor: Fraction
     own: Separable | None = None
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         """The exact values of a proved check of sampling."""
         values = fields_to_json(self, "period", "factor")
         if self.own is not None:
@@ -302,7 +304,7 @@ class Place:
     count: int
 
 
-def holding_gains(loop: Loop, *, error: Fraction | int = 0) -> tuple[Fraction, ...]:
+def holding_gains(loop: Loop, *, error: Fraction | int = 0) -> Vector:
     """What the linear pin of each agent is worth in a row: the least k_cc - sum_{d != c} |k_cd|;
     ``error``: relative, of every entry."""
     least = 1 - Fraction(error)
@@ -316,13 +318,13 @@ def holding_gains(loop: Loop, *, error: Fraction | int = 0) -> tuple[Fraction, .
     return _by_agent(loop, worth)
 
 
-def held_gains(loop: Loop) -> tuple[Fraction, ...]:
+def held_gains(loop: Loop) -> Vector:
     """How steep the linear pin of each agent is, the largest k_cc: what it can overshoot by in a
     step during which it is held."""
     return _by_agent(loop, lambda k: max(row[c] for c, row in enumerate(k)))
 
 
-def _by_agent(loop: Loop, number: Callable[[Matrix], Fraction]) -> tuple[Fraction, ...]:
+def _by_agent(loop: Loop, number: Callable[[Matrix], Fraction]) -> Vector:
     """A number of the linear pin of every agent, 0 for agents without one."""
     known = loop.pulls.each(number)
     return tuple(known.get(agent, _NONE) for agent in range(loop.n))
@@ -334,9 +336,7 @@ def acts_by_component(loop: Loop) -> bool:
     return loop.drift_place is None and all(coupling.by_component for coupling in loop.functions)
 
 
-def largest_reach(
-    loop: Loop, v: Sequence[Fraction], *, stretch: Fraction | int = 1
-) -> tuple[Fraction, ...]:
+def largest_reach(loop: Loop, v: Sequence[Fraction], *, stretch: Fraction | int = 1) -> Vector:
     """A bound of v_i + stretch v_j over the arcs of each coupling, with room for rounding up; of
     v_i over the arcs to the fixed node.  Raises: ShapeError."""
     require_one_per_agent(loop, v)

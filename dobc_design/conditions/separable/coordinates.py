@@ -25,7 +25,6 @@ from typing import Any, NamedTuple
 from dobc_design._checks import noun
 from dobc_design.conditions.numbers import VECTOR_BITS, rounded_up
 from dobc_design.conditions.quadratic.sectors import (
-    Entries,
     GainRange,
     left_open,
     used_couplings,
@@ -33,7 +32,7 @@ from dobc_design.conditions.quadratic.sectors import (
 )
 from dobc_design.conditions.reason import pins_obstacle
 from dobc_design.errors import ShapeError, SpecError
-from dobc_design.exact.interval import Interval
+from dobc_design.exact.interval import Interval, IntervalMatrix
 from dobc_design.exact.matrix import Matrix, Vector, identity, inverse, kronecker, multiply, zeros
 from dobc_design.exact.number import common_denominator
 from dobc_design.exact.work import spend
@@ -44,6 +43,7 @@ from dobc_design.problem.exosystems import Exosystem
 from .claim import Separable, error_sizes
 
 MOST_FREE = 6  # gains of one coupling that are no single numbers: 2^6 corners
+Numbers = list[list[Any]]  # of integers, or of rationals where they are too long
 _DIGITS = 6  # of the differences up to which gains are enclosed
 _A_STEP = 50  # corners of arcs that are looked at in one step of work
 
@@ -154,7 +154,7 @@ def gains_obstacle(
     return None
 
 
-def varying(entries: Entries) -> int:
+def varying(entries: IntervalMatrix) -> int:
     """How many gains are no single numbers."""
     return sum(not x.is_point for row in entries for x in row)
 
@@ -206,12 +206,12 @@ class _Corners:
     coupling, by component, by corner; rows that are always 0 are left out.  ``most``: corners of
     one coupling."""
 
-    rows: dict[int, dict[int, list[list[Any]]]]
+    rows: dict[int, dict[int, Numbers]]
     unit: int
     most: int
 
 
-def _corners(loop: Loop, T: Matrix, table: dict[int, Entries]) -> _Corners:
+def _corners(loop: Loop, T: Matrix, table: dict[int, IntervalMatrix]) -> _Corners:
     """Bring the gains of arcs into coordinates, as integers where denominators are short."""
     exact = {}
     for place, entries in table.items():
@@ -220,7 +220,7 @@ def _corners(loop: Loop, T: Matrix, table: dict[int, Entries]) -> _Corners:
     numbers = (x for rows in exact.values() for row in rows for corner in row for x in corner)
     # Where a common denominator is long, fractions are no slower than integers.
     unit = common_denominator(numbers, bits=VECTOR_BITS) or 1
-    scaled: dict[int, dict[int, list[list[Any]]]] = {}
+    scaled: dict[int, dict[int, Numbers]] = {}
     for place, rows in exact.items():
         scaled[place] = {}
         for c, row in enumerate(rows):
@@ -230,7 +230,7 @@ def _corners(loop: Loop, T: Matrix, table: dict[int, Entries]) -> _Corners:
     return _Corners(rows=scaled, unit=unit, most=most)
 
 
-def _turned_corners(T: Matrix, entries: Entries) -> list[list[Vector]]:
+def _turned_corners(T: Matrix, entries: IntervalMatrix) -> list[list[Vector]]:
     """The rows of G = T J S for every corner J of the gains: by row, then by corner."""
     m = len(T)
     S = inverse(T)
@@ -255,11 +255,11 @@ class _ArcSums:
         self.heard = cache(self._heard)
         self.felt = cache(self._felt)
 
-    def of_mode(self, loop: Loop, mode: str) -> tuple[list[list[list[Any]]], int]:
+    def of_mode(self, loop: Loop, mode: str) -> tuple[list[Numbers], int]:
         """The sums by agent, component and signs, and what they are multiplied by."""
         arcs = loop.modes[mode]
         factors, bottom = _integers(arcs.weights)
-        totals: list[list[list[Any]]] = [[[0] * len(each) for each in self.signs] for _ in self.own]
+        totals: list[Numbers] = [[[0] * len(each) for each in self.signs] for _ in self.own]
         listeners = arcs.listeners.tolist()
         speakers = arcs.speakers.tolist()
         places = coupling_places(loop, arcs).tolist()
@@ -276,7 +276,7 @@ class _ArcSums:
                         sums[s] += w * most
         return totals, self.corners.unit * bottom
 
-    def _heard(self, place: int, j: int) -> list[list[Any]]:
+    def _heard(self, place: int, j: int) -> Numbers:
         """sum_c' |G_cc'| v_jc', by component and corner."""
         own = self.own[j]
         found = []
@@ -285,7 +285,7 @@ class _ArcSums:
             found.append([sum(map(mul, g, own)) for g in sizes])
         return found
 
-    def _felt(self, place: int, i: int) -> list[tuple[int, list[list[Any]]]]:
+    def _felt(self, place: int, i: int) -> list[tuple[int, Numbers]]:
         """sum_c' G_cc' x_c', by component, by the signs of x, by corner."""
         found = []
         for c, row in self.corners.rows[place].items():
@@ -298,7 +298,11 @@ class _ArcSums:
 
 
 def _rows_alone(
-    loop: Loop, T: Matrix, own: Sequence[Any], signs: Sequence[Any], table: dict[int, Entries]
+    loop: Loop,
+    T: Matrix,
+    own: Sequence[Any],
+    signs: Sequence[Any],
+    table: dict[int, IntervalMatrix],
 ) -> list[list[list[Fraction]]]:
     """For every agent what gains and nodes add to its rows, by component and signs."""
     S = inverse(T)

@@ -66,7 +66,8 @@ MOST_LEFT = 200
 _FOR = "couplings that act on each state component by itself"
 NOT_BY_COMPONENT = f"does not apply: the max-separable certificate is for {_FOR}."
 MOST_PIECES = 3000  # of (0, rho] looked at per row before the answer is "undecided"
-_ZERO, _ONE = Fraction(0), Fraction(1)
+_ZERO = Fraction(0)
+_ONE = Fraction(1)
 
 
 @noun

@@ -38,6 +38,7 @@ from .claim import (
 )
 
 Array = NDArray[np.float64]
+Ends = tuple[Array, Array]  # lower and upper ends of intervals
 
 CELLS = 512  # of a table
 _KEPT = 16  # tables
@@ -95,7 +96,7 @@ class GainTable:
         """How far out it says something."""
         return self.radius + self.width * float(_BEYOND / 2)
 
-    def at(self, y: Array) -> tuple[Array, Array]:
+    def at(self, y: Array) -> Ends:
         """Lower and upper bounds of g at y, where y may be wrong in its last digits."""
         cell = self.cell(y)
         beyond = y - ((cell + 0.5) * self.width - self.radius)
@@ -214,7 +215,7 @@ class Turning:
     tops: tuple[Top, ...]
 
     def largest(
-        self, steps: Array, reaches: Array, right: tuple[Array, Array], s: float, t: float
+        self, steps: Array, reaches: Array, right: Ends, s: float, t: float
     ) -> tuple[Array, Any]:
         """An upper bound of phi on [s, t] for every arc, and whether phi is the right end on all of
         it.  ``right``: lower and upper bounds of what the right end gives, step g(s step), on [s,
@@ -284,9 +285,7 @@ def turning(kind: Profile, table: GainTable, face: int) -> Turning | None:
     return Turning(table=table, face=face, falls=falls, tops=tuple(places))
 
 
-def _when(
-    low: float, high: float, steps: Array, reaches: Array, s: float, t: float
-) -> tuple[Array, Array]:
+def _when(low: float, high: float, steps: Array, reaches: Array, s: float, t: float) -> Ends:
     """The s of [s, t] for which [low, high] may meet [-s reach, s step]; from above to nothing
     where there are none."""
     begin = np.full(len(steps), s)
@@ -337,9 +336,9 @@ class ArcRows:
     start: Any
     steps: Array
     reaches: Array
-    weights: tuple[Array, Array] | None
+    weights: Ends | None
     kinds: Any
-    own: tuple[Array, Array]
+    own: Ends
     pulls: tuple[Fraction, ...]
 
 
@@ -362,7 +361,7 @@ class Layout:
     speakers: Any
     start: Any
     kinds: Any
-    weights: tuple[Array, Array] | None
+    weights: Ends | None
     floor: Array
 
 
@@ -388,7 +387,7 @@ def arc_layout(loop: Loop, *, modes: Sequence[str] | None = None, errors: Errors
     )
 
 
-def _weights(graphs: Sequence[Arcs], order: Any, error: Fraction) -> tuple[Array, Array] | None:
+def _weights(graphs: Sequence[Arcs], order: Any, error: Fraction) -> Ends | None:
     """Lower and upper bounds of the weights of arcs in this order, each off by the relative
     ``error``; None if all are 1."""
     if not error and all(w is ONE for arcs in graphs for w in arcs.weights):
@@ -666,7 +665,7 @@ class Piece:
         low, high = self._gains_at(s)
         return self._total(self._largest(low, high, s, s)[0])
 
-    def _gains_at(self, s: float) -> tuple[Array, Array]:
+    def _gains_at(self, s: float) -> Ends:
         """Bounds of g at the right ends, at one s."""
         low, high = self._bounds(lambda table, b: table.at(self.face * s * b), 2)
         return low, high
@@ -687,7 +686,7 @@ class Piece:
             result[:, mine] = look(table, self.steps[mine])
         return tuple(result)
 
-    def _right(self, low: Array, high: Array) -> tuple[Array, Array]:
+    def _right(self, low: Array, high: Array) -> Ends:
         """The least and the largest step g for g in [low, high]."""
         rising = self.steps >= 0
         still = self.steps == 0
@@ -730,9 +729,7 @@ def _sums(values: Array, rows: Any, counts: Any) -> Array:
     return np.where(sizes == 0, 0.0, up(total + up(sizes * (2 * (counts + 2) * _UNIT))))
 
 
-def floats_around(
-    values: Sequence[Fraction], *, less: Fraction | None = None
-) -> tuple[Array, Array]:
+def floats_around(values: Sequence[Fraction], *, less: Fraction | None = None) -> Ends:
     """Floats below and above the numbers, or these ``less`` something; equal objects are converted
     once."""
     if isinstance(values, Doubles) and less is None:

@@ -49,11 +49,13 @@ from .propose_limits import largest_rate
 from .propose_observer import propose_error_bound, radius_needed
 
 logger = logging.getLogger("dobc_design")
+Rated = tuple[float, Array]  # a rate, and weights v that have it
 
 SAMPLES = 4001  # points of a coupling's table
 MOST_TURNS = 200  # of a coupling in it: sine as far as 300
 WORK = 1_000_000  # evaluations of h per pass that are worth a finer grid of s
-FINEST, COARSEST = 33, 5
+FINEST = 33
+COARSEST = 5
 AT_ONCE = 50_000  # evaluations of h in one call
 NEAREST = 1e-5  # the smallest s, as a part of rho
 STEP = 1e-6  # of central differences
@@ -260,17 +262,24 @@ STEPS = 60
 FEW_AGENTS = 2000  # networks of more are large: less accuracy is worth the time
 # A factorisation is cheap for few agents, and where the network is little more than lines and
 # rings.
-FACTORED_AGENTS, FEW_ENTRIES = 500, 4
+FACTORED_AGENTS = 500
+FEW_ENTRIES = 4
 # Accuracy and steps of the iteration elsewhere.  It converges slowly only at rates next to one that
 # is out of reach.
-ACCURACY, VERY_ROUGH, MOST_ITERATIONS = 1e-4, 0.1, 150
+ACCURACY = 1e-4
+VERY_ROUGH = 0.1
+MOST_ITERATIONS = 150
 # Newton's residual as a part of the terms, and how far a step may fall where it has to rise, by
 # rounding.
-TIGHT, LOOSE = (1e-12, 1e-9), (1e-6, 1e-2)
-INVERSE_STEPS, FIRST = 2, 8.0  # for the rate of linear couplings; how much less is tried first
-# Of large networks: the part of the rate that a row may miss, on the way and in the end; how far a
-# step may fall where it has to rise, and the accuracy of a step.
-MISSED, MISSED_AT_LAST, FALLEN, STEP_ACCURACY = 0.1, 0.01, 0.05, 0.03
+TIGHT = (1e-12, 1e-9)
+LOOSE = (1e-6, 1e-2)
+INVERSE_STEPS = 2  # for the rate of linear couplings
+FIRST = 8.0  # how much less than that rate is tried first
+# Of large networks: the part of the rate that a row may miss, on the way and in the end.
+MISSED = 0.1
+MISSED_AT_LAST = 0.01
+FALLEN = 0.05  # how far a step may fall where it has to rise
+STEP_ACCURACY = 0.03
 MOST_STEPS = 15
 
 
@@ -347,7 +356,7 @@ def _falls(proposed: Array, v: Array, raised: Any, drop: float) -> bool:
 
 def rough_solution(
     field: Field, *, alpha: float, start: Array, part: float = MISSED
-) -> tuple[float, Array] | None:
+) -> Rated | None:
     """Nearly the least v >= 1 with the rate alpha, and the rate that it has, which is a little
     less; None if Newton from ``start`` finds none.  ``part``: of the rate, that may be missing.
     For large networks, where every step takes many products and few digits of v matter."""
@@ -405,22 +414,27 @@ LARGEST_RADIUS = 1e150
 # (agents, relative accuracy of alpha that is still worth the time); for more agents.
 CLOSE = ((300, 1e-5), (2000, 1e-3))
 # Of large networks: how close to a rate that is out of reach nothing more is tried, after a success
-# and after a failure; how much less is tried where none is found yet, how much more at least and at
-# most where one is; the part of the rate of linear couplings that is aimed at.
-CLOSE_LARGE, NEAR_ENOUGH, FALL, GROWTH, LEAP, GOAL = 0.1, 1.2, 2.5, 1.3, 4.0, 0.65
+# and after a failure.
+CLOSE_LARGE = 0.1
+NEAR_ENOUGH = 1.2
+FALL = 2.5  # how much less is tried where no rate is found yet,
+GROWTH = 1.3  # how much more at least where one is,
+LEAP = 4.0  # and at most
+GOAL = 0.65  # the part of the rate of linear couplings that is aimed at
 # kappa is chosen for the rate that v has, or where the observer is slower for one that suits both.
 ROUNDS = 6
 ABOVE = 1.005  # how much faster than N the observer's part is to be
 SHARE = 0.05  # of the observer's decay rate: the first guess for many agents
 ENOUGH = 0.5  # of that rate, where N loses some because kappa needs room
-COARSE, CLOSE_ENOUGH = 8, 0.01  # points of s, and accuracy of a rate, where many v are looked for
+COARSE = 8  # points of s where many v are looked for,
+CLOSE_ENOUGH = 0.01  # and accuracy of a rate
 SLOWEST = 1e-6  # rates below this part of the largest gain are not looked for
-# Weights above which v is steep, and the parts of the rate that are tried in its place.
-STEEP, FLATTER = 100.0, (0.9, 0.7, 0.4, 0.1, 0.02)
+STEEP = 100.0  # weights above which v is steep,
+FLATTER = (0.9, 0.7, 0.4, 0.1, 0.02)  # and the parts of the rate that are tried in its place
 ROUNDING = 1e-15  # of h, absolutely
-# v of a smaller factor are flat.  Rates that are tried for the least time to one percent of few
-# agents; the part of the time from which on a slower rate is not worth it.
-FLAT, SOONER, WORTH_IT = 1.05, 8, 0.995
+FLAT = 1.05  # v of a smaller factor are flat
+SOONER = 8  # rates that are tried for the least time to one percent of few agents
+WORTH_IT = 0.995  # the part of the time from which on a slower rate is not worth it
 # A slower proof has to be earlier by this: delays and errors of weights take of the rate.
 EARLIER = 0.95
 KEPT = 0.005  # how much faster than wanted a plan is to be, of which rounding may take some
@@ -436,7 +450,7 @@ class SeparablePlan:
     rho: Fraction
     error: ErrorBound | None = None
     # smaller rates that were found on the way, with their v
-    slower: tuple[tuple[float, Array], ...] = ()
+    slower: tuple[Rated, ...] = ()
 
     @property
     def whole_rate(self) -> float:
@@ -489,10 +503,10 @@ def propose_separable(
     return SeparablePlan(v=whole, rate=rate, rho=Fraction(rho)) if rate else None
 
 
-def rough_rates(field: Field, *, first: float) -> list[tuple[float, Array]]:
+def rough_rates(field: Field, *, first: float) -> list[Rated]:
     """Rates that are found for a large network, rising, with their v; the last is about the largest
     that is worth its v.  Few trials, each from the v before it, the first at the rate ``first``."""
-    found = list[tuple[float, Array]]()
+    found = list[Rated]()
     high = float(np.max(field.gains))
     slowest = SLOWEST * high
     low, alpha = 0.0, min(first, high * (1 - CLOSE_LARGE))  # low: the last one with a v
@@ -521,14 +535,14 @@ def rough_rates(field: Field, *, first: float) -> list[tuple[float, Array]]:
     return found if last is None else [*found[:-1], last]
 
 
-def _later(each: tuple[float, Array], before: tuple[float, Array]) -> bool:
+def _later(each: Rated, before: Rated) -> bool:
     """Whether a rate is hardly worth its v: one percent is not reached much earlier than with the
     one before."""
     now, then = (time_to_one_percent(rate, float(np.max(v))) for rate, v in (each, before))
     return now > then * WORTH_IT
 
 
-def _fastest(field: Field, best: Array, *, close: float) -> tuple[float, Array]:
+def _fastest(field: Field, best: Array, *, close: float) -> Rated:
     """The largest rate, up to ``close``, and its v; 0 and ``best``, the v for 0, if there is none.
     The rate may be many powers of ten below the gains: divide by 8 first, then evenly."""
     top = float(np.max(field.gains))

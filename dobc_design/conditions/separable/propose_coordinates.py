@@ -51,6 +51,7 @@ from .propose import (
     KEPT,
     LARGE,
     Cover,
+    Rated,
     SeparablePlan,
     least_solution,
     rounded_vectors,
@@ -66,7 +67,8 @@ PARTS = tuple(2.0 ** (k / 4) for k in range(-16, 6))
 STEPS = 6  # of inverse iteration
 ROUNDS = 4  # of v and gains in turn
 # coordinates whose weights are rounded: the fastest ones, and before these the soonest
-BEST, SOONEST = 3, 2
+BEST = 3
+SOONEST = 2
 PATIENCE = (1.0, 0.5, 0.0)  # of the best rate, which a flatter v is to keep
 CLOSE = 1e-3  # of v, when it is kept
 LARGEST = 1e6  # condition of a modal form
@@ -261,10 +263,10 @@ class Rows:
             found[..., c] = best
         return found
 
-    def vectors(self) -> list[tuple[float, Array]]:
+    def vectors(self) -> list[Rated]:
         """Rates > 0 with their v (n, m), min v = 1: the flattest v first, the fastest last."""
         v = self.agents.ones
-        found: list[tuple[float, Array]] = []
+        found: list[Rated] = []
         best, M = self.chosen(v)
         for _ in range(STEPS):
             rate = float(np.min(-best / v))
@@ -494,7 +496,7 @@ class Search:
         rows = self.rows(v)
         if rows is None or longest <= shortest:
             return None
-        found: list[tuple[float, Array]] = []
+        found: list[Rated] = []
 
         def at(alpha: float) -> float:
             flat = rows.least(alpha)

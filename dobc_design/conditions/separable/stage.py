@@ -43,9 +43,9 @@ NEARLY = 1.01  # rates that differ by a smaller factor are the same
 AS_PLANNED = 0.97  # of a planned rate: where less is proved, other plans may be better
 WIDER = Fraction(2)  # how much further out the agent is looked for that is no longer held
 KEPT = Fraction(1, 2)  # of the rate, which delays are to leave
-#: How many times less steep couplings have to be for a v of its own for sampling; the part of the
-#: rate that it keeps.
-WORTH, SLOWER, SAMPLES = 2, 0.1, 50
+WORTH = 2  # how many times less steep couplings have to be for a v of its own for sampling
+SLOWER = 0.1  # the part of the rate that it keeps
+SAMPLES = 50  # of a coupling, for its steepness
 # times slower than without them rows may be with the errors that the file states
 SLOWER_WITH_ERRORS = 10**6
 #: Arcs of all modes together up to which delays and sampling are examined (a minute in the second

@@ -29,6 +29,7 @@ from dobc_design.conditions.separable.large import floats_around
 from dobc_design.errors import ShapeError
 from dobc_design.exact.definite import decide_positive_definite
 from dobc_design.exact.matrix import Matrix, Vector, is_symmetric, multiply, row_norm
+from dobc_design.exact.reading import Document
 from dobc_design.exact.symmetric import Doubles, SparseSymmetric, least
 from dobc_design.loop.loop import Loop
 from dobc_design.problem.groups import blocks_of, group_blocks, group_numbers
@@ -49,9 +50,9 @@ class Weighted:
             if not len(vector) or least(vector) <= 0:
                 raise ShapeError(f"{name} must have one entry > 0 per state.", key=name)
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         """The exact values of a proved check."""
-        values: dict[str, Any] = {
+        values: Document = {
             "D": vector_to_json(self.D),
             "w": {mode: vector_to_json(vector) for mode, vector in self.w.items()},
         }
@@ -104,7 +105,7 @@ def network_holds(
 
 def observer_bounds(
     loop: Loop, P: Matrix | None, W: Matrix | None, *, rate: Fraction
-) -> tuple[Fraction, ...] | None:
+) -> Vector | None:
     """Of each group a row-sum bound of lambda_max(S), 0 without an exosystem; None unless Omega0 +
     2 rate P < 0 < P."""
     exosystem = loop.joint_exosystem

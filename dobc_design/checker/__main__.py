@@ -49,7 +49,9 @@ def main(arguments: list[str]) -> int:
             lines = [f"unreadable: {error}"]
         else:
             lines = [("holds  " if holds else "FAILS  ") + what for holds, what in findings]
-            code = 0 if all(holds for holds, _ in findings) else 1
+            code = 1
+            if all(holds for holds, _ in findings):
+                code = 0
             lines.append(LAST[code])
 
     for line in lines:

@@ -94,14 +94,18 @@ class Guarantee:
     @cached_property
     def timed(self) -> list[Phase]:
         """The phases where it is said which one is on at every time, else none."""
-        return self.phases if self.several and self.kind == "sequence" else []
+        if self.several and self.kind == "sequence":
+            return self.phases
+        return []
 
     def turn_at(self, time: Fraction) -> Turn:
         """The timed phase that is on from a time on."""
         ends = list(accumulate(turn.shortest for turn in self.timed))
         begun = time - time % ends[-1]  # of the round
         place = bisect_right(ends, time - begun)
-        before = ends[place - 1] if place else ZERO
+        before = ZERO
+        if place:
+            before = ends[place - 1]
         return Turn(place, begun + before, begun + ends[place])
 
     def cycles(self) -> Cycles:

@@ -16,6 +16,7 @@ from scipy import linalg, sparse
 
 from dobc_design.conditions.case import Case
 from dobc_design.conditions.check import Check, limited, surviving, undecided_check
+from dobc_design.conditions.consensus.propose import decay_of
 from dobc_design.conditions.coverage import Asked, Progress, read_region
 from dobc_design.conditions.domain import EVERYWHERE, Around, Box, Domain
 from dobc_design.conditions.kinds import MAX_SEPARABLE
@@ -107,7 +108,7 @@ TIGHTER = 1 + 1e-6  # what is left to rounding
 def propose_peaks(loop: Loop, W: Matrix) -> Peaks | None:
     """Proved upper bounds of the peak gains, a little above; None where none are found."""
     matrices = [to_float(error_matrix(group.exosystem, k)) for group, k in loop.observed(W)]
-    decay = min(float(-np.max(np.linalg.eigvals(F).real)) for F in matrices)
+    decay = min(map(decay_of, matrices))
     size = max(map(_row_norm, matrices))
     if not (decay > 0 and np.isfinite(size)):
         return None

@@ -323,12 +323,17 @@ def _top_of(table: Any) -> Top:
     return largest_eigenvalue(table)
 
 
+def decay_of(F: Array) -> float:
+    """-max Re of the spectrum of F, about: the rate at which exp(F t) decays."""
+    return float(-np.max(np.linalg.eigvals(F).real))
+
+
 def decay_rate(exosystem: Exosystem, W: Matrix) -> float:
     """-max Re of the spectrum of A - WC (1/s), about; negative when the error grows, nan if it
     cannot be had."""
     try:
         error = to_float(exosystem.A) - to_float(W) @ to_float(exosystem.C)
-        return float(-np.max(np.linalg.eigvals(error).real))
+        return decay_of(error)
     except GIVEN_UP:
         return math.nan
 

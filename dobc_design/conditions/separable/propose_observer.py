@@ -16,6 +16,7 @@ import numpy as np
 from scipy import linalg
 
 from dobc_design._checks import noun
+from dobc_design.conditions.consensus.propose import decay_of
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.exact.number import float_above
 from dobc_design.problem.exosystems import Exosystem
@@ -60,7 +61,7 @@ def propose_error_bound(exosystem: Exosystem, W: Matrix, *, rate: float = 0.0) -
     Returns None where no such bound is found (A - WC is not Hurwitz, or slower than ``rate``)."""
     C = to_float(exosystem.C)
     error = to_float(exosystem.A) - to_float(W) @ C
-    fastest = float(-np.max(np.linalg.eigvals(error).real))
+    fastest = decay_of(error)
     if not math.isfinite(fastest) or fastest <= rate:
         return None
     bound_at = _least_bound if len(error) <= LARGEST_PROGRAM else _lyapunov_bound

@@ -63,8 +63,7 @@ class Basis:
 
     def traces(self, M: Array) -> Array:
         """tr(E M) for every unit matrix E of the basis, M any (n, n)."""
-        i = self.rows
-        j = self.columns
+        i, j = self.rows, self.columns
         both = M[i, j] + M[j, i]
         return self._tie(both * self._weights)
 

@@ -314,7 +314,7 @@ def theorem1(
     systems: Mapping[str, Exosystem],
     numbers: Sequence[int],
     *,
-    rate: Fraction = ZERO,
+    rate: Fraction,
 ) -> Pencil:
     """Psi of eq. (18), n m rows and a block per agent, from Lambda, the exosystems and each agent's
     number among them. Unknowns: P and Q of each, by its name: "P[1]", "Q[1]".  ``rate`` (1/s) adds
@@ -374,7 +374,7 @@ def reduced(bound: Fraction, exosystem: Exosystem, *, rate: Fraction = ZERO) -> 
     return theorem1(one, {"": exosystem}, [0], rate=rate)
 
 
-def omega_coefficient(exosystem: Exosystem, place: Place, *, rate: Fraction = ZERO) -> Entries:
+def omega_coefficient(exosystem: Exosystem, place: Place, *, rate: Fraction) -> Entries:
     """What one entry of P or Q contributes to Omega0 + 2 rate P = X + X' (upper triangle, q x
     q)."""
     name, k, l = place  # noqa: E741  k, l as in matrix entries

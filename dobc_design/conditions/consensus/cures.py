@@ -225,7 +225,7 @@ def _affordable(size: int, *, times: int = 1) -> int:
     return max(FEWEST, min(CANDIDATES, WORK // (times * max(1, size) ** 2)))
 
 
-def small_set(blocks: Blocks, loop: Loop, *, progress: Progress | None = None) -> Agents:
+def small_set(blocks: Blocks, loop: Loop, *, progress: Progress | None) -> Agents:
     """Agents to add to the pins so that some gains can do: one of each closed group, then greedily,
     none in vain."""
     pins = loop.pulls.nodes

@@ -132,7 +132,7 @@ def interval_matrix(
     mode: str,
     P_e: SparseSymmetric,
     *,
-    rate: Fraction = ZERO,
+    rate: Fraction,
     S: Matrix | None = None,
 ) -> SparseSymmetric:
     """An upper bound of the derivative for all gains: middle gains, and row sums of |deviation| on

@@ -144,7 +144,7 @@ def sooner_lures(
     *,
     holds: Holds,
     steps: int,
-    least: float = 0.0,
+    least: float,
 ) -> Iterator[Lure]:
     """Certificates that ``holds`` accepts with smaller rates and flatter P_e, which promise the
     least time to one percent first; each covers what is ``wanted``.  ``lures`` do, with growing

@@ -374,9 +374,7 @@ def _rounded(T: Array) -> Matrix | None:
     return rational if rank(rational) == len(rational) else None
 
 
-def propose_coordinates(
-    cover: Cover, *, everywhere: bool = False, least: float = 0.0
-) -> Separable | None:
+def propose_coordinates(cover: Cover, *, everywhere: bool, least: float) -> Separable | None:
     """A claim of the starts that are to be covered, or of all (``everywhere``), whose rows hold; or
     None.  ``least``: the rate (1/s) that it should have."""
     loop = cover.loop

@@ -226,7 +226,7 @@ def test_a_box_as_large_as_couplings_rise_and_nothing_without_the_guarantee():
     check = check_of(found, "markov")
     assert (check.verdict, check.domain.radius) == (Verdict.PROVED, 0.5)
     assert found.verdict is UNDECIDED
-    assert "consensus is proved from |e_i| <= 0.5 (markov)" in found.reason
+    assert "consensus is proved from |e_i| <= 0.5 for every agent (markov)" in found.reason
 
 
 def test_all_pinned_agents_reach_the_target_for_every_graph():

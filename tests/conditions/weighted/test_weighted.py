@@ -104,7 +104,7 @@ def fan(second, third):
             [[1, 3, 2], [2, 1, "1/3"], [3, 1, 3]],
             "1/10",
             Verdict.PROVED,
-            "with |e_i| <= 0.001 (max-separable)",
+            "with |e_i| <= 0.001 for every agent (max-separable)",
         ),
         # D = diag(., 1, d) would need 4 * 0.1 > 9 d and 4 * 0.1 d > 9; a common v: v_3 > v_2 > v_3
         (fan(2, 3), fan(3, 2), 1, Verdict.UNDECIDED, "serve the modes m0 and m1 together"),

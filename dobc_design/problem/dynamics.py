@@ -17,7 +17,7 @@ from dobc_design.coupling.coupling import Coupling, make_coupling
 from dobc_design.coupling.expression import LONGEST_MADE, Expression, parse_expression
 from dobc_design.coupling.parser import excerpt
 from dobc_design.coupling.tree import GradientAlgebra, IntervalAlgebra, evaluate, variable_names
-from dobc_design.errors import ExpressionError, Mistakes, SpecError, misshapen, wrong
+from dobc_design.errors import ExpressionError, Mistakes, SpecError, misshapen, misstated, wrong
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import (
     Matrix,
@@ -204,12 +204,11 @@ def _check_slopes(dynamics: Dynamics, goal: Vector) -> None:
             at = _listed(goal)
             if len(goal) > 1:
                 names, at = f"({names})", f"({at})"
-            raise wrong(
+            raise misstated(
                 f"dynamics.f[{place}]",
                 f"{excerpt((dynamics.f or ())[place])} must be defined and have a bounded slope "
                 f"around the target, {names} = {at} (as far as 2^-40 from it): {error}",
                 "Move the target to where f is smooth, or write f in another way.",
-                kind=ExpressionError,
             ) from error
 
 

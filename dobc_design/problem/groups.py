@@ -56,24 +56,22 @@ class Observer(Shown):
         P: Sequence[Sequence[Any]] | None = None,
         rate: Any = None,
     ) -> None:
-        gain = None if W is None else read_matrix(W, "observer.W")
-        lyapunov = None if P is None else read_matrix(P, "observer.P")
-        speed = None if rate is None else parse_number(rate, "observer.rate")
+        errors = Mistakes()
+        gain = None if W is None else errors.tried(read_matrix, W, "observer.W")
+        lyapunov = None if P is None else errors.tried(read_matrix, P, "observer.P")
+        speed = None if rate is None else errors.tried(parse_number, rate, "observer.rate")
         # P alone would be tested for a W that nobody has seen.
-        if lyapunov is not None:
-            if gain is None:
-                raise wrong(
-                    "observer.P",
-                    "must stand beside observer.W, because P is tested for that W; got P alone.",
-                    "Give W too, or leave P out: a P is then found for you.",
-                )
-            _check_symmetric(lyapunov)
+        if P is not None and W is None:
+            what = "must stand beside observer.W, because P is tested for that W; got P alone."
+            cure = "Give W too, or leave P out: a P is then found for you."
+            errors.append(wrong("observer.P", what, cure))
+        elif lyapunov is not None:
+            errors.tried(_check_symmetric, lyapunov)
         if speed is not None and speed <= 0:
-            raise wrong(
-                "observer.rate",
-                f"must be > 0 (1/s), the decay asked of the estimate; got {shown_number(speed)}.",
-                "Leave it out for the default.",
-            )
+            got = shown_number(speed)
+            what = f"must be > 0 (1/s), the decay asked of the estimate; got {got}."
+            errors.append(wrong("observer.rate", what, "Leave it out for the default."))
+        errors.raise_all()
         put(self, W=gain, P=lyapunov, rate=speed)
 
 

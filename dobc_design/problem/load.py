@@ -13,6 +13,7 @@ import re
 import stat
 import tomllib
 from collections.abc import Callable, Set
+from contextlib import suppress
 from difflib import get_close_matches
 from functools import partial
 from importlib.resources import files
@@ -275,13 +276,15 @@ def _build(tables: ProblemFile, *, folder: Path | None, name: str) -> Problem:
         return dimension_of(exosystem, tables.target, tables.coupling.h)
 
     # What can be read is read, so that all mistakes of a file show at once.
-    network = errors.tried(_network, tables, folder)
+    read = errors.tried(_network, tables, folder)
     given = errors.tried(read_exosystem, tables, inputs)
     observer = errors.tried(_noun, Observer, tables.observer)
     switching = errors.tried(_noun, Switching, tables.switching)
     if given is None:
         raise SpecError.several(errors)
     p = errors.tried(inputs, given.first)
+    # Without arcs the mistakes of the other tables show all the same.
+    network = _without_arcs(tables) if read is None else read
     if network is None or p is None:
         raise SpecError.several(errors)
     # With [dynamics] couplings take m states to p inputs; else both are the same.
@@ -293,7 +296,7 @@ def _build(tables: ProblemFile, *, folder: Path | None, name: str) -> Problem:
     if divided is not given and observer is not None:
         observer = None if observer.rate is None else Observer(rate=observer.rate)
     made = partial(make_coupling, dimension=p if states is None else states, outputs=p)
-    exceptions = errors.tried(_exceptions, tables, network, made)
+    exceptions = None if read is None else errors.tried(_exceptions, tables, read, made)
     others = {
         field: _given(getattr(tables, field))
         for field in ProblemFile.model_fields
@@ -317,6 +320,15 @@ def _build(tables: ProblemFile, *, folder: Path | None, name: str) -> Problem:
     if problem is None or errors:
         raise SpecError.several(errors)
     return problem
+
+
+def _without_arcs(tables: ProblemFile) -> Network | None:
+    """The agents and modes of a network whose arcs cannot be read; None where these cannot."""
+    table = tables.network
+    with suppress(SpecError):
+        bare = dict.fromkeys(table.modes, ())
+        return Network.from_arcs(bare, arrow="listens_to", agents=table.agents)
+    return None
 
 
 def _network(tables: ProblemFile, folder: Path | None) -> Network:

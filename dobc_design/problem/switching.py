@@ -106,13 +106,15 @@ class Switching(Shown):
         guarantee: Any = None,
         longest: Any = None,
     ) -> None:
+        errors = Mistakes()
+        if guarantee is not None and (
+            not isinstance(guarantee, str) or guarantee not in GUARANTEES
+        ):
+            what = f"must be one of {', '.join(GUARANTEES)}; got {shown(guarantee)}."
+            errors.append(wrong("switching.guarantee", what, 'For example guarantee = "dwell".'))
+            guarantee = None
+            signal = "random" if signal is None else signal  # it need not be named then
         if guarantee is not None:
-            if not isinstance(guarantee, str) or guarantee not in GUARANTEES:
-                raise wrong(
-                    "switching.guarantee",
-                    f"must be one of {', '.join(GUARANTEES)}; got {shown(guarantee)}.",
-                    'For example guarantee = "dwell".',
-                )
             # Simulations show a signal that keeps the guarantee, unless another is asked for.
             signal = GUARANTEES[guarantee] if signal is None else signal
             # Modes of different length are a schedule that begins anew.
@@ -134,7 +136,8 @@ class Switching(Shown):
                 what = "is required and missing; a guarantee may stand in its place."
                 cure = 'Write guarantee = "dwell" if proofs may rely on the dwell time, or signal '
                 cure += '= "random" for simulations.'
-            raise wrong("switching.signal", what, cure)
+            errors.append(wrong("switching.signal", what, cure))
+            raise SpecError.several(errors)
         given = {
             "dwell": dwell,
             "sequence": sequence,
@@ -147,7 +150,6 @@ class Switching(Shown):
             "guarantee": guarantee,
             "longest": longest,
         }
-        errors = Mistakes()
         # Every field is there before the first is read, whatever of them is refused.
         put(self, signal=signal, **dict.fromkeys(given))
         for name, value in given.items():

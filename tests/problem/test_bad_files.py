@@ -91,9 +91,55 @@ def test_the_file_without_mistakes_says_what_it_says():
 def test_mistakes_in_different_tables_are_told_at_once():
     text = VALID.replace('h = "exp(y) - 1 + y"', 'h = "exp(y) + y"').replace("[3, 4]", "[3, 11]")
     text = text.replace("dwell = 0.5", "dwell = 0").replace('"12/5"', '"12/0"')
-    assert keys_of(text) == ["network.modes.Ga[2]", "observer.W[1][0]", "switching.dwell"]
+    beside = ["observer.W[1][0]", "switching.dwell", "coupling.h"]
+    assert keys_of(text) == ["network.modes.Ga[2]", *beside]
     text = text.replace("[3, 11]", "[3, 4]").replace("seed = 0", "seed = -1")
-    assert keys_of(text) == ["observer.W[1][0]", "switching.dwell", "coupling.h", "simulation.seed"]
+    assert keys_of(text) == [*beside, "simulation.seed"]
+
+
+SOUND = """\
+[network]
+agents = ["a", "b"]
+arrow = "listens_to"
+modes.G = [["b", "a"]]
+[coupling]
+h = "y"
+[pinning]
+gains = { a = 1 }
+[exosystem]
+A = [[0]]
+C = [[1]]
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "keys"),
+    [
+        (
+            '[["b", "a"]]\n[coupling]\nh = "y"\n[pinning]\ngains = { a',
+            '[["b", "x"]]\n[coupling]\nh = "1"\n[pinning]\ngains = { z',
+            ["network.modes.G[0]", "coupling.h", "pinning.gains.z"],
+        ),
+        (
+            "[exosystem]",
+            "[simulation]\nt_final = -5\nseed = -1\nx0 = [1, 2, 3]\n[exosystem]",
+            ["simulation.t_final", "simulation.seed", "simulation.x0"],
+        ),
+        (
+            "[exosystem]",
+            "[observer]\nW = [[1], [1, 2]]\nP = [[1, 2], [3, 4]]\nrate = -1\n[exosystem]",
+            ["observer.W[1]", "observer.P", "observer.rate"],
+        ),
+        (
+            "[exosystem]",
+            '[switching]\nguarantee = "x"\nsignal = "y"\n[exosystem]',
+            ["switching.guarantee", "switching.signal"],
+        ),
+    ],
+)
+def test_every_mistake_of_a_table_is_told_and_a_wrong_arc_hides_none(old, new, keys):
+    read(SOUND)
+    assert keys_of(SOUND.replace(old, new)) == keys
 
 
 def test_every_wrong_arc_is_told_up_to_twenty():

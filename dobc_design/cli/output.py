@@ -36,8 +36,6 @@ NOT_READ = 141  # 128 + SIGPIPE, as of other programs
 COLOURS = {"proved": "bold green", "refuted": "bold red", "undecided": "bold yellow"}
 #: Arguments of ``certify`` that have options of their names.
 NUMBERS = ("settling", "settling_radius", "settling_disturbance", "rate")
-#: Arguments whose options have other names.
-OTHERWISE = {"failures": "--fail", "everything": "--all"}
 PIPED = 160  # columns of output that no terminal limits
 # characters of a problem's name that go into its folder's; file systems take 255 bytes
 LONGEST_FOLDER = 60
@@ -123,7 +121,7 @@ def naming_options(names: Collection[str] = NUMBERS) -> Iterator[None]:
         key = error.key
         if key is None or key not in names:
             return error
-        option = OTHERWISE.get(key, f"--{key.replace('_', '-')}")
+        option = "--fail" if key == "failures" else f"--{key.replace('_', '-')}"
         return refused(option, error.message.replace(key, option, 1), error.cure)
 
     try:

@@ -574,16 +574,17 @@ def test_without_a_cure_apply_fix_shows_the_table_and_leaves_with_the_code_of_th
     proved = dobc("certify", write(CHAIN), "--no-report", "--apply-fix", "new.toml")
     assert proved.code == 0
     assert "condition" in proved.out
-    assert "cured        nothing was written: everything asked for is proved" in proved.out
+    told = "cured        nothing was written: no check here has a known cure"
+    assert told in proved.out
     kinks = CHAIN.replace("{ 3 = 5 }", "{ 1 = 5 }")
     source = write(re.sub(r"h = .*", 'h = "clip(y, -1, 1)"', kinks), "kinks.toml")
     ran = dobc("certify", source, "--no-report", "--apply-fix", "new.toml")
     plain = dobc("certify", source, "--no-report", "--json")
     assert ran.code == plain.code != 0
-    assert "cured        nothing was written: no cure is known" in ran.out
-    told = dobc("certify", source, "--no-report", "--json", "--apply-fix", "new.toml")
-    assert told.code == plain.code
-    assert told.json["applied"] is None
+    assert told in ran.out
+    document = dobc("certify", source, "--no-report", "--json", "--apply-fix", "new.toml")
+    assert document.code == plain.code
+    assert document.json["applied"] is None
     assert not Path("new.toml").exists()
 
 

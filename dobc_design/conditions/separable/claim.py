@@ -487,10 +487,8 @@ def stuck_agents(loop: Loop, *, held: Collection[int] = ()) -> dict[int, str]:
         start = np.searchsorted(arcs.speakers[order], np.arange(loop.n + 1))
         listeners.append((start.tolist(), arcs.listeners[order].tolist()))
     # Modes in which nobody earlier is heard yet.
-    pinned = _are_held(loop)
-    for agent in held:
-        pinned[agent] = True
-    waiting = [0 if is_held else len(names) for is_held in pinned]
+    pinned = enumerate(_are_held(loop))
+    waiting = [0 if is_held or agent in held else len(names) for agent, is_held in pinned]
     heard: list[set[int]] = [set() for _ in names]
     ordered = [agent for agent, count in enumerate(waiting) if not count]
     for agent in ordered:  # which grows meanwhile
@@ -511,12 +509,12 @@ def stuck_agents(loop: Loop, *, held: Collection[int] = ()) -> dict[int, str]:
 def pins_that_order(loop: Loop) -> list[int]:
     """Agents with pins on which no agent is stuck, few of them: the next one leaves the fewest."""
     found: list[int] = []
-    left = stuck_agents(loop)
-    while left:
-        rest = {agent: stuck_agents(loop, held=[*found, agent]) for agent in left}
-        best = min(rest, key=lambda agent: len(rest[agent]))
-        found.append(best)
-        left = rest[best]
+
+    def left_by(agent: int) -> int:
+        return len(stuck_agents(loop, held=[*found, agent]))
+
+    while stuck := stuck_agents(loop, held=found):
+        found.append(min(stuck, key=left_by))
     return found
 
 

@@ -19,7 +19,7 @@ from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import BoolArray, IndexArray
 
 from .closed_form import ClosedForm
-from .field import ClosedLoop, Network
+from .field import ClosedLoop, Networks
 from .integrate import FARTHEST
 from .switches import ModeTable
 
@@ -336,7 +336,7 @@ class CalmColumns:
     right-hand side without eps by mode."""
 
     loop: ClosedLoop
-    networks: Callable[[int], Network]
+    networks: Networks
     closed: ClosedForm | None
     e: Array
     eps: Array

@@ -412,6 +412,9 @@ class Network:
         return result
 
 
+Networks = Callable[[int], Network]  # by the index of a mode
+
+
 def network_of(loop: ClosedLoop, groups: ArcGroups, *, runs: int = 1) -> Network:
     """h(e) - K e on arcs that are grouped by coupling."""
     # with many runs a block holds fewer arcs

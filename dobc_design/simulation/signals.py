@@ -27,7 +27,7 @@ from dobc_design.loop.matrices import Array
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.switching import Switching
 
-from ._arguments import not_negative, positive, seconds, whole
+from ._arguments import NumberRows, not_negative, positive, seconds, whole
 
 DWELL = 0.5  # s, where [switching] gives none
 
@@ -110,7 +110,7 @@ class Markov(Shown):
     """
 
     kind: ClassVar[str] = "markov"
-    generator: tuple[tuple[float, ...], ...]
+    generator: NumberRows
     order: Texts | None = None
     start: str | None = None
 
@@ -172,7 +172,7 @@ class Waypoints(Shown):
     """
 
     times: tuple[float, ...]
-    positions: tuple[tuple[tuple[float, ...], ...], ...]
+    positions: tuple[NumberRows, ...]
 
     def __post_init__(self) -> None:
         places = np.asarray(self.positions, dtype=np.float64)

@@ -264,7 +264,8 @@ def _markov(signal: Markov, names: Texts, horizon: float, rng: Generator) -> Dra
     return np.array(times), order[np.array(places)]
 
 
-Change = Callable[[Array, Callable[[float], Array]], float | None]
+PositionsAt = Callable[[float], Array]
+Change = Callable[[Array, PositionsAt], float | None]
 
 
 class Stay(NamedTuple):

@@ -20,7 +20,7 @@ from dobc_design.problem.problem import Problem
 
 from .closed_form import make_closed_form
 from .columns import COLLAPSED, COLUMN_NUMBERS, ESCAPED, HANDED_BACK, MOST_STEPS, CalmColumns
-from .field import ClosedLoop, Network, make_closed_loop, network_of
+from .field import ClosedLoop, Network, Networks, make_closed_loop, network_of
 from .switches import ModeTable
 
 Value = Callable[[Array, Array], Array]
@@ -41,7 +41,7 @@ class Arena:
     problem: Problem
     loop: ClosedLoop
     modes: Texts
-    networks: Callable[[int], Network]
+    networks: Networks
 
     @property
     def chunk(self) -> int:

@@ -110,8 +110,11 @@ def read_axes(over: Over) -> tuple[Axis, ...]:
     sequence).  Raises: SpecError that names every wrong axis."""
     given = list(over.items()) if isinstance(over, Mapping) else [split_axis(text) for text in over]
     if not given:
-        cure = "For example pinning.gains.1=1:5:9."
-        raise refused("over", "nothing is varied: a sweep needs at least one KEY=VALUES.", cure)
+        raise refused(
+            "over",
+            "nothing is varied: a sweep needs at least one KEY=VALUES.",
+            "For example pinning.gains.1=1:5:9.",
+        )
     axes = []
     errors = Mistakes()
     for key, values in given:
@@ -205,8 +208,10 @@ def _draw(kind: str, text: str) -> Draw:
             "uniform(a,b), loguniform(a,b), normal(mean,deviation), integers(a,b) or "
             "choice(x,y,...)"
         )
-        message = f"a draw must be {kinds}; got {shown(f'{kind}({text})')}."
-        raise SpecError(message, cure="For example ~uniform(0.1,1).")
+        raise SpecError(
+            f"a draw must be {kinds}; got {shown(f'{kind}({text})')}.",
+            cure="For example ~uniform(0.1,1).",
+        )
     a, b = (parse_number(each, f"~{kind}") for each in arguments)
     fits, rule = {
         "normal": (b > 0, "the second number must be > 0"),
@@ -391,8 +396,11 @@ def split(text: str) -> list[str]:
     Raises: SpecError."""
     parts = [part.strip() for part in _parts(text)] if text.strip() else []
     if not all(parts):
-        cure = "Remove the comma, or add the value."
-        raise refused("values", f"a value is missing between commas in {shown(text)}.", cure)
+        raise refused(
+            "values",
+            f"a value is missing between commas in {shown(text)}.",
+            "Remove the comma, or add the value.",
+        )
     return parts
 
 

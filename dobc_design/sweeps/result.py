@@ -228,8 +228,11 @@ def _require_same(folder: Path, plan: Plan) -> None:
     if changed:
         first = [f" another {word}" for word in dict.fromkeys(changed)][:2]
         message += f", with{' and'.join(first)}"
-    cure = "Choose another folder with --out, or add --force to begin anew there."
-    raise refused("--out", f"{message}.", cure)
+    raise refused(
+        "--out",
+        f"{message}.",
+        "Choose another folder with --out, or add --force to begin anew there.",
+    )
 
 
 def _lock(stream: IO[bytes], folder: Path) -> None:
@@ -242,9 +245,11 @@ def _lock(stream: IO[bytes], folder: Path) -> None:
     try:
         fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
-        message = f"another process is at work on the sweep in {str(folder)!r}."
-        cure = "Wait for it, or choose another folder with --out."
-        raise refused("--out", message, cure) from None
+        raise refused(
+            "--out",
+            f"another process is at work on the sweep in {str(folder)!r}.",
+            "Wait for it, or choose another folder with --out.",
+        ) from None
 
 
 @noun(eq=False)
@@ -297,8 +302,11 @@ class SweepResult(Headed):
     def column(self, name: str) -> list[Any]:
         """One column, case by case.  Raises: SpecError for a name that is none."""
         if name not in self.columns:
-            cure = f"One of {', '.join(self.columns)}."
-            raise refused("column", f"{shown(name)} is no column of this sweep.", cure)
+            raise refused(
+                "column",
+                f"{shown(name)} is no column of this sweep.",
+                f"One of {', '.join(self.columns)}.",
+            )
         return [row[name] for row in self.rows]
 
     @property
@@ -324,8 +332,11 @@ class SweepResult(Headed):
                 "this needs the extra packages of dobc_design[store] (pandas, pyarrow), which "
                 "are not installed."
             )
-            cure = "`dobc doctor` says how to install them; .csv and .jsonl need none."
-            raise refused("frame", message, cure) from None
+            raise refused(
+                "frame",
+                message,
+                "`dobc doctor` says how to install them; .csv and .jsonl need none.",
+            ) from None
         columns = self.columns
         # Types are said, so that a column of nothing but None stays a column of numbers.
         table = pd.DataFrame(self.rows, columns=list(columns))
@@ -337,8 +348,11 @@ class SweepResult(Headed):
         target = Path(path)
         suffix = target.suffix.lower()
         if suffix not in (".csv", ".jsonl", ".parquet"):
-            message = f"a table is saved as .csv, .jsonl, .parquet; got {target.name[:40]!r}."
-            raise refused("path", message, "Choose one of these.")
+            raise refused(
+                "path",
+                f"a table is saved as .csv, .jsonl, .parquet; got {target.name[:40]!r}.",
+                "Choose one of these.",
+            )
         if target.exists() and not force:
             raise refused("path", f"{str(target)!r} exists already.", "Replace it with force=True.")
         if suffix == ".parquet":
@@ -381,8 +395,11 @@ class SweepResult(Headed):
         column = [math.nan if each is None else float(each) for each in self.column(name)]
         numbers = np.array(column)
         if not np.isfinite(numbers).any():
-            message = f"no case has a {name}, so there is nothing to be drawn."
-            raise refused("value", message, "Choose another column.")
+            raise refused(
+                "value",
+                f"no case has a {name}, so there is nothing to be drawn.",
+                "Choose another column.",
+            )
         # The first axes that are worth it, or those that were named.
         chosen = self._drawn_axes(x, y)
         places = [self._places(each) for each in chosen]
@@ -409,8 +426,9 @@ class SweepResult(Headed):
         columns = self.plan.task.columns
         numeric = {each.name: each.meaning for each in columns if each.kind in ("number", "count")}
         if name not in numeric:
-            cure = f"One of {', '.join(numeric)}."
-            raise refused("value", f"{shown(name)} is no numeric column.", cure)
+            raise refused(
+                "value", f"{shown(name)} is no numeric column.", f"One of {', '.join(numeric)}."
+            )
         return numeric[name]
 
     def _drawn_axes(self, x: str | None, y: str | None) -> list[str]:
@@ -419,8 +437,9 @@ class SweepResult(Headed):
         axes = self.axes
         for key, name in (("x", x), ("y", y)):
             if name is not None and name not in axes:
-                cure = f"One of {', '.join(axes)}."
-                raise refused(key, f"{shown(name)} is no axis of this sweep.", cure)
+                raise refused(
+                    key, f"{shown(name)} is no axis of this sweep.", f"One of {', '.join(axes)}."
+                )
         if x is not None and x == y:
             raise refused("y", "x and y must be different axes.", "Leave y out for lines.")
         listed = {axis.name: len(axis.values) for axis in self.plan.axes if len(axis.values) > 1}

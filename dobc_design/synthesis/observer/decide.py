@@ -133,8 +133,11 @@ def hurwitz_statement(F: Matrix) -> Statement:
     column = ", ".join(number_text(x) for x in table.first_column)
     if table.is_proved:
         return proved("hurwitz", "A - WC is Hurwitz.", routh=column)
-    text = "A - WC is not Hurwitz: the estimate does not follow the disturbance."
-    return refuted("hurwitz", text, routh=column)
+    return refuted(
+        "hurwitz",
+        "A - WC is not Hurwitz: the estimate does not follow the disturbance.",
+        routh=column,
+    )
 
 
 def rate_holds(F: Matrix, rate: Fraction) -> bool:
@@ -394,8 +397,11 @@ def why_impossible(exosystem: Exosystem, request: ObserverRequest) -> Statement 
     hidden = found.unobservable_text
     if not found.is_proved:
         never = f"its part {hidden} does not appear in d and does not decay."
-        text = f"no W exists: (A, C) is not detectable; {never} {LEAVE_OUT}"
-        return refuted("detectable", text, polynomial=hidden)
+        return refuted(
+            "detectable",
+            f"no W exists: (A, C) is not detectable; {never} {LEAVE_OUT}",
+            polynomial=hidden,
+        )
     if request.period is not None:
         return None
     regions = request.all_regions
@@ -404,10 +410,11 @@ def why_impossible(exosystem: Exosystem, request: ObserverRequest) -> Statement 
         for position, region in enumerate(regions):
             if not roots_inside(found.unobservable_polynomial, region)[0]:
                 unseen = f"C does not see the part {hidden} of the exosystem"
-                text = f"no W meets {region}: {unseen}, {STAYS_OUTSIDE}"
                 # The first half plane is that of the rate.
                 kind = "region" if position else "rate"
-                return refuted(kind, text, polynomial=hidden)
+                return refuted(
+                    kind, f"no W meets {region}: {unseen}, {STAYS_OUTSIDE}", polynomial=hidden
+                )
     common = common_interval(regions)
     if common is None or (common[0] is not None and common[0] >= 0):
         names = " and ".join(str(region) for region in regions)

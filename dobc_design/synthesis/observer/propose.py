@@ -64,6 +64,9 @@ PARTS = (1.0, 0.9, 0.5)  # of the rate asked, where the border cannot be reached
 DIGITS = (4, 6, 9, 14)  # of P
 
 
+Proposals = Iterator[tuple[Array, str]]  # W (q, m), and how each came about
+
+
 @noun(eq=False)
 class Plant:
     """The observable part of (A, C) in floats, T its orthonormal rows, and the regions: W = T'
@@ -147,7 +150,7 @@ def _sampled(A: Array, C: Array, period: float) -> tuple[Array, Array]:
     return block[:q, :q], C @ block[:q, q:] / period
 
 
-def _gains(plant: Plant, request: ObserverRequest) -> Iterator[tuple[Array, str]]:
+def _gains(plant: Plant, request: ObserverRequest) -> Proposals:
     """Gains for the regions with the smallest |W| of what the methods give first; then those for
     bounds on noise."""
     A = plant.A
@@ -328,7 +331,7 @@ def _sparse(matrix: Array) -> SparseSymmetric:
     return SparseSymmetric(len(matrix), entries)
 
 
-def _faster_sampled(plant: Plant) -> Iterator[tuple[Array, str]]:
+def _faster_sampled(plant: Plant) -> Proposals:
     """A / radius has its poles in the unit disk where those of A lie in the disk of the radius."""
     disks = [each for each in plant.regions if isinstance(each, Disk) and not each.centre]
     radius = min((float(disk.radius) for disk in disks), default=1.0)
@@ -338,7 +341,7 @@ def _faster_sampled(plant: Plant) -> Iterator[tuple[Array, str]]:
             yield size * gain, "Kalman gain of A / exp(-rate T)"
 
 
-def _faster(plant: Plant) -> Iterator[tuple[Array, str]]:
+def _faster(plant: Plant) -> Proposals:
     """A + shift I decays where A decays faster than the shift."""
     common = common_interval(plant.regions)
     if common is None or not common[1]:

@@ -161,13 +161,14 @@ def _attempt(exosystem: Exosystem, request: ObserverRequest) -> ObserverDesign:
 def _with_envelope(exosystem: Exosystem, W: Matrix, design: ObserverDesign) -> ObserverDesign:
     """The design of a W in continuous time with a P, where one is proved, and with measures."""
     request = design.request
+    rate = request.rate
     estimates = estimate_observer(exosystem, W)
     measures = decide.proved_measures(exosystem, W, estimates, norms=request.norms)
     # The rate asked for is proved as well, and exact where eigenvalues are hard to estimate.
-    if request.rate is not None:
-        measures["rate"] = max(measures.get("rate", 0.0), shorten(request.rate))
+    if rate is not None:
+        measures["rate"] = max(measures.get("rate", 0.0), shorten(rate))
     design = replace(design, measures=measures)
-    for envelope in propose_envelopes(exosystem, W, request.rate):
+    for envelope in propose_envelopes(exosystem, W, rate):
         bound = decide.envelope_statement(exosystem, W, envelope)
         if bound is not None:
             P = envelope.P

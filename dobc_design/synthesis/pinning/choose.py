@@ -101,20 +101,25 @@ class Choice:
 
     def statement(self) -> Statement:
         """What is proved of all sets of so many agents."""
+        nodes = self._nodes
         pins = self.pins
         if self.impossible:
             none = f"no {pins} of the allowed agents reach"
             if pins == 1:
                 none = "none of the allowed agents alone reaches"
-            how = f"every choice is excluded, {self._nodes} parts of the choice one by one"
+            how = f"every choice is excluded, {nodes} parts of the choice one by one"
             by = "each by a direction that stays too slow or a group without a pin"
-            text = f"{none} this rate: {how}, {by}."
-            return refuted("pins", text, pins=str(pins), nodes=str(self._nodes))
+            return refuted(
+                "pins", f"{none} this rate: {how}, {by}.", pins=str(pins), nodes=str(nodes)
+            )
         finished = all(self._is_beaten(node) for _, _, node in self._heap)
-        how = "all choices compared" if finished else f"{self._nodes} parts of the choice looked at"
+        how = "all choices compared" if finished else f"{nodes} parts of the choice looked at"
         agents = "one agent" if pins == 1 else f"at most {pins} agents"
-        text = f"No gains on {agents} cost less than {text_below(self.bound, digits=6)} ({how})."
-        return proved("choice", text, bound=number_text(claimed(shorten(self.bound))))
+        return proved(
+            "choice",
+            f"No gains on {agents} cost less than {text_below(self.bound, digits=6)} ({how}).",
+            bound=number_text(claimed(shorten(self.bound))),
+        )
 
     def _try_set(self, agents: AgentSet) -> None:
         """Compare a set with the best one so far."""

@@ -128,7 +128,7 @@ def bound_from(ground: Ground, vectors: Vectors, allowed: AgentSet) -> Bound:
     # Without numbers nothing is proved, as without vectors.
     rows = list[tuple[str, list[int]]]()
     unit = Fraction(1)
-    if 0 < top < float("inf"):
+    if 0 < top < math.inf:
         # Entries of so many bits at most.
         largest = Fraction(top)
         bits = largest.numerator.bit_length() - largest.denominator.bit_length()
@@ -340,9 +340,13 @@ def _too_few(pins: int, structure: Structure, labels: Names, scope: Scope) -> St
     fails = f"{counted(pins, 'pin')} cannot work{scope.always}, whatever the gains"
     least = f"at least {structure.least} are needed"
     because = f"because each of these groups hears nobody outside{scope.where}"
-    text = f"{fails}: {least}, {because} and needs a pin of its own: {named}."
     every = " | ".join(", ".join(group) for group in words[:WRITTEN])
-    return refuted("pins", text, least=str(structure.least), groups=every)
+    return refuted(
+        "pins",
+        f"{fails}: {least}, {because} and needs a pin of its own: {named}.",
+        least=str(structure.least),
+        groups=every,
+    )
 
 
 def apart(groups: Sequence[AgentSet]) -> list[int]:
@@ -524,8 +528,12 @@ def _too_few_pins(
     few = f"{counted(pins, 'pinned agent')} cannot give the rate {typed_number(rate)} 1/s"
     excluded = f"all {counted(count, 'choice')} are excluded one by one"
     best = f"the best of them reaches {_above(most)} 1/s at most near the target"
-    text = f"{few}, whatever the gains: {excluded}, and {best}."
-    return refuted("pins", text, sets=str(count), limit=number_text(most))
+    return refuted(
+        "pins",
+        f"{few}, whatever the gains: {excluded}, and {best}.",
+        sets=str(count),
+        limit=number_text(most),
+    )
 
 
 def _above(limit: Fraction) -> str:

@@ -114,8 +114,11 @@ def search_pinning(problem: Problem, request: PinningRequest, progress: Progress
     if proposer is None:
         why = statements.inapplicable or "an entry of J + J is too large."
         must = "coupling must have a derivative at the consensus that floats can hold"
-        text = f"{must}, because gains are designed for the linearisation; {why}"
-        raise refused("coupling.h", text, "Use a smooth coupling, such as tanh(y).")
+        raise refused(
+            "coupling.h",
+            f"{must}, because gains are designed for the linearisation; {why}",
+            "Use a smooth coupling, such as tanh(y).",
+        )
     lambdas = {mode: enclosed_lambda(statements, mode) for mode in statements.lambdas}
     task = Task(
         ground=Ground(problem=problem, request=request, lambdas=lambdas),
@@ -344,11 +347,17 @@ def _choice(task: Task, pins: int, *, start: Agents | None = None) -> Choice:
 
 def _fewest(pins: int, needed: int) -> Statement:
     if pins <= needed:
-        text = f"No fewer than {counted(pins, 'pinned agent')} reach this rate."
-        return proved("pins", text, least=str(pins))
+        return proved(
+            "pins",
+            f"No fewer than {counted(pins, 'pinned agent')} reach this rate.",
+            least=str(pins),
+        )
     unknown = "whether fewer do was not decided"
-    text = f"{pins} pinned agents do; {unknown}, but at least {needed} are needed."
-    return undecided("pins", text, least=str(needed))
+    return undecided(
+        "pins",
+        f"{pins} pinned agents do; {unknown}, but at least {needed} are needed.",
+        least=str(needed),
+    )
 
 
 def _designed(

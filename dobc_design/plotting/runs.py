@@ -38,11 +38,12 @@ from .look import (
     shown_agents,
     thinned_rows,
 )
-from .networks import bend_past
+from .networks import draw_arcs
 
 Array = NDArray[np.float64]
 Envelope = ArrayLike | Callable[[Array], Array]
 MOST_COMPONENTS = 3
+_NODE = 0.03  # radius of an agent of a formation, in its size
 MOST_ESTIMATES = 3
 MOST_BOUNDS = 200  # points at which a certified bound is asked for
 MOST_NAMED_MODES = 6
@@ -295,14 +296,9 @@ def plot_plane(
     rows = thinned_rows(len(run.times))
     chosen = shown_agents(run.x.shape[1], set(pinned))
     ends = run.x[-1, :, :2]
-    clear = 0.03 * float(np.ptp(ends[chosen], axis=0).max())  # about a marker
-    for listener, speaker in arcs:
-        if listener in chosen and speaker in chosen:
-            others = ends[[agent for agent in chosen if agent not in (listener, speaker)]]
-            bend = bend_past(others, ends[speaker], ends[listener], clear)
-            arrow = {"arrowstyle": "-|>", "color": MUTED, "linewidth": 0.6, "shrinkB": 4}
-            arrow["connectionstyle"] = f"arc3,rad={-bend}"
-            ax.annotate("", ends[listener], ends[speaker], arrowprops=arrow)
+    size = float(np.ptp(ends[chosen], axis=0).max())
+    shown = {pair: 1 for pair in arcs if set(pair) <= set(chosen)}
+    draw_arcs(ax, shown, ends, _NODE * size)
     for agent in chosen:
         held = agent in pinned
         colour = BLUE if held else INK
@@ -315,10 +311,10 @@ def plot_plane(
     goals = run.goal[chosen, :2] + run.leader[-1, :2]
     ax.plot(*goals.T, color=VERMILLION, linestyle="none", marker="x", label="goal")
     ax.set_aspect("equal", adjustable="datalim")
-    size = run.x.shape[2]
+    m = run.x.shape[2]
     for axis, component in ((ax.xaxis, 0), (ax.yaxis, 1)):
         unit = in_units(*run.units[component : component + 1])
-        axis.set_label_text(f"{state_symbol(component, size)} {unit}", parse_math=False)
+        axis.set_label_text(f"{state_symbol(component, m)} {unit}", parse_math=False)
     return legend_above(ax, right=True)
 
 

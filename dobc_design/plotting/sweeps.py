@@ -148,8 +148,6 @@ def lines(x: Places, cases: Cases, *, ax: Axes | None = None) -> Sheet | Axes:
     """The number over ``x``: a line through the medians of each series, or a point per case."""
 
     def draw(ax: Axes) -> Axes:
-        if x.even_ratios:
-            ax.set_xscale("log")
         if cases.drawn:
             _points(ax, x.position, cases)
         else:
@@ -250,8 +248,7 @@ def _edges(axis: Places) -> Array:
 def _name_axis(ax: Axes, axis: Places, *, along: str) -> None:
     own = ax.xaxis if along == "x" else ax.yaxis
     if axis.even_ratios:
-        scaled = ax.set_xscale if along == "x" else ax.set_yscale
-        scaled("log")
+        ax.set(**{f"{along}scale": "log"})
     own.set_label_text(axis.name, parse_math=False)
     if axis.names is not None:
         # Every second name, or third, so that at most twelve stand there.

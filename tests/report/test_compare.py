@@ -36,6 +36,14 @@ def test_two_certificates_of_one_name_are_told_apart_in_the_title(problem_with, 
     assert title == "valley (A) and valley (B), compared"
 
 
+def test_networks_that_would_be_drawn_alike_are_not_drawn(problem_with, certificate_of):
+    """A gain is no part of a drawing; who is pinned is."""
+    first = certificate_of(problem_with(gains={1: 5}))
+    for gains, drawn in (({1: 4}, False), ({2: 5}, True)):
+        page = compare_html(first, certificate_of(problem_with(gains=gains)))
+        assert ("A: Mode" in page) == drawn
+
+
 def test_every_kind_of_difference_is_named_by_its_key(problem_with):
     first = problem_with()
     second = problem_with(

@@ -169,13 +169,14 @@ def test_the_least_of_all_proved_bounds_counts(curved):
 
 
 #: Runs without a bound, and why.
-UNBOUNDED: list[tuple[dict, str]] = []
-UNBOUNDED.append(({"stress": dd.Stress(noise=0.1)}, "under stress"))
-UNBOUNDED.append(({"observer": "off"}, "here it is off"))
-UNBOUNDED.append(({"signal": dd.signals.Mobile(radius=9)}, "follows from positions"))
 OUTSIDE = "starts outside what is certified"
-UNBOUNDED.append(({"start": {"x": 9 * FAR}}, OUTSIDE))
-UNBOUNDED.append(({"start": {"x": NEAR, "xi": 9 * FAR}}, OUTSIDE))
+UNBOUNDED: list[tuple[dict, str]] = [
+    ({"stress": dd.Stress(noise=0.1)}, "under stress"),
+    ({"observer": "off"}, "here it is off"),
+    ({"signal": dd.signals.Mobile(radius=9)}, "follows from positions"),
+    ({"start": {"x": 9 * FAR}}, OUTSIDE),
+    ({"start": {"x": NEAR, "xi": 9 * FAR}}, OUTSIDE),
+]
 
 
 @pytest.mark.parametrize(("given", "reason"), UNBOUNDED)

@@ -40,25 +40,21 @@ def test_a_list_couples_the_components():
     slopes = ((ZERO, point(2)), (point(1), point(Fraction(-1, 3))))
     assert coupling.jacobian_at_zero() == slopes
     y = np.array([[[0.5, -1.0]], [[2.0, 3.0]]])
-    first, second = y[..., 0], y[..., 1]
+    first = y[..., 0]
+    second = y[..., 1]
     components = [first * second + 2 * second, np.tanh(first) - second / 3]
     expected = np.stack(components, axis=-1)
     np.testing.assert_allclose(coupling.value(y), expected, rtol=1e-14)
 
 
-LINEAR: list[Any] = []
-
-
-def linearity(h: Any, linear: bool) -> None:
-    LINEAR.append((h, linear))
-
-
-linearity(["y1 - y2", "y2"], True)
-linearity(["y1 - y2", "y2*y1"], False)
-linearity("2*y - y/3", True)
-linearity("sin(1)*y", True)
-linearity("0", True)
-linearity("y + 0*y**2", False)
+LINEAR: list[Any] = [
+    (["y1 - y2", "y2"], True),
+    (["y1 - y2", "y2*y1"], False),
+    ("2*y - y/3", True),
+    ("sin(1)*y", True),
+    ("0", True),
+    ("y + 0*y**2", False),
+]
 
 
 @pytest.mark.parametrize(("h", "linear"), LINEAR)
@@ -77,29 +73,25 @@ def test_kinks_are_named_over_all_components():
     assert size.jacobian_at_zero() == ((both_sides,),)
 
 
-NO_COUPLINGS: list[Any] = []
-
-
-def no_coupling(h: str, message: str) -> None:
-    NO_COUPLINGS.append((h, message))
-
-
-no_coupling(
-    "exp(y) + y",
-    r'^coupling\.h "exp\(y\) \+ y" must vanish .* equals 1; did you mean "exp\(y\) '
-    r'\+ y - 1"\?$',
-)
-no_coupling("exp(y - 1)", r"must vanish at y = 0 but is about 0\.368\. .* offsets, a goal by")
-no_coupling(
-    "exp(1 + y) - exp(1)",
-    r"cannot be shown to vanish at y = 0 .*rewrite it\. For example exp\(1\)\*",
-)
-no_coupling("log(y)", r"but is undefined there: log is not defined on the whole of \[0, 0\]")
-no_coupling("exp(exp(99 + y)) - 1", "is undefined there: exp of .* too large")
-no_coupling(
-    "sqrt(y)", r"around y = 0 \(seen on \|y\| <= 2\^-40\): sqrt is not defined on .* \[-1/10995116"
-)
-no_coupling("sqrt(abs(y))", "bounded slope around y = 0 .*: sqrt has no bounded slope on")
+NO_COUPLINGS: list[Any] = [
+    (
+        "exp(y) + y",
+        r'^coupling\.h "exp\(y\) \+ y" must vanish .* equals 1; did you mean "exp\(y\) '
+        r'\+ y - 1"\?$',
+    ),
+    ("exp(y - 1)", r"must vanish at y = 0 but is about 0\.368\. .* offsets, a goal by"),
+    (
+        "exp(1 + y) - exp(1)",
+        r"cannot be shown to vanish at y = 0 .*rewrite it\. For example exp\(1\)\*",
+    ),
+    ("log(y)", r"but is undefined there: log is not defined on the whole of \[0, 0\]"),
+    ("exp(exp(99 + y)) - 1", "is undefined there: exp of .* too large"),
+    (
+        "sqrt(y)",
+        r"around y = 0 \(seen on \|y\| <= 2\^-40\): sqrt is not defined on .* \[-1/10995116",
+    ),
+    ("sqrt(abs(y))", "bounded slope around y = 0 .*: sqrt has no bounded slope on"),
+]
 
 
 @pytest.mark.parametrize(("h", "message"), NO_COUPLINGS)

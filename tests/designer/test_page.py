@@ -120,7 +120,8 @@ def test_below_a_proved_verdict_stands_what_is_certain_and_the_proved_bound_is_d
     *agents, bound = heights
     assert len(agents) == 10
     for agent in agents:  # heights are counted from above
-        assert all(low >= high for low, high in zip(agent, bound, strict=True))
+        for low, high in zip(agent, bound, strict=True):
+            assert low >= high
 
 
 @pytest.mark.parametrize(

@@ -61,7 +61,9 @@ def test_two_equal_oscillators_seen_as_one_are_not_detectable_and_different_ones
     # The twin: a frequency of 2 + 10^-30 tells them apart, which no rank in floats can.
     A, C = TWINS
     faster = 2 + Fraction(1, 10**30)
-    rows = (*A[:2], (0, 0, 0, faster), (0, 0, -faster, 0))
+    first = (0, 0, 0, faster)
+    second = (0, 0, -faster, 0)
+    rows = (*A[:2], first, second)
     near = matrix(rows)
     assert exact.decide_observable(near, C).verdict is PROVED
     in_floats = exact.to_float(exact.observability_matrix(near, C))
@@ -119,9 +121,11 @@ def test_a_hidden_block_shows_its_polynomial_in_any_coordinates(A1, A2, coupling
     if exact.rank(S) < 4:
         return
     seen = [(*row, 0, 0) for row in A1]
-    hidden = [c + a for c, a in zip(coupling, A2, strict=True)]
+    both = zip(coupling, A2, strict=True)
+    hidden = [c + a for c, a in both]
     block = matrix([*seen, *hidden])
-    A = exact.multiply(exact.inverse(S), exact.multiply(block, S))
+    in_coordinates = exact.multiply(block, S)
+    A = exact.multiply(exact.inverse(S), in_coordinates)
     C = exact.multiply(matrix([(*C1[0], 0, 0)]), S)
     found = exact.decide_detectable(A, C)
     if exact.decide_observable(A1, C1).verdict is PROVED:

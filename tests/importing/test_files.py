@@ -117,7 +117,8 @@ def healthy(kind: str) -> bytes:
 @pytest.mark.parametrize("kind", ["m", "json"])
 def test_a_damaged_file_is_read_or_refused_and_never_a_crash(kind: str, tmp_path):
     """50 mutants of each; a SpecError is the only way out."""
-    data, rng = healthy(kind), random.Random(5)
+    data = healthy(kind)
+    rng = random.Random(5)
     path, refused = tmp_path / f"damaged.{kind}", 0
     path.write_bytes(data)
     assert dd.problem_from_file(path).n > 1

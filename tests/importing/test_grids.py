@@ -118,7 +118,8 @@ def test_a_negative_reactance_repels_and_one_of_0_joins_its_buses(tmp_path):
     )
     assert "between buses 20 and 30 is negative" in problem.notes[-1]
     joined = imported(tmp_path, CASE.replace("4e-1", "0"))
-    assert joined.network.labels == ("10", "20") and joined.pinning.agents == (0, 1)
+    assert joined.network.labels == ("10", "20")
+    assert joined.pinning.agents == (0, 1)
     assert sorted(joined.network.modes["grid"]) == [(0, 1, 40), (1, 0, 40)]
     assert "30 into 20" in joined.notes[-1]
 
@@ -136,7 +137,8 @@ def test_reactances_that_the_case_turns_from_ohms_into_per_unit_are(tmp_path):
     """x / (10^2 / 50): half of what is written; anything else in place of that statement is
     refused."""
     wide = CASE.replace("\t0\t0;\n\t20", "\t0\t0\t0\t0\t1\t1\t0\t10.0\t12/sqrt(3);\n\t20")
-    plain, ohm = imported(tmp_path, wide), imported(tmp_path, wide + OHM)
+    plain = imported(tmp_path, wide)
+    ohm = imported(tmp_path, wide + OHM)
     assert [w for _, _, w in ohm.network.modes["grid"]] == [
         2 * w for _, _, w in plain.network.modes["grid"]
     ]
@@ -211,7 +213,8 @@ def test_the_ieee_14_bus_network_is_that_of_the_built_in_problem():
     pandapower()
     from pandapower import networks
 
-    found, known = dd.from_pandapower(networks.case14()), dd.load_problem("microgrid-ieee14")
+    found = dd.from_pandapower(networks.case14())
+    known = dd.load_problem("microgrid-ieee14")
     assert (
         [i + 1 for i in found.pinning.agents]
         == [i + 1 for i in known.pinning.agents]

@@ -130,48 +130,45 @@ def test_lists_of_pajek_name_all_that_a_vertex_leads_to(tmp_path):
 MM = "%%MatrixMarket matrix coordinate real general\n"
 
 
-REFUSED: list[Any] = []
-
-
-def refused(name: str, text: str, match: str) -> None:
-    REFUSED.append((name, text, match))
-
-
-refused("net.graphml", "<graphml><graph><hyperedge/></graph></graphml>", "holds hyperedges")
-refused("net.gml", "graph [ node [ id 1", "a bracket is not closed")
-refused("net.gml", "graph [ ] ] x", "not valid GML near")
-refused("net.gml", "graph [ ] graph [ ]", "must hold one graph; it holds 2")
-refused(
-    "net.gml", 'graph [ node [ id 1 label "a" ] node [ id 2 label "a" ] ]', "two nodes called 'a'"
-)
-refused(
-    "net.gml", "graph [ node [ id 1 ] edge [ source 1 target 2 ] ]", "edge 1 has the target '2'"
-)
-refused(
-    "net.gml",
-    "graph [ node [ id 1 ] node [ id 2 ] edge [ source 1 target 2 weight -1 ] ]",
-    "weight must be > 0",
-)
-refused(
-    "net.net", "*Vertices 2\n*Arcs\n1 3\n", "line 3 names vertex '3'; vertices are numbered 1 to 2"
-)
-refused("net.net", "*Vertices 2 1\n*Edges\n1 2\n", "two kinds of vertices")
-refused(
-    "net.net", "*Vertices 2\n*Matrix\n0 1\n1 0\n", r"has the part '\*Matrix', which is not read"
-)
-refused("net.net", "*Vertices 2\n*Arcs\n1 2\n*Vertices 2\n", "begins a second network")
-refused("net.net", "*Vertices 99999999999\n", "must say how many nodes there are")
-refused("net.net", '*Vertices 2\n1 "a"\n2 "a"\n', "two nodes called 'a'")
-refused("net.mtx", "1 2 0.5\n", "must begin with %%MatrixMarket")
-refused(
-    "net.mtx", MM.replace("real", "complex") + "2 2 1\n1 2 1 1\n", "must begin with %%MatrixMarket"
-)
-refused("net.mtx", MM + "2 3 1\n1 2 1\n", "must be square")
-refused("net.mtx", MM + "2 2 2\n1 2 1\n", "announces 2 entries and holds 1")
-refused("net.mtx", MM + "2 2 1\n1 3 1\n", "leaves the matrix, which is 2 x 2")
-refused("net.mtx", MM + "2 2 1\n1 2\n", "line 3 must be i j value; got '1 2'")
-refused("net.mtx", MM + "2 2 1\n1 2 nan\n", "weight must be a number")
-refused("net.mtx", MM + "2 2 1\n1 1 4\n", "is a self-arc")
+REFUSED: list[Any] = [
+    ("net.graphml", "<graphml><graph><hyperedge/></graph></graphml>", "holds hyperedges"),
+    ("net.gml", "graph [ node [ id 1", "a bracket is not closed"),
+    ("net.gml", "graph [ ] ] x", "not valid GML near"),
+    ("net.gml", "graph [ ] graph [ ]", "must hold one graph; it holds 2"),
+    (
+        "net.gml",
+        'graph [ node [ id 1 label "a" ] node [ id 2 label "a" ] ]',
+        "two nodes called 'a'",
+    ),
+    ("net.gml", "graph [ node [ id 1 ] edge [ source 1 target 2 ] ]", "edge 1 has the target '2'"),
+    (
+        "net.gml",
+        "graph [ node [ id 1 ] node [ id 2 ] edge [ source 1 target 2 weight -1 ] ]",
+        "weight must be > 0",
+    ),
+    (
+        "net.net",
+        "*Vertices 2\n*Arcs\n1 3\n",
+        "line 3 names vertex '3'; vertices are numbered 1 to 2",
+    ),
+    ("net.net", "*Vertices 2 1\n*Edges\n1 2\n", "two kinds of vertices"),
+    ("net.net", "*Vertices 2\n*Matrix\n0 1\n1 0\n", r"has the part '\*Matrix', which is not read"),
+    ("net.net", "*Vertices 2\n*Arcs\n1 2\n*Vertices 2\n", "begins a second network"),
+    ("net.net", "*Vertices 99999999999\n", "must say how many nodes there are"),
+    ("net.net", '*Vertices 2\n1 "a"\n2 "a"\n', "two nodes called 'a'"),
+    ("net.mtx", "1 2 0.5\n", "must begin with %%MatrixMarket"),
+    (
+        "net.mtx",
+        MM.replace("real", "complex") + "2 2 1\n1 2 1 1\n",
+        "must begin with %%MatrixMarket",
+    ),
+    ("net.mtx", MM + "2 3 1\n1 2 1\n", "must be square"),
+    ("net.mtx", MM + "2 2 2\n1 2 1\n", "announces 2 entries and holds 1"),
+    ("net.mtx", MM + "2 2 1\n1 3 1\n", "leaves the matrix, which is 2 x 2"),
+    ("net.mtx", MM + "2 2 1\n1 2\n", "line 3 must be i j value; got '1 2'"),
+    ("net.mtx", MM + "2 2 1\n1 2 nan\n", "weight must be a number"),
+    ("net.mtx", MM + "2 2 1\n1 1 4\n", "is a self-arc"),
+]
 
 
 @pytest.mark.parametrize(("name", "text", "match"), REFUSED)

@@ -30,21 +30,16 @@ from dobc_design.problem.load import (
     source_text,
 )
 
-TYPED: list[Any] = []
-
-
-def typed_as(value: Any, typed: Any) -> None:
-    TYPED.append((value, typed))
-
-
-typed_as(5, 5)
-typed_as("42/100", 0.42)
-typed_as("9/16", 0.5625)
-typed_as("1/3", "1/3")
-typed_as("-16/5", -3.2)
-typed_as(0, 0)
-typed_as(10**20, 1e20)
-typed_as("1e-7", 1e-07)
+TYPED: list[Any] = [
+    (5, 5),
+    ("42/100", 0.42),
+    ("9/16", 0.5625),
+    ("1/3", "1/3"),
+    ("-16/5", -3.2),
+    (0, 0),
+    (10**20, 1e20),
+    ("1e-7", 1e-07),
+]
 
 
 @pytest.mark.parametrize(("value", "typed"), TYPED)
@@ -116,7 +111,8 @@ def test_a_change_that_removes_the_observer_removes_its_gain_too():
 
 def test_comments_and_order_stay_a_missing_table_is_added_and_an_empty_one_goes():
     text = changed_file(load_problem("paper-fixed"), CHANGES[0], text=TEXT, folder=Path())
-    before, after = TEXT.splitlines(), text.splitlines()
+    before = TEXT.splitlines()
+    after = text.splitlines()
     assert len(after) == len(before)
     ((old, new),) = [(a, b) for a, b in zip(before, after, strict=True) if a != b]
     assert old.split("=")[0].strip() == "gains"

@@ -73,7 +73,8 @@ def test_a_file_is_read_as_it_is_written_in_python(tmp_path):
 
 def test_one_expression_needs_no_list_and_a_number_is_so_many_times_the_coupling():
     problem = agents(target=[1, 0])
-    assert problem.m == 2 and problem.coupling.outputs == 1
+    assert problem.m == 2
+    assert problem.coupling.outputs == 1
     assert problem.pinning.gains == {0: ((3, 6),)}
 
 
@@ -149,7 +150,8 @@ def test_mistakes_are_named_with_key_and_cure(given, key, words):
     with pytest.raises(SpecError) as caught:
         agents(**given)
     assert caught.value.key == key
-    assert all(each in str(caught.value) for each in words)
+    for each in words:
+        assert each in str(caught.value)
 
 
 def both_programs_prove(problem: Problem) -> None:

@@ -216,26 +216,21 @@ def test_check_says_who_has_which_disturbance():
     assert "groups" not in facts(read("[exosystem]\nA = [[0]]\nC = [[1]]\n"))
 
 
-KINDS: list[Any] = []
-
-
-def kind_of(kind: str, shape: Exosystem) -> None:
-    KINDS.append((kind, shape))
-
-
-kind_of('kind = "constant"', exosystems.constant())
-kind_of('kind = "ramp"', exosystems.ramp())
-kind_of('kind = "harmonics"\nfrequencies = [2, "1/3"]', exosystems.harmonics([2, "1/3"]))
-kind_of('kind = "harmonics"\nfrequencies = 2', exosystems.harmonics(2))
-kind_of("constant = true", exosystems.constant())
-kind_of("ramp = true\nconstant = true", exosystems.ramp())
-kind_of("hz = 0.5", exosystems.harmonics("3.14159265359"))
-kind_of(
-    "constant = true\nhz = [50, 0.5]\nfrequencies = 2",
-    exosystems.total(
-        exosystems.constant(), exosystems.harmonics([2, "314.159265359", "3.14159265359"])
+KINDS: list[Any] = [
+    ('kind = "constant"', exosystems.constant()),
+    ('kind = "ramp"', exosystems.ramp()),
+    ('kind = "harmonics"\nfrequencies = [2, "1/3"]', exosystems.harmonics([2, "1/3"])),
+    ('kind = "harmonics"\nfrequencies = 2', exosystems.harmonics(2)),
+    ("constant = true", exosystems.constant()),
+    ("ramp = true\nconstant = true", exosystems.ramp()),
+    ("hz = 0.5", exosystems.harmonics("3.14159265359")),
+    (
+        "constant = true\nhz = [50, 0.5]\nfrequencies = 2",
+        exosystems.total(
+            exosystems.constant(), exosystems.harmonics([2, "314.159265359", "3.14159265359"])
+        ),
     ),
-)
+]
 
 
 @pytest.mark.parametrize(("kind", "shape"), KINDS)

@@ -60,23 +60,18 @@ def test_a_count_gives_labels_from_one_and_a_mapping_one_mode_each_in_its_order(
     assert list(network.modes) == ["B", "A"]
 
 
-WRONG_ARCS: list[Any] = []
-
-
-def wrong_arcs(arcs: Any, key: str, message: str) -> None:
-    WRONG_ARCS.append((arcs, key, message))
-
-
 TWICE = "1 listens to 2 already; this arc is a duplicate"
-wrong_arcs([(1, 2), (1, 2)], "network.modes.G[1]", TWICE)
-wrong_arcs([(1, 2), (3, 3)], "network.modes.G[1]", "agent 3 must not listen to itself")
 NO_WEIGHT = "must be > 0, because it multiplies h; 1 listens to 2 with 0"
-wrong_arcs([(1, 2, 0)], "network.modes.G[0]", NO_WEIGHT)
-wrong_arcs([(1, 2, float("nan"))], "network.modes.G[0][2]", "must be a number")
-wrong_arcs([(1, 4)], "network.modes.G[0]", r"there is no agent '4' \(agents: 1, 2, 3\)")
-wrong_arcs([(1, 2.0)], "network.modes.G[0][1]", "must be text or a whole number; got 2.0")
-wrong_arcs([(1, 10**5000)], "network.modes.G[0][1]", "thousands of digits")
-wrong_arcs([(1,)], "network.modes.G[0]", r"must be an arc \[a, b\] or \[a, b, weight\]")
+WRONG_ARCS: list[Any] = [
+    ([(1, 2), (1, 2)], "network.modes.G[1]", TWICE),
+    ([(1, 2), (3, 3)], "network.modes.G[1]", "agent 3 must not listen to itself"),
+    ([(1, 2, 0)], "network.modes.G[0]", NO_WEIGHT),
+    ([(1, 2, float("nan"))], "network.modes.G[0][2]", "must be a number"),
+    ([(1, 4)], "network.modes.G[0]", r"there is no agent '4' \(agents: 1, 2, 3\)"),
+    ([(1, 2.0)], "network.modes.G[0][1]", "must be text or a whole number; got 2.0"),
+    ([(1, 10**5000)], "network.modes.G[0][1]", "thousands of digits"),
+    ([(1,)], "network.modes.G[0]", r"must be an arc \[a, b\] or \[a, b, weight\]"),
+]
 
 
 @pytest.mark.parametrize(("arcs", "key", "message"), WRONG_ARCS)
@@ -164,18 +159,13 @@ def test_several_graphs_are_modes_over_the_nodes_of_the_first():
         Network.from_networkx({"A": first, "B": second}, arrow="listens_to")
 
 
-NO_GRAPHS: list[Any] = []
-
-
-def no_graph(graph: Any, message: str) -> None:
-    NO_GRAPHS.append((graph, message))
-
-
-no_graph(nx.DiGraph([(1, 1)]), "must not listen to itself")
-no_graph(nx.grid_2d_graph(2, 2), r"must be text or a whole number; got \(0, 0\)")
-no_graph(nx.Graph([(1, "1")]), "'1' appears twice")
-no_graph([(1, 2)], "must be a networkx graph; got list")
-no_graph({"A": 5}, r"network\.modes\.A must be a networkx graph; got int")
+NO_GRAPHS: list[Any] = [
+    (nx.DiGraph([(1, 1)]), "must not listen to itself"),
+    (nx.grid_2d_graph(2, 2), r"must be text or a whole number; got \(0, 0\)"),
+    (nx.Graph([(1, "1")]), "'1' appears twice"),
+    ([(1, 2)], "must be a networkx graph; got list"),
+    ({"A": 5}, r"network\.modes\.A must be a networkx graph; got int"),
+]
 
 
 @pytest.mark.parametrize(("graph", "message"), NO_GRAPHS)

@@ -42,7 +42,9 @@ def scalar(value: object) -> tuple[tuple[Fraction, ...], ...]:
 
 def test_the_smallest_problem_has_one_component_no_pins_and_no_disturbance():
     problem = make()
-    assert (problem.n, problem.m, problem.q) == (3, 1, 0)
+    assert problem.n == 3
+    assert problem.m == 1
+    assert problem.q == 0
     assert problem.target == (0,)
     assert problem.pinning.agents == ()
     assert problem.observer == Observer()
@@ -53,20 +55,14 @@ def test_the_smallest_problem_has_one_component_no_pins_and_no_disturbance():
     assert not problem.is_linear
 
 
-GAINS: list[Any] = []
-
-
-def gain(value: Any, expected: Any) -> None:
-    """What is given as a gain, and the number that it stands for."""
-    GAINS.append((value, expected))
-
-
-gain(5, 5)
-gain("9/16", Fraction(9, 16))
-gain(Decimal("0.5"), Fraction(1, 2))
-gain(Fraction(1, 3), Fraction(1, 3))
-gain([[2]], 2)
-gain(np.array([[0.5]]), Fraction(1, 2))
+GAINS: list[Any] = [
+    (5, 5),
+    ("9/16", Fraction(9, 16)),
+    (Decimal("0.5"), Fraction(1, 2)),
+    (Fraction(1, 3), Fraction(1, 3)),
+    ([[2]], 2),
+    (np.array([[0.5]]), Fraction(1, 2)),
+]
 
 
 @pytest.mark.parametrize(("value", "expected"), GAINS)
@@ -127,7 +123,8 @@ def test_couplings_are_numbered_in_the_order_of_arcs_however_they_were_given():
 def test_zero_offsets_are_left_out():
     problem = make(offsets={"a": 0, "b": 2})
     assert problem.offsets == {1: (2,)}
-    assert (problem.goal_of(0), problem.goal_of(1)) == ((0,), (2,))
+    assert problem.goal_of(0) == (0,)
+    assert problem.goal_of(1) == (2,)
 
 
 def test_regions_and_xi0_for_every_component_and_agent():

@@ -28,36 +28,37 @@ TABLES = (
     "simulation",
 )
 TABLES += ("uncertainty", "actuators", "dynamics", "leader")
-CONTRACT = {}
-CONTRACT[""] = {"schema", "name", "notes", "target", "units", *TABLES}
-CONTRACT["network"] = {"agents", "arrow", "modes"}
-CONTRACT["coupling"] = {"h", "exceptions"}
-CONTRACT["coupling.exceptions"] = {"arcs", "h"}
-CONTRACT["pinning"] = {"gains"}
-CONTRACT["exosystem"] = {"A", "C", "groups", *PARTS}
-CONTRACT["exosystem.groups"] = {"agents", "none", "A", "C", "W", "P", *PARTS}
-CONTRACT["observer"] = {"W", "P", "rate"}
-CONTRACT["formation"] = {"offsets"}
-CONTRACT["region"] = {"initial_states", "initial_disturbance"}
-CONTRACT["switching"] = {
-    "signal",
-    "guarantee",
-    "dwell",
-    "longest",
-    *(key for keys in KEYS.values() for key in keys),
+CONTRACT = {
+    "": {"schema", "name", "notes", "target", "units", *TABLES},
+    "network": {"agents", "arrow", "modes"},
+    "coupling": {"h", "exceptions"},
+    "coupling.exceptions": {"arcs", "h"},
+    "pinning": {"gains"},
+    "exosystem": {"A", "C", "groups", *PARTS},
+    "exosystem.groups": {"agents", "none", "A", "C", "W", "P", *PARTS},
+    "observer": {"W", "P", "rate"},
+    "formation": {"offsets"},
+    "region": {"initial_states", "initial_disturbance"},
+    "switching": {
+        "signal",
+        "guarantee",
+        "dwell",
+        "longest",
+        *(key for keys in KEYS.values() for key in keys),
+    },
+    "simulation": {"t_final", "seed", "xi0", "x0"},
+    "uncertainty": {
+        "weights",
+        "gains",
+        "known_to_agents",
+        "disturbance",
+        "drift",
+        "measurement",
+    },
+    "actuators": {"limit", "amplitude"},
+    "dynamics": {"A", "f", "B"},
+    "leader": {"initial", "stays_in"},
 }
-CONTRACT["simulation"] = {"t_final", "seed", "xi0", "x0"}
-CONTRACT["uncertainty"] = {
-    "weights",
-    "gains",
-    "known_to_agents",
-    "disturbance",
-    "drift",
-    "measurement",
-}
-CONTRACT["actuators"] = {"limit", "amplitude"}
-CONTRACT["dynamics"] = {"A", "f", "B"}
-CONTRACT["leader"] = {"initial", "stays_in"}
 
 
 def table(schema: dict[str, Any], path: str) -> dict[str, Any]:

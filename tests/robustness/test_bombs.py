@@ -71,19 +71,21 @@ def written(path: Path, data: bytes) -> Path:
 
 ONES = npy(np.zeros((10, 1)))
 #: Members of an archive.
-ARRAYS: dict[str, bytes] = {}
-ARRAYS["lie"] = npy(np.zeros((10, 1)), said=(10**9, 10, 1))
-ARRAYS["other shape"] = npy(np.zeros((11, 1)))
-ARRAYS["nan"] = npy(np.full((10, 1), np.nan))
-ARRAYS["deep head"] = b"\x93NUMPY\x01\x00\x10\x27" + b"(" * 10_000
-ARRAYS["pickle"] = npy(np.array([{"a": 1}], dtype=object))
-TABLES: dict[str, bytes] = {}
-TABLES["gz"] = gzip.compress(bytes(10**6))
-TABLES["field"] = b'"' + b"1" * 10**6
-TABLES["control"] = b"1\x1b[2J\n" * 10
-TABLES["words"] = b"words\n"
-TABLES["ragged"] = b"1,2\n3\n5,6\n"
-TABLES["too large"] = b"1e400\n" * 10
+ARRAYS: dict[str, bytes] = {
+    "lie": npy(np.zeros((10, 1)), said=(10**9, 10, 1)),
+    "other shape": npy(np.zeros((11, 1))),
+    "nan": npy(np.full((10, 1), np.nan)),
+    "deep head": b"\x93NUMPY\x01\x00\x10\x27" + b"(" * 10_000,
+    "pickle": npy(np.array([{"a": 1}], dtype=object)),
+}
+TABLES: dict[str, bytes] = {
+    "gz": gzip.compress(bytes(10**6)),
+    "field": b'"' + b"1" * 10**6,
+    "control": b"1\x1b[2J\n" * 10,
+    "words": b"words\n",
+    "ragged": b"1,2\n3\n5,6\n",
+    "too large": b"1e400\n" * 10,
+}
 OTHERS = ("nothing known", "cut", "no zip", "fifo", "zero", "folder")
 
 
@@ -113,7 +115,8 @@ def test_a_hostile_start_is_refused_by_its_key(tmp_path, kind: str):
     with pytest.raises(SpecError, match="start") as caught:
         dd.simulate("paper-fixed", t_final=1, start=hostile(kind, tmp_path))
     assert caught.value.cure or "start" in str(caught.value.key)
-    assert "Error" not in str(caught.value) and str(caught.value).isprintable()
+    assert "Error" not in str(caught.value)
+    assert str(caught.value).isprintable()
 
 
 @pytest.mark.slow
@@ -127,7 +130,8 @@ def test_a_gigabyte_of_zeros_is_refused_before_it_is_unpacked(tmp_path, code: st
         check=False,
         timeout=120,
     )
-    assert b"SpecError" in done.stderr and b"x.npz" in done.stderr
+    assert b"SpecError" in done.stderr
+    assert b"x.npz" in done.stderr
 
 
 @pytest.mark.parametrize("key", ["target", "pinning.gains.1", "coupling", "network.modes.G"])
@@ -153,9 +157,11 @@ def test_products_beyond_floats_are_refused_by_the_key_of_one_factor(key: str):
     """B K, B C and W B+ of agents with [dynamics], of numbers that all are floats."""
     gain = "1e200" if key == "pinning.gains.1" else 1
     C = "1e200" if key == "exosystem" else 1
-    B, W = "1e200", [[0], [0]]
+    B = "1e200"
+    W = [[0], [0]]
     if key == "observer.W":
-        B, W = "1e-200", [["1e200"], [1]]
+        B = "1e-200"
+        W = [["1e200"], [1]]
     problem = dd.Problem(
         network=network_of([[1, 2]]),
         coupling="y1",
@@ -232,7 +238,8 @@ def test_many_labels_are_read_in_a_minute_and_3_gb(tmp_path, suffix: str):
     arrow = None if suffix == "toml" else "listens_to"
     code = f"{IMPORT}sys.stdout.write(str(dd.problem_from_file(sys.argv[1], arrow={arrow!r}).n))"
     done = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, check=False)
-    assert (done.stdout, done.stderr) == (str(count).encode(), b"")
+    assert done.stdout == str(count).encode()
+    assert done.stderr == b""
 
 
 @pytest.mark.slow
@@ -264,7 +271,8 @@ def test_a_home_that_cannot_be_written_is_no_matter_for_standard_error(tmp_path,
         timeout=300,
         env=elsewhere,
     )
-    assert (done.returncode, done.stderr) == (0, b"")
+    assert done.returncode == 0
+    assert done.stderr == b""
 
 
 def test_a_cell_of_csv_is_no_formula_and_numbers_stay_numbers():

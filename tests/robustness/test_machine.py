@@ -61,7 +61,8 @@ def certify(out: Path, **options: Any) -> subprocess.CompletedProcess[str]:
 
 def refusal(ran: subprocess.CompletedProcess[str], code: int) -> dict[str, Any]:
     """The one JSON document on standard output, which is an error with a key and a cure."""
-    assert (ran.returncode, ran.stderr) == (code, "")
+    assert ran.returncode == code
+    assert ran.stderr == ""
     error = json.loads(ran.stdout)["error"]
     assert error["key"]
     assert error["cure"]
@@ -165,19 +166,20 @@ def bound_socket(path: Path) -> None:
         os.chdir(here)
 
 
-KINDS: dict[str, Callable[[Path], object]] = {}
-KINDS["nothing"] = lambda path: None
-KINDS["directory"] = lambda path: path.mkdir()
-KINDS["pipe"] = os.mkfifo
-KINDS["link to nowhere"] = lambda path: path.symlink_to(path.with_name("nowhere"))
-KINDS["link to itself"] = lambda path: path.symlink_to(path)
-KINDS["endless"] = lambda path: path.symlink_to("/dev/zero")
-KINDS["terminal"] = lambda path: path.symlink_to("/dev/tty")
-KINDS["socket"] = bound_socket
-KINDS["empty"] = lambda path: path.touch()
-KINDS["noise"] = lambda path: path.write_bytes(bytes(range(256)) * 100)
-# nobody unpacks it
-KINDS["a gzip bomb"] = lambda path: path.write_bytes(gzip.compress(b"0" * 50_000_000))
+KINDS: dict[str, Callable[[Path], object]] = {
+    "nothing": lambda path: None,
+    "directory": lambda path: path.mkdir(),
+    "pipe": os.mkfifo,
+    "link to nowhere": lambda path: path.symlink_to(path.with_name("nowhere")),
+    "link to itself": lambda path: path.symlink_to(path),
+    "endless": lambda path: path.symlink_to("/dev/zero"),
+    "terminal": lambda path: path.symlink_to("/dev/tty"),
+    "socket": bound_socket,
+    "empty": lambda path: path.touch(),
+    "noise": lambda path: path.write_bytes(bytes(range(256)) * 100),
+    # nobody unpacks it
+    "a gzip bomb": lambda path: path.write_bytes(gzip.compress(b"0" * 50_000_000)),
+}
 
 
 @pytest.mark.parametrize(
@@ -249,7 +251,8 @@ def test_an_answer_that_cannot_be_written_is_the_machines_failure(tmp_path, made
         ran = dobc(*arguments, cwd=tmp_path, stdout=writing)
         os.close(writing)
     if kind == "nobody reads":  # as of other programs: 128 + SIGPIPE, and not a word
-        assert (ran.returncode, ran.stderr) == (141, "")
+        assert ran.returncode == 141
+        assert ran.stderr == ""
     else:
         assert ran.returncode == 4
         assert "error: standard output cannot be written" in ran.stderr
@@ -265,7 +268,8 @@ def test_a_reader_that_takes_one_line_sees_no_traceback(tmp_path):
         capture_output=True,
         check=False,
     )
-    assert (ran.stdout, ran.stderr) == ("{\n", "")
+    assert ran.stdout == "{\n"
+    assert ran.stderr == ""
 
 
 @pytest.mark.parametrize("redirection", ["2>&-", "2>/dev/full", "<&- 2>&-"])

@@ -250,7 +250,8 @@ def test_results_are_shown_with_their_verdict_and_without_foreign_tags(small: dd
 
 def test_mathematics_is_mathml_and_latex_and_text_says_what_was_typed():
     exosystem = dd.Exosystem(A=[[0, 2], [-2, 0]], C=[["1/3", 0]])
-    page, latex = exosystem._repr_html_(), exosystem._repr_latex_()
+    page = exosystem._repr_html_()
+    latex = exosystem._repr_latex_()
     assert page.count("<math") == 2
     assert latex.splitlines()[1] == r"$$ C = \begin{pmatrix} 0.33333 & 0 \end{pmatrix} $$"
     assert repr(dd.poles.Disk(centre="-7/2", radius=2)) == "Disk(centre=-7/2, radius=2)"

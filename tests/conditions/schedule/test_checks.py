@@ -75,12 +75,8 @@ def test_what_cannot_be_such_a_claim_raises(changes: Document, words: str):
 def test_an_undecided_settling_claims_nothing():
     problem = problems()["line"]
     claim = read_claim(check_from_json(LINE), loop_of(problem), None)
-    open_one = replace(
-        settling_of(loop_of(problem), claim, ""),
-        verdict=Verdict.UNDECIDED,
-        reason="none was found.",
-        claim=None,
-    )
+    settled = settling_of(loop_of(problem), claim, "")
+    open_one = replace(settled, verdict=Verdict.UNDECIDED, reason="none was found.", claim=None)
     check = settling_check(loop_of(problem), None, open_one, domain=NEAR_TARGET)
     assert check.verdict == Verdict.UNDECIDED
     assert check.domain == NEAR_TARGET

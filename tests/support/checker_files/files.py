@@ -586,7 +586,9 @@ def _asymmetric_pair() -> Case:
     """P is not symmetric, and everything else is as it would follow from it."""
     problem = problems()["paper"]
     claims = certified(problem).claims
-    assert claims.P is not None and problem.exosystem is not None and problem.observer.W is not None
+    assert claims.P is not None
+    assert problem.exosystem is not None
+    assert problem.observer.W is not None
     A, C, W = (
         as_rationals(M) for M in (problem.exosystem.A, problem.exosystem.C, problem.observer.W)
     )

@@ -105,7 +105,8 @@ def test_without_a_rate_a_design_is_no_slower_than_the_own_gains_for_no_more_gai
     found = dd.design(problem)
     assert is_proved(found)
     assert found.certificate.rate >= given.rate
-    assert len(found.gains) > 1 and found.cost <= Fraction("1.2")
+    assert len(found.gains) > 1
+    assert found.cost <= Fraction("1.2")
     assert found.request.rate is None
     assert found.given.rate == given.rate
     first = found.decisions[0]
@@ -121,7 +122,8 @@ def test_a_rate_asked_for_overrules_the_own_gains_and_limits_may_not_reach_them(
     assert slow.rate < 0.11 < slow.given.rate
     assert "No rate was asked for" not in slow.decisions[0]
     held = dd.design(problem, pins=1, allowed=[1], max_gain="1/2")
-    assert is_proved(held) and held.rate < 0.11
+    assert is_proved(held)
+    assert held.rate < 0.11
     assert held.decisions[0].endswith(
         "No design with the rate of your own gains was proved within the limits."
     )
@@ -131,7 +133,9 @@ def test_further_pins_cost_what_closed_forms_say_and_are_no_slower():
     """A ring with opposite hard pins, h = y: k = b + 1/(1 - b) - 1 for each, at the rate b."""
     found = dd.design(own_gains(), rate="0.2", further=1)
     (second,) = found.further
-    assert second.pinned == ("1", "3") and second.proved and second.x >= 0.2
+    assert second.pinned == ("1", "3")
+    assert second.proved
+    assert second.x >= 0.2
     assert second.y == pytest.approx(2 * (0.2 + 1 / 0.8 - 1), rel=0.02)
     rows = str(found).split("Price of further pins\n")[1].splitlines()
     assert [row.split()[0] for row in rows] == ["pins", "1", "2"]

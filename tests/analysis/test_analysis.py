@@ -94,10 +94,7 @@ def test_what_is_not_seen_has_margin_zero_and_a_rank_that_overflows_is_unknown()
     assert result.rank == 0
     assert result.margin == 0
     # s^2 + 4 is unobservable (theory, known answers).
-    first = [0, 2, 0, 0]
-    second = [-2, 0, 0, 0]
-    fourth = [0, 0, -2, 0]
-    A = matrix([first, second, [0, 0, 0, 2], fourth])
+    A = matrix([[0, 2, 0, 0], [-2, 0, 0, 0], [0, 0, 0, 2], [0, 0, -2, 0]])
     result = diag.check_observability(A, matrix([[1, 0, 1, 0]]))
     assert result.rank == 2
     assert result.margin < 1e-12
@@ -142,10 +139,7 @@ def test_degrees_count_whom_an_agent_hears_and_balance_is_exact():
     assert facts.hearing == (0, 1, 2)
     assert facts.arcs == 3
     # 0.1 + 0.2 is 0.3 here.
-    first = [1, 2, 0.1]
-    second = [1, 3, 0.2]
-    third = [2, 1, 0.1]
-    assert is_balanced([first, second, third, [3, 1, "1/5"]])
+    assert is_balanced([[1, 2, 0.1], [1, 3, 0.2], [2, 1, 0.1], [3, 1, "1/5"]])
     assert is_balanced([[1, 2, 0.3], [2, 3, 0.1], [2, 4, 0.2], [3, 1, 0.1], [4, 1, 0.2]])
     assert not is_balanced([[1, 2], [2, 1, 2]])
 
@@ -190,8 +184,7 @@ def cycle(gains) -> Problem:
 
 def test_the_linearised_loop_is_that_of_the_symbolic_model():
     """J(0) - K by CasADi, a complex vector coupling included."""
-    weighted = [1, 2, 3]
-    arcs = [weighted, [2, 3], [3, 1], [1, 3]]
+    arcs = [[1, 2, 3], [2, 3], [3, 1], [1, 3]]
     network = Network.from_arcs(arcs, arrow="listens_to")
     gains = {"2": [[2, 1], [-1, 1]]}
     problem = Problem(

@@ -149,9 +149,7 @@ def test_signs_that_do_not_balance_are_written_with_every_agent_twice():
     message = message_of(UNBALANCED)
     assert "do not balance" in message
     assert "let a listen to the copy of b and the copy of a to b" in message
-    first = [-2, 0, -1]
-    second = [1, -1, 0]
-    signed_matrix = [first, second, [0, 1, -1]]
+    signed_matrix = [[-2, 0, -1], [1, -1, 0], [0, 1, -1]]
     signed = np.array(signed_matrix)
     cover = closed_loop(read(TWICE))
     opposite = -np.eye(3)
@@ -341,9 +339,7 @@ b = { 2 = "1/2" }
         loops.append(
             (consensus_jacobian(loop_of(cured), mode) - pinning_matrix(cured)).toarray()[:2, :2]
         )
-    of_a = [[-3, 0], [2, -2]]
-    of_b = [[-2, 2], [0, -0.5]]
-    wanted = [of_a, of_b]
+    wanted = [[[-3, 0], [2, -2]], [[-2, 2], [0, -0.5]]]
     assert np.allclose(loops, wanted)
     assert certify(cured).verdict is Verdict.PROVED
 

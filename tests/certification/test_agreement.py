@@ -35,8 +35,7 @@ def matrix_gains(third=(1, 2)):
     """Agent 1 listens to nobody; its gain leaves (0, y, z) free, and gains of both need not leave a
     basis vector."""
     sides = [[-1, 1], [1, 2], list(third)]
-    middle = [0, 1, -1]
-    of_the_first = [[1, 0, 0], middle, [0, -1, 1]]
+    of_the_first = [[1, 0, 0], [0, 1, -1], [0, -1, 1]]
     of_the_second = [[1, 0, 0], [0, 0, 0], [0, 0, 0]]
     gains = {1: of_the_first, 2: of_the_second}
     arcs = [[2, 1]]

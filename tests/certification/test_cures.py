@@ -186,9 +186,7 @@ def test_lemma_1_refuted_is_no_alarm_where_weights_prove_the_theorem():
 def test_too_small_gains_on_the_present_pins_are_raised_to_the_least_that_do():
     """Each hears the other in one of two modes, with weight 3: M + M' > 0 iff 4 (3 + k) k > 9, k >
     0.6213.  By symmetry weights do not help."""
-    first = [[1, 2, 3]]
-    second = [[2, 1, 3]]
-    modes = {"A": first, "B": second}
+    modes = {"A": [[1, 2, 3]], "B": [[2, 1, 3]]}
     gains = {1: "1/10", 2: "1/10"}
     problem = linked(modes, gains=gains, exosystem=HARMONIC)
     certificate = with_cures(problem)
@@ -206,9 +204,7 @@ def test_too_small_gains_on_the_present_pins_are_raised_to_the_least_that_do():
 def test_a_cheaper_cure_with_another_pin_is_named_beside_the_present_pins():
     """For V = e'e k = 1 on agent 1, or (3 + k) (1 + k) = 4 on both."""
     three = [1, 2, 3]
-    first = [three, [2, 1]]
-    second = [[1, 2], [2, 1, 3]]
-    modes = {"A": first, "B": second}
+    modes = {"A": [three, [2, 1]], "B": [[1, 2], [2, 1, 3]]}
     problem = linked(modes, gains={1: "1/99"})
     fix = main_cure(with_cures(problem).checks).fix
     assert list(gains_of(fix)) == ["1"]
@@ -292,8 +288,8 @@ def test_the_printed_p_is_multiplied_by_the_least_factor_that_does():
     factor = Fraction(entry) / Fraction(1, 2)
     assert Fraction("1.931") < factor <= Fraction("1.95")
     found = with_cures(cured(problem, fix.set))
-    check = found.check("theorem1-printed").verdict
-    assert check is Verdict.PROVED
+    verdict = found.check("theorem1-printed").verdict
+    assert verdict is Verdict.PROVED
     less = []
     for row in (["1/2", "-1/4"], ["-1/4", "1/3"]):
         less.append([str(Fraction("1.93") * Fraction(x)) for x in row])
@@ -306,8 +302,8 @@ def test_a_printed_p_that_is_no_lyapunov_matrix_is_replaced_by_the_one_that_was_
     problem = changed_problem(without_region("paper-fixed"), {"observer.P": indefinite})
     fix = with_cures(problem).check("theorem1-printed").fix
     found = with_cures(cured(problem, fix.set))
-    check = found.check("theorem1-printed").verdict
-    assert check is Verdict.PROVED
+    verdict = found.check("theorem1-printed").verdict
+    assert verdict is Verdict.PROVED
 
 
 def test_what_holds_and_kinked_couplings_get_no_cure_and_a_library_that_breaks_down_costs_it_alone(

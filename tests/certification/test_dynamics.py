@@ -132,9 +132,7 @@ def test_just_above_the_least_coupling_they_are_proved_and_just_below_refuted(pa
 
 
 def test_several_modes_share_the_weights():
-    first = [[2, 1], [3, 2]]
-    second = [[3, 1], [2, 3]]
-    modes = {"A": first, "B": second}
+    modes = {"A": [[2, 1], [3, 2]], "B": [[3, 1], [2, 3]]}
     network = Network.from_arcs(modes, arrow="listens_to", agents=3)
     certificate = consensus(chain(3, network=network, coupling="y1 + 3*y2"))
     check = certificate.check("theorem2-weighted")
@@ -173,10 +171,7 @@ def test_groups_with_different_exosystems():
     mixed = chain(4, exosystem=HARMONIC, observer=others, groups=[group])
     certificate = verified(mixed)
     assert certificate.verdict is Verdict.PROVED
-    first = (0, 3, 0, 0)
-    second = (0, 1, 0, 0)
-    fourth = (0, 0, 0, 1)
-    assert (first, second, fourth) == certificate.claims.W
+    assert certificate.claims.W == ((0, 3, 0, 0), (0, 1, 0, 0), (0, 0, 0, 1))
 
 
 def test_a_formation_has_the_errors_of_its_centre():

@@ -181,9 +181,7 @@ def test_agents_out_of_reach_in_all_modes_refute():
 
 def test_agents_out_of_reach_in_one_mode_only_leave_the_whole_undecided():
     """Mode a: 3 hears 2; mode b: 2 hears the pinned 1. In alternation they converge."""
-    first = [[3, 2]]
-    second = [[2, 1]]
-    modes = {"a": first, "b": second}
+    modes = {"a": [[3, 2]], "b": [[2, 1]]}
     asked = problem(modes, gains={1: 1})
     certificate = consensus(asked)
     assert certificate.verdict is UNDECIDED
@@ -276,8 +274,7 @@ def test_a_gain_that_leaves_a_direction_free_refutes_and_a_skew_one_does_not():
     first = [[1, 0], [0, 0]]
     for gain in (first, [[1, -1], [-1, 1]]):
         assert verdict(gains={1: gain}, target=[0, 0]) is REFUTED
-    second = [[0, 0], [0, 1]]
-    both = {1: first, 2: second}
+    both = {1: first, 2: [[0, 0], [0, 1]]}
     assert verdict(gains=both, target=[0, 0]) is not REFUTED
     # by lure: e stays in no kernel of k
     gains = {1: [[0, 1], [-1, 0]]}

@@ -44,9 +44,7 @@ def turns(count: int) -> dict[str, object]:
     """Three agents, of whom one is not reached in each of two modes that follow each other."""
     sequence = ["A", *["A", "B"] * (count // 2)]
     switching = {"guarantee": "sequence", "dwell": 0.1, "sequence": sequence}
-    first = [[2, 1]]
-    second = [[3, 2]]
-    modes = {"A": first, "B": second}
+    modes = {"A": [[2, 1]], "B": [[3, 2]]}
     return {
         "agents": 3,
         "modes": modes,

@@ -38,7 +38,8 @@ def test_every_function_of_the_grammar_is_enclosed_here():
 def contains(enclosure: Exact, value: mpmath.mpf) -> bool:
     """Up to the rounding of mpmath at 120 digits; the enclosures have about 77."""
     low, high = (mpmath.mpf(x.numerator) / x.denominator for x in enclosure)
-    slack = mpmath.mpf(10) ** -110 * (1 + abs(value))
+    unit = mpmath.mpf(10) ** -110
+    slack = unit * (1 + abs(value))
     return bool(low - slack <= value <= high + slack)
 
 
@@ -130,8 +131,7 @@ def test_linear_and_kinked_are_read_as_written(h, linear, kinked):
 def test_partial_derivatives_of_a_vector_coupling():
     """h = (y1 + 3 y2, sin(y1) y2 - 2 y2): the matrix of slopes at 0 by hand."""
     slopes = read_coupling(("y1 + 3*y2", "sin(y1)*y2 - 2*y2"), 2).slopes
-    second_row = (-2, -2)
-    expected = {(0, 0): (1, 1), (0, 1): (3, 3), (1, 1): second_row}
+    expected = {(0, 0): (1, 1), (0, 1): (3, 3), (1, 1): (-2, -2)}
     assert slopes == expected
 
 
@@ -154,7 +154,8 @@ def pieces(name: str, count: int) -> list[tuple[float, float]]:
     found = []
     for _ in range(count):
         size = 10 ** r.uniform(-6, 1.5)
-        a, b = sorted((r.uniform(-size, size), r.uniform(-size, size)))
+        first = (r.uniform(-size, size), r.uniform(-size, size))
+        a, b = sorted(first)
         if name in ("log(y)", "sqrt(y)"):
             positive = (abs(a) + 1e-9, abs(b) + 1e-9)
             a, b = sorted(positive)

@@ -49,7 +49,8 @@ def test_a_plain_problem_whose_texts_speak_of_groups_has_none():
         exosystem=exosystem,
         observer=observer,
     )
-    assert outcome(certificate_bytes(certify(problem).claims), canonical_bytes(problem)) == HOLDS
+    certified_bytes = certificate_bytes(certify(problem).claims)
+    assert outcome(certified_bytes, canonical_bytes(problem)) == HOLDS
 
 
 def test_an_agent_has_the_block_of_its_own_group():
@@ -59,8 +60,7 @@ def test_an_agent_has_the_block_of_its_own_group():
     for i in range(4):
         S.append([Fraction(10 * i + j) for j in range(4)])
     blocks = [loop.block(S, i) for i in (0, 1)]
-    first = [[0, 1], [10, 11]]
-    assert blocks == [first, [[22, 23], [32, 33]]]
+    assert blocks == [[[0, 1], [10, 11]], [[22, 23], [32, 33]]]
 
 
 QUICK = (3, 5)  # seeds of a problem that is proved, in three components, and of one that is refuted

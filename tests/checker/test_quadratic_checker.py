@@ -46,8 +46,7 @@ def test_channels_of_several_components_lead_from_the_differences_to_the_rows():
     second = ((1, 1), (0, 4))
     gains = [[(Fraction(lo), Fraction(hi)) for lo, hi in row] for row in (first, second)]
     found = quadratic.channels(loop, mode, {loop.functions[0]: gains})
-    third = (3, 3, 5, 4, 4)
-    assert found == [(2, 2, 4, 4, 2), (3, 2, 4, 2, 0), third]
+    assert found == [(2, 2, 4, 4, 2), (3, 2, 4, 2, 0), (3, 3, 5, 4, 4)]
 
 
 def test_agents_meet_their_own_costs():

@@ -165,7 +165,8 @@ def test_forces_and_their_slopes_hold_random_points():
         first = [2 * f for f in h(*y[0])]
         second = h(*y[1])
         y1, y2 = y[2]
-        third = [y1 + y2**2, mpmath.atan(y1 * y2) + y2]
+        last = mpmath.atan(y1 * y2) + y2
+        third = [y1 + y2**2, last]
         pulled = [*first, *second, *third]
         first_entry = 2 * e[0] + e[1]
         second_entry = -e[0] + 3 * e[1]
@@ -211,7 +212,8 @@ def test_the_exact_ends_of_a_sum_lie_between_its_bounds(x, y, sign: int):
     x = tuple(sorted(sign * end for end in x))
     y = tuple(sorted(sign * end for end in y))
     lo, hi = added(x, y)
-    assert Fraction(lo) <= Fraction(x[0]) + Fraction(y[0])
+    lowest = Fraction(x[0])
+    assert Fraction(lo) <= lowest + Fraction(y[0])
     assert Fraction(x[1]) + Fraction(y[1]) <= Fraction(hi)
 
 

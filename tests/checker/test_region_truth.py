@@ -98,9 +98,7 @@ def test_a_rate_is_false_just_above_the_largest_and_true_just_below(
 @pytest.mark.parametrize("method", ["vertices", "interval", "lure"])
 def test_a_quadratic_rate_is_false_just_above_the_eigenvalue(method: str):
     """P_e = I and [[-5, 0], [1, -1]]: the rate is 3 - sqrt(17) / 2."""
-    first = [0, 0, "1"]
-    second = [1, 1, "1"]
-    P_e = [first, second]
+    P_e = [[0, 0, "1"], [1, 1, "1"]]
     exact = {"method": method, "P_e": P_e, "level": None, "radius": None}
     gains = [[["1", "1"]]]
     slopes = {"coupling": 0, "gains": gains}

@@ -58,7 +58,7 @@ def test_numbers_that_the_package_finds_hold_and_are_nearly_as_small_as_they_may
         part = part[key]
     entry = part[path[-1]]
     changed = Fraction(entry) * Fraction(factor)
-    entry = str(changed)
+    part[path[-1]] = str(changed)
     assert outcome(json.dumps(document).encode(), problem) == code
 
 

@@ -110,9 +110,11 @@ _small = st.integers(0, 12).map(str)
 def _grow(inner):
     """Larger expressions of an inner one."""
     in_brackets = inner.map("({})".format)
-    joined = st.tuples(inner, st.sampled_from("+-*/"), inner).map("".join)
+    joined_parts = st.tuples(inner, st.sampled_from("+-*/"), inner)
+    joined = joined_parts.map("".join)
     base = st.one_of(in_brackets, _small, st.just("y"))
-    powers = st.tuples(base, st.integers(-3, 3)).map(lambda pair: "{}**{}".format(*pair))
+    exponents = st.integers(-3, 3)
+    powers = st.tuples(base, exponents).map(lambda pair: "{}**{}".format(*pair))
     extreme = st.tuples(st.sampled_from(["min", "max"]), inner, inner)
     extremes = extreme.map(lambda parts: "{}({}, {})".format(*parts))
     negated = inner.map("-{}".format)
@@ -152,7 +154,8 @@ _literals = st.one_of(
 
 
 def _grow_any(inner):
-    calls = st.tuples(_functions, inner).map(lambda pair: "{}({})".format(*pair))
+    functions_of = st.tuples(_functions, inner)
+    calls = functions_of.map(lambda pair: "{}({})".format(*pair))
     roots = inner.map("({})**0.5".format)
     clipped = inner.map("clip({}, -1, 2.50)".format)
     return st.one_of(_grow(inner), calls, roots, clipped)
@@ -326,7 +329,8 @@ def test_no_guess_is_made_where_too_much_would_have_to_be_repaired():
 
 def test_fifty_nested_parentheses_are_read():
     assert parse_expression("(" * 50 + "y" + ")" * 50).node == Y
-    assert len(tree.postorder(parse_expression("sin(" * 50 + "y" + ")" * 50).node)) == 51
+    nested = parse_expression("sin(" * 50 + "y" + ")" * 50)
+    assert len(tree.postorder(nested.node)) == 51
     assert len(tree.postorder(parse_expression("-" * 1999 + "y").node)) == 2000
 
 
@@ -411,16 +415,19 @@ def test_functions_that_are_not_c1_and_variables_are_named():
         "clip",
     )
     assert make_coupling("max(1, 2)*y + abs(pi)*y - sqrt(1 + y**2)*y", dimension=1).nonsmooth == ()
-    assert variables_used(parse_expression("y3 + y1*y3", dimension=4).node) == (0, 2)
+    node = parse_expression("y3 + y1*y3", dimension=4).node
+    assert variables_used(node) == (0, 2)
     assert variables_used(parse_expression("2").node) == ()
 
 
 def test_numpy_functions_take_arrays_of_any_shape_and_overflow_without_a_warning():
     scalar = numpy_function(parse_expression("2"))
     vector = numpy_function(parse_expression("y1*y2", dimension=2))
-    assert scalar(np.zeros((2, 3))).tolist() == [[2, 2, 2], [2, 2, 2]]
+    zeros = np.zeros((2, 3))
+    assert scalar(zeros).tolist() == [[2, 2, 2], [2, 2, 2]]
     assert scalar(0).shape == ()
-    assert vector([[1, 2], [3, 4], [5, 6]]).tolist() == [2, 12, 30]
+    rows = [[1, 2], [3, 4], [5, 6]]
+    assert vector(rows).tolist() == [2, 12, 30]
     with pytest.raises(ShapeError, match=r"last axis of y must have length 2; got shape \(3,\)"):
         vector([1, 2, 3])
     assert numpy_function(parse_expression("exp(y)"))(1e4) == np.inf
@@ -461,7 +468,8 @@ def _as_mpf(value):
 
 def _contains(enclosure, value, slack="1e-80"):
     room = mpmath_context.mpf(slack)
-    return _as_mpf(enclosure.lo) - room <= value <= _as_mpf(enclosure.hi) + room
+    above = _as_mpf(enclosure.lo) - room
+    return above <= value <= _as_mpf(enclosure.hi) + room
 
 
 SMOOTH = ["y1*y2 - y2**3/(3 + y1**2)", "exp(-y1**2)*sin(y2) + tanh(3*y1 - y2)"]
@@ -474,9 +482,12 @@ _fraction = st.fractions(-2, 2, max_denominator=50)
 
 def _box(ends, at):
     """A box, and points in it: two fractions of its sides for each."""
-    box = [Interval(*sorted(ends[:2])), Interval(*sorted(ends[2:]))]
+    first_side = Interval(*sorted(ends[:2]))
+    second_side = Interval(*sorted(ends[2:]))
+    box = [first_side, second_side]
     points = []
-    for parts in zip(at[::2], at[1::2], strict=True):
+    second_ends = at[1::2]
+    for parts in zip(at[::2], second_ends, strict=True):
         points.append([side.lo + t * side.width for side, t in zip(box, parts, strict=True)])
     return box, points
 
@@ -508,7 +519,8 @@ def test_gradients_contain_sympys_derivatives_on_the_box(text, ends, at):
     for derivative, partial in zip(wanted, gradient.partials, strict=True):
         value = derivative.subs(values).evalf(80)
         assert _contains(partial, mpmath_context.mpf(str(value)), slack="1e-70")
-    assert gradient.value == tree.evaluate(expression.node, box, tree.IntervalAlgebra())
+    expected = tree.evaluate(expression.node, box, tree.IntervalAlgebra())
+    assert gradient.value == expected
 
 
 @pytest.mark.parametrize("text", WITH_KINKS)
@@ -523,14 +535,17 @@ def test_gradients_with_kinks_contain_a_mean_value_of_every_difference(text, end
     reachable = Interval.point(0)
     for partial, a, b in zip(partials, first, second, strict=True):
         reachable = reachable + partial * (a - b)
-    here = tree.evaluate(node, [_as_mpf(x) for x in first], _Mpmath())
-    there = tree.evaluate(node, [_as_mpf(x) for x in second], _Mpmath())
+    first_point = [_as_mpf(x) for x in first]
+    here = tree.evaluate(node, first_point, _Mpmath())
+    second_point = [_as_mpf(x) for x in second]
+    there = tree.evaluate(node, second_point, _Mpmath())
     assert _contains(reachable, here - there)
 
 
 def _slope_of(text, low, high):
     algebra = tree.GradientAlgebra(1)
-    variables = algebra.variables([Interval(Fraction(low), Fraction(high))])
+    interval = Interval(Fraction(low), Fraction(high))
+    variables = algebra.variables([interval])
     return tree.evaluate(parse_expression(text).node, variables, algebra).slope
 
 
@@ -557,7 +572,9 @@ slope("sqrt(0)*y - abs(0)", (0, 1), (0, 0))
 @pytest.mark.parametrize(("text", "ends", "slope"), SLOPES)
 def test_slopes_are_exact_where_they_are_rational(text, ends, slope):
     """Contract: h'(0) exact where rational; theory, section 3: Clarke bounds at kinks."""
-    assert _slope_of(text, *ends) == Interval(Fraction(slope[0]), Fraction(slope[1]))
+    found = _slope_of(text, *ends)
+    expected = Interval(Fraction(slope[0]), Fraction(slope[1]))
+    assert found == expected
 
 
 STEEP = ["(" * 10 + "3*y" + ")**64" * 10, "exp(" * 20 + "y" + ")" * 20]
@@ -570,5 +587,6 @@ def test_intervals_of_hostile_expressions_take_bounded_time(text, ends):
     start = time.perf_counter()
     node = parse_expression(text).node
     with contextlib.suppress(UndefinedError):
-        tree.evaluate(node, [Interval(*ends)], tree.IntervalAlgebra())
+        box = [Interval(*ends)]
+        tree.evaluate(node, box, tree.IntervalAlgebra())
     assert time.perf_counter() - start < 10

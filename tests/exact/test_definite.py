@@ -66,10 +66,7 @@ def test_a_witness_refutes_is_primitive_and_begins_with_a_positive_entry():
 def test_roundings_grow_finer_and_drop_small_entries():
     """1000 : 999 : 1 to 1, 2, 4, 8 bits."""
     found = roundings([1000, -999, 1])
-    first = [2, -2, 0]
-    second = [4, -4, 0]
-    third = [16, -16, 0]
-    expected = [first, second, third, [256, -256, 0]]
+    expected = [[2, -2, 0], [4, -4, 0], [16, -16, 0], [256, -256, 0]]
     assert list(found) == expected
     assert list(roundings([1, 0])) == []
 

@@ -61,9 +61,7 @@ def test_two_equal_oscillators_seen_as_one_are_not_detectable_and_different_ones
     # The twin: a frequency of 2 + 10^-30 tells them apart, which no rank in floats can.
     A, C = TWINS
     faster = 2 + Fraction(1, 10**30)
-    first = (0, 0, 0, faster)
-    second = (0, 0, -faster, 0)
-    rows = (*A[:2], first, second)
+    rows = (*A[:2], (0, 0, 0, faster), (0, 0, -faster, 0))
     near = matrix(rows)
     assert exact.decide_observable(near, C).verdict is PROVED
     in_floats = exact.to_float(exact.observability_matrix(near, C))

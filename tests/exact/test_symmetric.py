@@ -100,9 +100,7 @@ def test_signs_of_a_product_are_exact(data, entry_bits, vector_bits):
 def test_signs_are_exact_for_numbers_of_any_length():
     """a a - a^2 = 0 with all bits of a set, 8000 of them."""
     a = 2**8000 - 1
-    first = (0, 0, a)
-    second = (0, 1, 1)
-    entries = [first, second, (1, 1, 5)]
+    entries = [(0, 0, a), (0, 1, 1), (1, 1, 5)]
     rows = both_triangles(arrays(2, entries))
     assert rows is not None
     for excess in (-1, 0, 1):
@@ -192,8 +190,7 @@ def test_what_does_not_fit_is_refused():
         arrays(1, entries).quadratic_form([1, 2])
     with pytest.raises(ShapeError, match="must be square"):
         IntegerSymmetric.from_floats(np.zeros((1, 2)))
-    second_row = [2.0 + 2**-51, 1.0]
-    nearly_symmetric = [[1.0, 2.0], second_row]
+    nearly_symmetric = [[1.0, 2.0], [2.0 + 2**-51, 1.0]]
     matrix = np.array(nearly_symmetric)
     with pytest.raises(ShapeError, match="must be exactly symmetric"):
         IntegerSymmetric.from_floats(matrix)

@@ -47,8 +47,7 @@ def separable_value(e: np.ndarray, eps: np.ndarray) -> float:
 
 def lure_value(e: np.ndarray, eps: np.ndarray) -> float:
     """Root of V / level."""
-    first = [2, 0.5, 0]
-    rows = [first, [0.5, 1, 0], [0, 0, 3]]
+    rows = [[2, 0.5, 0], [0.5, 1, 0], [0, 0, 3]]
     M = np.array(rows)
     weight = np.array(P, dtype=float)
     of_observers = sum(row @ weight @ row for row in eps)
@@ -122,10 +121,7 @@ def test_starts_of_what_holds_everywhere_without_a_matrix_and_of_another_problem
 
 def test_starts_keep_to_the_states_of_the_own_group():
     """Agents 1 and 3 have places 0 and 1, agent 2 has place 2."""
-    first = [1, 1, 0]
-    second = [0, 0, 1]
-    third = [1, 1, 0]
-    rows = [first, second, third]
+    rows = [[1, 1, 0], [0, 0, 1], [1, 1, 0]]
     own = np.array(rows, dtype=bool)
     constant = Exosystem(A=[[0]], C=[[1]])
     observer_of_sines = Observer(W=[[1], [0]])

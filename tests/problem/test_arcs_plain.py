@@ -123,7 +123,8 @@ def test_random_tables_have_one_outcome(tmp_path):
     for _ in range(300):
         name = r.choice(["arcs.csv", "arcs.tsv", "arcs.edgelist"])
         text = r.choice(["", "from,to\n", "1,2\n", "1 2\n"])
-        text += "".join(r.choices(pieces, k=r.randrange(1, 7)))
+        drawn = r.choices(pieces, k=r.randrange(1, 7))
+        text += "".join(drawn)
         quick = outcome(read, tmp_path, name, text)
         slow = outcome(line_by_line, tmp_path, name, text)
         assert quick == slow, (name, text)

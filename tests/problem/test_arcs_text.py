@@ -58,7 +58,9 @@ def test_edge_lists_of_networkx_keep_their_weights(tmp_path):
     for delimiter in (" ", ",", "\t"):
         nx.write_edgelist(graph, tmp_path / "net.edgelist", delimiter=delimiter)
         network = dd.problem_from_file(tmp_path / "net.edgelist", arrow="listens_to").network
-        assert triples(network) == [("a", "b", Fraction(1, 10)), ("b", "c", Fraction(5, 2))]
+        first = ("a", "b", Fraction(1, 10))
+        second = ("b", "c", Fraction(5, 2))
+        assert triples(network) == [first, second]
 
 
 def test_a_table_of_gephi_says_of_each_edge_whether_it_is_directed(tmp_path):
@@ -157,7 +159,9 @@ def test_what_could_mean_two_things_is_refused_with_the_cure(tmp_path, name, tex
 def test_parallel_arcs_are_added_and_loops_left_out_where_that_is_asked_for(tmp_path):
     text = "a,b,0.1\nb,b,7\nb,a,1\na,b,0.2\n"
     network = read(tmp_path, "net.csv", text, merge="sum", drop_loops=True)
-    assert list(network.modes["G"]) == [(0, 1, Fraction(3, 10)), (1, 0, Fraction(1))]
+    there = (0, 1, Fraction(3, 10))
+    back = (1, 0, Fraction(1))
+    assert list(network.modes["G"]) == [there, back]
     with pytest.raises(SpecError, match="self-arc"):
         read(tmp_path, "net.csv", text, merge="sum")
     with pytest.raises(SpecError, match="repeats an arc"):
@@ -179,10 +183,14 @@ h = "y"
 """
     (tmp_path / "p.toml").write_text(text)
     arcs = dd.load_problem(tmp_path / "p.toml").network.modes["G"]
-    assert list(arcs) == [(0, 1, Fraction(3, 10)), (1, 0, Fraction(1))]
+    there = (0, 1, Fraction(3, 10))
+    back = (1, 0, Fraction(1))
+    assert list(arcs) == [there, back]
+    without_merge = (', merge = "sum"', "", "repeats an arc")
+    not_a_truth = ("true }", '"yes" }', "drop_loops must be true or false")
     for old, new, match in (
-        (', merge = "sum"', "", "repeats an arc"),
-        ("true }", '"yes" }', "drop_loops must be true or false"),
+        without_merge,
+        not_a_truth,
         ("merge", "marge", 'beside file may stand merge = "sum" and drop_loops = true'),
     ):
         (tmp_path / "p.toml").write_text(text.replace(old, new))
@@ -191,7 +199,8 @@ h = "y"
 
 
 def test_readers_in_python_know_both(tmp_path):
-    graph = nx.MultiDiGraph([("a", "b"), ("a", "b"), ("b", "b")])
+    repeated = [("a", "b"), ("a", "b"), ("b", "b")]
+    graph = nx.MultiDiGraph(repeated)
     network = dd.Network.from_networkx(graph, arrow="listens_to", merge="sum", drop_loops=True)
     assert list(network.modes["G"]) == [(0, 1, Fraction(2))]
     pairs = list(graph.edges())

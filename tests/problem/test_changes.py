@@ -51,7 +51,9 @@ def test_a_rational_is_written_the_short_way(value, typed):
 def test_what_is_written_means_the_same_number():
     for k in range(1, 400):
         values = [Fraction(k, 7), Fraction(k, 1000)]
-        values += [Fraction(10) ** (k - 200), Fraction(k**12, 3**20)]
+        power = Fraction(10) ** (k - 200)
+        fraction = Fraction(k**12, 3**20)
+        values += [power, fraction]
         for value in values:
             assert parse_number(typed_number(value), key="k") == value
 
@@ -66,14 +68,16 @@ W = [[1]]
 
 
 def test_changes_are_told_as_a_file_would_hold_them():
-    value = {"1": 0.42, "a b": "9/16", 'é"': [[1, -2.5], ["1/3", 1e-07]]}
+    matrix_gain = [[1, -2.5], ["1/3", 1e-07]]
+    value = {"1": 0.42, "a b": "9/16", 'é"': matrix_gain}
     assert tomllib.loads(f"x = {value_text(value)}")["x"] == value
     changes: dict[str, Any] = {"pinning.gains": {"1": 5}, "target": [1, 2]}
     changes |= {"observer.W": [[1]], "observer.P": None}
     lines = "\n".join(change_lines(changes))
     assert lines == CHANGED
     assert tomllib.loads(lines)["pinning"] == {"gains": {"1": 5}}
-    (_, line) = change_lines({"pinning.gains": {str(i): 1 for i in range(1, 31)}})
+    gains = {str(i): 1 for i in range(1, 31)}
+    (_, line) = change_lines({"pinning.gains": gains})
     assert line.endswith("9 = 1, ... }  # 21 more")
 
 
@@ -106,7 +110,8 @@ def test_a_change_that_removes_the_observer_removes_its_gain_too():
     changes = {"observer": None, "observer.W": [[1], [2]]}
     problem = load_problem("paper-fixed")
     assert changed_problem(problem, changes).observer == Observer()
-    assert read(changed_file(problem, changes, text=TEXT, folder=Path())).observer == Observer()
+    file = changed_file(problem, changes, text=TEXT, folder=Path())
+    assert read(file).observer == Observer()
 
 
 def test_comments_and_order_stay_a_missing_table_is_added_and_an_empty_one_goes():
@@ -114,7 +119,8 @@ def test_comments_and_order_stay_a_missing_table_is_added_and_an_empty_one_goes(
     before = TEXT.splitlines()
     after = text.splitlines()
     assert len(after) == len(before)
-    ((old, new),) = [(a, b) for a, b in zip(before, after, strict=True) if a != b]
+    both = zip(before, after, strict=True)
+    ((old, new),) = [(a, b) for a, b in both if a != b]
     assert old.split("=")[0].strip() == "gains"
     assert new == 'gains = {3 = 0.25, 7 = "9/16"} # set by dobc certify --apply-fix'
     unpinned = TEXT.replace("[pinning]\ngains = { 1 = 5, 6 = 5 }", "")

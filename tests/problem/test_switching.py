@@ -78,7 +78,8 @@ def sections(draw) -> Switching:
         nearest = {"neighbours": draw(st.integers(1, 99))}
         ways = [dwell | radius, dwell | nearest]
     else:
-        sequence = draw(st.none() | st.lists(modes, min_size=1, max_size=5))
+        listed_modes = st.lists(modes, min_size=1, max_size=5)
+        sequence = draw(st.none() | listed_modes)
         order = {"sequence": sequence, "guarantee": draw(st.sampled_from([None, "arbitrary"]))}
         rounds = {"schedule": schedule, "period": schedule[-1][0] + draw(numbers)}
         rounds["guarantee"] = draw(st.sampled_from([None, "sequence"]))
@@ -207,7 +208,9 @@ def test_check_says_where_simulations_start():
 
 
 def test_a_list_of_dwells_is_the_schedule_of_a_round():
-    listed = Switching(guarantee="sequence", sequence=["Ga", "Gb", "Ga"], dwell=[1, "1/2", 2])
+    sequence = ["Ga", "Gb", "Ga"]
+    dwell = [1, "1/2", 2]
+    listed = Switching(guarantee="sequence", sequence=sequence, dwell=dwell)
     rounds = [[0, "Ga"], [1, "Gb"], ["3/2", "Ga"]]
     given: Any = {"signal": "periodic", "schedule": rounds, "period": "7/2"}
     assert listed == Switching(guarantee="sequence", **given)

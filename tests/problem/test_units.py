@@ -109,7 +109,9 @@ def test_a_certificate_says_and_draws_sizes_of_errors_in_the_unit_that_all_compo
 ):
     problem = written(tmp_path, '"m"').replace(uncertainty={"disturbance": "1/100"})
     certificate = dd.certify(problem)
-    bound = max(map(Fraction, certificate.check("accuracy").exact["bounds"].values()))
+    bounds = certificate.check("accuracy").exact["bounds"]
+    numbers = map(Fraction, bounds.values())
+    bound = max(numbers)
     said = re.match(r"All agents end within (\S+) m of the target plus", certificate.reason)
     assert bound <= Fraction(said[1]) < bound * Fraction(101, 100)
     assert certificate.plot().figure.axes[0].get_xlabel().endswith("at the start, in m")

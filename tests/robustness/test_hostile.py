@@ -79,10 +79,9 @@ def problem() -> dd.Problem:
 
 @pytest.fixture(scope="module")
 def valid(problem) -> dict[str, dict[str, Any]]:
-    return {
-        "certificate.json": json.loads(certificate_bytes(certified("paper-fixed").claims)),
-        "problem.json": json.loads(canonical_bytes(problem)),
-    }
+    certificate = json.loads(certificate_bytes(certified("paper-fixed").claims))
+    document = json.loads(canonical_bytes(problem))
+    return {"certificate.json": certificate, "problem.json": document}
 
 
 @pytest.mark.parametrize("reader", READERS)
@@ -95,7 +94,9 @@ def test_bytes_that_are_no_file_of_ours_are_refused(reader, name):
 @pytest.mark.parametrize("name", TREES)
 def test_a_hostile_document_is_refused(reader, name):
     text = f"x = {TREES[name]}" if reader == "problem.toml" else TREES[name]
-    assert take(READERS[reader][0], text.encode(), READERS[reader][1]) is None
+    reads = READERS[reader][0]
+    error = READERS[reader][1]
+    assert take(reads, text.encode(), error) is None
 
 
 @pytest.mark.parametrize("text", ["9" * (10 * MB), "1/" + "9" * (10 * MB), "0." + "9" * (10 * MB)])
@@ -104,10 +105,8 @@ def test_a_rational_of_ten_megabytes_is_refused(valid, text):
         ("certificate.json", "observer P 0 0"),
         ("problem.json", "exosystem A 0 0"),
     ):
-        assert (
-            take(READERS[reader][0], changed(valid[reader], place, f'"{text}"'), READERS[reader][1])
-            is None
-        )
+        reads = READERS[reader][0]
+        assert take(reads, changed(valid[reader], place, f'"{text}"'), READERS[reader][1]) is None
 
 
 def changed(valid: dict[str, Any], place: str, text: str) -> bytes:
@@ -139,9 +138,9 @@ def test_a_hostile_part_of_a_good_document_is_refused_or_changes_no_proof(
 ):
     """Some parts are text that nobody judges, and may be anything."""
     for text in PLACES[reader].split(", "):
-        found = take(
-            READERS[reader][0], changed(valid[reader], text, TREES[name]), READERS[reader][1]
-        )
+        reads = READERS[reader][0]
+        data = changed(valid[reader], text, TREES[name])
+        found = take(reads, data, READERS[reader][1])
         if found is not None and reader == "certificate.json":
             with time_limit(LIMIT):
                 assert recheck(found, problem).holds is (text == "reason")
@@ -151,7 +150,8 @@ def test_a_hostile_part_of_a_good_document_is_refused_or_changes_no_proof(
 def test_line_ends_and_a_byte_order_mark_are_taken_or_refused_as_a_whole(reader, valid):
     text = json.dumps(valid[reader], indent=1)
     read, error = READERS[reader]
-    assert take(read, text.replace("\n", "\r\n").encode(), error) is not None
+    windows_lines = text.replace("\n", "\r\n").encode()
+    assert take(read, windows_lines, error) is not None
     assert take(read, text.encode("utf-8-sig"), error) is None
     assert take(read, text.encode() + b"\0", error) is None
 
@@ -192,7 +192,8 @@ def test_a_pair_of_long_numbers_is_decided_in_time(name):
     document = json.loads(certificate_bytes(claims))
     document["observer"] |= {"P": as_text(P), "Q": as_text(multiply(P, claims.W))}
     with time_limit(LIMIT):
-        found = recheck(read_claims(json.dumps(document).encode()), problem)
+        data = json.dumps(document).encode()
+        found = recheck(read_claims(data), problem)
     assert not found.holds  # the exact values beside it are those of the old pair
 
 
@@ -207,7 +208,8 @@ def test_a_deep_fix_is_no_way_to_crash_the_checker(valid, problem):
     document = json.loads(text)
     document["checks"][1]["fix"] = {"kind": "x", "set": {"a": "@@"}, "text": "x"}
     for depth in (100, 500, 900, 960):
-        data = json.dumps(document).replace('"@@"', "[" * depth + "]" * depth).encode()
+        brackets = "[" * depth + "]" * depth
+        data = json.dumps(document).replace('"@@"', brackets).encode()
         found = take(read_claims, data, CertificateError)
         if found is not None:
             with time_limit(LIMIT):

@@ -41,14 +41,8 @@ def dobc(
     *arguments: object, before: Sequence[str] = (), **options: Any
 ) -> subprocess.CompletedProcess[str]:
     streams = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE} | options
-    ran = subprocess.run(
-        [*before, *DOBC, *map(str, arguments)],
-        text=True,
-        encoding="utf-8",
-        timeout=60,
-        check=False,
-        **streams,
-    )
+    command = [*before, *DOBC, *map(str, arguments)]
+    ran = subprocess.run(command, text=True, encoding="utf-8", timeout=60, check=False, **streams)
     for text in (ran.stdout, ran.stderr):
         assert "Traceback" not in (text or "")
         assert "Exception ignored" not in (text or "")
@@ -105,10 +99,10 @@ def test_no_room_for_a_file_leaves_the_old_ones(folder, size):
     """A limit on the size of files does to a process what a full disk does; the write fails after
     ``size`` bytes."""
     before = contents(folder)
-    error = refusal(
-        certify(folder, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))),
-        4,
+    told = certify(
+        folder, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
     )
+    error = refusal(told, 4)
     assert ".json cannot be written: File too large" in error["message"]
     assert "--out" in error["cure"]
     assert contents(folder) == before
@@ -154,7 +148,8 @@ def test_a_link_in_place_of_a_file_is_replaced_and_its_target_left_alone(folder,
     assert dobc("certify", "clock-sync", "--no-report", "--out", folder, "--force").returncode == 0
     assert mine.read_text(encoding="utf-8") == "mine"
     assert not (folder / "certificate.json").is_symlink()
-    assert dd.verify((folder / "certificate.json").read_bytes(), folder / "problem.json").holds
+    certificate = (folder / "certificate.json").read_bytes()
+    assert dd.verify(certificate, folder / "problem.json").holds
 
 
 def bound_socket(path: Path) -> None:
@@ -209,7 +204,8 @@ def test_files_that_may_not_be_read_are_mistakes(folder, tmp_path):
     for name in ("certificate.json", "problem.json"):
         (folder / name).chmod(0)
     before = unprivileged()
-    error = refusal(dobc("check", folder / "problem.json", "--json", before=before), 2)
+    told = dobc("check", folder / "problem.json", "--json", before=before)
+    error = refusal(told, 2)
     assert "cannot be read: Permission denied" in error["message"]
     error = refusal(dobc("verify", folder, "--problem", "clock-sync", "--json", before=before), 2)
     assert "cannot be read: Permission denied" in error["message"]
@@ -261,13 +257,8 @@ def test_an_answer_that_cannot_be_written_is_the_machines_failure(tmp_path, made
 
 
 def test_a_reader_that_takes_one_line_sees_no_traceback(tmp_path):
-    ran = subprocess.run(
-        ["sh", "-c", '"$@" | head -1', "sh", *DOBC, "schema"],
-        cwd=tmp_path,
-        text=True,
-        capture_output=True,
-        check=False,
-    )
+    command = ["sh", "-c", '"$@" | head -1', "sh", *DOBC, "schema"]
+    ran = subprocess.run(command, cwd=tmp_path, text=True, capture_output=True, check=False)
     assert ran.stdout == "{\n"
     assert ran.stderr == ""
 

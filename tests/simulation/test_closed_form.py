@@ -60,8 +60,7 @@ def test_the_table_is_given_up_where_it_would_be_too_long():
 
 def test_states_evolve_row_by_row():
     F = np.array(CASES["three states"])
-    second = [0, -1, 0]
-    points = [[1.0, 2, 3], second]
+    points = [[1.0, 2, 3], [0, -1, 0]]
     start = np.array(points)
     times = np.array([0.0, 0.4, 5])
     found = evolve(F, start, times)

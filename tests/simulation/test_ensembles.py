@@ -104,9 +104,7 @@ def test_runs_that_escape_are_named_and_the_others_go_on():
 
 def test_a_run_that_escapes_counts_the_switches_until_then():
     """Two modes that are the same, every 0.03 s."""
-    first = [[1, 2]]
-    second = [[1, 2]]
-    arcs = {"a": first, "b": second}
+    arcs = {"a": [[1, 2]], "b": [[1, 2]]}
     network = Network.from_arcs(arcs, arrow="listens_to", agents=2)
     region = {"initial_states": [0, 2]}
     problem = Problem(network=network, coupling="y - y**3", region=region)

@@ -18,12 +18,8 @@ from dobc_design.simulation.stressed import ALONE, StressedColumns
 
 def mixed() -> Problem:
     """m = 2, q = 3, weights, an exception, matrix gains, offsets: nothing is symmetric."""
-    weighted = [1, 2, 3]
-    half = [3, 1, "1/2"]
-    arcs = [weighted, [2, 3], half, [4, 1]]
-    second = [3, -4, 5]
-    third = [6, 7, -8]
-    A = [[0, 1, 2], second, third]
+    arcs = [[1, 2, 3], [2, 3], [3, 1, "1/2"], [4, 1]]
+    A = [[0, 1, 2], [3, -4, 5], [6, 7, -8]]
     C = [[1, 2, 0], [0, 3, 1]]
     W = [[1, 2], [3, 4], [5, 6]]
     turning = [[1, 2], [-2, 1]]

@@ -19,16 +19,13 @@ GAINS = (3.0, 0.0, 1.0)
 def problem() -> dd.Problem:
     """Agents 1 and 3 feel a sine, agent 2 a ramp."""
     C = [[1, 0, 1]]
-    first = [0, 1, 0]
-    third = [0, 0, -1]
-    A = [first, [0, 0, 0], third]
+    A = [[0, 1, 0], [0, 0, 0], [0, 0, -1]]
     ramp = dd.Exosystem(A=A, C=C)
     sines = dd.Group(agents=[1, 3], exosystem=HARMONIC, observer=PRINTED)
     W = [[3], [2], [0]]
     observer = dd.Observer(W=W)
     ramps = dd.Group(agents=[2], exosystem=ramp, observer=observer)
-    second = ["0.3", "-0.2", 1]
-    xi0 = [[1, "1/2"], second, [-1, 2]]
+    xi0 = [[1, "1/2"], ["0.3", "-0.2", 1], [-1, 2]]
     arcs = [[1, 2], [2, 3], [3, 1]]
     network = dd.Network.from_arcs(arcs, arrow="listens_to")
     gains = {1: 3, 3: 1}
@@ -89,14 +86,11 @@ def by_hand(start: np.ndarray, times: np.ndarray) -> np.ndarray:
 def test_a_run_is_that_of_the_loop_written_out_agent_by_agent(problem, observer):
     start = [[2.0], [-1.0], [0.5]]
     run = dd.simulate(problem, observer=observer, start=start, t_final=3, samples=31)
-    apart = run.x[:, :, 0]
-    positions = apart - by_hand(run.x[0, :, 0], run.times)
-    found = np.abs(positions).max()
+    positions = run.x[:, :, 0]
+    apart = positions - by_hand(run.x[0, :, 0], run.times)
+    found = np.abs(apart).max()
     assert found < 1e-7
-    first = [1, 0.5, 0, 0, 0]
-    second = [0, 0, 0.3, -0.2, 1]
-    third = [-1, 2, 0, 0, 0]
-    wanted = [first, second, third]
+    wanted = [[1, 0.5, 0, 0, 0], [0, 0, 0.3, -0.2, 1], [-1, 2, 0, 0, 0]]
     assert np.array_equal(run.xi[0], wanted)
     assert not run.xi[:, 0, 2:].any()
     assert not run.xihat[:, 1, :2].any()
@@ -128,10 +122,7 @@ def test_drawn_disturbances_stay_in_the_states_of_the_own_group_and_in_their_bal
     no_region = dd.Problem(**given | {"region": None})
     run_of_ones = dd.simulate(no_region, t_final=0.1)
     ones = run_of_ones.xi[0]
-    first = [1, 1, 0, 0, 0]
-    second = [0, 0, 1, 1, 1]
-    third = [1, 1, 0, 0, 0]
-    wanted = [first, second, third]
+    wanted = [[1, 1, 0, 0, 0], [0, 0, 1, 1, 1], [1, 1, 0, 0, 0]]
     assert np.array_equal(ones, wanted)
 
 
@@ -151,10 +142,7 @@ def test_the_model_has_the_right_hand_side_of_the_simulation(problem):
     model = dd.build_model(problem)
     samples = [0.0, 0.5, 6.0]
     run = dd.simulate(problem, observer="full-loop", samples=samples)
-    first = [3.2, 2.4, 0, 0, 0]
-    second = [0, 0, 3, 2, 0]
-    third = [3.2, 2.4, 0, 0, 0]
-    W = np.array([first, second, third])
+    W = np.array([[3.2, 2.4, 0, 0, 0], [0, 0, 3, 2, 0], [3.2, 2.4, 0, 0, 0]])
     z = run.xihat[1] - W * run.x[1]
     x = run.x[1].ravel()
     xi = run.xi[1].ravel()

@@ -126,9 +126,7 @@ def test_without_hysteresis_a_graph_may_chatter_and_that_is_said():
 
 def crossing() -> Waypoints:
     """Agent 2 flies past agent 1: distance |2 t - 4| to t = 4; agent 3 stays away."""
-    first = [[0, 0], [-4, 0], [50, 0]]
-    second = [[0, 0], [4, 0], [50, 0]]
-    positions = [first, second]
+    positions = [[[0, 0], [-4, 0], [50, 0]], [[0, 0], [4, 0], [50, 0]]]
     return Waypoints(times=[0, 4], positions=positions)
 
 
@@ -150,9 +148,7 @@ def test_under_a_given_motion_the_loop_is_a_product_of_exponentials():
     start = np.array([[1.0], [-3], [2]])
     run = simulate(problem, signal=signal, start=start, t_final=4.0, tolerance=1e-12)
     K = np.diag([1, 0.5, 2])
-    first = [-1.0, 1, 0]
-    second = [1, -1, 0]
-    laplacian = [first, second, [0, 0, 0]]
+    laplacian = [[-1.0, 1, 0], [1, -1, 0], [0, 0, 0]]
     linked = np.array(laplacian) - K
     together = expm(-K * 1.25) @ expm(linked * 1.25)
     wanted = together @ expm(-K * 1.5) @ start

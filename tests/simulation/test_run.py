@@ -309,8 +309,7 @@ def test_the_seed_decides_the_start_and_the_problem_where_the_disturbance_begins
     trajectory = simulate(planar(), samples=2)
     np.testing.assert_allclose(trajectory.xihat[0], 0, atol=1e-15)
     found = trajectory.xi[0].tolist()
-    second = [0, 1, -1]
-    expected = [[1, 0, 2], second, [3, 0, 0]]
+    expected = [[1, 0, 2], [0, 1, -1], [3, 0, 0]]
     assert found == expected
     without = simulate(ring(exosystem=HARMONIC, observer=PRINTED, gains=1), samples=2, t_final=1)
     wanted = np.ones((10, 2))

@@ -188,9 +188,7 @@ def test_sections_become_signals_and_what_was_chosen_or_is_not_used_is_said():
     assert signal == RandomDwell(dwell=0.5)
     assert "switching.dwell is not given: 0.5 s" in remark
     signal, remark = chosen(signal="markov", dwell="1/2")
-    first = [-2, 1, 1]
-    second = [1, -2, 1]
-    generator = [first, second, [1, 1, -2]]
+    generator = [[-2, 1, 1], [1, -2, 1], [1, 1, -2]]
     assert signal == Markov(generator=generator)
     assert "equally likely" in remark
     kept = RandomDwell(dwell=1 / 3, longest=2)

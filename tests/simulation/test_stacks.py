@@ -77,9 +77,7 @@ def test_agents_that_do_not_heed_their_observer_are_the_same_too(stress: Stress)
 
 @in_both("lost", "lost")
 def test_graphs_of_a_given_motion_are_shared(stress: Stress):
-    first = [[0], [1], [2]]
-    second = [[0], [1], [9]]
-    positions = [first, second]
+    positions = [[[0], [1], [2]], [[0], [1], [9]]]
     motion = Waypoints(times=(0, 1), positions=positions)
     signal = Mobile(radius=1.5, motion=motion)
     agree(nonlinear_planar(), stress, signal=signal)

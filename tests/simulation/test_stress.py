@@ -105,8 +105,7 @@ def test_a_gain_for_the_sampled_observer_can_be_given():
 
 
 def test_links_that_stay_keep_what_was_heard_and_new_ones_hold_nothing():
-    first = [[1, 2], [2, 3]]
-    modes = {"a": first, "b": [[3, 1], [2, 3]]}
+    modes = {"a": [[1, 2], [2, 3]], "b": [[3, 1], [2, 3]]}
     network = dd.Network.from_arcs(modes, arrow="listens_to")
     problem = dd.Problem(network=network, coupling="y")
     signal = Periodic(dwell=0.15)

@@ -220,9 +220,7 @@ def problem(**settings) -> dd.Problem:
     arcs = [[1, 2], [2, 3]]
     network = dd.Network.from_arcs(arcs, arrow="listens_to")
     C = [[1, 0, 0], [0, 0, 1]]
-    first = [0, 1, 0]
-    second = [-1, 0, 0]
-    A = [first, second, [0, 0, 0]]
+    A = [[0, 1, 0], [-1, 0, 0], [0, 0, 0]]
     exosystem = dd.Exosystem(A=A, C=C)
     W = [[1, 0], [0, 0], [0, 1]]
     observer = dd.Observer(W=W)

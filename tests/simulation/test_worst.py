@@ -125,9 +125,7 @@ def links(modes: dict[str, list[list[int]]], n: int, **turns: object) -> dd.Prob
 def test_the_slowest_signal_of_three_agents_is_the_one_on_paper():
     """Agent 3 hears in A for a s, agent 2 in B for b s: the rate is min (a, b) / (a + b), the least
     for 1 and 2 s."""
-    first = [[3, 2]]
-    second = [[2, 1]]
-    modes = {"A": first, "B": second}
+    modes = {"A": [[3, 2]], "B": [[2, 1]]}
     problem = links(modes, 3, longest=2)
     assert sorted(worst_signal(problem).dwell) == [1, 2]
     start = {"x": [[1], [1], [1]]}
@@ -146,9 +144,7 @@ def test_the_slowest_signal_of_three_agents_is_the_one_on_paper():
 
 def test_without_a_longest_time_it_stays_in_the_slowest_mode():
     """(3 - sqrt(5))/2 in B, where agent 1 hears agent 2; 1 in A."""
-    first = [[2, 1]]
-    second = [[2, 1], [1, 2]]
-    modes = {"A": first, "B": second}
+    modes = {"A": [[2, 1]], "B": [[2, 1], [1, 2]]}
     problem = links(modes, 2)
     assert worst_signal(problem).order == ("B",)
     run = dd.simulate(problem, stress="worst", t_final=4)

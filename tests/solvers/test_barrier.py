@@ -56,9 +56,9 @@ def test_gradient_and_hessian_are_the_differences_of_the_barrier(shape):
         slopes = []
         curves = []
         for e in step:
-            change = program.barrier(point + e)
-            ahead = change - program.barrier(point - e)
-            slopes.append(ahead / 2e-6)
+            ahead = program.barrier(point + e)
+            change = ahead - program.barrier(point - e)
+            slopes.append(change / 2e-6)
             after = program.derivatives(point + e)[0]
             before = program.derivatives(point - e)[0]
             curves.append((after - before) / 2e-6)

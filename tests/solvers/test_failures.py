@@ -154,8 +154,7 @@ def test_certify_proves_without_eigenvalues(monkeypatch, cycle):
 
 def test_a_problem_beyond_the_floats_is_still_decided(harmonic):
     """Weights of 1e399 and 1e-399: every estimate fails, the exact side does not."""
-    first = [1, 2, "1e399"]
-    arcs = [first, [2, 1, "1e399"]]
+    arcs = [[1, 2, "1e399"], [2, 1, "1e399"]]
     network = dd.Network.from_arcs(arcs, arrow="listens_to", agents=2)
     gains = {1: "1e-399", 2: 1}
     held = dd.Problem(network=network, coupling="y", gains=gains, exosystem=harmonic)

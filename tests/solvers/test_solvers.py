@@ -145,8 +145,7 @@ def test_without_an_exosystem_or_beyond_the_floats_there_is_no_solution(cycle, h
     plain = Problem(network=Network.from_arcs(arcs, arrow="listens_to", agents=2), coupling="y")
     with pytest.raises(SpecError, match=r"needs an \[exosystem\]"):
         solve_reduced(plain)
-    first = [1, 2, "1e399"]
-    network = Network.from_arcs([first, [2, 1]], arrow="listens_to", agents=2)
+    network = Network.from_arcs([[1, 2, "1e399"], [2, 1]], arrow="listens_to", agents=2)
     problem = Problem(network=network, coupling="y", gains={1: 1}, exosystem=harmonic)
     assert reduced_program(problem) is None
     assert not solve_reduced(problem).found
@@ -172,8 +171,7 @@ def test_the_largest_entry_keeps_its_digits(size, digits):
 
 
 def test_rounding_is_decimal_and_keeps_symmetry_zero_and_nothing():
-    second_row = [1 / 3, 2 / 3]
-    rows = [[0.5, 1 / 3], second_row]
+    rows = [[0.5, 1 / 3], [1 / 3, 2 / 3]]
     array = np.array(rows)
     first_row = (Fraction(1, 2), Fraction(333, 1000))
     expected = (first_row, (Fraction(333, 1000), Fraction(667, 1000)))

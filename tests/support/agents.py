@@ -33,9 +33,7 @@ def double_integrators() -> dd.Problem:
 def three_states() -> dd.Problem:
     """m = 3, p = 2: u0 and offsets are not 0, couplings saturate, B is no part of the identity, W
     acts on x."""
-    second = [-1, "-1/2", "1/4"]
-    third = [0, "1/2", -1]
-    A = [[0, 1, 0], second, third]
+    A = [[0, 1, 0], [-1, "-1/2", "1/4"], [0, "1/2", -1]]
     given: dict[str, Any] = {"name": "plants", "network": RING}
     B = [[0, 0], [2, 0], [1, 1]]
     given["dynamics"] = Dynamics(A=A, B=B)
@@ -272,9 +270,7 @@ def loop_matrix(problem: Problem, W: Any) -> np.ndarray:
     third = [flow @ own - own @ known, 0 * eye, flow]
     whole = np.block([first, second, third])
     first_row = [np.eye(n * m), none, none]
-    second_row = [-own, eye, -eye]
-    third_row = [zeros, eye, 0 * eye]
-    turn = np.block([first_row, second_row, third_row])
+    turn = np.block([first_row, [-own, eye, -eye], [zeros, eye, 0 * eye]])
     turned = turn @ whole @ np.linalg.inv(turn)  # of (e, eps, xi)
     size = n * (m + q)
     assert np.allclose(turned[:size, size:], 0)

@@ -63,7 +63,7 @@ def claim(document: dict[str, Any], seed: int) -> dict[str, Any]:
             check["exact"] = {"unstable_roots": "1"}
     if copy["observer"]["source"] == "designed" and r.random() < 0.5:
         W = copy["observer"]["W"]
-        W = [[str(r.randint(-3, 3)) for _ in row] for row in W]
+        copy["observer"]["W"] = [[str(r.randint(-3, 3)) for _ in row] for row in W]
         if r.random() < 0.5:
             copy["observer"]["P"] = copy["observer"]["Q"] = None
     return copy

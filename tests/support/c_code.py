@@ -107,8 +107,7 @@ OTHER = (
 def planar() -> Problem:
     """m = 2, q = 3, every function of the grammar, matrix gains, a formation, two modes, names that
     need care."""
-    second = ["c??/", 'd"\\', 2]
-    first = [["a.b", "c??/"], second, ['d"\\', "a.b"]]
+    first = [["a.b", "c??/"], ["c??/", 'd"\\', 2], ['d"\\', "a.b"]]
     mode_two = [["a.b", 'd"\\'], ["c??/", "a.b"]]
     modes = {'mode "one" */': first, "two' \\": mode_two}
     offsets = {"c??/": [1, 0]}
@@ -122,9 +121,7 @@ def planar() -> Problem:
     W = [[2, 0], [0, 2], [1, 0]]
     given["observer"] = Observer(W=W)
     given["name"] = 'trouble */ *\\ """ here ???/ \\'
-    first_start = [1, 0, 2]
-    second_start = [0, 1, -1]
-    starts = [first_start, second_start, [3, 0, 0]]
+    starts = [[1, 0, 2], [0, 1, -1], [3, 0, 0]]
     given["simulation"] = {"t_final": 4, "seed": 3, "xi0": starts}
     return linked(modes, None, [EVERY, OTHER], **given)
 

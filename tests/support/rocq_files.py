@@ -72,9 +72,7 @@ RISING = "exp(y) - 1 + y"
 
 @cache
 def problems() -> dict[str, Problem]:
-    in_a = [[2, 1, "2/3"], [3, 2]]
-    in_b = [[2, 3, "1/2"], [3, 1, "7/5"]]
-    two = {"a": in_a, "b": in_b}
+    two = {"a": [[2, 1, "2/3"], [3, 2]], "b": [[2, 3, "1/2"], [3, 1, "7/5"]]}
     pair = {"a": [[2, 1], [1, 2, "1/2"]], "b": [[2, 1, 2]]}
     A = ((0, 1), (-1, 0))
     C = ((1, 0), (0, 1))
@@ -105,8 +103,7 @@ def problems() -> dict[str, Problem]:
     # the same kinds of arcs, in few pieces
     given = {"gains": {1: 3, 2: 3, 3: 2}, "region": {"initial_states": [-3, 3]}}
     given["exceptions"] = falls | {(2, 1): "y/(1 + y**2/9)"}
-    back = [1, 2, "1/2"]
-    three = [[2, 1], back, [3, 2]]
+    three = [[2, 1], [1, 2, "1/2"], [3, 2]]
     made["bent"] = linked(three, 3, "y*exp((1 - y**2)/2)", **given)
     # estimates that start exact: a bound of 0 on the estimation error
     exosystem = Exosystem(A=((0,),), C=((1,),))

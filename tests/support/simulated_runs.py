@@ -45,19 +45,14 @@ def pair(coupling: str = "y", **settings) -> Problem:
 
 def planar(**settings) -> Problem:
     """Linear, m = 2, q = 3, two modes, formation, matrix gains, weights."""
-    first = [[1, 2], [2, 3, 2], [3, 1], [1, 3]]
-    second = [[1, 3, "1/2"], [2, 1]]
-    modes = {"one": first, "two": second}
+    modes = {"one": [[1, 2], [2, 3, 2], [3, 1], [1, 3]], "two": [[1, 3, "1/2"], [2, 1]]}
     given: dict[str, Any] = {"coupling": ["2*y1 + y2", "3*y2 - y1"]}
-    first_start = [1, 0, 2]
-    second_start = [0, 1, -1]
-    starts = [first_start, second_start, [3, 0, 0]]
+    starts = [[1, 0, 2], [0, 1, -1], [3, 0, 0]]
     given["simulation"] = {"t_final": 4, "seed": 3, "xi0": starts}
     given["target"] = [1, -2]
     gain = [[2, 1], [-1, 2]]
     given["gains"] = {"1": 3, "3": gain}
-    second_row = [-1, 0, 0]
-    A = [[0, 1, 0], second_row, [0, 0, 0]]
+    A = [[0, 1, 0], [-1, 0, 0], [0, 0, 0]]
     C = [[1, 0, 1], [0, 1, 0]]
     given["exosystem"] = Exosystem(A=A, C=C)
     W = [[2, 0], [0, 2], [1, 0]]

@@ -100,8 +100,7 @@ def repelling(r: Random, more: dict[str, Any]) -> Stated:
     w = F(r.randint(2, 6), 4)
     largest = (k - 2 * w) / (k + 2 * w)
     error = largest + (1 - largest) * r.randint(2, 30) / 100
-    first = [1, 2, w]
-    arcs = [first, [2, 1, w]]
+    arcs = [[1, 2, w], [2, 1, w]]
     pair = network_of(arcs, 2)
     h = "-y" if more else r.choice(["-y", "-tanh(y)"])
     where = {} if r.random() < 0.5 else BOX
@@ -349,8 +348,7 @@ def second_order(seed: int) -> tuple[Problem, Loop]:
         L[i, i] += float(Fraction(w))
         L[i, j] -= float(Fraction(w))
     L[0, 0] += k
-    second = [-L, -drag * one]
-    rows = [[0 * one, one], second]
+    rows = [[0 * one, one], [-L, -drag * one]]
     A = np.block(rows)
     B = np.vstack([0 * one, one])
     more: dict[str, Any] = {}
@@ -358,8 +356,7 @@ def second_order(seed: int) -> tuple[Problem, Loop]:
     if seed % 2:
         first_gain = r.randint(20, 40) / 10
         plant["drift"], a, b = "1/20", first_gain, r.randint(10, 30) / 10
-        second_row = [-1 - b, 0]
-        F_rows = [[-a, 1], second_row]
+        F_rows = [[-a, 1], [-1 - b, 0]]
         F = np.array(F_rows)
         A_rows = [[0, 1], [-1, 0]]
         exosystem = Exosystem(A=A_rows, C=[[1, 0]])

@@ -145,9 +145,7 @@ def test_linear_paper_network_ends_within_the_known_bounds():
 def test_bounds_of_two_agents_have_closed_forms():
     """One agent pinned with 1, the other hears it with weight 1 or 2: the bound is that of weight
     1."""
-    first = [(1, 0, "1")]
-    second = [(1, 0, "2")]
-    modes = {"a": first, "b": second}
+    modes = {"a": [(1, 0, "1")], "b": [(1, 0, "2")]}
     problem = linear_problem(2, modes, {"1": "1"}).replace(uncertainty=OMEGA)
     assert bounds(problem) == pytest.approx([0.1, 0.2], rel=1e-4)
     # No observer: b_1 = nubar k, b_2 = 2 nubar w.
@@ -360,7 +358,7 @@ def scaled(path: list[Any], factor: str) -> Any:
             exact = exact[key]
         entry = exact[path[-1]]
         scaled_entry = Fraction(entry) * Fraction(factor)
-        entry = str(scaled_entry)
+        exact[path[-1]] = str(scaled_entry)
 
     return change
 
@@ -394,9 +392,7 @@ def test_the_bound_is_never_below_the_exact_gain(seed: int):
 def test_boxes_inside_are_found_where_a_newton_step_overshoots():
     """Curved rows with noise: the step for the weights of the inner boxes passes one entry of the
     solution by 1e-6."""
-    first = [1, 3, 1]
-    second = [2, 1, 2]
-    arcs = [first, second, [3, 2, 2]]
+    arcs = [[1, 3, 1], [2, 1, 2], [3, 2, 2]]
     gains = {1: 5, 2: 2, 3: 3}
     problem = listening(arcs, "y + y**3/10", n=3, gains=gains, target=0)
     inputs = {
@@ -455,10 +451,7 @@ def mixed_loop() -> np.ndarray:
     """M of MIXED, written out from its text."""
     usual = np.array([[1.35, -0.35], [0.45, 1.85]])
     other = np.array([[1.9, 0.15], [-0.4, 1.25]])
-    first = (1, 2, 1, usual)
-    second = (2, 4, 1, other)
-    third = (3, 1, 1, usual)
-    arcs = [first, second, third, (3, 4, 1, usual)]
+    arcs = [(1, 2, 1, usual), (2, 4, 1, other), (3, 1, 1, usual), (3, 4, 1, usual)]
     fourth = (4, 1, 0.55, usual)
     fifth = (4, 3, 1.25, usual)
     arcs += [fourth, fifth]

@@ -192,9 +192,7 @@ def test_couplings_that_mix_components_in_mean_square():
     own = problem(coupling=["y1 + y2/4", "y2"], target=[0, 0])
     check = check_of(certify(own), "markov")
     assert check.exact["kind"] == "mean square"
-    first = [[1, 2]]
-    second = [[2, 1]]
-    modes = {"A": first, "B": second}
+    modes = {"A": [[1, 2]], "B": [[2, 1]]}
     stiff = problem(modes, n=2, coupling=["y1 + 9*y2", "y2 - 9*y1"], target=[0, 0])
     assert check_of(certify(stiff), "markov").verdict is PROVED
 
@@ -204,9 +202,7 @@ def test_an_unstable_mode_that_does_not_last_refutes_nothing():
     """e_1' = e_1/2 - e_2 in A; the chain leaves A nine times as fast as it comes."""
     gains = {1: "1/2", 2: 3}
     more: Any = {"n": 2, "coupling": "-y", "gains": gains}
-    first = [[1, 2]]
-    second = [[2, 1]]
-    modes = {"A": first, "B": second}
+    modes = {"A": [[1, 2]], "B": [[2, 1]]}
     rarely_off = ((-9, 9), (1, -1))
     brief = problem(modes, generator=rarely_off, **more)
     assert certify(brief).verdict is PROVED
@@ -228,9 +224,7 @@ def test_an_equilibrium_of_a_mode_that_does_not_last_refutes_nothing(
     """sin vanishes at pi: agent 2 may rest there while it hears agent 1."""
     generator = [[-1, 1], [1, -1]]
     turns = Switching(signal="markov", guarantee=guarantee, generator=generator)
-    first = [[2, 1]]
-    second = [[2, 1], [1, 2]]
-    modes = {"A": first, "B": second}
+    modes = {"A": [[2, 1]], "B": [[2, 1], [1, 2]]}
     own = problem(modes, n=2, coupling="sin(y)", region=side(4), switching=turns)
     found = certify(own)
     assert ("equilibrium" in ids(found)) == (verdict is REFUTED)
@@ -296,9 +290,7 @@ def test_without_a_pin_the_box_holds_and_couplings_that_fall_are_left_open():
 
 
 def test_other_proofs_of_a_moving_graph_are_about_the_declared_modes():
-    first = [[2, 1]]
-    second = [[2, 1], [1, 2]]
-    modes = {"A": first, "B": second}
+    modes = {"A": [[2, 1]], "B": [[2, 1], [1, 2]]}
     own = problem(modes, n=2, coupling=PAPER, switching=MOBILE, region=side(1))
     found = certify(own)
     assert found.claims.covered_by == "max-separable"

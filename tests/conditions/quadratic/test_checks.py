@@ -180,9 +180,7 @@ def test_a_list_of_expressions_has_one_channel_for_every_gain():
     check = check_of(problem, lure, radius)
     assert check.verdict is Verdict.PROVED
     assert refusal(problem, check) is None
-    first = [["1", "1"], ["0.1", "0.2"]]
-    second = [["0", "0"], ["1", "1"]]
-    gains = [first, second]
+    gains = [[["1", "1"], ["0.1", "0.2"]], [["0", "0"], ["1", "1"]]]
     ranges = [{"coupling": 0, "gains": gains}]
     assert "not shown" in str(refusal(problem, check, ranges=ranges))
 

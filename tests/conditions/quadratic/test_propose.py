@@ -196,9 +196,7 @@ def test_one_certificate_serves_every_mode():
 
 @pytest.mark.slow
 def test_matrix_gains_weights_exceptions_and_vectors_are_certified_together():
-    half = [1, 2, "1/2"]
-    double = [1, 3, 2]
-    arcs = [half, [2, 3], [3, 1], double]
+    arcs = [[1, 2, "1/2"], [2, 3], [3, 1], [1, 3, 2]]
     special = {(2, 0): ["2*y1", "2*y2"]}
     gains = {1: matrix("3 1; -1 3"), 3: 2}
     h = ["y1 + y2**2/4", "y2 - y1/2"]

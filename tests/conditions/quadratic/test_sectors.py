@@ -135,8 +135,7 @@ def test_a_linear_coupling_is_one_gain_for_every_radius_and_exceptions_have_thei
     channel = sectors_of(problem, (found,), None).modes["G"][0]
     assert channel.spread == 0
 
-    half = [1, 2, "1/2"]
-    arcs = [half, [2, 1], [2, 3]]
+    arcs = [[1, 2, "1/2"], [2, 1], [2, 3]]
     exceptions = {(1, 0): "2*y"}
     problem = linked(arcs, coupling=PAPER, exceptions=exceptions, gains=1)
     ranges = ranges_of(problem)

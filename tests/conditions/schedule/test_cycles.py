@@ -116,11 +116,9 @@ def lengths(own: Problem) -> list[tuple[str, Fraction, Fraction | None, tuple[in
 
 
 def test_after_a_dwell_any_other_mode_may_follow():
-    assert lengths(LASTING) == [
-        ("A", ONE, None, (1, 2), True),
-        ("B", ONE, None, (0, 2), True),
-        ("C", ONE, None, (0, 1), True),
-    ]
+    in_b = ("B", ONE, None, (0, 2), True)
+    in_c = ("C", ONE, None, (0, 1), True)
+    assert lengths(LASTING) == [("A", ONE, None, (1, 2), True), in_b, in_c]
     brief = problem(guarantee="dwell", dwell=1, longest=2)
     assert {each.longest for each in phases_of(brief)} == {TWO}
 
@@ -179,7 +177,8 @@ def test_a_round_that_leaves_the_floats_is_undecided():
 def test_a_sequence_that_repeats_a_shorter_one_has_its_phases():
     """Also in the second program; other lengths make another sequence."""
     by_the_number = (50, 1, 1)
-    in_turns = (2, [1, 2, 1, 2], [1, 2])
+    pairs = [1, 2, 1, 2]
+    in_turns = (2, pairs, [1, 2])
     for times, dwell, once in (by_the_number, in_turns):
         own = in_turn("AB" * times, dwell)
         shorter = in_turn("AB", once)
@@ -411,9 +410,7 @@ def test_an_unstable_mode_refutes_only_where_it_may_stay_on():
 @few_chords()
 @only(separable_stage, schedule_stage)
 def test_what_holds_for_every_signal_carries_the_verdict_also_where_it_is_slower():
-    first = [[2, 1], [3, 2]]
-    second = [[2, 1], [3, 1]]
-    arcs = {"A": first, "B": second}
+    arcs = {"A": [[2, 1], [3, 2]], "B": [[2, 1], [3, 1]]}
     found = certify(in_turn(modes=arcs), everything=True)
     proved = {each.id for each in found.claims.checks if each.verdict is Verdict.PROVED}
     assert proved >= {"max-separable", "schedule"}
@@ -554,7 +551,8 @@ def test_a_sequence_whose_round_expands_is_refuted_in_seconds_by_both_programs()
         "Consensus fails: errors grow by a factor of about 20.09 in every round of the signal A"
     )
     assert verify_twice(found.claims, own).holds
-    at_the_target = switched_pair("1/2", 3, region={"initial_states": [0, 0]})
+    region = {"initial_states": [0, 0]}
+    at_the_target = switched_pair("1/2", 3, region=region)
     assert certify(at_the_target).verdict is not Verdict.REFUTED
 
 

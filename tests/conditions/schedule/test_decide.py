@@ -106,7 +106,8 @@ def alone(k: int, *, steps: int, room: float) -> Tube:
     for each in range(steps + 1):
         times.append(F(each, steps))
         shrunk = (1 + F(k, steps)) ** -each
-        boxes.append((shrunk * (1 + F(room) * each),))
+        wider = shrunk * (1 + F(room) * each)
+        boxes.append((wider,))
     return Tube(times=tuple(times), upper=tuple(boxes), lower=tuple(boxes))
 
 
@@ -248,5 +249,7 @@ def test_the_envelope_is_the_larger_face_and_then_the_certificate():
     stages = []
     for stage in settling.stages:
         stages.append((stage.kind, stage.start, stage.bound))
-    expected = [("moving box", 0, 1), ("max-separable", F(1, 10), F(763, 1000))]
+    moving = ("moving box", 0, 1)
+    still = ("max-separable", F(1, 10), F(763, 1000))
+    expected = [moving, still]
     assert stages == expected

@@ -102,9 +102,7 @@ def random_nodes(r: np.random.Generator, m: int, curved: bool) -> Problem:
     if m == 3:
         f = ["x2", "x3 - x1", "-x1 - sin(x2) - 3*x3"]
     own = {"f": f} if curved else {"A": slopes(m)}
-    heavy = [2, 3, "3/2"]
-    double = [3, 1, 2]
-    arcs = [[1, 2], heavy, double, [1, 3]]
+    arcs = [[1, 2], [2, 3, "3/2"], [3, 1, 2], [1, 3]]
     network = Network.from_arcs(arcs, arrow="listens_to", agents=3)
     drawn = r.integers(0, 4, m)
     gain = [drawn.tolist()]
@@ -123,9 +121,7 @@ def random_nodes(r: np.random.Generator, m: int, curved: bool) -> Problem:
 def slopes(m: int) -> list[list[int]]:
     if m == 2:
         return [[0, 1], [-1, -4]]
-    second = [-1, 0, 1]
-    third = [-1, -1, -3]
-    return [[0, 1, 0], second, third]
+    return [[0, 1, 0], [-1, 0, 1], [-1, -1, -3]]
 
 
 def random_turn(r: np.random.Generator, m: int) -> tuple[tuple[Fraction, ...], ...]:
@@ -351,9 +347,7 @@ def test_an_optional_arc_counts_only_where_it_pulls_outward(gain, rate):
     """Without the arc agent 2 has z_2' = -z_2 + (1 - k/2) z_1: 8 - 7 > 0, and with k = 1 4 - 7."""
     optional = [[2, 1]]
     loose = Network.from_arcs([], optional=optional, arrow="listens_to", agents=2)
-    first = [[1, 0]]
-    second = [[gain, 0]]
-    gains = {1: first, 2: second}
+    gains = {1: [[1, 0]], 2: [[gain, 0]]}
     problem = agents(c=3, h="y1", network=loose, gains=gains, reach=None)
     loop = loop_of(problem)
     ranges = enclosed_ranges(loop, T, V, None)

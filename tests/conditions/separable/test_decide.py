@@ -535,9 +535,7 @@ def of_modes(modes: dict[str, list[list[int]]]) -> Problem:
 def test_orders_of_modes_that_alternate_of_a_cycle_and_of_matrix_gains():
     """Theory, section 5: 3 hears 2 in mode A, 2 hears the pinned 1 in mode B; the twin has both
     arcs in each."""
-    first = [[3, 2]]
-    second = [[2, 1]]
-    modes = {"A": first, "B": second}
+    modes = {"A": [[3, 2]], "B": [[2, 1]]}
     loop = loop_of(of_modes(modes))
     assert stuck_agents(loop) == {1: "A", 2: "A"}
     assert is_stuck(loop, (1, 2))

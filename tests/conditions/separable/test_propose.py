@@ -126,9 +126,7 @@ def test_the_observers_part_is_that_of_the_theory_or_better():
 def test_a_bound_of_several_outputs_and_of_unseen_states_holds():
     """m = 2, and a third state that C does not see."""
     C = [[1, 0, 0], [0, 2, 0]]
-    second = [-1, 0, 0]
-    third = [0, 0, -2]
-    A = [[0, 1, 0], second, third]
+    A = [[0, 1, 0], [-1, 0, 0], [0, 0, -2]]
     exosystem = Exosystem(A=A, C=C)
     first_row = (F(2), F(0))
     second_row = (F(0), F(1))
@@ -153,8 +151,7 @@ def test_a_badly_conditioned_p_keeps_enough_room_for_its_rounding(rate):
     """Three poles next to each other: P has eigenvalues 0.003 and 5.7, and 1e-5 of room is too
     little."""
     C = [[1, 1, 0]]
-    second = [0, 0, "0.24"]
-    A = [[0, 0, 0], second, [0, "-0.24", 0]]
+    A = [[0, 0, 0], [0, 0, "0.24"], [0, "-0.24", 0]]
     exosystem = Exosystem(A=A, C=C)
     first_row = (F(53, 5),)
     third_row = (F(69, 10),)

@@ -140,9 +140,7 @@ def test_the_largest_box_leaves_room_for_the_disturbance_and_none_is_found_where
 
 def test_agents_that_no_v_holds_are_refuted_and_the_whole_is_not():
     """Each mode reaches everybody; 3 hears 2 in one and 2 hears 3 in the other."""
-    first = [[2, 1], [3, 2]]
-    second = [[3, 1], [2, 3]]
-    modes = {"A": first, "B": second}
+    modes = {"A": [[2, 1], [3, 2]], "B": [[3, 1], [2, 3]]}
     problem = listening(modes, "tanh(y)", n=3, gains={1: 3}, region=side(1))
     check = stage(problem)["max-separable"]
     assert check.verdict == REFUTED

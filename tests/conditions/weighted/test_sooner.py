@@ -39,8 +39,8 @@ def test_the_weights_do_for_their_rate():
     X = np.diag(found.D) @ shifted
     answer = np.linalg.eigvalsh(X + X.T)
     assert answer[0] > 0
-    ratio = found.D.max()
-    factor = math.sqrt(ratio / found.D.min())
+    largest = found.D.max()
+    factor = math.sqrt(largest / found.D.min())
     assert found.time == pytest.approx(time_to_one_percent(found.rate, factor))
 
 

@@ -273,8 +273,8 @@ class Regions:
                     turning = part[1] * float(rho) * theta
                     turns = part[0].turns(turning)
                     values = part[0].highest(low, high, face, turns)
-                    widened = float(self.errors[0])
-                    total[i] += float(w) * (values + widened * np.abs(values))
+                    relative = float(self.errors[0])
+                    total[i] += float(w) * (values + relative * np.abs(values))
                     size[i] += float(w) * np.abs(values)
                 excess = np.where(np.isfinite(total), total / size, np.inf)
                 i, k = np.unravel_index(int(np.argmax(excess)), excess.shape)

@@ -279,9 +279,9 @@ class Oracle:
         if mode not in self.counted and self.lemma(mode):
             self.counted[mode] = 0  # e'e decreases
         if mode not in self.counted:
-            characteristic = sp.Matrix(self.loop(mode))
-            matrix = characteristic.charpoly(sp.Symbol("s"))
-            self.counted[mode] = right_half_plane(matrix)
+            matrix = sp.Matrix(self.loop(mode))
+            characteristic = matrix.charpoly(sp.Symbol("s"))
+            self.counted[mode] = right_half_plane(characteristic)
         return self.counted[mode]
 
     def lemma(self, mode: str) -> bool:
@@ -719,9 +719,9 @@ def key(h: Any) -> tuple[str, ...]:
 
 def read(text: str) -> sp.Expr:
     """A polynomial in s as the package writes it: "s^2 - 1/2 s + 4"."""
-    powers = re.sub(r"(\d) s", r"\1*s", text)
-    spaced = powers.replace("^", "**")
-    return sp.sympify(spaced, rational=True)
+    spaced = re.sub(r"(\d) s", r"\1*s", text)
+    powers = spaced.replace("^", "**")
+    return sp.sympify(powers, rational=True)
 
 
 @cache
@@ -793,9 +793,9 @@ def _roots(polynomial: sp.Poly) -> list[tuple[list[Any], int]]:
         for factor, multiplicity in factors[1]:
             coefficients = []
             for c in sp.Poly(factor, sp.Symbol("s")).all_coeffs():
-                quotient = mpmath.mpf(int(c.p))
-                numerator = quotient / int(c.q)
-                coefficients.append(numerator)
+                numerator = mpmath.mpf(int(c.p))
+                quotient = numerator / int(c.q)
+                coefficients.append(quotient)
             roots = mpmath.polyroots(coefficients, maxsteps=500, extraprec=400)
             found.append(([mpmath.mpc(root) for root in roots], multiplicity))
     return found

@@ -94,8 +94,9 @@ def test_random_gains_agree_with_floating_point_away_from_the_border(seed):
     disk = Disk(centre=-2, radius="2.5")
     beyond_the_disk = np.max(np.abs(poles + 2)) - 2.5
     beyond_the_cone = np.max(poles.real + 0.4 * np.abs(poles))
+    beyond_the_half_plane = np.max(poles.real) + 0.3
     outside = {
-        HalfPlane(left_of="-0.3"): np.max(poles.real) + 0.3,
+        HalfPlane(left_of="-0.3"): beyond_the_half_plane,
         disk: beyond_the_disk,
         Cone(damping="0.4"): beyond_the_cone,
     }

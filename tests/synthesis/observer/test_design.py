@@ -161,8 +161,7 @@ def test_what_nothing_can_do_is_refuted_for_good(exosystem, asked, reason):
 
 
 def test_a_rate_beyond_a_hidden_mode_and_too_little_noise_are_refuted_and_the_nearest_is_offered():
-    first = [-1, 0, 0]
-    A = [first, [0, 0, 1], [0, -1, 0]]
+    A = [[-1, 0, 0], [0, 0, 1], [0, -1, 0]]
     C = [[0, 1, 0]]
     exosystem = dd.Exosystem(A=A, C=C)
     found = design(exosystem, rate=2)

@@ -147,7 +147,7 @@ def test_pinned_agents_are_blue_and_agents_that_no_pin_reaches_are_dashed(two_mo
 def test_without_pins_nobody_is_called_unreached(two_modes):
     figure = two_modes.replace(gains={}).plot().figure
     for ax in figure.axes:
-        assert not (patches_in(ax, look.VERMILLION))
+        assert not patches_in(ax, look.VERMILLION)
     texts = figure.legends[0].get_texts()
     words = [text.get_text() for text in texts]
     assert words == ["agent", "points to the agent that listens"]

@@ -72,7 +72,7 @@ def test_axes_show_the_units_of_the_problem_as_they_are_written():
     estimates = "d and estimate d̂\nin $m$/s per s"
     assert labels_of(run.plot()) == ["xᵢ\nin $m$/s", estimates, "errors\nin $m$/s"]
     for ax in run.plot().figure.axes:
-        assert not (ax.yaxis.label.get_parse_math())
+        assert not ax.yaxis.label.get_parse_math()
     problem_in_metres = problem.replace(units="m/s")
     runs = dd.simulate(problem_in_metres, runs=2, t_final=1)
     assert labels_of(runs.plot())[1] == "|e|∞, in m/s"

@@ -172,7 +172,7 @@ def test_lemma_1_refuted_is_no_alarm_where_weights_prove_the_theorem():
     arcs = [[1, 2, 3]]
     problem = linked(arcs, gains={2: "1/2"}, exosystem=HARMONIC)
     certificate = with_cures(problem)
-    assert certificate.verdict == Verdict.PROVED
+    assert certificate.verdict is Verdict.PROVED
     assert certificate.covered_by == "theorem1-weighted"
     assert certificate.check("lemma1").verdict is Verdict.REFUTED
     assert all(check.fix is None for check in certificate.checks)

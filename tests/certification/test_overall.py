@@ -59,7 +59,7 @@ def overall(each, checks, W=None):
 
 def test_lemma_1_takes_the_place_of_theorem_1_without_an_exosystem():
     certificate = consensus(problem())
-    assert certificate.verdict == PROVED
+    assert certificate.verdict is PROVED
     assert certificate.covered_by == "lemma1"
     # with one it proves nothing alone: W given and bad
     growing = Observer(W=[[-1]])

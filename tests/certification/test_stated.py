@@ -160,7 +160,7 @@ def test_errors_of_gains_count(error: str, proved: bool):
     problem = listening([], "y", n=1, gains={1: K}, target=[0, 0], uncertainty={"gains": error})
     certificate = certified(problem)
     if proved:
-        assert certificate.verdict == Verdict.PROVED
+        assert certificate.verdict is Verdict.PROVED
         assert certificate.covered_by == "tolerance"
         assert certificate.rate == certificate.check("tolerance").rate
         assert "gains off by up to 33 %" in certificate.reason
@@ -181,7 +181,7 @@ def test_a_disturbance_counts_and_the_agents_end_near_the_target(omega: str, pro
     problem = problem.replace(region={"initial_states": [-1, 1]})
     certificate = certified(problem)
     if proved:
-        assert certificate.verdict == Verdict.PROVED
+        assert certificate.verdict is Verdict.PROVED
         assert certificate.covered_by == "accuracy"
         assert certificate.rate is None
         assert "All agents end within 0.5" in certificate.reason
@@ -228,7 +228,7 @@ def full(**more: Any) -> Problem:
 
 def test_one_proof_has_all_tables():
     certificate = certified(full())
-    assert certificate.verdict == Verdict.PROVED
+    assert certificate.verdict is Verdict.PROVED
     assert certificate.covered_by == "accuracy"
     assert certificate.rate is None
     assert "All agents end within" in certificate.reason
@@ -295,7 +295,7 @@ def test_without_a_region_limits_are_kept_near_the_target():
     enough = {"limit": "1.1", "amplitude": 1}
     inside = pair(**SEEN, actuators=enough, uncertainty={"gains": "1/10"})
     near = certified(inside)
-    assert near.verdict == Verdict.PROVED
+    assert near.verdict is Verdict.PROVED
     assert near.covered_by == "tolerance"
     assert both_accept(near) == (True, True)
     too_little = {"limit": "0.99", "amplitude": 1}
@@ -328,7 +328,7 @@ def test_what_no_table_states_is_not_asked_for():
     """A drift without an exosystem is none, an amplitude is no limit, and zeros are no errors."""
     nothing = pair(region=BOX, uncertainty={"drift": 1}, actuators={"amplitude": 1})
     certificate = certified(nothing)
-    assert certificate.verdict == Verdict.PROVED
+    assert certificate.verdict is Verdict.PROVED
     assert certificate.covered_by == "max-separable"
 
 
@@ -374,7 +374,7 @@ def test_without_a_region_boxes_hold_errors_of_estimates(limit: Any, proved: boo
             assert "region is larger" not in certificate.reason
             assert "smaller [region]" not in certificate.reason
     certificate = certified(near.replace(uncertainty={"disturbance": "0.02"}))
-    assert certificate.verdict == Verdict.PROVED
+    assert certificate.verdict is Verdict.PROVED
     assert certificate.covered_by == "accuracy"
 
 

@@ -54,7 +54,7 @@ def test_a_built_in_problem_is_certified_and_confirmed_by_both_programs(tmp_path
     assert held == expected
     if problem.region is None or problem.dynamics is not None:  # the oracle knows integrators
         return
-    assert certificate.verdict == Verdict.PROVED
+    assert certificate.verdict is Verdict.PROVED
     assert certificate.covered_by == "max-separable"
     covering = certificate.check("max-separable")
     claimed_ball = claimed(covering.domain.radius)

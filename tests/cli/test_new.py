@@ -42,7 +42,7 @@ def test_the_starter_problem_is_proved_from_its_own_starts_and_refuted_without_i
     dobc("new", "my-swarm")
     problem = load_problem("my-swarm/my-swarm.toml")
     certificate = certify(problem)
-    assert certificate.verdict == Verdict.PROVED
+    assert certificate.verdict is Verdict.PROVED
     assert certificate.covered_by == "max-separable"
     assert verify(certificate, problem).holds
     text = (

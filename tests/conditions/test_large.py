@@ -118,7 +118,7 @@ def test_an_unpinned_part_is_refuted_by_the_large_path_too(as_large):
     problem = listening(arcs, "y", n=4, gains={1: 3})
     certificate = certify(problem)
     lemma = certificate.check("lemma1")
-    assert lemma.verdict == Verdict.REFUTED
+    assert lemma.verdict is Verdict.REFUTED
     assert lemma.witness.labels == ("3", "4")
     assert accepted(certificate, problem) == (True, True)
 

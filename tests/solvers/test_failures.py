@@ -271,7 +271,7 @@ def test_a_pair_that_nobody_finds_leaves_the_theorem_undecided(without_solvers, 
     assert certificate.check("lemma1").verdict is Verdict.PROVED
     assert certificate.check("theorem1").verdict is Verdict.UNDECIDED
     assert "no pair (P, Q) was found" in certificate.check("theorem1").reason
-    assert certificate.verdict == Verdict.PROVED
+    assert certificate.verdict is Verdict.PROVED
     assert certificate.claims.covered_by == "max-separable"
     local = dd.certify(without_region(problem))  # the weighted theorem proposes its P itself
     assert local.check("theorem1").verdict is Verdict.UNDECIDED

@@ -242,7 +242,7 @@ def test_a_box_as_large_as_couplings_rise_and_nothing_without_the_guarantee():
     # sin rises up to pi/2: a box of pi/4 at most; the region asks for more.
     found = certify(problem(coupling="sin(y)", region=side(2)))
     check = check_of(found, "markov")
-    assert check.verdict == Verdict.PROVED
+    assert check.verdict is Verdict.PROVED
     assert check.domain.radius == 0.5
     assert found.verdict is UNDECIDED
     assert "consensus is proved from |e_i| <= 0.5 for every agent (markov)" in found.reason
@@ -279,7 +279,7 @@ def test_without_a_pin_the_box_holds_and_couplings_that_fall_are_left_open():
     own = problem(coupling="y + y**3", switching=MOBILE, region=side(2))
     found = certify(own)
     check = check_of(found, "safety")
-    assert check.verdict == PROVED
+    assert check.verdict is PROVED
     assert check.rate is None
     assert found.verdict is UNDECIDED
     assert 'agents 2 and 3); a guarantee on time would help (guarantee = "dwell")' in found.reason

@@ -194,8 +194,7 @@ def envelope_of(loop: Loop, check: Check, claim: Claim | None, starts: Starts) -
     if isinstance(claim, Kept):
         if claim.kind or claim.rate is None or claim.box is None:
             return None
-        height = radius + error_share(claim.box, disturbance)
-        return bound(height=height, rate=claim.rate)
+        return bound(height=radius + error_share(claim.box, disturbance), rate=claim.rate)
     if check.rate is None:
         return None
     square = _square_of_forms(loop, claim, radius, disturbance)

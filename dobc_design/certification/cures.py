@@ -42,6 +42,8 @@ from dobc_design.problem.changes import changed_problem, gain_table, typed_matri
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
+Fixes = dict[str, Fix]  # by the id of the check that is cured
+
 logger = logging.getLogger("dobc_design")
 
 SHOWN = 4  # agents whose gains stand in a sentence
@@ -94,7 +96,7 @@ def with_cures(
     # groups.
     if not problem.is_grouped:
         searches.append(cures.of_printed)
-    fixes: dict[str, Fix] = {}
+    fixes: Fixes = {}
     for search in searches:
         try:
             with at_most(WORK * STAGE):
@@ -120,11 +122,11 @@ class _Cures:
     decide: Callable[[Problem], Decided]
     progress: Progress
 
-    def of_model_and_network(self) -> dict[str, Fix]:
+    def of_model_and_network(self) -> Fixes:
         """Of the exosystem, of W and of the network, and all of them together for the theorem."""
         problem = self.problem
         checks = self.found.checks
-        fixes: dict[str, Fix] = {}
+        fixes: Fixes = {}
         model = _merged(_model_parts(problem))
         if model is not None:
             fixes["hurwitz"] = model
@@ -195,7 +197,7 @@ class _Cures:
         matrices = {mode: enclosed_lambda(statements, mode) for mode in statements.lambdas}
         return unpinned_witness(loop, matrices, self.found.directions)
 
-    def of_printed(self) -> dict[str, Fix]:
+    def of_printed(self) -> Fixes:
         """A printed P that fails by its scale, times the smallest factor that does; any other, the
         P that was found."""
         problem, checks = self.problem, self.found.checks

@@ -34,7 +34,7 @@ from .comparison import comparison_document
 from .content import report_document
 from .document import Document
 from .findings import Findings
-from .latex import latex_fragments
+from .latex import Files, latex_fragments
 from .pages import html_page, markdown_page
 from .refusal import Checked, refusal_document
 
@@ -79,7 +79,7 @@ def render_report(
     lmi: bool = False,
     kernel: str = "",
     progress: Reports[str] = None,
-) -> dict[str, bytes]:
+) -> Files:
     """The bytes of report.html and report.md by name, and with ``pdf`` of report.pdf.  ``full``:
     details are open on the page and printed in the PDF.  ``lmi``: a solver is asked for the block
     matrix inequality.  ``kernel``: what Coq says of proof.v,
@@ -149,7 +149,7 @@ def _solver_words(problem: Problem) -> str:
     return f"a solver was asked for P and Q of (18). {lmi.status}"
 
 
-def _pages(document: Document, name: str, *, pdf: bool, full: bool = False) -> dict[str, bytes]:
+def _pages(document: Document, name: str, *, pdf: bool, full: bool = False) -> Files:
     from .pdf import pdf_page
 
     pages = {
@@ -174,16 +174,14 @@ def write_comparison(
     return write_folder(Path(folder), render_comparison(first, second, pdf=pdf))[0]
 
 
-def render_comparison(
-    first: Certificate, second: Certificate, *, pdf: bool = False
-) -> dict[str, bytes]:
+def render_comparison(first: Certificate, second: Certificate, *, pdf: bool = False) -> Files:
     """The bytes of comparison.html and comparison.md by name, and with ``pdf`` of
     comparison.pdf."""
 
     return _pages(comparison_document(first, second), "comparison", pdf=pdf)
 
 
-def render_refusal(sides: Sequence[Checked], *, pdf: bool = False) -> dict[str, bytes]:
+def render_refusal(sides: Sequence[Checked], *, pdf: bool = False) -> Files:
     """The pages of certificates of which at least one does not hold, under the names of their
     report or comparison."""
 
@@ -191,7 +189,7 @@ def render_refusal(sides: Sequence[Checked], *, pdf: bool = False) -> dict[str, 
     return _pages(refusal_document(sides), name, pdf=pdf)
 
 
-def render_latex(certificate: Certificate) -> dict[str, bytes]:
+def render_latex(certificate: Certificate) -> Files:
     """The bytes of the report's LaTeX fragments by name, with references.bib and a main.tex that
     inputs them all."""
 

@@ -158,7 +158,7 @@ class _Options:
     @property
     def least_rate(self) -> float:
         """The rate (1/s) that proofs have to have; 0 where none is asked for."""
-        return 0.0 if self.rate is None else float(self.rate)
+        return float(self.rate or 0)
 
     @property
     def as_typed(self) -> Texts:

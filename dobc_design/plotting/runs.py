@@ -302,8 +302,10 @@ def plot_plane(
     for agent in chosen:
         held = agent in pinned
         colour = BLUE if held else INK
-        ax.plot(*run.x[rows, agent, :2].T, color=colour, linewidth=0.8, alpha=0.6)
-        (end,) = ax.plot(*ends[agent], color=colour, linestyle="none", marker="s" if held else "o")
+        path = run.x[rows, agent, :2]
+        ax.plot(*path.T, color=colour, linewidth=0.8, alpha=0.6)
+        marker = "s" if held else "o"
+        (end,) = ax.plot(*ends[agent], color=colour, linestyle="none", marker=marker)
         end.set_label("pinned" if held else "not pinned")
         label = short(run.labels[agent], 8)
         text = ax.annotate(label, ends[agent], (4, 4), textcoords="offset points", fontsize=7)
@@ -376,9 +378,11 @@ def plot_quantiles(ax: Axes, times: Array, errors: Array, *, colour: str, what: 
     infinite."""
     rows = thinned_rows(len(times))
     chosen = errors[:, rows]
-    ordered = np.sort(np.where(np.isnan(chosen), np.inf, chosen), axis=0)
+    sizes = np.where(np.isnan(chosen), np.inf, chosen)
+    ordered = np.sort(sizes, axis=0)
     # Of the sorted runs the first that at least this part of them do not exceed.
-    places = [max(0, int(np.ceil(level * len(ordered))) - 1) for level in LEVELS]
+    counts = [int(np.ceil(level * len(ordered))) for level in LEVELS]
+    places = [max(0, count - 1) for count in counts]
     bands = np.clip(ordered[places], SMALLEST, None)
     finite = bands[np.isfinite(bands)]
     # Bands that end in infinity leave the picture at its top; a median stops there.
@@ -411,7 +415,8 @@ def plot_modes(ax: Axes, switches: Switches, end: float) -> Axes:
         shades = colormaps["cividis"](np.linspace(0, 1, len(used)))
     for shade, mode in zip(shades, used, strict=False):
         here = modes == mode
-        spans = list(zip(times[here].tolist(), lengths[here].tolist(), strict=True))
+        begins, lasting = times[here].tolist(), lengths[here].tolist()
+        spans = list(zip(begins, lasting, strict=True))
         bars = ax.broken_barh(spans, (0, 1), facecolors=shade, linewidth=0)
         if named:
             bars.set(alpha=0.75, label=short(switches.names[mode]))

@@ -214,7 +214,8 @@ def _marks(ax: Axes, x: ArrayLike, y: ArrayLike, *, marker: str, color: str) -> 
 
 def _on_grid(x: Places, y: Places, cases: Cases) -> tuple[Array, list[list[str]]]:
     """Medians by place, (y, x), nan where there is none; and the worst outcome of each place."""
-    grid = np.full((len(y.ticks), len(x.ticks)), np.nan)
+    size = len(y.ticks), len(x.ticks)
+    grid = np.full(size, np.nan)
     signs = [["" for _ in x.ticks] for _ in y.ticks]
     columns = np.searchsorted(x.ticks, x.position)
     rows = np.searchsorted(y.ticks, y.position)
@@ -343,7 +344,8 @@ def _limits(sweeps: Sequence[Sweep], tolerance: float) -> tuple[float, float]:
     finite = [each.late[np.isfinite(each.late)] for each in sweeps]
     shown = [each for each in finite if len(each)]
     largest = max((float(each.max()) for each in shown), default=1.0)
-    least = min([tolerance / 3, *(float(each.min()) for each in shown)])
+    smallest = [float(each.min()) for each in shown]
+    least = min([tolerance / 3, *smallest])
     begin = max(least / 2, 1e-12)
     return begin, max(10 * tolerance, 2 * largest)
 

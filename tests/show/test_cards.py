@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from fractions import Fraction
 from functools import cache
 from importlib import import_module
+from importlib.util import resolve_name
 from pathlib import Path
 from typing import Any
 
@@ -56,13 +57,13 @@ def is_ours(each: type) -> bool:
 def imported(module: str) -> dict[str, str]:
     """Name -> module of everything of the package that a module imports, also where only
     annotations need it."""
-    path = inspect.getfile(import_module(module))
-    tree = ast.parse(Path(path).read_text("utf-8"))
+    found = import_module(module)
+    tree = ast.parse(Path(inspect.getfile(found)).read_text("utf-8"))
     homes = {}
     for node in ast.walk(tree):
         if not isinstance(node, ast.ImportFrom):
             continue
-        home = node.module or ""
+        home = resolve_name("." * node.level + (node.module or ""), found.__package__)
         if home.startswith("dobc_design"):
             for alias in node.names:
                 homes[alias.name] = home

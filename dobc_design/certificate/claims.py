@@ -7,7 +7,7 @@ decided by that.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from fractions import Fraction
 
@@ -19,6 +19,7 @@ from dobc_design.conditions.reason import Reason
 from dobc_design.conditions.separable.claim import SamplingBound, Separable
 from dobc_design.errors import CertificateError, reason_of
 from dobc_design.exact.matrix import Matrix
+from dobc_design.exact.reading import counted
 from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
 
@@ -88,6 +89,12 @@ def box_of(checks: Checks, loop: Loop, W: Matrix | None) -> Separable | None:
             claim = claim_of(check, loop, W)
             return claim if isinstance(claim, Separable) else None
     return None
+
+
+def failing_words(failures: Sequence[str]) -> str:
+    """How many claims do not hold."""
+    claims = counted(len(failures), "claim")
+    return f"{claims} {'does' if len(failures) == 1 else 'do'} not hold"
 
 
 @contextmanager

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Shown
-from dobc_design.certificate.claims import Claims, Overall, claim_of
+from dobc_design.certificate.claims import Claims, Overall, claim_of, failing_words
 from dobc_design.certificate.factors import factor_obstacle
 from dobc_design.certificate.files import another_problem
 from dobc_design.certificate.text import certificate_bytes, read_claims
@@ -26,7 +26,7 @@ from dobc_design.conditions.numbers import MATRIX_BITS, doubles_from_json, is_sh
 from dobc_design.conditions.reason import open_reason
 from dobc_design.errors import CertificateError, DobcError, reason_of
 from dobc_design.exact.matrix import is_symmetric, multiply
-from dobc_design.exact.reading import Texts, counted, shown
+from dobc_design.exact.reading import Texts, shown
 from dobc_design.exact.work import last_call
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.make import loop_of
@@ -87,18 +87,12 @@ class Recheck(Shown):
         """Whether nothing failed."""
         return not self.failures
 
-    @property
-    def what_fails(self) -> str:
-        """How many claims do not hold, in words."""
-        claims = counted(len(self.failures), "claim")
-        return f"{claims} {'does' if len(self.failures) == 1 else 'do'} not hold"
-
     def _card(self) -> Card:
         failed = [(text, "NOT confirmed") for text in self.failures]
         confirmed = [(title, "confirmed") for title in self.confirmed]
         text = "Every claim holds."
         if failed:
-            text = f"{self.what_fails}."
+            text = f"{failing_words(self.failures)}."
         return Card(
             title="Recheck",
             verdict=self.verdict.value if self.holds else None,
@@ -109,7 +103,7 @@ class Recheck(Shown):
         )
 
     def __str__(self) -> str:
-        head = f"{self.what_fails}; no verdict is confirmed."
+        head = f"{failing_words(self.failures)}; no verdict is confirmed."
         if self.holds:
             head = f"every claim holds; verdict {self.verdict.value}."
         rows = [head]

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from dobc_design._checks import noun
 from dobc_design.certificate.certificate import Certificate
+from dobc_design.certificate.claims import failing_words
 
 from .checks import certify_command
 from .document import Block, Box, Document, List, Mark, Section, Text, command
@@ -51,7 +52,7 @@ def _sentence(side: Checked) -> str:
     claimed = side.certificate.verdict.value
     if side.found.holds:
         return f"{side.name} holds: {claimed}."
-    fails = side.found.what_fails
+    fails = failing_words(side.found.failures)
     return f"{side.name} says {claimed} and is {UNCONFIRMED}: {fails} for this problem."
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dobc_design._checks import noun
-from dobc_design._show.cards import Card, Facts, Formula, Shown, cut
+from dobc_design._show.cards import Card, Formula, Shown, cut
 from dobc_design.errors import ExpressionError, Mistakes, misshapen, misstated
 from dobc_design.exact.interval import Box, Interval, IntervalMatrix, UndefinedError
 from dobc_design.exact.number import number_text
@@ -125,7 +125,7 @@ class Coupling(Shown):
         return tuple(name for name in NONSMOOTH if name in found)
 
     def _card(self) -> Card:
-        facts: Facts = []
+        facts = []
         for place, text in enumerate(self.latex, start=1):
             name = "h" if self.by_component else f"h_{{{place}}}"
             facts.append(("coupling", Formula(f"{name}(y) = {text}")))
@@ -202,7 +202,7 @@ def make_coupling(
         alone = parsed(given, key=key)
         return Coupling(components=(alone,), by_component=True, dimension=dimension, key=key)
     _check_list(given, count, dimension=dimension, key=key)
-    read: list[Expression] = []
+    read = []
     errors = Mistakes()  # of all components at once
     for position, text in enumerate(given):
         with errors:

@@ -94,7 +94,7 @@ _ALLOWED = "only numbers, names, + - * / ** ( ) and commas are allowed, in ASCII
 def tokenize(text: str) -> list[Token]:
     """Split the text into words; the last one is of kind END.  Raises: Fault where no word
     begins."""
-    words: list[Token] = []
+    words = []
     place = 0
     while place < len(text):
         if text[place] in _BLANKS:

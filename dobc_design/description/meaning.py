@@ -168,7 +168,7 @@ Scale = tuple[float, str]  # in s, and of what
 def _time_scales(problem: Problem) -> tuple[list[Scale], list[Scale]]:
     """1/|s| of the fastest eigenvalue and -1/Re(s) of the slowest of each part of the linearised
     loop."""
-    spectra: list[tuple[str, NDArray[Any]]] = []
+    spectra = []
     loop = loop_of(problem)
     # Dense eigenvalues: beyond that they would take longer than all else that check says.
     if loop.size <= LARGEST_NETWORK:

@@ -127,7 +127,7 @@ def dynamics_lines(problem: Problem) -> Iterator[str]:
         by = f"A = [{_rows_text(own.A or ())}]"
     equation = f"x' = {moves} + B (couplings + u + d), {counted(own.inputs, 'input')} each"
     yield f"Agents: {equation}, {by}, B = [{_rows_text(own.B)}]."
-    first: dict[Any, str] = {}  # the first agent with each input
+    first = {}  # the first agent with each input
     for i in reversed(range(problem.n)):
         first[problem.input_at(problem.goal_of(i))] = problem.network.labels[i]
     held = []

@@ -198,8 +198,8 @@ def _arcs(
     """The arcs of a file of any kind, one after the other.  Raises: Unfit with the line."""
     # Arrays of machine numbers: lists of tuples would take many times the memory.
     first, second, places = array("q"), array("q"), array("q")
-    weight_of: dict[str, Fraction] = {}
-    weights: list[Fraction] = []
+    weight_of = {}
+    weights = []
     for row, cells in file.graph(known).rows:
         if len(cells) not in (2, 3):
             cure = "Separate them by commas in CSV, else by blanks; more columns need a header:"

@@ -340,7 +340,7 @@ class _Reader:
         return result
 
     def modes(self) -> dict[str, Arcs]:
-        result: dict[str, Arcs] = {}
+        result = {}
         for position, item in enumerate(_list(self.document["modes"], "modes")):
             key = f"modes[{position}]"
             mode = _object(item, key, "name", "arcs", later=("optional",))
@@ -357,7 +357,7 @@ class _Reader:
         return result
 
     def exceptions(self, items: Any) -> dict[Arc, Any]:
-        result: dict[Arc, Any] = {}
+        result = {}
         for position, item in enumerate(_list(items, "coupling.exceptions")):
             key = f"coupling.exceptions[{position}]"
             table = _object(item, key, "arc", "h")
@@ -370,7 +370,7 @@ class _Reader:
 
     def by_label(self, name: str) -> Document:
         """A list of [index, value] as a mapping of label to value."""
-        result: Document = {}
+        result = {}
         for position, pair in enumerate(_list(self.document[name], name)):
             key = f"{name}[{position}]"
             place, value = _list(pair, key, length=2)

@@ -58,7 +58,7 @@ def typed_matrix(matrix: Sequence[Sequence[Fraction]]) -> list[list[int | float 
 
 def gain_table(gains: Mapping[int, Matrix], labels: Names) -> Document:
     """Gains by agent index as they stand in a file: label -> number, or rows."""
-    table: Document = {}
+    table = {}
     for i, gain in gains.items():
         scalar = is_scalar_matrix(gain)
         table[labels[i]] = typed_number(gain[0][0]) if scalar else typed_matrix(gain)
@@ -378,7 +378,7 @@ def problem_text(problem: Problem) -> str:
 
 def _arcs(arcs: Arcs, labels: Names) -> Any:
     """The arcs of a mode; optional ones, which are the last, have a list of their own."""
-    rows: list[list[Any]] = []
+    rows = []
     for i, j, w in arcs:
         row = [labels[i], labels[j]]
         rows.append(row if w == 1 else [*row, typed_number(w)])

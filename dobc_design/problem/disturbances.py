@@ -86,8 +86,8 @@ def read_exosystem(
     for place, each in places.items():
         if found[place] is None:
             found[place] = _in_words(each, place, m, errors)
-    groups: list[Group] = []
-    without: dict[str, Sequence[Any]] = {}
+    groups = []
+    without = {}
     for number, group in enumerate(table.groups):
         place = group_key(number)
         exosystem = found[place]

@@ -248,7 +248,7 @@ def _read_nodes(f: Any) -> Texts:
             "must be a list of expressions in text, one per state component.",
             _EXAMPLE,
         )
-    found: list[str] = []
+    found = []
     errors = Mistakes()
     for place, text in enumerate(f):
         with errors:

@@ -370,7 +370,7 @@ class Grouped:
 def blocks_of(matrix: Matrix, shapes: Sequence[tuple[int, int]]) -> tuple[Matrix, ...] | None:
     """The blocks of these shapes of a block diagonal matrix; None if it is not block diagonal in
     them."""
-    blocks: list[Matrix] = []
+    blocks = []
     row = 0
     column = 0
     for rows, columns in shapes:
@@ -420,7 +420,7 @@ def agent_blocks(S: Matrix, groups: Groups, labels: Names) -> list[Matrix]:
 def group_blocks(S: Matrix, groups: int) -> tuple[Matrix, ...]:
     """The block of each group: S (G m, G m) -> G matrices (m, m)."""
     m = len(S) // groups
-    blocks: list[Matrix] = []
+    blocks = []
     for first in range(0, groups * m, m):
         blocks.append(tuple(tuple(row[first : first + m]) for row in S[first : first + m]))
     return tuple(blocks)

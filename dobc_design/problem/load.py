@@ -341,7 +341,7 @@ def _network(tables: ProblemFile, folder: Path | None) -> Network:
         raise SpecError.several(errors)
     index = {label: i for i, label in enumerate(labels)}
     read = partial(_mode, index=index, arrow=table.arrow, folder=folder)
-    modes: dict[str, Arcs] = {}
+    modes = {}
     for name, value in errors.few(table.modes.items()):
         with errors:
             modes[name] = _with_optional(value, read, key=f"network.modes.{named(name)}")
@@ -402,7 +402,7 @@ def _exceptions(
     errors = Mistakes()
     for position, table in errors.few(enumerate(given)):
         key = f"coupling.exceptions[{position}]"
-        pairs: list[Arc] = []
+        pairs = []
         with errors:
             pairs = _exception_arcs(
                 table.arcs, key=f"{key}.arcs", index=index, arrow=tables.network.arrow

@@ -209,7 +209,7 @@ def parse_weights(values: Sequence[Any], key: str) -> Vector:
 def arcs_from_pairs(pairs: Sequence[Sequence[Any]], *, index: Index, arrow: str, key: str) -> Arcs:
     """Turn [a, b] and [a, b, w] of labels into arcs; every wrong arc is reported, up to twenty."""
     errors = Mistakes()
-    found: list[tuple[int, int, Any]] = []
+    found = []
     for position, pair in errors.few(enumerate(pairs)):
         with errors:
             found.append(_read_pair(pair, index, key=f"{key}[{position}]"))

@@ -174,7 +174,7 @@ def read_pinning(gains: Any, *, network: Network, form: GainForm) -> Pinning:
     modes = [mode for mode in map(str, gains) if mode in network.modes and mode not in labels]
     if modes:
         raise _pins_of_modes(gains, modes, network, form)
-    known: dict[str, Matrix] = {}
+    known = {}
 
     def read(value: Any, key: str) -> Matrix:
         """The gain; of equal numbers the same object."""
@@ -224,7 +224,7 @@ def by_label(value: Any, read: Callable[[Any, str], T], *, labels: Names, key: s
     """Agent index -> what ``read(value, key)`` makes of a table by label; every wrong entry is
     named."""
     index = {label: i for i, label in enumerate(labels)}
-    result: dict[int, T] = {}
+    result = {}
     errors = Mistakes()
     for label, entry in errors.few(items(value, key)):
         own = f"{key}.{named(str(label))}"

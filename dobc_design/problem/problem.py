@@ -721,7 +721,7 @@ def _read_exceptions(
 ) -> Mapping[Arc, Coupling]:
     """The couplings of single arcs, by the indices of listener and speaker, in their order."""
     codes, n = network.arc_codes() if value else set(), network.size
-    result: dict[Arc, Coupling] = {}
+    result = {}
     errors = Mistakes()
     given = items(value or {}, "coupling.exceptions")
     for position, (arc, h) in errors.few(enumerate(given)):

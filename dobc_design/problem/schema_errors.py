@@ -126,7 +126,7 @@ def _tables() -> dict[str, Texts]:
     """The keys of every table, by its name; "" is the top of the file."""
     # From the schema, so that no table is listed twice.
     schema = ProblemFile.model_json_schema(by_alias=True)
-    tables: dict[str, Texts] = {}
+    tables = {}
 
     def walk(name: str, properties: Document) -> None:
         tables[name] = tuple(properties)

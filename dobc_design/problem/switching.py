@@ -171,7 +171,7 @@ def check_switching(switching: Switching | None, modes: Names) -> Switching | No
     if switching is None:
         return None
     errors = Mistakes()
-    named_modes: dict[str, str] = {}  # by their keys
+    named_modes = {}  # by their keys
     for k, mode in enumerate(switching.sequence or ()):
         named_modes[f"switching.sequence[{k}]"] = mode
     for k, (_, mode) in enumerate(switching.schedule or ()):
@@ -244,7 +244,7 @@ def _misfits(own: Switching) -> Iterator[SpecError]:
     rounds = signal == "periodic" and "schedule" in has
     yield from _unfit_guarantee(own)
     # Why a key is needed, or (beside another one) has to be left out.
-    rules: dict[tuple[str, str], str] = {}
+    rules = {}
     if signal == "schedule":
         rules["schedule", ""] = "it says which mode is active at which time"
     if not {"radius", "neighbours"} & has:
@@ -325,7 +325,7 @@ def _instants(sequence: Any, dwell: Any) -> tuple[Any, Any]:
             f"switching.sequence; got {len(dwell)}.",
             "Give one for each.",
         )
-    lengths: list[Fraction] = []
+    lengths = []
     for k, x in enumerate(dwell):
         lengths.append(positive_number(x, f"switching.dwell[{k}]", "s"))
     # Sums of allowed numbers may be too long to be written down again.

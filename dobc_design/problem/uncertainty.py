@@ -99,7 +99,7 @@ class Actuators(Shown):
         return self.limit.get(label) if isinstance(self.limit, Mapping) else self.limit
 
     def _card(self) -> Card:
-        facts: Facts = []
+        facts = []
         if self.amplitude is not None:
             facts.append(("|d_i| at most", self.amplitude))
         if isinstance(self.limit, Mapping):

@@ -117,7 +117,7 @@ class Coupling(Shown):
     def nonsmooth(self) -> Texts:
         """Which of abs, min, max, clip, Lipschitz but not C1, are applied to what is not constant;
         empty if h is C1 wherever it is defined (theory, section 1)."""
-        found: set[str] = set()
+        found = set()
         for expression in self.components:
             for part in postorder(expression.node):
                 if part.kind == "call" and variables_used(part):
@@ -242,7 +242,7 @@ def _check_list(given: Any, count: int, *, dimension: int, key: str) -> None:
 def _common_text(read: Sequence[Expression]) -> str | None:
     """The one function that every component applies to its own variable, as a text in y; None if
     there is none."""
-    texts: set[str] = set()
+    texts = set()
     for component, expression in enumerate(read):
         if not set(variables_used(expression.node)) <= {component}:
             return None

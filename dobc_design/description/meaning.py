@@ -102,7 +102,7 @@ def disturbance_parts(exosystem: Exosystem) -> list[Part]:
     A = observable_reduction(exosystem.A, exosystem.C)[0]
     if not A:
         return []
-    found = list[Part]()
+    found = []
     # The minimal polynomial says exactly which eigenvalues are equal, and how long chains are.
     for factor, power in to_fmpq_mat(A).minpoly().factor()[1]:
         roots: Any = factor.complex_roots()  # pairs (root, multiplicity)

@@ -84,7 +84,7 @@ def _mode_lines(problem: Problem, mode: str, arcs: Arcs) -> Iterator[str]:
 
 def _listening(labels: Names, arcs: Arcs) -> Iterator[str]:
     """Whom each agent hears, of the first agents."""
-    heard: dict[int, list[str]] = defaultdict(list)
+    heard = defaultdict(list)
     # Large networks are not gone through: the first agents say what the arrow means.
     for listener, speaker, weight in arcs:
         of = "" if weight == 1 else f" (weight {decimal_text(weight)})"

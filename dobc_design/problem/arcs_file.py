@@ -161,7 +161,7 @@ def _plain_arcs(plain: PlainColumns, arrow: str) -> Arcs | None:
 def _places(file: _File) -> dict[str, int]:
     """The labels that a file names, with their places."""
     graph = file.graph({})
-    ends: dict[str, None] = dict.fromkeys(graph.labels)
+    ends = dict.fromkeys(graph.labels)
     for row, cells in graph.rows:
         for label in cells[:2]:
             if label in ends:

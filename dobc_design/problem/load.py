@@ -407,7 +407,7 @@ def _exceptions(
             pairs = _exception_arcs(
                 table.arcs, key=f"{key}.arcs", index=index, arrow=tables.network.arrow
             )
-            seen: set[Arc] = set()
+            seen = set()
             for place, arc in enumerate(pairs):
                 taken = arc in result or arc in seen
                 _check_exception(arc, network, codes, taken=taken, key=f"{key}.arcs[{place}]")

@@ -556,7 +556,7 @@ class Network(Shown):
 
     def arc_codes(self) -> set[int]:
         """listener * n + speaker of every arc of every mode."""
-        codes: set[int] = set()
+        codes = set()
         for arcs in self.modes.values():
             codes.update((arcs.listeners * self.size + arcs.speakers).tolist())
         return codes
@@ -736,7 +736,7 @@ def _check_different(labels: Names) -> None:
     """Refuse labels of which two are equal.  Raises: SpecError."""
     if len(set(labels)) == len(labels):
         return
-    seen: set[str] = set()
+    seen = set()
     for label in labels:
         if label in seen:
             what = f"must be different from one another; {shown(label)} appears twice"

@@ -176,7 +176,7 @@ def fail(error: DobcError, code: int, *, as_json: bool) -> int:
     """Say what went wrong, an error or all that it consists of, and return the exit code."""
     parts = error.errors if isinstance(error, SpecError) else (error,)
     if as_json:
-        bodies: list[Document] = [
+        bodies = [
             {"kind": each.kind, "key": each.key, "message": each.message, "cure": each.cure}
             for each in parts
         ]

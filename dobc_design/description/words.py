@@ -208,7 +208,7 @@ def facts(problem: Problem) -> Document:
     for mode, arcs in problem.network.modes.items():
         missing = [labels[i] for i in _unreached(problem, arcs)]
         modes[mode] = {"arcs": len(arcs), "unreached": missing}
-    found: Document = {
+    found = {
         "name": problem.name,
         "agents": problem.n,
         "dimension": problem.m,

@@ -113,7 +113,7 @@ def canonical_document(problem: Problem) -> Document:
 
 def texts_of(problem: Problem) -> Document:
     """What stands at the top of a problem file and is text."""
-    found: Document = {"name": problem.name, "notes": list(problem.notes)}
+    found = {"name": problem.name, "notes": list(problem.notes)}
     # A key that came later: problems without it keep their hash.
     if problem.units:
         found["units"] = list(problem.units)
@@ -165,7 +165,7 @@ def settings_of(problem: Problem) -> Document:
 
 def _group_table(group: Group, index: Index) -> Document:
     """A group as a table: its agents by index, A, C, W and P."""
-    table: Document = {"agents": [index[label] for label in group.agents]}
+    table = {"agents": [index[label] for label in group.agents]}
     for noun in (group.exosystem, group.observer):
         table |= _table_of(noun) or {}
     del table["rate"]  # that of all groups, which stands in observer

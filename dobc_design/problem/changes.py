@@ -138,7 +138,7 @@ def changed_problem(problem: Problem, changes: Table) -> Problem:
                 f"{shown(key)} is no key that a change may set.",
                 f"One of {', '.join(CHANGEABLE)}.",
             )
-    given: Document = {
+    given = {
         "target": changes.get("target", problem.target),
         "coupling": changes.get("coupling.h", problem.coupling),
         "gains": changes.get("pinning.gains", problem.pinning),
@@ -295,7 +295,7 @@ def _change_lines(table: Any, wanted: Table, remark: str) -> None:
 def _item(value: Any) -> Any:
     """A value as tomlkit writes it; a long table gets lines of its own."""
     if isinstance(value, Mapping):
-        table: Any = tomlkit.inline_table() if len(value) <= INLINE else tomlkit.table()
+        table = tomlkit.inline_table() if len(value) <= INLINE else tomlkit.table()
         for key, each in value.items():
             table[str(key)] = _item(each)
         return table
@@ -425,7 +425,7 @@ def _given(table: Table) -> Document:
 
 def _table(content: Table) -> Any:
     """A table of a new document."""
-    table: Any = tomlkit.table()
+    table = tomlkit.table()
     for key, value in content.items():
         if isinstance(value, Mapping) and key == "modes":
             table[key] = _table(value)

@@ -155,7 +155,7 @@ def _check_nesting(data: bytes) -> None:
 def _check_depth(document: Table) -> None:
     """Refuse tables that are nested too deeply, however they were written."""
     # Level by level, without recursion: this looks for what is too deep for it.
-    level: list[Any] = [document]
+    level = [document]
     for _ in range(MAX_NESTING + 1):
         deeper: list[Any] = []
         for value in level:

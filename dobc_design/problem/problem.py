@@ -187,7 +187,7 @@ class Problem(Grouped, Shown):
 
         def read_runs() -> Simulation | None:
             # With a mistake in the groups nobody knows how long the rows of xi0 have to be.
-            known: Groups | None = getattr(self, "groups", None)
+            known = getattr(self, "groups", None)
             if known is None and groups:
                 return None
             orders = _orders(known, labels, exosystem)

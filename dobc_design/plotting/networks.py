@@ -309,20 +309,20 @@ def _draw_labels(
     arrows."""
     drawn, _ = drawn_labels(labels)
     fit = radius > _ROOMY and max(map(len, drawn)) <= _INSIDE
-    sides = _free_sides(places, arcs)
-    inside = float(np.clip(78 * radius, 5.5, 9.0))
-    beside = 8.0 if len(drawn) <= MOST_BIG else 6.0
-    for agent, ((x, y), (right, up)) in enumerate(zip(places, sides, strict=True)):
-        if fit:
-            text = ax.text(x, y, drawn[agent], ha="center", va="center_baseline", fontsize=inside)
-            text.set(parse_math=False, color=PAPER if agent in pinned else INK)
-        else:
-            away = 1.35 * radius
-            text = ax.text(x + away * right, y + away * up, drawn[agent], fontsize=beside)
-            across = ("right", "center", "left")[right + 1]
-            upright = ("top", "center", "bottom")[up + 1]
-            text.set(ha=across, va=upright, parse_math=False, color=INK, bbox=_LABEL_BOX)
-        text.set_zorder(3)
+    sides = [(0, 0)] * len(drawn) if fit else _free_sides(places, arcs)
+    size = 8.0 if len(drawn) <= MOST_BIG else 6.0
+    if fit:
+        size = float(np.clip(78 * radius, 5.5, 9.0))
+    for agent, (place, side) in enumerate(zip(places, sides, strict=True)):
+        right, up = side
+        x, y = place + 1.35 * radius * np.array(side)
+        text = ax.text(x, y, drawn[agent], fontsize=size, zorder=3, parse_math=False)
+        text.set(
+            ha=("right", "center", "left")[right + 1],
+            va=("top", "center_baseline", "bottom")[up + 1],
+            color=PAPER if fit and agent in pinned else INK,
+            bbox=None if fit else _LABEL_BOX,
+        )
 
 
 def _free_sides(places: Positions, arcs: Iterable[Pair]) -> list[Pair]:

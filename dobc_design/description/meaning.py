@@ -36,7 +36,6 @@ from dobc_design.problem.network import Arcs
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.region import Region
 from dobc_design.problem.signs import opposition_advice, turned_text
-from dobc_design.verdict import Verdict
 
 LARGEST_ORDER = 40  # of an exosystem that is described part by part
 ZERO = 1e-12  # an eigenvalue below, relative to the largest, may be 0
@@ -533,7 +532,7 @@ def _about_observers(problem: Problem) -> Sentences:
                 "observer.rate has no effect beside observer.W: it is what a designed W is asked "
                 "for."
             )
-        if own.P is not None and decide_positive_definite(own.P).verdict is not Verdict.PROVED:
+        if own.P is not None and not decide_positive_definite(own.P).is_proved:
             yield "observer.P is not positive definite. A sign in P?"
 
 

@@ -30,7 +30,6 @@ from dobc_design.exact.reading import (
     shown_number,
 )
 from dobc_design.exact.symmetric import SparseSymmetric
-from dobc_design.verdict import Verdict
 
 from .dynamics import Dynamics
 from .network import Network, meant, one_form
@@ -108,7 +107,7 @@ class GainForm:
             return
         # e'ke = e'(k + k')e/2: only the symmetric part pulls.
         symmetric = SparseSymmetric.from_dense(add(gain, transpose(gain)))
-        if decide_positive_semidefinite(symmetric).verdict is Verdict.PROVED:
+        if decide_positive_semidefinite(symmetric).is_proved:
             return
         raise about(
             key,

@@ -98,16 +98,19 @@ class ExpressionError(SpecError):
     kind = "expression"
 
 
-def wrong(
-    key: str, what: str, cure: str | None = None, *, kind: type[SpecError] = SpecError
-) -> SpecError:
+def wrong(key: str, what: str, cure: str | None = None) -> SpecError:
     """Return the error "KEY WHAT" about a key."""
-    return kind(f"{key} {what}", key=key, cure=cure)
+    return SpecError(f"{key} {what}", key=key, cure=cure)
 
 
 def misshapen(key: str, what: str, cure: str | None = None) -> ShapeError:
     """Return the error "KEY WHAT" about the shape of what stands under a key."""
     return ShapeError(f"{key} {what}", key=key, cure=cure)
+
+
+def misstated(key: str, what: str, cure: str | None = None) -> ExpressionError:
+    """Return the error "KEY WHAT" about an expression."""
+    return ExpressionError(f"{key} {what}", key=key, cure=cure)
 
 
 def about(

@@ -18,11 +18,9 @@ from dobc_design.errors import (
 def test_an_error_carries_message_key_and_cure():
     """Style page: errors say where, must what, got which, and the remedy."""
     error = DobcError("rate must be positive; got -1.", key="observer.rate", cure="Leave it out.")
-    assert (error.message, error.key, error.cure) == (
-        "rate must be positive; got -1.",
-        "observer.rate",
-        "Leave it out.",
-    )
+    assert error.message == "rate must be positive; got -1."
+    assert error.key == "observer.rate"
+    assert error.cure == "Leave it out."
 
 
 @pytest.mark.parametrize(
@@ -77,7 +75,8 @@ def test_one_error_lists_itself_and_several_of_none_are_refused():
 
 def test_several_errors_show_each_on_its_own_line():
     """Contract: all errors of a file at once."""
-    first, second = SpecError("a is wrong", cure="mend a"), ShapeError("C is wrong", key="C")
+    first = SpecError("a is wrong", cure="mend a")
+    second = ShapeError("C is wrong", key="C")
     joined = SpecError.several([first, SpecError.several([second, first])])
     assert joined.errors == (first, second, first)
     assert str(joined).splitlines() == ["a is wrong; mend a", "C is wrong", "a is wrong; mend a"]
@@ -88,8 +87,6 @@ def test_errors_survive_pickling():
     joined = SpecError.several([SpecError("a", key="k", cure="c"), ExpressionError("b")])
     again = pickle.loads(pickle.dumps(joined))
     assert str(again) == str(joined)
-    assert (again.errors[0].key, again.errors[0].cure, type(again.errors[1])) == (
-        "k",
-        "c",
-        ExpressionError,
-    )
+    assert again.errors[0].key == "k"
+    assert again.errors[0].cure == "c"
+    assert type(again.errors[1]) is ExpressionError

@@ -22,7 +22,9 @@ def test_there_are_twelve_notebooks_in_order():
 
 @each_quickly
 def test_a_notebook_is_stored_without_outputs(path: Path):
-    assert not any(cell.get("outputs") or cell.get("execution_count") for cell in cells(path))
+    for cell in cells(path):
+        assert not cell.get("outputs")
+        assert not cell.get("execution_count")
 
 
 @each_quickly

@@ -257,11 +257,9 @@ def value_html(value: Any) -> str:
         return mathml(latex_number(value))
     if is_matrix(value):
         entries = latex_matrix(value)
-        return (
-            f"{len(value)} × {len(value[0])} matrix, too large to be shown"
-            if entries is None
-            else mathml(entries)
-        )
+        if entries is None:
+            return f"{len(value)} × {len(value[0])} matrix, too large to be shown"
+        return mathml(entries)
     if isinstance(value, Shown):
         card = value._card()
         return _facts_html(card.facts) if card.facts else escape_html(cut(card.text or card.title))

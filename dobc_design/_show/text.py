@@ -46,11 +46,9 @@ def significant(value: Real | None, digits: int = 4) -> str:
         return "–"
     if isinstance(value, Fraction):  # a float may be too small for it: 1e400 is a legal number
         exact = _rounded(value, digits, ROUND_HALF_EVEN)
-        return (
-            f"{exact.normalize():.{digits}g}"
-            if abs(exact.adjusted()) > 300
-            else f"{float(exact):.{digits}g}"
-        )
+        if abs(exact.adjusted()) > 300:
+            return f"{exact.normalize():.{digits}g}"
+        return f"{float(exact):.{digits}g}"
     return f"{value:.{digits}g}"
 
 

@@ -24,6 +24,7 @@ from dobc_design.conditions.weighted.network import network_of
 from dobc_design.errors import wrong
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Matrix, multiply, subtract, to_float
+from dobc_design.exact.reading import Texts
 from dobc_design.loop.arcs import closed_groups, split_by, unreached
 from dobc_design.loop.arrays import Gain, chosen_gain
 from dobc_design.loop.loop import Loop
@@ -49,14 +50,19 @@ class SpectrumResult:
 def check_spectrum(A: Matrix, C: Matrix, W: Matrix) -> SpectrumResult:
     """Eigenvalues of A - W C (17), A (q, q), C (m, q), W (q, m), and the rate -max Re in 1/s.
     Raises: ShapeError."""
-    q = require_square(A, "A")
-    m, _ = require_shape(C, (None, q), name="C", because="one column per exosystem state")
+    m, q = _require_pair(A, C)
     because = "one row per exosystem state, one column per disturbance component"
     require_shape(W, (q, m), name="W", because=because)
     # Exact as long as possible: only the difference is rounded.
     dynamics = to_float(subtract(A, multiply(W, C)))
     poles = _slowest_first(np.linalg.eigvals(dynamics))
     return SpectrumResult(eigenvalues=poles, rate=-poles[0].real)
+
+
+def _require_pair(A: Matrix, C: Matrix) -> tuple[int, int]:
+    """The shape (m, q) of C, beside A (q, q).  Raises: ShapeError."""
+    q = require_square(A, "A")
+    return require_shape(C, (None, q), name="C", because="one column per exosystem state")
 
 
 def _slowest_first(eigenvalues: ArrayLike) -> tuple[complex, ...]:
@@ -96,8 +102,7 @@ class ObservabilityResult:
 def check_observability(A: Matrix, C: Matrix) -> ObservabilityResult:
     """Rank, singular values and mode margins of the pair A (q, q), C (m, q) of (12).  Raises:
     ShapeError."""
-    q = require_square(A, "A")
-    require_shape(C, (None, q), name="C", because="one column per exosystem state")
+    _, q = _require_pair(A, C)
     dynamics, output = to_float(A), to_float(C)
     rank: int | None = None
     values: tuple[float, ...] = ()
@@ -130,9 +135,9 @@ class GraphFacts:
 
     mode: str
     arcs: int
-    unreached: tuple[str, ...]
-    components: tuple[tuple[str, ...], ...]
-    sources: tuple[tuple[str, ...], ...]
+    unreached: Texts
+    components: tuple[Texts, ...]
+    sources: tuple[Texts, ...]
     balanced: bool
     heard: tuple[int, ...]
     hearing: tuple[int, ...]
@@ -167,7 +172,7 @@ def graph_facts(problem: Problem, mode: str) -> GraphFacts:
         surplus[listener] += weight
         surplus[speaker] -= weight
 
-    def named(agents: Sequence[int]) -> tuple[str, ...]:
+    def named(agents: Sequence[int]) -> Texts:
         return tuple(labels[agent] for agent in agents)
 
     return GraphFacts(
@@ -332,7 +337,7 @@ class Analysis(Headed):
         return self.W
 
     @property
-    def lines(self) -> tuple[str, ...]:
+    def lines(self) -> Texts:
         """The facts in words, one line each."""
         found: list[str] = []
         if self.observability is not None:

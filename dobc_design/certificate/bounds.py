@@ -173,6 +173,7 @@ def envelope_of(loop: Loop, check: Check, claim: Claim | None, starts: Starts) -
     """The bound of one check; None for one that gives none by itself."""
     domain = check.domain
     disturbance = starts.disturbance
+    bound = partial(Envelope, id=check.id)
     # Maxima of weights are bounded by the box of the starts, quadratic forms by their ball.
     radius = starts.box if isinstance(claim, Separable | Cycles | Kept) else starts.ball
     if isinstance(domain, Around):  # of a run that exceeds the region by rounding
@@ -180,27 +181,26 @@ def envelope_of(loop: Loop, check: Check, claim: Claim | None, starts: Starts) -
         disturbance *= ROOM
     if isinstance(claim, Separable):
         first = radius * claim.spread + error_share(claim, disturbance)
-        return Envelope(id=check.id, height=first * claim.reach, rate=composite_rate(claim))
+        return bound(height=first * claim.reach, rate=composite_rate(claim))
     if isinstance(claim, Cycles) and claim.rate is not None:
         # V falls at the rate from one phase to the next, and never rises in between.
         first = radius * claim.spread(loop) + error_share(claim, disturbance)
-        return Envelope(id="schedule", height=first * claim.height, rate=claim.rate)
+        return bound(height=first * claim.height, rate=claim.rate)
     if isinstance(claim, Lure):
         first = eigenvalue_bound(claim.P_e) * radius**2 + _errors(loop, claim.P, disturbance)
         if claim.level is not None and isinstance(domain, Around):  # the level is a bound as well
             first = min(first, claim.level)
-        return Envelope(id=check.id, height=_root(first * tallest(claim.P_e)), rate=claim.rate)
+        return bound(height=_root(first * tallest(claim.P_e)), rate=claim.rate)
     if isinstance(claim, Kept):
         if claim.kind or claim.rate is None or claim.box is None:
             return None
-        height = radius + error_share(claim.box, disturbance)
-        return Envelope(id=check.id, height=height, rate=claim.rate)
+        return bound(height=radius + error_share(claim.box, disturbance), rate=claim.rate)
     if check.rate is None:
         return None
     square = _square_of_forms(loop, claim, radius, disturbance)
     if square is None:
         return None
-    return Envelope(id=check.id, height=_root(square), rate=claimed(check.rate))
+    return bound(height=_root(square), rate=claimed(check.rate))
 
 
 def _square_of_forms(

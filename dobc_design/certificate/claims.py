@@ -13,12 +13,13 @@ from fractions import Fraction
 
 from dobc_design._checks import noun
 from dobc_design._show.text import visible
-from dobc_design.conditions.check import Check, Claim, Values
+from dobc_design.conditions.check import Check, Checks, Claim, Values
 from dobc_design.conditions.kinds import MAX_SEPARABLE
 from dobc_design.conditions.reason import Reason
 from dobc_design.conditions.separable.claim import SamplingBound, Separable
 from dobc_design.errors import CertificateError, reason_of
 from dobc_design.exact.matrix import Matrix
+from dobc_design.exact.reading import counted
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.pairs import gain_of_rows, required_rows
 from dobc_design.verdict import Verdict
@@ -83,7 +84,7 @@ def claim_of(check: Check, loop: Loop, W: Matrix | None) -> Claim | None:
     return topic.read(check, loop, W)
 
 
-def box_of(checks: Sequence[Check], loop: Loop, W: Matrix | None) -> Separable | None:
+def box_of(checks: Checks, loop: Loop, W: Matrix | None) -> Separable | None:
     """What the proved max-separable certificate claims, on which others rest; None without one.
     Raises: as ``claim_of``."""
     for check in checks:
@@ -91,6 +92,12 @@ def box_of(checks: Sequence[Check], loop: Loop, W: Matrix | None) -> Separable |
             claim = claim_of(check, loop, W)
             return claim if isinstance(claim, Separable) else None
     return None
+
+
+def failing_words(failures: Sequence[str]) -> str:
+    """How many claims do not hold."""
+    claims = counted(len(failures), "claim")
+    return f"{claims} {'does' if len(failures) == 1 else 'do'} not hold"
 
 
 @contextmanager

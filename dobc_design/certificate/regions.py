@@ -8,7 +8,7 @@ shown stays a claim that holds.  Theory, sections 1, 4 and 5.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import asdict, replace
 from fractions import Fraction
@@ -21,7 +21,7 @@ from dobc_design._show.text import (
     significant_towards_zero,
     with_unit,
 )
-from dobc_design.conditions.check import Check
+from dobc_design.conditions.check import Check, Checks
 from dobc_design.conditions.coverage import asked_radius, covers
 from dobc_design.conditions.domain import EVERYWHERE, Around
 from dobc_design.conditions.kinds import KINDS
@@ -225,7 +225,7 @@ def certified_regions(loop: Loop, claims: Claims) -> Regions:
         )
 
 
-def _tolerance(checks: Sequence[Check], asked: Asked | None) -> float | None:
+def _tolerance(checks: Checks, asked: Asked | None) -> float | None:
     """That of a proved settling time, so that all times are about the same; else a part of the
     radius."""
     # Whoever asked for a settling time named the tolerance.
@@ -241,7 +241,7 @@ def _tolerance(checks: Sequence[Check], asked: Asked | None) -> float | None:
     return _down(size * SETTLED) if size else None
 
 
-def _chosen(loop: Loop, checks: Sequence[Check]) -> Iterator[Check]:
+def _chosen(loop: Loop, checks: Checks) -> Iterator[Check]:
     """The checks of Lemma 1 (once for all modes, only without disturbance), of the theorems and of
     regions."""
     lemmas = [check for check in checks if check.kind.is_lemma]
@@ -279,7 +279,7 @@ def _asked(loop: Loop) -> Asked | None:
 @positional
 class _Gatherer:
     loop: Loop
-    checks: Sequence[Check]
+    checks: Checks
     asked: Asked | None
     tolerance: float | None
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Protocol
 
 from dobc_design._checks import noun
 from dobc_design.conditions.accuracy import decide as accuracy
@@ -18,7 +17,6 @@ from dobc_design.conditions.check import Check, Claim, same_witness
 from dobc_design.conditions.consensus import claim as theorems
 from dobc_design.conditions.consensus import decide as consensus
 from dobc_design.conditions.consensus.claim import Pair, Statements
-from dobc_design.conditions.domain import Domain
 from dobc_design.conditions.equilibrium import decide as equilibrium
 from dobc_design.conditions.graphs import claim as graphs_claimed
 from dobc_design.conditions.graphs import decide as graphs
@@ -70,23 +68,6 @@ class Topic:
         return self.confirm(check, trusted)
 
 
-class OfLoop(Protocol):
-    """Confirms a check that rests on no other one."""
-
-    def __call__(
-        self, check: Check, loop: Loop, W: Matrix | None, *, domain: Domain
-    ) -> str | None: ...
-
-
-def _alone(confirm: OfLoop) -> Confirm:
-    """The same, in the form of a row."""
-
-    def confirmed(check: Check, trusted: Trusted) -> str | None:
-        return confirm(check, trusted.loop, trusted.W, domain=trusted.domain)
-
-    return confirmed
-
-
 def _consensus(check: Check, trusted: Trusted) -> str | None:
     """Reachability, Lemma 1 and the theorems, which an observer that fails refutes as well."""
     is_theorem = check.kind.is_theorem and check.verdict is Verdict.REFUTED
@@ -104,11 +85,10 @@ def _confirm_obstacle(check: Check, trusted: Trusted) -> str | None:
     exact = check.exact or {}
     block, group = exact["block"], exact.get("group")
     exosystem, W = observer.group_of(group, trusted.loop, trusted.W)
-    own = (
-        observer.detectability_check(exosystem)
-        if block == "detectability"
-        else observer.hurwitz_check(exosystem, W)
-    )
+    if block == "detectability":
+        own = observer.detectability_check(exosystem)
+    else:
+        own = observer.hurwitz_check(exosystem, W)
     if own.verdict is not Verdict.REFUTED:
         return f"{block} is {own.verdict.value}"
     given = any(
@@ -116,7 +96,9 @@ def _confirm_obstacle(check: Check, trusted: Trusted) -> str | None:
     )
     if block == "hurwitz" and not given:
         return "another W can be designed, so no pair is ruled out"
-    named = {"block": block} | ({} if group is None else {"group": group})
+    named = {"block": block}
+    if group is not None:
+        named["group"] = group
     if exact != named or not same_witness(check.witness, own.witness):
         return f"it claims more than that {block} fails"
     return None
@@ -159,9 +141,9 @@ TOPICS: Mapping[str, Topic] = {
     "margins": Topic(
         confirm=_beside(margins.confirm, MAX_SEPARABLE, ACCURACY), read=margins.read_claim
     ),
-    "quadratic": Topic(confirm=_alone(quadratic.confirm), read=quadratic.read_claim),
-    "schedule": Topic(confirm=_alone(schedule.confirm), read=schedule.read_claim),
-    "graphs": Topic(confirm=_alone(graphs.confirm), read=graphs_claimed.read_claim),
+    "quadratic": Topic(confirm=quadratic.confirm, read=quadratic.read_claim),
+    "schedule": Topic(confirm=schedule.confirm, read=schedule.read_claim),
+    "graphs": Topic(confirm=graphs.confirm, read=graphs_claimed.read_claim),
     "accuracy": Topic(confirm=accuracy.confirm, read=accuracy.read_claim),
-    "equilibrium": Topic(confirm=_alone(equilibrium.confirm), read=equilibrium.read_claim),
+    "equilibrium": Topic(confirm=equilibrium.confirm, read=equilibrium.read_claim),
 }

@@ -24,7 +24,7 @@ from dobc_design.certificate.factors import with_factors
 from dobc_design.certificate.text import writable
 from dobc_design.conditions.accuracy.stage import accuracy_stage
 from dobc_design.conditions.case import Case
-from dobc_design.conditions.check import Check, cut_check, surviving, undecided_check
+from dobc_design.conditions.check import Check, Checks, cut_check, surviving, undecided_check
 from dobc_design.conditions.consensus import decide as consensus
 from dobc_design.conditions.consensus import propose as estimates
 from dobc_design.conditions.consensus.claim import Pair, Statements, state_theorems
@@ -65,7 +65,7 @@ from dobc_design.conditions.weighted.stage import weighted_stage
 from dobc_design.errors import DobcError, wrong
 from dobc_design.exact.matrix import Matrix, multiply, to_float
 from dobc_design.exact.number import Number, number_text, parse_number
-from dobc_design.exact.reading import counted
+from dobc_design.exact.reading import Texts, counted
 from dobc_design.exact.work import WorkLimitError, out_of_time, read_time_limit, until
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.make import loop_of
@@ -158,10 +158,10 @@ class _Options:
     @property
     def least_rate(self) -> float:
         """The rate (1/s) that proofs have to have; 0 where none is asked for."""
-        return 0.0 if self.rate is None else float(self.rate)
+        return float(self.rate or 0)
 
     @property
-    def as_typed(self) -> tuple[str, ...]:
+    def as_typed(self) -> Texts:
         """The options of `dobc certify` that ask the same."""
         typed = ["--all"] if self.everything else []
         if self.settling is not None:
@@ -282,7 +282,7 @@ def _decide_quietly(problem: Problem) -> Decided:
 
 
 def _asked_rate(
-    loop: Loop, checks: Sequence[Check], overall: Overall, wanted: Fraction | None
+    loop: Loop, checks: Checks, overall: Overall, wanted: Fraction | None
 ) -> Iterator[str]:
     """What became of a rate that was asked for, where the verdict does not have it."""
     if wanted is None or claimed(overall.rate or 0.0) >= wanted:
@@ -323,9 +323,7 @@ def verify(certificate: Certificate | Claims | bytes, problem: Source) -> Rechec
     return verify_twice(claims, load_problem(problem))
 
 
-def region_checks(
-    case: Case, *, everything: bool, report: Progress, rate: float = 0.0
-) -> list[Check]:
+def region_checks(case: Case, *, everything: bool, report: Progress, rate: float) -> list[Check]:
     """Examine the region, or with ``everything`` the largest box where none is asked for.
 
     Nothing is examined where the checks of the case cover the region already, unless ``everything``
@@ -513,8 +511,8 @@ class _Run:
         self,
         exosystem: Exosystem,
         gains: Sequence[Matrix | None],
-        lemmas: Sequence[Check],
-        observer: Sequence[Check],
+        lemmas: Checks,
+        observer: Checks,
     ) -> tuple[list[Check], Pair | None, str]:
         """The printed P where there is one, then the theorem with a P of our own; how that came
         about."""

@@ -10,11 +10,10 @@ import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
-from typing import Any
 
 from dobc_design._checks import noun
 from dobc_design._show.text import capitalize_first
-from dobc_design.conditions.check import Check, Fix
+from dobc_design.conditions.check import Check, Checks, Fix
 from dobc_design.conditions.consensus import cures
 from dobc_design.conditions.consensus.claim import Pair, PairFacts, Statements, state_theorems
 from dobc_design.conditions.consensus.cures import PinProposal, rounded_up
@@ -34,6 +33,7 @@ from dobc_design.conditions.weighted.decide import network_holds, why_not
 from dobc_design.conditions.weighted.propose import network_claim
 from dobc_design.conditions.weighted.stage import weighted_stage
 from dobc_design.exact.matrix import Matrix, Vector, scale
+from dobc_design.exact.reading import Document
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, spend
 from dobc_design.loop.arcs import unreached
 from dobc_design.loop.loop import Loop
@@ -41,6 +41,8 @@ from dobc_design.loop.make import loop_of
 from dobc_design.problem.changes import changed_problem, gain_table, typed_matrix, typed_number
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
+
+Fixes = dict[str, Fix]  # by the id of the check that is cured
 
 logger = logging.getLogger("dobc_design")
 
@@ -94,7 +96,7 @@ def with_cures(
     # groups.
     if not problem.is_grouped:
         searches.append(cures.of_printed)
-    fixes: dict[str, Fix] = {}
+    fixes: Fixes = {}
     for search in searches:
         try:
             with at_most(WORK * STAGE):
@@ -120,11 +122,11 @@ class _Cures:
     decide: Callable[[Problem], Decided]
     progress: Progress
 
-    def of_model_and_network(self) -> dict[str, Fix]:
+    def of_model_and_network(self) -> Fixes:
         """Of the exosystem, of W and of the network, and all of them together for the theorem."""
         problem = self.problem
         checks = self.found.checks
-        fixes: dict[str, Fix] = {}
+        fixes: Fixes = {}
         model = _merged(_model_parts(problem))
         if model is not None:
             fixes["hurwitz"] = model
@@ -195,7 +197,7 @@ class _Cures:
         matrices = {mode: enclosed_lambda(statements, mode) for mode in statements.lambdas}
         return unpinned_witness(loop, matrices, self.found.directions)
 
-    def of_printed(self) -> dict[str, Fix]:
+    def of_printed(self) -> Fixes:
         """A printed P that fails by its scale, times the smallest factor that does; any other, the
         P that was found."""
         problem, checks = self.problem, self.found.checks
@@ -233,7 +235,7 @@ def _weights_do(problem: Problem) -> bool:
     return _has_weights(weighted_stage(state_theorems(loop_of(problem)), W))
 
 
-def _holds(problem: Problem, checks: Sequence[Check]) -> bool:
+def _holds(problem: Problem, checks: Checks) -> bool:
     """Whether the theorem is proved, with weights or without; without an exosystem, Lemma 1 in
     every mode."""
     if _has_weights(checks):
@@ -296,7 +298,7 @@ def _model_parts(problem: Problem) -> list[Fix]:
     if W is None or check is None or not check.is_proved:
         return parts
     pace = f" at least like exp(-{text_below(check.rate)} t)" if check.rate else ""
-    changes: dict[str, Any] = {"observer.W": typed_matrix(W)}
+    changes: Document = {"observer.W": typed_matrix(W)}
     gone = ""
     if observer.P is not None:
         gone = " and drop P, which was meant for the old W"
@@ -324,7 +326,7 @@ def _proved(problem: Problem, proposals: Iterable[PinProposal]) -> Iterator[Acce
                 break
 
 
-def _gain_changes(problem: Problem, accepted: Accepted) -> dict[str, Any]:
+def _gain_changes(problem: Problem, accepted: Accepted) -> Document:
     gains, labels = accepted.gains, problem.network.labels
     # One number stands for all agents in the file.
     if len(gains) == problem.n > 1 and len(set(gains.values())) == 1:
@@ -338,7 +340,7 @@ def _pin_fix(
     problem: Problem,
     accepted: Accepted,
     *,
-    faster: Sequence[Accepted] = (),
+    faster: Sequence[Accepted],
     other: Accepted | None = None,
     held_back: tuple[str, Vector] | None = None,
     groups: Sequence[tuple[int, ...]] = (),

@@ -12,7 +12,7 @@ from fractions import Fraction
 
 from dobc_design._show.text import capitalize_first, significant_away_from_zero
 from dobc_design.certificate.claims import Claims, Overall
-from dobc_design.conditions.check import Check
+from dobc_design.conditions.check import Check, Checks
 from dobc_design.conditions.consensus.agreement import agreement_words
 from dobc_design.conditions.consensus.claim import Unstable
 from dobc_design.conditions.consensus.network import (
@@ -28,7 +28,7 @@ from dobc_design.conditions.graphs.decide import absorbing
 from dobc_design.conditions.kinds import REACHABILITY
 from dobc_design.conditions.numbers import read_rational, rounded_up, text_below
 from dobc_design.conditions.observer.decide import observable_part_is_hurwitz, too_large
-from dobc_design.conditions.reason import Reason
+from dobc_design.conditions.reason import Reason, open_reason
 from dobc_design.conditions.schedule.cycles import cycles_of
 from dobc_design.conditions.stated import (
     ACCURACY,
@@ -42,6 +42,7 @@ from dobc_design.conditions.stated import (
 from dobc_design.exact.matrix import Matrix, Vector, find_in_nullspace
 from dobc_design.exact.number import number_text
 from dobc_design.exact.polynomial import decide_hurwitz
+from dobc_design.exact.reading import Names
 from dobc_design.exact.work import out_of_time, time_limit
 from dobc_design.loop.arcs import closed_groups, unreached
 from dobc_design.loop.loop import Loop
@@ -72,7 +73,7 @@ def with_verdict(claims: Claims, overall: Overall) -> Claims:
     )
 
 
-def decide_overall(loop: Loop, checks: Sequence[Check], W: Matrix | None) -> Overall:
+def decide_overall(loop: Loop, checks: Checks, W: Matrix | None) -> Overall:
     """Combine checks decided for the gain W.  Of these only verdicts, domains, rates and proved
     instabilities enter, never a text; the rest is exact facts of ``problem``.  A designed W that
     fails says nothing against the problem."""
@@ -91,13 +92,13 @@ def decide_overall(loop: Loop, checks: Sequence[Check], W: Matrix | None) -> Ove
     return Overall(verdict=Verdict.UNDECIDED, why=why)
 
 
-def refutation(loop: Loop, checks: Sequence[Check], W: Matrix | None) -> str | None:
+def refutation(loop: Loop, checks: Checks, W: Matrix | None) -> str | None:
     """Why consensus itself fails, where that is proved and none of these checks, decided for the
     gain W, covers what is asked; None where it is not."""
     return _apart_reason(loop) or _adrift_reason(loop) or _refuted_reason(loop, checks, W)
 
 
-def _proved(loop: Loop, checks: Sequence[Check], best: Check) -> Overall:
+def _proved(loop: Loop, checks: Checks, best: Check) -> Overall:
     """The verdict about the plant that the file states, where ``best`` proves what is asked of the
     model alone."""
     stated, open_tables = stated_in(loop), list(gaps(loop, checks))
@@ -110,7 +111,7 @@ def _proved(loop: Loop, checks: Sequence[Check], best: Check) -> Overall:
             tables = " and with ".join(gap.table for gap in open_tables if gap.reason == reason)
             told += f"; with {tables} it is not proved: {reason.removesuffix('.')}"
         cures = "; ".join(dict.fromkeys(gap.cure for gap in open_tables))
-        why = Reason(head=f"{told}.", advice=f"{cures}.", is_open=True)
+        why = open_reason(f"{told}.", f"{cures}.")
         return Overall(verdict=Verdict.UNDECIDED, why=why)
     # The rate is that of the plant with all that is stated, not that of the model alone.
     # Without tables the proof carries the verdict itself.
@@ -139,14 +140,12 @@ def _proved(loop: Loop, checks: Sequence[Check], best: Check) -> Overall:
 def _limited(loop: Loop) -> str:
     """Which inputs the limits are about."""
     limits = None if loop.actuators is None else loop.actuators.limit
-    return (
-        "input"
-        if not isinstance(limits, Mapping) or len(limits) == loop.n
-        else "input of an agent with a limit"
-    )
+    if isinstance(limits, Mapping) and len(limits) != loop.n:
+        return "input of an agent with a limit"
+    return "input"
 
 
-def _limited_starts(loop: Loop, checks: Sequence[Check]) -> str:
+def _limited_starts(loop: Loop, checks: Checks) -> str:
     """From where no limit is reached.  Without a region that is a box, whatever the domain of the
     consensus is."""
     held = answer_of(loop, checks, LIMIT)
@@ -167,7 +166,7 @@ def _preference(check: Check) -> tuple[bool, float, float]:
     return check.kind.signals == "some", check.time_to_one_percent, -(check.rate or 0.0)
 
 
-def _moving_words(loop: Loop, checks: Sequence[Check], best: Check | None) -> str:
+def _moving_words(loop: Loop, checks: Checks, best: Check | None) -> str:
     """What is proved of graphs that move, beside the proof that carries the verdict."""
     words = ""
     if not loop.guarantee.moves:
@@ -187,7 +186,7 @@ def _moving_words(loop: Loop, checks: Sequence[Check], best: Check | None) -> st
     return words
 
 
-def _refuted_reason(loop: Loop, checks: Sequence[Check], W: Matrix | None) -> str | None:
+def _refuted_reason(loop: Loop, checks: Checks, W: Matrix | None) -> str | None:
     """What a given W or a refuted check says against consensus itself."""
     region = loop.starts
     if region is None or (region.disturbance or 0) > 0:
@@ -254,7 +253,7 @@ def _apart_reason(loop: Loop) -> str | None:
     return None
 
 
-def _apart_in(loop: Loop, cycle: Sequence[str]) -> str | None:
+def _apart_in(loop: Loop, cycle: Names) -> str | None:
     """The same for these modes, or for all with every arc there; what an allowed signal may leave
     out is left out."""
     arcs = [loop.modes[mode] for mode in cycle]
@@ -281,7 +280,7 @@ def _apart_in(loop: Loop, cycle: Sequence[str]) -> str | None:
     return None
 
 
-def _disagreement_in(loop: Loop, cycle: Sequence[str], arcs: Sequence[Arcs]) -> str | None:
+def _disagreement_in(loop: Loop, cycle: Names, arcs: Sequence[Arcs]) -> str | None:
     """Two groups that hear nobody outside, if the region lets them start with different values."""
     starts = loop.starts
     if len(closed_groups(loop, arcs)) < 2:
@@ -294,9 +293,7 @@ def _disagreement_in(loop: Loop, cycle: Sequence[str], arcs: Sequence[Arcs]) -> 
     return f"Agreement fails: {when}{apart_in_words(loop, arcs)}"
 
 
-def _unreached_words(
-    loop: Loop, cycle: Sequence[str], arcs: Sequence[Arcs], apart: Sequence[int]
-) -> str:
+def _unreached_words(loop: Loop, cycle: Names, arcs: Sequence[Arcs], apart: Sequence[int]) -> str:
     """That no pinned agent reaches the agents ``apart`` by these arcs, those of a cycle of modes or
     of all modes."""
     who = name_agents(tuple(loop.labels[i] for i in apart))
@@ -314,7 +311,7 @@ def _unreached_words(
     return f"Consensus fails: {pins} to the target. {cure_in_words(loop, arcs)}"
 
 
-def _while_on(loop: Loop, cycle: Sequence[str]) -> str:
+def _while_on(loop: Loop, cycle: Names) -> str:
     """When only these modes are on."""
     if loop.guarantee.generator is not None:
         on = f"mode {cycle[0]}" if len(cycle) == 1 else f"modes {', '.join(cycle)}"
@@ -387,11 +384,9 @@ def _arrival(loop: Loop, check: Check, *, pace: Check, final: Check | None = Non
     whose rate counts; ``final``: a proved ``accuracy``."""
     switching = f" {signals_in_words(loop, check)}".rstrip()
     shown = check if final is None else final
-    elsewhere = (
-        " in the region"
-        if loop.starts is not None
-        else f" with {_domain_in_words(shown, loop.unit)}"
-    )
+    elsewhere = " in the region"
+    if loop.starts is None:
+        elsewhere = f" with {_domain_in_words(shown, loop.unit)}"
     which = {"global": "", "consensus": " close enough to it"}.get(str(shown.domain), elsewhere)
     if final is not None:
         goal = "the target" if not loop.goals.moves else "the leader"
@@ -423,7 +418,7 @@ def _pace_in_words(loop: Loop, check: Check) -> str:
     )
 
 
-def _reached(loop: Loop, checks: Sequence[Check]) -> Reason | None:
+def _reached(loop: Loop, checks: Checks) -> Reason | None:
     """How far the regional proofs reach, and what would help; None if none was tried or applies."""
     # Those that are not about such a problem at all would only distract.
     tried = [check for check in checks if check.kind.role == "region" and check.applies]
@@ -435,17 +430,15 @@ def _reached(loop: Loop, checks: Sequence[Check]) -> Reason | None:
         advice = "more pinned agents"
         if loop.switches and not loop.guarantee.is_given:
             advice += ', or a guarantee on the signal in [switching] (such as "dwell")'
-        return Reason(head=f"{tried[0].reason}{signals}", advice=f"{advice}.", is_open=True)
+        return open_reason(f"{tried[0].reason}{signals}", f"{advice}.")
     near = proved or any(check.kind.is_consensus and check.is_proved for check in checks)
-    smaller = (
-        "a smaller [region], larger gains or more pinned agents"
-        if near
-        else "more pinned agents, larger gains"
-    )
+    smaller = "more pinned agents, larger gains"
+    if near:
+        smaller = "a smaller [region], larger gains or more pinned agents"
     advice = f"{smaller}. {ALONE}"
     if not proved:
         head = f"no proof reaches the region asked for: {tried[0].reason}"
-        return Reason(head=head, advice=advice, is_open=True)
+        return open_reason(head, advice)
     reach = ", ".join(_domain_in_words(check, loop.unit) for check in proved)
     radius = asked_radius(loop)
     asked = f"|e_i| <= {float(min(max(radius), MOST)):.6g} {loop.unit}".rstrip()
@@ -455,7 +448,7 @@ def _reached(loop: Loop, checks: Sequence[Check]) -> Reason | None:
     if any(isinstance(check.domain, Ball) for check in proved):
         asked += f"; a ball that holds these needs |e| <= {asked_ball(loop, radius):.6g}"
     head = f"consensus is proved from {reach}; the region asks for {asked}."
-    return Reason(head=head, advice=advice, is_open=True)
+    return open_reason(head, advice)
 
 
 def _domain_in_words(check: Check, unit: str) -> str:
@@ -471,7 +464,7 @@ def _domain_in_words(check: Check, unit: str) -> str:
     return f"{told} ({check.id})"
 
 
-def _cut_reason(checks: Sequence[Check], unit: str) -> Reason | None:
+def _cut_reason(checks: Checks, unit: str) -> Reason | None:
     """What was not decided, because time or work ran out, where that might have decided; None if
     nothing.  ``unit``: of the states."""
     cut = [
@@ -501,10 +494,10 @@ def _cut_reason(checks: Sequence[Check], unit: str) -> Reason | None:
     reach = [_domain_in_words(check, unit) for check in regions]
     if reach:
         told = f"{told} So far consensus is proved from {', '.join(reach)}."
-    return Reason(head=told, is_open=True)
+    return open_reason(told)
 
 
-def _undecided_reason(loop: Loop, checks: Sequence[Check]) -> Reason:
+def _undecided_reason(loop: Loop, checks: Checks) -> Reason:
     """Why nothing is decided: what ran out, an agent out of reach, how far proofs reach, or the
     first condition that is not met."""
     # Nothing else may be blamed while some check had no time.
@@ -521,7 +514,7 @@ def _undecided_reason(loop: Loop, checks: Sequence[Check]) -> Reason:
                 if loop.modes[str(check.mode)].optional:
                     rest = HELD_ALWAYS
                 text = f"in mode {check.mode} {check.reason}"
-                return Reason(head=f"{text} {rest}", is_open=True)
+                return open_reason(f"{text} {rest}")
     reached = None if loop.starts is None else _reached(loop, checks)
     if reached is not None:
         return reached
@@ -533,11 +526,11 @@ def _undecided_reason(loop: Loop, checks: Sequence[Check]) -> Reason:
     ]
     if loop.starts is not None and any(check.domain == NEAR_TARGET for check in local):
         near = "consensus is proved near the target only, and the region asked for is larger."
-        return Reason(head=f"{near} {ALONE}", is_open=True)
+        return open_reason(f"{near} {ALONE}")
     ids = ("lure", *SPEAKING) if loop.slopes_move else SPEAKING
     unproved = [check for check in checks if not check.is_proved]
     speaking = [check for check in unproved if check.id in ids]
     first = min(speaking, key=lambda check: ids.index(check.id), default=None)
     if first is None:
-        return Reason(head="no condition that applies covers what is asked.", is_open=True)
-    return Reason(head=first.reason, is_open=True)
+        return open_reason("no condition that applies covers what is asked.")
+    return open_reason(first.reason)

@@ -11,22 +11,22 @@ from dataclasses import replace
 
 from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Shown
-from dobc_design.certificate.claims import Claims, Overall, claim_of
+from dobc_design.certificate.claims import Claims, Overall, claim_of, failing_words
 from dobc_design.certificate.factors import factor_obstacle
 from dobc_design.certificate.files import another_problem
 from dobc_design.certificate.text import certificate_bytes, read_claims
 from dobc_design.certificate.topics import TOPICS, Trusted
 from dobc_design.checker import examine as checker
-from dobc_design.conditions.check import Check, withdrawn
+from dobc_design.conditions.check import Check, Checks, withdrawn
 from dobc_design.conditions.consensus import decide as consensus
 from dobc_design.conditions.consensus.claim import Pair, state_theorems
 from dobc_design.conditions.domain import EVERYWHERE, Domain
 from dobc_design.conditions.kinds import ids_in
 from dobc_design.conditions.numbers import MATRIX_BITS, doubles_from_json, is_short
-from dobc_design.conditions.reason import Reason
+from dobc_design.conditions.reason import open_reason
 from dobc_design.errors import CertificateError, DobcError, reason_of
 from dobc_design.exact.matrix import is_symmetric, multiply
-from dobc_design.exact.reading import counted, shown
+from dobc_design.exact.reading import Texts, shown
 from dobc_design.exact.work import last_call
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.make import loop_of
@@ -78,8 +78,8 @@ class Recheck(Shown):
     checker found."""
 
     verdict: Verdict
-    confirmed: tuple[str, ...]
-    failures: tuple[str, ...]
+    confirmed: Texts
+    failures: Texts
     lone_checker: str = "it was not asked"
 
     @property
@@ -87,17 +87,12 @@ class Recheck(Shown):
         """Whether nothing failed."""
         return not self.failures
 
-    @property
-    def _what_fails(self) -> str:
-        claims = counted(len(self.failures), "claim")
-        return f"{claims} {'does' if len(self.failures) == 1 else 'do'} not hold"
-
     def _card(self) -> Card:
         failed = [(text, "NOT confirmed") for text in self.failures]
         confirmed = [(title, "confirmed") for title in self.confirmed]
         text = "Every claim holds."
         if failed:
-            text = f"{self._what_fails}."
+            text = f"{failing_words(self.failures)}."
         return Card(
             title="Recheck",
             verdict=self.verdict.value if self.holds else None,
@@ -108,7 +103,7 @@ class Recheck(Shown):
         )
 
     def __str__(self) -> str:
-        head = f"{self._what_fails}; no verdict is confirmed."
+        head = f"{failing_words(self.failures)}; no verdict is confirmed."
         if self.holds:
             head = f"every claim holds; verdict {self.verdict.value}."
         rows = [head]
@@ -210,7 +205,7 @@ def agreed(claims: Claims, problem: Problem) -> Claims:
     lacking = _first_refusal(found)
     if lacking is None or claims.verdict is Verdict.UNDECIDED:
         return claims
-    why = Reason(head=_disagrees(claims.verdict, lacking), is_open=True)
+    why = open_reason(_disagrees(claims.verdict, lacking))
     return with_verdict(claims, Overall(verdict=Verdict.UNDECIDED, why=why))
 
 
@@ -228,7 +223,7 @@ def _first_refusal(found: Sequence[Finding]) -> str | None:
 
 
 def _without_refused(
-    checks: Sequence[Check], said: Sequence[Finding], domain: Domain
+    checks: Checks, said: Sequence[Finding], domain: Domain
 ) -> tuple[Check, ...] | None:
     """The checks, decided ones that are refused as undecided; None if that is none of them."""
     kept = list(checks)
@@ -359,11 +354,9 @@ def confirm(check: Check, trusted: Trusted) -> str | None:
     # What nobody decided has nothing that others could rest on.
     if check.verdict is Verdict.UNDECIDED:
         claims = (check.margin, check.rate, check.factor, check.claim, check.witness)
-        return (
-            None
-            if all(part is None for part in claims)
-            else "an undecided check must claim nothing"
-        )
+        if any(part is not None for part in claims):
+            return "an undecided check must claim nothing"
+        return None
     return TOPICS[check.kind.topic].confirmed(check, trusted)
 
 
@@ -433,7 +426,7 @@ def _block_failures(claims: Claims, loop: Loop) -> list[str]:
     return failures
 
 
-def _overall_failures(claims: Claims, loop: Loop, confirmed: Sequence[Check]) -> list[str]:
+def _overall_failures(claims: Claims, loop: Loop, confirmed: Checks) -> list[str]:
     found = [(check.id, check.mode, check.group) for check in claims.checks]
     lacking = [each for each in expected_checks(loop) if each not in found]
     missing = [

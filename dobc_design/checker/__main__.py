@@ -32,7 +32,7 @@ if not __package__:
         sys.modules[name] = ModuleType(name)
         sys.modules[name].__path__ = folders
 
-from dobc_design.checker.examine import MAX_BYTES, Refused, examine
+from dobc_design.checker.examine import MAX_BYTES, Finding, Refused, examine
 from dobc_design.checker.reading import need
 
 LAST = ("Every claim holds.", "NOT CONFIRMED: the certificate proves nothing.")  # by exit code
@@ -49,7 +49,9 @@ def main(arguments: list[str]) -> int:
             lines = [f"unreadable: {error}"]
         else:
             lines = [("holds  " if holds else "FAILS  ") + what for holds, what in findings]
-            code = 0 if all(holds for holds, _ in findings) else 1
+            code = 1
+            if all(holds for holds, _ in findings):
+                code = 0
             lines.append(LAST[code])
 
     for line in lines:
@@ -59,7 +61,7 @@ def main(arguments: list[str]) -> int:
     return code
 
 
-def examined(*names: str) -> list[tuple[bool, str]]:
+def examined(*names: str) -> list[Finding]:
     """The findings about two files, read no further than they may be long."""
     for name in names:
         # a pipe would make it wait for ever

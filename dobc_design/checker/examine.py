@@ -45,10 +45,11 @@ OF_ANY_COUPLING = ("max-separable", "lure", "equilibrium", "markov", "accuracy",
 # of these the claims know arcs to fixed nodes
 OF_FIXED = ("max-separable", "delay", "sampling", "schedule", "settling")
 REFUTABLE = ("max-separable", "equilibrium", "markov", "schedule")
+Finding = tuple[bool, str]  # whether it holds, and what
 Task = tuple[str, partial[None]]
 
 
-def examine(certificate: bytes, problem: bytes, until: float = math.inf) -> list[tuple[bool, str]]:
+def examine(certificate: bytes, problem: bytes, until: float = math.inf) -> list[Finding]:
     """Every claim of a certificate: does it hold, what it is, and why it fails. It is confirmed iff
     all of them hold.
 
@@ -57,7 +58,7 @@ def examine(certificate: bytes, problem: bytes, until: float = math.inf) -> list
     Raises: Refused if one of the two files is not what the format page describes.
     """
     token = UNTIL.set(until)
-    found: list[tuple[bool, str]] = []
+    found: list[Finding] = []
     try:
         for stage in stages(Case(certificate, Problem(problem))):
             for title, task in stage:
@@ -72,7 +73,7 @@ def examine(certificate: bytes, problem: bytes, until: float = math.inf) -> list
     return found
 
 
-def finding(title: str, task: partial[None]) -> tuple[bool, str]:
+def finding(title: str, task: partial[None]) -> Finding:
     """Whether a claim holds, and what it is, or why it fails."""
     try:
         task()
@@ -130,7 +131,9 @@ def confirm(case: Case, check: Any) -> None:
     """Decide one claim."""
     open_claim = check.verdict == "undecided"
     about_region = check.id in REGIONAL and not open_claim
-    domain = "global" if check.id in FACTS else case.domain
+    domain = "global"
+    if check.id not in FACTS:
+        domain = case.domain
     need(about_region or check.domain == domain, "the domain is wrong")
     if open_claim:
         claimed = (check.margin, check.rate, check.factor, check.exact, check.witness)
@@ -141,7 +144,9 @@ def confirm(case: Case, check: Any) -> None:
         "the verdict is none of proved, refuted and undecided",
     )
     # by now id, mode and group are known, and the observer is the one of the problem
-    decide = regional if about_region else decider(case, check.id)
+    decide: Decider = regional
+    if not about_region:
+        decide = decider(case, check.id)
     bounded(case, check, decide(case, check))
 
 
@@ -151,7 +156,9 @@ def decider(case: Case, id: str) -> Decider:
         return fact
     if id == case.theorem + "-weighted":
         return weighted
-    return linearisation if id == "linearisation" else consensus
+    if id == "linearisation":
+        return linearisation
+    return consensus
 
 
 def regional(agents: Case, check: Any) -> Any:

@@ -44,7 +44,9 @@ from .reading import Refused, need, rational
 
 Jet = tuple[Interval[Real], tuple[Interval[Real], ...]]
 ZERO: Exact = (Fraction(0), Fraction(0))
-Operation = tuple[Callable[..., Any], Callable[..., Any]]
+Function = Callable[..., Any]
+Places = tuple[int, ...]  # of steps
+Operation = tuple[Function, Function]
 
 
 # --- Operations on jets
@@ -119,7 +121,7 @@ def one_and_square(x: Span) -> Span:
     return added(like(x, 1), power(x, 2))
 
 
-def of_one(function: Callable[..., Any], slope: Callable[..., Any]) -> Operation:
+def of_one(function: Function, slope: Function) -> Operation:
     """An operation with one argument, from its slope."""
     return function, lambda x, f: (slope(x, f),)
 
@@ -160,7 +162,7 @@ SMOOTH: dict[str, Operation] = {
 }
 
 
-FUNCTIONS: dict[str, Callable[..., Any]] = {
+FUNCTIONS: dict[str, Function] = {
     "min": least,
     "max": greatest,
     "clip": lambda y, lo, hi: greatest(lo, least(y, hi)),
@@ -176,8 +178,8 @@ class Step(NamedTuple):
     """An operation on the jets with these numbers; a variable or a constant has none, a constant
     has a value."""
 
-    operation: Callable[..., Any] | None
-    arguments: tuple[int, ...]
+    operation: Function | None
+    arguments: Places
     degree: float  # as a polynomial; inf if it is none
     varies: bool  # whether a variable occurs in it
     value: Any = None
@@ -244,7 +246,9 @@ class Expression:
         degree = self.steps[place].degree
         polynomial = degree < math.inf and (n >= 0 or degree == 0)
         # n x^(n-1), and 0 x^0 for n = 0, so that 1/x is not asked at 0
-        lower = n - 1 if n else 0
+        lower = 0
+        if n:
+            lower = n - 1
         raised = of_one(lambda x: power(x, n), lambda x, f: times(like(x, n), power(x, lower)))
         operation = partial(applied, raised)
         return self.append(operation, (place,), degree * n if polynomial else math.inf)
@@ -271,7 +275,7 @@ class Expression:
             place = self.append(partial(applied, operation), (place, right), degree)
         return place
 
-    def read_call(self, name: str, arguments: tuple[int, ...]) -> int:
+    def read_call(self, name: str, arguments: Places) -> int:
         """A function; it has a kink if it is applied to something in which a variable occurs."""
         # a name that is not in this table is refused, whatever Python knows by it
         need(name in FUNCTIONS, "an expression holds a function that the grammar does not know")
@@ -283,7 +287,7 @@ class Expression:
         of_constants = not any(self.steps[k].degree for k in arguments)
         return self.append(FUNCTIONS[name], arguments, 0 if of_constants else math.inf)
 
-    def vary(self, arguments: tuple[int, ...]) -> bool:
+    def vary(self, arguments: Places) -> bool:
         """Whether a variable occurs in the arguments."""
         return any(self.steps[k].varies for k in arguments)
 
@@ -292,7 +296,7 @@ class Expression:
         self.steps.append(Step(None, (), 0, False, value))
         return len(self.steps) - 1
 
-    def append(self, operation: Any, arguments: tuple[int, ...], degree: float) -> int:
+    def append(self, operation: Any, arguments: Places, degree: float) -> int:
         """A new step; one that depends on constants only is done at once."""
         varies = self.vary(arguments)
         value = None

@@ -15,6 +15,7 @@ from .matrices import ZERO, Matrix, paired
 from .reading import Object, matrix, maybe, need, rational, read, text
 
 TIMES = ("dwell", "period", "longest")
+Cycles = list[tuple[str, ...]]  # modes that may be on in turn for ever
 PHASES = 40  # of a guarantee whose cycles of modes are looked at one by one
 
 
@@ -93,20 +94,24 @@ class Guarantee:
     @cached_property
     def timed(self) -> list[Phase]:
         """The phases where it is said which one is on at every time, else none."""
-        return self.phases if self.several and self.kind == "sequence" else []
+        if self.several and self.kind == "sequence":
+            return self.phases
+        return []
 
     def turn_at(self, time: Fraction) -> Turn:
         """The timed phase that is on from a time on."""
         ends = list(accumulate(turn.shortest for turn in self.timed))
         begun = time - time % ends[-1]  # of the round
         place = bisect_right(ends, time - begun)
-        before = ends[place - 1] if place else ZERO
+        before = ZERO
+        if place:
+            before = ends[place - 1]
         return Turn(place, begun + before, begun + ends[place])
 
-    def cycles(self) -> list[tuple[str, ...]]:
+    def cycles(self) -> Cycles:
         """Modes that may be on over and over, and no other; no longer cycle lacks all of them."""
         turns = self.phases
-        found: list[tuple[str, ...]] = [(turn.mode,) for turn in turns if turn.longest is None]
+        found: Cycles = [(turn.mode,) for turn in turns if turn.longest is None]
         every = tuple(dict.fromkeys(turn.mode for turn in turns))
         # dwell: two modes may alternate for ever, whatever the others are
         if len(turns) > 1 and all(turn.first for turn in turns):
@@ -115,7 +120,7 @@ class Guarantee:
             found.append(every)
         return found
 
-    def allowed(self) -> list[tuple[str, ...]]:
+    def allowed(self) -> Cycles:
         """All modes, whatever arcs are there, and the cycles that a guarantee allows of at most
         PHASES phases."""
         found = [tuple(self.modes)]

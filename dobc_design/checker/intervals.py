@@ -46,14 +46,17 @@ def outward(lo: Real, hi: Real) -> Interval[Real]:
     """Room for rounding: the next floating-point numbers outside (a result of IEEE arithmetic is at
     most half as far away), or rationals of PRECISION bits."""
     if isinstance(lo, float):
-        lo, hi = math.nextafter(lo, -math.inf), math.nextafter(hi, math.inf)
+        lo = math.nextafter(lo, -math.inf)
+        hi = math.nextafter(hi, math.inf)
         need(-LARGEST < lo <= hi < LARGEST, OUT_OF_RANGE)
         return lo, hi
 
     # Fractions of any size would be exact, and take for ever
     need(all(x == 0 or abs(magnitude(x)) < 2**15 for x in (lo, hi)), OUT_OF_RANGE)
     # single numbers stay exact as long as the format page asks it
-    longest = EXACT_BITS if lo == hi else PRECISION
+    longest = PRECISION
+    if lo == hi:
+        longest = EXACT_BITS
     return shortened(lo, math.floor, longest), shortened(hi, math.ceil, longest)
 
 
@@ -234,9 +237,13 @@ def rational_value(name: str, x: Fraction | float) -> Fraction | None:
     if name == "sqrt":
         top, bottom = x.as_integer_ratio()
         root = Fraction(math.isqrt(max(0, top)), math.isqrt(bottom))
-        return root if x == root**2 else None
+        if x == root**2:
+            return root
+        return None
     where, value = (0, 1) if name == "exp" else (1, 0)
-    return Fraction(value) if x == where else None
+    if x == where:
+        return Fraction(value)
+    return None
 
 
 @odd
@@ -325,7 +332,9 @@ def sine_of(z: int, bits: int) -> int:
     half = half_turn(bits)
     turns = (z + half) // (2 * half)
     z -= turns * 2 * half
-    sign = -1 if z < 0 else 1
+    sign = 1
+    if z < 0:
+        sign = -1
     z = abs(z)
     square = z * z >> bits
     term = z

@@ -299,7 +299,9 @@ def through(node: Node, h: tuple[str, ...], m: int) -> tuple[str, ...]:
     # B = b I: every component is multiplied alike
     first = B[0][0]
     if len(h) == 1 and identity(m, first) == B:  # still by component
-        return h if first == 1 else (f"({first})*({h[0]})",)
+        if first == 1:
+            return h
+        return (f"({first})*({h[0]})",)
     inputs = len(node.left)
     if len(h) == 1 < inputs:
         need(inputs == m, "there is not one expression for each input")
@@ -351,11 +353,15 @@ def residuals_of(problem: Problem, node: Node) -> list[Residual]:
     alone = len(groups) == 1 and len(groups[0].agents) == problem.n
     found = []
     for group in groups:
-        C = group.C if node.B is None else product(node.B, group.C)
+        C = group.C
+        if node.B is not None:
+            C = product(node.B, group.C)
         W = group.W
         if W is not None and len(W[0]) != problem.m:
             W = product(W, node.left)
-        name = None if alone else problem.labels[group.agents[0]]
+        name = None
+        if not alone:
+            name = problem.labels[group.agents[0]]
         found.append(Residual(group.agents, group.A, C, W, group.P, name))
     return found
 
@@ -422,7 +428,9 @@ def moved(problem: Problem) -> tuple[list[Expression], Vector]:
     def shifted(state: re.Match[str]) -> str:
         d = int(state[1] or 1) - 1
         x = problem.stated.target[d]
-        return f"({x} + {names[d]})" if x else names[d]
+        if x:
+            return f"({x} + {names[d]})"
+        return names[d]
 
     texts = [re.sub(r"\bx([0-9]*)\b", shifted, each) for each in f]
     flow = [Expression(each, names, LONGEST_MADE) for each in texts]

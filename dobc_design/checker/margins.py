@@ -140,7 +140,9 @@ def estimates(case: Case, check: Any, claim: Any, rho: Fraction, own_box: bool) 
     if plant is not None and not plant.known_to_agents and not own_box:
         return Fraction(rho / claim.kappa)
     s = check.domain.disturbance
-    return root(claim.size * s**2) if s else ZERO
+    if s:
+        return root(claim.size * s**2)
+    return ZERO
 
 
 def loaded(case: Case, check: Any, claim: Any, acts: bool) -> list[Added]:
@@ -158,7 +160,9 @@ def loaded(case: Case, check: Any, claim: Any, acts: bool) -> list[Added]:
     peaks = SimpleNamespace(**{name: rational(given.get(name)) for name in NAMES})
     need(claim.alpha > 0 and claim.level > 0, "a number of the box is not positive")
     holds_starts(case, check.domain, claim)
-    rho = None if case.domain == "global" else claim.rho
+    rho = None
+    if case.domain != "global":
+        rho = claim.rho
     return shrinks(case, SimpleNamespace(**vars(claim) | {"rho": rho}), peaks)
 
 

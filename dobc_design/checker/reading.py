@@ -70,7 +70,9 @@ def document(data: bytes, kind: str) -> Object:
     except (ValueError, ArithmeticError, RecursionError):
         raise Refused("the file is no JSON in UTF-8, or nested too deeply") from None
     need(type(value) is dict and value.get("format") == kind, f"the file is no {kind}")
-    known = version_of(value) if kind == "dobc-problem" else 1
+    known = 1
+    if kind == "dobc-problem":
+        known = version_of(value)
     # True == 1, so that the type is asked as well
     right = type(value.get("version")) is int and value["version"] == known
     need(right, f"the version is not {known}")
@@ -84,7 +86,9 @@ def version_of(problem: Object) -> int:
         return 4
     if in_a_mode(problem, "optional"):
         return 3
-    return 2 if "dynamics" in problem else 1
+    if "dynamics" in problem:
+        return 2
+    return 1
 
 
 def in_a_mode(problem: Object, key: str) -> bool:
@@ -97,7 +101,9 @@ def leaves_agents(problem: Object) -> bool:
     """Whether there are groups of agents with exosystems, and agents in none of them."""
     exosystem = problem.get("exosystem")
     labels = problem.get("labels")
-    groups = exosystem.get("groups") if type(exosystem) is dict else None
+    groups = None
+    if type(exosystem) is dict:
+        groups = exosystem.get("groups")
     if type(groups) is not list or type(labels) is not list:
         return False
     lists = [group.get("agents") for group in groups if type(group) is dict]
@@ -134,7 +140,9 @@ def read(value: Any, shape: Any) -> Any:
         return [read(item, shape[0]) for item in value]
     if isinstance(shape, tuple):
         return read_items(value, shape)
-    return value if shape is None else shape(value)
+    if shape is None:
+        return value
+    return shape(value)
 
 
 def read_object(value: Any, shape: Object) -> Any:

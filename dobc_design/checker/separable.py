@@ -176,7 +176,9 @@ def holds_box(claim: Any, radius: Fraction, s: Fraction, level: Fraction) -> Non
     # asked by itself: its square would hide the sign
     need(left >= 0, "the box leaves the region")
     # without roots: kappa s sqrt(size) <= left
-    noise = (claim.kappa * s) ** 2 * claim.size if s else ZERO
+    noise = ZERO
+    if s:
+        noise = (claim.kappa * s) ** 2 * claim.size
     need(noise <= left**2, "the disturbance leaves the region")
 
 
@@ -202,7 +204,9 @@ class Row(NamedTuple):
     def step(self, arc: Heard) -> int:
         """v_j - v_i, or 0 for a loose arc if that is more."""
         step = arc.top - self.own
-        return max(step, 0) if arc.loose else step
+        if arc.loose:
+            return max(step, 0)
+        return step
 
 
 class Errors(NamedTuple):
@@ -384,7 +388,9 @@ def mean_slope(curve: Curve, rho: float, v: tuple[int, int, int], closely: bool)
     # |y| is at most rho (v_i + v_j)
     farthest = scaled(own + other, bottom)[1]
     rises = all(cell.way == 1 for cell in curve.between(-farthest, farthest))
-    left = min(scaled(other - own, bottom)[0], 0.0) if rises else -farthest
+    left = -farthest
+    if rises:
+        left = min(scaled(other - own, bottom)[0], 0.0)
     slope = 0.0
     mean = ZERO
     for k in range(9):  # k = 0: what holds at x = 0 holds at all

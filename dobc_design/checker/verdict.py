@@ -21,7 +21,11 @@ def overall(case: Case) -> None:
     failed = best is None and refuted(case)
     if best is not None:
         best = answered(case, best)
-    verdict = "proved" if best else "refuted" if failed else "undecided"
+    verdict = "undecided"
+    if best:
+        verdict = "proved"
+    elif failed:
+        verdict = "refuted"
     claims = case.claims
     need(claims.verdict == verdict, f"the verdict that follows is {verdict}")
     need(claims.rate == (best and best.rate), "the rate is another one")
@@ -81,7 +85,9 @@ def answered(case: Case, best: Any) -> Any:
     # separate checks prove nothing together: errors at the target, and inputs in a box of others
     if asked == ["actuators", "tolerance"] and "v" in best.exact:
         own_box = "v" in case.proved("actuators").exact
-        return best if own_box else None
+        if own_box:
+            return best
+        return None
     return best
 
 
@@ -102,7 +108,9 @@ def is_open(loop: Loop, domain: Any) -> bool:
 def covers(case: Case, check: Any) -> bool:
     """True if what is proved holds from all starts that are asked for (lemma1: in its mode)."""
     domain = check.domain
-    local = (case.theorem, case.theorem + "-printed") if case.q else ("lemma1",)
+    local = ["lemma1"]
+    if case.q:
+        local = [case.theorem, case.theorem + "-printed"]
     if check.id in (*local, case.theorem + "-weighted", "linearisation"):
         return case.region is None or case.domain == "global"
     safe = check.id == "safety" and check.rate is not None

@@ -66,6 +66,7 @@ COLUMNS = (
     "Margin: how far the largest eigenvalue stays below 0. "
     "`dobc explain CONDITION` says what a condition means."
 )
+NO_CURE = "cured        nothing was written: no check here has a known cure"
 WIDE = 110  # columns from which the table of regions has its last column
 MOST_MODES = 4  # that are named in one row
 
@@ -188,7 +189,7 @@ def certify(
         show([*settling_parts(settled), *search_parts(found.searches)])
         say("\n" + "\n".join(_places(written, file, problem)))
         if apply_fix is not None and cured is None:
-            say(f"cured        {_no_cure(certificate.verdict.value)}")
+            say(NO_CURE)
     raise Exit(EXIT[judged.verdict])
 
 
@@ -387,13 +388,6 @@ def _head(certificate: Certificate) -> Document:
         "problem": certificate.problem.name,
         "problem_sha256": certificate.claims.problem_sha256,
     }
-
-
-def _no_cure(verdict: str) -> str:
-    """Why ``--apply-fix`` wrote nothing."""
-    if verdict == "proved":
-        return "nothing was written: everything asked for is proved, there is nothing to cure"
-    return "nothing was written: no cure is known; the reasons of the checks say what fails"
 
 
 def _cured_file(certificate: Certificate, source: str, target: Path) -> bytes | None:

@@ -111,10 +111,7 @@ def design(
             progress=progress,
         )
     # Nothing is written that is not proved.
-    text = None
-    name = _own_name(problem, out)
-    if found.is_proved:
-        text = _new_text(found, problem, file, out, name=name)
+    text = _new_text(found, problem, file, out) if found.is_proved else None
     if out is not None and text is not None:
         output.write_file(out, text.encode("utf-8"), key="--out")
     if as_json:
@@ -122,7 +119,7 @@ def design(
         output.print_json(found.to_json() | {"problem": path})
     else:
         if not quiet:
-            _say(found, problem, file, out, name=name)
+            _say(found, problem, file, out)
         if out is None and text is not None:
             output.say(text.removesuffix("\n"))
     raise Exit(output.EXIT[found.verdict.value])
@@ -153,7 +150,7 @@ def _own_name(problem: Problem, out: Path | None) -> str:
     return f"{taken[: output.LONGEST_FOLDER - len(DESIGNED)]}{DESIGNED}"
 
 
-def _new_text(found: Design, problem: Problem, source: str, out: Path | None, *, name: str) -> str:
+def _new_text(found: Design, problem: Problem, source: str, out: Path | None) -> str:
     """The designed problem, with the comments of its source and where its numbers come from."""
     from dobc_design.problem.changes import changed_file
     from dobc_design.problem.load import source_text
@@ -163,7 +160,7 @@ def _new_text(found: Design, problem: Problem, source: str, out: Path | None, *,
         found.changes,
         text=source_text(source),
         folder=(out or Path("standard-output")).resolve().parent,
-        name=name,
+        name=_own_name(problem, out),
         remark=REMARK,
         remarks=dict(_remarks(found)),
     )
@@ -188,7 +185,7 @@ def _remarks(found: Design) -> Iterator[tuple[str, str]]:
         yield "pinning.gains", f"{REMARK}: {total}, {by}"
 
 
-def _say(found: Design, problem: Problem, file: str, out: Path | None, *, name: str) -> None:
+def _say(found: Design, problem: Problem, file: str, out: Path | None) -> None:
     """The verdict, and what was decided or would be possible; on standard error where the designed
     file goes to standard output."""
     from rich.text import Text
@@ -204,6 +201,7 @@ def _say(found: Design, problem: Problem, file: str, out: Path | None, *, name: 
     output.show(line if line.startswith("    ") else Text(line) for line in lines)
     if found.is_proved:
         output.say(f"\nwrote        {output.certify_it(str(out), problem.notes)}")
+        name = _own_name(problem, out)
         output.say(f"its name     {name}: its certificate does not replace that of {problem.name}")
 
 

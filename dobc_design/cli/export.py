@@ -137,7 +137,7 @@ def export(
         asked.require_for(key)
         # C code is a folder, which has its own rule of what may be replaced.
         if key == "--c":
-            refuse_option(path, key=key)
+            refuse_option(path, key)
         else:
             check_target(path, force=asked.force, key=key)
         document, words = write(file, path, asked, progress)

@@ -36,8 +36,6 @@ NOT_READ = 141  # 128 + SIGPIPE, as of other programs
 COLOURS = {"proved": "bold green", "refuted": "bold red", "undecided": "bold yellow"}
 #: Arguments of ``certify`` that have options of their names.
 NUMBERS = ("settling", "settling_radius", "settling_disturbance", "rate")
-#: Arguments whose options have other names.
-OTHERWISE = {"failures": "--fail", "everything": "--all"}
 PIPED = 160  # columns of output that no terminal limits
 # characters of a problem's name that go into its folder's; file systems take 255 bytes
 LONGEST_FOLDER = 60
@@ -123,7 +121,7 @@ def naming_options(names: Collection[str] = NUMBERS) -> Iterator[None]:
         key = error.key
         if key is None or key not in names:
             return error
-        option = OTHERWISE.get(key, f"--{key.replace('_', '-')}")
+        option = "--fail" if key == "failures" else f"--{key.replace('_', '-')}"
         return refused(option, error.message.replace(key, option, 1), error.cure)
 
     try:
@@ -178,7 +176,7 @@ def fail(error: DobcError, code: int, *, as_json: bool) -> int:
     """Say what went wrong, an error or all that it consists of, and return the exit code."""
     parts = error.errors if isinstance(error, SpecError) else (error,)
     if as_json:
-        bodies: list[Document] = [
+        bodies = [
             {"kind": each.kind, "key": each.key, "message": each.message, "cure": each.cure}
             for each in parts
         ]
@@ -378,7 +376,7 @@ def certificate_folder(out: Path | None, problem: Problem, *, force: bool) -> Pa
 
 def require_folder(folder: Path, *, key: str = "--out") -> Path:
     """Refuse a folder that is something else already, or an option.  Raises: SpecError."""
-    refuse_option(folder, key=key)
+    refuse_option(folder, key)
     if os.path.lexists(folder) and not folder.is_dir():  # a link to nowhere counts
         raise refused(key, f"{str(folder)!r} is not a folder.", f"Choose another with {key}.")
     return folder
@@ -396,7 +394,7 @@ def require_free(
         )
 
 
-def refuse_option(path: Path | None, *, key: str) -> None:
+def refuse_option(path: Path | None, key: str) -> None:
     """Refuse an option that was taken for the value of another one, as in ``--out --json``."""
     if path is not None and str(path).startswith("--"):
         raise refused(
@@ -406,7 +404,7 @@ def refuse_option(path: Path | None, *, key: str) -> None:
 
 def check_target(path: Path, *, force: bool, key: str) -> None:
     """Refuse a file that is there already, unless ``force``.  Raises: SpecError."""
-    refuse_option(path, key=key)
+    refuse_option(path, key)
     if path.is_dir():
         raise refused(key, f"{str(path)!r} is a folder.", "Name a file in it.")
     require_free(path.parent, [path.name], force=force, key=key)

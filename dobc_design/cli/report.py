@@ -83,7 +83,7 @@ class Asked:
                 f"--problem must be given once for each certificate; got {problems} for {given}.",
                 "Leave it out where problem.json lies beside the certificate.",
             )
-        refuse_option(self.out, key="--out")
+        refuse_option(self.out, "--out")
         pdf = self.pdf
         if pdf is not None:
             check_target(pdf, force=self.force, key="--pdf")

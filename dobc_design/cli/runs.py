@@ -230,7 +230,7 @@ def _document(result: Any, problem: Problem, proof: Certificate | None) -> Docum
 
 def _intervals(result: Ensemble) -> dict[str, list[float] | None]:
     """Confidence intervals at 95 %; None where there are too few runs, or no bound."""
-    intervals: dict[str, list[float] | None] = {}
+    intervals = {}
     for name, interval in result.intervals(0.95).items():
         # Infinity is no number of JSON.
         bounded = interval is not None and interval[1] != float("inf")

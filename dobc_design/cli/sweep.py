@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from dobc_design.sweeps.result import SweepResult
     from dobc_design.sweeps.running import State
 
-ARGUMENTS = ("task", "samples", "seed", "runs", "everything", "jobs", "cluster", "time_limit")
+ARGUMENTS = ("task", "samples", "seed", "runs", "jobs", "time_limit")
 SHOWN = 5  # failed cases that are told
 MOST_FAILURES = 100  # that a document holds
 

@@ -25,6 +25,7 @@ from dobc_design._show.text import (
     significant_away_from_zero,
     significant_towards_zero,
 )
+from dobc_design.exact.reading import Document, Table
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, spend
 from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Decided, Verdict
@@ -54,7 +55,7 @@ EUCLIDEAN = ("consensus", "weighted", "quadratic")
 class Claim(Protocol):
     """What a check proves, exactly: a noun of its topic."""
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         """The exact values as text."""
 
 
@@ -63,9 +64,9 @@ class Values:
     """A claim that consists of named values only, or one that was read from a file, as it stands
     there."""
 
-    values: Mapping[str, Any]
+    values: Table
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         return dict(self.values)
 
 
@@ -79,7 +80,7 @@ class Witness(Shown):
     labels: tuple[str, ...] | None = None
     values: tuple[str, ...] | None = None
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         return known_to_json(self, "kind", "labels", "values")
 
 
@@ -89,10 +90,10 @@ class Fix(Shown):
     sentence."""
 
     kind: str
-    set: Mapping[str, Any]
+    set: Table
     text: str
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         return fields_to_json(self, "kind", "set", "text")
 
 
@@ -137,7 +138,7 @@ class Check(Headed, Decided):
     __hash__ = None  # type: ignore[assignment]
 
     @property
-    def exact(self) -> dict[str, Any] | None:
+    def exact(self) -> Document | None:
         """The exact values as text, or None where nothing is claimed."""
         return None if self.claim is None else self.claim.to_json()
 
@@ -199,7 +200,7 @@ class Check(Headed, Decided):
         """The same check; where something is ``wrong`` with it an undecided one that says so."""
         return self if wrong is None else undecided_check(self.id, domain, wrong)
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         """JSON object of the contract."""
         result = known_to_json(self, "id", "mode", "group")
         result["verdict"] = self.verdict.value
@@ -207,6 +208,9 @@ class Check(Headed, Decided):
         if self.claim is not None:
             result["exact"] = self.claim.to_json()
         return result | known_to_json(self, "witness", "fix")
+
+
+Checks = Sequence[Check]
 
 
 def not_a_proof(check: Check) -> str | None:
@@ -233,7 +237,7 @@ def withdrawn(check: Check, domain: Domain, reason: str) -> Check:
     """The same check undecided: it claims nothing any more.  ``domain``: that of Lemma 1."""
     # A fact of the network or of the exosystem alone is about every start.
     domain = EVERYWHERE if check.kind.role == "part" else domain
-    nothing: dict[str, Any] = dict.fromkeys(("margin", "rate", "factor", "claim", "witness"))
+    nothing: Document = dict.fromkeys(("margin", "rate", "factor", "claim", "witness"))
     return replace(check, verdict=Verdict.UNDECIDED, domain=domain, reason=reason, **nothing)
 
 
@@ -285,7 +289,7 @@ def read_domain(domain: Domain, loop: Loop, *, kind: type[Around]) -> tuple[Frac
     return claimed(radius), claimed(disturbance)
 
 
-def main_cure(checks: Sequence[Check]) -> Check | None:
+def main_cure(checks: Checks) -> Check | None:
     """The failed check whose fix cures most: the condition everything rests on, else a printed P,
     else the model."""
     order = (
@@ -301,7 +305,7 @@ def main_cure(checks: Sequence[Check]) -> Check | None:
     return min(cured, key=lambda check: order.index(check.id), default=None)
 
 
-def other_cures(checks: Sequence[Check]) -> list[Check]:
+def other_cures(checks: Checks) -> list[Check]:
     """Checks with a fix that sets other keys than the main one and than those before, which
     supersede it."""
     seen = list[set[str]]()
@@ -329,7 +333,7 @@ def check_from_json(data: Any) -> Check:
     # null is no witness and no fix, and refused where a key stands.
     witness = _witness_from_json(data["witness"]) if "witness" in data else None
     fix = _fix_from_json(data["fix"]) if "fix" in data else None
-    texts: dict[str, Any] = {name: read_text(data[name], name) for name in TEXTS if name in data}
+    texts: Document = {name: read_text(data[name], name) for name in TEXTS if name in data}
     return Check(
         **texts,
         verdict=Verdict(data["verdict"]),
@@ -409,7 +413,7 @@ def require_keys(
         raise ValueError(f"{name} has unknown fields: {', '.join(unknown)[:100]}")
 
 
-def read_object(data: object, names: Collection[str]) -> Mapping[str, Any]:
+def read_object(data: object, names: Collection[str]) -> Table:
     """An object with exactly these keys.  Raises: KeyError, TypeError or ValueError for anything
     else."""
     require_keys(data, "exact", needed=names)
@@ -461,7 +465,7 @@ def factor_or_none(value: Any) -> float | None:
     return number
 
 
-def _object(data: Any, name: str) -> dict[str, Any]:
+def _object(data: Any, name: str) -> Document:
     if not isinstance(data, dict):
         raise TypeError(f"{name} must be an object, got {str(data)[:60]!r}")
     return data

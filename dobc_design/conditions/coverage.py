@@ -13,6 +13,7 @@ from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import root_above
 from dobc_design.loop.loop import Loop
 
+from .case import Case
 from .check import Check
 from .domain import EVERYWHERE, Around, Box, Domain
 from .numbers import claimed, decimal_above
@@ -147,6 +148,11 @@ class Asked:
     wanted: bool
     everything: bool
     rate: float = 0.0
+
+    @property
+    def case(self) -> Case:
+        """What a check of it is confirmed for."""
+        return Case(loop=self.loop, W=self.W, domain=self.domain)
 
 
 def read_region(

@@ -31,6 +31,7 @@ from dobc_design.exact.number import (
     number_text,
     read_text,
 )
+from dobc_design.exact.reading import Document, Table
 from dobc_design.exact.symmetric import Doubles
 
 Real = TypeVar("Real", float, Fraction)
@@ -38,8 +39,8 @@ T = TypeVar("T")
 
 SHRINK = (1e-9, 1e-6, 1e-3, 0.1, 0.5)
 LONGEST = 10_000  # characters of a rational in a certificate
-# of the common denominator of a vector; of P, and of a designed W
-VECTOR_BITS, MATRIX_BITS = 65_536, 16_384
+VECTOR_BITS = 65_536  # of the common denominator of a vector
+MATRIX_BITS = 16_384  # of that of P, and of a designed W
 LARGEST = Fraction(10) ** 300  # numbers above are no radii
 MANY_AGENTS = 1000  # from which on vectors travel as doubles
 _DIGITS = 12  # of a decimal that is rounded up
@@ -180,15 +181,18 @@ def quickly_down(divisor: int) -> Callable[[float, float], float]:
 def golden_section(f: Callable[[float], float], low: float, high: float, *, steps: int) -> None:
     """Evaluate f at ``steps`` places that close in on its minimum between two ends."""
     part = (math.sqrt(5) - 1) / 2
-    left, right = high - part * (high - low), low + part * (high - low)
+    left = high - part * (high - low)
+    right = low + part * (high - low)
     values = {left: f(left), right: f(right)}
     for _ in range(steps - 2):
         if values[left] <= values[right]:
-            high, right = right, left
+            high = right
+            right = left
             left = high - part * (high - low)
             values[left] = f(left)
         else:
-            low, left = left, right
+            low = left
+            left = right
             right = low + part * (high - low)
             values[right] = f(right)
 
@@ -278,13 +282,13 @@ def as_json(value: Any) -> Any:
     return value.to_json() if hasattr(value, "to_json") else value
 
 
-def fields_to_json(noun: object, *names: str) -> dict[str, Any]:
+def fields_to_json(noun: object, *names: str) -> Document:
     """These fields of a noun, in this order.  A vector with an entry for each of very many agents
     travels by ``vector_to_json`` instead."""
     return {name: as_json(getattr(noun, name)) for name in names}
 
 
-def known_to_json(noun: object, *names: str) -> dict[str, Any]:
+def known_to_json(noun: object, *names: str) -> Document:
     """The same without those that are None: readers refuse null in their place."""
     values = fields_to_json(noun, *names)
     return {name: value for name, value in values.items() if value is not None}
@@ -295,7 +299,7 @@ def rational_or_none(data: object) -> Fraction | None:
     return None if data is None else read_rational(data)
 
 
-def read_rationals(values: Mapping[str, Any], *names: str) -> list[Fraction]:
+def read_rationals(values: Table, *names: str) -> list[Fraction]:
     """The rationals by these names.  Raises: as ``read_rational``."""
     return [read_rational(values[name]) for name in names]
 

@@ -43,6 +43,11 @@ class Reason:
         return replace(self, head=f"{self.head}{words}")
 
 
+def open_reason(head: str, advice: str = "") -> Reason:
+    """Why nothing was decided."""
+    return Reason(head=head, advice=advice, is_open=True)
+
+
 #: What a claim needs: whether it holds, and the words if it does not.
 Need = tuple[bool, str]
 

@@ -24,7 +24,9 @@ from .coverage import holds_region, is_box_near
 from .domain import EVERYWHERE, NEAR_TARGET, Around
 from .kinds import MAX_SEPARABLE
 
-LIMIT, TOLERANCE, ACCURACY = "actuators", "tolerance", "accuracy"
+LIMIT = "actuators"
+TOLERANCE = "tolerance"
+ACCURACY = "accuracy"
 #: How a reason ends where the disturbance takes all that an actuator can give.
 NO_ROOM = "so that no region and no gain would do."
 
@@ -63,7 +65,8 @@ class Gap:
 
 def stated_in(loop: Loop) -> Stated:
     """What the two tables of the problem state."""
-    table, actuators = loop.uncertainty, loop.actuators
+    table = loop.uncertainty
+    actuators = loop.actuators
     acts = [] if table is None else [name for name in ABSOLUTE if getattr(table, name)]
     return Stated(
         limit=actuators is not None and bool(actuators.limit),

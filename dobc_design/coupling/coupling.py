@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dobc_design._checks import noun
-from dobc_design._show.cards import Card, Facts, Formula, Shown, cut
-from dobc_design.errors import ExpressionError, Mistakes, misshapen, wrong
+from dobc_design._show.cards import Card, Formula, Shown, cut
+from dobc_design.errors import ExpressionError, Mistakes, misshapen, misstated
 from dobc_design.exact.interval import Box, Interval, IntervalMatrix, UndefinedError
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import NumberText, Texts, counted, is_list, shown
@@ -117,7 +117,7 @@ class Coupling(Shown):
     def nonsmooth(self) -> Texts:
         """Which of abs, min, max, clip, Lipschitz but not C1, are applied to what is not constant;
         empty if h is C1 wherever it is defined (theory, section 1)."""
-        found: set[str] = set()
+        found = set()
         for expression in self.components:
             for part in postorder(expression.node):
                 if part.kind == "call" and variables_used(part):
@@ -125,7 +125,7 @@ class Coupling(Shown):
         return tuple(name for name in NONSMOOTH if name in found)
 
     def _card(self) -> Card:
-        facts: Facts = []
+        facts = []
         for place, text in enumerate(self.latex, start=1):
             name = "h" if self.by_component else f"h_{{{place}}}"
             facts.append(("coupling", Formula(f"{name}(y) = {text}")))
@@ -202,7 +202,7 @@ def make_coupling(
         alone = parsed(given, key=key)
         return Coupling(components=(alone,), by_component=True, dimension=dimension, key=key)
     _check_list(given, count, dimension=dimension, key=key)
-    read: list[Expression] = []
+    read = []
     errors = Mistakes()  # of all components at once
     for position, text in enumerate(given):
         with errors:
@@ -220,11 +220,10 @@ def make_coupling(
 def _check_list(given: Any, count: int, *, dimension: int, key: str) -> None:
     """Raises: ExpressionError unless it is a list; ShapeError unless it has ``count`` entries."""
     if not is_list(given):
-        raise wrong(
+        raise misstated(
             key,
             f"must be an expression in y, in quotes, or a list of them; got {shown(given)}.",
             'Write for example "tanh(y)".',
-            kind=ExpressionError,
         )
     if len(given) == count:
         return
@@ -243,7 +242,7 @@ def _check_list(given: Any, count: int, *, dimension: int, key: str) -> None:
 def _common_text(read: Sequence[Expression]) -> str | None:
     """The one function that every component applies to its own variable, as a text in y; None if
     there is none."""
-    texts: set[str] = set()
+    texts = set()
     for component, expression in enumerate(read):
         if not set(variables_used(expression.node)) <= {component}:
             return None
@@ -263,63 +262,62 @@ def _text(h: Any) -> Any:
 def _refuse_numbered_names(text: str, *, dimension: int, key: str) -> None:
     found = re.search(r"\by[0-9]+\b", text) if dimension > 1 else None
     if found is not None:
-        raise ExpressionError(
-            f'{key} {excerpt(text, found.start())}: found "{found.group()[:20]}" in column'
+        raise misstated(
+            key,
+            f'{excerpt(text, found.start())}: found "{found.group()[:20]}" in column'
             f" {found.start() + 1}; a single expression is applied to each component and uses y.",
-            key=key,
-            cure=f"For couplings between components give a list of {dimension} expressions in"
+            f"For couplings between components give a list of {dimension} expressions in"
             f" {names_in_words(dimension)}.",
         )
 
 
 def _check_at_zero(expression: Expression, key: str) -> None:
-    quoted = f"{key} {excerpt(expression.text)}"
+    quoted = excerpt(expression.text)
     origin = (ZERO,) * expression.dimension
     try:
         value = evaluate(expression.node, origin, IntervalAlgebra())
     except UndefinedError as error:
-        raise ExpressionError(
-            f"{quoted} must vanish at y = 0 but is undefined there: {error}", key=key
-        ) from error
+        what = f"{quoted} must vanish at y = 0 but is undefined there: {error}"
+        raise misstated(key, what) from error
     if value != ZERO:
         raise _not_zero(expression, value, key=key)
     try:
         _gradient(expression, at=NEARZERO)
     except UndefinedError as error:
-        raise ExpressionError(
+        raise misstated(
+            key,
             f"{quoted} must be defined and have a bounded slope around y = 0 (seen on |y| <= "
             f"2^-40): {error}",
-            key=key,
         ) from error
 
 
 def _not_zero(expression: Expression, value: Interval, *, key: str) -> ExpressionError:
-    quoted = f"{key} {excerpt(expression.text)}"
+    quoted = excerpt(expression.text)
     if value.contains(0):  # irrational constants may cancel, but rounding hides it
-        return ExpressionError(
+        return misstated(
+            key,
             f"{quoted} cannot be shown to vanish at y = 0 (all that is known is {value}); "
             "rewrite it.",
-            key=key,
-            cure="For example exp(1)*(exp(y) - 1) instead of exp(y + 1) - exp(1).",
+            "For example exp(1)*(exp(y) - 1) instead of exp(y + 1) - exp(1).",
         )
     exact = number_text(value.lo)
     if not value.is_point or len(exact) > _LONGEST_NUMBER:
-        return ExpressionError(
+        return misstated(
+            key,
             f"{quoted} must vanish at y = 0 but is about {value.floats()[0]:.3g}.",
-            key=key,
-            cure="Agents that agree must feel nothing. A distance that they are to keep is stated "
+            "Agents that agree must feel nothing. A distance that they are to keep is stated "
             "by [formation] offsets, a goal by target.",
         )
     if not variables_used(expression.node):
-        return ExpressionError(
+        return misstated(
+            key,
             f"{quoted} must vanish at y = 0 but is the constant {exact}.",
-            key=key,
-            cure='Write for example "tanh(y)".',
+            'Write for example "tanh(y)".',
         )
     # h - h(0) vanishes: that is the guess behind "did you mean".
     better = to_text(_lowered(expression.node, value.lo), dimension=expression.dimension)
     cure = f'did you mean "{better}"?' if len(better) <= _LONGEST_SUGGESTION else None
-    return ExpressionError(f"{quoted} must vanish at y = 0 but equals {exact}", key=key, cure=cure)
+    return misstated(key, f"{quoted} must vanish at y = 0 but equals {exact}", cure)
 
 
 def _lowered(node: Node, value: Fraction) -> Node:

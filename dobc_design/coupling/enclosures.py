@@ -16,6 +16,7 @@ from functools import lru_cache
 from itertools import groupby, pairwise
 from typing import NamedTuple
 
+from dobc_design._checks import positional
 from dobc_design.exact.floats import Floats
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.number import height
@@ -92,7 +93,7 @@ def _programs(expression: Expression) -> _Programs:
     return _Programs(expression)
 
 
-@dataclass(frozen=True, slots=True)
+@positional
 class Curve:
     """One scalar coupling function h with h(0) = 0, in y alone, ready to be enclosed many times."""
 
@@ -274,7 +275,7 @@ def _length(found: Interval) -> int:
 def _defined(form: Form, Y: Interval) -> Pieces:
     """Split Y into pieces on which the form has values.  Raises UndefinedError if one of 2^-40 of Y
     has none."""
-    found: Pieces = []
+    found = []
     open_pieces = [(Y, 0)]
     while open_pieces:
         piece, depth = open_pieces.pop()
@@ -368,7 +369,7 @@ def profile(curve: Curve, radius: Fraction) -> Profile:
 
 def _split(curve: Curve, whole: Interval) -> list[Place]:
     """Cells from left to right with the sign of h'."""
-    found: list[Place] = []
+    found = []
     waiting = [whole] if whole.is_point else [*reversed(whole.halves())]
     narrow = whole.width * _NARROWEST_CELL
     count = 0
@@ -411,7 +412,7 @@ def _tight_slope(curve: Curve, place: Interval) -> Interval:
 
 def _merged(curve: Curve, pieces: list[Place]) -> Cells:
     """Neighbours of one direction as one cell; cells of unknown direction stay narrow."""
-    cells: list[Cell] = []
+    cells = []
     for direction, group in groupby(pieces, key=lambda piece: piece[1]):
         places = [place for place, _ in group]
         if direction:

@@ -15,7 +15,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dobc_design.errors import ExpressionError, ShapeError, SpecError, wrong
+from dobc_design.errors import ShapeError, SpecError, misstated
 from dobc_design.exact.number import decimal_parts, with_exponent, without_exponent
 
 from .functions import FUNCTIONS, Array, Function
@@ -250,31 +250,28 @@ def parse_expression(
     characters, 50 nested parentheses.
     """
     if not isinstance(text, str):
-        raise wrong(
+        raise misstated(
             key,
             f"must be an expression in text; got {type(text).__name__}.",
             'Write for example "tanh(y)".',
-            kind=ExpressionError,
         )
     if len(text) > longest:
-        raise wrong(
+        raise misstated(
             key,
             f"must have at most {longest} characters; {excerpt(text, width=30)} has {len(text)}.",
-            kind=ExpressionError,
         )
     try:
-        expression = Expression(text, parse(text, dimension=dimension), dimension)
+        expression = Expression(text, parse(text, dimension), dimension)
     except Fault as fault:
         raise _refusal(text, fault, dimension=dimension, key=key) from None
     # The canonical text has to be read again: from a file, and where it is pickled.
     canonical = str(expression)
     nesting = max(accumulate((character == "(") - (character == ")") for character in canonical))
     if len(canonical) > longest or nesting > DEEPEST:
-        raise wrong(
+        raise misstated(
             key,
             f"{excerpt(text, width=30)} must fit into {longest} characters and {DEEPEST} nested"
             " parentheses when **0.5 is written as sqrt.",
-            kind=ExpressionError,
         )
     return expression
 
@@ -323,9 +320,7 @@ def _refusal(text: str, fault: Fault, *, dimension: int, key: str) -> SpecError:
     found = f"{fault.found} in {place}" if text.strip() else place
     guess = _repaired(text, fault.repair, dimension=dimension)
     cure = None if guess is None else f'did you mean "{guess}"?'
-    return wrong(
-        key, f"{excerpt(text, fault.start)}: found {found}; {fault.why}", cure, kind=ExpressionError
-    )
+    return misstated(key, f"{excerpt(text, fault.start)}: found {found}; {fault.why}", cure)
 
 
 def _repaired(text: str, repair: Repair | None, *, dimension: int) -> str | None:
@@ -335,7 +330,7 @@ def _repaired(text: str, repair: Repair | None, *, dimension: int) -> str | None
             return None
         text = text[: repair.start] + repair.replacement + text[repair.end :]
         try:
-            return to_text(parse(text, dimension=dimension), dimension=dimension)
+            return to_text(parse(text, dimension), dimension=dimension)
         except Fault as fault:
             repair = fault.repair
     return None

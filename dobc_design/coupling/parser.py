@@ -94,7 +94,7 @@ _ALLOWED = "only numbers, names, + - * / ** ( ) and commas are allowed, in ASCII
 def tokenize(text: str) -> list[Token]:
     """Split the text into words; the last one is of kind END.  Raises: Fault where no word
     begins."""
-    words: list[Token] = []
+    words = []
     place = 0
     while place < len(text):
         if text[place] in _BLANKS:
@@ -193,16 +193,16 @@ class _Operand(NamedTuple):
     value: Fraction | None
 
 
-def parse(text: str, *, dimension: int) -> Node:
+def parse(text: str, dimension: int) -> Node:
     """Parse an expression in ``dimension`` variables.  Raises: Fault, which says where the text
     leaves the language."""
-    return _Parser(text, dimension=dimension).parse()
+    return _Parser(text, dimension).parse()
 
 
 class _Parser:
     """Recursive descent; the only recursion is into parentheses, which are counted."""
 
-    def __init__(self, text: str, *, dimension: int) -> None:
+    def __init__(self, text: str, dimension: int) -> None:
         self.tokens = tokenize(text)
         self.dimension = dimension
         self.place = 0  # of the next token

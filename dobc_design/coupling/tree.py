@@ -109,7 +109,7 @@ def names_in_words(dimension: int) -> str:
 
 def postorder(node: Node) -> tuple[Node, ...]:
     """List the nodes so that each follows its operands, left operand first."""
-    order: list[Node] = []
+    order = []
     waiting = [node]
     while waiting:
         current = waiting.pop()
@@ -135,7 +135,7 @@ def program(node: Node, algebra: Algebra[T]) -> tuple[Step[T], ...]:
 
 def run(steps: Sequence[Step[T]], variables: Sequence[T]) -> T:
     """Evaluate a tree by its ``program``.  Raises: whatever the algebra raises."""
-    stack: list[T] = []
+    stack = []
     for operation, number in steps:
         if operation is None:
             stack.append(variables[number])
@@ -260,7 +260,7 @@ class GradientAlgebra:
         """Return the variables themselves, y_i in box[i]."""
         count = len(self.no_slope)
         curvature = ZERO if self.second else None
-        found: list[Jet] = []
+        found = []
         for own, side in zip(range(count), box, strict=True):
             partials = tuple(ONE if own == each else ZERO for each in range(count))
             found.append(Jet(side, partials, curvature))

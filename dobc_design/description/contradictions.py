@@ -105,7 +105,7 @@ def _limit_warning(
 def _reached_in_runs(problem: Problem) -> dict[str, float]:
     """Label -> a bound of |d_i(t)| by component in runs that start at simulation.xi0; nobody whose
     bound is unknown."""
-    found: dict[str, float] = {}
+    found = {}
     for group in problem.groups:
         starts = disturbance_starts(problem, group)
         if not starts.size or group.exosystem.order > LARGEST_ORDER:

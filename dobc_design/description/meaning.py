@@ -36,7 +36,6 @@ from dobc_design.problem.network import Arcs
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.region import Region
 from dobc_design.problem.signs import opposition_advice, turned_text
-from dobc_design.verdict import Verdict
 
 LARGEST_ORDER = 40  # of an exosystem that is described part by part
 ZERO = 1e-12  # an eigenvalue below, relative to the largest, may be 0
@@ -102,7 +101,7 @@ def disturbance_parts(exosystem: Exosystem) -> list[Part]:
     A = observable_reduction(exosystem.A, exosystem.C)[0]
     if not A:
         return []
-    found = list[Part]()
+    found = []
     # The minimal polynomial says exactly which eigenvalues are equal, and how long chains are.
     for factor, power in to_fmpq_mat(A).minpoly().factor()[1]:
         roots: Any = factor.complex_roots()  # pairs (root, multiplicity)
@@ -168,7 +167,7 @@ Scale = tuple[float, str]  # in s, and of what
 def _time_scales(problem: Problem) -> tuple[list[Scale], list[Scale]]:
     """1/|s| of the fastest eigenvalue and -1/Re(s) of the slowest of each part of the linearised
     loop."""
-    spectra: list[tuple[str, NDArray[Any]]] = []
+    spectra = []
     loop = loop_of(problem)
     # Dense eigenvalues: beyond that they would take longer than all else that check says.
     if loop.size <= LARGEST_NETWORK:
@@ -533,7 +532,7 @@ def _about_observers(problem: Problem) -> Sentences:
                 "observer.rate has no effect beside observer.W: it is what a designed W is asked "
                 "for."
             )
-        if own.P is not None and decide_positive_definite(own.P).verdict is not Verdict.PROVED:
+        if own.P is not None and not decide_positive_definite(own.P).is_proved:
             yield "observer.P is not positive definite. A sign in P?"
 
 

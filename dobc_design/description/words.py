@@ -84,7 +84,7 @@ def _mode_lines(problem: Problem, mode: str, arcs: Arcs) -> Iterator[str]:
 
 def _listening(labels: Names, arcs: Arcs) -> Iterator[str]:
     """Whom each agent hears, of the first agents."""
-    heard: dict[int, list[str]] = defaultdict(list)
+    heard = defaultdict(list)
     # Large networks are not gone through: the first agents say what the arrow means.
     for listener, speaker, weight in arcs:
         of = "" if weight == 1 else f" (weight {decimal_text(weight)})"
@@ -127,7 +127,7 @@ def dynamics_lines(problem: Problem) -> Iterator[str]:
         by = f"A = [{_rows_text(own.A or ())}]"
     equation = f"x' = {moves} + B (couplings + u + d), {counted(own.inputs, 'input')} each"
     yield f"Agents: {equation}, {by}, B = [{_rows_text(own.B)}]."
-    first: dict[Any, str] = {}  # the first agent with each input
+    first = {}  # the first agent with each input
     for i in reversed(range(problem.n)):
         first[problem.input_at(problem.goal_of(i))] = problem.network.labels[i]
     held = []
@@ -208,7 +208,7 @@ def facts(problem: Problem) -> Document:
     for mode, arcs in problem.network.modes.items():
         missing = [labels[i] for i in _unreached(problem, arcs)]
         modes[mode] = {"arcs": len(arcs), "unreached": missing}
-    found: Document = {
+    found = {
         "name": problem.name,
         "agents": problem.n,
         "dimension": problem.m,

@@ -36,6 +36,24 @@ function drawNetwork(holder, model, { pin, join, mode }) {
   const size = labels.length > 60 ? 7 : labels.length > 25 ? 11 : 15;
   const INSIDE = 3, LONGEST = 48; // letters that fit into a circle, and into the drawing
   const at = (k) => places[k].map((c, axis) => SIZE / 2 + (axis ? -1 : 1) * c * (SIZE / 2 - MARGIN));
+  const fits = labels.every((label) => label.length <= INSIDE); // all inside their circles, or none
+  const bends = {}; // of arcs, by their ends
+  const bentTo = (a, b) => { // the middle of an arc, or a point aside where agents are in its way
+    const [x1, y1] = at(a), [x2, y2] = at(b), clear = 1.5 * size;
+    const others = labels.map((_, k) => k).filter((k) => k !== a && k !== b).map(at);
+    let best = null, widest = -1;
+    for (const bend of [0, 0.15, -0.15, 0.3, -0.3, 0.5, -0.5]) {
+      const x = (x1 + x2) / 2 - bend * (y2 - y1), y = (y1 + y2) / 2 + bend * (x2 - x1);
+      let least = clear;
+      for (let t = 0.05; t < 1; t += 0.05) {
+        const p = (1 - t) ** 2, q = 2 * t * (1 - t), r = t * t;
+        for (const [u, v] of others) least = Math.min(least, Math.hypot(p * x1 + q * x + r * x2 - u, p * y1 + q * y + r * y2 - v));
+      }
+      if (least > widest) { best = [x, y]; widest = least; }
+      if (least >= clear) break;
+    }
+    return best;
+  };
   let from = null; // the agent on which the mouse went down
   const agents = labels.map((label, k) => {
     const [x, y] = at(k);
@@ -43,7 +61,7 @@ function drawNetwork(holder, model, { pin, join, mode }) {
     made(group, "svg:circle", { cx: x, cy: y, r: size });
     const text = label.length > LONGEST ? `${label.slice(0, LONGEST)}…` : label;
     const half = 3.8 * text.length; // about half its width, in px
-    const beside = label.length > INSIDE ? { class: "dobc-beside", x: Math.max(half, Math.min(SIZE - half, x)),
+    const beside = !fits ? { class: "dobc-beside", x: Math.max(half, Math.min(SIZE - half, x)),
       y: y + (y < SIZE / 2 ? -1 : 1) * (size + 7) } : {};
     made(group, "svg:text", { x, y, dy: "0.35em", "aria-hidden": "true", ...beside }, text);
     made(group, "svg:title", {}, label);
@@ -64,10 +82,13 @@ function drawNetwork(holder, model, { pin, join, mode }) {
   return () => {
     arcs.replaceChildren();
     for (const [listener, speaker] of model.get("arcs")[mode()] ?? []) { // information runs from the speaker to the listener
-      const [x1, y1] = at(speaker), [x2, y2] = at(listener);
-      const cut = (size + 2) / (Math.hypot(x2 - x1, y2 - y1) || 1);
-      made(arcs, "svg:line", { x1: x1 + (x2 - x1) * cut, y1: y1 + (y2 - y1) * cut, x2: x2 - (x2 - x1) * cut,
-        y2: y2 - (y2 - y1) * cut, class: "dobc-arc", "marker-end": `url(#${id})` });
+      const ends = [listener, speaker].sort((a, b) => a - b); // opposite arcs lie on each other
+      const [x, y] = bends[ends] ??= bentTo(...ends);
+      const [[x1, y1], [x2, y2]] = [speaker, listener].map((k) => {
+        const [u, v] = at(k), cut = (size + 2) / (Math.hypot(x - u, y - v) || 1);
+        return [u + (x - u) * cut, v + (y - v) * cut];
+      });
+      made(arcs, "svg:path", { d: `M${x1} ${y1} Q${x} ${y} ${x2} ${y2}`, class: "dobc-arc", "marker-end": `url(#${id})` });
     }
     labels.forEach((label, k) => {
       const gain = model.get("gains")[label];

@@ -31,7 +31,7 @@ from dobc_design.exact.reading import Document, is_scalar_matrix
 from dobc_design.loop.make import loop_of
 from dobc_design.plotting.networks import positions
 from dobc_design.problem.changes import problem_text
-from dobc_design.problem.load import load_problem
+from dobc_design.problem.load import Source, load_problem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.runs import simulate
@@ -94,12 +94,12 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
 
     def __init__(
         self,
-        problem: Problem | str | PathLike[str],
+        problem: Source,
         *,
         rate: float = 0.05,
         radius: float | None = None,
     ) -> None:
-        base = problem if isinstance(problem, Problem) else load_problem(problem)
+        base = load_problem(problem)
         base.require_integrators("the Designer")
         _require_drawable(base)
         self._base = base
@@ -130,8 +130,9 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
         for label, value in self.gains.items():
             given = self._gains.get(label)
             # What was not moved stays exact: 1/3 stays 1/3.
-            is_given = given is not None and float(given) == value
-            changes["gains"][label] = (given if is_given else None) or exact(value)
+            if given is None or float(given) != value:
+                given = exact(value)
+            changes["gains"][label] = given
         if self.radius != _radius(base):
             changes["region"] = _region(base, exact(self.radius))
         if self.arcs != self._arcs:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from dobc_design._checks import noun
 
 from .number import from_fmpq_mat, to_fmpq
-from .symmetric import IntegerSymmetric, SparseSymmetric
+from .symmetric import Entries, IntegerSymmetric, SparseSymmetric
 
 if TYPE_CHECKING:
     from flint import fmpq_mat
@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 # Fraction, or flint's fmpq for larger matrices; both mix with int.
 Scalar: TypeAlias = Any
 # which row, its pivot, and the rest of the row over the pivot
-Step: TypeAlias = tuple[int, Scalar, dict[int, Scalar]]
+Row: TypeAlias = dict[int, Scalar]  # column -> value, where it is not 0
+Step: TypeAlias = tuple[int, Scalar, Row]
 
 # From this size on the conversion to flint's rationals has paid for itself.
 FLINT_SIZE: Final = 13
@@ -45,7 +46,7 @@ def bad_direction(
     UnfinishedError beyond it."""
     if flint is None:
         flint = M.size >= FLINT_SIZE
-    rows: list[dict[int, Scalar]] = M.rows()
+    rows: list[Row] = M.rows()
     if flint:
         rows = [{j: to_fmpq(value) for j, value in row.items()} for row in rows]
     found = _eliminate(rows, [], strict=strict, most_work=most_work)
@@ -77,8 +78,8 @@ def squares_of(M: SparseSymmetric, *, strict: bool = True) -> tuple[Square, ...]
 
 
 def _eliminate(
-    rows: list[dict[int, Scalar]], steps: list[Step], *, strict: bool, most_work: int | None
-) -> dict[int, Scalar] | None:
+    rows: list[Row], steps: list[Step], *, strict: bool, most_work: int | None
+) -> Row | None:
     """Eliminate in minimum-degree order; return None if every pivot passes, else a witness.
     ``rows`` hold both triangles without zeros, and are consumed: the open ones hold the Schur
     complement.  ``steps`` gets every pivot."""
@@ -122,7 +123,7 @@ def _eliminate(
     return None
 
 
-def _subtract_outer(rows: list[dict[int, Scalar]], k: int, factors: dict[int, Scalar]) -> None:
+def _subtract_outer(rows: list[Row], k: int, factors: Row) -> None:
     """Subtract row_k' row_k / pivot from the open rows; drop column k and what cancels."""
     neighbours = list(rows[k].items())
     for position, (i, x) in enumerate(neighbours):
@@ -139,9 +140,7 @@ def _subtract_outer(rows: list[dict[int, Scalar]], k: int, factors: dict[int, Sc
                 rows[j].pop(i, None)
 
 
-def _bad_diagonal(
-    rows: list[dict[int, Scalar]], i: int, *, strict: bool
-) -> dict[int, Scalar] | None:
+def _bad_diagonal(rows: list[Row], i: int, *, strict: bool) -> Row | None:
     """Return a direction in which the open part is not positive because of entry (i, i), or
     None."""
     row = rows[i]
@@ -158,7 +157,7 @@ def _bad_diagonal(
     return {j: 1, i: -(c + 1) / (2 * b)}
 
 
-def _back_substitute(bad: dict[int, Scalar], steps: list[Step]) -> dict[int, Scalar]:
+def _back_substitute(bad: Row, steps: list[Step]) -> Row:
     """Extend a direction of the Schur complement to the whole matrix, with the same value."""
     vector = dict(bad)
     for k, _, factors in reversed(steps):
@@ -211,13 +210,16 @@ def scaled(M: SparseSymmetric | IntegerSymmetric) -> Scaled | list[int] | None:
     found = _whole_entries(M, bits)
     if found is None:
         return None
-    rows, columns, whole = found.rows, found.columns, found.values
+    rows = found.rows
+    columns = found.columns
+    whole = found.values
     # Beside a diagonal below 1 an entry of size 1 or more refutes: see ``_against``.
     beyond_one = (whole >= 1 << bits) | (whole < -(1 << bits))
     large = np.flatnonzero((rows != columns) & beyond_one)
     if len(large):
         first = large[0]
-        i, j = int(rows[first]), int(columns[first])
+        i = int(rows[first])
+        j = int(columns[first])
         return _against(i, j, int(whole[first]), found.exponents)
 
     def dense(values: NDArray[Any]) -> NDArray[Any]:
@@ -404,7 +406,7 @@ def decide_lifted(
     Z = from_fmpq_mat(_solved(M, S, square, lift))
     unit = Fraction(1, 2**_LIFT_BITS)
     V = [[unit * x for x in row] for row in lift.tolist()]
-    G: dict[tuple[int, int], Fraction] = {}
+    G: Entries = {}
     for a in range(few):
         for b in range(a, few):
             products = (v[a] * z[b] for v, z in zip(V, Z, strict=True) if v[a])

@@ -21,8 +21,8 @@ from .number import float_above, float_below
 LARGEST: Final = 1e300
 _NARROW: Final = 2.0**-50
 _WHOLE: Final = 2**53  # integers up to that are floats
-# The largest argument whose multiples of pi floats count, and how far off they may be.
-_MAX_ANGLE, _MARGIN = 2.0**20, 2.0**-30
+_MAX_ANGLE = 2.0**20  # the largest argument whose multiples of pi floats count,
+_MARGIN = 2.0**-30  # and how far off they may be
 
 
 class Floats(Interval):
@@ -93,16 +93,31 @@ class Floats(Interval):
 
     def __mul__(self, other: Interval | Fraction | int) -> Floats:
         y = other if type(other) is Floats else Floats.around(other)
-        a, b, c, d = self.bottom, self.top, y.bottom, y.top
+        a = self.bottom
+        b = self.top
+        c = y.bottom
+        d = y.top
         # The least product is p q, the largest r s.
         if a >= 0:
-            p, q, r, s = a if c >= 0 else b, c, b if d >= 0 else a, d
+            p = a if c >= 0 else b
+            q = c
+            r = b if d >= 0 else a
+            s = d
         elif b <= 0:
-            p, q, r, s = a if d >= 0 else b, d, b if c >= 0 else a, c
+            p = a if d >= 0 else b
+            q = d
+            r = b if c >= 0 else a
+            s = c
         elif c >= 0:
-            p, q, r, s = a, d, b, d
+            p = a
+            q = d
+            r = b
+            s = d
         elif d <= 0:
-            p, q, r, s = b, c, a, c
+            p = b
+            q = c
+            r = a
+            s = c
         else:
             p, q = (a, d) if a * d <= b * c else (b, c)
             r, s = (a, c) if a * c >= b * d else (b, d)
@@ -119,9 +134,13 @@ class Floats(Interval):
         y = other if type(other) is Floats else Floats.around(other)
         if y.bottom <= 0 <= y.top:
             raise UndefinedError(f"division by {y}, which contains 0, is not defined.")
-        x, near, far = self, y.bottom, y.top
+        x = self
+        near = y.bottom
+        far = y.top
         if y.bottom < 0:  # x / y = -x / -y
-            x, near, far = -self, -y.top, -y.bottom
+            x = -self
+            near = -y.top
+            far = -y.bottom
         lo = x.bottom / (far if x.bottom >= 0 else near)
         hi = x.top / (near if x.top >= 0 else far)
         if x.bottom:
@@ -143,7 +162,9 @@ class Floats(Interval):
         return Floats(low, high)
 
     def wave(self, name: str) -> Floats:
-        a, b, shift = self.bottom, self.top, WAVES[name]
+        a = self.bottom
+        b = self.top
+        shift = WAVES[name]
         if max(-a, b) > _MAX_ANGLE:
             return Floats(-1.0, 1.0)
         first = math.ceil(a / math.pi - shift - _MARGIN)

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, Final, Self, cast
+from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias, cast
 
 from dobc_design._checks import noun
 from dobc_design._show.cards import Told
@@ -36,6 +36,8 @@ from .polynomial import routh_column
 if TYPE_CHECKING:
     from flint import arb
 
+Bounds: TypeAlias = tuple[Fraction, Fraction]  # lower and upper
+
 # Significant bits an end point is rounded to.
 BITS: Final = 128
 # Largest exponent of two kept; without a bound, powers of powers would fill the memory.
@@ -47,7 +49,8 @@ def round_down(value: Fraction, bits: int = BITS) -> Fraction:
     -2^65536."""
     if not value:
         return value
-    numerator, denominator = value.numerator, value.denominator
+    numerator = value.numerator
+    denominator = value.denominator
     exponent = numerator.bit_length() - denominator.bit_length()
     if exponent > MAX_EXPONENT:
         if value < 0:
@@ -68,7 +71,7 @@ def round_up(value: Fraction, bits: int = BITS) -> Fraction:
     return -round_down(-value, bits)
 
 
-def sqrt_bounds(value: Fraction) -> tuple[Fraction, Fraction]:
+def sqrt_bounds(value: Fraction) -> Bounds:
     """Return lower and upper bounds of the root of value >= 0, equal if it is rational."""
     root = Fraction(math.isqrt(value.numerator), math.isqrt(value.denominator))
     if root * root == value:
@@ -96,7 +99,7 @@ WAVES: Final = {"sin": 0.5, "cos": 0.0}
 _GREATEST: Final = {"sin": 1, "cos": 1, "tanh": 1}
 
 
-def bounds(name: str, x: Fraction) -> tuple[Fraction, Fraction]:
+def bounds(name: str, x: Fraction) -> Bounds:
     """Return bounds of exp, log, sin, cos, tan, atan, sinh, cosh or tanh at x, equal where the
     value is rational.  They differ by about 2^-128 of the value, or of 1. Raises: OverflowError if
     there is no finite enclosure."""
@@ -138,7 +141,7 @@ def float_values(name: str, x: float) -> tuple[float, float]:
     return max(low, _LEAST.get(name, low)), min(high, _GREATEST.get(name, high))
 
 
-def pi_bounds(bits: int) -> tuple[Fraction, Fraction]:
+def pi_bounds(bits: int) -> Bounds:
     """Return bounds of pi that differ by about 2^-bits."""
     from flint import arb, ctx
 
@@ -146,7 +149,7 @@ def pi_bounds(bits: int) -> tuple[Fraction, Fraction]:
         return _ends(arb.pi())
 
 
-def _ends(ball: arb) -> tuple[Fraction, Fraction]:
+def _ends(ball: arb) -> Bounds:
     # arb.lower() and upper() would round once more; middle and radius are exact numbers.
     if not ball.is_finite():
         raise OverflowError("there is no finite enclosure")
@@ -156,7 +159,7 @@ def _ends(ball: arb) -> tuple[Fraction, Fraction]:
     return middle - around, middle + around
 
 
-def _dyadic(number: arb) -> tuple[Fraction, Fraction]:
+def _dyadic(number: arb) -> Bounds:
     """An exact ball's value and the error of dropping tiny exponents: fmpq() ends the process at
     radii of 2^-15000."""
     mantissa, exponent = map(int, number.man_exp())
@@ -172,11 +175,13 @@ def _dyadic(number: arb) -> tuple[Fraction, Fraction]:
 
 # End points of this many bits stay as they are. Points have more: 1e-400 is a number of 1329 bits,
 # and a point that becomes an interval can no longer prove that something vanishes.
-_KEPT, _KEPT_POINT = 256, 1536
+_KEPT = 256
+_KEPT_POINT = 1536
 # exp(575) is below 1e250: enclosures stay within what doubles hold, with room for products, so that
 # readers of a certificate who calculate in doubles can follow. To the left exp leaves the range of
 # 2^-65536, and only nears 0.
-_MAX_EXP, _MIN_EXP = 575, -45_000
+_MAX_EXP = 575
+_MIN_EXP = -45_000
 # Beyond this the argument of a periodic function says nothing about its value.
 _MAX_ANGLE: Final = 1 << 2048
 
@@ -310,7 +315,8 @@ class Interval(Told):
         return self + -other
 
     def __mul__(self, other: Interval | Fraction | int) -> Interval:
-        x, y = self, _interval(other)
+        x = self
+        y = _interval(other)
         if x._mixed:
             x, y = y, x
         if x._mixed:
@@ -331,9 +337,13 @@ class Interval(Told):
         y = _interval(other)
         if y.lo.numerator <= 0 <= y.hi.numerator:
             raise UndefinedError(f"division by {y}, which contains 0, is not defined.")
-        x, near, far = self, y.lo, y.hi
+        x = self
+        near = y.lo
+        far = y.hi
         if y.lo.numerator < 0:  # x / y = -x / -y
-            x, near, far = -self, -y.hi, -y.lo
+            x = -self
+            near = -y.hi
+            far = -y.lo
         low = x.lo / (far if x.lo.numerator >= 0 else near)
         high = x.hi / (near if x.hi.numerator >= 0 else far)
         return _enclose(low, high, "/", self, y)

@@ -251,6 +251,11 @@ def _solved_for(M: Matrix, order: Sequence[int]) -> dict[int, dict[int, Fraction
     return solved
 
 
+def row_norm(M: Matrix) -> Fraction:
+    """The largest row sum of absolute values, |M|_inf."""
+    return max(sum(map(abs, row), Fraction(0)) for row in M)
+
+
 def is_symmetric(M: Matrix) -> bool:
     """Return whether M is square and equals its transpose exactly."""
     return transpose(M) == tuple(map(tuple, M))

@@ -247,12 +247,10 @@ def read_text(
     decimal = _DECIMAL.fullmatch(text)
     if not decimal:
         raise refusal(f"must be {_EXAMPLES}", cure=_number_alone(text, key))
-    sign, whole, part, exponent = (
-        decimal[1],
-        decimal[2],
-        decimal[3] or "",
-        _integer(decimal[4] or "0"),
-    )
+    sign = decimal[1]
+    whole = decimal[2]
+    part = decimal[3] or ""
+    exponent = _integer(decimal[4] or "0")
     # The power of 10 is written out below.
     if abs(exponent) > MAX_EXPONENT:
         raise refusal(f"must have an exponent from -{MAX_EXPONENT} to {MAX_EXPONENT}")

@@ -64,7 +64,9 @@ def observability_matrix(A: Matrix, C: Matrix) -> Matrix:
     size = _require_pair(A, C)
     if not size or not C:
         return ()
-    block, flow, rows = to_fmpq_mat(C), to_fmpq_mat(A), list(C)
+    block = to_fmpq_mat(C)
+    flow = to_fmpq_mat(A)
+    rows = list(C)
     # By Cayley and Hamilton higher powers of A show nothing new.
     for _ in range(size - 1):
         block = block * flow

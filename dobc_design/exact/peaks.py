@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Final
 from dobc_design.exact import matrix as exact
 
 from .interval import FLINT, _ends
-from .matrix import Matrix
+from .matrix import Matrix, row_norm
 from .number import to_fmpq
 
 if TYPE_CHECKING:
@@ -28,11 +28,6 @@ MOST_STEPS: Final = 20_000
 MOST_GROWTH: Final = 2000  # of |F| steps h: what rounding errors may grow to, as a power of e
 
 LONGEST: Final = Fraction(1, 2)  # of |F| h: steps are to be short
-
-
-def row_norm(M: Matrix) -> Fraction:
-    """The largest row sum of absolute values, |M|_inf."""
-    return max(sum(map(abs, row), Fraction(0)) for row in M)
 
 
 def peak_gains(

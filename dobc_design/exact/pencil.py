@@ -70,7 +70,8 @@ class Pencil:
         # Entry by entry: a sum of sparse matrices would be made anew for every unknown.
         entries = dict(self.constant.entries)
         for unknown in self.unknowns:
-            value, wanted = values.get(unknown.name), (unknown.rows, unknown.columns)
+            value = values.get(unknown.name)
+            wanted = (unknown.rows, unknown.columns)
             got = None if value is None else (len(value), len(value[0]))
             if value is None or got != wanted:
                 what = (

@@ -247,7 +247,7 @@ def decide_images(images: Sequence[Coefficients], *, degree: int) -> tuple[bool,
     for image in images:
         # A map may send a root to infinity; where it came from is on the border.
         complete = len(image) == degree + 1 and image[0] != 0
-        strictly = strictly and complete and routh(image).verdict is Verdict.PROVED
+        strictly = strictly and complete and routh(image).is_proved
     return inside, strictly
 
 

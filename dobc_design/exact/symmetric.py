@@ -16,11 +16,13 @@ from dobc_design._show.cards import Card, Shown, plain
 from dobc_design._show.text import MAX_SHOWN
 from dobc_design.errors import ShapeError, SpecError, misshapen, wrong
 
-from .matrix import Matrix
+from .matrix import Matrix, Vector
 from .number import common_denominator
 
 # rows, columns and values
-Triplets: TypeAlias = tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]
+
+
+Entries: TypeAlias = dict[tuple[int, int], Fraction]  # (row, column) -> value
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -40,7 +42,7 @@ class SparseSymmetric(Shown):
                 raise ShapeError(
                     f"entry ({i}, {j}) must lie in the upper triangle, 0 <= i <= j < {self.size}."
                 )
-        kept: dict[tuple[int, int], Fraction] = {}
+        kept: Entries = {}
         for place, x in self.entries.items():
             if x:
                 kept[place] = x if type(x) is Fraction else Fraction(x)
@@ -59,7 +61,7 @@ class SparseSymmetric(Shown):
         """Return the sparse form of M (n, n). Raises: ShapeError if M is not square, or not exactly
         symmetric."""
         size = require_square(M, name)
-        entries: dict[tuple[int, int], Fraction] = {}
+        entries: Entries = {}
         for i in range(size):
             for j in range(i, size):
                 if M[i][j] != M[j][i]:
@@ -117,7 +119,7 @@ class SparseSymmetric(Shown):
     def restricted(self, rows: Sequence[int]) -> SparseSymmetric:
         """Return the matrix of these rows and columns, in their order."""
         place = {row: k for k, row in enumerate(rows)}
-        kept: dict[tuple[int, int], Fraction] = {}
+        kept: Entries = {}
         for (i, j), x in self.entries.items():
             if i in place and j in place:
                 low, high = sorted((place[i], place[j]))
@@ -140,17 +142,6 @@ class SparseSymmetric(Shown):
                 sums[value.denominator] = sums.get(value.denominator, 0) + product
         total = _pairwise_sum([Fraction(x, y) for y, x in sums.items()])
         return total / (common * common)
-
-    def triplets(self) -> Triplets:
-        """Return rows, columns and nearest floats of the full matrix, both triangles."""
-        full: dict[tuple[int, int], float] = {}
-        for (i, j), x in self.entries.items():
-            full[i, j] = full[j, i] = float(x)
-        places = sorted(full)
-        rows = np.array([i for i, _ in places], dtype=np.intp)
-        columns = np.array([j for _, j in places], dtype=np.intp)
-        values = np.array([full[place] for place in places], dtype=np.float64)
-        return rows, columns, values
 
 
 def _pairwise_sum(terms: list[Fraction]) -> Fraction:
@@ -290,7 +281,7 @@ class IntegerSymmetric(Shown):
 
     def to_sparse(self) -> SparseSymmetric:
         """Return the same matrix, with reduced fractions."""
-        entries: dict[tuple[int, int], Fraction] = {}
+        entries: Entries = {}
         listed = zip(self.rows.tolist(), self.columns.tolist(), self.values.tolist(), strict=True)
         for i, j, x in listed:
             entries[i, j] = Fraction(x, self.denominator)
@@ -298,9 +289,6 @@ class IntegerSymmetric(Shown):
 
     def to_dense(self) -> Matrix:
         return self.to_sparse().to_dense()
-
-    def triplets(self) -> Triplets:
-        return self.to_sparse().triplets()
 
     @property
     def entries(self) -> Mapping[tuple[int, int], Fraction]:
@@ -354,7 +342,7 @@ class IntegerSymmetric(Shown):
         low = np.minimum(i, j)[chosen].tolist()
         high = np.maximum(i, j)[chosen].tolist()
         values = self.values[chosen].tolist()
-        entries: dict[tuple[int, int], Fraction] = {}
+        entries: Entries = {}
         for first, second, x in zip(low, high, values, strict=True):
             entries[first, second] = Fraction(x, self.denominator)
         return SparseSymmetric(len(rows), entries)
@@ -541,9 +529,9 @@ class Doubles(Sequence[Fraction]):
     def __getitem__(self, place: int) -> Fraction: ...
 
     @overload
-    def __getitem__(self, place: slice) -> tuple[Fraction, ...]: ...
+    def __getitem__(self, place: slice) -> Vector: ...
 
-    def __getitem__(self, place: int | slice) -> Fraction | tuple[Fraction, ...]:
+    def __getitem__(self, place: int | slice) -> Fraction | Vector:
         found = self.array[place].tolist()
         if isinstance(found, list):
             return tuple(map(Fraction, found))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,7 +18,7 @@ from dobc_design.exact.reading import Document
 from dobc_design.loop import arrays
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.canonical import problem_sha256
-from dobc_design.problem.load import load_problem
+from dobc_design.problem.load import Source, load_problem
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
@@ -34,8 +33,6 @@ if TYPE_CHECKING:
     from .python_control import ConsensusLoop
 
 MOST_ARCS = 20_000  # of all modes in a Python file: a few MB
-
-Source = Problem | str | PathLike[str]
 
 
 def to_c(

@@ -26,7 +26,6 @@ from dobc_design.conditions.consensus.claim import (
 )
 from dobc_design.conditions.domain import EVERYWHERE, Around
 from dobc_design.conditions.numbers import bisected, rounded_down
-from dobc_design.conditions.observer.decide import error_matrix
 from dobc_design.conditions.statement import Statement, undecided
 from dobc_design.errors import refused
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
@@ -51,7 +50,7 @@ from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.loop.arrays import Gain, chosen_gain
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.dynamics import Dynamics
-from dobc_design.problem.exosystems import Exosystem, block_diagonal
+from dobc_design.problem.exosystems import block_diagonal
 from dobc_design.problem.groups import gains_of, group_numbers
 from dobc_design.problem.network import one_form
 from dobc_design.problem.problem import Problem
@@ -363,18 +362,22 @@ def make_controller(
 
 @noun
 class _Observed:
-    """The exosystem and the W (q, p) that agents share, None without a disturbance, and the places
-    of its states among those of all groups."""
+    """The exosystem (A, C) and the W (q, p) that agents share, () without a disturbance, and the
+    places of its states among those of all groups."""
 
-    exosystem: Exosystem | None
-    W: Matrix | None
-    states: range
+    A: Matrix = ()
+    C: Matrix = ()
+    W: Matrix = ()
+    states: range = range(0)
 
 
 def _observed(problem: Problem, W: Matrix | None, agents: Sequence[int]) -> _Observed:
     """What these agents observe.  Raises: SpecError where they do not share it."""
-    if not problem.is_grouped or W is None:
-        return _Observed(exosystem=problem.joint_exosystem, W=W, states=range(problem.q))
+    exosystem = problem.joint_exosystem
+    if exosystem is None or W is None:
+        return _Observed()
+    if not problem.is_grouped:
+        return _Observed(A=exosystem.A, C=exosystem.C, W=W, states=range(problem.q))
     numbers = group_numbers(problem.groups, problem.network.labels)
     # One folder of code has one transition matrix.
     found = {numbers[agent] for agent in agents}
@@ -389,13 +392,13 @@ def _observed(problem: Problem, W: Matrix | None, agents: Sequence[int]) -> _Obs
         )
     place = found.pop()
     if place == len(problem.groups):  # agents in no group
-        return _Observed(exosystem=None, W=None, states=range(0))
+        return _Observed()
     exosystem = problem.groups[place].exosystem
     own = gains_of(loop_of(problem).groups, W)[place]
     # In a simulation the states of all groups stand side by side.
     before = sum(group.exosystem.order for group in problem.groups[:place])
     states = range(before, before + exosystem.order)
-    return _Observed(exosystem=exosystem, W=own, states=states)
+    return _Observed(A=exosystem.A, C=exosystem.C, W=own, states=states)
 
 
 @noun
@@ -412,7 +415,7 @@ class _Plan:
 
     def at(self, period: Fraction) -> Controller:
         """The controller of this period, with what is decided about it."""
-        problem, A = self.problem, self._generator()
+        problem, A = self.problem, self.observed.A
         m, own = problem.m, 2 * problem.m
         left = self.plant.left_inverse
         # Of a state x, its speed that is held, and xi, over one period.
@@ -451,22 +454,16 @@ class _Plan:
             watch=watch,
         )
 
-    def _generator(self) -> Matrix:
-        """A of the exosystem, () without one."""
-        exosystem = self.observed.exosystem
-        return () if exosystem is None or self.observed.W is None else exosystem.A
-
     def _slopes(self) -> Matrix:
         """A of the plant, or the slopes of f at the target, (m, m)."""
         return self.plant.about(self.problem.target)[0]
 
     def _held_motion(self) -> Matrix:
         """x' = A x + v + B C xi, v' = 0, xi' = A_xi xi, as one matrix."""
-        m, A = self.problem.m, self._generator()
-        exosystem = self.observed.exosystem
+        m, A = self.problem.m, self.observed.A
         felt: Matrix = ((),) * m
-        if exosystem is not None and A:
-            felt = multiply(self.plant.B, exosystem.C)
+        if A:
+            felt = multiply(self.plant.B, self.observed.C)
         moved = zip(self._slopes(), identity(m), felt, strict=True)
         rows = [slopes + speeds + disturbance for slopes, speeds, disturbance in moved]
         rows += zeros(m, 2 * m + len(A))
@@ -481,12 +478,12 @@ class _Plan:
     def _sampled_gain(self, period: Fraction) -> Matrix:
         """L (q, p): the one that was given, else the mean of exp((A - W C) s) over a period times
         it and W."""
-        exosystem, W = self.observed.exosystem, self.observed.W
-        if self.sampled_gain is not None or exosystem is None or W is None:
-            return self.sampled_gain or ()
+        if self.sampled_gain is not None:
+            return self.sampled_gain
+        own = self.observed
         # W corrects from states; from what the inputs explain of them it is W B.
-        gain = multiply(W, self.plant.B)
-        error = discretise(error_matrix(exosystem, gain), period).mean
+        gain = multiply(own.W, self.plant.B)
+        error = discretise(subtract(own.A, multiply(gain, own.C)), period).mean
         return multiply(scale(period, _middle(error)), gain)
 
     def _step(self, motion: Matrix, push: Matrix) -> Step | None:

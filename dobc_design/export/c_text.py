@@ -34,11 +34,15 @@ HELPERS = ("abs", "min", "max")  # functions that templates/agent.c.j2 has, besi
 def template(name: str) -> Template:
     """A file of ``templates/``: text with places for text that is C already: nothing is escaped
     here."""
-    text = (files("dobc_design.export") / "templates" / name).read_text("utf-8")
     made: Template = Template(
-        text, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
+        template_text(name), trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
     )
     return made
+
+
+def template_text(name: str) -> str:
+    """A file of ``templates/`` as it stands."""
+    return (files("dobc_design.export") / "templates" / name).read_text("utf-8")
 
 
 def rounded(value: Fraction, precision: str) -> Fraction:

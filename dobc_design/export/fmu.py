@@ -18,7 +18,6 @@ import subprocess
 import tempfile
 import zipfile
 from collections.abc import Mapping
-from importlib import resources
 from os import PathLike
 from pathlib import Path
 from typing import NamedTuple
@@ -32,7 +31,7 @@ from dobc_design.errors import SolverError
 
 from .c_controller import Controller
 from .c_folder import header_text, source_text
-from .c_text import string, template
+from .c_text import string, template, template_text
 
 MODEL = "dobc_agent"
 COMPILERS = ("cc", "gcc", "clang")
@@ -114,8 +113,7 @@ def make_fmu(controller: Controller) -> Fmu:
 
 def sources(controller: Controller, token: str) -> dict[str, str]:
     """The C files of the FMU and buildDescription.xml, by name."""
-    folder = resources.files("dobc_design.export") / "templates"
-    code = (folder / "fmi3_agent.c").read_text("utf-8")
+    code = template_text("fmi3_agent.c")
     marks = {
         "TOKEN": string(token),
         "HEARD": str(len(controller.agents[0].neighbours)),
@@ -126,7 +124,7 @@ def sources(controller: Controller, token: str) -> dict[str, str]:
     return {
         "dobc_agent.h": header_text(controller),
         "dobc_agent.c": source_text(controller),
-        "fmi3_types.h": (folder / "fmi3_types.h").read_text("utf-8"),
+        "fmi3_types.h": template_text("fmi3_types.h"),
         "fmi3_agent.c": code,
         "buildDescription.xml": BUILD,
     }

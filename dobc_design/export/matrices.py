@@ -42,7 +42,7 @@ _LATEX_NAMES = {"xbar": r"\bar{x}", "Lambda": r"\Lambda", "Ax": "A_x"}
 
 
 def exact_matrices(
-    problem: Problem, *, W: Matrix | None = None, P: Matrix | None = None, Q: Matrix | None = None
+    problem: Problem, *, W: Matrix | None, P: Matrix | None, Q: Matrix | None = None
 ) -> dict[str, Matrix]:
     """All matrices by name, as rationals; W, P and Q are those of the problem or certificate, where
     there are any.

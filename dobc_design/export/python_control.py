@@ -12,6 +12,7 @@ from typing import Any
 
 import control
 import numpy as np
+from numpy.typing import ArrayLike
 
 from dobc_design.loop.arrays import Gain, error_arcs
 from dobc_design.loop.make import loop_of
@@ -66,7 +67,7 @@ class ConsensusLoop(control.NonlinearIOSystem):  # type: ignore[misc]  # control
         z = trajectory.xihat[0] - trajectory.x[0] @ self.loop.W.T
         x, xi = trajectory.x[0], trajectory.xi[0]
         s = trajectory.leader[0] if self.loop.lead else ()
-        return np.concatenate([x.ravel(), xi.ravel(), z.ravel(), s])
+        return _flat(x, xi, z, s)
 
 
 def to_control(
@@ -107,7 +108,7 @@ def _system(
         s = state[size:]
         e = x - loop.goal - (s if len(s) else 0.0)
         network = network_at(max(0.0, float(time)))
-        slopes = network(np.concatenate([e.ravel(), s]))
+        slopes = network(_flat(e, s))
         # The slopes of a leader, if there is one, come after those of the agents.
         felt, s_dot = np.split(slopes, [e.size])
         x_dot = felt.reshape(x.shape)
@@ -119,9 +120,7 @@ def _system(
         d = xi @ loop.C.T
         if loop.plant is not None:
             w = (w.reshape(loop.n, -1) @ loop.plant.B.T).ravel()
-        disturbed = x_dot.ravel() + d.ravel() + w
-        xi_dot = xi @ loop.A.T
-        return np.concatenate([disturbed, xi_dot.ravel(), z_dot.ravel(), s_dot])
+        return _flat(_flat(x_dot + d) + w, xi @ loop.A.T, z_dot, s_dot)
 
     @np.errstate(all="ignore")
     def output(time: float, state: Array, w: Array, params: Any) -> Array:
@@ -129,7 +128,7 @@ def _system(
         s = state[size:]
         dhat = (z + x @ loop.W.T) @ loop.output.T
         e = x - loop.goal - (s if len(s) else 0.0)
-        return np.concatenate([x.ravel(), dhat.ravel(), loop.control(e, dhat).ravel()])
+        return _flat(x, dhat, loop.control(e, dhat))
 
     name = "".join(c if c.isalnum() else "_" for c in problem.name)
     return ConsensusLoop(loop, update, output, name)
@@ -166,6 +165,11 @@ def observer_of(loop: ClosedLoop) -> Any:
     return control.ss(
         F, B, loop.output, D, name="observer", states=states, inputs=inputs, outputs=outputs
     )
+
+
+def _flat(*parts: ArrayLike) -> Array:
+    """The numbers of all these parts, one after the other."""
+    return np.concatenate([np.ravel(each) for each in parts])
 
 
 def _names(letter: str, n: int, width: int) -> list[str]:

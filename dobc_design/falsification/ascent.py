@@ -51,12 +51,13 @@ def final_level(level: Level, rows: int, q: int, end: Array) -> Height:
 def ascend(flow: Flow, starts: StartSet, start: Pair, objective: Objective) -> Pair:
     """A start, e (n m,) and eps (n, q), that ends farther away than ``start``; ``start`` itself if
     none is found."""
+    rows = flow.rows
     e, eps = start
     # how far each number of a start may move
     lengths = np.concatenate([part.ravel() for part in starts.reach])
 
     def projected(at: Array) -> Array:
-        moved = at[: flow.rows, None], at[flow.rows :].reshape(eps.shape)[:, :, None]
+        moved = at[:rows, None], at[rows:].reshape(eps.shape)[:, :, None]
         inside, inside_eps = starts.project(*moved)
         return np.concatenate([inside[:, 0], inside_eps[:, :, 0].ravel()])
 
@@ -80,7 +81,7 @@ def ascend(flow: Flow, starts: StartSet, start: Pair, objective: Objective) -> P
             step *= GROWTH
         else:
             step *= SHRINKAGE
-    return best[: flow.rows], best[flow.rows :].reshape(eps.shape)
+    return best[:rows], best[rows:].reshape(eps.shape)
 
 
 def _height(flow: Flow, objective: Objective, start: Array) -> Height:

@@ -236,18 +236,20 @@ class Boundary:
 
     def draw(self, rng: Generator, count: int, kind: str) -> Pair:
         """Starts of one kind."""
-        rows = self.loop.size
+        loop = self.loop
+        level = self.level
+        rows = loop.size
         if kind == RANDOM:
             part = rng.standard_normal((rows, count))
         else:
             part = unit_cube(rng, rows, count, kind)
-        e = self.level.directions(part)
-        eps = sphere(rng, self.loop.owned, count) * rng.random((self.loop.n, 1, count))
-        sizes = self.level.value(e, 0 * eps)
-        sizes_eps = self.level.value(0 * e, eps)
+        e = level.directions(part)
+        eps = sphere(rng, loop.owned, count) * rng.random((loop.n, 1, count))
+        sizes = level.value(e, 0 * eps)
+        sizes_eps = level.value(0 * e, eps)
         # the part of V that is eps
         share = rng.random(count) * (rng.random(count) < 2 / 3)
-        if self.level.P is None:
+        if level.P is None:
             share = np.zeros(count)
             eps = 0 * eps
         e = e * ((1 - share) / np.maximum(sizes, TINY))

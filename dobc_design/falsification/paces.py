@@ -10,6 +10,7 @@ from numpy.random import Generator
 from dobc_design.loop.guarantee import Phase
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.problem import Problem
+from dobc_design.simulation._arguments import NumberRows
 from dobc_design.simulation.signals import Markov
 from dobc_design.simulation.switches import (
     ModeTable,
@@ -59,7 +60,7 @@ def drawn_signals(
 def _chained(
     rng: Generator,
     problem: Problem,
-    rates: tuple[tuple[float, ...], ...],
+    rates: NumberRows,
     horizon: float,
 ) -> Switches:
     """The switches that a Markov chain draws, from any mode on."""

@@ -124,7 +124,7 @@ def closed_groups(loop: Loop, arcs: Iterable[Arcs]) -> tuple[tuple[int, ...], ..
     # A component is open if one of its agents hears another component.
     hearer = component[listeners]
     listening = set(hearer[hearer != component[speakers]].tolist())
-    closed = list[tuple[int, ...]]()
+    closed = []
     for number, members in split_by(component):
         if number not in listening and members[0] < loop.n:
             closed.append(tuple(members.tolist()))

@@ -88,7 +88,7 @@ class Guarantee:
         turns = self.round
         if turns is None:
             return [""] * (len(times) - 1)
-        modes: list[str | None] = []
+        modes = []
         for before, after in pairwise(times):
             turn = turns.at(before)
             modes.append(turns.phases[turn.place].mode if after <= turn.ends else None)

@@ -55,7 +55,7 @@ class Pins:
     def each(self, made: Callable[[Matrix], Made]) -> dict[int, Made]:
         """What ``made`` makes of every gain; nodes often share one matrix, which is looked at
         once."""
-        known: dict[int, Made] = {}
+        known = {}
         for gain in self.gains.values():
             if id(gain) not in known:
                 known[id(gain)] = made(gain)

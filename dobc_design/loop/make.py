@@ -211,8 +211,8 @@ def _pins_with_dynamics(problem: Problem, dynamics: Dynamics, A: Matrix) -> tupl
     stated = problem.pinning.gains
     # Agents without a pin share one gain of 0, so that it is multiplied once.
     none = zeros(dynamics.inputs, dynamics.dimension)
-    acting = dict[int, Matrix]()
-    pulling = dict[int, Matrix]()
+    acting = {}
+    pulling = {}
     for K in (none, *stated.values()):
         acting[id(K)] = multiply(dynamics.B, K)
         pulling[id(K)] = subtract(acting[id(K)], A)
@@ -273,7 +273,7 @@ def _times(B: Matrix, coupling: Coupling, m: int) -> Coupling:
     if coupling.by_component:
         # y of the file stands for every component in turn.
         texts = tuple(re.sub(r"\by\b", f"y{c + 1}", texts[0]) for c in range(m))
-    rows = list[str]()
+    rows = []
     for row in B:
         parts = [f"({number_text(b)})*({h})" for b, h in zip(row, texts, strict=True) if b]
         rows.append(" + ".join(parts) or "0")

@@ -9,7 +9,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from dobc_design.coupling.coupling import Coupling
-from dobc_design.exact.matrix import Vector, to_float
+from dobc_design.exact.matrix import to_float
 from dobc_design.problem.network import IndexArray
 
 from .arcs import arc_table
@@ -35,7 +35,7 @@ def consensus_jacobian(loop: Loop, mode: str) -> sp.csr_array | None:
         return None
     # Different functions are few: their slopes are taken once each.
     table = arc_table(loop, mode)
-    slopes = dict[int, Array]()
+    slopes = {}
     for place in np.unique(table.coupling).tolist():
         found = _slope(loop.functions[place])
         if found is None:
@@ -63,7 +63,7 @@ def consensus_jacobian(loop: Loop, mode: str) -> sp.csr_array | None:
 
 def _slope(function: Coupling) -> Array | None:
     """The middle of the slopes at 0, (m, m); None where they are not close, as at a kink."""
-    middles = list[Vector]()
+    middles = []
     for row in function.jacobian_at_zero():
         if any(entry.width > WIDEST_SLOPE * (1 + entry.magnitude) for entry in row):
             return None

@@ -35,9 +35,10 @@ class Felt(NamedTuple):
 
 def felt_errors(loop: Loop, mode: str) -> Felt:
     """h of the error system, which holds all that is curved: what f has beside its slopes, too."""
-    e = ca.SX.sym("e", loop.size)
-    h = ca.SX(loop.size, 1)
-    jacobian = ca.SX(loop.size, loop.size)
+    size = loop.size
+    e = ca.SX.sym("e", size)
+    h = ca.SX(size, 1)
+    jacobian = ca.SX(size, size)
     if loop.drift_place is not None:
         h += bent(loop, e)
         jacobian += ca.jacobian(h, e)

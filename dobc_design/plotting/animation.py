@@ -71,13 +71,15 @@ def animation_page(run: Run, *, arcs: Arcs | None = None, pinned: Sequence[int] 
     times = run.times[frames]
     # A leader that moves carries the goals with it: they are not drawn.
     goals = run.goal[:0] if run.leader.any() else run.goal
+    places = _in_plane(run.x)[frames]
+    links = [pairs.tolist() for pairs in _links(run, arcs)]
     data = {
         "title": run.name,
         "labels": [short(label, 12) for label in run.labels],
         "times": times.tolist(),
-        "places": _rounded(_in_plane(run.x)[frames]),
+        "places": _rounded(places),
         "goals": _rounded(_in_plane(goals)),
-        "links": [pairs.tolist() for pairs in _links(run, arcs)],
+        "links": links,
         "mode": run.switches.at(times).tolist(),
         "modes": list(run.switches.names),
         "axes": _axis_names(run),

@@ -26,6 +26,7 @@ from dobc_design.errors import about
 from .look import BLUE, INK, MUTED, PAPER, VERMILLION, Sheet, short
 
 Positions = NDArray[np.float64]
+Points = NDArray[np.complex128]
 Pair = tuple[int, int]
 Weights = Mapping[Pair, Fraction | float]  # of arcs, by (listener, speaker)
 LEGEND = "An arrow from j to i: i listens to j, so information runs along the arrow."
@@ -45,7 +46,8 @@ _CIRCLE = Path.unit_circle()
 _BENDS = (0.0, 0.15, -0.15, 0.3, -0.3, 0.5, -0.5)  # of an arc aside, in its lengths
 _APART = 0.3  # the same, of opposite arcs with different weights
 _CLEAR = 1.5  # between an arc and the middle of any other node, in radii
-_ALONG = np.linspace(0, 1, 25)[1:-1, None]  # of a curve
+_ALONG = np.linspace(0, 1, 21)[1:-1]  # of an arc
+_PLANE = np.array([1, 1j])  # what turns (x, y) into x + iy: left is i times forward
 GAP = 1.22  # between the tip of an arrow and the middle of its node, in radii
 _SHORT_DASHES = (0, (2, 1.2))
 _LABEL_BOX = {"facecolor": PAPER, "edgecolor": "none", "alpha": 0.85, "pad": 0.6}
@@ -144,24 +146,19 @@ def draw_network(
     those that no pin reaches orange dashed circles.
     Shapes: places (n, 2), within [-1, 1]."""
     radius = _radius(places)
-    controls = _controls(arcs, places, radius)
-    _draw_arcs(ax, controls, places, radius)
-    if shows_weights(arcs):
-        _draw_weights(ax, arcs, controls, places)
+    draw_arcs(ax, arcs, places, radius)
     # Every kind of node is one patch, however many agents it has.
-    free = [i for i in range(len(labels)) if i not in pinned]
-    reached = [i for i in free if i not in unreached]
-    lost = [i for i in free if i in unreached]
-    if reached:
-        ax.add_patch(_nodes(_CIRCLE, places[reached], radius))
-    if lost:
-        patch = _nodes(_CIRCLE, places[lost], radius)
-        patch.set(edgecolor=VERMILLION, linewidth=1.6, linestyle=_SHORT_DASHES)
-        ax.add_patch(patch)
-    if pinned:
-        patch = _nodes(_SQUARE, places[sorted(pinned)], radius)
-        patch.set(facecolor=BLUE, edgecolor=BLUE)
-        ax.add_patch(patch)
+    free = set(range(len(labels))) - set(pinned)
+    lost = {"edgecolor": VERMILLION, "linewidth": 1.6, "linestyle": _SHORT_DASHES}
+    for agents, shape, style in (
+        (free - set(unreached), _CIRCLE, {}),
+        (free & set(unreached), _CIRCLE, lost),
+        (set(pinned), _SQUARE, {"facecolor": BLUE, "edgecolor": BLUE}),
+    ):
+        if agents:
+            patch = _nodes(shape, places[sorted(agents)], radius)
+            patch.set(**style)
+            ax.add_patch(patch)
     if len(labels) <= MOST_LABELLED:
         _draw_labels(ax, labels, places, radius, set(pinned), arcs)
     ax.set_aspect("equal")
@@ -204,90 +201,84 @@ def proportions(places: Positions) -> float:
 def _radius(places: Positions) -> float:
     if len(places) == 1:
         return 0.14
-    apart = np.hypot(*(places[:, None, :] - places[None, :, :]).transpose(2, 0, 1))
+    points = places @ _PLANE
+    apart = np.abs(np.subtract.outer(points, points))
     # Nodes must not overlap: they shrink with the least distance.
     nearest = float(apart[~np.eye(len(places), dtype=bool)].min())
     return float(np.clip(0.3 * nearest, 0.012, 0.12))
 
 
-def _controls(arcs: Weights, places: Positions, radius: float) -> dict[Pair, Positions]:
-    """What an arc bends to, (2,): half-way between its ends, or aside where another node is in the
-    way.  Opposite arcs share it, unless weights are shown and theirs differ."""
-    found: dict[Pair, Positions] = {}
+def _bends(arcs: Weights, places: Points, clear: float) -> dict[Pair, float]:
+    """How far every arc bends, see ``_bend_past``.  Opposite arcs share their way, unless weights
+    are shown and theirs differ."""
+    found: dict[Pair, float] = {}
     weighted = shows_weights(arcs)
-    for (one, other), weight in arcs.items():
-        start, end = places[one], places[other]
-        opposite = arcs.get((other, one), weight)
-        if weighted and opposite != weight:
-            found[one, other] = (start + end) / 2 + _APART * _aside(end - start)
-        elif (other, one) in found:
-            found[one, other] = found[other, one]
+    for (end, start), weight in arcs.items():
+        if weighted and arcs.get((start, end), weight) != weight:
+            found[end, start] = _APART
+        elif (start, end) in found:
+            found[end, start] = -found[start, end]
         else:
-            others = np.delete(places, [one, other], axis=0)
-            found[one, other] = _control(start, end, others, _CLEAR * radius)
+            others = np.delete(places, [end, start])
+            found[end, start] = _bend_past(others, places[start], places[end], clear)
     return found
 
 
-def _control(start: Positions, end: Positions, others: Positions, clear: float) -> Positions:
-    """The least bend that keeps the curve ``clear`` of all ``others``, or comes closest to that."""
-    aside = _aside(end - start)
-    best, widest = (start + end) / 2, -1.0
-    for bend in _BENDS:
-        control = (start + end) / 2 + bend * aside
-        points = _point(start, control, end, _ALONG)
-        gaps = np.hypot(*(points[:, None, :] - others).transpose(2, 0, 1))
-        least = float(gaps.min(initial=clear))
-        if least > widest:
-            best, widest = control, least
-        if least >= clear:
-            break
-    return best
+def _bend_past(others: Points, start: complex, end: complex, clear: float) -> float:
+    """How far to the left an arc bends, in its lengths: the least that keeps it ``clear`` of all
+    ``others``, or comes closest to that."""
+
+    def room(bend: float) -> float:
+        gaps = np.subtract.outer(_on_arc(start, end, bend, _ALONG), others)
+        return float(np.abs(gaps).min(initial=clear))
+
+    return max(_BENDS, key=room)
 
 
-def _point(start: Positions, control: Positions, end: Positions, t: Any) -> Positions:
-    """Points of the curve from ``start`` to ``end`` that bends to ``control``, at 0 <= t <= 1."""
-    along: Positions = (1 - t) ** 2 * start + 2 * t * (1 - t) * control + t**2 * end
-    return along
+def _on_arc(start: complex, end: complex, bend: float, t: Any) -> Any:
+    """Where the arc is at 0 <= t <= 1."""
+    return start + (end - start) * (t + 2j * bend * t * (1 - t))
 
 
-def _draw_arcs(ax: Axes, arcs: Mapping[Pair, Positions], places: Positions, radius: float) -> None:
-    """Arrows from whom is heard to who listens, each with what it bends to; two opposite ones share
-    a shaft."""
+def draw_arcs(ax: Axes, arcs: Weights, positions: Positions, radius: float) -> None:
+    """Arrows from whom is heard to who listens, past other nodes; two opposite ones share a shaft.
+    Weights stand beside a few, unless all are 1."""
+    places = positions @ _PLANE
+    bends = _bends(arcs, places, _CLEAR * radius)
     shafts, heads = list[Path](), list[Path]()
     # Heads stay visible where nodes are tiny.
-    size = max(0.75 * radius, 0.03)
-    for (listener, speaker), control in arcs.items():
+    size = max(0.75 * radius, 0.015 * float(np.ptp(positions, axis=0).max(initial=0.0)))
+    for (listener, speaker), bend in bends.items():
         start, end = places[speaker], places[listener]
         # Nodes that touch leave no room for an arrow.
-        if float(np.hypot(*(end - start))) <= 2.3 * radius:
+        if abs(end - start) <= 2.3 * radius:
             continue
-        forward = _unit(end - control)
+        # The directions at both ends meet there.
+        control = start + (end - start) * (0.5 + 1j * bend)
+        forward = (end - control) / abs(end - control)
         tip = end - forward * radius * GAP
         back = tip - forward * size
-        both = arcs.get((speaker, listener)) is control
+        both = bends.get((speaker, listener)) == -bend
         # one shaft for both directions, drawn by one of them
         if not both or listener < speaker:
             behind = radius * GAP + size * 0.9 if both else radius * 1.1
-            tail = start + _unit(control - start) * behind
-            shaft = np.array([tail, control, back + forward * size * 0.1])
+            tail = start + behind * (control - start) / abs(control - start)
+            shaft = _corners(tail, control, back + forward * size * 0.1)
             shafts.append(Path(shaft, [Path.MOVETO, Path.CURVE3, Path.CURVE3]))
-        aside = _aside(forward) * size * 0.45
-        heads.append(Path(np.array([tip, back + aside, back - aside, tip]), closed=True))
+        aside = 0.45j * forward * size
+        heads.append(Path(_corners(tip, back + aside, back - aside, tip), closed=True))
     if shafts:
         path = Path.make_compound_path(*shafts)
         ax.add_patch(PathPatch(path, facecolor="none", edgecolor=MUTED, linewidth=0.9, zorder=0.8))
     if heads:
         path = Path.make_compound_path(*heads)
         ax.add_patch(PathPatch(path, facecolor=INK, edgecolor="none"))
+    if shows_weights(arcs):
+        _draw_weights(ax, arcs, bends, places)
 
 
-def _unit(step: Positions) -> Positions:
-    return np.asarray(step / np.hypot(*step))
-
-
-def _aside(step: Positions) -> Positions:
-    """As long as the step, at a right angle to it."""
-    return np.array([-step[1], step[0]])
+def _corners(*points: complex) -> Positions:
+    return np.array([(point.real, point.imag) for point in points])
 
 
 def shows_weights(arcs: Weights) -> bool:
@@ -295,18 +286,15 @@ def shows_weights(arcs: Weights) -> bool:
     return len(arcs) <= MOST_WEIGHTED and any(weight != 1 for weight in arcs.values())
 
 
-def _draw_weights(
-    ax: Axes, arcs: Weights, controls: Mapping[Pair, Positions], places: Positions
-) -> None:
+def _draw_weights(ax: Axes, arcs: Weights, bends: Mapping[Pair, float], places: Points) -> None:
     """Every weight on its arc, that of opposite arcs with the same weight once."""
     for (listener, speaker), weight in arcs.items():
         if arcs.get((speaker, listener)) == weight and listener > speaker:
             continue
-        control = controls[listener, speaker]
         # Not half-way, where arcs cross.
-        x, y = _point(places[speaker], control, places[listener], 0.45).tolist()
-        text = ax.text(x, y, typeset(significant(weight)), ha="center", va="center", fontsize=7)
-        text.set(parse_math=False, color=INK, bbox=_LABEL_BOX, zorder=0.9)
+        at = _on_arc(places[speaker], places[listener], bends[listener, speaker], 0.45)
+        text = ax.text(at.real, at.imag, typeset(significant(weight)), fontsize=7)
+        text.set(ha="center", va="center", parse_math=False, bbox=_LABEL_BOX, zorder=0.9)
 
 
 def _draw_labels(
@@ -321,37 +309,36 @@ def _draw_labels(
     arrows."""
     drawn, _ = drawn_labels(labels)
     fit = radius > _ROOMY and max(map(len, drawn)) <= _INSIDE
-    sides = _free_sides(places, arcs)
-    inside = float(np.clip(78 * radius, 5.5, 9.0))
-    beside = 8.0 if len(drawn) <= MOST_BIG else 6.0
-    for agent, ((x, y), (right, up)) in enumerate(zip(places, sides, strict=True)):
-        if fit:
-            text = ax.text(x, y, drawn[agent], ha="center", va="center_baseline", fontsize=inside)
-            text.set(parse_math=False, color=PAPER if agent in pinned else INK)
-        else:
-            away = 1.35 * radius
-            text = ax.text(x + away * right, y + away * up, drawn[agent], fontsize=beside)
-            across = ("right", "center", "left")[right + 1]
-            upright = ("top", "center", "bottom")[up + 1]
-            text.set(ha=across, va=upright, parse_math=False, color=INK, bbox=_LABEL_BOX)
-        text.set_zorder(3)
+    sides = [(0, 0)] * len(drawn) if fit else _free_sides(places, arcs)
+    size = 8.0 if len(drawn) <= MOST_BIG else 6.0
+    if fit:
+        size = float(np.clip(78 * radius, 5.5, 9.0))
+    for agent, (place, side) in enumerate(zip(places, sides, strict=True)):
+        right, up = side
+        x, y = place + 1.35 * radius * np.array(side)
+        text = ax.text(x, y, drawn[agent], fontsize=size, zorder=3, parse_math=False)
+        text.set(
+            ha=("right", "center", "left")[right + 1],
+            va=("top", "center_baseline", "bottom")[up + 1],
+            color=PAPER if fit and agent in pinned else INK,
+            bbox=None if fit else _LABEL_BOX,
+        )
 
 
 def _free_sides(places: Positions, arcs: Iterable[Pair]) -> list[Pair]:
     """For every agent the side, below first, that is farthest from the directions of its arrows."""
-    directions: list[list[Positions]] = [[] for _ in places]
+    points = places @ _PLANE
+    directions: list[list[complex]] = [[] for _ in places]
     for one, other in arcs:
-        apart = places[other] - places[one]
-        step = apart / max(float(np.hypot(*apart)), 1e-9)
+        apart = points[other] - points[one]
+        step = apart / max(abs(apart), 1e-9)
         directions[one].append(step)
         directions[other].append(-step)
     chosen = []
     for own in directions:
-        nearest = []
-        for side in np.array(_SIDES):
-            nearest.append(max((float(step @ side) for step in own), default=-1.0))
         # Rounded, so that the last bits of two directions do not decide.
-        chosen.append(_SIDES[int(np.argmin(np.round(nearest, 3)))])
+        nearest = np.outer(_SIDES @ np.conj(_PLANE), own).real.max(axis=1, initial=-1).round(3)
+        chosen.append(_SIDES[int(np.argmin(nearest))])
     return chosen
 
 

@@ -38,10 +38,12 @@ from .look import (
     shown_agents,
     thinned_rows,
 )
+from .networks import draw_arcs
 
 Array = NDArray[np.float64]
 Envelope = ArrayLike | Callable[[Array], Array]
 MOST_COMPONENTS = 3
+_NODE = 0.03  # radius of an agent of a formation, in its size
 MOST_ESTIMATES = 3
 MOST_BOUNDS = 200  # points at which a certified bound is asked for
 MOST_NAMED_MODES = 6
@@ -294,15 +296,16 @@ def plot_plane(
     rows = thinned_rows(len(run.times))
     chosen = shown_agents(run.x.shape[1], set(pinned))
     ends = run.x[-1, :, :2]
-    for listener, speaker in arcs:
-        if listener in chosen and speaker in chosen:
-            arrow = {"arrowstyle": "-|>", "color": MUTED, "linewidth": 0.6, "shrinkB": 4}
-            ax.annotate("", ends[listener], ends[speaker], arrowprops=arrow)
+    size = float(np.ptp(ends[chosen], axis=0).max())
+    shown = {pair: 1 for pair in arcs if set(pair) <= set(chosen)}
+    draw_arcs(ax, shown, ends, _NODE * size)
     for agent in chosen:
         held = agent in pinned
         colour = BLUE if held else INK
-        ax.plot(*run.x[rows, agent, :2].T, color=colour, linewidth=0.8, alpha=0.6)
-        (end,) = ax.plot(*ends[agent], color=colour, linestyle="none", marker="s" if held else "o")
+        path = run.x[rows, agent, :2]
+        ax.plot(*path.T, color=colour, linewidth=0.8, alpha=0.6)
+        marker = "s" if held else "o"
+        (end,) = ax.plot(*ends[agent], color=colour, linestyle="none", marker=marker)
         end.set_label("pinned" if held else "not pinned")
         label = short(run.labels[agent], 8)
         text = ax.annotate(label, ends[agent], (4, 4), textcoords="offset points", fontsize=7)
@@ -310,10 +313,10 @@ def plot_plane(
     goals = run.goal[chosen, :2] + run.leader[-1, :2]
     ax.plot(*goals.T, color=VERMILLION, linestyle="none", marker="x", label="goal")
     ax.set_aspect("equal", adjustable="datalim")
-    size = run.x.shape[2]
+    m = run.x.shape[2]
     for axis, component in ((ax.xaxis, 0), (ax.yaxis, 1)):
         unit = in_units(*run.units[component : component + 1])
-        axis.set_label_text(f"{state_symbol(component, size)} {unit}", parse_math=False)
+        axis.set_label_text(f"{state_symbol(component, m)} {unit}", parse_math=False)
     return legend_above(ax, right=True)
 
 
@@ -375,9 +378,11 @@ def plot_quantiles(ax: Axes, times: Array, errors: Array, *, colour: str, what: 
     infinite."""
     rows = thinned_rows(len(times))
     chosen = errors[:, rows]
-    ordered = np.sort(np.where(np.isnan(chosen), np.inf, chosen), axis=0)
+    sizes = np.where(np.isnan(chosen), np.inf, chosen)
+    ordered = np.sort(sizes, axis=0)
     # Of the sorted runs the first that at least this part of them do not exceed.
-    places = [max(0, int(np.ceil(level * len(ordered))) - 1) for level in LEVELS]
+    counts = [int(np.ceil(level * len(ordered))) for level in LEVELS]
+    places = [max(0, count - 1) for count in counts]
     bands = np.clip(ordered[places], SMALLEST, None)
     finite = bands[np.isfinite(bands)]
     # Bands that end in infinity leave the picture at its top; a median stops there.
@@ -410,7 +415,8 @@ def plot_modes(ax: Axes, switches: Switches, end: float) -> Axes:
         shades = colormaps["cividis"](np.linspace(0, 1, len(used)))
     for shade, mode in zip(shades, used, strict=False):
         here = modes == mode
-        spans = list(zip(times[here].tolist(), lengths[here].tolist(), strict=True))
+        begins, lasting = times[here].tolist(), lengths[here].tolist()
+        spans = list(zip(begins, lasting, strict=True))
         bars = ax.broken_barh(spans, (0, 1), facecolors=shade, linewidth=0)
         if named:
             bars.set(alpha=0.75, label=short(switches.names[mode]))

@@ -148,8 +148,6 @@ def lines(x: Places, cases: Cases, *, ax: Axes | None = None) -> Sheet | Axes:
     """The number over ``x``: a line through the medians of each series, or a point per case."""
 
     def draw(ax: Axes) -> Axes:
-        if x.even_ratios:
-            ax.set_xscale("log")
         if cases.drawn:
             _points(ax, x.position, cases)
         else:
@@ -216,7 +214,8 @@ def _marks(ax: Axes, x: ArrayLike, y: ArrayLike, *, marker: str, color: str) -> 
 
 def _on_grid(x: Places, y: Places, cases: Cases) -> tuple[Array, list[list[str]]]:
     """Medians by place, (y, x), nan where there is none; and the worst outcome of each place."""
-    grid = np.full((len(y.ticks), len(x.ticks)), np.nan)
+    size = len(y.ticks), len(x.ticks)
+    grid = np.full(size, np.nan)
     signs = [["" for _ in x.ticks] for _ in y.ticks]
     columns = np.searchsorted(x.ticks, x.position)
     rows = np.searchsorted(y.ticks, y.position)
@@ -250,8 +249,7 @@ def _edges(axis: Places) -> Array:
 def _name_axis(ax: Axes, axis: Places, *, along: str) -> None:
     own = ax.xaxis if along == "x" else ax.yaxis
     if axis.even_ratios:
-        scaled = ax.set_xscale if along == "x" else ax.set_yscale
-        scaled("log")
+        ax.set(**{f"{along}scale": "log"})
     own.set_label_text(axis.name, parse_math=False)
     if axis.names is not None:
         # Every second name, or third, so that at most twelve stand there.
@@ -346,7 +344,8 @@ def _limits(sweeps: Sequence[Sweep], tolerance: float) -> tuple[float, float]:
     finite = [each.late[np.isfinite(each.late)] for each in sweeps]
     shown = [each for each in finite if len(each)]
     largest = max((float(each.max()) for each in shown), default=1.0)
-    least = min([tolerance / 3, *(float(each.min()) for each in shown)])
+    smallest = [float(each.min()) for each in shown]
+    least = min([tolerance / 3, *smallest])
     begin = max(least / 2, 1e-12)
     return begin, max(10 * tolerance, 2 * largest)
 

@@ -78,9 +78,11 @@ def plot_weights(
 
 def _drawn_agents(weights: Sequence[Weights]) -> list[int]:
     """At most four, from the one with the largest weight to the one with the least."""
-    heights = np.max([np.array(each.v, dtype=float).max(axis=0) for each in weights], axis=0)
+    tallest = [np.array(each.v, dtype=float).max(axis=0) for each in weights]
+    heights = np.max(tallest, axis=0)
     # Evenly among the ranks: a few agents stand for all.
-    ranks = np.linspace(0, len(heights) - 1, min(4, len(heights))).round().astype(int)
+    evenly = np.linspace(0, len(heights) - 1, min(4, len(heights)))
+    ranks = evenly.round().astype(int)
     descending = np.argsort(-heights, kind="stable")
     chosen: list[int] = descending[ranks].tolist()
     return chosen

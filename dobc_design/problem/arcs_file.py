@@ -161,7 +161,7 @@ def _plain_arcs(plain: PlainColumns, arrow: str) -> Arcs | None:
 def _places(file: _File) -> dict[str, int]:
     """The labels that a file names, with their places."""
     graph = file.graph({})
-    ends: dict[str, None] = dict.fromkeys(graph.labels)
+    ends = dict.fromkeys(graph.labels)
     for row, cells in graph.rows:
         for label in cells[:2]:
             if label in ends:
@@ -198,8 +198,8 @@ def _arcs(
     """The arcs of a file of any kind, one after the other.  Raises: Unfit with the line."""
     # Arrays of machine numbers: lists of tuples would take many times the memory.
     first, second, places = array("q"), array("q"), array("q")
-    weight_of: dict[str, Fraction] = {}
-    weights: list[Fraction] = []
+    weight_of = {}
+    weights = []
     for row, cells in file.graph(known).rows:
         if len(cells) not in (2, 3):
             cure = "Separate them by commas in CSV, else by blanks; more columns need a header:"

@@ -190,7 +190,7 @@ def _gml_rows(
 
 def _different(labels: Names) -> None:
     """Refuse two nodes of one name.  Raises: SpecError."""
-    seen = set[str]()
+    seen = set()
     for label in labels:
         if label in seen:
             raise Unfit(

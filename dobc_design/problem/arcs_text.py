@@ -244,7 +244,7 @@ def _without_comment(line: str) -> str:
 def _weight_of(text: str, row: int) -> list[str]:
     """The weight among attributes as networkx writes them, {'weight': 2.0, ...}, or nothing."""
     inside, closing, _ = text.rpartition("}")
-    found: dict[str, str] = {}
+    found = {}
     at = 0
     each = _ATTRIBUTE.match(inside) if closing else None
     while each is not None and at < len(inside):

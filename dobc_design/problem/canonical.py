@@ -113,7 +113,7 @@ def canonical_document(problem: Problem) -> Document:
 
 def texts_of(problem: Problem) -> Document:
     """What stands at the top of a problem file and is text."""
-    found: Document = {"name": problem.name, "notes": list(problem.notes)}
+    found = {"name": problem.name, "notes": list(problem.notes)}
     # A key that came later: problems without it keep their hash.
     if problem.units:
         found["units"] = list(problem.units)
@@ -176,7 +176,7 @@ def settings_of(problem: Problem) -> Document:
 
 def _group_table(group: Group, index: Index) -> Document:
     """A group as a table: its agents by index, A, C, W and P."""
-    table: Document = {"agents": [index[label] for label in group.agents]}
+    table = {"agents": [index[label] for label in group.agents]}
     for noun in (group.exosystem, group.observer):
         table |= _table_of(noun) or {}
     del table["rate"]  # that of all groups, which stands in observer
@@ -356,7 +356,7 @@ class _Reader:
         return result
 
     def modes(self) -> dict[str, Arcs]:
-        result: dict[str, Arcs] = {}
+        result = {}
         for position, item in enumerate(_list(self.document["modes"], "modes")):
             key = f"modes[{position}]"
             mode = _object(item, key, "name", "arcs", later=("optional", "gains"))
@@ -373,7 +373,7 @@ class _Reader:
         return result
 
     def exceptions(self, items: Any) -> dict[Arc, Any]:
-        result: dict[Arc, Any] = {}
+        result = {}
         for position, item in enumerate(_list(items, "coupling.exceptions")):
             key = f"coupling.exceptions[{position}]"
             table = _object(item, key, "arc", "h")
@@ -404,7 +404,7 @@ class _Reader:
 
     def by_label(self, rows: Any, name: str) -> Document:
         """A list of [index, value] as a mapping of label to value."""
-        result: Document = {}
+        result = {}
         for position, pair in enumerate(_list(rows, name)):
             key = f"{name}[{position}]"
             place, value = _list(pair, key, length=2)

@@ -58,7 +58,7 @@ def typed_matrix(matrix: Sequence[Sequence[Fraction]]) -> list[list[int | float 
 
 def gain_table(gains: Mapping[int, Matrix], labels: Names) -> Document:
     """Gains by agent index as they stand in a file: label -> number, or rows."""
-    table: Document = {}
+    table = {}
     for i, gain in gains.items():
         scalar = is_scalar_matrix(gain)
         table[labels[i]] = typed_number(gain[0][0]) if scalar else typed_matrix(gain)
@@ -138,7 +138,7 @@ def changed_problem(problem: Problem, changes: Table) -> Problem:
                 f"{shown(key)} is no key that a change may set.",
                 f"One of {', '.join(CHANGEABLE)}.",
             )
-    given: Document = {
+    given = {
         "target": changes.get("target", problem.target),
         "coupling": changes.get("coupling.h", problem.coupling),
         "gains": changes.get("pinning.gains", problem.pinning),
@@ -295,7 +295,7 @@ def _change_lines(table: Any, wanted: Table, remark: str) -> None:
 def _item(value: Any) -> Any:
     """A value as tomlkit writes it; a long table gets lines of its own."""
     if isinstance(value, Mapping):
-        table: Any = tomlkit.inline_table() if len(value) <= INLINE else tomlkit.table()
+        table = tomlkit.inline_table() if len(value) <= INLINE else tomlkit.table()
         for key, each in value.items():
             table[str(key)] = _item(each)
         return table
@@ -378,7 +378,7 @@ def problem_text(problem: Problem) -> str:
 
 def _arcs(arcs: Arcs, labels: Names) -> Any:
     """The arcs of a mode; optional ones, which are the last, have a list of their own."""
-    rows: list[list[Any]] = []
+    rows = []
     for i, j, w in arcs:
         row = [labels[i], labels[j]]
         rows.append(row if w == 1 else [*row, typed_number(w)])
@@ -429,7 +429,7 @@ def _given(table: Table) -> Document:
 
 def _table(content: Table) -> Any:
     """A table of a new document."""
-    table: Any = tomlkit.table()
+    table = tomlkit.table()
     for key, value in content.items():
         if isinstance(value, Mapping) and key == "modes":
             table[key] = _table(value)

@@ -11,9 +11,8 @@ from typing import Any
 from dobc_design._checks import noun
 from dobc_design.errors import Mistakes, SpecError, wrong
 from dobc_design.exact.reading import Names, is_list, is_text, shown
-from dobc_design.problem import exosystems
 
-from .exosystems import Exosystem
+from .exosystems import PARTS, Exosystem, of_parts
 from .groups import Group, Groups, Observer, check_rest, group_key, in_another, renamed
 from .network import no_agent
 from .schema import ExosystemTable, GroupTable, ProblemFile
@@ -87,25 +86,25 @@ def read_exosystem(
     for place, each in places.items():
         if found[place] is None:
             found[place] = _in_words(each, place, m, errors)
-    groups: list[Group] = []
-    without: dict[str, Sequence[Any]] = {}
+    groups = []
+    without = {}
     for number, group in enumerate(table.groups):
         place = group_key(number)
         exosystem = found[place]
         try:
             observer = Observer(W=group.W, P=group.P)
             if exosystem is not None:
-                agents = _labels(group.agents, key=f"{place}.agents")
+                agents = _labels(group.agents, f"{place}.agents")
                 groups.append(Group(agents=agents, exosystem=exosystem, observer=observer))
             elif group.none:
-                without[place] = _labels(group.agents, key=f"{place}.agents")
+                without[place] = _labels(group.agents, f"{place}.agents")
         except SpecError as error:
             errors.append(renamed(error, place))
     errors.raise_all()
     return Disturbances(exosystem=found["exosystem"], groups=tuple(groups), without=without)
 
 
-def _labels(agents: Any, *, key: str) -> list[Any]:
+def _labels(agents: Any, key: str) -> list[Any]:
     """The agents of a group.  Raises: SpecError."""
     known = is_list(agents) and len(agents) > 0
     if not known or not all(is_text(x) or isinstance(x, str | int) for x in agents):
@@ -121,7 +120,7 @@ def _explicit(table: ExosystemTable | GroupTable, place: str, errors: Mistakes) 
     """The exosystem of A and C; None where a kind stands in their place, or where groups alone are
     given."""
     matrices = [name for name in ("A", "C") if getattr(table, name) is not None]
-    parts = [name for name in exosystems.PARTS if getattr(table, name) is not None]
+    parts = [name for name in PARTS if getattr(table, name) is not None]
     if isinstance(table, GroupTable) and table.none is not None:
         _check_none(table, place, [*matrices, *parts], errors)
         return None
@@ -185,15 +184,15 @@ def _in_words(
     table: ExosystemTable | GroupTable, place: str, components: int, errors: Mistakes
 ) -> Exosystem | None:
     """The exosystem of parts that are named, such as hz; None where there are none."""
-    parts = {name: getattr(table, name) for name in exosystems.PARTS}
+    parts = {name: getattr(table, name) for name in PARTS}
     if all(value is None for value in parts.values()):
         return None
     try:
-        return exosystems.of_parts(**parts, components=components)
+        return of_parts(**parts, components=components)
     except SpecError as error:
         for each in error.errors:
             was = each.key or ""
-            # exosystems.of_parts knows one table; the key is that of the table it was read from.
+            # ``of_parts`` knows one table; the key is that of the table it was read from.
             own = (was or "constant").removeprefix("exosystem").removeprefix(".")
             key = f"{place}.{own}".rstrip(".")
             message = each.message.replace(was, key, 1)

@@ -17,19 +17,18 @@ from dobc_design.coupling.coupling import Coupling, make_coupling
 from dobc_design.coupling.expression import LONGEST_MADE, Expression, parse_expression
 from dobc_design.coupling.parser import excerpt
 from dobc_design.coupling.tree import GradientAlgebra, IntervalAlgebra, evaluate, variable_names
-from dobc_design.errors import ExpressionError, Mistakes, SpecError, misshapen, wrong
+from dobc_design.errors import ExpressionError, Mistakes, SpecError, misshapen, misstated, wrong
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import (
     Matrix,
     Vector,
-    add,
+    dot,
     identity,
     inverse,
     left_inverse,
     multiply,
     nullspace,
     rank,
-    scale,
     subtract,
     transpose,
 )
@@ -111,7 +110,7 @@ class Dynamics(Shown):
     def drift_at(self, goal: Vector) -> Vector | None:
         """A goal or f(goal), (m,); None where that is not rational."""
         if self.A is not None:
-            return tuple(x for (x,) in multiply(self.A, _column(goal)))
+            return tuple(dot(row, goal) for row in self.A)
         found = [_at(each, goal) for each in expressions_of(self)]
         rational = tuple(each for each in found if each is not None)
         return rational if len(rational) == len(found) else None
@@ -162,11 +161,10 @@ class Dynamics(Shown):
         found = self.drift_at(goal)
         if found is None:
             return None
-        pulled = _column(found)
         # The least squares solution holds the goal if any input does.
-        u0 = scale(-1, multiply(self.left_inverse, pulled))
-        held = not any(x for (x,) in add(pulled, multiply(self.B, u0)))
-        return tuple(x for (x,) in u0) if held else None
+        u0 = tuple(-dot(row, found) for row in self.left_inverse)
+        held = all(x + dot(row, u0) == 0 for x, row in zip(found, self.B, strict=True))
+        return u0 if held else None
 
     def nearest_goal(self, goal: Vector) -> Vector | None:
         """The goal closest to this one (in the Euclidean norm) that some constant input holds,
@@ -180,8 +178,9 @@ class Dynamics(Shown):
         if not any(map(any, basis)):
             return nowhere
         N = transpose(basis)
-        part = multiply(inverse(multiply(transpose(N), N)), multiply(transpose(N), _column(goal)))
-        return tuple(x for (x,) in multiply(N, part))
+        seen = tuple(dot(each, goal) for each in basis)
+        parts = tuple(dot(row, seen) for row in inverse(multiply(basis, N)))
+        return tuple(dot(row, parts) for row in N)
 
 
 def expressions_of(dynamics: Dynamics) -> tuple[Expression, ...]:
@@ -205,12 +204,11 @@ def _check_slopes(dynamics: Dynamics, goal: Vector) -> None:
             at = _listed(goal)
             if len(goal) > 1:
                 names, at = f"({names})", f"({at})"
-            raise wrong(
+            raise misstated(
                 f"dynamics.f[{place}]",
                 f"{excerpt((dynamics.f or ())[place])} must be defined and have a bounded slope "
                 f"around the target, {names} = {at} (as far as 2^-40 from it): {error}",
                 "Move the target to where f is smooth, or write f in another way.",
-                kind=ExpressionError,
             ) from error
 
 
@@ -250,7 +248,7 @@ def _read_nodes(f: Any) -> Texts:
             "must be a list of expressions in text, one per state component.",
             _EXAMPLE,
         )
-    found: list[str] = []
+    found = []
     errors = Mistakes()
     for place, text in enumerate(f):
         with errors:
@@ -298,7 +296,3 @@ def _at(expression: Expression, goal: Vector) -> Fraction | None:
 
 def _listed(goal: Vector) -> str:
     return ", ".join(map(number_text, goal))
-
-
-def _column(v: Vector) -> Matrix:
-    return tuple((x,) for x in v)

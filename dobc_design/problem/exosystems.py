@@ -18,7 +18,7 @@ import numpy as np
 from dobc_design._checks import noun, put, require_square
 from dobc_design._show.cards import Shown
 from dobc_design.errors import misshapen, refused, wrong
-from dobc_design.exact.matrix import Matrix, Vector
+from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import nearest, parse_number
 from dobc_design.exact.reading import counted, is_list, read_matrix, shown, shown_number
 
@@ -309,7 +309,7 @@ def block_diagonal(blocks: Sequence[Matrix]) -> Matrix:
     # Row by row, with zeros on both sides of each block.
     width = sum(len(block[0]) for block in blocks)
     before = 0  # columns of the blocks that are placed
-    rows: list[Vector] = []
+    rows = []
     for block in blocks:
         after = width - before - len(block[0])
         rows += [(zero,) * before + tuple(row) + (zero,) * after for row in block]

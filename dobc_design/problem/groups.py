@@ -56,24 +56,22 @@ class Observer(Shown):
         P: Sequence[Sequence[Any]] | None = None,
         rate: Any = None,
     ) -> None:
-        gain = None if W is None else read_matrix(W, "observer.W")
-        lyapunov = None if P is None else read_matrix(P, "observer.P")
-        speed = None if rate is None else parse_number(rate, "observer.rate")
+        errors = Mistakes()
+        gain = None if W is None else errors.tried(read_matrix, W, "observer.W")
+        lyapunov = None if P is None else errors.tried(read_matrix, P, "observer.P")
+        speed = None if rate is None else errors.tried(parse_number, rate, "observer.rate")
         # P alone would be tested for a W that nobody has seen.
-        if lyapunov is not None:
-            if gain is None:
-                raise wrong(
-                    "observer.P",
-                    "must stand beside observer.W, because P is tested for that W; got P alone.",
-                    "Give W too, or leave P out: a P is then found for you.",
-                )
-            _check_symmetric(lyapunov)
+        if P is not None and W is None:
+            what = "must stand beside observer.W, because P is tested for that W; got P alone."
+            cure = "Give W too, or leave P out: a P is then found for you."
+            errors.append(wrong("observer.P", what, cure))
+        elif lyapunov is not None:
+            errors.tried(_check_symmetric, lyapunov)
         if speed is not None and speed <= 0:
-            raise wrong(
-                "observer.rate",
-                f"must be > 0 (1/s), the decay asked of the estimate; got {shown_number(speed)}.",
-                "Leave it out for the default.",
-            )
+            got = shown_number(speed)
+            what = f"must be > 0 (1/s), the decay asked of the estimate; got {got}."
+            errors.append(wrong("observer.rate", what, "Leave it out for the default."))
+        errors.raise_all()
         put(self, W=gain, P=lyapunov, rate=speed)
 
 
@@ -195,24 +193,20 @@ def read_groups(
         with errors:
             _check_group(group, number, m=m, states=states, rate=common.rate)
     # With a mistake above, "in no group" would be said of agents that are meant to be in one.
-    if not errors:
-        rest = [label for label in labels if label not in owner]
-        check_rest(rest, exosystem, common, states)
     errors.raise_all()
-    # Groups stand in the order of their first agents, whatever the order in the file.
-    members: dict[int, list[str]] = {}  # by group, in the order of their first agents
-    for label in labels:
-        if label in owner or exosystem is not None:
-            members.setdefault(owner.get(label, -1), []).append(label)
+    rest = [label for label in labels if label not in owner]
+    check_rest(rest, exosystem, common, states)
+    every = list(groups)
+    if exosystem is not None:
+        every.append(Group(agents=rest, exosystem=exosystem, observer=common))
+    places = {label: place for place, label in enumerate(labels)}
     result = []
-    for number, agents in members.items():
-        system, own = exosystem, common
-        if number >= 0:
-            system = groups[number].exosystem
-            own = groups[number].observer
-        if system is not None:
-            chosen = Observer(W=own.W, P=own.P, rate=common.rate)
-            result.append(Group(agents=agents, exosystem=system, observer=chosen))
+    for group in every:
+        agents = sorted(group.agents, key=places.__getitem__)
+        own = Observer(W=group.observer.W, P=group.observer.P, rate=common.rate)
+        result.append(Group(agents=agents, exosystem=group.exosystem, observer=own))
+    # In the order of their first agents, whatever the order in the file.
+    result.sort(key=lambda group: places[group.agents[0]])
     _check_all_have_p(result)
     return tuple(result)
 
@@ -376,7 +370,7 @@ class Grouped:
 def blocks_of(matrix: Matrix, shapes: Sequence[tuple[int, int]]) -> tuple[Matrix, ...] | None:
     """The blocks of these shapes of a block diagonal matrix; None if it is not block diagonal in
     them."""
-    blocks: list[Matrix] = []
+    blocks = []
     row = 0
     column = 0
     for rows, columns in shapes:
@@ -426,7 +420,7 @@ def agent_blocks(S: Matrix, groups: Groups, labels: Names) -> list[Matrix]:
 def group_blocks(S: Matrix, groups: int) -> tuple[Matrix, ...]:
     """The block of each group: S (G m, G m) -> G matrices (m, m)."""
     m = len(S) // groups
-    blocks: list[Matrix] = []
+    blocks = []
     for first in range(0, groups * m, m):
         blocks.append(tuple(tuple(row[first : first + m]) for row in S[first : first + m]))
     return tuple(blocks)

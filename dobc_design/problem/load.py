@@ -13,6 +13,7 @@ import re
 import stat
 import tomllib
 from collections.abc import Callable, Set
+from contextlib import suppress
 from difflib import get_close_matches
 from functools import partial
 from importlib.resources import files
@@ -154,7 +155,7 @@ def _check_nesting(data: bytes) -> None:
 def _check_depth(document: Table) -> None:
     """Refuse tables that are nested too deeply, however they were written."""
     # Level by level, without recursion: this looks for what is too deep for it.
-    level: list[Any] = [document]
+    level = [document]
     for _ in range(MAX_NESTING + 1):
         deeper: list[Any] = []
         for value in level:
@@ -275,13 +276,15 @@ def _build(tables: ProblemFile, *, folder: Path | None, name: str) -> Problem:
         return dimension_of(exosystem, tables.target, tables.coupling.h)
 
     # What can be read is read, so that all mistakes of a file show at once.
-    network = errors.tried(_network, tables, folder)
+    read = errors.tried(_network, tables, folder)
     given = errors.tried(read_exosystem, tables, inputs)
     observer = errors.tried(_noun, Observer, tables.observer)
     switching = errors.tried(_noun, Switching, tables.switching)
     if given is None:
         raise SpecError.several(errors)
     p = errors.tried(inputs, given.first)
+    # Without arcs the mistakes of the other tables show all the same.
+    network = _without_arcs(tables) if read is None else read
     if network is None or p is None:
         raise SpecError.several(errors)
     # With [dynamics] couplings take m states to p inputs; else both are the same.
@@ -293,7 +296,7 @@ def _build(tables: ProblemFile, *, folder: Path | None, name: str) -> Problem:
     if divided is not given and observer is not None:
         observer = None if observer.rate is None else Observer(rate=observer.rate)
     made = partial(make_coupling, dimension=p if states is None else states, outputs=p)
-    exceptions = errors.tried(_exceptions, tables, network, made)
+    exceptions = None if read is None else errors.tried(_exceptions, tables, read, made)
     others = {
         field: _given(getattr(tables, field))
         for field in ProblemFile.model_fields
@@ -320,6 +323,15 @@ def _build(tables: ProblemFile, *, folder: Path | None, name: str) -> Problem:
     return problem
 
 
+def _without_arcs(tables: ProblemFile) -> Network | None:
+    """The agents and modes of a network whose arcs cannot be read; None where these cannot."""
+    table = tables.network
+    with suppress(SpecError):
+        bare = dict.fromkeys(table.modes, ())
+        return Network.from_arcs(bare, arrow="listens_to", agents=table.agents)
+    return None
+
+
 def _network(tables: ProblemFile, folder: Path | None) -> Network:
     """[network]: labels, and the arcs of every mode.  Raises: SpecError with every mistake."""
     table = tables.network
@@ -330,7 +342,7 @@ def _network(tables: ProblemFile, folder: Path | None) -> Network:
         raise SpecError.several(errors)
     index = {label: i for i, label in enumerate(labels)}
     read = partial(_mode, index=index, arrow=table.arrow, folder=folder)
-    modes: dict[str, Arcs] = {}
+    modes = {}
     for name, value in errors.few(table.modes.items()):
         with errors:
             modes[name] = _with_optional(value, read, key=f"network.modes.{named(name)}")
@@ -391,12 +403,12 @@ def _exceptions(
     errors = Mistakes()
     for position, table in errors.few(enumerate(given)):
         key = f"coupling.exceptions[{position}]"
-        pairs: list[Arc] = []
+        pairs = []
         with errors:
             pairs = _exception_arcs(
                 table.arcs, key=f"{key}.arcs", index=index, arrow=tables.network.arrow
             )
-            seen: set[Arc] = set()
+            seen = set()
             for place, arc in enumerate(pairs):
                 taken = arc in result or arc in seen
                 _check_exception(arc, network, codes, taken=taken, key=f"{key}.arcs[{place}]")

@@ -215,7 +215,7 @@ def parse_weights(values: Sequence[Any], key: str) -> Vector:
 def arcs_from_pairs(pairs: Sequence[Sequence[Any]], *, index: Index, arrow: str, key: str) -> Arcs:
     """Turn [a, b] and [a, b, w] of labels into arcs; every wrong arc is reported, up to twenty."""
     errors = Mistakes()
-    found: list[tuple[int, int, Any]] = []
+    found = []
     for position, pair in errors.few(enumerate(pairs)):
         with errors:
             found.append(_read_pair(pair, index, key=f"{key}[{position}]"))
@@ -562,7 +562,7 @@ class Network(Shown):
 
     def arc_codes(self) -> set[int]:
         """listener * n + speaker of every arc of every mode."""
-        codes: set[int] = set()
+        codes = set()
         for arcs in self.modes.values():
             codes.update((arcs.listeners * self.size + arcs.speakers).tolist())
         return codes
@@ -742,7 +742,7 @@ def _check_different(labels: Names) -> None:
     """Refuse labels of which two are equal.  Raises: SpecError."""
     if len(set(labels)) == len(labels):
         return
-    seen: set[str] = set()
+    seen = set()
     for label in labels:
         if label in seen:
             what = f"must be different from one another; {shown(label)} appears twice"

@@ -16,7 +16,6 @@ from dobc_design._checks import noun, put
 from dobc_design._show.cards import Card, Facts, Shown, plain
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.errors import Mistakes, SpecError, about, wrong
-from dobc_design.exact import reading
 from dobc_design.exact.definite import decide_positive_semidefinite
 from dobc_design.exact.matrix import Matrix, add, identity, scale, transpose, zeros
 from dobc_design.exact.number import number_key, parse_number
@@ -27,11 +26,11 @@ from dobc_design.exact.reading import (
     is_scalar_matrix,
     items,
     named,
+    read_matrix,
     shown,
     shown_number,
 )
 from dobc_design.exact.symmetric import SparseSymmetric
-from dobc_design.verdict import Verdict
 
 from .dynamics import Dynamics
 from .network import Network, meant, one_form
@@ -121,13 +120,13 @@ class GainForm:
         unit = tuple(tuple(x.midpoint for x in row) for row in slopes)
         return cls(unit=unit, shape=shape, pulling=False)
 
-    def check(self, gain: Matrix, *, key: str) -> None:
+    def check(self, gain: Matrix, key: str) -> None:
         """Refuse a gain that may push away from the target.  Raises: SpecError."""
         if not self.pulling:
             return
         # e'ke = e'(k + k')e/2: only the symmetric part pulls.
         symmetric = SparseSymmetric.from_dense(add(gain, transpose(gain)))
-        if decide_positive_semidefinite(symmetric).verdict is Verdict.PROVED:
+        if decide_positive_semidefinite(symmetric).is_proved:
             return
         raise about(
             key,
@@ -136,7 +135,7 @@ class GainForm:
             "Make its symmetric part positive semidefinite.",
         )
 
-    def read(self, value: Any, *, key: str) -> Matrix:
+    def read(self, value: Any, key: str) -> Matrix:
         """A gain, given as a number or as a matrix.  Raises: SpecError, ShapeError."""
         if not is_list(value):
             return self._read_number(value, key)
@@ -144,8 +143,8 @@ class GainForm:
         because = "one row per input, one column per component"
         if p == m:
             because = "one row and column per state component"
-        gain = reading.read_matrix(value, key, shape=self.shape, because=because)
-        self.check(gain, key=key)
+        gain = read_matrix(value, key, shape=self.shape, because=because)
+        self.check(gain, key)
         return gain
 
     def _read_number(self, value: Any, key: str) -> Matrix:
@@ -214,7 +213,7 @@ def _read_gains(gains: Any, network: Network, form: GainForm) -> Pinning:
     if isinstance(gains, Pinning):
         # agents often share one
         for gain in {id(k): k for k in gains.gains.values()}.values():
-            form.check(gain, key="pinning.gains")
+            form.check(gain, "pinning.gains")
         return gains
     if is_list(gains):
         raise wrong(
@@ -223,7 +222,7 @@ def _read_gains(gains: Any, network: Network, form: GainForm) -> Pinning:
             "For example gains = { 1 = 5.0, 6 = 2 }: a list does not say whose gains they are.",
         )
     if not isinstance(gains, Mapping):
-        gain = form.read(gains, key="pinning.gains")
+        gain = form.read(gains, "pinning.gains")
         return Pinning(gains=dict.fromkeys(range(len(labels)), gain))
     # The commonest wrong key: gains by mode, as weights are.
     modes = [mode for mode in map(str, gains) if mode in network.modes and mode not in labels]
@@ -233,15 +232,15 @@ def _read_gains(gains: Any, network: Network, form: GainForm) -> Pinning:
             f"{named(modes[0])} is a mode; gains are given by agent here.",
             f"Write pins of single modes below [pinning.modes]: {_of_mode(modes[0], gains)}.",
         )
-    known: dict[str, Matrix] = {}
+    known = {}
 
     def read(value: Any, key: str) -> Matrix:
         """The gain; of equal numbers the same object."""
         if isinstance(value, bool) or not isinstance(value, (str, int, Fraction)):
-            return form.read(value, key=key)
+            return form.read(value, key)
         token = number_key(value)
         if token not in known:
-            known[token] = form.read(value, key=key)
+            known[token] = form.read(value, key)
         return known[token]
 
     return Pinning(gains=by_label(gains, read, labels=labels, key="pinning.gains"))
@@ -260,7 +259,7 @@ def by_label(value: Any, read: Callable[[Any, str], T], *, labels: Names, key: s
     """Agent index -> what ``read(value, key)`` makes of a table by label; every wrong entry is
     named."""
     index = {label: i for i, label in enumerate(labels)}
-    result: dict[int, T] = {}
+    result = {}
     errors = Mistakes()
     for label, entry in errors.few(items(value, key)):
         own = f"{key}.{named(str(label))}"

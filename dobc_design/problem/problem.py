@@ -19,7 +19,6 @@ from dobc_design._show.cards import MOST_ITEMS, Card, Shown, listed, plain
 from dobc_design._show.text import significant
 from dobc_design.coupling.coupling import Coupling, make_coupling
 from dobc_design.errors import Mistakes, ShapeError, SpecError, about, misshapen, refused, wrong
-from dobc_design.exact import reading
 from dobc_design.exact.matrix import Vector
 from dobc_design.exact.reading import (
     Document,
@@ -32,6 +31,7 @@ from dobc_design.exact.reading import (
     is_text,
     items,
     named,
+    read_vector,
     shown,
     some,
 )
@@ -192,7 +192,7 @@ class Problem(Grouped, Shown):
 
         def read_runs() -> Simulation | None:
             # With a mistake in the groups nobody knows how long the rows of xi0 have to be.
-            known: Groups | None = getattr(self, "groups", None)
+            known = getattr(self, "groups", None)
             if known is None and groups:
                 return None
             orders = _orders(known, labels, exosystem)
@@ -723,7 +723,7 @@ def _read_name(name: str) -> str:
     return name
 
 
-_read_states = partial(reading.read_vector, because="one per state component")
+_read_states = partial(read_vector, because="one per state component")
 
 
 def _read_notes(notes: Any) -> Texts:
@@ -756,7 +756,7 @@ def _read_exceptions(
 ) -> Mapping[Arc, Coupling]:
     """The couplings of single arcs, by the indices of listener and speaker, in their order."""
     codes, n = network.arc_codes() if value else set(), network.size
-    result: dict[Arc, Coupling] = {}
+    result = {}
     errors = Mistakes()
     given = items(value or {}, "coupling.exceptions")
     for position, (arc, h) in errors.few(enumerate(given)):

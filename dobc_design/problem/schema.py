@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, PlainValidator, WithJsonSchema
+from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema
 
 from dobc_design.exact.reading import Document
 
@@ -29,12 +29,19 @@ _NUMBER = {
 }
 
 
-def _list_of(items: Any, least: int | None = 1, most: int | None = None) -> Document:
-    """A list of so many items."""
-    sizes = {"minItems": least, "maxItems": most}
-    return {"type": "array", "items": items} | {
-        key: size for key, size in sizes.items() if size is not None
-    }
+def _any_list_of(items: Document) -> Document:
+    """A list, which may be empty."""
+    return {"type": "array", "items": items}
+
+
+def _list_of(items: Document) -> Document:
+    """A list of at least one item."""
+    return _any_list_of(items) | {"minItems": 1}
+
+
+def _pair_of(items: Document) -> Document:
+    """A list of two items."""
+    return _any_list_of(items) | {"minItems": 2, "maxItems": 2}
 
 
 def _either(*choices: Document) -> Document:
@@ -48,7 +55,7 @@ def _table_of(*values: Document) -> Document:
 
 
 _TEXT = {"type": "string"}
-_NUMBERS, _INTERVAL = _list_of(_NUMBER), _list_of(_NUMBER, 2, 2)
+_NUMBERS, _INTERVAL = _list_of(_NUMBER), _pair_of(_NUMBER)
 _MATRIX = _list_of(_NUMBERS)
 _LABEL = _either(
     {"type": "string", "minLength": 1, "maxLength": LONGEST_LABEL}, {"type": "integer"}
@@ -70,7 +77,7 @@ _FILE = {
     "required": ["file"],
     "additionalProperties": False,
 }
-_ARCS = _either(_list_of(_ARC, None), _FILE)
+_ARCS = _either(_any_list_of(_ARC), _FILE)
 _OPTIONAL = {
     "type": "object",
     "properties": {"arcs": _ARCS, "optional": _ARCS},
@@ -83,59 +90,46 @@ _UNIT = {"type": "string", "minLength": 1, "maxLength": LONGEST_UNIT}
 _NOTE = {"type": "string", "maxLength": 1000}
 
 
-def _table(value: Any) -> Any:
-    """Let nothing but a table through."""
-    if not isinstance(value, dict):
-        raise ValueError("must be a table")
-    return value
-
-
-# any value will do here: the nouns read it and name the key
-_GIVEN = PlainValidator(lambda value: value)
-_TABLE = PlainValidator(_table)
-Given = Annotated[Any, _GIVEN]
-
-
 def _optional(description: str) -> Any:
     """A key that may be left out."""
     return Field(default=None, description=description)
 
 
-Number = Annotated[Given, WithJsonSchema(_NUMBER)]
-NumberMatrix = Annotated[Given, WithJsonSchema(_MATRIX)]
-NumberOrList = Annotated[Given, WithJsonSchema(_either(_NUMBER, _NUMBERS))]
+# Any value will do here: the nouns read it and name the key.
+Number = Annotated[Any, WithJsonSchema(_NUMBER)]
+NumberMatrix = Annotated[Any, WithJsonSchema(_MATRIX)]
+NumberOrList = Annotated[Any, WithJsonSchema(_either(_NUMBER, _NUMBERS))]
 _COUPLING = {"description": "In y, applied by component; or a list of m expressions in y1..ym."}
-CouplingText = Annotated[Given, WithJsonSchema(_COUPLING | _either(_TEXT, _list_of(_TEXT)))]
-ArcList = Annotated[Given, WithJsonSchema(_list_of(_list_of(_LABEL, 2, 2)))]
-Texts = Annotated[Given, WithJsonSchema(_either(_NOTE, _list_of(_NOTE, None)))]
-Units = Annotated[Given, WithJsonSchema(_either(_UNIT, _list_of(_UNIT)))]
-Name = Annotated[Given, WithJsonSchema({"type": "string", "minLength": 1, "maxLength": 100})]
-Version = Annotated[Given, WithJsonSchema({"type": "integer", "const": SCHEMA_VERSION})]
-Seed = Annotated[Given, WithJsonSchema({"type": "integer", "minimum": 0, "maximum": 2**63 - 1})]
-Arrow = Annotated[Given, WithJsonSchema({"enum": list(ARROWS)})]
-Signal = Annotated[Given, WithJsonSchema({"enum": list(SIGNALS)})]
-Guarantee = Annotated[Given, WithJsonSchema({"enum": list(GUARANTEES)})]
+CouplingText = Annotated[Any, WithJsonSchema(_COUPLING | _either(_TEXT, _list_of(_TEXT)))]
+ArcList = Annotated[Any, WithJsonSchema(_list_of(_pair_of(_LABEL)))]
+Texts = Annotated[Any, WithJsonSchema(_either(_NOTE, _any_list_of(_NOTE)))]
+Units = Annotated[Any, WithJsonSchema(_either(_UNIT, _list_of(_UNIT)))]
+Name = Annotated[Any, WithJsonSchema({"type": "string", "minLength": 1, "maxLength": 100})]
+Version = Annotated[Any, WithJsonSchema({"type": "integer", "const": SCHEMA_VERSION})]
+Seed = Annotated[Any, WithJsonSchema({"type": "integer", "minimum": 0, "maximum": 2**63 - 1})]
+Arrow = Annotated[Any, WithJsonSchema({"enum": list(ARROWS)})]
+Signal = Annotated[Any, WithJsonSchema({"enum": list(SIGNALS)})]
+Guarantee = Annotated[Any, WithJsonSchema({"enum": list(GUARANTEES)})]
 _COUNT = {"type": "integer", "minimum": 1, "maximum": MOST_AGENTS}
-Agents = Annotated[Given, WithJsonSchema(_either(_COUNT, _list_of(_LABEL)))]
-Pairs = Annotated[Given, WithJsonSchema(_either(_INTERVAL, _list_of(_INTERVAL, None)))]
-Box = Annotated[Given, WithJsonSchema(_either(_NUMBER, _list_of(_either(_NUMBER, _INTERVAL))))]
-Rows = Annotated[Given, WithJsonSchema(_either(_NUMBERS, _list_of(_NUMBERS, None)))]
-ModeNames = Annotated[Given, WithJsonSchema(_list_of(_TEXT))]
-Instants = Annotated[Given, WithJsonSchema(_list_of(_INSTANT))]
-Count = Annotated[Given, WithJsonSchema({"type": "integer", "minimum": 1})]
+Agents = Annotated[Any, WithJsonSchema(_either(_COUNT, _list_of(_LABEL)))]
+Pairs = Annotated[Any, WithJsonSchema(_either(_INTERVAL, _any_list_of(_INTERVAL)))]
+Box = Annotated[Any, WithJsonSchema(_either(_NUMBER, _list_of(_either(_NUMBER, _INTERVAL))))]
+Rows = Annotated[Any, WithJsonSchema(_either(_NUMBERS, _any_list_of(_NUMBERS)))]
+ModeNames = Annotated[Any, WithJsonSchema(_list_of(_TEXT))]
+Instants = Annotated[Any, WithJsonSchema(_list_of(_INSTANT))]
+Count = Annotated[Any, WithJsonSchema({"type": "integer", "minimum": 1})]
 Modes = Annotated[
-    Any,
-    _TABLE,
-    WithJsonSchema(_table_of(_list_of(_ARC, None), _FILE, _OPTIONAL) | {"minProperties": 1}),
+    Document,
+    WithJsonSchema(_table_of(_any_list_of(_ARC), _FILE, _OPTIONAL) | {"minProperties": 1}),
 ]
-Gains = Annotated[Given, WithJsonSchema(_either(_NUMBER, _table_of(_NUMBER, _MATRIX)))]
-GainsOfModes = Annotated[Any, _TABLE, WithJsonSchema(_table_of(_table_of(_NUMBER, _MATRIX)))]
-Kind = Annotated[Given, WithJsonSchema({"enum": list(KINDS)})]
-Goal = Annotated[Given, WithJsonSchema({"enum": list(GOALS)})]
-Flag = Annotated[Given, WithJsonSchema({"type": "boolean"})]
-Members = Annotated[Given, WithJsonSchema(_list_of(_LABEL))]
-Limits = Annotated[Given, WithJsonSchema(_either(_NUMBER, _table_of(_NUMBER)))]
-Offsets = Annotated[Any, _TABLE, WithJsonSchema(_table_of(_NUMBER, _NUMBERS))]
+Gains = Annotated[Any, WithJsonSchema(_either(_NUMBER, _table_of(_NUMBER, _MATRIX)))]
+GainsOfModes = Annotated[Document, WithJsonSchema(_table_of(_table_of(_NUMBER, _MATRIX)))]
+Goal = Annotated[Any, WithJsonSchema({"enum": list(GOALS)})]
+Kind = Annotated[Any, WithJsonSchema({"enum": list(KINDS)})]
+Flag = Annotated[Any, WithJsonSchema({"type": "boolean"})]
+Members = Annotated[Any, WithJsonSchema(_list_of(_LABEL))]
+Limits = Annotated[Any, WithJsonSchema(_either(_NUMBER, _table_of(_NUMBER)))]
+Offsets = Annotated[Document, WithJsonSchema(_table_of(_NUMBER, _NUMBERS))]
 
 
 class _Table(BaseModel):
@@ -273,7 +267,7 @@ class DynamicsTable(_Table):
     """[dynamics]: x_i' = A x_i + B (couplings + u_i + d_i) of every agent."""
 
     A: NumberMatrix = _optional("m x m, in 1/s.")
-    f: Annotated[Given, WithJsonSchema(_list_of(_TEXT))] = _optional(
+    f: Annotated[Any, WithJsonSchema(_list_of(_TEXT))] = _optional(
         "In place of A: m expressions in x1..xm, x_i' = f(x_i) + ..."
     )
     B: NumberMatrix = _optional("m x p with full column rank; by default the identity.")

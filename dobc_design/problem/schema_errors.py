@@ -54,7 +54,7 @@ def explain(error: ValidationError) -> SpecError:
 def _causes(items: Iterable[Any]) -> Iterator[Any]:
     """What pydantic found, once for each cause: all that stands in a table in place of its only key
     is one mistake."""
-    told = set[str]()
+    told = set()
     for item in items:
         table = _without_places(key_text(item["loc"][:-1]))
         if table not in told:
@@ -126,7 +126,7 @@ def _tables() -> dict[str, Texts]:
     """The keys of every table, by its name; "" is the top of the file."""
     # From the schema, so that no table is listed twice.
     schema = ProblemFile.model_json_schema(by_alias=True)
-    tables: dict[str, Texts] = {}
+    tables = {}
 
     def walk(name: str, properties: Document) -> None:
         tables[name] = tuple(properties)

@@ -24,8 +24,8 @@ def two_sides(n: int, arcs: Iterable[Signed]) -> tuple[list[int], list[int]] | N
     from scipy.sparse.csgraph import connected_components
 
     # Every agent twice, as itself and as its opposite: opposed agents are linked to opposites.
-    begins: list[int] = []
-    ends: list[int] = []
+    begins = []
+    ends = []
     for listener, speaker, opposed in arcs:
         begins += [listener, listener + n]
         ends += [speaker + n, speaker] if opposed else [speaker, speaker + n]

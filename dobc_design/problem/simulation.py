@@ -7,7 +7,7 @@ from fractions import Fraction
 from typing import Any
 
 from dobc_design._checks import later, noun
-from dobc_design.errors import misshapen, wrong
+from dobc_design.errors import Mistakes, misshapen, wrong
 from dobc_design.exact.matrix import Vector
 from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import (
@@ -39,18 +39,23 @@ def read_simulation(value: Any, *, n: int, orders: tuple[int, ...], m: int) -> S
     have different ones."""
     table = {} if value is None else value
     t_final, seed, xi0, x0 = keyed(table, ("t_final", "seed", "xi0", "x0"), key="simulation")
+    errors = Mistakes()
     time = Fraction(20)
+    disturbances = states = None
     if t_final is not None:
-        time = positive_number(t_final, "simulation.t_final", "s")
+        with errors:
+            time = positive_number(t_final, "simulation.t_final", "s")
     seed = 0 if seed is None else seed
     if type(seed) is not int or not 0 <= seed < 2**63:
-        raise wrong(
-            "simulation.seed",
-            f"must be a whole number from 0 to 2^63 - 1; got {shown(seed)}.",
-            "For example seed = 0.",
-        )
-    disturbances = None if xi0 is None else _read_xi0(xi0, n=n, orders=orders)
-    states = None if x0 is None else _read_x0(x0, n=n, m=m)
+        what = f"must be a whole number from 0 to 2^63 - 1; got {shown(seed)}."
+        errors.append(wrong("simulation.seed", what, "For example seed = 0."))
+    if xi0 is not None:
+        with errors:
+            disturbances = _read_xi0(xi0, n=n, orders=orders)
+    if x0 is not None:
+        with errors:
+            states = _read_x0(x0, n=n, m=m)
+    errors.raise_all()
     return Simulation(t_final=time, seed=seed, xi0=disturbances, x0=states)
 
 

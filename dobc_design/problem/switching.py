@@ -106,13 +106,15 @@ class Switching(Shown):
         guarantee: Any = None,
         longest: Any = None,
     ) -> None:
+        errors = Mistakes()
+        if guarantee is not None and (
+            not isinstance(guarantee, str) or guarantee not in GUARANTEES
+        ):
+            what = f"must be one of {', '.join(GUARANTEES)}; got {shown(guarantee)}."
+            errors.append(wrong("switching.guarantee", what, 'For example guarantee = "dwell".'))
+            guarantee = None
+            signal = "random" if signal is None else signal  # it need not be named then
         if guarantee is not None:
-            if not isinstance(guarantee, str) or guarantee not in GUARANTEES:
-                raise wrong(
-                    "switching.guarantee",
-                    f"must be one of {', '.join(GUARANTEES)}; got {shown(guarantee)}.",
-                    'For example guarantee = "dwell".',
-                )
             # Simulations show a signal that keeps the guarantee, unless another is asked for.
             signal = GUARANTEES[guarantee] if signal is None else signal
             # Modes of different length are a schedule that begins anew.
@@ -134,7 +136,8 @@ class Switching(Shown):
                 what = "is required and missing; a guarantee may stand in its place."
                 cure = 'Write guarantee = "dwell" if proofs may rely on the dwell time, or signal '
                 cure += '= "random" for simulations.'
-            raise wrong("switching.signal", what, cure)
+            errors.append(wrong("switching.signal", what, cure))
+            raise SpecError.several(errors)
         given = {
             "dwell": dwell,
             "sequence": sequence,
@@ -147,7 +150,6 @@ class Switching(Shown):
             "guarantee": guarantee,
             "longest": longest,
         }
-        errors = Mistakes()
         # Every field is there before the first is read, whatever of them is refused.
         put(self, signal=signal, **dict.fromkeys(given))
         for name, value in given.items():
@@ -169,7 +171,7 @@ def check_switching(switching: Switching | None, modes: Names) -> Switching | No
     if switching is None:
         return None
     errors = Mistakes()
-    named_modes: dict[str, str] = {}  # by their keys
+    named_modes = {}  # by their keys
     for k, mode in enumerate(switching.sequence or ()):
         named_modes[f"switching.sequence[{k}]"] = mode
     for k, (_, mode) in enumerate(switching.schedule or ()):
@@ -242,7 +244,7 @@ def _misfits(own: Switching) -> Iterator[SpecError]:
     rounds = signal == "periodic" and "schedule" in has
     yield from _unfit_guarantee(own)
     # Why a key is needed, or (beside another one) has to be left out.
-    rules: dict[tuple[str, str], str] = {}
+    rules = {}
     if signal == "schedule":
         rules["schedule", ""] = "it says which mode is active at which time"
     if not {"radius", "neighbours"} & has:
@@ -323,7 +325,7 @@ def _instants(sequence: Any, dwell: Any) -> tuple[Any, Any]:
             f"switching.sequence; got {len(dwell)}.",
             "Give one for each.",
         )
-    lengths: list[Fraction] = []
+    lengths = []
     for k, x in enumerate(dwell):
         lengths.append(positive_number(x, f"switching.dwell[{k}]", "s"))
     # Sums of allowed numbers may be too long to be written down again.

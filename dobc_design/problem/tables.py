@@ -49,7 +49,7 @@ def gain_text(gain: Matrix) -> str:
 def exception_words(exceptions: Mapping[tuple[int, int], Coupling], labels: Names) -> str:
     """Which arcs have a coupling of their own, coupling by coupling."""
     # By coupling and not by arc: a thousand arcs may share one.
-    arcs: dict[Coupling, list[str]] = defaultdict(list)
+    arcs = defaultdict(list)
     for (listener, speaker), coupling in exceptions.items():
         arcs[coupling].append(f"{labels[listener]} listens to {labels[speaker]}")
     said = []

@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import Any
 
 from dobc_design._checks import noun, put
-from dobc_design._show.cards import Card, Facts, Shown
+from dobc_design._show.cards import Card, Shown
 from dobc_design.errors import Mistakes, wrong
 from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import Document, Names, items, positive_number, shown, shown_number
@@ -58,7 +58,7 @@ class Uncertainty(Shown):
 
     def _card(self) -> Card:
         bounds = [(name, getattr(self, name)) for name in (*RELATIVE, *ABSOLUTE)]
-        facts: Facts = [(name, x) for name, x in bounds if x]
+        facts = [(name, x) for name, x in bounds if x]
         if not self.known_to_agents:
             facts.append(("the agents' couplings", "off by as much"))
         return Card(title="Uncertainty", text="at most", facts=facts)
@@ -99,7 +99,7 @@ class Actuators(Shown):
         return self.limit.get(label) if isinstance(self.limit, Mapping) else self.limit
 
     def _card(self) -> Card:
-        facts: Facts = []
+        facts = []
         if self.amplitude is not None:
             facts.append(("|d_i| at most", self.amplitude))
         if isinstance(self.limit, Mapping):

@@ -9,7 +9,7 @@ from typing import Any
 from dobc_design._show.text import capitalize_first, rate_text, significant_towards_zero, upper
 from dobc_design.certificate import text as certificate_text
 from dobc_design.certificate.certificate import Certificate
-from dobc_design.conditions.check import Check, Fix, Witness, main_cure, other_cures
+from dobc_design.conditions.check import Check, Checks, Fix, Witness, main_cure, other_cures
 from dobc_design.conditions.kinds import KINDS
 from dobc_design.problem import canonical
 from dobc_design.problem.changes import change_lines
@@ -105,7 +105,7 @@ def checks_section(found: Findings) -> Iterator[Section]:
     yield Section(f"Checks: {counts}", blocks, "checks", "Checks")
 
 
-def _checks_table(checks: Sequence[Check], unit: str) -> Blocks:
+def _checks_table(checks: Checks, unit: str) -> Blocks:
     """The checks as rows; of very many, those not proved first, and a sentence about the others."""
     own_cures = {id(each) for each in other_cures(checks)}
 
@@ -282,7 +282,8 @@ def certify_command(certificate: Certificate) -> str:
     typed = ["dobc certify problem.json"]
     typed += [option for option in SWITCHES if option in options]
     # A certificate comes from a file: of its texts only numbers become part of a command.
-    limits = [option for option in options if _is_number_after(TIMED, option)]
+    timed = (option for option in options if option.startswith(TIMED))
+    limits = [each for each in timed if rational(each.removeprefix(TIMED)) is not None]
     typed += limits[:1]
     tolerances = [rational(text) for text in _tolerances(certificate)]
     # The first that is asked for is the one that the command repeats.
@@ -290,10 +291,6 @@ def certify_command(certificate: Certificate) -> str:
     if known:
         typed.append(f"{SETTLING}{known[0]}")
     return " ".join([*typed, "--out again"])
-
-
-def _is_number_after(name: str, option: str) -> bool:
-    return option.startswith(name) and rational(option.removeprefix(name)) is not None
 
 
 def _tolerances(certificate: Certificate) -> Iterator[str]:

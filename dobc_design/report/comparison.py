@@ -195,7 +195,7 @@ def _networks(sides: Sides) -> Blocks:
     """The networks of A and of B beside each other; none where they are the same or too large."""
     a, b = (each.problem for each in sides.values())
     # Two drawings that are the same would look as if they differed.
-    if (a.network, a.pinning) == (b.network, b.pinning):
+    if (a.network, a.pinning.agents) == (b.network, b.pinning.agents):
         return
     drawn = []
     for letter, each in sides.items():

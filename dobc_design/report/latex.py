@@ -20,6 +20,7 @@ from dobc_design.report import document as doc
 
 from .pages import environment_of
 
+Files = dict[str, bytes]  # by name
 MAIN, BIBLIOGRAPHY = "main.tex", "references.bib"
 PACKAGES = "amsmath,amssymb,array,booktabs,graphicx,longtable"
 _SPECIAL = {each: rf"\{each}" for each in "{}$&#%_"} | {
@@ -72,7 +73,7 @@ _LONG_WORD = 14  # letters; longer ones may be broken, first of all after punctu
 _PIECES = re.compile(r"[^/_.,;:@-]{1,12}[/_.,;:@-]?|.")
 
 
-def latex_fragments(document: doc.Document, version: str) -> dict[str, bytes]:
+def latex_fragments(document: doc.Document, version: str) -> Files:
     r"""The fragments of a report by file name, with references.bib and a main.tex that inputs all
     of them.
 

@@ -75,7 +75,7 @@ _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 _JOINT = re.compile(r"([/_.,;:@-])")
 
 
-def pdf_page(document: Document, *, full: bool = False) -> bytes:
+def pdf_page(document: Document, *, full: bool) -> bytes:
     """The bytes of the PDF; ``full``: with all details.  Raises: SpecError without the package
     typst."""
     require_typst()

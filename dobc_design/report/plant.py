@@ -73,14 +73,11 @@ def plant_numbers(certificate: Certificate) -> list[str]:
             told.append(f"{what} ≤ {significant_away_from_zero(values[label])} (agent {label})")
     if "tolerance" in proved:
         exact = proved["tolerance"].exact or {}
-        weights, gains = (_percent_below(exact[key]) for key in ("weights", "gains"))
+        # rounded down: no larger error is proved to be tolerated
+        parts = (100 * read_rational(exact[key]) for key in ("weights", "gains"))
+        weights, gains = map(significant_towards_zero, parts)
         told.append(f"weights may be off by {weights} %, gains by {gains} %")
     return told
-
-
-def _percent_below(part: object) -> str:
-    # rounded down: no larger error is proved to be tolerated
-    return significant_towards_zero(100 * read_rational(part))
 
 
 def _assumed(problem: Problem) -> Iterator[Fact]:

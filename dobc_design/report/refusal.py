@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from dobc_design._checks import noun
 from dobc_design.certificate.certificate import Certificate
-from dobc_design.exact.reading import counted
+from dobc_design.certificate.claims import failing_words
 
 from .checks import certify_command
 from .document import Block, Box, Document, List, Mark, Section, Text, command
@@ -52,11 +52,8 @@ def _sentence(side: Checked) -> str:
     claimed = side.certificate.verdict.value
     if side.found.holds:
         return f"{side.name} holds: {claimed}."
-    failed = counted(len(side.found.failures), "claim")
-    do = "does" if len(side.found.failures) == 1 else "do"
-    return (
-        f"{side.name} says {claimed} and is {UNCONFIRMED}: {failed} {do} not hold for this problem."
-    )
+    fails = failing_words(side.found.failures)
+    return f"{side.name} says {claimed} and is {UNCONFIRMED}: {fails} for this problem."
 
 
 def refusal_document(sides: Sequence[Checked]) -> Document:

@@ -150,12 +150,10 @@ def limit_words(claim: RegionClaim) -> str:
 
 def asked_sentence(regions: Regions) -> str:
     """What was asked for, as one number for boxes and one for balls, and what times mean."""
-    disturbed = regions.asked is not None and bool(regions.asked.disturbance)
     # Everybody compares these times with the time to one percent of the verdict.
-    told = ""
-    if any(each.time and (disturbed or each.disturbance) for each in regions.claims):
-        told = f" {FIXED['with_estimation_errors']}"
-    return f"{_asked(regions)}{told}"
+    if any(each.time and each.disturbance for each in regions.claims):
+        return f"{_asked(regions)} {FIXED['with_estimation_errors']}"
+    return _asked(regions)
 
 
 def _asked(regions: Regions) -> str:

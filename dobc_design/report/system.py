@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from dobc_design._show.text import latex_matrix, latex_number, latex_rows
 from dobc_design.description.words import caution_lines
 from dobc_design.problem.dynamics import Dynamics
+from dobc_design.problem.leader import Leader
 from dobc_design.problem.problem import Problem
 from dobc_design.report import pictures, words
 
@@ -161,9 +162,9 @@ def _plain_functions(problem: Problem) -> Iterator[Fact]:
 
 def _target(problem: Problem) -> str:
     """LaTeX of the target, as a number if it has one entry, else as a transposed row."""
-    target = problem.target
-    if problem.leader is not None and problem.dynamics is not None:
-        return _leader(problem)
+    target, leader, dynamics = problem.target, problem.leader, problem.dynamics
+    if leader is not None and dynamics is not None:
+        return _leader(leader, dynamics)
     # Only the space is named where the entries would fill the page.
     if len(target) > LONGEST_VECTOR:
         return rf"\bar{{x}} \in \mathbb{{R}}^{{{len(target)}}}"
@@ -172,13 +173,10 @@ def _target(problem: Problem) -> str:
     return rf"\bar{{x}} = {latex_matrix([target])}'"
 
 
-def _leader(problem: Problem) -> str:
+def _leader(leader: Leader, dynamics: Dynamics) -> str:
     """LaTeX of a target that moves as an agent would, and of where it starts."""
-    leader, dynamics = problem.leader, problem.dynamics
-    if leader is None or dynamics is None:
-        return ""
     moves = "A_x s" if dynamics.f is None else "f(s)"
-    if len(problem.target) > LONGEST_VECTOR:
+    if len(leader.initial) > LONGEST_VECTOR:
         return rf"\dot s = {moves}"
     sides = [f"[{latex_number(lo)}, {latex_number(hi)}]" for lo, hi in leader.initial]
     starts = r" \times ".join(sides)

@@ -31,14 +31,15 @@ from dobc_design.description.meaning import disturbance_words, time_words
 from dobc_design.description.words import leader_words
 from dobc_design.exact.matrix import Matrix, Vector, matrix
 from dobc_design.exact.number import decimal_text, number_text
-from dobc_design.exact.reading import Document, counted, is_scalar_matrix, some
+from dobc_design.exact.reading import Document, Names, counted, is_scalar_matrix, some
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.network import Arcs
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.region import Region
 from dobc_design.problem.tables import in_units, switching_words
-from dobc_design.report import document as doc
 from dobc_design.verdict import Verdict
+
+from .document import EVERY, Column, Fact, Mark, Table, table_of
 
 NO_DELAY = (
     "No delay is certified. For agents with [dynamics] only some max-separable proofs allow one. "
@@ -86,9 +87,9 @@ _SIGNS = tuple(
 )
 
 
-def mark_of(verdict: Verdict) -> doc.Mark:
+def mark_of(verdict: Verdict) -> Mark:
     """A verdict as a sign and a word."""
-    return doc.Mark(SIGNS[verdict.value], verdict.value)
+    return Mark(SIGNS[verdict.value], verdict.value)
 
 
 def domain_words(domain: Domain, unit: str) -> str:
@@ -351,7 +352,7 @@ def shown_notes(certificate: Certificate) -> tuple[str, ...]:
     return (*notes, NO_DELAY if problem.leader is None else NO_DELAY_OF_LEADERS)
 
 
-def loop_facts(certificate: Certificate) -> Iterator[doc.Fact]:
+def loop_facts(certificate: Certificate) -> Iterator[Fact]:
     """What acts on the agents and what was designed against it, numbers in decimals."""
     problem, claims = certificate.problem, certificate.claims
     yield from _disturbances(problem)
@@ -374,7 +375,7 @@ def loop_facts(certificate: Certificate) -> Iterator[doc.Fact]:
         yield "Time scales", times
 
 
-def _disturbances(problem: Problem) -> Iterator[doc.Fact]:
+def _disturbances(problem: Problem) -> Iterator[Fact]:
     """What disturbs the agents, by group where they differ."""
     for group in problem.groups[:MOST_MODES]:
         whose = f" of {names_in_words(group.agents, 4)}" if problem.is_grouped else ""
@@ -402,7 +403,7 @@ def dynamics_words(problem: Problem) -> list[str]:
     return [f"{what}; constant inputs u⁰ that hold the goals: {'; '.join(told)}"]
 
 
-def _shared(rows: Iterable[doc.Fact]) -> list[tuple[str, list[str]]]:
+def _shared(rows: Iterable[Fact]) -> list[tuple[str, list[str]]]:
     """Every text once, with the agents that it is said of."""
     alike: dict[str, list[str]] = {}
     for text, agent in rows:
@@ -439,7 +440,7 @@ def decimal(value: Fraction) -> str:
     return typeset(significant(value, 5))
 
 
-def agents_table(problem: Problem) -> doc.Table | None:
+def agents_table(problem: Problem) -> Table | None:
     """One row per agent: its gain, goal, and whom it hears in each listed mode; None for networks
     too large to list."""
     if problem.n > MOST_LISTED:
@@ -451,19 +452,19 @@ def agents_table(problem: Problem) -> doc.Table | None:
         return _gain(gains[agent]) if agent in gains else "–"
 
     columns = [
-        doc.Column("agent", lambda i: labels[i], 1.2),
-        doc.Column("k in 1/s" if problem.dynamics is None else "K", gain, 0.8),
-        doc.Column("goal", lambda i: _goal(problem, i), only=doc.EVERY if moved else ("markdown",)),
+        Column("agent", lambda i: labels[i], 1.2),
+        Column("k in 1/s" if problem.dynamics is None else "K", gain, 0.8),
+        Column("goal", lambda i: _goal(problem, i), only=EVERY if moved else ("markdown",)),
     ]
     for name, arcs in list(problem.network.modes.items())[:MOST_MODES]:
         heard = _heard(arcs, labels)
-        columns.append(doc.Column(f"listens to in {name}", heard.__getitem__, 2))
+        columns.append(Column(f"listens to in {name}", heard.__getitem__, 2))
     goals = ", goals" if moved else ""
     caption = f"Gain k of the pins{goals}, and whom each agent listens to"
-    return doc.table_of(caption, range(problem.n), *columns, cards=True)
+    return table_of(caption, range(problem.n), *columns, cards=True)
 
 
-def _heard(arcs: Arcs, labels: Sequence[str]) -> list[str]:
+def _heard(arcs: Arcs, labels: Names) -> list[str]:
     """Whom each agent listens to, with what weight."""
     heard: list[list[tuple[int, str]]] = [[] for _ in labels]
     for listener, speaker, weight in arcs:
@@ -625,7 +626,7 @@ def unreached_agents(certificate: Certificate, mode: str) -> set[int]:
     return set()
 
 
-def names_in_words(names: Sequence[str], most: int = MOST_NAMES) -> str:
+def names_in_words(names: Names, most: int = MOST_NAMES) -> str:
     """List names: "1", "1 and 6", "1, 2, 3 and 40 more"."""
     if not names:
         return "nobody"

@@ -34,7 +34,7 @@ from .comparison import comparison_document
 from .content import report_document
 from .document import Document
 from .findings import Findings
-from .latex import latex_fragments
+from .latex import Files, latex_fragments
 from .pages import html_page, markdown_page
 from .refusal import Checked, refusal_document
 
@@ -79,7 +79,7 @@ def render_report(
     lmi: bool = False,
     kernel: str = "",
     progress: Reports[str] = None,
-) -> dict[str, bytes]:
+) -> Files:
     """The bytes of report.html and report.md by name, and with ``pdf`` of report.pdf.  ``full``:
     details are open on the page and printed in the PDF.  ``lmi``: a solver is asked for the block
     matrix inequality.  ``kernel``: what Coq says of proof.v,
@@ -118,7 +118,11 @@ def _computed(certificate: Certificate, say: Callable[[str], None]) -> Findings:
         if (not problem.groups or gain is not None) and out_of_time() is None:
             say("simulating")
             found = replace(found, trajectory=_drawn_run(problem, gain))
-            found = replace(found, worst=_slow_run(problem, gain))
+            # With a guarantee, beside it one with a slow signal that keeps it.
+            signal = worst_signal(problem)
+            if signal is not None:
+                setting = make_setting(problem, gain=gain, signal=signal)
+                found = replace(found, worst=run_once(setting))
     return found
 
 
@@ -145,14 +149,7 @@ def _solver_words(problem: Problem) -> str:
     return f"a solver was asked for P and Q of (18). {lmi.status}"
 
 
-def _slow_run(problem: Problem, gain: Matrix | None) -> Trajectory | None:
-    """One run with a slow signal that keeps the guarantee; None without a guarantee."""
-
-    signal = worst_signal(problem)
-    return None if signal is None else run_once(make_setting(problem, gain=gain, signal=signal))
-
-
-def _pages(document: Document, name: str, *, pdf: bool, full: bool = False) -> dict[str, bytes]:
+def _pages(document: Document, name: str, *, pdf: bool, full: bool = False) -> Files:
     from .pdf import pdf_page
 
     pages = {
@@ -177,16 +174,14 @@ def write_comparison(
     return write_folder(Path(folder), render_comparison(first, second, pdf=pdf))[0]
 
 
-def render_comparison(
-    first: Certificate, second: Certificate, *, pdf: bool = False
-) -> dict[str, bytes]:
+def render_comparison(first: Certificate, second: Certificate, *, pdf: bool = False) -> Files:
     """The bytes of comparison.html and comparison.md by name, and with ``pdf`` of
     comparison.pdf."""
 
     return _pages(comparison_document(first, second), "comparison", pdf=pdf)
 
 
-def render_refusal(sides: Sequence[Checked], *, pdf: bool = False) -> dict[str, bytes]:
+def render_refusal(sides: Sequence[Checked], *, pdf: bool = False) -> Files:
     """The pages of certificates of which at least one does not hold, under the names of their
     report or comparison."""
 
@@ -194,7 +189,7 @@ def render_refusal(sides: Sequence[Checked], *, pdf: bool = False) -> dict[str, 
     return _pages(refusal_document(sides), name, pdf=pdf)
 
 
-def render_latex(certificate: Certificate) -> dict[str, bytes]:
+def render_latex(certificate: Certificate) -> Files:
     """The bytes of the report's LaTeX fragments by name, with references.bib and a main.tex that
     inputs them all."""
 

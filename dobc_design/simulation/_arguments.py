@@ -11,6 +11,8 @@ import numpy as np
 from dobc_design.errors import misshapen, wrong
 from dobc_design.loop.matrices import Array
 
+NumberRows = tuple[tuple[float, ...], ...]
+
 
 def positive(value: Any, name: str, *, what: str = "a number > 0", example: str = "0.5") -> float:
     """Return ``value`` as a finite float > 0.  Raises: SpecError."""

@@ -19,7 +19,7 @@ from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import BoolArray, IndexArray
 
 from .closed_form import ClosedForm
-from .field import ClosedLoop, Network
+from .field import ClosedLoop, Networks
 from .integrate import FARTHEST
 from .switches import ModeTable
 
@@ -191,32 +191,34 @@ class March:
     def error_norm(self, h: Array, new: Array) -> Array:
         """The norm of the error of every run, 1 being the tolerance: from the estimates of orders 5
         and 3, as SciPy combines them."""
+        y = self.y
         flat = self.K.reshape(EXTENDED, -1)[: STAGES + 1]
         # of every number by itself: some are large, some small
-        scale = self.absolute + np.maximum(np.abs(self.y), np.abs(new)) * self.tolerance
-        of_fifth = (DOP853.E5 @ flat).reshape(self.y.shape)
-        of_third = (DOP853.E3 @ flat).reshape(self.y.shape)
+        scale = self.absolute + np.maximum(np.abs(y), np.abs(new)) * self.tolerance
+        of_fifth = (DOP853.E5 @ flat).reshape(y.shape)
+        of_third = (DOP853.E3 @ flat).reshape(y.shape)
         fifth = np.square(of_fifth / scale).sum(axis=0)
         third = np.square(of_third / scale).sum(axis=0)
-        below = np.sqrt((fifth + 0.01 * third) * len(self.y))
+        below = np.sqrt((fifth + 0.01 * third) * len(y))
         exact = below == 0
         return np.where(exact, 0.0, h * fifth / np.where(exact, 1.0, below))
 
     def record(self, good: BoolArray, h: Array, ends: Array, new: Array, f_new: Array) -> None:
         """Show the samples within the steps that were accepted."""
+        done = self.done
         # runs have steps of their own, so that some pass several samples and some none
         upto = np.searchsorted(self.samples, ends, side="right")
-        chosen = np.flatnonzero(good & (upto > self.done))
+        chosen = np.flatnonzero(good & (upto > done))
         if not len(chosen):
             return
         h = h[chosen]
         y = self.y[:, chosen]
         F = self.interpolant(chosen, h, new, f_new)
         # the first sample of every run, then the second of those that have two, ...
-        for offset in range(int((upto - self.done)[chosen].max())):
-            there = np.flatnonzero(self.done[chosen] + offset < upto[chosen])
+        for offset in range(int((upto - done)[chosen].max())):
+            there = np.flatnonzero(done[chosen] + offset < upto[chosen])
             own = chosen[there]
-            sample = self.done[own] + offset
+            sample = done[own] + offset
             part = (self.samples[sample] - self.t[own]) / h[there]
             value = np.zeros((len(y), len(there)))
             for i, row in enumerate(F[::-1]):
@@ -227,7 +229,7 @@ class March:
             at_end = self.samples[sample] == ends[own]
             value[:, at_end] = new[:, own[at_end]]
             self.visit(sample, self.run_of[own], value)
-        self.done[chosen] = upto[chosen]
+        done[chosen] = upto[chosen]
 
     def interpolant(self, chosen: IndexArray, h: Array, new: Array, f_new: Array) -> Array:
         """SciPy's polynomial of order 7 over the step, for some of the runs: (7, n m, k)."""
@@ -334,7 +336,7 @@ class CalmColumns:
     right-hand side without eps by mode."""
 
     loop: ClosedLoop
-    networks: Callable[[int], Network]
+    networks: Networks
     closed: ClosedForm | None
     e: Array
     eps: Array
@@ -374,15 +376,16 @@ class CalmColumns:
     ) -> Ends:
         """Integrate all runs over ``times`` from 0; ``visit`` gets places of samples and runs (k,),
         and e (n m, k)."""
-        runs = np.arange(self.e.shape[1])
-        visit(np.zeros_like(runs), runs, self.e)
+        e = self.e
+        runs = np.arange(e.shape[1])
+        visit(np.zeros_like(runs), runs, e)
         march = March(
             columns=self,
-            start=self.e,
+            start=e,
             begin=0.0,
             end=float(times[-1]),
             switches=self.switches,
-            farthest=FARTHEST * np.maximum(1.0, self.size(self.e)),
+            farthest=FARTHEST * np.maximum(1.0, self.size(e)),
             most=MOST_STEPS if most is None else most,
             tolerance=tolerance,
             samples=times,

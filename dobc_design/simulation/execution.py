@@ -6,7 +6,6 @@ Run r of many has the seed ``seed + r``, with its own start and its own switches
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, partial
 
@@ -22,7 +21,7 @@ from ._arguments import whole
 from .agents import StressedRuns
 from .closed_form import ClosedForm, evolve
 from .columns import COLUMN_NUMBERS, CalmColumns
-from .field import Network, largest, network_of
+from .field import Networks, largest, network_of
 from .integrate import Integration, Outcome, Progress, Samples, errors, silent
 from .mobile import Modes, Nearby
 from .sampled import Stepper, run_sampled_alone
@@ -356,7 +355,7 @@ class _Chunk:
         done = int(self.chosen[0]) + part * len(self.chosen)
         self.collector.report(done / self.collector.runs)
 
-    def calm(self, closed: ClosedForm | None, networks: Callable[[int], Network]) -> None:
+    def calm(self, closed: ClosedForm | None, networks: Networks) -> None:
         """Without stress: e alone, eps in closed form."""
         setting = self.setting
         eps = self.runs.stacked("eps")

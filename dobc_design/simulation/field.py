@@ -175,6 +175,7 @@ def _block_of(h: ArrayFunction, arcs: ArcGroup) -> _Block:
 def _by_slots(h: ArrayFunction, arcs: ArcGroup, lowest: int, counts: IndexArray) -> _Block:
     """Order agents by their number of arcs, and the arcs by slots: the i-th slot has the i-th arc
     of every agent that has so many."""
+    weights = arcs.weights
     # those with many arcs first: every slot is a piece from the beginning
     agents = np.argsort(-counts, kind="stable")
     begins = np.cumsum(counts) - counts
@@ -190,9 +191,9 @@ def _by_slots(h: ArrayFunction, arcs: ArcGroup, lowest: int, counts: IndexArray)
     # a slice is no copy
     if having[0] == len(counts) and (np.diff(agents) == 1).all():
         rows = slice(lowest, lowest + len(counts))
-    factor: float | Array = float(arcs.weights[0])
-    if (arcs.weights != arcs.weights[0]).any():
-        factor = arcs.weights[chosen]
+    factor: float | Array = float(weights[0])
+    if (weights != weights[0]).any():
+        factor = weights[chosen]
     return _Block(
         h=h,
         rows=rows,
@@ -282,11 +283,11 @@ class ClosedLoop:
         return np.ones((self.n, self.q)) if self.own is None else self.own.astype(np.float64)
 
     def split(self, y: Array) -> tuple[Array, Array, Array]:
-        """Cut states (n (m + 2 q), R) into x (n, m, R), xi and z (n, q, R)."""
-        many = y.shape[1]
+        """Cut states (n (m + 2 q), R) into x (n, m, R), xi and z (n, q, R); also without R."""
+        many = y.shape[1:]
         x, xi, z = np.split(y, [self.size, self.n * (self.m + self.q)])
-        of_observers = (self.n, self.q, many)
-        x = x.reshape(self.n, self.m, many)
+        of_observers = (self.n, self.q, *many)
+        x = x.reshape(self.n, self.m, *many)
         return x, xi.reshape(of_observers), z.reshape(of_observers)
 
     def control(self, e: Array, dhat: Array) -> Array:
@@ -303,11 +304,12 @@ class ClosedLoop:
     def moved(self, u: Array, e: Array) -> Array:
         """What inputs u (n, p, R) and errors e (n, m, R) do to x without couplings and disturbance:
         A x + B u."""
-        if self.plant is None:
+        plant = self.plant
+        if plant is None:
             return u
         # A goal + B u0 = 0
-        pushed = act(self.plant.B, u - self.plant.u0[..., None])
-        moved = pushed + act(self.plant.A, e)
+        pushed = act(plant.B, u - plant.u0[..., None])
+        moved = pushed + act(plant.A, e)
         return moved if self.bend is None else moved + self.bend(e)
 
 
@@ -412,6 +414,9 @@ class Network:
             moved = loop.lead(s.reshape(m, -1))
             result = np.concatenate([result, moved.reshape(s.shape)])
         return result
+
+
+Networks = Callable[[int], Network]  # by the index of a mode
 
 
 def network_of(loop: ClosedLoop, groups: ArcGroups, *, runs: int = 1) -> Network:

@@ -261,12 +261,13 @@ class Integration:
 
     def accept(self, solver: Any, error: float) -> None:
         """Keep a step, whose end has this |e|_inf, and its samples."""
+        rise = self.rise
         self.take(solver, solver.t)
         # a sample that was passed holds what these steps showed
-        if self.rise and self.rise[-1][0] <= self.times[self.done - 1]:
-            self.rise.clear()
+        if rise and rise[-1][0] <= self.times[self.done - 1]:
+            rise.clear()
         if error > GROWTH * self.risen:
-            self.rise.append((solver.t, solver.y))
+            rise.append((solver.t, solver.y))
             self.risen = error
         self.time = solver.t
         self.state = solver.y

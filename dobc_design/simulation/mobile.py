@@ -6,7 +6,6 @@ make the graph chatter.  Arcs of such graphs have weight 1.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from itertools import pairwise
 
@@ -22,7 +21,7 @@ from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import IndexArray
 
 from .signals import Mobile, Waypoints
-from .switches import Planned, Stay, Switches
+from .switches import Planned, PositionsAt, Stay, Switches
 
 LOOKS = 8  # times at which the graph is looked at within one step of the integrator
 LOOKS_OF_MOTION = 64  # ... and within one piece of a given motion
@@ -131,7 +130,7 @@ class Nearby:
         """The arcs of a graph by its number."""
         return groups_of(self.loop, self.codes[number])
 
-    def change(self, times: Array, positions_at: Callable[[float], Array]) -> float | None:
+    def change(self, times: Array, positions_at: PositionsAt) -> float | None:
         """The first float at which the graph is another one and still is at the next of the
         times."""
         for before, after in pairwise(times.tolist()):
@@ -145,7 +144,7 @@ class Nearby:
             return False
         return np.array_equal(near(self.signal, positions, self.now), self.now)
 
-    def bisected(self, low: float, high: float, positions_at: Callable[[float], Array]) -> float:
+    def bisected(self, low: float, high: float, positions_at: PositionsAt) -> float:
         """The float, up to ``high``, from which on the graph is another one than at ``low``."""
 
         def middle(low: float, high: float) -> float:

@@ -121,17 +121,18 @@ class Between(StressedColumns):
 
     def part(self, mode: int, runs: IndexArray) -> RightHandSide:
         """The derivative of runs, whatever the mode."""
+        loop = self.loop
         chosen = self.alive[runs]
         felt = self.felt[..., chosen]
         u = self.u[..., chosen]
 
         def derivative(y: Array, force: Array) -> Array:
-            x, xi, z = self.loop.split(y)
-            d = act(self.loop.output, xi)
+            x, xi, z = loop.split(y)
+            d = act(loop.output, xi)
             if len(force):
                 d = d + force.reshape(u.shape)
-            x_dot = felt + self.loop.moved(u + d, x - self.goal)
-            return self.joined(x_dot, act(self.loop.A, xi), 0 * z)
+            x_dot = felt + loop.moved(u + d, x - self.goal)
+            return self.joined(x_dot, act(loop.A, xi), 0 * z)
 
         return derivative
 
@@ -293,6 +294,7 @@ class Stepper:
     def integrated(self, columns: Between, hold: Hold, times: Array) -> Array:
         """The path (T, n, m, R), integrated; nan after a run has ended, and of those that had ended
         before."""
+        begin = hold.begin
         alive = np.flatnonzero(self.going)
         state = columns.joined(self.x, self.xi, self.xihat)
         columns.felt = hold.felt
@@ -300,18 +302,18 @@ class Stepper:
         columns.alive = alive
         # what is not reached stays unknown
         path = np.full((len(times), *self.x.shape), np.nan)
-        path[times == hold.begin] = self.x
+        path[times == begin] = self.x
 
         def visit(sample: IndexArray, run: IndexArray, y: Array) -> None:
             path[sample, :, :, alive[run]] = np.moveaxis(self.loop.split(y)[0], 2, 0)
 
-        if not len(times) or times[-1] <= hold.begin:
+        if not len(times) or times[-1] <= begin:
             return path
         # couplings are held, so that switches of the graph do not matter here
         found = March(
             columns=columns,
             start=state[:, alive],
-            begin=hold.begin,
+            begin=begin,
             end=times[-1],
             switches=constant_signals(0 * alive),
             farthest=self.farthest[alive],
@@ -324,8 +326,7 @@ class Stepper:
         # the next period begins with the step that this one ended with
         self.steps[alive] = found.steps
         stiff = (
-            f"agents are too stiff for {LEAST_STEPS} steps to the sample after t = "
-            f"{hold.begin:.6g} s"
+            f"agents are too stiff for {LEAST_STEPS} steps to the sample after t = {begin:.6g} s"
         )
         for place, reason in found.reasons().items():
             which = np.arange(len(self.going)) == alive[place]

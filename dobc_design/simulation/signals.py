@@ -27,7 +27,7 @@ from dobc_design.loop.matrices import Array
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.switching import Switching
 
-from ._arguments import not_negative, positive, seconds, whole
+from ._arguments import NumberRows, not_negative, positive, seconds, whole
 
 DWELL = 0.5  # s, where [switching] gives none
 
@@ -110,7 +110,7 @@ class Markov(Shown):
     """
 
     kind: ClassVar[str] = "markov"
-    generator: tuple[tuple[float, ...], ...]
+    generator: NumberRows
     order: Texts | None = None
     start: str | None = None
 
@@ -172,7 +172,7 @@ class Waypoints(Shown):
     """
 
     times: tuple[float, ...]
-    positions: tuple[tuple[tuple[float, ...], ...], ...]
+    positions: tuple[NumberRows, ...]
 
     def __post_init__(self) -> None:
         places = np.asarray(self.positions, dtype=np.float64)
@@ -273,15 +273,16 @@ def signal_of(problem: Problem) -> tuple[Signal, str | None]:
     if own is None:
         chosen = f"No signal was given: {names[0]} is active throughout."
         return Fixed(), chosen if len(names) > 1 else None
-    if own.signal in ("schedule", "mobile"):
+    kind = own.signal
+    if kind in ("schedule", "mobile"):
         remark = None
         if own.dwell is not None:
-            remark = f"switching.dwell is not used by a {own.signal} signal."
-        return _mobile(own) if own.signal == "mobile" else _schedule(own), remark
+            remark = f"switching.dwell is not used by a {kind} signal."
+        return _mobile(own) if kind == "mobile" else _schedule(own), remark
     # all other signals need another mode to switch to
     if len(names) == 1:
         return Fixed(), "There is one mode: nothing switches."
-    if own.signal == "periodic" and (own.schedule or own.period):
+    if kind == "periodic" and (own.schedule or own.period):
         return _rounds(own, names), None
     if own.generator is not None:
         rows = []
@@ -291,10 +292,10 @@ def signal_of(problem: Problem) -> tuple[Signal, str | None]:
     dwell, remark = DWELL, f"switching.dwell is not given: {DWELL} s."
     if own.dwell is not None:
         dwell, remark = _float(own.dwell, "switching.dwell"), None
-    if own.signal == "random":
+    if kind == "random":
         longest = None if own.longest is None else _float(own.longest, "switching.longest")
         return RandomDwell(dwell=dwell, longest=longest), remark
-    if own.signal == "periodic":
+    if kind == "periodic":
         return Periodic(dwell=dwell, order=own.sequence), remark
     remark = "Markov: stays last switching.dwell on average, all other modes are equally likely."
     return _even_chain(dwell, len(names)), remark

@@ -124,16 +124,17 @@ class _Width(NamedTuple):
 def make_starts(problem: Problem, loop: ClosedLoop, given: Given | None) -> Starts:
     """Decide where runs start: as given, by [simulation], by the region, or around the goal.
     Raises: SpecError."""
+    goal = loop.goal
     rows = _given_rows(given, loop)
     region = problem.region
-    low, high = loop.goal - AWAY, loop.goal + AWAY
+    low, high = goal - AWAY, goal + AWAY
     if region is not None:
         sides = to_float(region.initial_states).T
-        low, high = (np.broadcast_to(side, loop.goal.shape) for side in sides)
+        low, high = (np.broadcast_to(side, goal.shape) for side in sides)
     # what is given comes first, then [simulation], then the region
     x = rows.get("x")
     if x is None and problem.simulation.x0 is not None:
-        x = np.array(np.broadcast_to(to_float(problem.simulation.x0), loop.goal.shape))
+        x = np.array(np.broadcast_to(to_float(problem.simulation.x0), goal.shape))
     xi = rows.get("xi")
     if xi is None and problem.simulation.xi0 is not None:
         xi = _placed(problem.simulation.xi0, loop)
@@ -178,10 +179,11 @@ def _given_rows(given: Given | None, loop: ClosedLoop) -> dict[str, Array]:
 def _placed(rows: Sequence[Vector], loop: ClosedLoop) -> Array:
     """xi0 of the problem, one row for all agents or one each, where the states of an agent's own
     exosystem are."""
+    n = loop.n
     if loop.own is None:
-        return np.array(np.broadcast_to(to_float(tuple(rows)), (loop.n, loop.q)))
-    xi = np.zeros((loop.n, loop.q))
-    for agent in range(loop.n):
+        return np.array(np.broadcast_to(to_float(tuple(rows)), (n, loop.q)))
+    xi = np.zeros((n, loop.q))
+    for agent in range(n):
         row = rows[agent if len(rows) > 1 else 0]
         xi[agent, loop.own[agent]] = to_float((row,))[0]
     return xi
@@ -205,18 +207,19 @@ def _parts(given: Given | None, n: int, widths: Mapping[str, _Width]) -> Table:
 
 def _rows(value: Any, name: str, n: int, width: _Width) -> Array:
     """n rows of numbers; one row stands for all agents."""
-    because = f"{n} rows of {width.numbers}: one per agent, one number per {width.what}"
+    numbers = width.numbers
+    because = f"{n} rows of {numbers}: one per agent, one number per {width.what}"
     try:
         shape = np.shape(value)
     except ValueError:  # rows of different lengths
         message = f"must be {because}; its rows differ in length."
         raise misshapen(name, message, "Fill them.") from None
     # one number per agent, else one row for all of them
-    if shape == (n,) and width.numbers == 1:
+    if shape == (n,) and numbers == 1:
         value = np.reshape(value, (n, 1))
-    elif shape == (width.numbers,):
+    elif shape == (numbers,):
         value = np.tile(np.asarray(value), (n, 1))
-    return finite_array(value, name, shape=(n, width.numbers), because=because)
+    return finite_array(value, name, shape=(n, numbers), because=because)
 
 
 def _read(path: Path, n: int, widths: Mapping[str, _Width]) -> Table:
@@ -270,9 +273,10 @@ class Box:
 
     def draw(self, rng: Generator, count: int, kind: str) -> Pair:
         """Starts of one kind: anywhere, at corners, or on sides; eps anywhere or at the most."""
-        part = unit_cube(rng, len(self.low), count, kind)
-        width = (self.high - self.low)[:, None]
-        e = self.low[:, None] + width * (part + 1) / 2
+        low = self.low
+        part = unit_cube(rng, len(low), count, kind)
+        width = (self.high - low)[:, None]
+        e = low[:, None] + width * (part + 1) / 2
         own = self.loop.owned
         lengths: Array | float = 1.0
         if kind == RANDOM:

@@ -22,7 +22,7 @@ from dobc_design.problem.network import one_form
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.uncertainty import Uncertainty
 
-from ._arguments import finite_array, not_negative, positive, seconds
+from ._arguments import NumberRows, finite_array, not_negative, positive, seconds
 
 EXCHANGE = 0.05  # s between two exchanges where neither a period nor an exchange is given
 KINDS = ("vanish", "freeze")
@@ -74,7 +74,7 @@ class Stress(Told):
     frequency: float = 1.0
     saturation: float | None = None
     period: float | None = None
-    sampled_gain: tuple[tuple[float, ...], ...] | None = None
+    sampled_gain: NumberRows | None = None
     loss: float = 0.0
     exchange: float | None = None
     failures: tuple[Failure, ...] = ()

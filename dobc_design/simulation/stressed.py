@@ -98,14 +98,15 @@ class StressedColumns:
     def part(self, mode: int, runs: IndexArray) -> RightHandSide:
         """The derivative of runs, named by their places among the living, in one mode."""
         agents = self.agents
+        heard = agents.heard
         loop = self.loop
         chosen = self.alive[runs]
         noise = self.noise.take(chosen, axis=2)
-        links = agents.heard.links[mode]
+        links = heard.links[mode]
         # what was heard last; without exchanges everything is heard at once
         held = None
         if agents.stress.exchanges is not None:
-            held = agents.heard.values[agents.heard.places[mode]].take(chosen, axis=2)
+            held = heard.values[heard.places[mode]].take(chosen, axis=2)
 
         def derivative(y: Array, force: Array) -> Array:
             x, xi, z = self.loop.split(y)
@@ -189,16 +190,17 @@ class Together:
 
     def go_on(self, begin: float, end: float) -> None:
         """From one instant to the next."""
+        y = self.y
         columns = self.columns
-        columns.wait(begin, self.y, self.switches.modes[self.everyone, self.place])
+        columns.wait(begin, y, self.switches.modes[self.everyone, self.place])
         alive = columns.alive
         # with the noise that holds from now on
         for sample in np.flatnonzero(self.times == begin):
             places = np.full(len(alive), sample)
-            self.seen(places, np.arange(len(alive)), self.y[:, alive])
+            self.seen(places, np.arange(len(alive)), y[:, alive])
         found = March(
             columns=columns,
-            start=self.y[:, alive],
+            start=y[:, alive],
             begin=begin,
             end=end,
             switches=self.switches_until(end).of(alive),
@@ -210,7 +212,7 @@ class Together:
             samples=self.times,
             visit=self.seen,
         ).run()
-        self.y[:, alive] = found.e
+        y[:, alive] = found.e
         # of those that had ended before nothing changes
         self.states[alive] = found.states
         self.ended[alive] = found.times
@@ -236,9 +238,10 @@ class Together:
         return ModeTable(times=times[rows, places], modes=self.switches.modes[rows, places])
 
     def seen(self, sample: IndexArray, run: IndexArray, state: Array) -> None:
-        chosen = self.columns.alive[run]
-        e = self.columns.loop.split(state)[0] - self.columns.goal
-        gap = self.columns.gap(state, self.times[sample], chosen)
+        columns = self.columns
+        chosen = columns.alive[run]
+        e = columns.loop.split(state)[0] - columns.goal
+        gap = columns.gap(state, self.times[sample], chosen)
         self.visit(sample, chosen, e, gap)
 
 
@@ -276,12 +279,13 @@ class _Alone:
         columns = self.columns
         heard = columns.agents.heard
         stay = self.modes.stay(time, self.positions(state))
-        heard.move(stay.mode, columns.next)
-        columns.wait(time, state[:, None], np.array([stay.mode]))
+        mode = stay.mode
+        heard.move(mode, columns.next)
+        columns.wait(time, state[:, None], np.array([mode]))
         # a switch between two exchanges draws nothing
         if columns.next > len(self.noises):
             self.noises.append(columns.noise[..., 0])
-        part = columns.part(stay.mode, ALONE)
+        part = columns.part(mode, ALONE)
 
         def derivative(time: float, state: Array) -> Array:
             force = columns.forces(np.array([[time]]), ALONE)[0]
@@ -289,12 +293,13 @@ class _Alone:
 
         ends = [stay.end, *columns.instants[columns.next : columns.next + 1]]
         ends += [failure for failure in columns.failures if failure > time]
-        pattern = partial(full_pattern, columns.loop, heard.links[stay.mode].groups)
+        pattern = partial(full_pattern, columns.loop, heard.links[mode].groups)
         return Piece(derivative, pattern, stay._replace(end=float(min(ends))))
 
     def samples(self, times: Array, states: Array) -> Samples:
         """What was seen at the times (T,) of the states (T, N)."""
         columns = self.columns
+        C = columns.loop.output
         agents = columns.agents
         x, xi, z = columns.loop.split(states.T)  # samples in place of runs
         # broadcast: no noise is the same for all agents
@@ -303,12 +308,12 @@ class _Alone:
             last = np.searchsorted(columns.instants, times, side="right") - 1
             noise = np.stack(self.noises, axis=2)[..., last]
         e, xihat = columns.known(x, z, noise)
-        dhat = act(columns.loop.output, xihat)
+        dhat = act(C, xihat)
         u = agents.command(e, dhat)
         # u was computed as if all agents worked
         for agent, left in agents.stopped.items():
             u[agent][:, times >= agents.failing[agent].time] = left.input
-        d = act(columns.loop.output, xi) + agents.extra(times)
+        d = act(C, xi) + agents.extra(times)
         seen = (x, xi, agents.believed(xihat), d, agents.believed(dhat), u)
         # (n, m, T) as (T, n, m), a copy
         return Samples(*(np.moveaxis(array, 2, 0).copy() for array in seen))

@@ -218,17 +218,18 @@ def _periodic(signal: Periodic, names: Texts, horizon: float) -> Drawn:
 
 
 def _random(signal: RandomDwell, count: int, horizon: float, rng: Generator) -> Drawn:
-    draws = horizon / signal.dwell
+    dwell = signal.dwell
+    draws = horizon / dwell
     refuse_too_many(draws)
     most = int(draws) + 1
     modes = rng.integers(count, size=most)
     if signal.longest is None:
-        times = signal.dwell * np.arange(most)
+        times = dwell * np.arange(most)
     else:
         # every draw is another mode than the one before: so many places further in the cycle
         further = rng.integers(1, max(2, count), size=most - 1)
         modes = np.cumsum([modes[0], *further]) % count
-        stays = rng.uniform(signal.dwell, signal.longest, size=most)
+        stays = rng.uniform(dwell, signal.longest, size=most)
         times = np.concatenate([[0.0], np.cumsum(stays)[:-1]])
     seen: BoolArray = times < horizon
     return np.asarray(times[seen]), modes[seen]
@@ -263,7 +264,8 @@ def _markov(signal: Markov, names: Texts, horizon: float, rng: Generator) -> Dra
     return np.array(times), order[np.array(places)]
 
 
-Change = Callable[[Array, Callable[[float], Array]], float | None]
+PositionsAt = Callable[[float], Array]
+Change = Callable[[Array, PositionsAt], float | None]
 
 
 class Stay(NamedTuple):
@@ -285,8 +287,9 @@ class Planned:
 
     def stay(self, time: float, positions: Array) -> Stay:
         """The mode at a time."""
-        place = int(np.searchsorted(self.switches.times, time, side="right"))
+        switches = self.switches
+        place = int(np.searchsorted(switches.times, time, side="right"))
         end = self.horizon
-        if place < len(self.switches):
-            end = float(self.switches.times[place])
-        return Stay(int(self.switches.modes[place - 1]), end)
+        if place < len(switches):
+            end = float(switches.times[place])
+        return Stay(int(switches.modes[place - 1]), end)

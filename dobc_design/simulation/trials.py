@@ -20,7 +20,7 @@ from dobc_design.problem.problem import Problem
 
 from .closed_form import make_closed_form
 from .columns import COLLAPSED, COLUMN_NUMBERS, ESCAPED, HANDED_BACK, MOST_STEPS, CalmColumns
-from .field import ClosedLoop, Network, make_closed_loop, network_of
+from .field import ClosedLoop, Network, Networks, make_closed_loop, network_of
 from .switches import ModeTable
 
 Value = Callable[[Array, Array], Array]
@@ -41,7 +41,7 @@ class Arena:
     problem: Problem
     loop: ClosedLoop
     modes: Texts
-    networks: Callable[[int], Network]
+    networks: Networks
 
     @property
     def chunk(self) -> int:
@@ -120,13 +120,14 @@ class Trials:
     def stalled(self) -> BoolArray:
         """Runs that diverged, or that end far away without having come closer in the second
         half."""
+        error = self.error
         count = len(self.times)
-        last = np.max(self.error[-count // 10 :], axis=0, initial=0.0)
+        last = np.max(error[-count // 10 :], axis=0, initial=0.0)
         # over a tenth of the time: an error that oscillates is not 0 by chance
-        halfway = self.error[int(0.45 * count) : int(0.55 * count) + 1]
+        halfway = error[int(0.45 * count) : int(0.55 * count) + 1]
         middle = np.max(halfway, axis=0, initial=0.0)
         with np.errstate(invalid="ignore"):
-            away = (last > NEAR * self.error[0]) & (last > STALLED * middle)
+            away = (last > NEAR * error[0]) & (last > STALLED * middle)
         return np.asarray((self.diverged | away) & ~self.unfinished)
 
     @property
@@ -160,13 +161,15 @@ def run_starts(
 ) -> Trials:
     """Simulate every start; V = ``value``(e, eps) is followed, (R,) of states (n m, R) and (n, q,
     R).  Where the observer is too fast, eps = 0 from the start."""
+    horizon = effort.horizon
     loop = arena.loop
-    closed = make_closed_form(loop.F, loop.C, effort.horizon) if loop.q else None
-    states = make_closed_form(loop.F, np.eye(loop.q), effort.horizon) if loop.q else None
+    q = loop.q
+    closed = make_closed_form(loop.F, loop.C, horizon) if q else None
+    states = make_closed_form(loop.F, np.eye(q), horizon) if q else None
     # |F| times the horizon is too large for a table
     if closed is None or states is None:
         starts = Batch(e=starts.e, eps=np.zeros_like(starts.eps), switches=starts.switches)
-    times = np.linspace(0.0, effort.horizon, effort.samples)
+    times = np.linspace(0.0, horizon, effort.samples)
     shape = (len(times), len(starts))
     # nothing is known yet
     trials = Trials(

@@ -61,11 +61,12 @@ def worst_signs(
     """For each run the signs of the impulse response, from every residual to the agent whose turn
     it is (the seed modulo n), reversed in time: they attain the largest error at the horizon of the
     loop, linearised in the first mode."""
+    n = loop.n
     length = horizon / STEPS
-    values = np.ones((STEPS, loop.n, len(loop.output), len(seeds)))
+    values = np.ones((STEPS, n, len(loop.output), len(seeds)))
     slopes = consensus_jacobian(loop_of(problem), next(iter(problem.network.modes)))
     q = loop.q if observed else 0
-    size = loop.n * (loop.m + q)
+    size = n * (loop.m + q)
     if slopes is None or size > LARGEST:
         return Signs(values, length)
     pulled = slopes.toarray() - loop.K.toarray()
@@ -74,14 +75,14 @@ def worst_signs(
     else:
         M, entry = pulled, np.eye(len(pulled))
     if loop.plant is not None:
-        entry = entry @ np.kron(np.eye(loop.n), loop.plant.B)
+        entry = entry @ np.kron(np.eye(n), loop.plant.B)
     turns = [seed % len(pulled) for seed in seeds]
     # the response of the agent whose turn it is, backwards from the horizon
     rows = np.eye(len(pulled), size)[turns]
     step = expm(M * length)
     for k in range(STEPS):
         # how much the end moves with every residual in this stretch
-        response = (rows @ entry).reshape(len(seeds), loop.n, -1)
+        response = (rows @ entry).reshape(len(seeds), n, -1)
         response = np.moveaxis(response, 0, -1)
         values[STEPS - 1 - k] = np.where(response < 0, -1.0, 1.0)
         rows = rows @ step
@@ -91,13 +92,14 @@ def worst_signs(
 def _with_observer(loop: ClosedLoop, pulled: Array) -> tuple[Array, Array]:
     """The matrix of [e; eps] with that of e in it, and where a residual enters: at e, and through W
     at eps."""
+    n = loop.n
     cut = len(pulled)
-    own = np.eye(loop.n)
-    M = np.zeros((cut + loop.n * loop.q, cut + loop.n * loop.q))
+    own = np.eye(n)
+    M = np.zeros((cut + n * loop.q, cut + n * loop.q))
     M[:cut, :cut] = pulled
     M[:cut, cut:] = np.kron(own, loop.C)
     M[cut:, cut:] = np.kron(own, loop.F)
-    gains = [loop.W] * loop.n if loop.W.ndim == 2 else list(loop.W)
+    gains = [loop.W] * n if loop.W.ndim == 2 else list(loop.W)
     return M, np.vstack([np.eye(cut), -block_diag(*gains)])
 
 

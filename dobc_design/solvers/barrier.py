@@ -70,7 +70,8 @@ class Basis:
     def products(self, M: Array, N: Array) -> Array:
         """p_i q_j + p_j q_i of every unit matrix (i, j) and column p of M, q of N: p'E q, (size,
         columns)."""
-        i, j = self.rows, self.columns
+        i = self.rows
+        j = self.columns
         if np.array_equal(i, j):
             return self._tie(M[i] * N[i])
         both = M[i] * N[j] + M[j] * N[i]
@@ -79,7 +80,8 @@ class Basis:
     def quadratic(self, *pairs: tuple[Array, Array]) -> Array:
         """The sum of tr(M E N E') over the pairs (M, N), for all pairs of unit matrices E, E',
         (size, size)."""
-        i, j = self.rows, self.columns
+        i = self.rows
+        j = self.columns
         if np.array_equal(i, j):
             total = np.zeros((self.n, self.n))
             for M, N in pairs:
@@ -252,7 +254,8 @@ def centre(
                 break
         else:
             break
-        point, value = candidate, after
+        point = candidate
+        value = after
     return point
 
 

@@ -169,8 +169,10 @@ def svec_diagonal(size: int) -> Any:
 
 def symmetric_basis(size: int) -> list[Array]:
     """The symmetric matrices (n, n) with one entry 1 in the upper triangle, column by column."""
-    units = map(smat, np.eye(size * (size + 1) // 2))
-    return [np.where(unit > 0, 1.0, 0.0) for unit in units]  # without the weights of ``svec``
+    vectors = np.eye(size * (size + 1) // 2)
+    return [
+        np.where(smat(vector) > 0, 1.0, 0.0) for vector in vectors
+    ]  # without the weights of ``svec``
 
 
 def solve_directly(program: Program, *, time_limit: float = 60.0) -> Solution:

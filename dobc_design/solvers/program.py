@@ -18,7 +18,6 @@ from scipy.sparse.linalg import splu
 from dobc_design._checks import noun
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.pencil import Pencil
-from dobc_design.exact.symmetric import Symmetric
 
 Array = NDArray[np.float64]
 
@@ -69,13 +68,6 @@ def is_solver_failure(error: BaseException) -> bool:
     only."""
     ordinary = isinstance(error, Exception) and not isinstance(error, MemoryError)
     return ordinary or type(error).__name__ == "PanicException"
-
-
-def as_sparse(matrix: Symmetric) -> Any:
-    """The nearest floats of an exact symmetric matrix, as a SciPy array.  Raises: OverflowError
-    beyond the floats."""
-    rows, columns, values = matrix.triplets()
-    return sparse.csr_array((values, (rows, columns)), shape=(matrix.size, matrix.size))
 
 
 def assemble(pencil: Pencil, numbers: Sequence[float]) -> dict[str, Array]:

@@ -71,16 +71,18 @@ class Draw:
     arguments: Texts
 
     def value(self, seed: int, axis: str, sample: int) -> str:
+        arguments = self.arguments
+        kind = self.kind
         u = Random(f"{seed}|{axis}|{sample}").random()
         # One number in [0, 1) for each draw, so that distributions can be compared draw by draw.
-        if self.kind == "choice":
-            return self.arguments[int(u * len(self.arguments))]
-        a, b = (Fraction(text) for text in self.arguments)
-        if self.kind == "integers":
+        if kind == "choice":
+            return arguments[int(u * len(arguments))]
+        a, b = (Fraction(text) for text in arguments)
+        if kind == "integers":
             return str(int(a) + int(u * (int(b) - int(a) + 1)))
-        if self.kind == "loguniform":
+        if kind == "loguniform":
             return _rounded(math.exp(math.log(a) + u * (math.log(b) - math.log(a))))
-        if self.kind == "normal":
+        if kind == "normal":
             inside = min(max(u, 2.0**-53), 1 - 2.0**-53)  # at 0 and 1 it is infinite
             return _rounded(NormalDist(float(a), float(b)).inv_cdf(inside))
         return _rounded(float(a) + u * float(b - a))
@@ -97,8 +99,9 @@ class Axis:
 
     @property
     def text(self) -> str:
-        if self.draw is not None:
-            return f"{self.name}=~{self.draw.kind}({','.join(self.draw.arguments)})"
+        draw = self.draw
+        if draw is not None:
+            return f"{self.name}=~{draw.kind}({','.join(draw.arguments)})"
         return f"{self.name}={','.join(self.values)}"
 
 
@@ -107,8 +110,11 @@ def read_axes(over: Over) -> tuple[Axis, ...]:
     sequence).  Raises: SpecError that names every wrong axis."""
     given = list(over.items()) if isinstance(over, Mapping) else [split_axis(text) for text in over]
     if not given:
-        cure = "For example pinning.gains.1=1:5:9."
-        raise refused("over", "nothing is varied: a sweep needs at least one KEY=VALUES.", cure)
+        raise refused(
+            "over",
+            "nothing is varied: a sweep needs at least one KEY=VALUES.",
+            "For example pinning.gains.1=1:5:9.",
+        )
     axes = []
     errors = Mistakes()
     for key, values in given:
@@ -202,8 +208,10 @@ def _draw(kind: str, text: str) -> Draw:
             "uniform(a,b), loguniform(a,b), normal(mean,deviation), integers(a,b) or "
             "choice(x,y,...)"
         )
-        message = f"a draw must be {kinds}; got {shown(f'{kind}({text})')}."
-        raise SpecError(message, cure="For example ~uniform(0.1,1).")
+        raise SpecError(
+            f"a draw must be {kinds}; got {shown(f'{kind}({text})')}.",
+            cure="For example ~uniform(0.1,1).",
+        )
     a, b = (parse_number(each, f"~{kind}") for each in arguments)
     fits, rule = {
         "normal": (b > 0, "the second number must be > 0"),
@@ -388,8 +396,11 @@ def split(text: str) -> list[str]:
     Raises: SpecError."""
     parts = [part.strip() for part in _parts(text)] if text.strip() else []
     if not all(parts):
-        cure = "Remove the comma, or add the value."
-        raise refused("values", f"a value is missing between commas in {shown(text)}.", cure)
+        raise refused(
+            "values",
+            f"a value is missing between commas in {shown(text)}.",
+            "Remove the comma, or add the value.",
+        )
     return parts
 
 

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from dobc_design import __version__
 from dobc_design._checks import noun, put
 from dobc_design.conditions.numbers import time_to_one_percent
-from dobc_design.errors import refused
+from dobc_design.errors import refused, wrong
 from dobc_design.exact.number import float_above
 from dobc_design.exact.reading import Document, Table, Texts, shown
 from dobc_design.problem.canonical import problem_sha256
@@ -100,16 +100,20 @@ class Task:
     runs: int = 1
 
     def __post_init__(self) -> None:
-        if self.kind not in COLUMNS:
-            message = f"task must be one of {', '.join(COLUMNS)}; got {shown(self.kind)}."
-            raise refused("task", message, "Choose one.")
+        kind = self.kind
+        if kind not in COLUMNS:
+            raise wrong(
+                "task",
+                f"must be one of {', '.join(COLUMNS)}; got {shown(kind)}.",
+                "Choose one.",
+            )
         put(self, runs=whole(self.runs, "runs", least=1))
-        if self.kind == "certify" and self.runs != 1:
-            message = "runs is for simulations; a proof is made once."
-            raise refused("runs", message, 'Take task="simulate".')
-        if self.kind == "simulate" and self.everything:
-            message = "everything (--all) is for certify."
-            raise refused("everything", message, "Leave it out.")
+        if kind == "certify" and self.runs != 1:
+            raise wrong(
+                "runs", "is for simulations; a proof is made once.", 'Take task="simulate".'
+            )
+        if kind == "simulate" and self.everything:
+            raise refused("everything", "everything (--all) is for certify.", "Leave it out.")
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -248,12 +252,17 @@ def make_plan(
     axes = read_axes(over)
     drawn = [axis.name for axis in axes if axis.draw is not None]
     if drawn and samples is None:
-        message = f"samples must say how many times {drawn[0]} is drawn."
-        raise refused("samples", message, "For example --samples 100.")
+        raise wrong(
+            "samples",
+            f"must say how many times {drawn[0]} is drawn.",
+            "For example --samples 100.",
+        )
     if not drawn and samples is not None:
-        message = "samples must be left out when nothing is drawn; every grid point is run once."
-        cure = "Draw a key, such as KEY=~uniform(0,1), or leave samples out."
-        raise refused("samples", message, cure)
+        raise wrong(
+            "samples",
+            "must be left out when nothing is drawn; every grid point is run once.",
+            "Draw a key, such as KEY=~uniform(0,1), or leave samples out.",
+        )
     text, folder = None, None
     if not isinstance(source, Problem):
         text = source_text(source)
@@ -271,9 +280,11 @@ def make_plan(
     )
     # Cases are counted and not listed, so that this is refused before anything takes memory.
     if len(plan) > MOST_CASES:
-        message = f"a sweep may have at most {MOST_CASES} cases; these axes give {len(plan)}."
-        cure = "Take fewer values, or split it into several sweeps."
-        raise refused("over", message, cure)
+        raise refused(
+            "over",
+            f"a sweep may have at most {MOST_CASES} cases; these axes give {len(plan)}.",
+            "Take fewer values, or split it into several sweeps.",
+        )
     return plan
 
 

@@ -109,13 +109,14 @@ class Journal:
 
     def append(self, line: Outcome) -> None:
         """Keep the line of one case, written down to the disk."""
-        if self.stream is not None:
+        stream = self.stream
+        if stream is not None:
             try:
                 text = json.dumps(line, ensure_ascii=False, allow_nan=False)
-                self.stream.write(f"{text}\n".encode())
+                stream.write(f"{text}\n".encode())
                 # A case counts only when it is on the disk.
-                self.stream.flush()
-                os.fsync(self.stream.fileno())
+                stream.flush()
+                os.fsync(stream.fileno())
             except OSError as error:
                 raise self._refused(error) from error
         self.done[line["case"]] = line
@@ -196,6 +197,7 @@ def to_be_done_again(line: Outcome, limit: float | None) -> bool:
 def _require_same(folder: Path, plan: Plan) -> None:
     """Refuse a folder that holds another sweep, or lines of which nobody knows what they are
     about."""
+    document = plan.document
     head, lines = folder / HEAD, folder / LINES
     if not head.exists():
         if lines.exists() and lines.stat().st_size:
@@ -209,7 +211,7 @@ def _require_same(folder: Path, plan: Plan) -> None:
     except (OSError, ValueError, RecursionError):
         found = None
     # all of it, so that a change by hand is not overwritten
-    if found == plan.document | {"sha256": plan.sha256}:
+    if found == document | {"sha256": plan.sha256}:
         return
     words = {
         "problem": "problem",
@@ -220,14 +222,17 @@ def _require_same(folder: Path, plan: Plan) -> None:
         "task": "task",
         "made_by": "version of dobc_design",
     }
-    known = found if isinstance(found, dict) else plan.document
-    changed = [word for name, word in words.items() if known.get(name) != plan.document[name]]
+    known = found if isinstance(found, dict) else document
+    changed = [word for name, word in words.items() if known.get(name) != document[name]]
     message = f"{str(folder)!r} was made for another sweep"
     if changed:
         first = [f" another {word}" for word in dict.fromkeys(changed)][:2]
         message += f", with{' and'.join(first)}"
-    cure = "Choose another folder with --out, or add --force to begin anew there."
-    raise refused("--out", f"{message}.", cure)
+    raise refused(
+        "--out",
+        f"{message}.",
+        "Choose another folder with --out, or add --force to begin anew there.",
+    )
 
 
 def _lock(stream: IO[bytes], folder: Path) -> None:
@@ -240,9 +245,11 @@ def _lock(stream: IO[bytes], folder: Path) -> None:
     try:
         fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
-        message = f"another process is at work on the sweep in {str(folder)!r}."
-        cure = "Wait for it, or choose another folder with --out."
-        raise refused("--out", message, cure) from None
+        raise refused(
+            "--out",
+            f"another process is at work on the sweep in {str(folder)!r}.",
+            "Wait for it, or choose another folder with --out.",
+        ) from None
 
 
 @noun(eq=False)
@@ -295,8 +302,11 @@ class SweepResult(Headed):
     def column(self, name: str) -> list[Any]:
         """One column, case by case.  Raises: SpecError for a name that is none."""
         if name not in self.columns:
-            cure = f"One of {', '.join(self.columns)}."
-            raise refused("column", f"{shown(name)} is no column of this sweep.", cure)
+            raise refused(
+                "column",
+                f"{shown(name)} is no column of this sweep.",
+                f"One of {', '.join(self.columns)}.",
+            )
         return [row[name] for row in self.rows]
 
     @property
@@ -322,8 +332,11 @@ class SweepResult(Headed):
                 "this needs the extra packages of dobc_design[store] (pandas, pyarrow), which "
                 "are not installed."
             )
-            cure = "`dobc doctor` says how to install them; .csv and .jsonl need none."
-            raise refused("frame", message, cure) from None
+            raise refused(
+                "frame",
+                message,
+                "`dobc doctor` says how to install them; .csv and .jsonl need none.",
+            ) from None
         columns = self.columns
         # Types are said, so that a column of nothing but None stays a column of numbers.
         table = pd.DataFrame(self.rows, columns=list(columns))
@@ -335,8 +348,11 @@ class SweepResult(Headed):
         target = Path(path)
         suffix = target.suffix.lower()
         if suffix not in (".csv", ".jsonl", ".parquet"):
-            message = f"a table is saved as .csv, .jsonl, .parquet; got {target.name[:40]!r}."
-            raise refused("path", message, "Choose one of these.")
+            raise refused(
+                "path",
+                f"a table is saved as .csv, .jsonl, .parquet; got {target.name[:40]!r}.",
+                "Choose one of these.",
+            )
         if target.exists() and not force:
             raise refused("path", f"{str(target)!r} exists already.", "Replace it with force=True.")
         if suffix == ".parquet":
@@ -371,15 +387,19 @@ class SweepResult(Headed):
         Returns: a Sheet; with Matplotlib's ``ax`` these axes.
         Raises: SpecError for a name that does not fit.
         """
+        plan = self.plan
         from dobc_design.plotting.sweeps import Cases, heat_map, lines
 
-        name = value or DRAWN[self.plan.task.kind]
+        name = value or DRAWN[plan.task.kind]
         meaning = self._meaning_of(name)
         column = [math.nan if each is None else float(each) for each in self.column(name)]
         numbers = np.array(column)
         if not np.isfinite(numbers).any():
-            message = f"no case has a {name}, so there is nothing to be drawn."
-            raise refused("value", message, "Choose another column.")
+            raise refused(
+                "value",
+                f"no case has a {name}, so there is nothing to be drawn.",
+                "Choose another column.",
+            )
         # The first axes that are worth it, or those that were named.
         chosen = self._drawn_axes(x, y)
         places = [self._places(each) for each in chosen]
@@ -387,13 +407,13 @@ class SweepResult(Headed):
             value=numbers,
             outcome=[outcome_of(line) for line in self.lines],
             label=meaning,
-            title=f"{self.plan.name}: {meaning}",
+            title=f"{plan.name}: {meaning}",
             note=self._note(chosen),
         )
         if len(chosen) == 2:
             return heat_map(places[0], places[1], cases, ax=ax)
         series, used = self._series(chosen[0])
-        axis = self.plan.axes[self.axes.index(chosen[0])]
+        axis = plan.axes[self.axes.index(chosen[0])]
         # Random numbers have no lines: each case is a point of its own, nothing is a median.
         if axis.draw is not None and places[0].names is None:
             cases = replace(cases, series=series, drawn=True, note="")
@@ -406,23 +426,26 @@ class SweepResult(Headed):
         columns = self.plan.task.columns
         numeric = {each.name: each.meaning for each in columns if each.kind in ("number", "count")}
         if name not in numeric:
-            cure = f"One of {', '.join(numeric)}."
-            raise refused("value", f"{shown(name)} is no numeric column.", cure)
+            raise refused(
+                "value", f"{shown(name)} is no numeric column.", f"One of {', '.join(numeric)}."
+            )
         return numeric[name]
 
     def _drawn_axes(self, x: str | None, y: str | None) -> list[str]:
         """One axis, or two for a heat map: those named, else the first two that are listed, else
         the first."""
+        axes = self.axes
         for key, name in (("x", x), ("y", y)):
-            if name is not None and name not in self.axes:
-                cure = f"One of {', '.join(self.axes)}."
-                raise refused(key, f"{shown(name)} is no axis of this sweep.", cure)
+            if name is not None and name not in axes:
+                raise refused(
+                    key, f"{shown(name)} is no axis of this sweep.", f"One of {', '.join(axes)}."
+                )
         if x is not None and x == y:
             raise refused("y", "x and y must be different axes.", "Leave y out for lines.")
         listed = {axis.name: len(axis.values) for axis in self.plan.axes if len(axis.values) > 1}
-        numbers = [name for name in self.axes if self.columns[name] == "number"]
+        numbers = [name for name in axes if self.columns[name] == "number"]
         # Numbers that are listed first, then those that are drawn, then words.
-        preferred = [*(name for name in listed if name in numbers), *numbers, *listed, *self.axes]
+        preferred = [*(name for name in listed if name in numbers), *numbers, *listed, *axes]
         first = x or preferred[0]
         if y is not None:
             return [first, y]
@@ -497,8 +520,9 @@ class SweepResult(Headed):
         return f"{len(self)} cases of {', '.join(self.axes)}: {counts}"
 
     def __str__(self) -> str:
-        lines = [f"{self.plan.name}, {self.plan.task.kind}: {self._summary}"]
-        for name, kind, meaning in self.plan.task.columns:
+        plan = self.plan
+        lines = [f"{plan.name}, {plan.task.kind}: {self._summary}"]
+        for name, kind, meaning in plan.task.columns:
             values = [each for each in self.column(name) if each is not None]
             if kind == "number" and values:
                 found = f"{min(values):.4g} to {max(values):.4g}, median {np.median(values):.4g}"

@@ -128,11 +128,11 @@ def sweep(
             limit=None if limit is None else float(limit),
             progress=report_to(progress),
         )
-        result = SweepResult(plan=plan, lines=journal.lines, folder=journal.folder)
-        if journal.folder is not None:
-            result.save(journal.folder / "results.csv", force=True)
+        result = SweepResult(plan=plan, lines=journal.lines, folder=folder)
+        if folder is not None:
+            result.save(folder / "results.csv", force=True)
             with suppress(SpecError):  # without the extra "store" the CSV file holds everything
-                result.save(journal.folder / "results.parquet", force=True)
+                result.save(folder / "results.parquet", force=True)
     return result
 
 
@@ -349,13 +349,14 @@ def _backend(cluster: str | None, jobs: int | None, cases: int) -> Iterator[Back
     try:
         from distributed import Client, LocalCluster
     except ImportError:
-        message = (
-            "a cluster needs the extra packages of dobc_design[cluster], which are not installed."
-        )
         cure = (
             "`dobc doctor` says how to install them; without --cluster this machine's processors "
         )
-        raise refused("--cluster", message, f"{cure}are used.") from None
+        raise refused(
+            "--cluster",
+            "a cluster needs the extra packages of dobc_design[cluster], which are not installed.",
+            f"{cure}are used.",
+        ) from None
     with ExitStack() as stack:
         try:
             address = cluster
@@ -373,9 +374,11 @@ def _backend(cluster: str | None, jobs: int | None, cases: int) -> Iterator[Back
             client = stack.enter_context(Client(address, timeout="10s"))
             client.wait_for_workers(1, timeout=30)
         except (OSError, ValueError) as error:  # a TimeoutError among them
-            message = f"there is no Dask scheduler at {shown(cluster)}."
-            cure = "Start one with `dask scheduler`, or say --cluster local."
-            raise refused("--cluster", message, cure) from error
+            raise refused(
+                "--cluster",
+                f"there is no Dask scheduler at {shown(cluster)}.",
+                "Start one with `dask scheduler`, or say --cluster local.",
+            ) from error
         _require_this_version(client.run(_version, on_error="return"))
         yield {"backend": "dask"}
 
@@ -385,8 +388,11 @@ def _require_this_version(found: Table) -> None:
     for worker, version in found.items():
         if version != __version__:
             message = f"the worker {worker} has another dobc_design, or none; this program is "
-            cure = "Install the same version on all machines of the cluster."
-            raise refused("--cluster", f"{message}{__version__}.", cure)
+            raise refused(
+                "--cluster",
+                f"{message}{__version__}.",
+                "Install the same version on all machines of the cluster.",
+            )
 
 
 def _version() -> str:

@@ -21,12 +21,15 @@ PAPER_W = matrix([["16/5"], ["12/5"]])
 
 
 def test_without_a_gain_the_error_does_not_decay():
-    result = diag.check_spectrum(PAPER_A, PAPER_C, matrix([[0], [0]]))
+    no_gain = matrix([[0], [0]])
+    result = diag.check_spectrum(PAPER_A, PAPER_C, no_gain)
     assert result.rate == pytest.approx(0)
     assert "does not decay" in str(result)
     # python-control drops states without effect unless told not to.
     nothing = matrix([[0], [0]])
-    result = diag.check_spectrum(matrix([[0, 0], [0, 0]]), matrix([[0, 0]]), nothing)
+    A = matrix([[0, 0], [0, 0]])
+    C = matrix([[0, 0]])
+    result = diag.check_spectrum(A, C, nothing)
     assert result.eigenvalues == (0, 0)
 
 
@@ -38,10 +41,13 @@ def test_random_spectra_agree_with_numpy():
         A = rng.integers(-3, 4, (q, q))
         C = rng.integers(-3, 4, (m, q))
         W = rng.integers(-3, 4, (q, m))
-        given = [matrix(each.tolist()) for each in (A, C, W)]
+        given = []
+        for each in (A, C, W):
+            given.append(matrix(each.tolist()))
         result = diag.check_spectrum(*given)
         wanted = np.linalg.eigvals(A - W @ C)
-        assert result.rate == pytest.approx(-wanted.real.max(), abs=1e-6)
+        expected_rate = -wanted.real.max()
+        assert result.rate == pytest.approx(expected_rate, abs=1e-6)
         found = [s.real for s in result.eigenvalues]
         assert found == sorted(found, reverse=True)
         np.testing.assert_allclose(sum(result.eigenvalues), wanted.sum(), atol=1e-9)
@@ -83,8 +89,10 @@ def test_the_margins_of_the_papers_pair_are_those_found_by_hand():
 
 def test_what_is_not_seen_has_margin_zero_and_a_rank_that_overflows_is_unknown():
     """A = [0], C = [0] (theory, known answers)."""
-    result = diag.check_observability(matrix([[0]]), matrix([[0]]))
-    assert (result.rank, result.margin) == (0, 0)
+    C = matrix([[0]])
+    result = diag.check_observability(C, C)
+    assert result.rank == 0
+    assert result.margin == 0
     # s^2 + 4 is unobservable (theory, known answers).
     A = matrix([[0, 2, 0, 0], [-2, 0, 0, 0], [0, 0, 0, 2], [0, 0, -2, 0]])
     result = diag.check_observability(A, matrix([[1, 0, 1, 0]]))
@@ -102,8 +110,10 @@ def test_the_rank_agrees_with_exact_arithmetic_on_small_integers():
     for _ in range(60):
         q = rng.integers(1, 5)
         m = rng.integers(1, 3)
-        A = matrix(rng.integers(-1, 2, size=(q, q)).tolist())
-        C = matrix(rng.integers(-1, 2, size=(m, q)).tolist())
+        drawn_A = rng.integers(-1, 2, size=(q, q))
+        A = matrix(drawn_A.tolist())
+        drawn_C = rng.integers(-1, 2, size=(m, q))
+        C = matrix(drawn_C.tolist())
         assert diag.check_observability(A, C).rank == decide_observable(A, C).rank
 
 
@@ -123,7 +133,8 @@ def is_balanced(arcs) -> bool:
 
 
 def test_degrees_count_whom_an_agent_hears_and_balance_is_exact():
-    facts = diag.graph_facts(listening([[1, 2], [1, 3], [2, 3]]), "G")
+    arcs = [[1, 2], [1, 3], [2, 3]]
+    facts = diag.graph_facts(listening(arcs), "G")
     assert facts.heard == (2, 1, 0)
     assert facts.hearing == (0, 1, 2)
     assert facts.arcs == 3
@@ -142,14 +153,20 @@ def test_random_graphs_agree_with_the_transitive_closure():
     rng = np.random.default_rng(0)
     for _ in range(50):
         n = int(rng.integers(2, 8))
-        hears = (rng.random((n, n)) < 0.25) & ~np.eye(n, dtype=bool)
+        drawn = rng.random((n, n)) < 0.25
+        others = ~np.eye(n, dtype=bool)
+        hears = drawn & others
         pinned = rng.random(n) < 0.3
         arcs = np.argwhere(hears).tolist()
         gains = dict.fromkeys(np.flatnonzero(pinned).tolist(), 1)
-        facts = diag.graph_facts(listening(arcs, agents=[*range(n)], gains=gains), "G")
+        labels = [*range(n)]
+        problem = listening(arcs, agents=labels, gains=gains)
+        facts = diag.graph_facts(problem, "G")
         # closure[i, j]: i is j, or hears it, if need be through others
-        closure = np.linalg.matrix_power(np.eye(n, dtype=int) + hears, n) > 0
-        assert facts.unreached == names(~closure[:, pinned].any(axis=1))
+        one_step = np.eye(n, dtype=int) + hears
+        closure = np.linalg.matrix_power(one_step, n) > 0
+        reached = closure[:, pinned].any(axis=1)
+        assert facts.unreached == names(~reached)
         mutual = closure & closure.T
         assert set(facts.components) == {names(row) for row in mutual}
         closed = (closure == mutual).all(axis=1)
@@ -158,19 +175,23 @@ def test_random_graphs_agree_with_the_transitive_closure():
 
 
 def cycle(gains) -> Problem:
-    arcs = [[i + 1, (i + 1) % 10 + 1] for i in range(10)]
+    arcs = []
+    for i in range(10):
+        arcs.append([i + 1, (i + 1) % 10 + 1])
     network = Network.from_arcs(arcs, arrow="listens_to", agents=10)
     return Problem(network=network, coupling="exp(y) - 1 + y", gains=gains)
 
 
 def test_the_linearised_loop_is_that_of_the_symbolic_model():
     """J(0) - K by CasADi, a complex vector coupling included."""
-    network = Network.from_arcs([[1, 2, 3], [2, 3], [3, 1], [1, 3]], arrow="listens_to")
+    arcs = [[1, 2, 3], [2, 3], [3, 1], [1, 3]]
+    network = Network.from_arcs(arcs, arrow="listens_to")
+    gains = {"2": [[2, 1], [-1, 1]]}
     problem = Problem(
         network=network,
         coupling=["sin(y1) + y2", "exp(y2) - 1 - y1"],
         target=[0, 0],
-        gains={"2": [[2, 1], [-1, 1]]},
+        gains=gains,
     )
     spectrum = diag.mode_spectrum(loop_of(problem), "G")
     error_dynamics = build_model(problem).error_dynamics
@@ -179,17 +200,22 @@ def test_the_linearised_loop_is_that_of_the_symbolic_model():
     for unit in np.eye(6):
         ahead, _ = error_dynamics(step * unit, [])
         back, _ = error_dynamics(-step * unit, [])
-        columns.append((ahead - back).full().ravel() / (2 * step))
+        difference = (ahead - back).full().ravel()
+        columns.append(difference / (2 * step))
     loop = np.column_stack(columns)
     symmetric = np.linalg.eigvalsh(loop + loop.T)
     np.testing.assert_allclose(spectrum.lambda_eigenvalues, symmetric, atol=1e-8)
     np.testing.assert_allclose(sum(spectrum.loop_eigenvalues), np.trace(loop), atol=1e-8)
-    assert spectrum.decay_rate == pytest.approx(-np.linalg.eigvals(loop).real.max(), abs=1e-7)
+    eigenvalues = np.linalg.eigvals(loop)
+    expected_rate = -eigenvalues.real.max()
+    assert spectrum.decay_rate == pytest.approx(expected_rate, abs=1e-7)
 
 
 def test_large_problems_and_kinks_at_zero_get_no_eigenvalues():
-    network = Network.from_arcs([[1, 2]], arrow="listens_to", agents=diag.MAX_DENSE + 1)
-    spectrum = diag.mode_spectrum(loop_of(Problem(network=network, coupling="y")), "G")
+    arcs = [[1, 2]]
+    network = Network.from_arcs(arcs, arrow="listens_to", agents=diag.MAX_DENSE + 1)
+    problem = loop_of(Problem(network=network, coupling="y"))
+    spectrum = diag.mode_spectrum(problem, "G")
     assert spectrum.lambda_eigenvalues is spectrum.loop_eigenvalues is None
     assert spectrum.lambda_max is spectrum.decay_rate is None
     assert "not computed" in str(spectrum)
@@ -206,9 +232,13 @@ def test_double_integrators_decay_where_the_criterion_of_second_order_says_so(
     monkeypatch, pins, weight, needed
 ):
     """Theory, section 13, the directed 10-cycle; at a hundredth more or less than needed."""
-    arcs = [[i, i % 10 + 1, weight] for i in range(1, 11)]
+    arcs = []
+    for i in range(1, 11):
+        arcs.append([i, i % 10 + 1, weight])
     network = Network.from_arcs(arcs, arrow="listens_to")
-    agents = Dynamics(A=[[0, 1], [0, 0]], B=[[0], [1]])
+    A = [[0, 1], [0, 0]]
+    B = [[0], [1]]
+    agents = Dynamics(A=A, B=B)
     for factor in (0.99, 1.01):
         beta = Fraction(math.sqrt(factor * needed)).limit_denominator(10**6)
         gains = {agent: [[k, k * beta]] for agent, k in pins.items()}
@@ -222,7 +252,8 @@ def test_double_integrators_decay_where_the_criterion_of_second_order_says_so(
         np.testing.assert_allclose(*polynomials, rtol=1e-7, atol=1e-7)
     monkeypatch.setattr(diag, "MAX_DENSE", 10)  # as many agents, but twice the rows
     large = diag.analyse(problem).modes[0]
-    assert large.lambda_max is None and large.loop_eigenvalues == found.loop_eigenvalues
+    assert large.lambda_max is None
+    assert large.loop_eigenvalues == found.loop_eigenvalues
     assert f"beta^2/alpha = {1.01 * needed:.4g} has to exceed {needed:.4g}" in str(large)
 
 

@@ -20,7 +20,9 @@ def test_the_observer_is_that_of_the_exported_loop():
     exported = dd.export.to_control(dd.load_problem("paper-fixed")).observer
     w = np.array([0.1, 1.0, 10.0])
     assert np.allclose(analysis.observer(1j * w), exported(1j * w))
-    assert np.allclose(np.sort(analysis.poles), np.sort(analysis.observer.poles()))
+    poles = np.sort(analysis.poles)
+    observer_poles = np.sort(analysis.observer.poles())
+    assert np.allclose(poles, observer_poles)
 
 
 @pytest.mark.parametrize("name", ["paper-fixed", "platoon", "clock-sync"])
@@ -31,24 +33,33 @@ def test_the_error_system_has_the_poles_of_the_linearised_closed_loop(name):
     poles = dd.analyse(problem).error_system().poles()
     loop = dd.export.to_control(problem)
     goals = [float(x) for i in range(problem.n) for x in problem.goal_of(i)]
-    at = np.concatenate([goals, np.zeros(loop.nstates - len(goals))])
+    at_rest = np.zeros(loop.nstates - len(goals))
+    at = np.concatenate([goals, at_rest])
     # the estimate z + W x is 0 at the goal
     W = np.array(problem.joint_observer.W, dtype=float) if problem.joint_observer.W else None
     if W is None:
         W = dd.certify(problem).W
     start = problem.n * (problem.m + problem.q)
     for i in range(problem.n):
-        x = np.array(goals[i * problem.m : (i + 1) * problem.m])
+        goal = goals[i * problem.m : (i + 1) * problem.m]
+        x = np.array(goal)
         at[start + i * problem.q : start + (i + 1) * problem.q] = -W @ x
-    whole = control.linearize(loop, at, np.zeros(loop.ninputs)).poles()
+    no_input = np.zeros(loop.ninputs)
+    linearised = control.linearize(loop, at, no_input)
+    whole = linearised.poles()
     for pole in poles:
-        assert np.min(np.abs(whole - pole)) < 5e-3 * (1 + abs(pole))  # multiple poles are sensitive
+        distance = np.min(np.abs(whole - pole))
+        allowed = 5e-3 * (1 + abs(pole))
+        assert distance < allowed  # multiple poles are sensitive
 
 
 def test_without_a_disturbance_there_is_nothing_to_observe():
-    network = dd.Network.from_arcs([[2, 1]], arrow="listens_to", agents=2)
-    analysis = dd.analyse(dd.Problem(network=network, coupling="y", gains={1: 2}))
-    assert sorted(analysis.error_system().poles().real) == [-2, -1]
+    arcs = [[2, 1]]
+    network = dd.Network.from_arcs(arcs, arrow="listens_to", agents=2)
+    problem = dd.Problem(network=network, coupling="y", gains={1: 2})
+    analysis = dd.analyse(problem)
+    poles = analysis.error_system().poles().real
+    assert sorted(poles) == [-2, -1]
     with pytest.raises(SpecError, match="exosystem is missing"):
         _ = analysis.obsv
     with pytest.raises(SpecError, match=r"observer\.W is missing"):

@@ -40,7 +40,9 @@ def ring(*, disturbed: bool = True, n: int = 3, **settings) -> Problem:
     if disturbed:
         given["exosystem"] = Exosystem(A=[[0]], C=[[1]])
         given["observer"] = Observer(W=[[4]])
-    arcs = [[i + 1, (i + 1) % n + 1] for i in range(n)]
+    arcs = []
+    for i in range(n):
+        arcs.append([i + 1, (i + 1) % n + 1])
     network = Network.from_arcs(arcs, arrow="listens_to", agents=n)
     return Problem(network=network, **given | settings)
 
@@ -111,14 +113,17 @@ def test_the_quadratic_bound_is_that_of_its_ellipsoid(curved, radius: float, squ
     """V(0) <= lambda_max(P_e) |e(0)|^2 + n lambda_max(P) s^2, and no more than the level; |e_c|^2
     <= V (P_e^-1)_cc."""
     problem, certificate = curved
-    P_e = np.array([[2, 0.5, 0], [0.5, 1, 0], [0, 0, 3]])
+    rows = [[2, 0.5, 0], [0.5, 1, 0], [0, 0, 3]]
+    P_e = np.array(rows)
     check = replace(QUADRATIC, domain=Ball(radius, 0.25))
     claims = replace(certificate.claims, checks=(check,))
     run = dd.simulate(problem, start=QUIET, t_final=2)
     bound = certified_bound(problem, claims, run)
     _, ball, disturbance = run.start_size()
     assert ball <= radius
-    first = np.linalg.eigvalsh(P_e)[-1] * ball**2 + N * 2 * disturbance**2
+    of_positions = np.linalg.eigvalsh(P_e)[-1]
+    of_errors = N * 2 * disturbance**2
+    first = of_positions * ball**2 + of_errors
     if squared is not None:
         first = min(first, squared)
     tallest = 0.0
@@ -127,7 +132,9 @@ def test_the_quadratic_bound_is_that_of_its_ellipsoid(curved, radius: float, squ
         direction = np.linalg.solve(P_e, np.eye(N)[c])
         length = np.sqrt(direction @ P_e @ direction)
         tallest = max(tallest, direction[c] / length)
-    wanted = tallest * np.sqrt(first) * np.exp([0, -0.25 * 2])
+    first_height = tallest * np.sqrt(first)
+    decay = np.exp([0, -0.25 * 2])
+    wanted = first_height * decay
     np.testing.assert_allclose(bound([0.0, 2.0]), wanted, rtol=1e-9)
     assert bound.sources == ("lure",)
 
@@ -143,12 +150,15 @@ def test_linear_couplings_are_bounded_from_every_start(disturbed: bool):
     length = 49**2 + 71**2
     if disturbed:
         start["xi"] = [[3.0], [4.0], [0.0]]
-        length += 3 * 4**2 * float(Fraction(check.exact["P"][0][0]))
+        entry = check.exact["P"][0]
+        size = Fraction(entry[0])
+        length += 3 * 4**2 * float(size)
     run = dd.simulate(problem, start=start, t_final=3)
     bound = only(certificate, id).envelope(run)
     assert bound(0.0) == pytest.approx(np.sqrt(length), rel=1e-9)
     assert (run.error() <= bound(run.times)).all()
-    assert np.log(bound(0.0) / bound(1.0)) == pytest.approx(check.rate, rel=1e-9)
+    fallen = np.log(bound(0.0) / bound(1.0))
+    assert fallen == pytest.approx(check.rate, rel=1e-9)
 
 
 def test_no_run_crosses_the_bound_and_a_tenth_of_it_is_crossed(curved):
@@ -164,18 +174,21 @@ def test_the_least_of_all_proved_bounds_counts(curved):
     run = dd.simulate(problem, start=QUIET, t_final=3)
     every = certificate.envelope(run)
     assert {"max-separable", "lure"} <= set(every.sources)
-    parts = [only(certificate, id).envelope(run)(run.times) for id in every.sources]
+    parts = []
+    for id in every.sources:
+        parts.append(only(certificate, id).envelope(run)(run.times))
     np.testing.assert_array_equal(every(run.times), np.minimum.reduce(parts))
 
 
 #: Runs without a bound, and why.
-UNBOUNDED: list[tuple[dict, str]] = []
-UNBOUNDED.append(({"stress": dd.Stress(noise=0.1)}, "under stress"))
-UNBOUNDED.append(({"observer": "off"}, "here it is off"))
-UNBOUNDED.append(({"signal": dd.signals.Mobile(radius=9)}, "follows from positions"))
 OUTSIDE = "starts outside what is certified"
-UNBOUNDED.append(({"start": {"x": 9 * FAR}}, OUTSIDE))
-UNBOUNDED.append(({"start": {"x": NEAR, "xi": 9 * FAR}}, OUTSIDE))
+UNBOUNDED: list[tuple[dict, str]] = [
+    ({"stress": dd.Stress(noise=0.1)}, "under stress"),
+    ({"observer": "off"}, "here it is off"),
+    ({"signal": dd.signals.Mobile(radius=9)}, "follows from positions"),
+    ({"start": {"x": 9 * FAR}}, OUTSIDE),
+    ({"start": {"x": NEAR, "xi": 9 * FAR}}, OUTSIDE),
+]
 
 
 @pytest.mark.parametrize(("given", "reason"), UNBOUNDED)
@@ -203,7 +216,8 @@ def test_a_certificate_without_regions_bounds_nothing_and_says_what_to_ask_for()
 def test_a_claim_that_cannot_be_read_is_no_bound(curved):
     problem, certificate = curved
     check = certificate.check("max-separable")
-    broken = replace(check, claim=Values({**check.exact, "v": ["1", "2"]}))
+    exact = {**check.exact, "v": ["1", "2"]}
+    broken = replace(check, claim=Values(exact))
     claims = replace(certificate.claims, checks=(broken,))
     with pytest.raises(CertificateError, match="cannot be read"):
         replace(certificate, claims=claims).envelope(dd.simulate(problem, t_final=1))
@@ -218,7 +232,9 @@ def test_the_bound_is_drawn_as_far_as_the_integration_can_be_held_against_it():
     errors = run.plot(certificate=certificate).figure.axes[-1]
     line = next(each for each in errors.get_lines() if each.get_label() == DRAWN)
     bound = certificate.envelope(run)(line.get_xdata())
-    assert np.array_equal(np.isnan(line.get_ydata()), bound < 1e-9 * bound[0])
+    gaps = np.isnan(line.get_ydata())
+    small = bound < 1e-9 * bound[0]
+    assert np.array_equal(gaps, small)
     assert bound[-1] < 1e-20
     assert run.final_error > bound[-1]  # which says nothing against the bound
 
@@ -228,19 +244,23 @@ def test_a_settling_time_bounds_by_its_envelope():
     problem = separable.problems()[name]
     claims = read_claims(separable.certificate(name, SEEN))
     certificate = Certificate(problem=problem, claims=claims)
-    start = {"x": [[1], [-1]], "xi": [[0.5], [-0.5]]}
+    x = [[1], [-1]]
+    xi = [[0.5], [-0.5]]
+    start = {"x": x, "xi": xi}
     run = dd.simulate(problem, start=start, t_final=6)
     bound = certificate.envelope(run)
     assert set(bound.sources) == {"theorem1", "theorem1-weighted", "settling"}
     bound = only(certificate, "settling").envelope(run)
-    np.testing.assert_array_equal(bound(run.times), certificate.settling.envelope(run.times))
+    envelope = certificate.settling.envelope(run.times)
+    np.testing.assert_array_equal(bound(run.times), envelope)
     assert (run.error() <= bound(run.times)).all()
     assert not (run.error() <= 0.1 * bound(run.times)).all()
 
 
 def relay(**changes) -> Problem:
     """Agents 2 and 3 hear the one before, each in one mode."""
-    network = Network.from_arcs({"A": [[3, 2]], "B": [[2, 1]]}, arrow="listens_to", agents=3)
+    modes = {"A": [[3, 2]], "B": [[2, 1]]}
+    network = Network.from_arcs(modes, arrow="listens_to", agents=3)
     turns = {"guarantee": "dwell", "dwell": 1, "longest": "11/10"}
     switching = dd.Switching(**turns | changes.pop("turns", {}))
     return Problem(network=network, coupling="2*y", gains={1: 2}, switching=switching, **changes)
@@ -263,12 +283,15 @@ def test_weights_under_a_guarantee_bound_every_run_that_keeps_it(name: str):
     rate = certificate.check("schedule").rate
     own = [{"stress": "worst"}] if name == "pair" else []
     for seed, changes in enumerate([*own, {}, {}, {}]):
-        start = {"x": np.random.default_rng(seed).uniform(-1, 1, (problem.n, 1))}
+        rng = np.random.default_rng(seed)
+        x = rng.uniform(-1, 1, (problem.n, 1))
+        start = {"x": x}
         run = dd.simulate(problem, seed=seed, start=start, t_final=12, **changes)
         bound = certificate.envelope(run)
         assert bound.sources == ("schedule",)
         assert (run.error() <= bound(run.times)).all()
-        assert bound(12.0) == pytest.approx(bound(0.0) * np.exp(-12 * rate), rel=1e-4)
+        decayed = bound(0.0) * np.exp(-12 * rate)
+        assert bound(12.0) == pytest.approx(decayed, rel=1e-4)
 
 
 def test_the_bound_by_weights_is_their_largest_over_their_least():
@@ -286,10 +309,14 @@ def test_the_bound_by_weights_is_their_largest_over_their_least():
     tallest = 0.0
     for _, each in certificate.weights:
         heights = np.array(each.v, float).max(axis=1)
-        decayed = heights * np.exp(certificate.rate * np.array(each.times, float))
+        decay = certificate.rate * np.array(each.times, float)
+        decayed = heights * np.exp(decay)
         tallest = max(tallest, decayed.max())
-    run = dd.simulate(certificate.problem, start={"x": [[2], [0], [0]]}, t_final=1)
-    least = min(map(float, certificate.weights[0][1].v[0]))
+    far_start = {"x": [[2], [0], [0]]}
+    run = dd.simulate(certificate.problem, start=far_start, t_final=1)
+    vertices = certificate.weights[0][1].v
+    numbers = map(float, vertices[0])
+    least = min(numbers)
     found = float(certificate.envelope(run)(0.0)) / (2 * tallest / least)
     assert 1 <= found < 1.1
 
@@ -347,7 +374,8 @@ def test_weights_bound_no_run_in_one_mode():
 
 def test_a_settling_time_of_a_sequence_bounds_no_other_signal():
     certificate = by_hand("chain", GOES_ON)
-    run = partial(dd.simulate, certificate.problem, start={"x": [[1], [-1], [0]]}, t_final=2)
+    start = {"x": [[1], [-1], [0]]}
+    run = partial(dd.simulate, certificate.problem, start=start, t_final=2)
     assert "settling" in certificate.envelope(run()).sources
     stuck = run(signal=dd.signals.Fixed(mode="A"))
     assert not certificate.envelope(stuck).sources
@@ -402,7 +430,9 @@ def test_a_run_of_another_problem_of_the_same_name_has_no_bound(curved, changes)
 
 def test_a_run_that_does_not_say_of_which_problem_it_is_has_no_bound(curved):
     problem, certificate = curved
-    bound = certificate.envelope(replace(dd.simulate(problem, t_final=0.5), loop_sha256=""))
+    run = dd.simulate(problem, t_final=0.5)
+    foreign = replace(run, loop_sha256="")
+    bound = certificate.envelope(foreign)
     assert not bound.sources
     assert "does not record of which problem" in bound.reason
 

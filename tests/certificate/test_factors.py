@@ -164,16 +164,25 @@ def test_no_motion_of_a_linear_loop_leaves_the_bound(name: str):
         for own in bounds:
             if own.id in ("delay", "tolerance", "sampling"):
                 continue
-            most = (own.factor or 0.0) * math.exp(-(own.rate or 0.0) * time)
-            assert np.linalg.norm(motion, order[own.norm]) <= most * (1 + 1e-9)
+            exponent = -(own.rate or 0.0)
+            growth = math.exp(exponent * time)
+            most = (own.factor or 0.0) * growth
+            size = np.linalg.norm(motion, order[own.norm])
+            allowed = most * (1 + 1e-9)
+            assert size <= allowed
 
 
 def _loop(name: str) -> Any:
     """e' = loop e, from the numbers of the cases above."""
     if name == "ball":
         return np.array([[-3.0, 0, 2], [2, -2, 0], [0, 2, -2]])
-    arcs = np.array([[0.0, 0], [1, -1]]) - np.diag([1.0, 0])
-    return np.kron(np.eye(2), [[0, 1], [0, 0]]) + np.kron(arcs, [[0, 0], [1, 2]])
+    coupled = np.array([[0.0, 0], [1, -1]])
+    pinned = np.diag([1.0, 0])
+    arcs = coupled - pinned
+    free = [[0, 1], [0, 0]]
+    blocks = np.kron(np.eye(2), free)
+    felt = np.kron(arcs, [[0, 0], [1, 2]])
+    return blocks + felt
 
 
 def test_the_bound_is_the_least_of_all_proved_checks():
@@ -187,13 +196,16 @@ def test_the_bound_is_the_least_of_all_proved_checks():
     assert len(proved) > 1
     for each in proved:
         start = 3 * (1 if each.norm == "|e|_inf" else math.sqrt(3))
-        alone = (each.factor or 0) * start * np.exp(-(each.rate or 0) * times)
+        height = (each.factor or 0) * start
+        decay = np.exp(-(each.rate or 0) * times)
+        alone = height * decay
         assert np.all(bound <= alone * (1 + 1e-6) + 1e-300)
     assert bound[0] <= 3 * math.sqrt(3) * (1 + 1e-9)
 
 
 def test_no_start_of_a_linear_loop_exceeds_the_bound():
-    problem = line([[2, 1], [3, 2], [1, 3]], coupling="2*y")
+    arcs = [[2, 1], [3, 2], [1, 3]]
+    problem = line(arcs, coupling="2*y")
     certificate = certified(problem)
     times = np.linspace(0, 10, 21)
     bound = certificate.bound(times, radius=1, disturbance=0)
@@ -218,8 +230,11 @@ def test_a_bound_needs_starts_that_are_proved():
 def test_a_bound_is_about_the_plant_that_the_file_states():
     """Links that may be ten times weaker decay more slowly than the proof for the model says."""
     times = np.array([0.0, 5.0, 20.0])
-    slow = np.array([[-1, 0, 0], [0.2, -0.2, 0], [0, 0.2, -0.2]])
-    real = [np.linalg.norm(expm(slow * time), np.inf) for time in times]
+    rows = [[-1, 0, 0], [0.2, -0.2, 0], [0, 0.2, -0.2]]
+    slow = np.array(rows)
+    real = []
+    for time in times:
+        real.append(np.linalg.norm(expm(slow * time), np.inf))
     loose = certified(line(CHAIN, uncertainty={"weights": "9/10"}))
     bound = loose.bound(times, radius=1, disturbance=0)
     assert np.all(real <= bound * (1 + 1e-9))
@@ -227,9 +242,13 @@ def test_a_bound_is_about_the_plant_that_the_file_states():
     assert real[1] > 2 * model[1]
     gains = {1: 1, 2: 1, 3: 1}
     hidden = {"weights": "1/10", "known_to_agents": False}
-    unknown = certified(CASES["box"][0].replace(gains=gains, uncertainty=hidden))
+    known = CASES["box"][0]
+    changed = known.replace(gains=gains, uncertainty=hidden)
+    unknown = certified(changed)
     tolerance = unknown.check("tolerance")
-    assert unknown.bound([9.0])[0] >= math.exp(-9 * (tolerance.rate or math.inf))
+    found = unknown.bound([9.0])[0]
+    least = math.exp(-9 * (tolerance.rate or math.inf))
+    assert found >= least
 
 
 def test_no_bound_is_stated_where_errors_remain_or_inputs_exceed_a_limit():
@@ -237,10 +256,13 @@ def test_no_bound_is_stated_where_errors_remain_or_inputs_exceed_a_limit():
     with pytest.raises(SpecError) as remains:
         pushed.bound([1.0], radius=1, disturbance=0)
     assert "accuracy has the errors that remain" in str(remains.value)
-    held = certified(line(CHAIN, gains={1: 1, 2: 1, 3: 1}, actuators={"limit": 1}))
+    gains = {1: 1, 2: 1, 3: 1}
+    limited = line(CHAIN, gains=gains, actuators={"limit": 1})
+    held = certified(limited)
     domain = held.check("actuators").domain
     assert isinstance(domain, Box)
-    assert held.bound([0.0], radius=domain.radius, disturbance=0)[0] >= domain.radius
+    bounds = held.bound([0.0], radius=domain.radius, disturbance=0)
+    assert bounds[0] >= domain.radius
     with pytest.raises(SpecError) as exceeded:
         held.bound([0.0], radius=2 * domain.radius, disturbance=0)
     assert "it is not proved that inputs keep the limit of 1" in str(exceeded.value)

@@ -23,7 +23,8 @@ def held(certificate: str, folder: Path) -> tuple[bool, bool]:
     """Whether the package and the lone checker confirm it."""
     (folder / "problem.json").write_text(PROBLEM, "utf-8")
     own = dd.verify(certificate.encode(), str(folder / "problem.json")).holds
-    return own, all(holds for holds, _ in examine(certificate.encode(), PROBLEM.encode()))
+    findings = examine(certificate.encode(), PROBLEM.encode())
+    return own, all(holds for holds, _ in findings)
 
 
 def test_both_programs_confirm_the_certificate_made_by_hand(tmp_path: Path):
@@ -44,7 +45,8 @@ def test_both_programs_confirm_the_certificate_made_by_hand(tmp_path: Path):
 )
 def test_neither_confirms_a_little_more(check: str, change: dict[str, Any], tmp_path: Path):
     claims = json.loads(CERTIFICATE)
-    next(each for each in claims["checks"] if each["id"] == check).update(change)
+    named = next(each for each in claims["checks"] if each["id"] == check)
+    named.update(change)
     assert held(json.dumps(claims), tmp_path) == (False, False)
 
 

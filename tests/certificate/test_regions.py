@@ -27,7 +27,8 @@ from dobc_design.exact.symmetric import SparseSymmetric
 
 def chain(n: int = 2, **changes: Any) -> Problem:
     """Agents in a row behind the pinned first one, about the target 1."""
-    arcs = {"G": [(i + 1, i) for i in range(1, n)]}
+    arcs_of_mode = [(i + 1, i) for i in range(1, n)]
+    arcs = {"G": arcs_of_mode}
     settings: dict[str, Any] = {"name": "chain", "target": 1}
     settings["network"] = Network.from_arcs(arcs, arrow="listens_to", agents=n)
     settings |= {"coupling": "sin(y)", "gains": {1: 2}}
@@ -65,27 +66,30 @@ def only(found: Regions) -> RegionClaim:
 def max_separable(
     *, radius: float = 1.0, disturbance: float = 0.0, rate: float = 0.5, **exact: Any
 ) -> Check:
+    claim = Values({"v": ["1", "2"], "alpha": "1/2", "rho": "1", **exact})
     return Check(
         id="max-separable",
         verdict=Verdict.PROVED,
         rate=rate,
         domain=Box(radius, disturbance),
         reason="from every start V decays. The box stops there.",
-        claim=Values({"v": ["1", "2"], "alpha": "1/2", "rho": "1", **exact}),
+        claim=claim,
     )
 
 
 def lure(*, radius: float, P_e: list[list[Any]], level: str = "1", rate: float = 1.0) -> Check:
     size = 1 + max(j for _, j, _ in P_e)
-    form = SparseSymmetric(size, {(i, j): Fraction(x) for i, j, x in P_e})
+    entries = {(i, j): Fraction(x) for i, j, x in P_e}
+    form = SparseSymmetric(size, entries)
     one = Fraction(1)
+    claim = Lure(P_e=form, ranges=(), radius=one, level=Fraction(level), rate=one)
     return Check(
         id="lure",
         verdict=Verdict.PROVED,
         rate=rate,
         domain=Ball(radius, 0.0),
         reason="from every start in a ball V decays.",
-        claim=Lure(P_e=form, ranges=(), radius=one, level=Fraction(level), rate=one),
+        claim=claim,
     )
 
 
@@ -98,7 +102,9 @@ def local(id: str, reason: str, **more: Any) -> Check:
 def test_a_ball_holds_a_box_that_is_smaller_by_the_root_of_its_dimension():
     """The corner (b, ..., b) of the box has the norm b sqrt(n m)."""
     unit = [[i, i, "1"] for i in range(4)]
-    claim = only(regions(chain(4), lure(radius=2.0, P_e=unit)))
+    ball = lure(radius=2.0, P_e=unit)
+    claims = regions(chain(4), ball)
+    claim = only(claims)
     assert claim.kind == "ball"
     assert claim.box == 1.0
     assert claim.ball == 2.0
@@ -106,7 +112,9 @@ def test_a_ball_holds_a_box_that_is_smaller_by_the_root_of_its_dimension():
 
 
 def test_a_box_holds_the_ball_of_its_radius_and_the_box_in_a_ball_is_rounded_down():
-    claim = only(regions(chain(2), lure(radius=1.0, P_e=[[0, 0, "1"], [1, 1, "1"]])))
+    P_e = [[0, 0, "1"], [1, 1, "1"]]
+    ball = lure(radius=1.0, P_e=P_e)
+    claim = only(regions(chain(2), ball))
     assert claim.box is not None
     box = claimed(claim.box)
     assert 2 * box**2 <= 1
@@ -130,7 +138,9 @@ def test_what_is_asked_is_rounded_up():
 
 def test_every_agent_has_its_share_of_the_box_after_what_the_observer_takes():
     """rho = 3, kappa s sqrt(size) = 1 * 1/2 * 2 = 1, so |e_i| <= 2 v_i."""
-    problem = chain(exosystem=Exosystem(A=[[0]], C=[[1]]), observer=Observer(W=[[4]]))
+    exosystem = Exosystem(A=[[0]], C=[[1]])
+    observer = Observer(W=[[4]])
+    problem = chain(exosystem=exosystem, observer=observer)
     part = {"P": [["4"]], "beta": "3", "kappa": "1", "size": "4"}
     check = max_separable(radius=1.5, disturbance=0.5, rho="3", **part)
     first, second = regions(problem, check).agents
@@ -149,7 +159,9 @@ def test_the_time_of_a_box_is_the_least_that_the_rate_proves():
 
 def test_the_time_of_a_ball_takes_the_softest_direction_of_its_weights():
     """e'P_e e <= 4 with P_e = diag(4, 1) allows |e_2| = 2; the tolerance is 1 % of the radius 1."""
-    claim = only(regions(chain(), lure(radius=1.0, P_e=[[0, 0, "4"], [1, 1, "1"]], level="4")))
+    P_e = [[0, 0, "4"], [1, 1, "1"]]
+    ball = lure(radius=1.0, P_e=P_e, level="4")
+    claim = only(regions(chain(), ball))
     assert claim.time is not None
     assert 2 * math.exp(-claim.time) <= 0.01
     assert 2 * math.exp(-(claim.time - 0.02)) > 0.01
@@ -158,7 +170,8 @@ def test_the_time_of_a_ball_takes_the_softest_direction_of_its_weights():
 
 def test_times_of_all_methods_are_about_one_tolerance():
     box = max_separable()
-    ball = lure(radius=0.5, P_e=[[0, 0, "1"], [1, 1, "1"]])
+    P_e = [[0, 0, "1"], [1, 1, "1"]]
+    ball = lure(radius=0.5, P_e=P_e)
     assert regions(chain(), box, ball).tolerance == 0.005
     asked = chain(region=asking([0, 2]))
     assert regions(asked, box, ball).tolerance == 0.01
@@ -183,7 +196,9 @@ def test_the_reason_for_a_limit_names_a_coupling_that_falls():
 
 
 def test_a_local_proof_has_no_radius_and_one_for_every_start_needs_none():
-    claim = only(regions(chain(), local("lemma1", "yes.", mode="G", rate=0.1)))
+    check = local("lemma1", "yes.", mode="G", rate=0.1)
+    claims = regions(chain(), check)
+    claim = only(claims)
     assert claim.kind == "near"
     assert claim.box is None
     assert claim.time is None
@@ -210,7 +225,9 @@ def test_lemma_1_of_several_modes_is_one_row_of_the_slowest_or_of_the_one_that_f
 
 
 def test_with_a_disturbance_lemma_1_and_the_printed_matrix_are_left_to_the_list_of_checks():
-    problem = chain(exosystem=Exosystem(A=[[0]], C=[[1]]), observer=Observer(W=[[4]]))
+    exosystem = Exosystem(A=[[0]], C=[[1]])
+    observer = Observer(W=[[4]])
+    problem = chain(exosystem=exosystem, observer=observer)
     lemma = local("lemma1", "yes.", mode="G")
     printed = local("theorem1-printed", "yes.")
     theorem = local("theorem1", "yes.")
@@ -242,7 +259,8 @@ def test_another_equilibrium_is_told_by_its_distance():
 
 
 def test_the_text_and_the_table_say_the_same_as_the_json():
-    found = regions(chain(region=asking([0, 2])), max_separable(), verdict=Verdict.PROVED)
+    asked = chain(region=asking([0, 2]))
+    found = regions(asked, max_separable(), verdict=Verdict.PROVED)
     document = json.loads(json.dumps(found.to_json(), allow_nan=False))
     assert document["asked"] == {"box": 1.0, "ball": 1.41421357, "disturbance": 0.0}
     assert document["regions"][0]["box"] == 1.0

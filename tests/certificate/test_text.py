@@ -65,12 +65,14 @@ def test_numbers_longer_than_anybody_types_are_read_back(monkeypatch):
     for i, j in product(range(4), repeat=2):
         over = (i * 7 + j * 3) % 11 - 50 * (i == j)
         A[i][j] = f"{over}/{10**9 + 7 * i + j}"
+    network = Network.from_arcs([], arrow="listens_to", agents=1)
+    observer = Observer(W=[[0]] * 4)
     problem = Problem(
-        network=Network.from_arcs([], arrow="listens_to", agents=1),
+        network=network,
         coupling="y",
         gains="1/1000000007",
         exosystem=Exosystem(A=A, C=[["1/3", "3/7", "-5/11", "1/13"]]),
-        observer=Observer(W=[[0]] * 4),
+        observer=observer,
     )
 
     def exact_only(exosystem, W, *, bound, decay):
@@ -227,7 +229,8 @@ PROVED, REFUTED, UNDECIDED = Verdict.PROVED, Verdict.REFUTED, Verdict.UNDECIDED
 
 
 def long_number(random: Random, digits: int) -> Fraction:
-    return Fraction(random.randrange(10**digits), 10**digits + random.randrange(10**digits))
+    numerator = random.randrange(10**digits)
+    return Fraction(numerator, 10**digits + random.randrange(10**digits))
 
 
 def network_of_two(**parts) -> Problem:
@@ -239,9 +242,14 @@ def hidden_problem(order: int, digits: int) -> Problem:
     """An unstable part that C does not see, whose characteristic polynomial has long
     coefficients."""
     random = Random(1)
-    rows = [[long_number(random, digits) for _ in range(order)] for _ in range(order)]
-    A = [[-1] + [0] * order, *([0, *row] for row in rows)]
-    return network_of_two(exosystem=Exosystem(A=A, C=[[1] + [0] * order]))
+    rows = []
+    for _ in range(order):
+        rows.append([long_number(random, digits) for _ in range(order)])
+    first = [-1] + [0] * order
+    A = [first, *([0, *row] for row in rows)]
+    C = [[1] + [0] * order]
+    exosystem = Exosystem(A=A, C=C)
+    return network_of_two(exosystem=exosystem)
 
 
 def companion_problem(order: int, digits: int) -> Problem:
@@ -251,8 +259,10 @@ def companion_problem(order: int, digits: int) -> Problem:
     A = []
     for i in range(order):
         first = -comb(order, i + 1) - long_number(random, digits)
-        A.append([first, *(int(j == i + 1) for j in range(1, order))])
-    exosystem = Exosystem(A=A, C=[[1] + [0] * (order - 1)])
+        row = [first, *(int(j == i + 1) for j in range(1, order))]
+        A.append(row)
+    C = [1] + [0] * (order - 1)
+    exosystem = Exosystem(A=A, C=[C])
     return network_of_two(exosystem=exosystem, observer=Observer(W=[[0]] * order))
 
 
@@ -260,20 +270,24 @@ def star_problem(leaves: int, digits: int) -> Problem:
     """One agent that is pushed away by many others: v' Lambda v has the common denominator of all
     weights."""
     random = Random(3)
-    arcs = [[1, j + 2, long_number(random, digits)] for j in range(leaves)]
+    arcs = []
+    for j in range(leaves):
+        arcs.append([1, j + 2, long_number(random, digits)])
     network = Network.from_arcs(arcs, arrow="listens_to", agents=leaves + 1)
     return Problem(network=network, coupling="-y", gains=1)
 
 
 def vector_check(*values: str) -> Check:
+    claim = Values({"unstable_roots": "0"})
+    witness = Witness(kind="vector", labels=("1",), values=values)
     return Check(
         id="lemma1",
         mode="G",
         verdict=REFUTED,
         domain=NEAR_TARGET,
         reason="",
-        claim=Values({"unstable_roots": "0"}),
-        witness=Witness(kind="vector", labels=("1",), values=values),
+        claim=claim,
+        witness=witness,
     )
 
 
@@ -303,31 +317,31 @@ def test_the_common_denominator_of_a_witness_is_bounded():
 @pytest.mark.parametrize("digits", [LONGEST_COEFFICIENT, LONGEST_COEFFICIENT + 1])
 def test_a_polynomial_may_be_long_and_its_coefficients_not(digits):
     text = " + ".join(f"{'7' * digits} s^{k}" for k in (9, 8, 7)) + " + 1"
-    check = Check(
-        id="detectability",
-        verdict=PROVED,
-        domain=EVERYWHERE,
-        reason="",
-        claim=Values({"unobservable_polynomial": text}),
-    )
+    claim = Values({"unobservable_polynomial": text})
+    check = Check(id="detectability", verdict=PROVED, domain=EVERYWHERE, reason="", claim=claim)
     assert (writable(check, NEAR_TARGET) == check) is (digits <= LONGEST_COEFFICIENT)
 
 
 def test_what_is_no_number_may_be_long():
+    v = {"float64": "A" * 20_000}
+    claim = Values({"mode": "G" * 20_000, "v": v})
+    witness = Witness(kind="agents", labels=("9" * 20_000,))
     check = Check(
         id="lemma1",
         verdict=PROVED,
         domain=EVERYWHERE,
         reason="x" * 20_000,
-        claim=Values({"mode": "G" * 20_000, "v": {"float64": "A" * 20_000}}),
-        witness=Witness(kind="agents", labels=("9" * 20_000,)),
+        claim=claim,
+        witness=witness,
     )
     assert writable(check, NEAR_TARGET) == check
 
 
 def test_an_undecided_check_keeps_its_cure_and_says_what_to_do():
     fix = Fix(kind="pinning", set={"pinning.gains": 1}, text="Pin agent 1.")
-    check = writable(replace(vector_check("1" * (LONGEST + 1)), fix=fix), NEAR_TARGET)
+    long_check = vector_check("1" * (LONGEST + 1))
+    fixed = replace(long_check, fix=fix)
+    check = writable(fixed, NEAR_TARGET)
     assert check.verdict is UNDECIDED
     assert check.mode == "G"
     assert check.fix == fix
@@ -372,7 +386,10 @@ def test_a_polynomial_or_a_column_of_routh_that_is_too_long_is_undecided_and_the
 
 def test_small_decimals_in_a_polynomial_are_written_as_quotients():
     """The lone checker compares polynomials as texts, in lowest terms."""
-    problem = network_of_two(exosystem=Exosystem(A=[[0, 0], [0, "-1e-250"]], C=[[1, 0]]))
+    A = [[0, 0], [0, "-1e-250"]]
+    C = [[1, 0]]
+    exosystem = Exosystem(A=A, C=C)
+    problem = network_of_two(exosystem=exosystem)
     certificate = certify(problem)
     exact = certificate.check("detectability").exact
     assert exact["unobservable_polynomial"] == f"s + 1/1{'0' * 250}"

@@ -51,31 +51,33 @@ h = "y"
 [pinning]
 gains = { 1 = 1 }
 """
-OPPOSED = (
-    SIGNED.replace("-2", "2")
-    .replace("-1", "1")
-    .replace(
-        "[pinning]",
-        '[[coupling.exceptions]]\narcs = [[2, 3], [3, 2], [4, 1], [1, 4]]\nh = "-y"\n[pinning]',
-    )
+unsigned = SIGNED.replace("-2", "2")
+OPPOSED = unsigned.replace("-1", "1").replace(
+    "[pinning]",
+    '[[coupling.exceptions]]\narcs = [[2, 3], [3, 2], [4, 1], [1, 4]]\nh = "-y"\n[pinning]',
 )
 
 
 def signed_loop() -> np.ndarray:
     """x_i' = sum |w| (sign x_j - x_i) - k_i x_i, written down by hand."""
     weights = np.zeros((4, 4))
+    second = (2, 3, -2)
+    third = (3, 2, -2)
+    fourth = (4, 1, -1)
     for i, j, w in (
         (1, 2, 1),
         (2, 1, 1),
-        (2, 3, -2),
-        (3, 2, -2),
+        second,
+        third,
         (3, 4, 1),
         (4, 3, 1),
-        (4, 1, -1),
+        fourth,
         (1, 4, -1),
     ):
         weights[i - 1, j - 1] = w
-    return weights - np.diag(np.abs(weights).sum(axis=1)) - np.diag([1, 0, 0, 0])
+    degrees = np.diag(np.abs(weights).sum(axis=1))
+    pinned = np.diag([1, 0, 0, 0])
+    return weights - degrees - pinned
 
 
 def test_a_negative_weight_names_the_sides_of_a_signed_graph_and_the_cure_has_its_eigenvalues():
@@ -86,9 +88,12 @@ def test_a_negative_weight_names_the_sides_of_a_signed_graph_and_the_cure_has_it
     assert "leave the minus signs of the weights out" in message
     cured = read(SIGNED.replace("-2", "2").replace("-1", "1"))
     true = np.sort(np.linalg.eigvals(signed_loop()).real)
-    assert np.allclose(np.sort(np.linalg.eigvals(closed_loop(cured)).real), true)
+    found = np.linalg.eigvals(closed_loop(cured)).real
+    assert np.allclose(np.sort(found), true)
     assert -true[-1] == pytest.approx(0.188, abs=1e-3)
-    assert np.allclose(signed_loop() @ [1, 1, -1, -1] + [1, 0, 0, 0], 0)
+    unforced = signed_loop() @ [1, 1, -1, -1]
+    pinned = np.array([1, 0, 0, 0])
+    assert np.allclose(unforced + pinned, 0)
     assert certify(cured).verdict is Verdict.PROVED
 
 
@@ -144,9 +149,12 @@ def test_signs_that_do_not_balance_are_written_with_every_agent_twice():
     message = message_of(UNBALANCED)
     assert "do not balance" in message
     assert "let a listen to the copy of b and the copy of a to b" in message
-    signed = np.array([[-2, 0, -1], [1, -1, 0], [0, 1, -1]])
+    signed_matrix = [[-2, 0, -1], [1, -1, 0], [0, 1, -1]]
+    signed = np.array(signed_matrix)
     cover = closed_loop(read(TWICE))
-    mirrored = np.vstack([np.eye(3), -np.eye(3)])
+    opposite = -np.eye(3)
+    corners = [np.eye(3), opposite]
+    mirrored = np.vstack(corners)
     assert np.allclose(cover @ mirrored, mirrored @ signed)
     assert certify(read(TWICE)).verdict is Verdict.PROVED
 
@@ -156,8 +164,14 @@ def test_sides_fit_every_sign_or_there_are_none():
     balanced = 0
     for _ in range(200):
         n = int(rng.integers(2, 6))
-        pairs = [(i, j) for i in range(n) for j in range(n) if i != j and rng.random() < 0.4]
-        arcs = [(i, j, bool(rng.random() < 0.4)) for i, j in pairs]
+        pairs = []
+        for i in range(n):
+            for j in range(n):
+                if i != j and rng.random() < 0.4:
+                    pairs.append((i, j))
+        arcs = []
+        for i, j in pairs:
+            arcs.append((i, j, bool(rng.random() < 0.4)))
         fits = any(
             all(((side >> i & 1) != (side >> j & 1)) == opposed for i, j, opposed in arcs)
             for side in range(2**n)
@@ -166,7 +180,9 @@ def test_sides_fit_every_sign_or_there_are_none():
         assert (found is not None) == fits
         if found is not None:
             balanced += 1
-            assert all(((i in found[0]) != (j in found[0])) == opposed for i, j, opposed in arcs)
+            for i, j, opposed in arcs:
+                apart = (i in found[0]) != (j in found[0])
+                assert apart == opposed
     assert 20 < balanced < 180
 
 
@@ -214,7 +230,9 @@ def test_agents_without_pins_agree_and_what_is_not_reached_is_the_target():
     (remark,) = remarks(read(LEADERLESS))
     assert agreement in remark
     assert "agreement without a target cannot be certified yet" in remark
-    eigenvalues = np.sort(np.linalg.eigvals(closed_loop(read(LEADERLESS))).real)
+    matrix = closed_loop(read(LEADERLESS))
+    eigenvalue = np.linalg.eigvals(matrix)
+    eigenvalues = np.sort(eigenvalue.real)
     assert eigenvalues[-1] == pytest.approx(0, abs=1e-9)
     assert eigenvalues[-2] < -0.1
     pinned = LEADERLESS + "[pinning]\ngains = { 1 = 1 }\n"
@@ -316,11 +334,13 @@ b = { 2 = "1/2" }
         + '[[coupling.exceptions]]\narcs = [[1, "target"], [2, "target"]]\nh = "y"\n'
         + "[pinning]\ngains = { target = 1 }\n"
     )
-    loops = [
-        (consensus_jacobian(loop_of(cured), mode) - pinning_matrix(cured)).toarray()[:2, :2]
-        for mode in ("a", "b")
-    ]
-    assert np.allclose(loops, [[[-3, 0], [2, -2]], [[-2, 2], [0, -0.5]]])
+    loops = []
+    for mode in ("a", "b"):
+        loops.append(
+            (consensus_jacobian(loop_of(cured), mode) - pinning_matrix(cured)).toarray()[:2, :2]
+        )
+    wanted = [[[-3, 0], [2, -2]], [[-2, 2], [0, -0.5]]]
+    assert np.allclose(loops, wanted)
     assert certify(cured).verdict is Verdict.PROVED
 
 
@@ -396,9 +416,8 @@ def test_limits_of_agents_with_dynamics_are_tried_in_runs(command_line, tmp_path
     removed = LIMITED.replace("[actuators]\nlimit = { 1 = 5, 2 = 7 }\n", "")
     assert certify(read(removed)).verdict is Verdict.PROVED
     (tmp_path / "file.toml").write_text(removed, "utf-8")
-    code, out, _ = command_line(
-        *[tmp_path / "file.toml" if word == "FILE" else word for word in command]
-    )
+    arguments = [tmp_path / "file.toml" if word == "FILE" else word for word in command]
+    code, out, _ = command_line(*arguments)
     assert code == 0
     assert "Stress: |u| at most 5." in out
 
@@ -414,7 +433,8 @@ def test_delays_of_agents_with_dynamics_are_said_to_be_open_and_are_tried_by_sam
     )
     certificate = certify(read(text))
     assert certificate.verdict is Verdict.PROVED
-    assert not any(check.id == "delay" for check in certificate.checks)
+    for check in certificate.checks:
+        assert check.id != "delay"
     (note,) = (
         note for note in shown_notes(certificate) if note.startswith("No delay is certified")
     )

@@ -35,43 +35,52 @@ def matrix_gains(third=(1, 2)):
     """Agent 1 listens to nobody; its gain leaves (0, y, z) free, and gains of both need not leave a
     basis vector."""
     sides = [[-1, 1], [1, 2], list(third)]
-    gains = {1: [[1, 0, 0], [0, 1, -1], [0, -1, 1]], 2: [[1, 0, 0], [0, 0, 0], [0, 0, 0]]}
-    return linked([[2, 1]], gains=gains, target=[0, 0, 0], region={"initial_states": sides})
+    of_the_first = [[1, 0, 0], [0, 1, -1], [0, -1, 1]]
+    of_the_second = [[1, 0, 0], [0, 0, 0], [0, 0, 0]]
+    gains = {1: of_the_first, 2: of_the_second}
+    arcs = [[2, 1]]
+    target = [0, 0, 0]
+    return linked(arcs, gains=gains, target=target, region={"initial_states": sides})
 
 
 def box(h, half, arcs=((2, 1),), **more):
-    return linked(arcs, 2, coupling=h, region={"initial_states": [f"-{half}", half]}, **more)
+    region = {"initial_states": [f"-{half}", half]}
+    return linked(arcs, 2, coupling=h, region=region, **more)
 
 
 def chain(*weights):
-    arcs = [[i + 2, i + 1, weight] for i, weight in enumerate(weights)]
-    return linked(arcs, gains={1: "0.1" if len(weights) == 1 else 1})
+    arcs = []
+    for i, weight in enumerate(weights):
+        arcs.append([i + 2, i + 1, weight])
+    gains = {1: "0.1" if len(weights) == 1 else 1}
+    return linked(arcs, gains=gains)
 
 
 #: Problems with known defects, and what is decided of each.
-CASES = {}
-CASES["closed set, basis test"] = (matrix_gains(), REFUTED)
-CASES["closed set, just missed"] = (matrix_gains(third=(3, 4)), UNDECIDED)
 ROOT = "sqrt(1+y) - 1"
-CASES["sqrt"] = (box(ROOT, "0.6", gains={1: 2}), UNDECIDED)
-CASES["sqrt, inside"] = (box(ROOT, "0.4", gains={1: 2}), PROVED)
-CASES["log"] = (box("log(1+y)", "0.4", gains={1: 2}), PROVED)
 WIGGLE = "2*y + sin(3*y)"
-CASES["wiggle"] = (box(WIGGLE, 2, gains={1: "2.4"}), PROVED)
 WIDE = [[2, 1], [1, 2, "1.1"]]
-CASES["wiggle, wide"] = (box(WIGGLE, 8, WIDE, gains={1: "2.4"}), PROVED)
-CASES["sine, wide"] = (box("sin(y)", "1.6", gains={1: "0.15", 2: "0.15"}), PROVED)
-CASES["list"] = (box(LIST, 3, gains={1: 1}, target=[0, 0]), PROVED)
-CASES["chain"] = (chain("2.8", "0.5", "2.9", "0.4"), PROVED)
 TWO = [[2, 1, 2]]
-CASES["chain of two"] = (linked(TWO, gains={1: "0.1"}), PROVED)
-CASES["chain of two, disturbed"] = (linked(TWO, gains={1: "0.1"}, exosystem=CONSTANT), PROVED)
-CASES["chain of two, held by nobody"] = (linked(TWO, gains={2: "0.1"}), REFUTED)
-CASES["max(y, 0)"] = (box("max(y, 0)", "0.8", gains={1: 2}), REFUTED)
-CASES["max(y, 0), held"] = (box("max(y, 0)", "0.8", gains={1: 2, 2: 2}), PROVED)
 DEAD = "max(y - 0.1, 0) + min(y + 0.1, 0)"
-CASES["dead zone"] = (box(DEAD, "0.8", gains={1: 2}), REFUTED)
-CASES["0*y"] = (box("0*y", 1, gains={1: 1}), REFUTED)
+CASES = {
+    "closed set, basis test": (matrix_gains(), REFUTED),
+    "closed set, just missed": (matrix_gains(third=(3, 4)), UNDECIDED),
+    "sqrt": (box(ROOT, "0.6", gains={1: 2}), UNDECIDED),
+    "sqrt, inside": (box(ROOT, "0.4", gains={1: 2}), PROVED),
+    "log": (box("log(1+y)", "0.4", gains={1: 2}), PROVED),
+    "wiggle": (box(WIGGLE, 2, gains={1: "2.4"}), PROVED),
+    "wiggle, wide": (box(WIGGLE, 8, WIDE, gains={1: "2.4"}), PROVED),
+    "sine, wide": (box("sin(y)", "1.6", gains={1: "0.15", 2: "0.15"}), PROVED),
+    "list": (box(LIST, 3, gains={1: 1}, target=[0, 0]), PROVED),
+    "chain": (chain("2.8", "0.5", "2.9", "0.4"), PROVED),
+    "chain of two": (linked(TWO, gains={1: "0.1"}), PROVED),
+    "chain of two, disturbed": (linked(TWO, gains={1: "0.1"}, exosystem=CONSTANT), PROVED),
+    "chain of two, held by nobody": (linked(TWO, gains={2: "0.1"}), REFUTED),
+    "max(y, 0)": (box("max(y, 0)", "0.8", gains={1: 2}), REFUTED),
+    "max(y, 0), held": (box("max(y, 0)", "0.8", gains={1: 2, 2: 2}), PROVED),
+    "dead zone": (box(DEAD, "0.8", gains={1: 2}), REFUTED),
+    "0*y": (box("0*y", 1, gains={1: 1}), REFUTED),
+}
 
 
 SLOW = ("sqrt", "sqrt, inside", "wiggle", "wiggle, wide", "max(y, 0)", "dead zone")
@@ -117,12 +126,15 @@ def test_one_sided_couplings_get_no_advice_that_cannot_help():
 # -------------------------------------------------------------------------------
 def free_shift_by_checker(M, sides) -> bool:
     zero = Fraction(0)
+    hold = {0: [list(row) for row in M]}
+    goals = [[zero] * len(sides)]
+    leads = [(zero, zero)] * len(sides)
     loop = SimpleNamespace(
         m=len(sides),
-        hold={0: [list(row) for row in M]},
-        goals=[[zero] * len(sides)],
+        hold=hold,
+        goals=goals,
         region=SimpleNamespace(initial_states=sides),
-        leads=[(zero, zero)] * len(sides),
+        leads=leads,
     )
     return leaves_free(loop, {0})
 
@@ -134,7 +146,9 @@ def is_met_for_scipy(M, sides) -> bool:
     if any(lo > hi for lo, hi in sides):
         return False
     for k, sign in product(range(len(sides)), (1, -1)):
-        cost = [-sign * (j == k) for j in range(len(sides))]
+        cost = []
+        for j in range(len(sides)):
+            cost.append(-sign * (j == k))
         A = [[float(x) for x in row] for row in M] or None
         bounds = [(float(lo), float(hi)) for lo, hi in sides]
         answer = linprog(cost, A_eq=A, b_eq=A and [0] * len(A), bounds=bounds)
@@ -157,8 +171,11 @@ def test_a_box_meets_a_nullspace_iff_a_linear_program_says_so(seed: int):
         sides = []
         for _ in range(m):
             lo = r.randint(-3, 2)
-            own = (lo, lo + r.choice((-1, *(0, 0, 1, 1, 2, 3) * 5)))
-            side = r.choice((own, (0, 2), (-2, 0), (0, 0), (-1, 1)))
+            mostly_up = (0, 0, 1, 1, 2, 3) * 5
+            widths = (-1, *mostly_up)
+            own = (lo, lo + r.choice(widths))
+            sides_drawn = (own, (0, 2), (-2, 0), (0, 0), (-1, 1))
+            side = r.choice(sides_drawn)
             sides.append(tuple(map(Fraction, side)))
         v = find_in_nullspace(M, sides)
         if v is not None:
@@ -166,7 +183,8 @@ def test_a_box_meets_a_nullspace_iff_a_linear_program_says_so(seed: int):
             for x, (lo, hi) in zip(v, sides, strict=True):
                 assert lo <= x <= hi
             for row in M:
-                assert sum(a * x for a, x in zip(row, v, strict=True)) == 0
+                products = zip(row, v, strict=True)
+                assert sum(a * x for a, x in products) == 0
         meets = v is not None
         assert meets is is_met_for_scipy(M, sides)
         assert meets is free_shift_by_checker(M, sides)
@@ -189,7 +207,8 @@ def test_a_box_with_an_empty_side_meets_nothing():
 @pytest.fixture(scope="module")
 def disturbed():
     region = {"initial_states": [-1, 1], "initial_disturbance": "1/10"}
-    problem = linked([[2, 1]], coupling="tanh(y)", gains=2, exosystem=CONSTANT, region=region)
+    arcs = [[2, 1]]
+    problem = linked(arcs, coupling="tanh(y)", gains=2, exosystem=CONSTANT, region=region)
     return problem, certify(problem).claims
 
 
@@ -218,7 +237,10 @@ def test_what_the_second_program_refuses_is_not_written(
         assert claims.covered_by is None
         assert "second checker" in claims.reason
         return
-    withdrawn = [new for new, old in zip(claims.checks, honest.checks, strict=True) if new != old]
+    withdrawn = []
+    for new, old in zip(claims.checks, honest.checks, strict=True):
+        if new != old:
+            withdrawn.append(new)
     assert which in [check.id for check in withdrawn]
     assert (claims.P is None) is (which == "theorem1")
     for check in withdrawn:
@@ -236,7 +258,9 @@ def test_a_limit_of_the_second_program_is_told_from_a_contradiction(
     problem, _ = CASES["list"]
     claims = certified(problem).claims
     count = len(claims.checks)
-    findings = [(True, said)] * 3 + [(False, said)] * (1 + count)
+    believed = [(True, said)] * 3
+    refused = [(False, said)] * (1 + count)
+    findings = believed + refused
     monkeypatch.setattr(rechecks.checker, "examine", lambda *_, **__: findings)
     contradicts = said == "it is refuted here"
     for check in rechecks.agreed(claims, problem).checks:
@@ -278,8 +302,10 @@ def test_a_point_is_confirmed_iff_it_is_an_equilibrium_in_the_region(point: tupl
     problem, claims = stuck
     *others, old = claims.checks
     assert old.id == "equilibrium"
-    bent = Values({"mode": "G", "box": [[x, x] for x in point]})
-    check = replace(old, claim=bent, witness=Witness(kind="start", values=point))
+    bent_claim = {"mode": "G", "box": [[x, x] for x in point]}
+    bent = Values(bent_claim)
+    witness = Witness(kind="start", values=point)
+    check = replace(old, claim=bent, witness=witness)
     data = certificate_bytes(replace(claims, checks=(*others, check)))
     true = point == ("0", "1/2")
     assert rechecks.recheck(data, problem).holds is true
@@ -292,11 +318,12 @@ def made() -> bytes:
 
 
 #: Places of a certificate, and what cannot stand there.
-MALFORMED = []
-MALFORMED.append((("checks", 0, "id"), "nobody"))
-MALFORMED.append((("checks", 0, "verdict"), "nobody"))
-MALFORMED.append((("checks", 0, "domain"), {"kind": "box", "radius": 1}))
-MALFORMED.append((("checks", 0, "domain"), {"kind": None, "radius": 1}))
+MALFORMED = [
+    (("checks", 0, "id"), "nobody"),
+    (("checks", 0, "verdict"), "nobody"),
+    (("checks", 0, "domain"), {"kind": "box", "radius": 1}),
+    (("checks", 0, "domain"), {"kind": None, "radius": 1}),
+]
 for field, other in product(("verdict", "checks", "rate", "observer"), (None, "x", 3)):
     MALFORMED.append(((field,), other))
 MALFORMED.append((("observer", "P"), []))
@@ -313,7 +340,9 @@ def test_malformed_claims_have_the_exit_code_of_the_second_program(path, value, 
     place[path[-1]] = value
     data = json.dumps(document).encode()
     try:
-        code = 0 if all(holds for holds, _ in examine(data, canonical_bytes(problem))) else 1
+        findings = examine(data, canonical_bytes(problem))
+        all_hold = all(holds for holds, _ in findings)
+        code = 0 if all_hold else 1
     except Refused:
         code = 2
     assert code

@@ -30,7 +30,8 @@ def test_linear_verdicts_agree_with_eigenvalues_and_exponentials():
 
 
 def test_a_missing_gain_is_designed_and_is_the_one_that_everything_is_about():
-    problem = linked([[1, 2], [2, 1]], gains=1, exosystem=HARMONIC)
+    arcs = [[1, 2], [2, 1]]
+    problem = linked(arcs, gains=1, exosystem=HARMONIC)
     stages = []
     certificate = certify(problem, progress=stages.append)
     assert len(stages) >= 3
@@ -45,7 +46,10 @@ def broken(statements):
 
 def nonsense(statements):
     size = next(iter(statements.lambdas.values())).size
-    return {mode: Top(value=-7.0, vector=np.full(size, np.nan)) for mode in statements.lambdas}
+    found = {}
+    for mode in statements.lambdas:
+        found[mode] = Top(value=-7.0, vector=np.full(size, np.nan))
+    return found
 
 
 @pytest.mark.parametrize(
@@ -55,7 +59,9 @@ def test_no_and_wrong_estimates_change_numbers_and_never_verdicts(monkeypatch, e
     """Everything from floating point is a proposal: nonsense in, the same verdicts out, and they
     are confirmed."""
     problem = without_region(name)
-    before = [(check.id, check.mode, check.verdict) for check in consensus_claims(problem).checks]
+    before = []
+    for check in consensus_claims(problem).checks:
+        before.append((check.id, check.mode, check.verdict))
     monkeypatch.setattr("dobc_design.conditions.consensus.propose.lambda_tops", estimates)
     claims = claimed_afresh(problem)  # the others are remembered
     assert [(check.id, check.mode, check.verdict) for check in claims.checks] == before
@@ -71,7 +77,9 @@ def cycle(gains, *, n=10, factor=1):
     """The paper's Example 1 on a directed cycle, with the printed W and a multiple of the printed
     P."""
     arcs = [[i, i % n + 1] for i in range(1, n + 1)] if n > 1 else []
-    P = [[number_text(factor * Fraction(x)) for x in row] for row in PRINTED_P]
+    P = []
+    for row in PRINTED_P:
+        P.append([number_text(factor * Fraction(x)) for x in row])
     observer = Observer(W=PRINTED_W, P=P)
     return linked(
         arcs,
@@ -90,7 +98,8 @@ def consensus(problem):
 
 
 def lambda_max(problem, mode="G"):
-    return float(np.linalg.eigvalsh(np.array(Oracle(problem).lambda_(mode), dtype=float))[-1])
+    eigenvalues = np.linalg.eigvalsh(np.array(Oracle(problem).lambda_(mode), dtype=float))
+    return float(eigenvalues[-1])
 
 
 @pytest.mark.parametrize(
@@ -109,7 +118,8 @@ def test_the_table_of_the_directed_ten_cycle(gains, top, printed):
     problem = cycle(gains)
     certificate = consensus(problem)
     assert lambda_max(problem) == pytest.approx(top, abs=6e-5)
-    lemma, theorem = certificate.check("lemma1"), certificate.check("theorem1")
+    lemma = certificate.check("lemma1")
+    theorem = certificate.check("theorem1")
     assert lemma.verdict is theorem.verdict is certificate.verdict is Verdict.PROVED
     assert 0 <= -lambda_max(problem) - lemma.margin < 1e-6
     found = certificate.check("theorem1-printed")
@@ -124,7 +134,10 @@ def test_the_table_of_the_directed_ten_cycle(gains, top, printed):
 
 def test_printed_p_is_refuted_at_the_boundary_gain_and_proved_just_above_it():
     """All pinned: lambda_max = -2 k, so k = 9/16 makes Psi singular."""
-    at, above = consensus(cycle("9/16")), consensus(cycle(Fraction(9, 16) + Fraction(1, 10**12)))
+    at = consensus(cycle("9/16"))
+    small = Fraction(1, 10**12)
+    just_above = Fraction(9, 16) + small
+    above = consensus(cycle(just_above))
     assert at.check("theorem1-printed").verdict is Verdict.REFUTED
     assert at.check("theorem1-printed").margin == 0.0
     assert above.check("theorem1-printed").verdict is Verdict.PROVED
@@ -153,20 +166,22 @@ def test_a_scaled_pair_needs_less_of_the_network(factor):
     Q = multiply(P, matrix(PRINTED_W))
     assert Q == ((1,), (0,))
     pair = Pair(P=scale(factor, P), Q=scale(factor, Q))
-    assert PairFacts(pair=pair, S=schur_block(pair, HARMONIC)).bound == Fraction(-9, 8) / factor
+    facts = PairFacts(pair=pair, S=schur_block(pair, HARMONIC))
+    expected = Fraction(-9, 8) / factor
+    assert facts.bound == expected
 
 
 def test_stand_in_modes_have_the_stated_eigenvalues_and_theorem_2_needs_a_scaled_p():
     """Example 2 with stand-ins: -0.582300, -0.924166, -1.055728, -1.055728, all above -9/8."""
     problem = load_problem("paper-switching")
     tops = [lambda_max(problem, mode) for mode in problem.network.modes]
-    assert tops == pytest.approx([-0.582300, -0.924166, -1.055728, -1.055728], abs=1e-6)
+    expected = [-0.582300, -0.924166, -1.055728, -1.055728]
+    assert tops == pytest.approx(expected, abs=1e-6)
     certificate = consensus(without_region("paper-switching"))
     assert certificate.check("theorem2-printed").verdict is Verdict.REFUTED
     assert certificate.check("theorem2").verdict is certificate.verdict is Verdict.PROVED
-    assert [check.verdict for check in certificate.checks if check.id == "lemma1"] == [
-        Verdict.PROVED
-    ] * 4
+    verdicts = [check.verdict for check in certificate.checks if check.id == "lemma1"]
+    assert verdicts == [Verdict.PROVED] * 4
     # A - WC has the eigenvalues -8/5 +- (2/5) sqrt(39) i
     assert 1.599 < certificate.check("hurwitz").rate < 1.6
 
@@ -180,9 +195,13 @@ def test_stand_in_modes_have_the_stated_eigenvalues_and_theorem_2_needs_a_scaled
 )
 def test_undetectable_pairs_refute_the_theorem_and_leave_the_whole_undecided(A, C, polynomial):
     """A defect of the model, never of the network: the fix is the reduced exosystem."""
-    problem = linked([[1, 2]], gains={1: 1, 2: 1}, exosystem=Exosystem(A=A, C=C))
+    arcs = [[1, 2]]
+    gains = {1: 1, 2: 1}
+    exosystem = Exosystem(A=A, C=C)
+    problem = linked(arcs, gains=gains, exosystem=exosystem)
     certificate = certify(problem)
-    detectability, theorem = certificate.check("detectability"), certificate.check("theorem1")
+    detectability = certificate.check("detectability")
+    theorem = certificate.check("theorem1")
     assert detectability.verdict is theorem.verdict is Verdict.REFUTED
     assert detectability.witness.values == (polynomial,)
     assert theorem.fix.kind == "exosystem"
@@ -193,13 +212,15 @@ def test_undetectable_pairs_refute_the_theorem_and_leave_the_whole_undecided(A, 
 def test_the_printed_pair_on_other_numbers_of_agents_has_the_same_bound():
     """The bound is a fact of (A, C, W, P): n does not enter it."""
     for n in (1, 2, 25):
-        assert consensus(cycle(1, n=n)).check("theorem1-printed").exact["bound"] == "-9/8"
+        certificate = consensus(cycle(1, n=n))
+        assert certificate.check("theorem1-printed").exact["bound"] == "-9/8"
 
 
 def test_a_rate_that_was_asked_for_and_not_reached_is_named():
     """One agent with k = 1 and no disturbance decays at the rate 1, and at no larger one."""
     alone = linked([], 1, gains={1: 1})
-    assert not any("asked for" in note for note in certify(alone, rate="0.99").claims.notes)
+    for note in certify(alone, rate="0.99").claims.notes:
+        assert "asked for" not in note
     fast = certify(alone, rate="1.01")
     assert fast.verdict is Verdict.PROVED
     assert fast.claims.notes[-1].startswith(

@@ -42,7 +42,9 @@ NAMES = ("max-separable", "delay", "sampling", "tolerance", "accuracy", "actuato
 
 def chain(n: int, **given) -> Problem:
     """2 hears 1, 3 hears 2, ...; agent 1 is pinned with 3."""
-    arcs = [[i, i - 1] for i in range(2, n + 1)]
+    arcs = []
+    for i in range(2, n + 1):
+        arcs.append([i, i - 1])
     own = {"network": Network.from_arcs(arcs, arrow="listens_to", agents=n)}
     own |= {"coupling": "y1 + 2*y2", "gains": {1: 3}, "dynamics": DOUBLE}
     return Problem(**own | given)
@@ -86,8 +88,11 @@ def test_weights_prove_second_order_agents_from_one_over_the_rate_of_first_order
     """R B = H' and A'R + R A - 2 c H'H < 0 have a solution iff c b^2 > a; the largest c is mu, the
     least real part of an eigenvalue of M: b^2/a > 1/mu, which is 3 to 5 times the true
     threshold."""
-    held = [gain + pins.get(i, 0) for i in range(1, 11)]
-    table = np.diag(held) - gain * np.roll(np.eye(10), 1, axis=1)
+    held = []
+    for i in range(1, 11):
+        held.append(gain + pins.get(i, 0))
+    shift = np.roll(np.eye(10), 1, axis=1)
+    table = np.diag(held) - gain * shift
     least = 1 / np.linalg.eigvals(table).real.min()
     assert 3 * ratio < least < 5 * ratio
     above = consensus(second_order(pins, gain, 1.01 * least))
@@ -120,7 +125,9 @@ def test_couplings_beyond_the_bound_are_proved_by_weights_for_agents_and_compone
 
 @pytest.mark.parametrize(("part", "verdict"), [(1.01, Verdict.PROVED), (0.99, Verdict.REFUTED)])
 def test_just_above_the_least_coupling_they_are_proved_and_just_below_refuted(part, verdict):
-    certificates = [verified(problem) for problem in riccati_agents((2, 4, 9), part=part)]
+    sizes = (2, 4, 9)
+    problems = riccati_agents(sizes, part=part)
+    certificates = [verified(problem) for problem in problems]
     assert [each.verdict for each in certificates] == [verdict] * 3
 
 
@@ -131,7 +138,8 @@ def test_several_modes_share_the_weights():
     check = certificate.check("theorem2-weighted")
     assert certificate.covered_by == "theorem2-weighted"
     assert set(check.exact["w"]) == set(modes)
-    worse = consensus(chain(3, network=network, coupling="y1 - y2/100", gains={1: 1}))
+    repelling = chain(3, network=network, coupling="y1 - y2/100", gains={1: 1})
+    worse = consensus(repelling)
     assert worse.verdict is not Verdict.PROVED
 
 
@@ -140,28 +148,35 @@ def test_agents_with_a_disturbance_are_proved_as_fast_as_the_loop(W):
     """Without W, with one for the input, and with one for both components."""
     problem = chain(4, exosystem=HARMONIC, observer=W and Observer(W=W))
     certificate = verified(problem)
-    true = -np.linalg.eigvals(loop_matrix(problem, certificate.claims.W)).real.max()
+    matrix = loop_matrix(problem, certificate.claims.W)
+    eigenvalues = np.linalg.eigvals(matrix)
+    true = -eigenvalues.real.max()
     assert certificate.verdict is Verdict.PROVED
     assert 0 < certificate.rate <= true
 
 
 def test_an_observer_that_does_not_converge_is_refuted():
-    certificate = verified(chain(2, exosystem=HARMONIC, observer=Observer(W=[[-3], [1]])))
+    growing = Observer(W=[[-3], [1]])
+    problem = chain(2, exosystem=HARMONIC, observer=growing)
+    certificate = verified(problem)
     assert certificate.verdict is Verdict.REFUTED
     assert "estimation error does not decay" in certificate.reason
 
 
 def test_groups_with_different_exosystems():
     constant = Exosystem(A=[[0]], C=[[2]])
-    group = Group(agents=[2, 3], exosystem=constant, observer=Observer(W=[[1]]))
+    observer = Observer(W=[[1]])
+    group = Group(agents=[2, 3], exosystem=constant, observer=observer)
     others = Observer(W=[[3], [1]])
-    certificate = verified(chain(4, exosystem=HARMONIC, observer=others, groups=[group]))
+    mixed = chain(4, exosystem=HARMONIC, observer=others, groups=[group])
+    certificate = verified(mixed)
     assert certificate.verdict is Verdict.PROVED
     assert certificate.claims.W == ((0, 3, 0, 0), (0, 1, 0, 0), (0, 0, 0, 1))
 
 
 def test_a_formation_has_the_errors_of_its_centre():
-    formed = chain(3, target=[1, 0], offsets={2: [2, 0], 3: [-1, 0]})
+    offsets = {2: [2, 0], 3: [-1, 0]}
+    formed = chain(3, target=[1, 0], offsets=offsets)
     assert verified(chain(3)).rate == verified(formed).rate
 
 
@@ -171,12 +186,16 @@ HELD = {"-1": "proved", "1/2": "proved", "99/100": "proved", "1": "undecided", "
 @pytest.mark.parametrize(("a", "verdict"), HELD.items())
 def test_agents_that_flee_are_held_until_they_are_as_fast_as_their_couplings(a, verdict):
     """x_2' = a x_2 + (x_1 - x_2): stable iff a < 1; agent 1 has the gain 3."""
-    assert verified(chain(2, dynamics=Dynamics(A=[[a]]), coupling="y")).verdict.value == verdict
+    one_state = Dynamics(A=[[a]])
+    first_order = chain(2, dynamics=one_state, coupling="y")
+    assert verified(first_order).verdict.value == verdict
 
 
 def test_reachability_is_about_the_gains_that_are_given():
     """Without a pin agents may still settle by themselves."""
-    certificate = verified(chain(2, dynamics=Dynamics(A=[[-1]]), coupling="y", gains=None))
+    decaying = Dynamics(A=[[-1]])
+    first_order = chain(2, dynamics=decaying, coupling="y", gains=None)
+    certificate = verified(first_order)
     assert certificate.verdict is Verdict.PROVED
     assert certificate.check("reachability").verdict is Verdict.REFUTED
 
@@ -192,7 +211,8 @@ def unheld() -> tuple[Problem, Claims]:
     """Max-separable: every row holds; 1 is pinned with 4.  With what is claimed of the region by
     rows and margins."""
     region = {"initial_states": [-1, 1]}
-    problem = chain(3, dynamics=Dynamics(A=[["1/2"]]), coupling="y", gains={1: 4}, region=region)
+    dynamics = Dynamics(A=[["1/2"]])
+    problem = chain(3, dynamics=dynamics, coupling="y", gains={1: 4}, region=region)
     claims = consensus_claims(problem)
     asked = read_region(loop_of(problem), claims.W, domain=EVERYWHERE, everything=True)
     found = separable_stage(asked, lambda stage: None)
@@ -216,7 +236,8 @@ UNREACHED.append(({"region": {"initial_states": [1, 2]}}, Verdict.UNDECIDED))
 @pytest.mark.parametrize(("given", "verdict"), UNREACHED)
 def test_oscillators_that_no_pin_reaches_come_to_rest_only_if_they_are_damped(given, verdict):
     parts = {"coupling": "y2", "gains": {1: 1}, "dynamics": SWINGING}
-    network = Network.from_arcs([[2, 1]], arrow="listens_to", agents=3)
+    arcs = [[2, 1]]
+    network = Network.from_arcs(arcs, arrow="listens_to", agents=3)
     certificate = consensus(Problem(network=network, **parts | given))
     assert certificate.verdict is verdict
     assert ("A is not Hurwitz. Pin agent 3." in certificate.reason) is (verdict is Verdict.REFUTED)
@@ -257,14 +278,18 @@ def test_pendulums_stay_in_their_region():
     n = 3
     both_ways = [[1, 2], [2, 1], [2, 3], [3, 2]]
     network = Network.from_arcs(both_ways, arrow="listens_to", agents=n)
-    spring = Dynamics(A=[[0, 1], [-1, "-1/2"]], B=[[0], [1]])
+    A = [[0, 1], [-1, "-1/2"]]
+    B = [[0], [1]]
+    spring = Dynamics(A=A, B=B)
+    gains = {1: [[1, 1]]}
+    region = {"initial_states": [["9/10", "11/10"], [0, 0]]}
     problem = Problem(
         network=network,
         dynamics=spring,
         coupling="sin(y1)",
-        gains={1: [[1, 1]]},
+        gains=gains,
         target=[1, 0],
-        region={"initial_states": [["9/10", "11/10"], [0, 0]]},
+        region=region,
     )
     certificate = verified(problem)
     assert certificate.verdict is Verdict.PROVED
@@ -279,14 +304,19 @@ def test_pendulums_stay_in_their_region():
 
     rng = np.random.default_rng(0)
     e = rng.normal(size=(200, 2 * n))
-    e *= np.sqrt(level / np.einsum("ti,ij,tj->t", e, P, e))[:, None]
+    scale = level / np.einsum("ti,ij,tj->t", e, P, e)
+    e *= np.sqrt(scale)[:, None]
 
     def loop(_, state):
         x = state.reshape(200, n, 2)
         u = np.full((200, n), float(u0))
-        u[:, 0] -= (x[:, 0] - goal).sum(axis=1)
+        errors_of_all = x[:, 0] - goal
+        u[:, 0] -= errors_of_all.sum(axis=1)
         for i, j in both_ways:
-            u[:, i - 1] += np.sin(x[:, j - 1, 0] - x[:, i - 1, 0])
+            own_angle = x[:, j - 1, 0]
+            angle = x[:, i - 1, 0]
+            difference = own_angle - angle
+            u[:, i - 1] += np.sin(difference)
         speeds = x[:, :, 1]
         forces = u - x[:, :, 0] - speeds / 2
         return np.stack([speeds, forces], axis=2).ravel()
@@ -295,12 +325,18 @@ def test_pendulums_stay_in_their_region():
     first = (e + goals).ravel()
     run = solve_ivp(loop, (0, 40), first, method="DOP853", rtol=1e-8, atol=1e-10)
     errors = run.y.T.reshape(-1, 200, 2 * n) - goals
-    assert np.einsum("tki,ij,tkj->tk", errors, P, errors).max() <= level * (1 + 1e-7)
-    assert np.abs(errors[-1]).max() < 0.01 * np.abs(e).max()
+    found_level = np.einsum("tki,ij,tkj->tk", errors, P, errors)
+    allowed_level = level * (1 + 1e-7)
+    assert found_level.max() <= allowed_level
+    last = np.abs(errors[-1]).max()
+    allowed = 0.01 * np.abs(e).max()
+    assert last < allowed
 
 
 def test_a_stronger_nonlinear_coupling_of_vectors_is_read_near_the_target():
-    certificate = verified(chain(3, coupling="sin(y1) + 2*y2", gains={1: [[3, 6]]}))
+    gains = {1: [[3, 6]]}
+    problem = chain(3, coupling="sin(y1) + 2*y2", gains=gains)
+    certificate = verified(problem)
     check = certificate.check("theorem1-weighted")
     assert certificate.verdict is check.verdict is Verdict.PROVED
     assert check.domain == NEAR_TARGET
@@ -311,5 +347,7 @@ def test_certificates_are_about_the_problem_that_is_given():
     certificate = certify(problem)
     assert certificate.problem == problem
     assert certificate.problem.dynamics == DOUBLE
-    other = Dynamics(A=[[0, 1], [0, -1]], B=[[0], [1]])
+    A = [[0, 1], [0, -1]]
+    B = [[0], [1]]
+    other = Dynamics(A=A, B=B)
     assert not verify(certificate, chain(3, dynamics=other)).holds

@@ -47,7 +47,8 @@ def test_nothing_is_certified_beyond_it():
     v = (F(1), F(1))
     assert largest_rate(loop_of(problem), v, rho=F("1.653")) is not None
     assert largest_rate(loop_of(problem), v, rho=F("1.655")) is None
-    tiny = Separable(v=v, alpha=F(1, 10**9), rho=F("1.655"))
+    small_rate = F(1, 10**9)
+    tiny = Separable(v=v, alpha=small_rate, rho=F("1.655"))
     assert verify_separable(loop_of(problem), tiny).verdict is Verdict.REFUTED
     for rho in ("1.66", "2", "3", "5"):
         proposal = propose_separable(loop_of(problem), rho=float(rho))
@@ -58,10 +59,11 @@ def test_nothing_is_certified_beyond_it():
 @pytest.mark.usefixtures("few_starts")
 def test_one_mode_that_has_one_is_enough():
     """Mode B is the pair; in mode A nobody listens, and every pin holds."""
-    network = Network.from_arcs({"A": [], "B": [[1, 2], [2, 1]]}, arrow="listens_to", agents=2)
-    problem = Problem(
-        network=network, coupling="sin(y)", gains="1/10", region={"initial_states": [-5, 5]}
-    )
+    pair = [[1, 2], [2, 1]]
+    modes = {"A": [], "B": pair}
+    network = Network.from_arcs(modes, arrow="listens_to", agents=2)
+    region = {"initial_states": [-5, 5]}
+    problem = Problem(network=network, coupling="sin(y)", gains="1/10", region=region)
     assert equilibrium_check(problem).exact["mode"] == "B"
 
 
@@ -79,11 +81,12 @@ def test_of_more_modes_than_the_work_is_for_the_first_are_looked_at(
 
     monkeypatch.setattr(propose, "find_roots", roots)
     monkeypatch.setattr(equilibria, "STAGE", 3 * equilibria.RUNS_WORK + 40 * propose.ROOT_WORK)
-    pair = {f"m{k}": [[1, 2], [2, 1]] for k in range(9)}
+    pair = {}
+    for k in range(9):
+        pair[f"m{k}"] = [[1, 2], [2, 1]]
     network = Network.from_arcs(pair, arrow="listens_to", agents=2)
-    many = Problem(
-        network=network, coupling="sin(y)", gains="1/10", region={"initial_states": [-5, 5]}
-    )
+    region = {"initial_states": [-5, 5]}
+    many = Problem(network=network, coupling="sin(y)", gains="1/10", region=region)
     monkeypatch.setattr(equilibria, "STARTS", 72)
     assert equilibrium_check(many) is not None
     assert looked == list(pair)[: len(looked)] != list(pair)
@@ -93,7 +96,9 @@ def test_of_more_modes_than_the_work_is_for_the_first_are_looked_at(
 def test_monotone_couplings_with_one_pin_have_none(h: str):
     """Theory, section 5: every start converges, so that a second equilibrium would be a
     contradiction."""
-    assert equilibrium_check(cycle(4, h=h, region={"initial_states": [-4, 4]})) is None
+    region = {"initial_states": [-4, 4]}
+    unlimited = cycle(4, h=h, region=region)
+    assert equilibrium_check(unlimited) is None
 
 
 @pytest.mark.usefixtures("few_starts")
@@ -113,9 +118,15 @@ def test_roots_are_roots_of_the_field_and_none_is_the_target(seed: int, m: int):
     points = rng.uniform(-6, 6, (20, problem.n * m))
     roots = list(find_roots(loop_of(problem), "G", points))
     for root in roots:
-        assert np.max(np.abs(field(problem, "G", root))) < 1e-9 * (1 + np.max(np.abs(root)))
+        residual = np.max(np.abs(field(problem, "G", root)))
+        size = np.max(np.abs(root))
+        allowed = 1e-9 * (1 + size)
+        assert residual < allowed
         assert np.max(np.abs(root)) > 1e-4
-    gaps = [np.max(np.abs(a - b)) for k, a in enumerate(roots) for b in roots[:k]]
+    gaps = []
+    for k, a in enumerate(roots):
+        for b in roots[:k]:
+            gaps.append(np.max(np.abs(a - b)))
     assert not gaps or min(gaps) > 1e-7
 
 
@@ -125,7 +136,9 @@ def test_the_unit_of_the_states_does_not_matter(unit: str):
     """sin(y/unit) unit: the same problem in other units."""
     problem = listening_pair(f"{unit}*sin(y/{unit})", reach=F(unit) * 5)
     e = start_of(equilibrium_check(problem))
-    assert abs(abs(e[1] - e[0]) / F(unit) - 2 * SADDLE) < F(1, 10**5)
+    difference = abs(e[1] - e[0]) / F(unit)
+    gap = abs(difference - 2 * SADDLE)
+    assert gap < F(1, 10**5)
 
 
 def test_a_numerical_library_that_breaks_down_costs_the_answer_only(monkeypatch, caplog):

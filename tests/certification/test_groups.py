@@ -34,17 +34,18 @@ HALF = Observer(W=[[2]], P=[["1/2"]])  # Omega0 = -2 P W = -2, S = 1/2
 def grouped(arcs: object, *systems: tuple[Exosystem, Observer], **given: Any) -> Problem:
     """One exosystem and observer for each of the agents 1, 2, ..."""
     parts = enumerate(systems, start=1)
-    groups = [
-        Group(agents=[i], exosystem=exosystem, observer=observer)
-        for i, (exosystem, observer) in parts
-    ]
-    return linked(arcs, len(groups), **{"gains": 1, "groups": groups} | given)
+    groups = []
+    for i, (exosystem, observer) in parts:
+        groups.append(Group(agents=[i], exosystem=exosystem, observer=observer))
+    settings = {"gains": 1, "groups": groups} | given
+    return linked(arcs, len(groups), **settings)
 
 
 def two(first: object, second: object, *, swapped: bool = False) -> Problem:
     """Two agents that hear nobody, Lambda = diag(-2 k1, -2 k2)."""
     pairs = [(OSCILLATOR, PRINTED), (CONSTANT, HALF)]
-    return grouped([], *(pairs[::-1] if swapped else pairs), gains={1: first, 2: second})
+    gains = {1: first, 2: second}
+    return grouped([], *(pairs[::-1] if swapped else pairs), gains=gains)
 
 
 SWINGS = """
@@ -83,12 +84,16 @@ def test_an_agent_without_a_disturbance_has_no_block_of_s():
     """Closed form: lambda_max = -2 k_i + S_i with S_1 = 9/8 and S_2 = 0, so that any k_2 > 0
     does."""
     group = Group(agents=[1], exosystem=OSCILLATOR, observer=PRINTED)
+    just_above = ("0.5626", "1/1000", Verdict.PROVED)
+    at_the_bound = ("9/16", "1/1000", Verdict.REFUTED)
+    unpinned = ("0.5626", 0, Verdict.REFUTED)
     for first, second, verdict in (
-        ("0.5626", "1/1000", Verdict.PROVED),
-        ("9/16", "1/1000", Verdict.REFUTED),
-        ("0.5626", 0, Verdict.REFUTED),
+        just_above,
+        at_the_bound,
+        unpinned,
     ):
-        problem = linked([], 2, gains={1: first, 2: second}, groups=[group])
+        gains = {1: first, 2: second}
+        problem = linked([], 2, gains=gains, groups=[group])
         claims = consensus_claims(problem)
         found = {check.id: check.verdict for check in claims.checks}
         assert found["theorem1-printed"] is verdict
@@ -96,9 +101,8 @@ def test_an_agent_without_a_disturbance_has_no_block_of_s():
 
 
 def test_psi_has_no_rows_for_an_agent_without_a_disturbance():
-    problem = linked(
-        [], 2, gains=1, groups=[Group(agents=[1], exosystem=OSCILLATOR, observer=PRINTED)]
-    )
+    groups = [Group(agents=[1], exosystem=OSCILLATOR, observer=PRINTED)]
+    problem = linked([], 2, gains=1, groups=groups)
     (psi,) = state_theorems(loop_of(problem)).psi()
     assert psi.size == 2 + 2
 
@@ -121,31 +125,34 @@ def test_the_printed_p_of_every_group_has_to_suit_the_gains_of_its_own_agents(
     problem = two(first, second, swapped=swapped)
     claims = consensus_claims(problem)
     found = {check.id: check.verdict for check in claims.checks}
-    assert (found["theorem1-printed"], found["theorem1"]) == (verdict, Verdict.PROVED)
+    assert found["theorem1-printed"] == verdict
+    assert found["theorem1"] == Verdict.PROVED
     assert verify(claims, problem).holds
 
 
 def test_psi_and_s_of_groups_are_those_of_the_whole_matrix():
     problem = two(1, 1, swapped=True)
-    (pencil,) = state_theorems(loop_of(problem)).psi(rate=Fraction(1, 3))
-    values = {
-        "P[1]": HALF.P,
-        "Q[1]": ((Fraction(1),),),
-        "P[2]": PRINTED.P,
-        "Q[2]": ((Fraction(1),), (Fraction(0),)),
-    }
+    theorems = state_theorems(loop_of(problem))
+    (pencil,) = theorems.psi(rate=Fraction(1, 3))
+    first_Q = ((Fraction(1),),)
+    entry = (Fraction(1),)
+    second_Q = (entry, (Fraction(0),))
+    values = {"P[1]": HALF.P, "Q[1]": first_Q, "P[2]": PRINTED.P, "Q[2]": second_Q}
     P = block_diagonal([HALF.P or (), PRINTED.P or ()])
     Q = block_diagonal([((Fraction(1),),), ((Fraction(1),), (Fraction(0),))])
-    own = pencil.at({name: value or () for name, value in values.items()}).to_dense()
-    assert GroupsOracle(problem).lambda_("G") == [[-2, 0], [0, -2]]
-    assert [list(row) for row in own] == whole_psi(problem, Pair(P=P, Q=Q), rate=Fraction(1, 3))
+    filled = {name: value or () for name, value in values.items()}
+    own = pencil.at(filled).to_dense()
+    found = GroupsOracle(problem).lambda_("G")
+    expected = [[-2, 0], [0, -2]]
+    assert found == expected
+    pair = Pair(P=P, Q=Q)
+    assert [list(row) for row in own] == whole_psi(problem, pair, rate=Fraction(1, 3))
     exact = certify(two(1, 1)).check("theorem1-printed").exact
     assert exact["S"] == [["9/8", "0"], ["0", "1/2"]]
     assert "bound" not in exact
-    systems = [
-        (Exosystem(A=[[-i]], C=[[1]]), Observer(W=[[1]], P=[[p]]))
-        for i, p in ((1, "1/2"), (2, "1/3"))
-    ]
+    systems = []
+    for i, p in ((1, "1/2"), (2, "1/3")):
+        systems.append((Exosystem(A=[[-i]], C=[[1]]), Observer(W=[[1]], P=[[p]])))
     # S = 1/(2 (i + 1) p) = 1/2 for both
     exact = certify(grouped([], *systems)).check("theorem1-printed").exact
     assert exact["bound"] == "-1/2"
@@ -153,7 +160,8 @@ def test_psi_and_s_of_groups_are_those_of_the_whole_matrix():
 
 def whole_psi(problem: Problem, pair: Pair, *, rate: Fraction) -> list[list[Fraction]]:
     """(18), written out entry by entry from the agents' lists in problem.json."""
-    P, Q = ([list(row) for row in M] for M in (pair.P, pair.Q))
+    both = (pair.P, pair.Q)
+    P, Q = ([list(row) for row in M] for M in both)
     return GroupsOracle(problem).psi("G", P, Q, margin=Fraction(0), rate=rate)
 
 
@@ -161,14 +169,25 @@ def whole_psi(problem: Problem, pair: Pair, *, rate: Fraction) -> list[list[Frac
 def test_psi_of_groups_is_decided_as_the_whole_matrix_is(rate):
     """A directed cycle of three with two groups; the pair crosses the boundary as it is scaled
     up."""
-    outer = Group(agents=[1, 3], exosystem=OSCILLATOR, observer=Observer(W=PRINTED.W))
-    inner = Group(agents=[2], exosystem=CONSTANT, observer=Observer(W=HALF.W))
-    problem = linked([[1, 2], [2, 3], [3, 1]], gains={1: 1, 2: "1/3"}, groups=[outer, inner])
+    of_the_oscillator = Observer(W=PRINTED.W)
+    outer = Group(agents=[1, 3], exosystem=OSCILLATOR, observer=of_the_oscillator)
+    of_the_constant = Observer(W=HALF.W)
+    inner = Group(agents=[2], exosystem=CONSTANT, observer=of_the_constant)
+    arcs = [[1, 2], [2, 3], [3, 1]]
+    gains = {1: 1, 2: "1/3"}
+    problem = linked(arcs, gains=gains, groups=[outer, inner])
     P = block_diagonal([PRINTED.P, HALF.P])
-    Q = block_diagonal([((Fraction(1),), (Fraction(0),)), ((Fraction(1),),)])
-    exosystem, statements, outcomes = problem.joint_exosystem, state_theorems(loop_of(problem)), []
+    entry = (Fraction(1),)
+    second_Q = (entry, (Fraction(0),))
+    first_Q = ((Fraction(1),),)
+    Q = block_diagonal([second_Q, first_Q])
+    exosystem = problem.joint_exosystem
+    statements = state_theorems(loop_of(problem))
+    outcomes = []
     for factor in (1, 2, 4, 8, 16, 64):
-        pair = Pair(P=scale(Fraction(factor), P), Q=scale(Fraction(factor), Q))
+        P_scaled = scale(Fraction(factor), P)
+        Q_scaled = scale(Fraction(factor), Q)
+        pair = Pair(P=P_scaled, Q=Q_scaled)
         outcomes.append(negative_definite(whole_psi(problem, pair, rate=rate)))
         assert psi_is_negative(statements, exosystem, pair, rate=rate) is outcomes[-1]
     assert outcomes == sorted(outcomes)
@@ -178,24 +197,34 @@ def test_psi_of_groups_is_decided_as_the_whole_matrix_is(rate):
 def test_each_group_has_checks_of_its_own_and_the_slowest_gives_the_rate():
     problem = two(5, 5)
     certificate = certify(problem)
-    wanted = [
-        (id, None, group) for group in "12" for id in ("observability", "detectability", "hurwitz")
-    ]
-    wanted += [("reachability", "G", None), ("lemma1", "G", None), ("theorem1-printed", None, None)]
-    assert set(expected_checks(loop_of(problem))) == {*wanted, ("theorem1", None, None)}
+    wanted = []
+    for group in "12":
+        for id in ("observability", "detectability", "hurwitz"):
+            wanted.append((id, None, group))
+    reached = ("reachability", "G", None)
+    lemma = ("lemma1", "G", None)
+    wanted += [reached, lemma, ("theorem1-printed", None, None)]
+    found = set(expected_checks(loop_of(problem)))
+    expected = {*wanted, ("theorem1", None, None)}
+    assert found == expected
     more = {("theorem1-weighted", None, None), ("tolerance", None, None)}
-    assert {(c.id, c.mode, c.group) for c in certificate.checks} == {
-        *expected_checks(loop_of(problem)),
-        *more,
-    }
-    rates = {check.group: check.rate for check in certificate.checks if check.id == "hurwitz"}
+    ids = {(c.id, c.mode, c.group) for c in certificate.checks}
+    own_checks = expected_checks(loop_of(problem))
+    expected_ids = {*own_checks, *more}
+    assert ids == expected_ids
+    rates = {}
+    for check in certificate.checks:
+        if check.id == "hurwitz":
+            rates[check.group] = check.rate
     assert rates["1"] == pytest.approx(1.6, rel=1e-3)
     assert rates["2"] == pytest.approx(2, rel=1e-3)
     assert certificate.rate < 1.6
 
 
 def hidden(A: object, C: object, observer: Observer) -> Problem:
-    return grouped([], (CONSTANT, Observer(W=[[2]])), (Exosystem(A=A, C=C), observer))
+    seen = (CONSTANT, Observer(W=[[2]]))
+    second = (Exosystem(A=A, C=C), observer)
+    return grouped([], seen, second)
 
 
 def test_a_group_with_an_undetectable_exosystem_refutes_the_theorem_and_leaves_the_rest_open():
@@ -218,8 +247,11 @@ def test_a_matrix_with_an_entry_between_two_groups_is_refused(name):
     problem = hidden([[0]], [[1]], Observer())
     certificate = certify(problem)
     first, *rest = getattr(certificate.claims, name)
-    changed = ((first[0], Fraction(1, 10**9)), *rest)
-    assert not verify(replace(certificate.claims, **{name: changed}), problem).holds
+    wrong = Fraction(1, 10**9)
+    first_row = (first[0], wrong)
+    changed = (first_row, *rest)
+    forged = replace(certificate.claims, **{name: changed})
+    assert not verify(forged, problem).holds
 
 
 def test_a_region_is_proved_with_the_observers_of_all_groups():
@@ -227,19 +259,23 @@ def test_a_region_is_proved_with_the_observers_of_all_groups():
     V."""
 
     def region(disturbance: object) -> Problem:
-        systems = (CONSTANT, Observer(W=[[3]])), (OSCILLATOR, Observer(W=PRINTED.W))
+        first = (CONSTANT, Observer(W=[[3]]))
+        second = (OSCILLATOR, Observer(W=PRINTED.W))
+        systems = first, second
         region = {"initial_states": [-1, 1], "initial_disturbance": disturbance}
-        return grouped(
-            [[1, 2], [2, 1]], *systems, coupling="exp(y) - 1 + y", gains=2, region=region
-        )
+        arcs = [[1, 2], [2, 1]]
+        return grouped(arcs, *systems, coupling="exp(y) - 1 + y", gains=2, region=region)
 
     problem = region("0.5")
     certificate = certify(problem)
     assert certificate.covered_by == "max-separable"
     assert verify(certificate, problem).holds
     claim = dict(certificate.check("max-separable").exact)
-    kappa = str(1 / (Fraction(claim["beta"]) * min(map(Fraction, claim["v"]))))
-    weaker = replace(certificate.check("max-separable"), claim=Values(claim | {"kappa": kappa}))
+    smallest = min(map(Fraction, claim["v"]))
+    largest = Fraction(claim["beta"]) * smallest
+    kappa = str(1 / largest)
+    claim_with_kappa = Values(claim | {"kappa": kappa})
+    weaker = replace(certificate.check("max-separable"), claim=claim_with_kappa)
     checks = tuple(weaker if check.id == weaker.id else check for check in certificate.checks)
     assert not verify(replace(certificate.claims, checks=checks), problem).holds
 
@@ -251,10 +287,9 @@ def test_a_quadratic_certificate_takes_s_of_every_agents_own_group():
     for swapped, verdict in ((False, Verdict.PROVED), (True, Verdict.REFUTED)):
         problem = two("0.5626", "0.2501", swapped=swapped)
         own = block_diagonal([HALF.P, PRINTED.P]) if swapped else P
-        one, Q = (
-            SparseSymmetric(2, {(0, 0): Fraction(1), (1, 1): Fraction(1)}),
-            multiply(own, problem.joint_observer.W),
-        )
+        ones = {(0, 0): Fraction(1), (1, 1): Fraction(1)}
+        one = SparseSymmetric(2, ones)
+        Q = multiply(own, problem.joint_observer.W)
         lure = Lure(P_e=one, ranges=(), radius=None, level=None, multipliers={"G": ()}, P=own, Q=Q)
         assert verify_lure(loop_of(problem), lure).verdict is verdict
     certificate = certified(two(1, 1), everything=True)

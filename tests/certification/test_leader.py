@@ -53,7 +53,9 @@ SEEN = {"exosystem": Exosystem(A=[[0, 1], [-1, 0]], C=[[1, 0]]), "observer": Obs
 def oscillators(gain: Any = 2, **more: Any) -> Problem:
     """Coupled harmonic oscillators behind a leader (Ren 2008): x1'' = -x1, coupled by their
     speeds."""
-    own = Dynamics(A=[[0, 1], [-1, 0]], B=[[0], [1]])
+    A = [[0, 1], [-1, 0]]
+    B = [[0], [1]]
+    own = Dynamics(A=A, B=B)
     gains = {1: [[0, gain]]} if gain else None
     given: dict[str, Any] = {"network": RING, "leader": SQUARE}
     given |= {"coupling": "y2", "gains": gains, "dynamics": own}
@@ -73,8 +75,11 @@ AT_REST = {"initial": [0, 0]}
 
 def touching() -> Problem:
     """Agent 1 is pinned to the leader in its first state, and agent 2 hears agent 1."""
-    line = Network.from_arcs([[2, 1]], arrow="listens_to", agents=2)
-    own = Dynamics(f=list(SPIKES.f or ()), B=[[1], [0]])
+    arcs = [[2, 1]]
+    line = Network.from_arcs(arcs, arrow="listens_to", agents=2)
+    f = list(SPIKES.f or ())
+    B = [[1], [0]]
+    own = Dynamics(f=f, B=B)
     gains = {1: [[10, 0]]}
     return Problem(network=line, coupling="6*y1", gains=gains, dynamics=own, leader=AT_REST)
 
@@ -82,24 +87,25 @@ def touching() -> Problem:
 PROVED, REFUTED, UNDECIDED = Verdict.PROVED, Verdict.REFUTED, Verdict.UNDECIDED
 LINEAR = "linearisation"
 #: A problem, what is decided, and the check that proves it.
-CASES: dict[str, tuple[Problem, Verdict, str | None]] = {}
-CASES["oscillators"] = (oscillators(), PROVED, LINEAR)
-CASES["touching"] = (touching(), PROVED, "lure")
-CASES["seen"] = (oscillators(**SEEN), PROVED, LINEAR)
-CASES["in formation"] = (oscillators(offsets={2: [1, 0]}), PROVED, LINEAR)
 WIDE = {"initial_states": [-9, 9]}
-CASES["in a region"] = (oscillators(region=WIDE), PROVED, LINEAR)
-CASES["pushed"] = (oscillators(-2), REFUTED, None)
-# e alike in all agents obeys e' = A e, and A turns it
-CASES["nobody pinned"] = (oscillators(0), REFUTED, None)
-CASES["spiking"] = (spiking(), PROVED, "lure")
 # f_1 = 0 at two corners of the box, which are no floating-point numbers
 FACES = Dynamics(f=["x2 - x1", "-x1/2 - x2 - x2**3"])
-CASES["along a face"] = (spiking(dynamics=FACES, leader=TENTHS), PROVED, "lure")
-# where |s_1| < 1/4 all errors alike grow
-CASES["let go"] = (spiking("9/10"), UNDECIDED, None)
 SMALL = SQUARE | {"stays_in": [[-1, 1], [-1, 1]]}
-CASES["no box"] = (spiking(leader=SMALL), UNDECIDED, None)
+CASES: dict[str, tuple[Problem, Verdict, str | None]] = {
+    "oscillators": (oscillators(), PROVED, LINEAR),
+    "touching": (touching(), PROVED, "lure"),
+    "seen": (oscillators(**SEEN), PROVED, LINEAR),
+    "in formation": (oscillators(offsets={2: [1, 0]}), PROVED, LINEAR),
+    "in a region": (oscillators(region=WIDE), PROVED, LINEAR),
+    "pushed": (oscillators(-2), REFUTED, None),
+    # e alike in all agents obeys e' = A e, and A turns it
+    "nobody pinned": (oscillators(0), REFUTED, None),
+    "spiking": (spiking(), PROVED, "lure"),
+    "along a face": (spiking(dynamics=FACES, leader=TENTHS), PROVED, "lure"),
+    # where |s_1| < 1/4 all errors alike grow
+    "let go": (spiking("9/10"), UNDECIDED, None),
+    "no box": (spiking(leader=SMALL), UNDECIDED, None),
+}
 
 
 @cache
@@ -116,7 +122,8 @@ NAMES = [pytest.param(name, marks=LONG.get(name, ())) for name in CASES]
 def test_both_programs_agree_on_who_follows(name: str):
     problem, verdict, by = CASES[name]
     certificate = certified(name)
-    assert (certificate.verdict, certificate.covered_by) == (verdict, by)
+    assert certificate.verdict == verdict
+    assert certificate.covered_by == by
     assert verify(certificate, problem).holds
     own = ("reachability", "lure", "observability", "hurwitz")
     others = [each.reason for each in certificate.checks if each.id not in own]
@@ -128,7 +135,9 @@ def test_a_linear_leader_leaves_the_claims_of_a_constant_target():
     """e' does not depend on s: everything but the region is that of the target 0."""
     led = certify(oscillators())
     still = certify(oscillators(leader=None, target=[0, 0]))
-    assert [each.exact for each in led.checks] == [each.exact for each in still.checks]
+    exact_of_led = [each.exact for each in led.checks]
+    exact_of_still = [each.exact for each in still.checks]
+    assert exact_of_led == exact_of_still
     assert led.rate == still.rate
 
 
@@ -153,13 +162,17 @@ def test_the_region_is_asked_for_wherever_the_leader_starts():
     """max |lo - s|, |hi - s| by hand: x in [-3, 5], s in [-1, 2]; x in [0, 1], s in [-2, -2]."""
     region = {"initial_states": [[-3, 5], [0, 1]]}
     leader = {"initial": [[-1, 2], -2]}
-    led = oscillators(region=region, leader=leader, offsets={2: [1, 0]})
+    offsets = {2: [1, 0]}
+    led = oscillators(region=region, leader=leader, offsets=offsets)
     assert asked_radius(loop_of(led)) == (6, 3)
 
 
 # --- the box that a leader never leaves
 def flow(time: float, s: Any) -> list[float]:
-    return [s[0] - s[0] ** 3 / 3 - s[1] + 0.5, 0.08 * (s[0] + 0.7 - 0.8 * s[1])]
+    cubic = s[0] - s[0] ** 3 / 3
+    first = cubic - s[1] + 0.5
+    second = 0.08 * (s[0] + 0.7 - 0.8 * s[1])
+    return [first, second]
 
 
 #: Boxes, and the faces (component, upper) through which solutions leave them.
@@ -192,13 +205,16 @@ def test_a_box_is_invariant_where_f_points_inwards_on_its_faces(box: Any, left: 
     sides = tuple(Interval(Fraction(lo), Fraction(hi)) for lo, hi in box)
     assert list(open_faces(SPIKES, sides)) == left
     ends = []
-    for corner in product(map(float, box[0]), map(float, box[1])):
+    first_side = map(float, box[0])
+    second_side = map(float, box[1])
+    for corner in product(first_side, second_side):
         run = solve_ivp(flow, (0, 1e-5), corner, rtol=1e-12, atol=1e-14)
         ends.append(run.y[:, -1])
     low, high = np.array(box, dtype=float).T
     outside = any((end < low - 1e-12).any() or (end > high + 1e-12).any() for end in ends)
     assert outside is bool(left)
-    second = second_loop(spiking(leader={"initial": [0, 0], "stays_in": box}))
+    leader = {"initial": [0, 0], "stays_in": box}
+    second = second_loop(spiking(leader=leader))
     with pytest.raises(Refused, match="point inwards") if left else nullcontext():
         leader_box(second)
 
@@ -210,8 +226,10 @@ def test_a_box_is_found_in_which_solutions_stay():
     assert box is not None
     assert not list(open_faces(SPIKES, box))
     low, high = np.array([[float(side.lo), float(side.hi)] for side in box]).T
-    for start in np.random.default_rng(0).uniform(low, high, (8, 2)):
-        states = solve_ivp(flow, (0, 40), start, rtol=1e-9).y.T
+    starts = np.random.default_rng(0)
+    for start in starts.uniform(low, high, (8, 2)):
+        run = solve_ivp(flow, (0, 40), start, rtol=1e-9)
+        states = run.y.T
         assert (states >= low - 1e-6).all()
         assert (states <= high + 1e-6).all()
     sides = tuple((side.lo, side.hi) for side in box)
@@ -223,10 +241,14 @@ def test_slopes_of_nodes_hold_those_between_leader_and_agents():
     """(f(s + e) - f(s)) = F e: for f = x - x^3 F = 1 - 3 s^2 - 3 s e - e^2, seen in [1 - 3 (1 +
     2)^2, 1]."""
     own = Dynamics(f=["x - x**3"])
-    problem = spiking(4, dynamics=own, leader={"initial": 0, "stays_in": [-1, 1]})
+    leader = {"initial": 0, "stays_in": [-1, 1]}
+    problem = spiking(4, dynamics=own, leader=leader)
     errors = Interval(Fraction(-2), Fraction(2))
     ((found,),) = slopes_of_node(loop_of(problem), (errors,))
-    s, e = np.random.default_rng(0).uniform([[-1], [-2]], [[1], [2]], (2, 500))
+    rng = np.random.default_rng(0)
+    lower = [[-1], [-2]]
+    upper = [[1], [2]]
+    s, e = rng.uniform(lower, upper, (2, 500))
     means = 1 - 3 * s**2 - 3 * s * e - e**2
     assert float(found.lo) <= means.min()
     assert means.max() <= float(found.hi)
@@ -252,15 +274,16 @@ NO_DYNAMICS = {"dynamics": None, "coupling": "y", "gains": 1}
 LEFT = SQUARE | {"stays_in": [[-9, 9], [-9, 9]]}
 APART = SQUARE | {"stays_in": [[-1, 1], ["-1/2", 1]]}
 #: What is told of a mistake, by what an oscillator is given in place of its own.
-MISTAKES: dict[str, dict[str, Any]] = {}
-MISTAKES["leader needs \\[dynamics\\]"] = NO_DYNAMICS | {"target": [0, 0]}
-MISTAKES["target must be left out, or 0"] = {"target": [1, 0]}
-MISTAKES["leader.stays_in"] = {"leader": LEFT}
-MISTAKES["leader.initial"] = {"leader": {"initial": [1]}}
-MISTAKES["leader.start is an unknown key"] = {"leader": {"start": [0, 0]}}
-MISTAKES["leader.stays_in must hold leader.initial"] = CURVED | {"leader": APART}
-MISTAKES["formation"] = CURVED | {"offsets": {1: [1, 0]}}
-MISTAKES["formation.offsets.2 must be an equilibrium"] = {"offsets": {2: [0, 1]}}
+MISTAKES: dict[str, dict[str, Any]] = {
+    "leader needs \\[dynamics\\]": NO_DYNAMICS | {"target": [0, 0]},
+    "target must be left out, or 0": {"target": [1, 0]},
+    "leader.stays_in": {"leader": LEFT},
+    "leader.initial": {"leader": {"initial": [1]}},
+    "leader.start is an unknown key": {"leader": {"start": [0, 0]}},
+    "leader.stays_in must hold leader.initial": CURVED | {"leader": APART},
+    "formation": CURVED | {"offsets": {1: [1, 0]}},
+    "formation.offsets.2 must be an equilibrium": {"offsets": {2: [0, 1]}},
+}
 
 
 @pytest.mark.parametrize("told", MISTAKES)
@@ -272,7 +295,8 @@ def test_a_mistake_is_named(told: str):
 @pytest.mark.slow
 def test_other_claims_beside_the_problem_with_another_leader_fail():
     certificate = certified("spiking")
-    other = spiking(leader={"initial": [[-2, 1], [-1, 1]]})
+    initial = [[-2, 1], [-1, 1]]
+    other = spiking(leader={"initial": initial})
     assert not verify(certificate, other).holds
     assert b'"lure"' in certificate_bytes(certificate.claims)
 
@@ -287,8 +311,12 @@ def test_runs_are_those_of_the_whole_loop_and_stay_below_what_is_proved(problem:
     B = np.array(own.B, dtype=float)
     A = None if own.A is None else np.array(own.A, dtype=float)
     nothing = np.zeros((B.shape[1], 2))
-    K = [np.array(problem.pinning.gains.get(i, nothing), dtype=float) for i in range(n)]
-    S, C, W = np.zeros((0, 0)), np.zeros((1, 0)), np.zeros((0, 1))
+    K = []
+    for i in range(n):
+        K.append(np.array(problem.pinning.gains.get(i, nothing), dtype=float))
+    S = np.zeros((0, 0))
+    C = np.zeros((1, 0))
+    W = np.zeros((0, 1))
     if problem.exosystem is not None:
         S = np.array(problem.exosystem.A, dtype=float)
         C = np.array(problem.exosystem.C, dtype=float)
@@ -301,16 +329,23 @@ def test_runs_are_those_of_the_whole_loop_and_stay_below_what_is_proved(problem:
         return x @ A.T
 
     def slope(_: float, state: Any) -> Any:
-        x, xi, eps, s = np.split(state, [2 * n, (2 + q) * n, (2 + 2 * q) * n])
+        end_of_x = (2 + q) * n
+        end_of_xi = (2 + 2 * q) * n
+        ends = [2 * n, end_of_x, end_of_xi]
+        x, xi, eps, s = np.split(state, ends)
         x = x.reshape(n, 2)
         xi = xi.reshape(n, -1)
         eps = eps.reshape(n, -1)
-        pulls = [k @ (each - s) for k, each in zip(K, x, strict=True)]
+        pulls = []
+        for k, each in zip(K, x, strict=True):
+            pulls.append(k @ (each - s))
         u = -np.array(pulls) - (xi - eps) @ C.T
         heard = x[[2, 0, 1]] - x
         # oscillators are coupled by their speeds
         felt = heard if A is None else heard[:, 1:]
-        x_dot = moved(x) + (felt + u + xi @ C.T) @ B.T
+        acts = felt + u + xi @ C.T
+        driven = acts @ B.T
+        x_dot = moved(x) + driven
         xi_dot = xi @ S.T
         eps_dot = eps @ (S - W @ C).T
         parts = (x_dot, xi_dot, eps_dot, moved(s[None])[0])
@@ -319,12 +354,17 @@ def test_runs_are_those_of_the_whole_loop_and_stay_below_what_is_proved(problem:
     start = (run.x[0], run.xi[0], run.xi[0] - run.xihat[0], run.leader[0])
     first = np.concatenate([each.ravel() for each in start])
     whole = solve_ivp(slope, (0, 6), first, t_eval=run.times, rtol=1e-10, atol=1e-12)
-    x = whole.y[: 2 * n].T.reshape(-1, n, 2)
+    states = whole.y[: 2 * n].T
+    x = states.reshape(-1, n, 2)
     assert np.abs(x - run.x).max() < 1e-7
-    assert np.abs(whole.y[-2:].T - run.leader).max() < 1e-7
+    leader = whole.y[-2:]
+    missed = leader.T - run.leader
+    assert np.abs(missed).max() < 1e-7
     many = simulate(problem, runs=2, t_final=6, samples=13, seed=3)
-    assert np.abs(many.states[0] - run.x).max() < 1e-7
-    assert np.abs(many.leader[0] - run.leader).max() < 1e-7
+    apart = many.states[0] - run.x
+    assert np.abs(apart).max() < 1e-7
+    leaders_apart = many.leader[0] - run.leader
+    assert np.abs(leaders_apart).max() < 1e-7
     assert run.error()[-1] < run.error()[0] / 2
     assert abs(run.leader[-1]).max() > 0.1
 
@@ -340,17 +380,23 @@ def test_python_control_and_casadi_have_the_same_loop(problem: Problem):
     tight = {"rtol": 1e-9, "atol": 1e-11}
     first = loop.start_of(run)
     response = control.input_output_response(loop, run.times, 0, first, solve_ivp_kwargs=tight)
-    x = response.outputs[: 2 * problem.n].T.reshape(run.x.shape)
+    states = response.outputs[: 2 * problem.n].T
+    x = states.reshape(run.x.shape)
     assert np.abs(x - run.x).max() < 1e-6
     model = build_model(problem)
-    z = run.xihat[3] - run.x[3] @ loop.loop.W.T
-    parts = [run.x[3].ravel(), run.xi[3].ravel(), z.ravel(), run.leader[3]]
+    W = loop.loop.W.T
+    injection = run.x[3] @ W
+    z = run.xihat[3] - injection
+    xi = run.xi[3].ravel()
+    parts = [run.x[3].ravel(), xi, z.ravel(), run.leader[3]]
     slopes = [np.ravel(each) for each in model.closed_loop(*parts)]
-    known = loop.dynamics(0, np.concatenate(parts), np.zeros(loop.ninputs))
+    no_input = np.zeros(loop.ninputs)
+    known = loop.dynamics(0, np.concatenate(parts), no_input)
     assert np.abs(np.concatenate(slopes) - known).max() < 1e-12
     eps = (run.xi - run.xihat)[3].ravel()
     e = run.errors()[3].ravel()
-    e_dot = np.ravel(model.error_dynamics(e, eps, run.leader[3])[0])
+    derivatives = model.error_dynamics(e, eps, run.leader[3])
+    e_dot = np.ravel(derivatives[0])
     moves = np.tile(slopes[3], problem.n)
     assert np.abs(slopes[0] - moves - e_dot).max() < 1e-12
 
@@ -375,7 +421,8 @@ def test_errors_near_a_leader_stay_below_the_bound_of_the_certificate(tmp_path: 
     problem = spiking(4, leader={"initial": ["1/2", "1/4"]})
     certificate = certify(problem)
     radius = certificate.check("lure").domain.radius
-    drawn = np.random.default_rng(1).uniform(-1, 1, (3, 2))
+    rng = np.random.default_rng(1)
+    drawn = rng.uniform(-1, 1, (3, 2))
     start = np.array([0.5, 0.25]) + drawn * radius / 3
     run = simulate(problem, start=start, t_final=8)
     bound = certificate.envelope(run)

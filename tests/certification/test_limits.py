@@ -50,14 +50,11 @@ def problem_text(
 
 def dense(order: int) -> str:
     random = Random(order)
-    rows = [
-        [f'"{random.randint(-99, 99)}/{random.randint(1, 97)}"' for _ in range(order)]
-        for _ in range(order + 1)
-    ]
-    A, C = (
-        f"[{', '.join('[' + ', '.join(row) + ']' for row in part)}]"
-        for part in (rows[1:], rows[:1])
-    )
+    rows = []
+    for _ in range(order + 1):
+        rows.append([f'"{random.randint(-99, 99)}/{random.randint(1, 97)}"' for _ in range(order)])
+    parts = (rows[1:], rows[:1])
+    A, C = (f"[{', '.join('[' + ', '.join(row) + ']' for row in part)}]" for part in parts)
     return f"[exosystem]\nA = {A}\nC = {C}\n"
 
 
@@ -66,13 +63,17 @@ def given(order: int, groups: int = 1, *, region: str = "[-1, 1]") -> str:
     stable."""
     random, text = Random(5), 'h = "y+tanh(y)"\n[pinning]\ngains = { 3 = 2 }\n'
     for agent in range(1, groups + 1):
-        A = [[Fraction(-(i == j), 2) for j in range(order)] for i in range(order)]
+        A = []
+        for i in range(order):
+            A.append([Fraction(-(i == j), 2) for j in range(order)])
         for i, j in combinations(range(order), 2):
-            A[i][j] = Fraction(random.randint(-9, 9), random.randint(2, 9))
+            numerator = random.randint(-9, 9)
+            A[i][j] = Fraction(numerator, random.randint(2, 9))
             A[j][i] = -A[i][j]
-        A, C, W = (
-            [[str(x) for x in row] for row in M] for M in (A, [[1] * order], [["1/10"]] * order)
-        )
+        C_row = [[1] * order]
+        W_column = [["1/10"]] * order
+        matrices = (A, C_row, W_column)
+        A, C, W = ([[str(x) for x in row] for row in M] for M in matrices)
         own = f"agents = [{agent}]\nW = {W}\n" if groups > 1 else ""
         text += f"[{'[exosystem.groups]' if groups > 1 else 'exosystem'}]\n{own}A = {A}\nC = {C}\n"
     observer = "" if groups > 1 else f"[observer]\nW = {W}\n"
@@ -265,8 +266,10 @@ def test_a_faster_observer_reaches_a_rate_that_gains_alone_do_not(tmp_path: Path
     that."""
     stages: list[str] = []
     found = dd.design(loaded(tmp_path, FIVE), rate="0.9", pins=2, progress=stages.append)
-    assert (found.verdict, len(found.gains)) == (dd.Verdict.PROVED, 2)
-    assert found.cost is not None and found.cost < 6
+    assert found.verdict == dd.Verdict.PROVED
+    assert len(found.gains) == 2
+    assert found.cost is not None
+    assert found.cost < 6
     assert found.rate is not None
     assert found.rate >= 0.9
     assert "deciding the theorem" in stages
@@ -285,7 +288,8 @@ def test_designs_for_a_wide_region_of_a_sine_are_found(arcs: str, radius: str, t
     problem = loaded(tmp_path, text.replace("[pinning]\ngains = 2\n", ""))
     found = dd.design(problem)
     assert found.verdict is dd.Verdict.PROVED
-    assert found.problem is not None and found.certificate is not None
+    assert found.problem is not None
+    assert found.certificate is not None
     assert dd.verify(found.certificate, found.problem).holds
 
 
@@ -293,11 +297,9 @@ def test_designs_for_a_wide_region_of_a_sine_are_found(arcs: str, radius: str, t
 def test_a_design_for_a_region_of_a_sine_with_an_observer_ends_with_a_proof(tmp_path: Path):
     """Agent 4 listens to nobody and is heard; once the search for gains and W had no end."""
     arcs = "[[2, 3], [2, 5], [3, 1], [5, 1], [5, 3], [5, 4]]"
-    text = (
-        FIVE[: FIVE.index("a =")]
-        + f"a = {arcs}\n"
-        + FIVE[FIVE.index("[coupling]") :].replace('"y"', '"sin(y)"')
-    )
+    head = FIVE[: FIVE.index("a =")] + f"a = {arcs}\n"
+    tail = FIVE[FIVE.index("[coupling]") :].replace('"y"', '"sin(y)"')
+    text = head + tail
     text = text.replace("A = [[0]]\nC = [[1]]", "A = [[0, 1], [-1, 0]]\nC = [[1, 0]]")
     problem = loaded(
         tmp_path, f"{text}[region]\ninitial_states = [-0.86, 0.86]\ninitial_disturbance = 0.5\n"

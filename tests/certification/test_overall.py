@@ -59,12 +59,17 @@ def overall(each, checks, W=None):
 
 def test_lemma_1_takes_the_place_of_theorem_1_without_an_exosystem():
     certificate = consensus(problem())
-    assert (certificate.verdict, certificate.covered_by) == (PROVED, "lemma1")
+    assert certificate.verdict is PROVED
+    assert certificate.covered_by == "lemma1"
     # with one it proves nothing alone: W given and bad
-    certificate = consensus(problem(exosystem=CONSTANT, observer=Observer(W=[[-1]])))
+    growing = Observer(W=[[-1]])
+    unstable = problem(exosystem=CONSTANT, observer=growing)
+    certificate = consensus(unstable)
     assert certificate.check("lemma1").verdict is PROVED
     assert certificate.verdict is REFUTED
-    certificate = consensus(problem(exosystem=CONSTANT, observer=Observer(W=[[1]])))
+    decaying = Observer(W=[[1]])
+    stable = problem(exosystem=CONSTANT, observer=decaying)
+    certificate = consensus(stable)
     # at a better rate than theorem1, which is proved as well
     assert certificate.covered_by == "theorem1-weighted"
     assert certificate.check("theorem1").verdict is PROVED
@@ -80,7 +85,9 @@ def test_lemma_1_has_to_hold_in_every_mode_and_the_slowest_speaks():
     assert certificate.covered_by == "theorem2-weighted"
     # the eigenvalues are 2 and 4, 2 and 3
     assert plain < certificate.rate <= 2
-    failing = consensus(problem({"a": PAIR, "b": [[1, 2, 50]]}, gains=1))
+    strong = [[1, 2, 50]]
+    modes = {"a": PAIR, "b": strong}
+    failing = consensus(problem(modes, gains=1))
     assert failing.check("lemma1", "a").verdict is PROVED
     assert failing.check("lemma1", "b").verdict is REFUTED
     assert failing.covered_by == "theorem2-weighted"
@@ -90,7 +97,8 @@ def test_a_local_proof_never_covers_a_region():
     """Domain "consensus" names no radius, however small the region; only proofs for the region
     do."""
     assert verdict(h="tanh(y)") is PROVED
-    for asked in (region(-1, 1), region("-1/1000000", "1/1000000"), region(0, 0)):
+    large = region(-1, 1)
+    for asked in (large, region("-1/1000000", "1/1000000"), region(0, 0)):
         assert verdict(h="tanh(y)", region=asked) is UNDECIDED
         assert searched(h="tanh(y)", region=asked) is PROVED
 
@@ -102,7 +110,8 @@ def test_a_global_proof_covers_every_region():
     assert verdict(h="y*exp(1)", region=region(0, 5)) is PROVED
     assert verdict(exosystem=CONSTANT, region=region(0, 5, 100)) is PROVED
     assert verdict(exceptions={(0, 1): "sin(y)"}) is PROVED
-    assert verdict(exceptions={(0, 1): "sin(y)"}, region=region(0, 1)) is UNDECIDED
+    exceptions = {(0, 1): "sin(y)"}
+    assert verdict(exceptions=exceptions, region=region(0, 1)) is UNDECIDED
 
 
 def made_up(domain, **more):
@@ -140,7 +149,8 @@ DOMAINS.append(("global", True))
 @pytest.mark.parametrize(("domain", "answer"), DOMAINS)
 def test_coverage_is_compared_exactly(domain, answer):
     """R_c = max |lo - xbar|, |hi - xbar| = 4; a ball needs R^2 >= n sum R_c^2."""
-    asked = problem(h="tanh(y)", exosystem=CONSTANT, target=1, region=region(0, 5, 0.5))
+    start = region(0, 5, 0.5)
+    asked = problem(h="tanh(y)", exosystem=CONSTANT, target=1, region=start)
     check = made_up(domain)
     assert covers(loop_of(asked), check, [check]) is answer
     assert overall(asked, [check]) is (PROVED if answer else UNDECIDED)
@@ -181,7 +191,8 @@ def test_agents_out_of_reach_in_one_mode_only_leave_the_whole_undecided():
     for mode in modes:
         assert certificate.check("reachability", mode).verdict is REFUTED
     # 2 is heard, but hears nobody
-    assert verdict({"a": [[3, 2]]}, gains={3: 1}) is REFUTED
+    one_mode = {"a": [[3, 2]]}
+    assert verdict(one_mode, gains={3: 1}) is REFUTED
     assert consensus(linked([], 1, gains=1)).verdict is PROVED
     assert consensus(linked([], 1)).verdict is REFUTED
 
@@ -200,8 +211,11 @@ def test_agents_out_of_reach_refute_a_region_only_if_it_lets_them_start_apart():
 def test_a_given_gain_refutes_where_its_error_reaches_the_agents_and_a_designed_one_never():
     """The second state is hidden from C and grows; with W = (1, 0) the visible error decays."""
     for w, answer in ((-1, REFUTED), (0, REFUTED), (1, PROVED)):
-        assert verdict(exosystem=CONSTANT, observer=Observer(W=[[w]])) is answer
-    exosystem = Exosystem(A=[[0, 0], [0, 1]], C=[[1, 0]])
+        observer = Observer(W=[[w]])
+        assert verdict(exosystem=CONSTANT, observer=observer) is answer
+    A = [[0, 0], [0, 1]]
+    C = [[1, 0]]
+    exosystem = Exosystem(A=A, C=C)
     for w, answer in ((1, UNDECIDED), (-1, REFUTED)):
         assert verdict(exosystem=exosystem, observer=Observer(W=[[w], [0]])) is answer
     # initial_disturbance = 0: xihat(0) = xi(0) is known.
@@ -225,7 +239,8 @@ def test_an_unstable_linearisation_refutes_and_enough_pinning_cures_it():
     assert verdict(h="-y", gains=3) is PROVED
     assert verdict(h="-sin(y)", gains="1/2") is REFUTED
     # one mode among several is enough: all the time in it is allowed
-    modes = {"good": [], "bad": PAIR, "other": [[1, 2]]}
+    arcs = [[1, 2]]
+    modes = {"good": [], "bad": PAIR, "other": arcs}
     assert consensus(problem(modes, **slight)).verdict is REFUTED
     good = linked({"good": [], "other": []}, 2, coupling="-y", gains="1/2")
     assert consensus(good).verdict is PROVED
@@ -262,10 +277,13 @@ def test_a_gain_that_leaves_a_direction_free_refutes_and_a_skew_one_does_not():
     both = {1: first, 2: [[0, 0], [0, 1]]}
     assert verdict(gains=both, target=[0, 0]) is not REFUTED
     # by lure: e stays in no kernel of k
-    assert searched(gains={1: [[0, 1], [-1, 0]]}, target=[0, 0]) is PROVED
+    gains = {1: [[0, 1], [-1, 0]]}
+    assert searched(gains=gains, target=[0, 0]) is PROVED
     # a region only if it can be started along
     along = {"initial_states": [[-1, 1], [-1, 1]]}
     assert verdict(gains={1: first}, target=[0, 0], region=along) is REFUTED
     across = {"initial_states": [[-1, 1], [0, 0]]}
     assert verdict(gains={1: first}, target=[0, 0], region=across) is not REFUTED
-    assert verdict(gains={1: [[1, 1], [-1, 1]], 2: 1}, target=[0, 0]) is PROVED
+    spiral = [[1, 1], [-1, 1]]
+    gains_of_both = {1: spiral, 2: 1}
+    assert verdict(gains=gains_of_both, target=[0, 0]) is PROVED

@@ -54,7 +54,8 @@ def paper():
 @pytest.mark.parametrize("verdict", [PROVED, UNDECIDED])
 def test_unstable_roots_cannot_be_slipped_into_another_check(verdict):
     """A proved or undecided Lemma 1 with "unstable_roots" must not make the whole refuted."""
-    problem = pair(coupling="tanh(y)", gains={1: 1}, region={"initial_states": [-1, 1]})
+    region = {"initial_states": [-1, 1]}
+    problem = pair(coupling="tanh(y)", gains={1: 1}, region=region)
     certificate = Certificate(problem=problem, claims=consensus_claims(problem))
     numbers = {} if verdict is PROVED else {"margin": None, "rate": None}
     unstable = {"verdict": verdict, "claim": Values({"unstable_roots": "1"})} | numbers
@@ -75,7 +76,8 @@ def test_a_bad_gain_of_the_certificate_cannot_refute_the_problem():
 def test_less_than_is_true_may_be_claimed(paper):
     """Smaller numbers, and "undecided" where the whole does not rest on it."""
     problem, certificate = paper
-    assert failures(bent(certificate, "lemma1", margin=0.1, rate=0.01), problem) == ""
+    changed = bent(certificate, "lemma1", margin=0.1, rate=0.01)
+    assert failures(changed, problem) == ""
     nothing = {"verdict": UNDECIDED, "margin": None, "rate": None, "claim": None, "witness": None}
     assert failures(bent(certificate, "theorem1-printed", **nothing), problem) == ""
     held_by = {"theorem1", "theorem1-weighted"}
@@ -92,7 +94,8 @@ def test_sentences_and_advice_are_not_checked_but_the_notes_of_the_problem_have_
     problem, certificate = paper
     claims = bent(certificate, "theorem1", reason="")
     free = (*problem.notes, "anything")
-    assert recheck(replace(claims, why=Reason(head=""), notes=free, version="?"), problem).holds
+    rewritten = replace(claims, why=Reason(head=""), notes=free, version="?")
+    assert recheck(rewritten, problem).holds
     assert not recheck(replace(claims, notes=("anything",)), problem).holds
 
 
@@ -101,13 +104,14 @@ def test_a_margin_of_a_refutation_must_follow_from_its_vector():
     problem = pair(coupling="-y", gains={1: "1/2", 2: "1/2"})
     certificate = certify(problem)
     check = certificate.check("lemma1")
-    assert (check.margin, check.witness.labels) == (-1.0, ("1",))
+    assert check.margin == -1.0
+    assert check.witness.labels == ("1",)
     assert failures(bent(certificate, "lemma1", margin=-0.5), problem) == ""
     assert "the margin" in failures(bent(certificate, "lemma1", margin=-1.001), problem)
     for name in ("unstable_roots", "value"):
-        assert "exact" in failures(
-            bent(certificate, "lemma1", claim=Values({**check.exact, name: "2"})), problem
-        )
+        values = Values({**check.exact, name: "2"})
+        changed = bent(certificate, "lemma1", claim=values)
+        assert "exact" in failures(changed, problem)
 
 
 def test_one_failing_pair_refutes_the_printed_check_only_and_a_designed_gain_rules_out_none(paper):
@@ -120,39 +124,37 @@ def test_one_failing_pair_refutes_the_printed_check_only_and_a_designed_gain_rul
     )
     assert "theorem1: one pair failing" in failures(claims, problem)
     for block in ("hurwitz", "detectability"):
-        claims = bent(certificate, "theorem1", claim=Values({"block": block}), **refuted)
+        values = Values({"block": block})
+        claims = bent(certificate, "theorem1", claim=values, **refuted)
         assert f"{block} is proved" in failures(claims, problem)
-    problem, bad = pair(gains=1, exosystem=INTEGRATOR), ((Fraction(-1),),)
+    problem = pair(gains=1, exosystem=INTEGRATOR)
+    bad = ((Fraction(-1),),)
     statements = state_theorems(loop_of(problem))
     trusted = Trusted(
         loop=statements.loop, W=bad, domain=statements.domain, statements=statements, pair=None
     )
-    check = Check(
-        id="theorem1",
-        verdict=REFUTED,
-        domain=EVERYWHERE,
-        reason="",
-        claim=Values({"block": "hurwitz"}),
-    )
+    claim = Values({"block": "hurwitz"})
+    check = Check(id="theorem1", verdict=REFUTED, domain=EVERYWHERE, reason="", claim=claim)
     assert confirm(check, trusted) == "another W can be designed, so no pair is ruled out"
 
 
 def test_every_check_that_a_problem_calls_for_has_to_be_there(paper):
     problem, certificate = paper
     for left_out in (check for check in certificate.checks if check.id != "tolerance"):
-        claims = replace(
-            certificate.claims, checks=tuple(c for c in certificate.checks if c is not left_out)
-        )
+        others = tuple(c for c in certificate.checks if c is not left_out)
+        claims = replace(certificate.claims, checks=others)
         lacking = (
             "covered_by: not what"
             if left_out.id == "theorem1-weighted"
             else f"lacks {left_out.title}"
         )
         assert lacking in failures(claims, problem)
-    doubled = replace(certificate.claims, checks=(*certificate.checks, certificate.checks[0]))
+    checks = (*certificate.checks, certificate.checks[0])
+    doubled = replace(certificate.claims, checks=checks)
     found = recheck(doubled, problem)
     # nothing is evaluated
-    assert (found.confirmed, found.failures) == ((), ("checks: a check stands there twice",))
+    assert found.confirmed == ()
+    assert found.failures == ("checks: a check stands there twice",)
     second = checker.examine(certificate_bytes(doubled), canonical_bytes(problem))
     assert [title for _, title in second] == [
         "its problem",
@@ -164,7 +166,8 @@ def test_every_check_that_a_problem_calls_for_has_to_be_there(paper):
     assert switching.count("lemma1") == 4
     assert {"theorem2", "theorem2-printed"} <= set(switching)
     assert "theorem1" not in switching
-    assert expected_checks(loop_of(pair())) == (("reachability", "G", None), ("lemma1", "G", None))
+    expected = (("reachability", "G", None), ("lemma1", "G", None))
+    assert expected_checks(loop_of(pair())) == expected
 
 
 @pytest.mark.slow

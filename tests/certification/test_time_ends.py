@@ -25,29 +25,25 @@ ZERO, ONE = Fraction(0), Fraction(1)
 
 def agents_with_states(count: int, slope: str = "sin(x{next})-x{own}**3") -> dict[str, object]:
     """Two agents of so many states, each driven by the next one."""
-    f = [slope.format(own=k, next=k + 1) for k in range(1, count)] + [f"x1-x{count}**3"]
-    return {
-        "agents": 2,
-        "modes": {"m": [[2, 1]]},
-        "gains": "100",
-        "more": {"dynamics": {"f": f}},
-        "region": True,
-    }
+    inner = [slope.format(own=k, next=k + 1) for k in range(1, count)]
+    f = [*inner, f"x1-x{count}**3"]
+    modes = {"m": [[2, 1]]}
+    dynamics = {"dynamics": {"f": f}}
+    return {"agents": 2, "modes": modes, "gains": "100", "more": dynamics, "region": True}
 
 
 def many_modes(count: int) -> dict[str, object]:
     """A ring of three agents whose last arc has another weight in every mode."""
-    modes = {f"m{k}": [[2, 1], [3, 2], [1, 3, k + 1]] for k in range(count)}
+    modes = {}
+    for k in range(count):
+        modes[f"m{k}"] = [[2, 1], [3, 2], [1, 3, k + 1]]
     return {"agents": 3, "modes": modes, "gains": "{1=3}", "h": "tanh(y)", "region": True}
 
 
 def turns(count: int) -> dict[str, object]:
     """Three agents, of whom one is not reached in each of two modes that follow each other."""
-    switching = {
-        "guarantee": "sequence",
-        "dwell": 0.1,
-        "sequence": ["A", *["A", "B"] * (count // 2)],
-    }
+    sequence = ["A", *["A", "B"] * (count // 2)]
+    switching = {"guarantee": "sequence", "dwell": 0.1, "sequence": sequence}
     modes = {"A": [[2, 1]], "B": [[3, 2]]}
     return {
         "agents": 3,
@@ -85,17 +81,18 @@ def test_what_the_time_limit_cuts_is_named_first_and_nothing_is_said_to_fail(own
     )
     cut = [check for check in certificate.checks if "time limit" in check.reason]
     assert {"max-separable", "schedule"} & {check.id for check in cut}
-    told = " ".join([certificate.reason, *(check.reason for check in cut)])
-    assert not any(words in told for words in ("no pin", "not found", "found", "not reach"))
+    reasons = [certificate.reason, *(check.reason for check in cut)]
+    told = " ".join(reasons)
+    for words in ("no pin", "not found", "found", "not reach"):
+        assert words not in told
     assert dd.verify(certificate, problem).holds
 
 
 def test_what_is_cut_for_its_work_is_named_first(tmp_path: Path):
     problem = dd.load_problem(written(tmp_path, turns(4)))
-    checks = [
-        cut_check("lure", "consensus", "cut off."),
-        cut_check("delay", "consensus", "cut off."),
-    ]
+    lure = cut_check("lure", "consensus", "cut off.")
+    delay = cut_check("delay", "consensus", "cut off.")
+    checks = [lure, delay]
     found = decide_overall(loop_of(problem), checks, None)
     assert found.reason.startswith(
         "Undecided: work ran out. lure would take too long for a problem of this size"
@@ -112,7 +109,8 @@ def test_a_longer_search_is_named_where_there_is_one(tmp_path: Path):
 
 
 def test_a_clock_inside_another_ends_with_the_earlier_of_both():
-    assert (seconds_left(), last_call()) == (float("inf"), None)
+    assert seconds_left() == float("inf")
+    assert last_call() is None
     with until(100.0):
         assert 99 < seconds_left() <= 100
         with until(1000.0):
@@ -131,7 +129,8 @@ def test_the_second_program_examines_no_claim_after_its_time_and_the_certificate
     with until(1e-9):
         time.sleep(1e-3)
         found = agreed(claims, problem)
-    assert (found.verdict, found.checks) == (claims.verdict, claims.checks)
+    assert found.verdict == claims.verdict
+    assert found.checks == claims.checks
     assert found.notes[-1].startswith("Time ran out before the second checker was asked about ")
     assert agreed(claims, problem).notes == claims.notes
 
@@ -143,7 +142,8 @@ def test_a_point_at_which_a_function_is_not_shown_is_not_halved():
         asked.append(sides)
         return ((-ONE, -ONE), ())
 
-    assert not points(SimpleNamespace(at=at), 1, [(ZERO, ZERO), (ONE, ONE)])
+    corners = [(ZERO, ZERO), (ONE, ONE)]
+    assert not points(SimpleNamespace(at=at), 1, corners)
     assert len(asked) == 1
 
 

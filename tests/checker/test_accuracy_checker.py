@@ -33,7 +33,9 @@ def test_what_one_program_refuses_the_other_refuses(id: str, problem: Problem):
     assert check["verdict"] == "proved"
     refused = 0
     for seed in range(12):
-        changed = mutate({"it": check}, seed, other={"it": document["checks"][0]}).get("it")
+        first = {"it": document["checks"][0]}
+        mutated = mutate({"it": check}, seed, other=first)
+        changed = mutated.get("it")
         if isinstance(changed, dict) and changed != check:
             checks = [changed if each is check else each for each in document["checks"]]
             package, lone = accepted_by(document | {"checks": checks}, problem)

@@ -45,15 +45,21 @@ def test_a_built_in_problem_is_certified_and_confirmed_by_both_programs(tmp_path
     assert certificate.problem == problem
     assert recheck(certificate_bytes(certificate.claims), problem).holds
     done = alone(tmp_path, certificate_bytes(certificate.claims), canonical_bytes(problem))
-    assert (done.returncode, done.stderr) == (0, "")
+    assert done.returncode == 0
+    assert done.stderr == ""
     lines = done.stdout.splitlines()
     assert lines[-1] == "Every claim holds."
-    assert sum(line.startswith("holds") for line in lines) == len(certificate.checks) + 4
+    held = sum(line.startswith("holds") for line in lines)
+    expected = len(certificate.checks) + 4
+    assert held == expected
     if problem.region is None or problem.dynamics is not None:  # the oracle knows integrators
         return
-    assert (certificate.verdict, certificate.covered_by) == (Verdict.PROVED, "max-separable")
+    assert certificate.verdict is Verdict.PROVED
+    assert certificate.covered_by == "max-separable"
     covering = certificate.check("max-separable")
-    assert claimed(covering.domain.radius) >= max(asked_radius(loop_of(problem)))
+    claimed_ball = claimed(covering.domain.radius)
+    asked = max(asked_radius(loop_of(problem)))
+    assert claimed_ball >= asked
     assert claimed(covering.domain.disturbance) >= problem.region.initial_disturbance
     assert certificate.rate == covering.rate
     document = json.loads(json.dumps(certificate_document(certificate.claims)))
@@ -67,16 +73,18 @@ def test_a_built_in_problem_is_certified_and_confirmed_by_both_programs(tmp_path
 def test_the_lone_folder_says_why_it_refuses_and_never_shows_a_traceback(tmp_path, code):
     bad = next(case for case in cases() if case.code == code)
     done = alone(tmp_path, bad.certificate, bad.problem)
-    assert (done.returncode, done.stderr) == (code, "")
+    assert done.returncode == code
+    assert done.stderr == ""
     assert ("FAILS  " if code == FAILS else "unreadable: ") in done.stdout
 
 
 def test_what_is_missing_or_no_regular_file_is_unreadable_at_once(tmp_path, capsys):
     """A pipe would make it wait for ever."""
     os.mkfifo(tmp_path / "pipe")
-    assert [
-        main(2 * [str(path)]) for path in (tmp_path / "pipe", tmp_path, tmp_path / "no.json")
-    ] == [2, 2, 2]
+    paths = (tmp_path / "pipe", tmp_path, tmp_path / "no.json")
+    codes = [main(2 * [str(path)]) for path in paths]
+    expected = [2, 2, 2]
+    assert codes == expected
     assert main([]) == 2
     shown = capsys.readouterr().out
     assert shown.count("it is no regular file") == 2
@@ -85,9 +93,9 @@ def test_what_is_missing_or_no_regular_file_is_unreadable_at_once(tmp_path, caps
 
 def test_the_output_cannot_steer_a_terminal(capsys, tmp_path):
     """A mode may have any name that a problem file can hold."""
-    problem = Problem(
-        network=Network.from_arcs({"\u00e9": [[1, 2]]}, arrow="listens_to"), coupling="y", gains=1
-    )
+    arcs = {"\u00e9": [[1, 2]]}
+    network = Network.from_arcs(arcs, arrow="listens_to")
+    problem = Problem(network=network, coupling="y", gains=1)
     document = json.loads(certificate_bytes(consensus_claims(problem))) | {"verdict": "\x1b[31m"}
     (tmp_path / "c").write_text(json.dumps(document), "utf-8")
     (tmp_path / "p").write_bytes(canonical_bytes(problem))
@@ -118,15 +126,18 @@ def test_a_certificate_stripped_of_its_claims_proves_nothing(keep):
     else:
         assert findings[-1] == (True, "overall verdict: undecided")
     emptied = stripped | {"checks": []}
-    assert not all(holds for holds, _ in checker.examine(json.dumps(emptied).encode(), problem))
+    read = json.dumps(emptied).encode()
+    assert not all(holds for holds, _ in checker.examine(read, problem))
 
 
 @pytest.mark.parametrize("refusals", [[(False, "lemma1: no")], None])
 def test_two_programs_that_disagree_confirm_nothing(monkeypatch, refusals):
     """``verify`` asks the package and the lone checker; either alone is not enough."""
-    problem, claims = load_problem("paper-fixed"), certified("paper-fixed").claims
+    problem = load_problem("paper-fixed")
+    claims = certified("paper-fixed").claims
     honest = verify(claims, problem)
-    assert (honest.holds, honest.lone_checker) == (True, "it accepts every claim")
+    assert honest.holds is True
+    assert honest.lone_checker == "it accepts every claim"
     if refusals is None:
         claims = json.loads(certificate_bytes(claims)) | {"rate": 5.0}
         claims = json.dumps(claims).encode()

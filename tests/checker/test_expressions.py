@@ -38,7 +38,8 @@ def test_every_function_of_the_grammar_is_enclosed_here():
 def contains(enclosure: Exact, value: mpmath.mpf) -> bool:
     """Up to the rounding of mpmath at 120 digits; the enclosures have about 77."""
     low, high = (mpmath.mpf(x.numerator) / x.denominator for x in enclosure)
-    slack = mpmath.mpf(10) ** -110 * (1 + abs(value))
+    unit = mpmath.mpf(10) ** -110
+    slack = unit * (1 + abs(value))
     return bool(low - slack <= value <= high + slack)
 
 
@@ -54,18 +55,24 @@ def test_values_and_derivatives_are_those_of_mpmath(name, x):
     known = KNOWN[name]
     with mpmath.workdps(120):
         at = mpmath.mpf(x.numerator) / x.denominator
-        value, (slope,) = applied(SMOOTH[name], *variables([(x, x)]))
-        cases = ((value, known.value(at)), (slope, known.slope(at)))
+        variable = variables([(x, x)])
+        value, (slope,) = applied(SMOOTH[name], *variable)
+        of_value = (value, known.value(at))
+        of_slope = (slope, known.slope(at))
+        cases = (of_value, of_slope)
         for found, true in cases:
             assert contains(found, true)
-            assert found[1] - found[0] <= Fraction(1, 10**60) * (1 + abs(found[1]))
+            width = found[1] - found[0]
+            allowed = Fraction(1, 10**60) * (1 + abs(found[1]))
+            assert width <= allowed
 
 
 @pytest.mark.parametrize("x", [Fraction(10**20), 1e20, 1e60])
 def test_sines_of_large_numbers_have_as_many_places_as_they_need(x):
     with mpmath.workdps(120):
         lo, hi = intervals.wave((x, x), 0)
-        assert float(lo) - 1e-15 <= mpmath.sin(mpmath.mpf(int(x))) <= float(hi) + 1e-15
+        exactly = mpmath.sin(mpmath.mpf(int(x)))
+        assert float(lo) - 1e-15 <= exactly <= float(hi) + 1e-15
         assert hi - lo < 1e-12
 
 
@@ -94,7 +101,8 @@ def test_rational_slopes_are_exact(slope, texts):
     exact = Fraction(slope)
     for h in texts.split("; "):
         coupling = Expression(h, ["y"])
-        value, (found,) = coupling.run(coupling.steps, variables([(zero, zero)]))
+        variable = variables([(zero, zero)])
+        value, (found,) = coupling.run(coupling.steps, variable)
         assert value == (0, 0)
         assert found == (exact, exact)
 
@@ -131,7 +139,8 @@ def test_a_divisor_far_from_1_is_no_obstacle_for_doubles():
     """Its square, which a derivative by the divisor would need, is beyond the range of doubles."""
     for h in ("1e160*y/1e160", "y*1e-160/1e-160"):
         coupling = Expression(h, ["y"])
-        (lo, hi), ((low, high),) = coupling.run(coupling.steps, variables([(1.0, 2.0)]))
+        variable = variables([(1.0, 2.0)])
+        (lo, hi), ((low, high),) = coupling.run(coupling.steps, variable)
         assert 0.999 < lo <= 1
         assert 2 <= hi < 2.001
         assert 0.999 < low <= 1 <= high < 1.001
@@ -145,9 +154,11 @@ def pieces(name: str, count: int) -> list[tuple[float, float]]:
     found = []
     for _ in range(count):
         size = 10 ** r.uniform(-6, 1.5)
-        a, b = sorted((r.uniform(-size, size), r.uniform(-size, size)))
+        first = (r.uniform(-size, size), r.uniform(-size, size))
+        a, b = sorted(first)
         if name in ("log(y)", "sqrt(y)"):
-            a, b = sorted((abs(a) + 1e-9, abs(b) + 1e-9))
+            positive = (abs(a) + 1e-9, abs(b) + 1e-9)
+            a, b = sorted(positive)
         found.append((a, a if r.random() < 0.2 else b))
     return found
 
@@ -159,7 +170,9 @@ def clipped(y: mpmath.mpf) -> mpmath.mpf:
 
 def smooth_quotient(y: mpmath.mpf) -> mpmath.mpf:
     hump = mpmath.exp(-(y**2))
-    return mpmath.tanh(y) * hump / (2 + mpmath.sin(3 * y))
+    top = mpmath.tanh(y) * hump
+    bottom = 2 + mpmath.sin(3 * y)
+    return top / bottom
 
 
 def negative_power(y: mpmath.mpf) -> mpmath.mpf:
@@ -193,12 +206,18 @@ def test_enclosures_of_compositions_hold_random_points_and_all_their_secants(sou
             except Refused:
                 continue
             slope = slopes[0] if slopes else (0.0, 0.0)
-            points = [mpmath.mpf(r.uniform(a, b)) for _ in range(10)]
-            for x, y in zip(points, [mpmath.mpf(b), *points], strict=False):
+            points = []
+            for _ in range(10):
+                points.append(mpmath.mpf(r.uniform(a, b)))
+            following = [mpmath.mpf(b), *points]
+            for x, y in zip(points, following, strict=False):
                 assert value[0] <= h(x) <= value[1]
-                gap = mpmath.mpf(2) ** -150 * (1 + abs(h(x)))
+                gap_allowed = mpmath.mpf(2) ** -150
+                size = 1 + abs(h(x))
+                gap = gap_allowed * size
                 steps = [each * (y - x) for each in slope]
-                assert min(steps) - gap <= h(y) - h(x) <= max(steps) + gap
+                step = h(y) - h(x)
+                assert min(steps) - gap <= step <= max(steps) + gap
                 seen += 1
     assert seen > 5 * count
 
@@ -241,7 +260,8 @@ def test_arithmetic_is_rounded_outward(n):
     for _ in range(300):
         x = random_interval(r)
         y = random_interval(r)
-        corners = list(itertools.product(map(Fraction, x), map(Fraction, y)))
+        pairs = itertools.product(map(Fraction, x), map(Fraction, y))
+        corners = list(pairs)
         values = [a * b for a, b in corners]
         assert_holds(intervals.times(x, y), values)
         values = [a + b for a, b in corners]

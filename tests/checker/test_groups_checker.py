@@ -21,37 +21,46 @@ def test_a_group_on_a_check_of_a_plain_problem_is_refused():
     problem = without_region("paper-fixed")
     data = json.loads(certificate_bytes(certify(problem).claims))
     next(each for each in data["checks"] if each["id"] == "hurwitz")["group"] = "1"
-    findings = checker.examine(json.dumps(data).encode(), canonical_bytes(problem))
+    read = json.dumps(data).encode()
+    findings = checker.examine(read, canonical_bytes(problem))
     assert not recheck(json.dumps(data).encode(), problem).holds
     assert any("there is a check that" in text for holds, text in findings if not holds)
 
 
 def test_the_lone_folder_confirms_groups(tmp_path):
-    done = alone(
-        tmp_path, json.dumps(document("mixed")).encode(), canonical_bytes(problems()["mixed"])
-    )
-    assert (done.returncode, done.stderr) == (HOLDS, "")
+    read = json.dumps(document("mixed")).encode()
+    file = canonical_bytes(problems()["mixed"])
+    done = alone(tmp_path, read, file)
+    assert done.returncode == HOLDS
+    assert done.stderr == ""
 
 
 def test_a_plain_problem_whose_texts_speak_of_groups_has_none():
     """A name, a note and a label "groups" are no groups."""
+    network = Network.from_arcs([["groups", 2]], arrow="listens_to")
+    exosystem = Exosystem(A=[[0]], C=[[1]])
+    observer = Observer(W=[[1]])
     problem = Problem(
-        network=Network.from_arcs([["groups", 2]], arrow="listens_to"),
+        network=network,
         coupling="y",
         gains=1,
         name='"groups":',
         notes=["'groups'"],
-        exosystem=Exosystem(A=[[0]], C=[[1]]),
-        observer=Observer(W=[[1]]),
+        exosystem=exosystem,
+        observer=observer,
     )
-    assert outcome(certificate_bytes(certify(problem).claims), canonical_bytes(problem)) == HOLDS
+    certified_bytes = certificate_bytes(certify(problem).claims)
+    assert outcome(certified_bytes, canonical_bytes(problem)) == HOLDS
 
 
 def test_an_agent_has_the_block_of_its_own_group():
     """Two components: S of two groups has four rows."""
     loop = second_loop(problems()["plane"])
-    S = [[Fraction(10 * i + j) for j in range(4)] for i in range(4)]
-    assert [loop.block(S, i) for i in (0, 1)] == [[[0, 1], [10, 11]], [[22, 23], [32, 33]]]
+    S = []
+    for i in range(4):
+        S.append([Fraction(10 * i + j) for j in range(4)])
+    blocks = [loop.block(S, i) for i in (0, 1)]
+    assert blocks == [[[0, 1], [10, 11]], [[22, 23], [32, 33]]]
 
 
 QUICK = (3, 5)  # seeds of a problem that is proved, in three components, and of one that is refuted

@@ -25,24 +25,26 @@ from dobc_design.loop.make import loop_of
 
 def test_a_list_with_a_clipped_expression_needs_the_radius():
     """clip(y1, -1, 1) is not linear although two of its three arguments are constants; y2 is."""
-    arcs = Network.from_arcs([[2, 1]], arrow="listens_to", agents=2)
+    listed = [[2, 1]]
+    arcs = Network.from_arcs(listed, arrow="listens_to", agents=2)
     problem = Problem(network=arcs, coupling=["clip(y1, -1, 1)", "y2"], gains=1, target=[0, 0])
     assert quadratic.relied(second_loop(problem)) == {(2, 0)}
 
 
 def reader(h: Any) -> tuple[Loop, str]:
     """Agent 2 of three hears agent 3 with weight 2; two components."""
-    arcs = Network.from_arcs([[2, 3, 2]], arrow="listens_to", agents=3)
-    loop = second_loop(Problem(network=arcs, coupling=h, gains=1, target=[0, 0]))
+    listed = [[2, 3, 2]]
+    arcs = Network.from_arcs(listed, arrow="listens_to", agents=3)
+    problem = Problem(network=arcs, coupling=h, gains=1, target=[0, 0])
+    loop = second_loop(problem)
     return loop, *loop.modes
 
 
 def test_channels_of_several_components_lead_from_the_differences_to_the_rows():
     loop, mode = reader(["y1 + y2", "y2"])
-    gains = [
-        [(Fraction(lo), Fraction(hi)) for lo, hi in row]
-        for row in (((1, 3), (0, 0)), ((1, 1), (0, 4)))
-    ]
+    first = ((1, 3), (0, 0))
+    second = ((1, 1), (0, 4))
+    gains = [[(Fraction(lo), Fraction(hi)) for lo, hi in row] for row in (first, second)]
     found = quadratic.channels(loop, mode, {loop.functions[0]: gains})
     assert found == [(2, 2, 4, 4, 2), (3, 2, 4, 2, 0), (3, 3, 5, 4, 4)]
 
@@ -50,12 +52,16 @@ def test_channels_of_several_components_lead_from_the_differences_to_the_rows():
 def test_agents_meet_their_own_costs():
     agents = SimpleNamespace(q=0, m=1, nodes=range(3), block=lambda S, i: [[Fraction(i)]])
     costs = quadratic.noise(agents, None)
-    assert [row[i] for i, row in enumerate(costs)] == [0, 1, 2]
+    diagonal = [row[i] for i, row in enumerate(costs)]
+    expected = [0, 1, 2]
+    assert diagonal == expected
 
 
 def ring(n: int, *, coupling: str, gains: object, s: Fraction | None = None) -> Problem:
-    arcs = [[i, i % n + 1] for i in range(1, n + 1)]
-    region = Region(initial_states=((Fraction(-1, 2), Fraction(1, 2)),), initial_disturbance=s)
+    agents = range(1, n + 1)
+    arcs = [[i, i % n + 1] for i in agents]
+    lower = Fraction(-1, 2)
+    region = Region(initial_states=((lower, Fraction(1, 2)),), initial_disturbance=s)
     observed = {} if s is None else {"exosystem": HARMONIC, "observer": Observer(W=PAPER_GAIN)}
     network = Network.from_arcs(arcs, arrow="listens_to", agents=n)
     return Problem(
@@ -72,7 +78,9 @@ def judged_alike(
     assert accepted_by(document, problem) == (True, True)
     refused = 0
     for seed in range(count):
-        changed = mutate({"it": check}, seed, other={"it": document["checks"][0]}).get("it")
+        first = {"it": document["checks"][0]}
+        mutated = mutate({"it": check}, seed, other=first)
+        changed = mutated.get("it")
         if not isinstance(changed, dict) or changed == check:
             continue
         checks = [changed if each is check else each for each in document["checks"]]
@@ -89,7 +97,8 @@ def judged_alike(
 
 def test_what_one_program_refuses_of_a_claim_by_hand_the_other_refuses():
     document = json.loads(certificate("cubic", CUBIC))
-    document["checks"], check = document["checks"][:-1], document["checks"][-1]
+    others = document["checks"][:-1]
+    document["checks"], check = others, document["checks"][-1]
     judged_alike(document, check, problems()["cubic"], count=20)
 
 

@@ -47,7 +47,9 @@ def sampled_rate(h: Callable[[float], float], v: list[float], k: list[float], rh
             if i:  # the first agent hears nobody
                 low = -s * (own + v[i - 1])
                 high = s * (v[i - 1] - own)
-            points = [low + (high - low) * part / 100 for part in range(101)]
+            points = []
+            for part in range(101):
+                points.append(low + (high - low) * part / 100)
             for face in (1, -1):
                 top = max(face * h(face * y) for y in points)
                 rates.append(k[i] - top / (s * own))
@@ -83,7 +85,9 @@ def test_rows_are_accepted_below_the_sampled_rate_and_refused_above(h):
         check = claim("max-separable", box, None, exact)
         check["exact"]["alpha"] = f"{alpha:.9f}"
         check["rate"] = round(alpha / 2, 9)
-        data = json.dumps(frame | {"checks": [*frame["checks"], check]}).encode()
+        checks = {"checks": [*frame["checks"], check]}
+        read = json.dumps(frame | checks)
+        data = read.encode()
         assert outcome(data, canonical_bytes(problem)) == code
 
 
@@ -91,7 +95,9 @@ def test_two_agents_that_hear_each_other_keep_their_alpha_to_nine_digits():
     """-|y|, both pinned with 5, v = 1: alpha = 3 exactly; sin on [-5/2 s, -s/2]: sin 3 / 1.8 at s =
     6/5."""
     sharp = mpmath.sin(3) / mpmath.mpf("1.8")
-    cases = (("bent", BENT, 3.0), ("sine", SINE, float(sharp)))
+    bent = ("bent", BENT, 3.0)
+    sine = ("sine", SINE, float(sharp))
+    cases = (bent, sine)
     for name, check, alpha in cases:
         for factor, code in ((1 - 1e-9, HOLDS), (1 + 1e-9, FAILS)):
             claimed = f"{alpha * factor:.15f}"
@@ -154,13 +160,17 @@ def test_forces_and_their_slopes_hold_random_points():
         x = [e[0:2], e[2:4], e[4:6]]
         y = []
         for i, j in ((0, 1), (1, 2), (2, 0)):
-            y.append([b - a for a, b in zip(x[i], x[j], strict=True)])
+            difference = [b - a for a, b in zip(x[i], x[j], strict=True)]
+            y.append(difference)
         first = [2 * f for f in h(*y[0])]
         second = h(*y[1])
         y1, y2 = y[2]
-        third = [y1 + y2**2, mpmath.atan(y1 * y2) + y2]
+        last = mpmath.atan(y1 * y2) + y2
+        third = [y1 + y2**2, last]
         pulled = [*first, *second, *third]
-        held = [2 * e[0] + e[1], -e[0] + 3 * e[1], 0, 0, e[4], 5 * e[5]]
+        first_entry = 2 * e[0] + e[1]
+        second_entry = -e[0] + 3 * e[1]
+        held = [first_entry, second_entry, 0, 0, e[4], 5 * e[5]]
         return [f - k for f, k in zip(pulled, held, strict=True)]
 
     for _ in range(10):
@@ -183,11 +193,15 @@ def test_forces_and_their_slopes_hold_random_points():
 
 def test_a_force_at_a_point_that_no_float_is_lies_between_its_bounds():
     """e_2 - e_1 = 1/3, and -1/3 for the other agent."""
-    arcs = Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to", agents=2)
+    listed = [[1, 2], [2, 1]]
+    arcs = Network.from_arcs(listed, arrow="listens_to", agents=2)
     problem = Problem(network=arcs, coupling="y", gains={})
     loop = second_loop(problem)
-    values, _ = separable.forces(loop, *loop.modes, [[Fraction(0)] * 2, [Fraction(1, 3)] * 2])
-    for (lo, hi), truth in zip(values, (Fraction(1, 3), Fraction(-1, 3)), strict=True):
+    third = [Fraction(1, 3)] * 2
+    point = [[Fraction(0)] * 2, third]
+    values, _ = separable.forces(loop, *loop.modes, point)
+    minus_third = Fraction(-1, 3)
+    for (lo, hi), truth in zip(values, (Fraction(1, 3), minus_third), strict=True):
         assert Fraction(lo) <= truth <= Fraction(hi)
 
 
@@ -198,13 +212,15 @@ def test_the_exact_ends_of_a_sum_lie_between_its_bounds(x, y, sign: int):
     x = tuple(sorted(sign * end for end in x))
     y = tuple(sorted(sign * end for end in y))
     lo, hi = added(x, y)
-    assert Fraction(lo) <= Fraction(x[0]) + Fraction(y[0])
+    lowest = Fraction(x[0])
+    assert Fraction(lo) <= lowest + Fraction(y[0])
     assert Fraction(x[1]) + Fraction(y[1]) <= Fraction(hi)
 
 
 def test_a_lower_bound_of_the_form_takes_the_lower_slope_for_every_positive_weight():
     """v'Lambda v = 2 v_a (v_b - v_c) g with g from 1 to 2: weights 1/2 and -1/2."""
-    terms = [(0, 1, 2, (Fraction(1), Fraction(2)))]
+    segment = (Fraction(1), Fraction(2))
+    terms = [(0, 1, 2, segment)]
     v = [Fraction(1, 2), Fraction(1, 2), Fraction(0)]
     assert lower_form(terms, v) == Fraction(1, 2)
     found = lower_form(terms, [-v[0], *v[1:]])

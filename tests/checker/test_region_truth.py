@@ -58,7 +58,8 @@ def test_the_oracle_tells_claims_that_are_true_from_their_twins(
 def contradicted(h: str, id: str, domain: Any, exact: dict[str, Any]) -> bool:
     """Whether the oracle says something against a claim about two agents, the second of which
     listens to the first."""
-    problem = listening([[2, 1]], h, n=2, gains={1: 5}, target=0)
+    arcs = [[2, 1]]
+    problem = listening(arcs, h, n=2, gains={1: 5}, target=0)
     check = {
         "id": id,
         "verdict": "proved",
@@ -97,8 +98,11 @@ def test_a_rate_is_false_just_above_the_largest_and_true_just_below(
 @pytest.mark.parametrize("method", ["vertices", "interval", "lure"])
 def test_a_quadratic_rate_is_false_just_above_the_eigenvalue(method: str):
     """P_e = I and [[-5, 0], [1, -1]]: the rate is 3 - sqrt(17) / 2."""
-    exact = {"method": method, "P_e": [[0, 0, "1"], [1, 1, "1"]], "level": None, "radius": None}
-    exact |= {"ranges": [{"coupling": 0, "gains": [[["1", "1"]]]}]}
+    P_e = [[0, 0, "1"], [1, 1, "1"]]
+    exact = {"method": method, "P_e": P_e, "level": None, "radius": None}
+    gains = [[["1", "1"]]]
+    slopes = {"coupling": 0, "gains": gains}
+    exact |= {"ranges": [slopes]}
     exact["multipliers"] = {"G": ["1/2"]} if method == "lure" else {}
     for factor in (1 - TINY, 1 + TINY):
         rate = f"{(3 - math.sqrt(17) / 2) * factor:.17f}"

@@ -67,7 +67,8 @@ def of_each_kind() -> dict[str, Case]:
 
 def rehashed(case: Case, problem: Any) -> Case:
     """The certificate beside another problem file, with its hash."""
-    return about(problem, json.loads(case.certificate), name=case.name, code=case.code)
+    read = json.loads(case.certificate)
+    return about(problem, read, name=case.name, code=case.code)
 
 
 def said_of(case: Case) -> int | str:
@@ -102,14 +103,20 @@ def test_null_in_place_of_an_exact_value_is_refused(id: str):
     check = next(
         each for each in document["checks"] if each["id"] == id and each["verdict"] != "undecided"
     )
-    parts = {part: check[part] for part in ("exact", "witness") if part in check}
-    changed = [(holder, key) for holder, key in list(places(parts))[:60] if holder[key] is not None]
+    parts = {}
+    for part in ("exact", "witness"):
+        if part in check:
+            parts[part] = check[part]
+    listed = list(places(parts))[:60]
+    changed = [(holder, key) for holder, key in listed if holder[key] is not None]
     for holder, key in changed:
         value = holder[key]
         holder[key] = None
         # The parts themselves belong to the check.
         bent = document if holder is not parts else _with_parts(document, check, parts)
-        code = said_of(Case(case.name, json.dumps(bent).encode(), case.problem, FAILS))
+        read = json.dumps(bent).encode()
+        bent_case = Case(case.name, read, case.problem, FAILS)
+        code = said_of(bent_case)
         # rho null says more of linear couplings, and is true there.
         assert code in (FAILS, UNREADABLE) or (code == HOLDS and key == "rho")
         holder[key] = value
@@ -118,9 +125,8 @@ def test_null_in_place_of_an_exact_value_is_refused(id: str):
 def _with_parts(
     document: dict[str, Any], check: dict[str, Any], parts: dict[str, Any]
 ) -> dict[str, Any]:
-    return document | {
-        "checks": [each | parts if each is check else each for each in document["checks"]]
-    }
+    checks = [each | parts if each is check else each for each in document["checks"]]
+    return document | {"checks": checks}
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -134,11 +140,13 @@ def test_another_value_ends_in_a_finding_or_in_a_refusal(seed: int):
         document = json.loads(case.problem if of_problem else case.certificate)
         holder, key = draw.choice(list(places(document)))
         holder[key] = draw.choice(VALUES)
-        changed = Case(case.name, json.dumps(document).encode(), case.problem, FAILS)
+        read = json.dumps(document).encode()
+        changed = Case(case.name, read, case.problem, FAILS)
         if of_problem:
             changed = rehashed(case, document)
         code = said_of(changed)
-        assert code in (HOLDS, FAILS, UNREADABLE), (case.name, key, holder[key], code)
+        outcomes = (HOLDS, FAILS, UNREADABLE)
+        assert code in outcomes, (case.name, key, holder[key], code)
         codes.add(code)
     assert codes >= {FAILS, UNREADABLE}
 

@@ -55,7 +55,8 @@ def test_the_command_of_a_certificate_proves_the_same_from_the_same_starts(
     assert CliRunner().invoke(app, call).exit_code == 0
     first = json.loads((tmp_path / "out" / "certificate.json").read_text("utf-8"))
     (settled,) = (check for check in first["checks"] if check["id"] == "settling")
-    assert (settled["verdict"], settled["domain"]["radius"]) == ("proved", 1.1)
+    assert settled["verdict"] == "proved"
+    assert settled["domain"]["radius"] == 1.1
     told = " ".join(first["program"]["options"]).split()
     again = ["certify", str(file), "--no-report", *told, "--out", str(tmp_path / "again")]
     assert CliRunner().invoke(app, again).exit_code == 0

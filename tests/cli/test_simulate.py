@@ -47,7 +47,9 @@ def test_the_document_has_the_keys_of_the_contract_and_nothing_is_written(dobc):
         "decay_rate",
         "files",
     }
-    assert (document["runs"], document["diverged"], document["files"]) == (1, False, [])
+    assert document["runs"] == 1
+    assert document["diverged"] is False
+    assert document["files"] == []
     assert set(document["final_error"]) == set(document["settling_time"]) == {"median", "max"}
     run = simulate("paper-fixed", t_final=5)
     assert document["final_error"] == {"median": run.final_error, "max": run.final_error}
@@ -230,7 +232,9 @@ def test_an_option_that_moved_names_the_command_that_has_it_and_that_command_has
 ):
     code, out, _ = dobc("paper-fixed", option, "1", "--json")
     error = json.loads(out)["error"]
-    assert (code, error["kind"], error["key"]) == (2, "usage", option)
+    assert code == 2
+    assert error["kind"] == "usage"
+    assert error["key"] == option
     written = re.fullmatch(r"Write `dobc (stress) FILE ?(--\w+)?`\.", error["cure"])
     command = get_command(app).commands[written[1]]
     known = {name for each in command.params for name in each.opts}

@@ -49,7 +49,8 @@ def test_runs_without_a_stress_are_told_what_to_add_and_that_works(dobc):
     cure = json.loads(out)["error"]["cure"]
     assert cure == "Add one, such as --noise 0.1, or leave --runs out."
     code, out, _ = dobc("clock-sync", "--runs", 2, "--t-final", 1, "--noise", 0.1, "--json")
-    assert (code, json.loads(out)["runs"]) == (0, 2)
+    assert code == 0
+    assert json.loads(out)["runs"] == 2
 
 
 def test_a_stress_of_size_zero_is_a_run_without_one(dobc):
@@ -130,5 +131,6 @@ def test_a_run_that_no_certificate_is_about_gets_a_note_in_place_of_a_bound(dobc
         "ring.toml", "--t-final", 1, "--noise", 0.1, "--certificate", proved, "--json"
     )
     document = json.loads(out)
-    assert (code, document["certified"]) == (0, None)
+    assert code == 0
+    assert document["certified"] is None
     assert "No certified bound: no certificate is about a loop under stress." in document["notes"]

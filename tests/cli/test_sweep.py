@@ -30,16 +30,20 @@ def test_the_document_counts_outcomes_and_a_second_run_does_nothing_again(dobc):
     code, out, err = dobc(*options, "--json")
     document = json.loads(out)
     assert (code, err) == (0, "")
-    assert (document["cases"], document["resumed"], document["out"]) == (6, 0, "chain-sweep")
+    assert document["cases"] == 6
+    assert document["resumed"] == 0
+    assert document["out"] == "chain-sweep"
     assert document["outcomes"] == {"proved": 2, "refuted": 1, "failed": 3}
     assert document["failures"][0]["values"] == {"pinning.gains.3": "0", "coupling.h": "y+1"}
     assert "must vanish" in document["failures"][0]["error"]["message"]
-    assert all(Path(file).exists() for file in document["files"])
+    for file in document["files"]:
+        assert Path(file).exists()
     names = {Path(file).name for file in document["files"]}
     assert names >= {"sweep.json", "results.jsonl", "results.csv", "sweep.svg"}
     journal = Path("chain-sweep/results.jsonl").read_bytes()
     again = json.loads(dobc(*options, "--json")[1])
-    assert (again["resumed"], again["outcomes"]) == (6, document["outcomes"])
+    assert again["resumed"] == 6
+    assert again["outcomes"] == document["outcomes"]
     assert Path("chain-sweep/results.jsonl").read_bytes() == journal
 
 
@@ -57,7 +61,8 @@ def test_numbers_from_1e_300_to_1e300_are_drawn_side_by_side_or_a_note_says_why_
     )
     code, out, err = dobc(*options, "--json")
     assert code == 0, err
-    assert Path("chain-sweep/sweep.svg").exists() and json.loads(out)["notes"] == []
+    assert Path("chain-sweep/sweep.svg").exists()
+    assert json.loads(out)["notes"] == []
     assert "1e300" in Path("chain-sweep/sweep.svg").read_text("utf-8")
     monkeypatch.setattr(SweepResult, "plot", lambda self: math.exp(1000))
     code, out, err = dobc(*options)
@@ -82,8 +87,10 @@ def test_words_name_the_range_of_every_number_and_the_first_failures(dobc):
 def test_verbose_tells_every_tenth_part_and_quiet_nothing(dobc):
     code, out, err = dobc("chain.toml", "pinning.gains.3=1:4:20", "--jobs", 1, "-v")
     told = err.splitlines()
-    assert (code, len(told)) == (0, 11)
-    assert (told[0], told[-1]) == ("0 of 20 cases", "20 of 20 cases")
+    assert code == 0
+    assert len(told) == 11
+    assert told[0] == "0 of 20 cases"
+    assert told[-1] == "20 of 20 cases"
     assert out
     assert dobc("chain.toml", "pinning.gains.3=1:4:2", "--jobs", 1, "--out", "quiet", "-q")[1:] == (
         "",
@@ -124,7 +131,9 @@ def test_without_dask_the_message_says_what_to_install(dobc, monkeypatch):
 def test_dask_workers_that_are_killed_cost_nothing(tmp_path):
     """The cases that it had are done by others; the journal has each case once, equal to a serial
     run."""
-    file, out, count = tmp_path / "chain.toml", tmp_path / "out", 60
+    file = tmp_path / "chain.toml"
+    out = tmp_path / "out"
+    count = 60
     file.write_text(CHAIN, encoding="utf-8")
     driver = start(file, out, "--jobs", "2", "--cluster", "local", "--json", count=count)
     try:

@@ -39,7 +39,9 @@ def on_a_terminal(
             os.execve(sys.executable, command, {key: x for key, x in known.items() if x})
         finally:
             os._exit(99)
-    written, typed, end = b"", False, time.monotonic() + LONGEST
+    written = b""
+    typed = False
+    end = time.monotonic() + LONGEST
     while time.monotonic() < end:
         if select.select([terminal], [], [], 0.05)[0]:
             try:
@@ -95,14 +97,18 @@ def run(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
 def test_a_pipe_gets_no_escape_sequences_quiet_nothing_and_verbose_the_stages(chain):
     plain = run("certify", "chain.toml", "--no-report", cwd=chain.parent)
     assert "\x1b" not in plain.stdout
-    assert (plain.returncode, plain.stderr) == (0, "")
+    assert plain.returncode == 0
+    assert plain.stderr == ""
     quiet = run("certify", "chain.toml", "--no-report", "-q", cwd=chain.parent)
-    assert (quiet.returncode, quiet.stdout, quiet.stderr) == (0, "", "")
+    assert quiet.returncode == 0
+    assert quiet.stdout == ""
+    assert quiet.stderr == ""
     verbose = run("certify", "chain.toml", "--no-report", "-v", cwd=chain.parent)
     assert verbose.stdout == plain.stdout
     stages = verbose.stderr.splitlines()
     assert len(stages) >= 2
-    assert all(re.fullmatch(r" +\d+\.\d s  \S.*", line) for line in stages)
+    for line in stages:
+        assert re.fullmatch(r" +\d+\.\d s  \S.*", line)
 
 
 @pytest.mark.parametrize(
@@ -113,7 +119,8 @@ def test_quiet_and_verbose_exclude_each_other(chain, command, capsys, monkeypatc
     with pytest.raises(SystemExit) as caught:
         main([command[0], "chain.toml", *command[1:], "-q", "-v", "--json"])
     error = json.loads(capsys.readouterr().out)["error"]
-    assert (caught.value.code, error["key"]) == (2, "--quiet")
+    assert caught.value.code == 2
+    assert error["key"] == "--quiet"
     assert [path.name for path in chain.parent.iterdir()] == ["chain.toml"]
 
 
@@ -139,5 +146,6 @@ def test_the_document_of_an_interrupt_is_json_whatever_it_has_to_say():
     """It is put together by hand, because a signal handler may not ask the json module."""
     sentence = "kept in 'a\"b\\c'.\nThe same command goes on:\n  dobc sweep ä"
     error = json.loads(_DOCUMENT.format(_escaped(sentence)))["error"]
-    assert (error["kind"], error["message"]) == ("interrupted", sentence)
+    assert error["kind"] == "interrupted"
+    assert error["message"] == sentence
     assert json.loads(_DOCUMENT.format(_escaped("\x00\x1b")))["error"]["message"] == "??"

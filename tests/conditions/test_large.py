@@ -33,9 +33,9 @@ def held(n=30, *, h="exp(y) - 1 + y", step=3):
     agent."""
     arcs = [[i, (i + k) % n or n] for i in range(1, n + 1) for k in (1, n - 1)]
     oscillator = exosystem_of("0 2; -2 0", "1 0")
-    return listening(
-        arcs, h, n=n, gains=dict.fromkeys(range(1, n + 1, step), 3), exosystem=oscillator
-    )
+    pinned = range(1, n + 1, step)
+    gains = dict.fromkeys(pinned, 3)
+    return listening(arcs, h, n=n, gains=gains, exosystem=oscillator)
 
 
 @cache
@@ -47,7 +47,8 @@ def certified(problem):
 def accepted(certificate, problem):
     """By the package, and by the lone checker; a certificate or its bytes."""
     data = certificate if isinstance(certificate, bytes) else certificate_bytes(certificate.claims)
-    lone = all(holds for holds, _ in checker.examine(data, canonical_bytes(problem)))
+    findings = checker.examine(data, canonical_bytes(problem))
+    lone = all(holds for holds, _ in findings)
     return recheck(data, problem).holds, lone
 
 
@@ -55,11 +56,15 @@ def accepted(certificate, problem):
 def test_the_vector_stands_in_the_certificate_and_both_programs_accept_it(as_large, h):
     problem = held(h=h)
     certificate = certified(problem)
-    lemma, theorem = certificate.check("lemma1"), certificate.check("theorem1")
-    top = np.linalg.eigvalsh(float_lambda(loop_of(problem), "G").toarray())[-1]
+    lemma = certificate.check("lemma1")
+    theorem = certificate.check("theorem1")
+    lambda_float = float_lambda(loop_of(problem), "G").toarray()
+    eigenvalues = np.linalg.eigvalsh(lambda_float)
+    top = eigenvalues[-1]
     assert 0.97 * -top <= lemma.margin <= -top
     assert theorem.verdict is Verdict.PROVED
-    assert len(b64decode(lemma.exact["v"]["float64"])) == 8 * problem.n
+    v_bytes = b64decode(lemma.exact["v"]["float64"])
+    assert len(v_bytes) == 8 * problem.n
     assert accepted(certificate, problem) == (True, True)
 
 
@@ -73,9 +78,9 @@ def test_both_paths_come_to_the_same_verdicts(seed, request):
     plain = {(c.id, c.mode): c for c in certify(problem).checks}
     request.getfixturevalue("as_large")
     large = certify(problem)
-    assert {key: c.verdict for key, c in plain.items()} == {
-        (c.id, c.mode): c.verdict for c in large.checks
-    }
+    found = {key: c.verdict for key, c in plain.items()}
+    expected = {(c.id, c.mode): c.verdict for c in large.checks}
+    assert found == expected
     for check in large.checks:
         other = plain[check.id, check.mode]
         if check.id == "lemma1" and check.verdict is Verdict.PROVED and other.margin:
@@ -93,30 +98,34 @@ def test_a_margin_beyond_the_vector_or_a_forged_vector_is_refused_by_both(as_lar
     if isinstance(change, float):
         lemma["margin"] *= 1 + change
     else:
-        v = np.frombuffer(b64decode(lemma["exact"]["v"]["float64"]), dtype="<f8")
-        forged = {
-            "ones": np.ones(problem.n),
-            "negative": -v,
-            "short": v[:-1],
-            "nan": np.full(problem.n, np.nan),
-        }
+        v_text = lemma["exact"]["v"]
+        v_raw = b64decode(v_text["float64"])
+        v = np.frombuffer(v_raw, dtype="<f8")
+        ones = np.ones(problem.n)
+        not_numbers = np.full(problem.n, np.nan)
+        forged = {"ones": ones, "negative": -v, "short": v[:-1], "nan": not_numbers}
         lemma["exact"]["v"]["float64"] = (
             b64encode(forged[change].tobytes()).decode() if change in forged else "?"
         )
-    assert accepted(json.dumps(document).encode(), problem) == (change == 0.0,) * 2
+    answers = accepted(json.dumps(document).encode(), problem)
+    expected = (change == 0.0,) * 2
+    assert answers == expected
 
 
 def test_an_unpinned_part_is_refuted_by_the_large_path_too(as_large):
     """Theory, section 2: the agents that nobody holds, moved together."""
-    problem = listening([[1, 2], [2, 1], [3, 4], [4, 3]], "y", n=4, gains={1: 3})
+    arcs = [[1, 2], [2, 1], [3, 4], [4, 3]]
+    problem = listening(arcs, "y", n=4, gains={1: 3})
     certificate = certify(problem)
     lemma = certificate.check("lemma1")
-    assert (lemma.verdict, lemma.witness.labels) == (Verdict.REFUTED, ("3", "4"))
+    assert lemma.verdict is Verdict.REFUTED
+    assert lemma.witness.labels == ("3", "4")
     assert accepted(certificate, problem) == (True, True)
 
 
 def test_a_network_of_more_than_2000_rows_carries_its_vector():
-    problem = cycle(2100, gains=dict.fromkeys(range(1, 2101), 5))
+    gains = dict.fromkeys(range(1, 2101), 5)
+    problem = cycle(2100, gains=gains)
     certificate = certify(problem)
     lemma = certificate.check("lemma1")
     assert set(lemma.exact) == {"v"}

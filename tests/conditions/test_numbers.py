@@ -65,7 +65,8 @@ def test_the_largest_proved_number_lies_just_below_a_good_estimate():
     assert found == pytest.approx(1.89)
     assert largest_proved(2.0, lambda x: x <= 0) == 0.0
     assert largest_proved(2.0, lambda x: False) is None
-    found = [largest_proved(x, lambda x: x < 2) for x in (math.nan, -1.0, math.inf)]
+    no_answers = (math.nan, -1.0, math.inf)
+    found = [largest_proved(x, lambda x: x < 2) for x in no_answers]
     assert found == [0.0] * 3
 
 
@@ -83,7 +84,8 @@ def test_decimals_are_never_below_what_is_asked():
         exact = Fraction(value)
         found = claimed(decimal_above(exact))
         assert exact <= found <= exact * (1 + Fraction(1, 10**9)) + Fraction(1, 10**9)
-    answer = [decimal_above(Fraction(x)) for x in ("4", "0.5", "0.1", "0")]
+    numbers = ("4", "0.5", "0.1", "0")
+    answer = [decimal_above(Fraction(x)) for x in numbers]
     assert answer == [4.0, 0.5, 0.1, 0.0]
 
 
@@ -152,9 +154,11 @@ def test_json_numbers_are_no_rationals():
 
 @pytest.mark.parametrize("bits", [VECTOR_BITS, MATRIX_BITS])
 def test_both_programs_take_common_denominators_as_long_as_the_format_page_says(bits: int):
-    page = (Path(__file__).parents[2] / "docs" / "certificate-format.md").read_text("utf-8")
+    docs = Path(__file__).parents[2] / "docs"
+    page = (docs / "certificate-format.md").read_text("utf-8")
     assert f"{bits:,}".replace(",", " ") in page
-    fits = [Fraction(1, 2 ** (bits - 1)), Fraction(3, 4)]
+    smallest = Fraction(1, 2 ** (bits - 1))
+    fits = [smallest, Fraction(3, 4)]
     assert has_short_denominator(fits, bits)
     short(fits, bits)
     values = [*fits, Fraction(1, 3)]

@@ -31,7 +31,8 @@ def near(enclosure: Interval, value: mpmath.mpf) -> bool:
     low = mpmath.mpf(enclosure.lo.numerator) / enclosure.lo.denominator
     high = mpmath.mpf(enclosure.hi.numerator) / enclosure.hi.denominator
     slack = mpmath.mpf(10) ** -20
-    return low - slack <= value <= high + slack and high - low <= slack * (1 + abs(value))
+    inside = low - slack <= value <= high + slack
+    return inside and high - low <= slack * (1 + abs(value))
 
 
 WRITTEN = [f"{name}(y)" for name in KNOWN]
@@ -60,21 +61,25 @@ def test_values_slopes_and_numpy_are_those_of_mpmath(name: str):
     h = parse_expression(f"{name}(y)")
     algebra = GradientAlgebra(1, second=True)
     for y in POINTS:
-        found = evaluate(h.node, algebra.variables([Interval.point(y)]), algebra)
+        point = algebra.variables([Interval.point(y)])
+        found = evaluate(h.node, point, algebra)
         with mpmath.workprec(200):
             at = mpmath.mpf(y.numerator) / y.denominator
             value = KNOWN[name].value(at)
             assert near(found.value, value)
             assert near(found.slope, KNOWN[name].slope(at))
             if found.curvature is not None:
-                assert near(found.curvature, mpmath.diff(KNOWN[name].slope, at))
-        assert numpy_function(h)(float(y)) == pytest.approx(float(value), rel=1e-14)
+                curvature = mpmath.diff(KNOWN[name].slope, at)
+                assert near(found.curvature, curvature)
+        value_found = numpy_function(h)(float(y))
+        assert value_found == pytest.approx(float(value), rel=1e-14)
 
 
 @pytest.mark.parametrize("text", WRITTEN + COMPOSED)
 def test_numpy_casadi_and_sympy_agree(text: str):
     expression = parse_expression(text)
-    points = np.array([[float(y) for y in POINTS], [1.6, 2.2, 3.1]])
+    first_row = [float(y) for y in POINTS]
+    points = np.array([first_row, [1.6, 2.2, 3.1]])
     values = numpy_function(expression)(points)
     assert values.shape == points.shape
     by_casadi = casadi_function(expression)
@@ -108,7 +113,8 @@ def test_the_slope_that_errors_are_carried_on_with_is_not_exceeded(name: str):
     for x in (0.3, 0.9):
         bound = 1.0
         if row.steepest is not None:
-            bound = row.steepest(np.asarray(x), np.asarray(x + 0.05))
+            after = np.asarray(x + 0.05)
+            bound = row.steepest(np.asarray(x), after)
         for y in np.linspace(x - 0.05, x + 0.05, 21):
             slope = float(mpmath.diff(KNOWN[name].value, y))
             assert abs(slope) <= bound + 1e-9
@@ -119,11 +125,16 @@ def test_one_row_is_enough_for_a_function_that_libraries_lack(monkeypatch: pytes
     monkeypatch.setitem(FUNCTIONS, "softsign", SOFTSIGN)
     h = parse_expression("softsign(2*y)")
     by_numpy = numpy_function(h)
-    assert by_numpy([-1.0, 0.0, 3.0]).tolist() == [-2 / 3, 0.0, 6 / 7]
-    assert float(casadi_function(h)(3)) == pytest.approx(6 / 7)
+    found = by_numpy([-1.0, 0.0, 3.0]).tolist()
+    expected = [-2 / 3, 0.0, 6 / 7]
+    assert found == expected
+    by_casadi = float(casadi_function(h)(3))
+    assert by_casadi == pytest.approx(6 / 7)
     symbolic, (symbol,) = to_sympy(h)
-    assert symbolic.subs(symbol, -1) == sympy.Rational(-2, 3)
-    in_c = evaluate(h.node, [Piece("y", 5)], CAlgebra("double"))
+    by_sympy = symbolic.subs(symbol, -1)
+    assert by_sympy == sympy.Rational(-2, 3)
+    piece = [Piece("y", 5)]
+    in_c = evaluate(h.node, piece, CAlgebra("double"))
     assert in_c.text == "2.0 * y / (1.0 + dobc_abs(2.0 * y))"
     at_zero = jet(Curve(h), Interval.point(0))
     assert at_zero.value == Interval.point(0)

@@ -16,13 +16,14 @@ WITH_SHORTCUT = [*CHAIN, (1, 3)]
 TWO_MODES = network_of({"a": CHAIN, "b": WITH_SHORTCUT}, 4)
 SINE = exosystems.harmonics(2)
 CONSTANT = exosystems.constant()
-SOUND: dict[str, Any] = {}
-SOUND["network"] = network_of(CHAIN, 4)
-SOUND["coupling"] = "y"
-SOUND["gains"] = {4: 2}
-SOUND["target"] = 1
-SOUND["exosystem"] = SINE
-SOUND["region"] = {"initial_states": [0, 3], "initial_disturbance": 1}
+SOUND: dict[str, Any] = {
+    "network": network_of(CHAIN, 4),
+    "coupling": "y",
+    "gains": {4: 2},
+    "target": 1,
+    "exosystem": SINE,
+    "region": {"initial_states": [0, 3], "initial_disturbance": 1},
+}
 
 
 def warned(*changes: dict[str, Any]) -> tuple[str, ...]:

@@ -120,7 +120,8 @@ def test_below_a_proved_verdict_stands_what_is_certain_and_the_proved_bound_is_d
     *agents, bound = heights
     assert len(agents) == 10
     for agent in agents:  # heights are counted from above
-        assert all(low >= high for low, high in zip(agent, bound, strict=True))
+        for low, high in zip(agent, bound, strict=True):
+            assert low >= high
 
 
 @pytest.mark.parametrize(
@@ -176,6 +177,25 @@ def test_nothing_is_cut_on_a_screen_or_a_phone(width: int, tmp_path: Path):
             "[...document.querySelectorAll('.dobc-agent text')].map((each) => each.textContent)"
         )
         assert labels == list(long_labels().network.labels)
+        # none of them inside its circle, where others do not fit
+        assert page.run("document.querySelectorAll('.dobc-beside').length") == len(labels)
+
+
+def test_an_arc_passes_by_the_agent_between_its_ends(tmp_path: Path):
+    network = dd.Network.from_arcs([[2, 1], [3, 2], [4, 3], [4, 1]], arrow="listens_to", agents=4)
+    places = [[-1, 0], [0, 0], [1, 0], [1, 1]]
+    with shown(dd.Problem(network=network, coupling="y", gains={1: 1}), tmp_path) as page:
+        page.run(
+            "document.querySelector('.dobc-designer').replaceWith(document.createElement('p'))"
+        )
+        page.run(f"values.network.places = {places}; values.arcs = {{G: [[2, 0], [1, 0]]}}")
+        page.run("document.querySelector('main p').id = 'designer'")
+        page.run("render({ model, el: document.getElementById('designer') })")
+        far, near = page.run(
+            "[...document.querySelectorAll('.dobc-arc')].map((each) => each.getBBox().height)"
+        )
+        assert far > 15  # the radius of an agent
+        assert near < 1
 
 
 def test_a_gain_is_typed_as_a_number_and_undone_and_redone(page: Page):

@@ -100,7 +100,8 @@ def test_starts_outside_what_is_proved_show_the_largest_proved_box():
 
 def test_without_a_region_the_page_says_what_to_ask_for():
     bound = decided("sin(y)").verdict["bound"]
-    assert (list(bound["tube"]), bound["level"]) == ([], None)
+    assert list(bound["tube"]) == []
+    assert bound["level"] is None
     assert bound["text"].startswith("No proved bound is drawn: ")
     assert "ask for a [region]" in bound["text"]
 

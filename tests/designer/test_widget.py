@@ -145,11 +145,9 @@ def test_a_saved_file_is_the_problem(designer, tmp_path):
     with pytest.raises(SpecError, match=r"there already"):
         designer.save(path)
     again = dd.Designer(path)  # as after a restart of the kernel
-    assert (again.gains, again.arcs, again.radius) == (
-        designer.gains,
-        designer.arcs,
-        designer.radius,
-    )
+    assert again.gains == designer.gains
+    assert again.arcs == designer.arcs
+    assert again.radius == designer.radius
     assert again.problem == dd.load_problem(path)
 
 

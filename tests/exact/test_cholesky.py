@@ -71,7 +71,9 @@ def test_the_scaled_form_holds_the_matrix_to_its_last_bit():
     for i in range(n):
         for j in range(i, n):
             number = r.integers(1, 99) if i == j else r.integers(-9, 9)
-            entries[i, j] = size[i] * size[j] * Fraction(int(number), 101)
+            scale = size[i] * size[j]
+            part = Fraction(int(number), 101)
+            entries[i, j] = scale * part
     M = SparseSymmetric(n, entries)
     S = form(M)
     bits = 2 * (HIGH_BITS + S.low_bits)
@@ -80,10 +82,13 @@ def test_the_scaled_form_holds_the_matrix_to_its_last_bit():
             high = int(S.high[i, j]) << 2 * S.low_bits
             middle = int(S.middle[i, j]) << S.low_bits
             whole = high + middle + int(S.low[i, j])
-            entry = M.to_dense()[i][j] / Fraction(2) ** int(S.exponents[i] + S.exponents[j])
+            value = M.to_dense()[i][j]
+            power = int(S.exponents[i] + S.exponents[j])
+            entry = value / Fraction(2) ** power
             assert 0 <= entry * 2**bits - whole < 1
             nearest = Fraction(S.floats[i, j])
-            assert abs(nearest - entry) <= abs(nearest) / 2**53 + Fraction(1, 2**bits)
+            allowed = abs(nearest) / 2**53 + Fraction(1, 2**bits)
+            assert abs(nearest - entry) <= allowed
         assert Fraction(1, 8) <= Fraction(S.floats[i, i]) < 1
 
 
@@ -97,7 +102,8 @@ def rest_is_dominated(R: list[list[Fraction]], low: int = 0) -> bool:
     unit = Fraction(1, 2 ** (HIGH_BITS + low_bits))
     L = []
     for i in range(n):
-        L.append([Fraction(3, 4) * (j == 0) + low * unit * (i == j) for j in range(n)])
+        lower_row = [Fraction(3, 4) * (j == 0) + low * unit * (i == j) for j in range(n)]
+        L.append(lower_row)
     product = exact.multiply(L, exact.transpose(L))
     M = exact.add(product, R)
     S = form(SparseSymmetric.from_dense(M))
@@ -126,7 +132,8 @@ def test_the_rest_has_to_be_dominated_row_by_row(
     for unit in (Fraction(1, 2**power) for power in (30, 45, 60)):
         R = []
         for i in range(3):
-            R.append([unit * (diagonal if i == j else beside) for j in range(3)])
+            upper_row = [unit * (diagonal if i == j else beside) for j in range(3)]
+            R.append(upper_row)
         assert rest_is_dominated(R, low) is dominated
 
 
@@ -147,7 +154,8 @@ def test_a_factor_that_is_too_large_or_no_integers_is_not_believed():
     assert leaves_dominated_rest(S, high, low)
     assert not leaves_dominated_rest(S, high * 8, low)
     assert not leaves_dominated_rest(S, high, low + 0.5)
-    assert not leaves_dominated_rest(S, high - np.diag([2.0**24] * 4), low)
+    shift = np.diag([2.0**24] * 4)
+    assert not leaves_dominated_rest(S, high - shift, low)
     # The same L, but with last parts so long that their products round.
     moved = np.tril(np.full((4, 4), 4.0))
     assert not leaves_dominated_rest(S, high - moved, low + moved * 2.0**S.low_bits)
@@ -162,7 +170,8 @@ def test_a_factorisation_that_breaks_down_proves_nothing_and_others_are_passed_o
     matrix = gram(20, 60, seed=0) + 100 * np.eye(20)
     found = lifted(IntegerSymmetric.from_floats(matrix), strict=True)
     assert found is None
-    found = lifted(IntegerSymmetric.from_floats(gram(20, 10, seed=0)), strict=True)
+    rounded = IntegerSymmetric.from_floats(gram(20, 10, seed=0))
+    found = lifted(rounded, strict=True)
     assert found is None
 
 
@@ -179,7 +188,8 @@ def test_the_quick_answer_has_three_values():
     assert edge.method.startswith("Cholesky factor")
     found = decide_quickly(from_float(np.diag([1.0, 0.0]), None))
     assert found.verdict is Verdict.REFUTED
-    found = decide_quickly(from_float(np.array([[1.0, 5.0], [5.0, 1.0]]), None))
+    indefinite = [[1.0, 5.0], [5.0, 1.0]]
+    found = decide_quickly(from_float(np.array(indefinite), None))
     assert found.verdict is Verdict.REFUTED
     assert decide_quickly(()).verdict is Verdict.PROVED
 
@@ -187,13 +197,15 @@ def test_the_quick_answer_has_three_values():
 def gram(n: int, columns: int, *, seed: int) -> np.ndarray:
     """G G' with G (n, columns) of small integers: rank ``columns``, so n - columns eigenvalues are
     exactly 0."""
-    G = np.random.default_rng(seed).integers(-5, 6, (n, columns))
+    rng = np.random.default_rng(seed)
+    G = rng.integers(-5, 6, (n, columns))
     return (G @ G.T).astype(float)
 
 
 def lifted(M: IntegerSymmetric | SparseSymmetric, *, strict: bool) -> dict[int, Fraction] | None:
     S = form(M)
-    return decide_lifted(M, S, *np.linalg.eigh(S.floats), strict=strict)
+    decomposition = np.linalg.eigh(S.floats)
+    return decide_lifted(M, S, *decomposition, strict=strict)
 
 
 @pytest.mark.parametrize(("n", "columns"), [(20, 19), (40, 38), (60, 57), (120, 119)])
@@ -203,7 +215,8 @@ def test_a_singular_gram_matrix_is_semidefinite_and_not_definite(n: int, columns
     assert lifted(M, strict=False) == {}
     direction = lifted(M, strict=True)
     assert direction
-    found = M.quadratic_form([direction.get(i, Fraction(0)) for i in range(n)])
+    v = [direction.get(i, Fraction(0)) for i in range(n)]
+    found = M.quadratic_form(v)
     assert found == 0
 
 
@@ -211,13 +224,15 @@ def test_a_singular_gram_matrix_is_semidefinite_and_not_definite(n: int, columns
 def test_the_sign_of_a_shift_far_below_the_doubles_is_seen(shift: Fraction):
     """G G' + shift I is definite iff shift > 0; the decimal matrix is exact, not a double."""
     n = 30
-    M = IntegerSymmetric.from_floats(gram(n, n - 1, seed=1)).to_sparse().shifted(shift)
+    gram_matrix = IntegerSymmetric.from_floats(gram(n, n - 1, seed=1))
+    M = gram_matrix.to_sparse().shifted(shift)
     for strict in (True, False):
         direction = lifted(M, strict=strict)
         assert direction is not None
         assert (direction == {}) == (shift > 0)
         if direction:
-            found = M.quadratic_form([direction.get(i, Fraction(0)) for i in range(n)])
+            v = [direction.get(i, Fraction(0)) for i in range(n)]
+            found = M.quadratic_form(v)
             assert found < 0
 
 
@@ -228,7 +243,9 @@ def test_wrong_eigenvectors_never_give_a_wrong_answer():
     S = form(M)
     values = np.linalg.eigh(S.floats)[0]
     for seed in range(5):
-        Q, _ = np.linalg.qr(np.random.default_rng(seed).standard_normal((n, n)))
+        rng = np.random.default_rng(seed)
+        drawn = rng.standard_normal((n, n))
+        Q, _ = np.linalg.qr(drawn)
         found = decide_lifted(M, S, values, Q, strict=True)
         assert found != {}
         assert not decide_lifted(M, S, values, Q, strict=False)
@@ -238,11 +255,15 @@ def test_what_is_left_after_the_lift_has_to_be_proved_definite():
     """One eigenvalue is -1/2; the largest is lifted instead. G > 0 then, and M is not: it has to
     pass on."""
     n = 8
-    Q, _ = np.linalg.qr(np.random.default_rng(0).standard_normal((n, n)))
-    A = (Q * np.array([-0.5, *range(2, n + 1)])) @ Q.T
+    rng = np.random.default_rng(0)
+    drawn = rng.standard_normal((n, n))
+    Q, _ = np.linalg.qr(drawn)
+    eigenvalues = [-0.5, *range(2, n + 1)]
+    A = (Q * np.array(eigenvalues)) @ Q.T
     M = IntegerSymmetric.from_floats((A + A.T) / 2)
     S = form(M)
     vectors = np.linalg.eigh(S.floats)[1]
     values = np.array([0.0] + [1.0] * (n - 1))
-    found = decide_lifted(M, S, values, vectors[:, ::-1], strict=True)
+    backwards = vectors[:, ::-1]
+    found = decide_lifted(M, S, values, backwards, strict=True)
     assert found is None

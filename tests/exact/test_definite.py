@@ -46,10 +46,12 @@ def test_a_witness_refutes_is_primitive_and_begins_with_a_positive_entry():
     direction = {0: 1, 1: 1}
     with pytest.raises(CertificateError, match="nothing is claimed"):
         refuted(SINGULAR, direction, strict=False, method="")
-    answer = first_refuting(IDENTITY, ([0, 0], [1, 2]), strict=True, method="")
+    directions = ([0, 0], [1, 2])
+    answer = first_refuting(IDENTITY, directions, strict=True, method="")
     assert answer is None
     # (-1/3, -1/3) is told as (1, 1).
-    direction = {0: Fraction(-1, 3), 1: Fraction(-1, 3)}
+    first = Fraction(-1, 3)
+    direction = {0: first, 1: first}
     decision = refuted(SINGULAR, direction, strict=True, method="m")
     assert decision.verdict is Verdict.REFUTED
     assert decision.witness == (1, 1)
@@ -74,7 +76,8 @@ PROVED, REFUTED = Verdict.PROVED, Verdict.REFUTED
 
 def gram(n, columns, *, seed=0):
     """G G' with small integers in G (n, columns)."""
-    G = np.random.default_rng(seed).integers(-3, 4, (n, columns))
+    rng = np.random.default_rng(seed)
+    G = rng.integers(-3, 4, (n, columns))
     return exact.from_float((G @ G.T).astype(float), None)
 
 
@@ -87,7 +90,9 @@ def band(n, diagonal, beside):
 
 def value_of(M, v):
     column = exact.transpose((v,))
-    return exact.multiply((v,), exact.multiply(M, column))[0][0]
+    image = exact.multiply(M, column)
+    product = exact.multiply((v,), image)
+    return product[0][0]
 
 
 def test_the_directed_ten_cycle_without_pins_is_refuted_by_all_ones():
@@ -251,7 +256,8 @@ def matrices(draw: st.DrawFn) -> exact.SparseSymmetric:
     r = np.random.default_rng(draw(st.integers(0, 2**32)))
     kind = draw(st.sampled_from(["gram", "laplacian", "sparse"]))
     if kind == "gram":
-        columns = draw(st.integers(max(1, n - 3), n + 2))
+        fewest = max(1, n - 3)
+        columns = draw(st.integers(fewest, n + 2))
         G = r.integers(-4, 5, (n, columns))
         whole = (G @ G.T).tolist()
     else:
@@ -262,11 +268,14 @@ def matrices(draw: st.DrawFn) -> exact.SparseSymmetric:
         upper = np.triu(signs * A)
         degrees = np.diag((A + A.T).sum(axis=1))
         whole = (upper + upper.T + degrees).tolist()
-    shift = draw(st.sampled_from([0, 1, -1, Fraction(1, 10**9), Fraction(-1, 10**20)]))
+    small = Fraction(1, 10**9)
+    shifts = [0, 1, -1, small, Fraction(-1, 10**20)]
+    shift = draw(st.sampled_from(shifts))
     denominator = draw(st.sampled_from([1, 7, 2**40]))
     D = [Fraction(1)] * n
     if draw(st.booleans()):
-        D = [Fraction(2) ** int(k) for k in r.integers(-20, 20, n)]
+        powers = r.integers(-20, 20, n)
+        D = [Fraction(2) ** int(k) for k in powers]
     entries = {}
     for i in range(n):
         for j in range(i, n):
@@ -307,7 +316,8 @@ def assert_cautious_paths(M: exact.SparseSymmetric, *, definite: bool, semidefin
     if isinstance(S, Scaled):
         assert definite or not proves_by_integers(S)
         for strict, truth in ((True, definite), (False, semidefinite)):
-            lifted = decide_lifted(M, S, *np.linalg.eigh(S.floats), strict=strict)
+            decomposition = np.linalg.eigh(S.floats)
+            lifted = decide_lifted(M, S, *decomposition, strict=strict)
             assert lifted is None or (lifted == {}) == truth
     elif S is not None:
         assert not semidefinite
@@ -321,10 +331,9 @@ UNDECIDED = Verdict.UNDECIDED
 @cache
 def edges() -> list[tuple[Fraction, np.ndarray]]:
     """Smallest eigenvalue and matrix; not made where the tests are only collected."""
-    return [
-        *edge_matrices((4, 16), seed=7, repeats=1),
-        *edge_matrices((64,), seed=8, repeats=1, powers=(28, 46)),
-    ]
+    small = edge_matrices((4, 16), seed=7, repeats=1)
+    large = edge_matrices((64,), seed=8, repeats=1, powers=(28, 46))
+    return [*small, *large]
 
 
 def truth(small: Fraction) -> Verdict:
@@ -343,7 +352,9 @@ for path in PATHS:
 @pytest.mark.parametrize("name", PATH_NAMES)
 def test_no_path_is_wrong_at_the_edge(name: str):
     """H diag(lambda) H / n has the eigenvalues lambda: the truth is known in closed form."""
-    verdicts = [(truth(small), PATHS[name](matrix)) for small, matrix in edges()]
+    verdicts = []
+    for small, matrix in edges():
+        verdicts.append((truth(small), PATHS[name](matrix)))
     asked = [(known, found) for known, found in verdicts if found is not None]
     assert asked
     for known, found in asked:
@@ -359,21 +370,27 @@ def test_no_path_is_wrong_at_the_edge(name: str):
 def test_the_semidefinite_twin_is_right_at_the_edge_and_witnesses_refute():
     """A zero eigenvalue is allowed there and only there; witnesses are multiplied out in Python
     integers."""
-    some_of_each_sign_and_size = edges()[3:120:4] + edges()[120::2]
+    small_ones = edges()[3:120:4]
+    large_ones = edges()[120::2]
+    some_of_each_sign_and_size = small_ones + large_ones
     for small, table in some_of_each_sign_and_size:
         M = exact.IntegerSymmetric.from_floats(table)
         strict = exact.decide_positive_definite(M)
         weak = exact.decide_positive_semidefinite(M)
         assert (weak.verdict is PROVED) == (small >= 0)
-        whole = [[Fraction(x) for x in row] for row in table.tolist()]
+        whole = []
+        for row in table.tolist():
+            whole.append([Fraction(x) for x in row])
         for decision, bound in ((strict, 0), (weak, -1)):
             if decision.witness is None:
                 continue
             v = decision.witness
             image = []
             for row in whole:
-                image.append(sum(x * y for x, y in zip(row, v, strict=True)))
-            value = sum(x * y for x, y in zip(image, v, strict=True))
+                entry = sum(x * y for x, y in zip(row, v, strict=True))
+                image.append(entry)
+            terms = zip(image, v, strict=True)
+            value = sum(x * y for x, y in terms)
             assert any(v)
             assert decision.value == value <= 0
             assert value < 0 or bound == 0
@@ -413,5 +430,6 @@ def test_a_zero_pivot_with_a_full_row_has_a_strictly_negative_witness(rows):
     decision = exact.decide_positive_semidefinite(M)
     assert decision.verdict is REFUTED
     assert decision.value == value_of(M, decision.witness) < 0
-    found = exact.decide_positive_semidefinite(exact.from_float(np.diag([0.0, 5.0]), None))
+    diagonal = np.diag([0.0, 5.0])
+    found = exact.decide_positive_semidefinite(exact.from_float(diagonal, None))
     assert found.verdict is PROVED

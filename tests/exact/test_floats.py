@@ -45,10 +45,8 @@ def contains(found: Interval, truth: Interval) -> bool:
     """By rationals, which were rounded outwards themselves where they are long: their last bits do
     not count."""
     slack = Fraction(1, 2**120)
-    return (
-        found.lo <= truth.lo + abs(truth.lo) * slack
-        and truth.hi - abs(truth.hi) * slack <= found.hi
-    )
+    allowed = abs(truth.lo) * slack
+    return found.lo <= truth.lo + allowed and truth.hi - abs(truth.hi) * slack <= found.hi
 
 
 @given(intervals(), intervals())
@@ -61,7 +59,9 @@ def test_sums_differences_products_and_quotients_contain_those_of_all_ends(
         except UndefinedError:  # too large, or a division by 0
             continue
         assert -LARGEST <= found.bottom <= found.top <= LARGEST
-        for u, v in product((x.lo, x.hi), (y.lo, y.hi)):
+        ends_of_x = (x.lo, x.hi)
+        ends_of_y = (y.lo, y.hi)
+        for u, v in product(ends_of_x, ends_of_y):
             assert found.lo <= each(u, v) <= found.hi
 
 
@@ -121,10 +121,14 @@ def test_couplings_and_their_gains_and_slopes_are_enclosed(h: str, a: float, b: 
     curve = Curve(parse_expression(h))
     Y = Floats(min(a, b), max(a, b))
     try:
-        found = (value(curve, Y), slope_form(curve, Y), secant(curve, Y).value, jet(curve, Y).slope)
+        by_secants = secant(curve, Y).value
+        by_slopes = jet(curve, Y).slope
+        found = (value(curve, Y), slope_form(curve, Y), by_secants, by_slopes)
     except UndefinedError:  # quotients of numbers next to 0
         return
-    cases = (Interval.point(Y.lo), Interval.point(Y.midpoint), Interval.point(Y.hi))
+    lowest = Interval.point(Y.lo)
+    middle = Interval.point(Y.midpoint)
+    cases = (lowest, middle, Interval.point(Y.hi))
     for y in cases:
         points = (
             value(curve, y),
@@ -180,10 +184,15 @@ def test_without_rounding_outwards_the_rationals_are_not_contained(
     float_values.cache_clear()
     with monkeypatch.context() as still:
         still.setattr(interval.math, "nextafter", lambda number, towards: number)
-        found = [FUNCTIONS["exp"].interval(Floats(k / 7, k / 7)) for k in range(1, 40)]
+        found = []
+        for k in range(1, 40):
+            found.append(FUNCTIONS["exp"].interval(Floats(k / 7, k / 7)))
     float_values.cache_clear()
-    truth = [FUNCTIONS["exp"].interval(exact(Floats(k / 7, k / 7))) for k in range(1, 40)]
-    assert not all(contains(f, t) for f, t in zip(found, truth, strict=True))
+    truth = []
+    for k in range(1, 40):
+        truth.append(FUNCTIONS["exp"].interval(exact(Floats(k / 7, k / 7))))
+    both = zip(found, truth, strict=True)
+    assert not all(contains(f, t) for f, t in both)
 
 
 @pytest.mark.parametrize(

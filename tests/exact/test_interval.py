@@ -40,21 +40,25 @@ ORACLE.dps = 120
 SLACK = Fraction(1, 10**100)
 
 # An argument is a rational of moderate size, a very small or a large one.
+small_fractions = st.fractions(min_value=-9, max_value=9, max_denominator=50)
 POINTS = (
-    st.fractions(min_value=-9, max_value=9, max_denominator=50)
+    small_fractions
     | st.integers(-40, 40).map(Fraction)
     | st.integers(-300, 300).map(lambda k: Fraction(k) / 10**30)
     | st.integers(-300, 300).map(lambda k: Fraction(k) * 7)
 )
-INTERVALS = st.tuples(POINTS, POINTS).map(lambda p: Interval(min(p), max(p)))
+pairs = st.tuples(POINTS, POINTS)
+INTERVALS = pairs.map(lambda p: Interval(min(p), max(p)))
 SHARES = st.fractions(min_value=0, max_value=1, max_denominator=20)
 
 
 def true_value(name, x):
     """The value at a rational, as a rational within SLACK."""
-    value = getattr(ORACLE, name)(ORACLE.mpf(x.numerator) / x.denominator)
+    point = ORACLE.mpf(x.numerator) / x.denominator
+    value = getattr(ORACLE, name)(point)
     sign, mantissa, exponent, _ = value._mpf_
-    return (-1) ** sign * Fraction(int(mantissa)) * Fraction(2) ** exponent
+    signed = (-1) ** sign * Fraction(int(mantissa))
+    return signed * Fraction(2) ** exponent
 
 
 def assert_contains(enclosure, value):
@@ -91,7 +95,9 @@ def test_ranges_are_as_narrow_as_the_function():
     x = Interval(-2, 2)
     for name in ("exp", "tanh", "atan", "sinh"):
         found = FUNCTIONS[name].interval(x)
-        cases = ((found.lo, true_value(name, x.lo)), (found.hi, true_value(name, x.hi)))
+        below = (found.lo, true_value(name, x.lo))
+        above = (found.hi, true_value(name, x.hi))
+        cases = (below, above)
         for end, value in cases:
             assert abs(end - value) < Fraction(1, 2**115)
     assert interval.cosh(x).lo == 1
@@ -166,7 +172,9 @@ def test_tan_is_defined_right_up_to_its_poles():
 
 
 def test_pi_is_enclosed_narrowly():
-    assert interval.pi().lo < true_value("acos", Fraction(-1)) < interval.pi().hi
+    lower_end = interval.pi().lo
+    true_pi = true_value("acos", Fraction(-1))
+    assert lower_end < true_pi < interval.pi().hi
     assert interval.pi().width < Fraction(1, 2**120)
 
 
@@ -176,23 +184,27 @@ def test_arithmetic_encloses_every_pair_and_is_tight(x, y, s, t):
     """Exact rational arithmetic on points inside, and on the four corners."""
     a = x.lo + s * x.width
     b = y.lo + t * y.width
-    corners = list(itertools.product((x.lo, x.hi), (y.lo, y.hi)))
-    cases = [
-        (x + y, a + b, [p + q for p, q in corners]),
-        (x - y, a - b, [p - q for p, q in corners]),
-        (x * y, a * b, [p * q for p, q in corners]),
-    ]
+    ends_of_x = (x.lo, x.hi)
+    ends_of_y = (y.lo, y.hi)
+    corners = list(itertools.product(ends_of_x, ends_of_y))
+    sums = (x + y, a + b, [p + q for p, q in corners])
+    differences = (x - y, a - b, [p - q for p, q in corners])
+    products = (x * y, a * b, [p * q for p, q in corners])
+    cases = [sums, differences, products]
     if not y.contains(0):
-        cases.append((x / y, a / b, [p / q for p, q in corners]))
+        quotients = [p / q for p, q in corners]
+        divisions = (x / y, a / b, quotients)
+        cases.append(divisions)
     for enclosure, value, values in cases:
         assert enclosure.contains(value)
         assert enclosure == Interval(min(values), max(values))
     assert interval.minimum(x, y).contains(min(a, b))
     assert interval.maximum(x, y).contains(max(a, b))
     assert abs(x).contains(abs(a))
-    assert interval.clip(x, Interval(-1, -1), Interval(1, 1)).contains(
-        min(max(a, Fraction(-1)), Fraction(1))
-    )
+    clipped = interval.clip(x, Interval(-1, -1), Interval(1, 1))
+    raised = max(a, Fraction(-1))
+    truth = min(raised, Fraction(1))
+    assert clipped.contains(truth)
     assert x.hull(y).contains(a)
     assert x.hull(y).contains(b)
 
@@ -213,14 +225,15 @@ def test_powers_enclose_and_even_ones_know_their_minimum(x, share, exponent):
             least = 0 if exponent % 2 == 0 and x.contains(0) else min(ends)
             assert power.contains(Interval(least, max(ends)))
             if not power.is_point:
-                assert power.width <= (max(ends) - least) + Fraction(1, 2**100) * max(
-                    map(abs, ends)
-                )
+                size = max(map(abs, ends))
+                allowed = Fraction(1, 2**100) * size
+                assert power.width <= (max(ends) - least) + allowed
 
 
 def test_numbers_mix_with_intervals_on_both_sides():
     """As in Python, so that polynomials have their constant term."""
-    assert Interval(-1, 1) ** 0 == Interval.point(0) ** 0 == Interval.point(1)
+    zeroth_power = Interval(-1, 1) ** 0
+    assert zeroth_power == Interval.point(0) ** 0 == Interval.point(1)
     x = Interval(1, 2)
     assert 1 + x == x + 1 == Interval(2, 3)
     assert 1 - x == Interval(-1, 0)
@@ -243,7 +256,9 @@ def test_an_interval_tells_its_measures():
     assert x.midpoint == Fraction(-1, 3)
     assert x.magnitude == 1
     assert x.is_point is False
-    expected = (Interval(-1, Fraction(-1, 3)), Interval(Fraction(-1, 3), Fraction(1, 3)))
+    lower = Interval(-1, Fraction(-1, 3))
+    upper = Interval(Fraction(-1, 3), Fraction(1, 3))
+    expected = (lower, upper)
     assert x.halves() == expected
     assert x.contains(Interval(0, 0))
     assert not x.contains(Interval(0, 1))
@@ -251,9 +266,9 @@ def test_an_interval_tells_its_measures():
     assert low == -1
     assert Fraction(high) > Fraction(1, 3)
     assert str(x) == "[-1, 1/3]"
-    assert str(Interval(Fraction(10) ** 400, Fraction(10) ** 400 * 2)).startswith(
-        "[about 1.79769e+308, "
-    )
+    top = Fraction(10) ** 400 * 2
+    huge = Interval(Fraction(10) ** 400, top)
+    assert str(huge).startswith("[about 1.79769e+308, ")
 
 
 def test_end_points_stay_short_under_repeated_squaring():
@@ -262,7 +277,9 @@ def test_end_points_stay_short_under_repeated_squaring():
     start = time.process_time()
     for _ in range(14):
         x = x * x
-    assert max(x.lo.numerator.bit_length(), x.hi.numerator.bit_length()) < 70_000
+    lower_bits = x.lo.numerator.bit_length()
+    upper_bits = x.hi.numerator.bit_length()
+    assert max(lower_bits, upper_bits) < 70_000
     for _ in range(60):
         x = (x - x.lo) / (x.hi - x.lo + 1)
         x = x * x + Fraction(1, 3)
@@ -323,10 +340,12 @@ def test_rounding_is_outward_to_the_bits_asked_and_a_long_point_stays_a_point():
     """1e-400 has 1329 bits: as a coefficient it must still cancel exactly."""
     small = Interval.point(Fraction(1, 10**400))
     assert small * 3 - small - 2 * small == Interval.point(0)
-    x = Interval(Fraction(1, 3), Fraction(2, 3)).rounded(8)
+    third = Interval(Fraction(1, 3), Fraction(2, 3))
+    x = third.rounded(8)
     assert x.lo == Fraction(85, 256)
     assert x.hi == Fraction(171, 256)
-    found = Interval(Fraction(-2, 3), Fraction(-1, 3)).rounded(8)
+    negative = Interval(Fraction(-2, 3), Fraction(-1, 3))
+    found = negative.rounded(8)
     assert found == -x
     found = Interval(Fraction(1000, 3), 1000).rounded(4)
     assert found == Interval(320, 1024)
@@ -359,7 +378,8 @@ def test_rounding_goes_the_right_way_by_less_than_one_unit(x, bits):
     assert low <= x <= high
     assert high - low <= abs(x) * Fraction(4, 2**bits)
     for end in (low, high):
-        odd = abs(end.numerator) // ((end.numerator & -end.numerator) or 1)
+        lowest_bit = end.numerator & -end.numerator
+        odd = abs(end.numerator) // (lowest_bit or 1)
         assert odd.bit_length() <= bits + 1
         assert round_down(end, bits + 1) == round_up(end, bits + 1) == end
 
@@ -415,24 +435,32 @@ def test_discretisation_has_its_closed_forms():
     sin(wT)/(wT)."""
     w = 2
     T = Fraction(1, 10)
-    found = discretise(matrix([[0, w], [-w, 0]]), T)
+    rotation = [[0, w], [-w, 0]]
+    found = discretise(matrix(rotation), T)
     angle = Interval.point(w * T)
-    expected = ((cos(angle), sin(angle)), (-sin(angle), cos(angle)))
+    first_row = (cos(angle), sin(angle))
+    second_row = (-sin(angle), cos(angle))
+    expected = (first_row, second_row)
     for i in range(2):
         for j in range(2):
             assert overlap(found.transition[i][j], expected[i][j])
             assert found.transition[i][j].width < Fraction(1, 2**200)
-    assert overlap(found.mean[0][0], sin(angle) * (1 / (w * T)))
+    entry = found.mean[0][0]
+    expected_entry = sin(angle) * (1 / (w * T))
+    assert overlap(entry, expected_entry)
     # exp([[0, 1], [0, 0]] T) = [[1, T], [0, 1]], mean [[1, T/2], [0, 1]].
     T = Fraction(3, 7)
     found = discretise(exact_matrix("0 1; 0 0"), T)
     entries = (*found.transition[0], *found.transition[1], *found.mean[0], *found.mean[1])
-    for got, want in zip(entries, (1, T, 0, 1, 1, T / 2, 0, 1), strict=True):
+    wanted = (1, T, 0, 1, 1, T / 2, 0, 1)
+    for got, want in zip(entries, wanted, strict=True):
         assert got.contains(Fraction(want))
         assert got.width < Fraction(1, 2**120)
     found = discretise(exact_matrix("-7/2"), Fraction(2))
     assert overlap(found.transition[0][0], exp(Interval.point(-7)))
-    assert float(found.mean[0][0].midpoint) == pytest.approx((1 - math.exp(-7)) / 7)
+    mean = float(found.mean[0][0].midpoint)
+    expected_mean = (1 - math.exp(-7)) / 7
+    assert mean == pytest.approx(expected_mean)
     for period in (0, -1):
         with pytest.raises(SpecError, match="period must be > 0"):
             discretise(exact_matrix("0"), Fraction(period))
@@ -446,7 +474,8 @@ def test_the_polynomial_encloses_the_exact_one(seed):
     for _ in range(q):
         rows.append([Fraction(r.randint(-9, 9), 7) for _ in range(q)])
     F = matrix(rows)
-    found = interval_characteristic_polynomial([[Interval.point(x) for x in row] for row in F])
+    points = [[Interval.point(x) for x in row] for row in F]
+    found = interval_characteristic_polynomial(points)
     for x, y in zip(found, characteristic_polynomial(F), strict=True):
         assert x.contains(y)
 
@@ -456,14 +485,16 @@ def test_routh_in_intervals_is_right_for_every_polynomial_inside(seed):
     """PROVED and REFUTED are compared with NumPy's roots of corners and of the middle."""
     r = Random(seed)
     width = Fraction(r.choice((0, 1, 10)), 100)
-    middle = [Fraction(1)] + [Fraction(r.randint(-3, 40), 10) for _ in range(r.randint(1, 4))]
-    coefficients = [
-        Interval(x - width, x + width) if n else Interval.point(x) for n, x in enumerate(middle)
-    ]
+    others = [Fraction(r.randint(-3, 40), 10) for _ in range(r.randint(1, 4))]
+    middle = [Fraction(1), *others]
+    coefficients = []
+    for n, x in enumerate(middle):
+        coefficients.append(Interval(x - width, x + width) if n else Interval.point(x))
     answer = interval_routh(coefficients)
     signs = []
     for _ in range(10):
-        signs.append([r.choice((-1, 0, 1)) for _ in middle])
+        drawn_signs = [r.choice((-1, 0, 1)) for _ in middle]
+        signs.append(drawn_signs)
     for choice in signs:
         inside = []
         for n, (x, s) in enumerate(zip(middle, choice, strict=True)):

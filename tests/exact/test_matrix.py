@@ -26,7 +26,8 @@ def matrices(rows, columns):
 
 
 def to_sympy(M):
-    return sympy.Matrix([list(map(sympy.Rational, row)) for row in M])
+    rows = [list(map(sympy.Rational, row)) for row in M]
+    return sympy.Matrix(rows)
 
 
 @pytest.mark.parametrize(
@@ -57,7 +58,8 @@ def test_products_and_sums_agree_with_sympy(M, N, other):
     assert found == sympy.kronecker_product(to_sympy(M), to_sympy(N))
     assert exact.transpose(exact.transpose(M)) == M
     found = exact.scale(Fraction(1, 3), M)
-    assert found == exact.scale(Fraction(1, 3), exact.multiply(exact.identity(3), M))
+    unchanged = exact.multiply(exact.identity(3), M)
+    assert found == exact.scale(Fraction(1, 3), unchanged)
 
 
 @settings(max_examples=15, deadline=None)
@@ -76,7 +78,9 @@ def test_inverse_times_matrix_is_the_identity_unless_singular(M):
 def test_nullspace_is_annihilated_and_has_the_missing_dimension(M):
     basis = exact.nullspace(M)
     assert exact.rank(M) == to_sympy(M).rank()
-    assert len(basis) == exact.shape(M)[1] - exact.rank(M)
+    columns = exact.shape(M)[1]
+    nullity = columns - exact.rank(M)
+    assert len(basis) == nullity
     for vector in basis:
         found = exact.multiply(M, tuple((x,) for x in vector))
         assert found == exact.zeros(len(M), 1)
@@ -89,13 +93,19 @@ def test_long_and_short_sums_give_the_same_numbers():
     rng = np.random.default_rng(1)
     G = rng.integers(-9, 10, (14, 12))
     H = rng.integers(-9, 10, (12, 13))
-    found = exact.multiply(exact.from_float(G, None), exact.from_float(H, None))
+    first = exact.from_float(G, None)
+    second = exact.from_float(H, None)
+    found = exact.multiply(first, second)
     assert found == exact.from_float(G @ H, None)
-    low = exact.from_float(G[:, :5] @ H[:5], None)
+    product = G[:, :5]
+    low_rank = product @ H[:5]
+    low = exact.from_float(low_rank, None)
     assert exact.rank(low) == 5
     reduced, pivots = exact.row_echelon(low)
     assert pivots == tuple(to_sympy(low).rref()[1])
-    assert to_sympy(reduced) == to_sympy(low).rref()[0][:5, :]
+    echelon = to_sympy(low).rref()[0]
+    wanted = echelon[:5, :]
+    assert to_sympy(reduced) == wanted
     square = exact.from_float(G[:12], None)
     found = exact.multiply(exact.inverse(square), square)
     assert found == exact.identity(12)
@@ -117,7 +127,9 @@ def test_shapes_that_do_not_fit_are_refused():
 def test_symmetry_is_exact_and_entries_beyond_the_floats_are_refused():
     """A difference of one part in 10^400 counts."""
     assert exact.is_symmetric(exact.identity(3))
-    assert not exact.is_symmetric(((1, 1), (Fraction(1) + Fraction(1, 10**400), 1)))
+    second_row = (Fraction(1) + Fraction(1, 10**400), 1)
+    nearly_symmetric = ((1, 1), second_row)
+    assert not exact.is_symmetric(nearly_symmetric)
     assert not exact.is_symmetric(exact.zeros(2, 3))
     with pytest.raises(SpecError, match=r"below 1\.8e308"):
         exact.to_float(((Fraction(10) ** 400,),))
@@ -126,12 +138,17 @@ def test_symmetry_is_exact_and_entries_beyond_the_floats_are_refused():
 def test_floats_are_rounded_to_decimals_or_kept_exactly():
     """digits: significant decimals; None: the binary value."""
     array = np.array([[0.1, 1234.5678], [1e-20, -2.0]])
-    expected = ((Fraction(1, 10), 1230), (Fraction(1, 10**20), -2))
+    short = (Fraction(1, 10), 1230)
+    long = (Fraction(1, 10**20), -2)
+    expected = (short, long)
     assert exact.from_float(array, 3) == expected
-    assert exact.from_float(array, None)[0][0] == Fraction(3602879701896397, 2**55)
+    row = exact.from_float(array, None)[0]
+    tenth = Fraction(3602879701896397, 2**55)
+    assert row[0] == tenth
     found = exact.to_float(exact.from_float(array, None)).tolist()
     assert found == array.tolist()
-    found = exact.from_float(np.array([[np.longdouble(1) + np.finfo(np.longdouble).eps]]), None)
+    step = np.finfo(np.longdouble).eps
+    found = exact.from_float(np.array([[np.longdouble(1) + step]]), None)
     assert found[0][0] > 1
 
 
@@ -157,7 +174,8 @@ def test_the_solution_satisfies_the_equation_exactly_and_is_that_of_scipy(seed):
     q = r.randint(1, 5)
     rows = []
     for i in range(q):
-        rows.append([r.randint(-4, 4) - (9 if i == j else 0) for j in range(q)])
+        row = [r.randint(-4, 4) - (9 if i == j else 0) for j in range(q)]
+        rows.append(row)
     F = matrix(rows)
     rows = []
     for _ in range(q):
@@ -165,22 +183,27 @@ def test_the_solution_satisfies_the_equation_exactly_and_is_that_of_scipy(seed):
     root = matrix(rows)
     N = exact.multiply(root, exact.transpose(root))
     X = solve_lyapunov(F, N)
-    found = exact.add(exact.add(exact.multiply(exact.transpose(F), X), exact.multiply(X, F)), N)
+    left = exact.multiply(exact.transpose(F), X)
+    right = exact.multiply(X, F)
+    lyapunov = exact.add(left, right)
+    found = exact.add(lyapunov, N)
     assert found == exact.zeros(q, q)
-    assert exact.to_float(X) == pytest.approx(
-        linalg.solve_continuous_lyapunov(exact.to_float(F).T, -exact.to_float(N)),
-        rel=1e-9,
-        abs=1e-12,
-    )
+    F_transposed = exact.to_float(F).T
+    right_hand_side = -exact.to_float(N)
+    wanted = linalg.solve_continuous_lyapunov(F_transposed, right_hand_side)
+    assert exact.to_float(X) == pytest.approx(wanted, rel=1e-9, abs=1e-12)
 
 
 def test_two_eigenvalues_that_add_up_to_zero_have_no_unique_solution():
     unit = matrix([[1, 0], [0, 1]])
-    found = solve_lyapunov(matrix([[0, 1], [-1, 0]]), unit)
+    oscillator = [[0, 1], [-1, 0]]
+    found = solve_lyapunov(matrix(oscillator), unit)
     assert found is None
-    found = solve_lyapunov(matrix([[1, 0], [0, -1]]), unit)
+    saddle = [[1, 0], [0, -1]]
+    found = solve_lyapunov(matrix(saddle), unit)
     assert found is None
-    rows = [[Fraction(1, 10**9), 0], [0, -1]]
+    slow = [Fraction(1, 10**9), 0]
+    rows = [slow, [0, -1]]
     found = solve_lyapunov(matrix(rows), unit)
     assert found is not None
 
@@ -189,11 +212,14 @@ def test_a_fitting_matrix_gives_its_shape():
     """None leaves a side free; nested sequences cannot say how many columns no rows have."""
     found = require_shape((), (None, 5), name="T")
     assert found == (0, 0)
-    found = require_shape(((1, 2, 3), (4, 5, 6)), (2, None), name="C")
+    shape_of_three = (1, 2, 3)
+    found = require_shape((shape_of_three, (4, 5, 6)), (2, None), name="C")
     assert found == (2, 3)
-    found = require_shape(np.zeros((4, 1)), (None, 1), name="W")
+    column = np.zeros((4, 1))
+    found = require_shape(column, (None, 1), name="W")
     assert found == (4, 1)
-    found = require_square(((1, 2), (3, 4)), name="A")
+    square = ((1, 2), (3, 4))
+    found = require_square(square, name="A")
     assert found == 2
 
 

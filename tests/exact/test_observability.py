@@ -119,9 +119,11 @@ def test_a_hidden_block_shows_its_polynomial_in_any_coordinates(A1, A2, coupling
     if exact.rank(S) < 4:
         return
     seen = [(*row, 0, 0) for row in A1]
-    hidden = [c + a for c, a in zip(coupling, A2, strict=True)]
+    both = zip(coupling, A2, strict=True)
+    hidden = [c + a for c, a in both]
     block = matrix([*seen, *hidden])
-    A = exact.multiply(exact.inverse(S), exact.multiply(block, S))
+    in_coordinates = exact.multiply(block, S)
+    A = exact.multiply(exact.inverse(S), in_coordinates)
     C = exact.multiply(matrix([(*C1[0], 0, 0)]), S)
     found = exact.decide_detectable(A, C)
     if exact.decide_observable(A1, C1).verdict is PROVED:

@@ -34,7 +34,8 @@ def numbers(text) -> tuple[Fraction, ...]:
 
 
 def times(p, q):
-    product = [Fraction(0)] * (len(p) + len(q) - 1)
+    length = len(p) + len(q) - 1
+    product = [Fraction(0)] * length
     for i, x in enumerate(p):
         for j, y in enumerate(q):
             product[i + j] += x * y
@@ -63,7 +64,8 @@ def real_root(r):
 
 
 def complex_pair(re, im):
-    return (1, -2 * re, re * re + im * im), (re, re)
+    constant = re * re + im * im
+    return (1, -2 * re, constant), (re, re)
 
 
 def quadruple(re, im):
@@ -151,12 +153,17 @@ MATRICES = st.lists(st.lists(RATIONALS, min_size=4, max_size=4), min_size=4, max
 @settings(max_examples=10, deadline=None)
 @given(MATRICES)
 def test_the_characteristic_polynomial_agrees_with_sympy(A):
-    expected = sympy.Matrix([list(map(sympy.Rational, row)) for row in A])
+    rows = [list(map(sympy.Rational, row)) for row in A]
+    expected = sympy.Matrix(rows)
     found = exact.characteristic_polynomial(A)
-    assert list(map(sympy.Rational, found)) == expected.charpoly().all_coeffs()
+    found_coefficients = list(map(sympy.Rational, found))
+    expected_coefficients = expected.charpoly().all_coeffs()
+    assert found_coefficients == expected_coefficients
     total = exact.zeros(4, 4)
     for x in found:
-        total = exact.subtract(exact.multiply(total, A), exact.scale(-x, exact.identity(4)))
+        product_with_A = exact.multiply(total, A)
+        shift = exact.scale(-x, exact.identity(4))
+        total = exact.subtract(product_with_A, shift)
     assert total == exact.zeros(4, 4)
 
 
@@ -199,8 +206,11 @@ def test_reflections_and_shifts_move_the_roots():
     found = reflected(coefficients)
     assert found == product((1, 1), (1, 2))
     p = (2, -3, Fraction(1, 2), 7)
-    expected = np.poly1d([2, -3, 0.5, 7])(np.poly1d([1, 1.5])).coefficients
-    found = [float(x) for x in shifted(p, Fraction(3, 2))]
+    cubic = np.poly1d([2, -3, 0.5, 7])
+    line = np.poly1d([1, 1.5])
+    expected = cubic(line).coefficients
+    moved = shifted(p, Fraction(3, 2))
+    found = [float(x) for x in moved]
     assert found == pytest.approx(expected.tolist())
 
 
@@ -220,7 +230,9 @@ def cone(polynomial, damping):
 )
 def test_a_disk_and_a_cone_are_decided_at_their_borders(shape, border, outer, inner):
     """-3 +- 4i lies at the distance 5 from 0, as does -5, and has the damping ratio 3/5 exactly."""
-    cases = (quadratic(-3, 4), product(quadratic(-3, 4), (1, 5)))
+    pair_of_roots = quadratic(-3, 4)
+    with_a_real_root = product(quadratic(-3, 4), (1, 5))
+    cases = (pair_of_roots, with_a_real_root)
     for polynomial in cases:
         found = [shape(polynomial, size) for size in (border, outer, inner)]
         expected = [(True, False), (True, True), (False, False)]
@@ -277,7 +289,9 @@ def test_where_no_root_is_up_to_zero_sturm_finds_none(coefficients):
 @pytest.mark.parametrize("seed", range(30))
 def test_sturm_agrees_with_the_drawn_roots(seed):
     r = Random(seed)
-    reals = [Fraction(r.randint(-4, 9), 3) for _ in range(r.randint(0, 4))]
+    reals = []
+    for _ in range(r.randint(0, 4)):
+        reals.append(Fraction(r.randint(-4, 9), 3))
     factors = [(1, -x) for x in reals]
     factors += (quadratic(r.randint(-3, 3), 1) for _ in range(r.randint(0, 2)))
     assert has_root_up_to_zero(product(*factors)) == any(x <= 0 for x in reals)

@@ -25,7 +25,9 @@ def grounded_ring(size: int, ground: Fraction) -> SparseSymmetric:
     > 0."""
     entries = {(i, i): Fraction(2) for i in range(size)}
     entries[0, 0] += ground
-    entries |= {(i, i + 1): Fraction(-1) for i in range(size - 1)} | {(0, size - 1): -1}
+    chain = {(i, i + 1): Fraction(-1) for i in range(size - 1)}
+    closing = {(0, size - 1): -1}
+    entries |= chain | closing
     return SparseSymmetric(size, entries)
 
 
@@ -35,8 +37,10 @@ def test_a_ring_held_at_one_node_has_a_positive_vector(size: int):
     M = grounded_ring(size, Fraction(1))
     vector = search(M, strict=True).vector
     assert vector is not None
-    dense = np.array([[float(x) for x in row] for row in M.to_dense()])
-    assert np.all(dense @ np.array([float(x) for x in vector]) > 0)
+    rows = [[float(x) for x in row] for row in M.to_dense()]
+    dense = np.array(rows)
+    floats = np.array([float(x) for x in vector])
+    assert np.all(dense @ floats > 0)
     decision = decide_positive_definite(M)
     assert decision.verdict is Verdict.PROVED
     assert decision.vector == (vector if size >= 13 else None)
@@ -77,7 +81,10 @@ def arrays(M: SparseSymmetric) -> IntegerSymmetric:
 def refuting(M: SparseSymmetric | IntegerSymmetric, *, strict: bool) -> bool:
     """Whether what the search returns refutes, once it is multiplied out."""
     found = search(M, strict=strict)
-    tried = [each for d in found.directions for each in (*roundings(d), d)]
+    tried = []
+    for d in found.directions:
+        for each in (*roundings(d), d):
+            tried.append(each)
     return found.vector is None and first_refuting(M, tried, strict=strict, method="") is not None
 
 
@@ -85,13 +92,16 @@ def test_the_group_that_nobody_holds_is_the_witness():
     """Two rings, the second one free: the witness is its indicator and nothing else."""
     first = grounded_ring(30, Fraction(1))
     second = grounded_ring(20, Fraction(0))
-    entries = dict(first.entries) | {(i + 30, j + 30): x for (i, j), x in second.entries.items()}
+    shifted_entries = second.entries.items()
+    entries = dict(first.entries) | {(i + 30, j + 30): x for (i, j), x in shifted_entries}
     decision = decide_positive_definite(SparseSymmetric(50, entries))
     assert decision.verdict is Verdict.REFUTED
     assert decision.witness == (0,) * 30 + (1,) * 20
     assert decision.value == 0
     assert "group of rows" in decision.method
-    held = SparseSymmetric(50, entries | {(40, 40): Fraction(2) + Fraction(1, 50)})
+    slightly_more = Fraction(2) + Fraction(1, 50)
+    corner = {(40, 40): slightly_more}
+    held = SparseSymmetric(50, entries | corner)
     assert decide_positive_definite(held).verdict is Verdict.PROVED
 
 
@@ -100,7 +110,8 @@ def test_a_group_that_only_fails_to_be_definite_is_no_witness_against_semidefini
     witness."""
     first = grounded_ring(30, Fraction(-1))
     second = grounded_ring(20, Fraction(0))
-    entries = dict(first.entries) | {(i + 30, j + 30): x for (i, j), x in second.entries.items()}
+    shifted_entries = second.entries.items()
+    entries = dict(first.entries) | {(i + 30, j + 30): x for (i, j), x in shifted_entries}
     decision = decide_positive_semidefinite(SparseSymmetric(50, entries))
     assert decision.witness == (1,) * 30 + (0,) * 20
     assert decision.value == -1
@@ -124,9 +135,9 @@ def test_a_witness_for_a_local_cause_is_sparse():
     """300 rows held well, but one row's diagonal is halved twice: the rounded direction is 0 far
     from there."""
     n = 300
-    entries = {(i, i): Fraction(5) for i in range(n)} | {
-        (i, i + 1): Fraction(-1) for i in range(n - 1)
-    }
+    diagonal = {(i, i): Fraction(5) for i in range(n)}
+    beside = {(i, i + 1): Fraction(-1) for i in range(n - 1)}
+    entries = diagonal | beside
     entries[150, 150] = Fraction(1, 5)
     M = SparseSymmetric(n, entries)
     decision = decide_positive_definite(M)
@@ -142,12 +153,18 @@ def test_long_denominators_everywhere_are_rounded_to_the_safe_side():
         if all(p % q for q in range(2, int(p**0.5) + 1)):
             primes.append(p)
     n = 500
-    entries = {(i, i + 1): Fraction(-primes[i], primes[i + 500]) for i in range(n - 1)}
-    cases = ((Fraction(1, 10**6), True), (Fraction(-1, 10**6), False))
+    entries = {}
+    for i in range(n - 1):
+        entries[i, i + 1] = Fraction(-primes[i], primes[i + 500])
+    positive = (Fraction(1, 10**6), True)
+    negative = (Fraction(-1, 10**6), False)
+    cases = (positive, negative)
     for excess, truth in cases:
         diagonal = {}
         for i in range(n):
-            beside = entries.get((i - 1, i), 0) + entries.get((i, i + 1), 0)
+            before = entries.get((i - 1, i), 0)
+            after = entries.get((i, i + 1), 0)
+            beside = before + after
             diagonal[i, i] = excess - beside
         M = SparseSymmetric(n, entries | diagonal)
         found = search(M, strict=True)
@@ -180,9 +197,9 @@ def test_the_search_leaves_bad_diagonals_and_zero_rows_to_others():
 def test_other_signs_are_refuted_by_their_own_direction():
     """A ring with +1 beside the diagonal: the direction alternates, and |p| would not refute."""
     n = 60
-    entries = {(i, i): Fraction(19, 10) for i in range(n)} | {
-        (i, i + 1): Fraction(1) for i in range(n - 1)
-    }
+    diagonal = {(i, i): Fraction(19, 10) for i in range(n)}
+    beside = {(i, i + 1): Fraction(1) for i in range(n - 1)}
+    entries = diagonal | beside
     M = SparseSymmetric(n, entries | {(0, n - 1): 1})
     assert not is_z_matrix(M)
     assert not is_z_matrix(arrays(M))
@@ -226,7 +243,11 @@ def test_the_bound_of_a_vector_is_never_below_the_exact_one_and_close_to_it(
     n: int, data: st.DataObject
 ):
     """Rows without entries, signs of both kinds, numbers that floats do not hold."""
-    places = [(i, j) for i in range(n) for j in range(i, n) if data.draw(st.booleans())]
+    places = []
+    for i in range(n):
+        for j in range(i, n):
+            if data.draw(st.booleans()):
+                places.append((i, j))
     entries = {place: data.draw(FRACTIONS) for place in places}
     M = SparseSymmetric(n, entries)
     floats = [data.draw(POSITIVE) for _ in range(n)]
@@ -234,7 +255,9 @@ def test_the_bound_of_a_vector_is_never_below_the_exact_one_and_close_to_it(
     sums = []
     sizes = []
     for i, row in enumerate(M.to_dense()):
-        around = sum(abs(x) * y for x, y in zip(row, v, strict=True)) / v[i]
+        terms = zip(row, v, strict=True)
+        total = sum(abs(x) * y for x, y in terms)
+        around = total / v[i]
         sizes.append(around)
         # the entry on the diagonal counts with its sign
         sums.append(around - abs(row[i]) + row[i])
@@ -255,5 +278,6 @@ def test_a_vector_that_is_not_positive_bounds_nothing(vector: list[float]):
 @pytest.mark.parametrize("entry", [Fraction(10) ** 400, Fraction(1, 10**400)])
 def test_entries_that_floats_do_not_hold_bound_nothing(entry: Fraction):
     entries = {(0, 0): entry}
-    found = row_bound(IntegerSymmetric.from_sparse(SparseSymmetric(1, entries)), np.ones(1))
+    one_entry = IntegerSymmetric.from_sparse(SparseSymmetric(1, entries))
+    found = row_bound(one_entry, np.ones(1))
     assert found == np.inf

@@ -18,7 +18,8 @@ from dobc_design.problem.load import load_problem
 def test_after_bad_inputs_the_answers_are_those_of_a_run_that_missed_them(precision: str, tmp_path):
     """m = 2, q = 3; a packet, a state or an applied input is bad, and the sanitizers watch."""
     program = Program(planar(), tmp_path, period="1/50", precision=precision)
-    assert wrong_cases("planar", program, np.random.default_rng(5), 40) == []
+    rng = np.random.default_rng(5)
+    assert wrong_cases("planar", program, rng, 40) == []
 
 
 @needs_gcc
@@ -43,4 +44,5 @@ def test_a_converged_observer_misses_five_samples_and_expects_them_right(problem
     (found,) = program.run([SimpleNamespace(spoil=spoil)])
     assert found[-1, -1] == 5
     assert np.abs(program.dhat[-GOOD:]).max() > 0.1
-    assert np.abs(found[:, : program.p] - program.u)[-GOOD:].max() < 1e-4
+    differences = found[:, : program.p]
+    assert np.abs(differences - program.u)[-GOOD:].max() < 1e-4

@@ -30,12 +30,17 @@ def alone(k: object, *, h: str = "y") -> Problem:
 def seen(theta: float = 1.0, W: float = 2.0) -> Problem:
     """One agent with k = 1 and a harmonic disturbance."""
     network = Network.from_arcs([[1, 2]], arrow="listens_to", agents=2)
+    A = [[0, theta], [-theta, 0]]
+    C = [[1, 0]]
+    exosystem = Exosystem(A=A, C=C)
+    observer = Observer(W=[[W], [0]])
+    gains = {"1": "1/100", "2": "1/100"}
     return Problem(
         network=network,
         coupling="y/100",
-        gains={"1": "1/100", "2": "1/100"},
-        exosystem=Exosystem(A=[[0, theta], [-theta, 0]], C=[[1, 0]]),
-        observer=Observer(W=[[W], [0]]),
+        gains=gains,
+        exosystem=exosystem,
+        observer=observer,
     )
 
 
@@ -50,33 +55,38 @@ def closed_loop(problem: Problem, run, agents: CompiledAgents, *, period: float,
     names = list(problem.network.modes)
     modes = [0] * len(run.times)
     if run.switches:
-        modes = [names.index(run.switches.names[i]) for i in run.switches.at(run.times)]
-    A, C = to_float(problem.exosystem.A), to_float(problem.exosystem.C)
+        active = run.switches.at(run.times)
+        modes = []
+        for i in active:
+            modes.append(names.index(run.switches.names[i]))
+    A = to_float(problem.exosystem.A)
+    C = to_float(problem.exosystem.C)
     q = len(A)
     block = np.zeros((2 * q, 2 * q))
     block[:q, :q], block[:q, q:] = A, np.eye(q)
     both = expm(block * period)
-    x, xi, found = run.x[0].copy(), run.xi[0].copy(), []
+    x = run.x[0].copy()
+    xi = run.xi[0].copy()
+    found = []
     arrivals = options.pop("arrivals", None)
     for k in range(len(run.times)):
         arrived = None if arrivals is None else arrivals[k]
         u, v, dhat = agents(modes[k], x, arrived=arrived, **options)
         found.append((x, u, dhat))
-        x = x + period * v + xi @ both[:q, q:].T @ C.T
+        disturbance = xi @ both[:q, q:].T
+        x = x + period * v + disturbance @ C.T
         xi = xi @ both[:q, :q].T
-    return [np.array(part) for part in zip(*found, strict=True)]
+    arrays = []
+    for part in zip(*found, strict=True):
+        arrays.append(np.array(part))
+    return arrays
 
 
 def run_of(problem: Problem, *, period: float, seed: int | None = None, **stress):
     """Ten seconds."""
     times = [k * period for k in range(round(10 / period) + 1)]
-    return dd.simulate(
-        problem,
-        t_final=times[-1],
-        samples=times,
-        seed=seed,
-        stress=dd.Stress(period=period, **stress),
-    )
+    sampled = dd.Stress(period=period, **stress)
+    return dd.simulate(problem, t_final=times[-1], samples=times, seed=seed, stress=sampled)
 
 
 SLOW = pytest.mark.slow
@@ -132,8 +142,12 @@ def test_all_agents_in_c_are_the_simulated_loop_to_1e_12_over_10_s(
     code = dd.export.to_c(problem, period=str(period))
     agents = CompiledAgents(code.files, tmp_path, n=problem.n, m=problem.m)
     x, u, dhat = closed_loop(problem, run, agents, period=period)
-    for found, wanted in ((x, run.x), (u, run.u), (dhat, run.dhat)):
-        assert np.abs(found - wanted).max() <= 1e-12 * max(1.0, np.abs(wanted).max())
+    states = (x, run.x)
+    inputs = (u, run.u)
+    for found, wanted in (states, inputs, (dhat, run.dhat)):
+        difference = np.abs(found - wanted).max()
+        allowed = 1e-12 * max(1.0, np.abs(wanted).max())
+        assert difference <= allowed
 
 
 @SLOW
@@ -142,7 +156,8 @@ def test_all_agents_in_c_are_the_simulated_loop_to_1e_12_over_10_s(
     shutil.which("g++") is None, reason="g++ is not installed (Debian: apt install g++)"
 )
 def test_a_program_in_c_plus_plus_calls_the_same_code(tmp_path):
-    folder = write_all(dd.export.to_c(alone(3), period="1/50").files, tmp_path)
+    code = dd.export.to_c(alone(3), period="1/50")
+    folder = write_all(code.files, tmp_path)
     for command in (
         "gcc -std=c99 -c dobc_agent.c",
         "g++ -Wall -Werror -x c++ main.c -x none dobc_agent.o -o selftest",
@@ -158,14 +173,18 @@ def test_limited_actuators_and_lost_packets_are_those_of_the_simulation(tmp_path
     """dobc_applied tells the observer the applied input; dobc_receive is not called for a lost
     packet."""
     problem = load_problem("paper-fixed")
-    period, limit, loss, seed = 0.05, 1.5, 0.3, 7
+    period = 0.05
+    limit = 1.5
+    loss = 0.3
+    seed = 7
     run = run_of(problem, period=period, seed=seed, saturation=limit, loss=loss)
     arcs = problem.network.modes["Ga"]
     rng = np.random.default_rng([seed, LOSS])
     arrivals = []
     for _ in run.times:
         arrived = np.zeros((10, 10), dtype=bool)
-        arrived[arcs.listeners, arcs.speakers] = rng.random(len(arcs)) >= loss
+        drawn = rng.random(len(arcs))
+        arrived[arcs.listeners, arcs.speakers] = drawn >= loss
         arrivals.append(arrived)
     code = dd.export.to_c(problem, period=str(period))
     agents = CompiledAgents(code.files, tmp_path, n=10, m=1)
@@ -182,7 +201,9 @@ def test_a_number_that_is_off_in_the_fifth_digit_fails_the_self_test(tmp_path):
     source = files["dobc_agent.c"].decode()
     first = r"correction\[DOBC_ORDER\]\[DOBC_INPUTS\] = \{\n    \{([0-9.]+)\}"
     number = re.search(first, source)[1]
-    files["dobc_agent.c"] = source.replace(number, repr(float(number) * 1.0001)).encode()
+    other = repr(float(number) * 1.0001)
+    changed = source.replace(number, other)
+    files["dobc_agent.c"] = changed.encode()
     done = compile_and_test(write_all(files, tmp_path))
     assert done.returncode == 1
     assert "FAILED" in done.stdout
@@ -191,7 +212,8 @@ def test_a_number_that_is_off_in_the_fifth_digit_fails_the_self_test(tmp_path):
 @SLOW
 @needs_gcc
 def test_a_polynomial_coupling_needs_no_mathematical_library(tmp_path):
-    found = dd.export.to_c(alone(3, h="y + y**3"), period="1/50")
+    own = alone(3, h="y + y**3")
+    found = dd.export.to_c(own, period="1/50")
     assert b"math.h" not in found.files["dobc_agent.c"]
     assert compile_and_test(write_all(found.files, tmp_path), library=False).returncode == 0
     exponential = dd.export.to_c("paper-fixed", period="1/50", agents=["1"])
@@ -209,23 +231,31 @@ def test_the_numbers_are_the_exact_discretisation_rounded():
     """Against SciPy's exponential; a constant: Ad = 1, Cd = 1, L = 1 - exp(-W T) over 1 s."""
     problem = load_problem("paper-fixed")
     made = make_controller(problem, period="1/20")
-    A, C = to_float(problem.exosystem.A), to_float(problem.exosystem.C)
+    A = to_float(problem.exosystem.A)
+    C = to_float(problem.exosystem.C)
     W = to_float(problem.observer.W)
     np.testing.assert_allclose(to_float(made.Ad), expm(A / 20), rtol=1e-14)
     steps = np.linspace(0, 1 / 20, 201)
-    mean = np.trapezoid([expm((A - W @ C) * s) for s in steps], steps, axis=0) @ W
+    motions = [expm((A - W @ C) * s) for s in steps]
+    mean = np.trapezoid(motions, steps, axis=0) @ W
     np.testing.assert_allclose(to_float(made.L), mean, rtol=1e-6)
-    constant = alone(1).replace(exosystem=dd.exosystems.constant(), observer=Observer(W=[[3]]))
+    constantly = dd.exosystems.constant()
+    observer = Observer(W=[[3]])
+    constant = alone(1).replace(exosystem=constantly, observer=observer)
     slow = make_controller(constant, period="1/2")
-    assert (slow.Ad, slow.Cd) == (((1,),), ((1,),))
-    assert float(slow.L[0][0]) == pytest.approx(1 - np.exp(-1.5), rel=1e-15)
+    assert slow.Ad == ((1,),)
+    assert slow.Cd == ((1,),)
+    gain = float(slow.L[0][0])
+    expected = 1 - np.exp(-1.5)
+    assert gain == pytest.approx(expected, rel=1e-15)
 
 
 def test_a_network_that_is_sampled_too_seldom_is_refused_with_a_period_that_works():
     """e' = -4 e, held: |1 - 4 T| < 1 iff T < 1/2."""
     for each in make_controller(alone(4), period="0.4999").statements:
         assert each.verdict is Verdict.PROVED
-    assert make_controller(alone(4), period="1/2").statements[0].verdict is Verdict.UNDECIDED
+    sampled = make_controller(alone(4), period="1/2")
+    assert sampled.statements[0].verdict is Verdict.UNDECIDED
     with pytest.raises(SpecError, match=r"too long.*--period 0\.(4[89]|5)"):
         make_controller(alone(4), period="0.5001")
 
@@ -237,7 +267,8 @@ def test_an_observer_that_cannot_see_the_disturbance_at_this_period_is_refused()
         make_controller(seen(), period="6.283")
     for period in ("0.5", "1", "1.5"):
         made = make_controller(seen(), period=period)
-        error = to_float(made.Ad) - to_float(made.L) @ to_float(made.Cd)
+        injected = to_float(made.L) @ to_float(made.Cd)
+        error = to_float(made.Ad) - injected
         assert np.abs(np.linalg.eigvals(error)).max() < 1
         assert made.statements[0].verdict is Verdict.PROVED
 
@@ -245,13 +276,18 @@ def test_an_observer_that_cannot_see_the_disturbance_at_this_period_is_refused()
 def test_the_period_that_is_offered_is_close_to_the_true_limit():
     """paper-fixed: the largest eigenvalue of K - J gives T < 2 / lambda for real ones."""
     problem = load_problem("paper-fixed")
-    J = np.roll(np.eye(10), 1, axis=1) * 2 - 2 * np.eye(10)
-    K = np.diag([5.0 if i in (0, 5) else 0.0 for i in range(10)])
+    forward = np.roll(np.eye(10), 1, axis=1)
+    J = forward * 2 - 2 * np.eye(10)
+    gains = []
+    for i in range(10):
+        gains.append(5.0 if i in (0, 5) else 0.0)
+    K = np.diag(gains)
     poles = np.linalg.eigvals(J - K)
     limit = min(-2 * pole.real / abs(pole) ** 2 for pole in poles)
     with pytest.raises(SpecError) as caught:
         make_controller(problem, period=1)
-    offered = float(str(caught.value).rsplit(" ", 1)[1].rstrip("."))
+    words = str(caught.value).rsplit(" ", 1)
+    offered = float(words[1].rstrip("."))
     assert 0.98 * limit <= offered < limit
     make_controller(problem, period=offered)
 
@@ -280,16 +316,25 @@ def test_too_many_agents_for_one_table_are_refused_and_one_of_them_is_not():
 
 def grouped() -> Problem:
     """Agents 1 and 3 feel a sine, agent 2 a constant."""
-    harmonic = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
-    sine = dd.Group(agents=[1, 3], exosystem=harmonic, observer=Observer(W=[[3], [2]]))
+    A = [[0, 2], [-2, 0]]
+    C = [[1, 0]]
+    harmonic = Exosystem(A=A, C=C)
+    for_the_sine = Observer(W=[[3], [2]])
+    sine = dd.Group(agents=[1, 3], exosystem=harmonic, observer=for_the_sine)
     still = Exosystem(A=[[0]], C=[[1]])
-    constant = dd.Group(agents=[2], exosystem=still, observer=Observer(W=[[2]]))
+    for_the_constant = Observer(W=[[2]])
+    constant = dd.Group(agents=[2], exosystem=still, observer=for_the_constant)
+    arcs = [[1, 2], [2, 3], [3, 1]]
+    network = Network.from_arcs(arcs, arrow="listens_to")
+    xi0 = [[1, "1/2"], [2], [-1, 2]]
+    simulation = {"xi0": xi0}
+    gains = {1: 3, 2: 1}
     return Problem(
-        network=Network.from_arcs([[1, 2], [2, 3], [3, 1]], arrow="listens_to"),
+        network=network,
         coupling="tanh(y) + y",
-        gains={1: 3, 2: 1},
+        gains=gains,
         groups=[sine, constant],
-        simulation={"xi0": [[1, "1/2"], [2], [-1, 2]]},
+        simulation=simulation,
     )
 
 
@@ -297,12 +342,15 @@ def grouped() -> Problem:
 def test_the_code_of_a_group_is_that_of_a_network_with_its_exosystem_alone(label: int):
     problem = grouped()
     own = next(group for group in problem.groups if str(label) in group.agents)
-    loop = {"network": problem.network, "coupling": "tanh(y) + y", "gains": {1: 3, 2: 1}}
+    gains = {1: 3, 2: 1}
+    loop = {"network": problem.network, "coupling": "tanh(y) + y", "gains": gains}
     single = Problem(**loop, exosystem=own.exosystem, observer=own.observer)
     made, wanted = (
         make_controller(each, period="1/50", agents=[label]) for each in (problem, single)
     )
-    assert (made.Ad, made.Cd, made.L) == (wanted.Ad, wanted.Cd, wanted.L)
+    assert made.Ad == wanted.Ad
+    assert made.Cd == wanted.Cd
+    assert made.L == wanted.L
     assert source_text(made) == source_text(wanted)
 
 
@@ -316,7 +364,8 @@ def test_the_code_of_every_group_passes_its_vectors_in_the_whole_loop(label: int
 
 
 def test_agents_of_different_groups_do_not_share_a_folder():
-    assert make_controller(grouped(), period="1/50", agents=[1, 3]).q == 2
+    controller = make_controller(grouped(), period="1/50", agents=[1, 3])
+    assert controller.q == 2
     with pytest.raises(SpecError, match="agents with one exosystem") as caught:
         make_controller(grouped(), period="1/50")
     assert "begin with agent 1, 2" in str(caught.value)
@@ -341,9 +390,8 @@ def test_a_wrong_argument_is_named(options, match: str):
 
 @pytest.mark.usefixtures("recorded_briefly")
 def test_numbers_that_a_float_cannot_hold_are_refused():
-    far = Problem(
-        network=Network.from_arcs([[1, 2]], arrow="listens_to"), coupling="y", target="1e39"
-    )
+    network = Network.from_arcs([[1, 2]], arrow="listens_to")
+    far = Problem(network=network, coupling="y", target="1e39")
     with pytest.raises(SpecError, match="fit into a float"):
         dd.export.to_c(far, period="1e-3", precision="float")
 
@@ -368,12 +416,14 @@ def test_the_error_bound_of_a_coupling_holds_for_single_precision(h: str):
     y = rng.uniform(-1.4, 1.4, size=(400, 2))
     y[:, 1] = np.abs(y[:, 1])
     coupling = make_coupling([h, "y2"], dimension=2)
-    bound = with_errors(
-        coupling.components, Erring(y, np.abs(y) * 2.0**-24), ErringAlgebra(2.0**-24)
-    )
-    difference = np.abs(single_precision(coupling, y.astype(np.float32)) - coupling.value(y))
+    input_error = Erring(y, np.abs(y) * 2.0**-24)
+    algebra = ErringAlgebra(2.0**-24)
+    bound = with_errors(coupling.components, input_error, algebra)
+    rounded = single_precision(coupling, y.astype(np.float32))
+    difference = np.abs(rounded - coupling.value(y))
     assert (difference <= 2 * bound.error).all()
-    assert bound.error[:, 0].max() <= 1e4 * max(difference[:, 0].max(), 1e-9)
+    largest = bound.error[:, 0].max()
+    assert largest <= 1e4 * max(difference[:, 0].max(), 1e-9)
 
 
 def single_precision(coupling, y: np.ndarray) -> np.ndarray:
@@ -386,14 +436,20 @@ def single_precision(coupling, y: np.ndarray) -> np.ndarray:
         def pi(self):
             return np.asarray(np.float32(np.pi))
 
-    parts = [evaluate(each.node, [y[:, 0], y[:, 1]], Single()) for each in coupling.components]
-    return np.stack([np.broadcast_to(part, len(y)) for part in parts], axis=1).astype(float)
+    parts = []
+    for each in coupling.components:
+        components = [y[:, 0], y[:, 1]]
+        parts.append(evaluate(each.node, components, Single()))
+    columns = [np.broadcast_to(part, len(y)) for part in parts]
+    stacked = np.stack(columns, axis=1)
+    return stacked.astype(float)
 
 
 @pytest.mark.usefixtures("recorded_briefly")
 def test_the_folder_is_not_overwritten_unless_forced(tmp_path):
     found = dd.export.to_c(alone(3), period="1/50", agents=["1"])
-    assert [path.name for path in found.save(tmp_path / "code")] == list(FILES)
+    paths = found.save(tmp_path / "code")
+    assert [path.name for path in paths] == list(FILES)
     with pytest.raises(SpecError, match="exists already"):
         found.save(tmp_path / "code", force=False)
     found.save(tmp_path / "code")
@@ -404,7 +460,6 @@ def test_the_folder_is_not_overwritten_unless_forced(tmp_path):
 
 @SLOW
 def test_the_same_problem_gives_the_same_bytes():
-    assert (
-        dd.export.to_c("paper-switching", period="1/50").files
-        == dd.export.to_c("paper-switching", period="1/50").files
-    )
+    first = dd.export.to_c("paper-switching", period="1/50").files
+    again = dd.export.to_c("paper-switching", period="1/50").files
+    assert first == again

@@ -34,9 +34,8 @@ from dobc_design.export import python_script, to_control
 from dobc_design.export.c_controller import make_controller
 from dobc_design.problem.changes import problem_text
 
-PROBLEMS = {
-    each.name: each for each in (double_integrators(), three_states(), pendulums(), resonators())
-}
+examples = (double_integrators(), three_states(), pendulums(), resonators())
+PROBLEMS = {each.name: each for each in examples}
 TIGHT = {"method": "DOP853", "rtol": 1e-10, "atol": 1e-12}
 SLOW = pytest.mark.slow
 
@@ -61,10 +60,13 @@ def test_python_control_reproduces_the_trajectory(name, tmp_path):
     alone = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(alone)
     rng = np.random.default_rng(1)
-    at = (0, rng.standard_normal(system.nstates), rng.standard_normal(inputs))
+    state = rng.standard_normal(system.nstates)
+    at = (0, state, rng.standard_normal(inputs))
     other = alone.make_system(next(iter(problem.network.modes)))
     np.testing.assert_allclose(other.dynamics(*at), system.dynamics(*at), atol=1e-10)
-    np.testing.assert_allclose(other.output(*at), system.output(*at), atol=1e-10)
+    found_output = other.output(*at)
+    wanted_output = system.output(*at)
+    np.testing.assert_allclose(found_output, wanted_output, atol=1e-10)
 
 
 @pytest.mark.parametrize("name", ["carts", "plants"])
@@ -82,8 +84,10 @@ def test_observer_of_one_agent_is_a_linear_system(name):
     z_dot, _, dhat = (np.asarray(each).reshape(n, -1) for each in found)
     for i in range(n):  # at the goal no agent feels a coupling
         both = np.concatenate([goal[i], u[i]])
-        np.testing.assert_allclose(observer.A @ z[i] + observer.B @ both, z_dot[i], atol=1e-10)
-        np.testing.assert_allclose(observer.C @ z[i] + observer.D @ both, dhat[i], atol=1e-10)
+        moved = observer.A @ z[i]
+        np.testing.assert_allclose(moved + observer.B @ both, z_dot[i], atol=1e-10)
+        seen = observer.C @ z[i]
+        np.testing.assert_allclose(seen + observer.D @ both, dhat[i], atol=1e-10)
     assert to_control(PROBLEMS["pendulums"]).observer is None
 
 
@@ -92,7 +96,8 @@ def test_observer_of_one_agent_is_a_linear_system(name):
 )
 def test_leaders_and_inequalities_are_refused_before_anything_is_written(options, tmp_path):
     """One error that names [leader], with f as with A, or [dynamics]."""
-    problem = PROBLEMS["pendulums"].replace(target=[0, 0], leader={"initial": [1, 0]})
+    leader = {"initial": [1, 0]}
+    problem = PROBLEMS["pendulums"].replace(target=[0, 0], leader=leader)
     (tmp_path / "own.toml").write_text(problem_text(problem), encoding="utf-8")
     target = tmp_path / "target"
     first, *others = options
@@ -111,8 +116,12 @@ def test_what_is_not_known_for_dynamics_is_refused():
 
 def pulls(problem: dd.Problem, data):
     """h'(0) - K by central differences, (n p, n m)."""
-    units, e = np.eye(problem.n * problem.m).reshape(-1, problem.n, problem.m), 1e-6
-    felt_by = [(felt(problem, e * x) - felt(problem, -e * x)).ravel() / (2 * e) for x in units]
+    units_of_all = np.eye(problem.n * problem.m)
+    units = units_of_all.reshape(-1, problem.n, problem.m)
+    e = 1e-6
+    felt_by = []
+    for x in units:
+        felt_by.append((felt(problem, e * x) - felt(problem, -e * x)).ravel() / (2 * e))
     return np.array(felt_by).T - block_diag(*data["K"])
 
 
@@ -120,13 +129,16 @@ def pulls(problem: dd.Problem, data):
 def test_matrices_are_those_of_theory(name):
     """Lambda = J + J' of e' = (I (x) A_x) e + (I (x) B) (h(e) - K e), K (n p, n m)."""
     problem = PROBLEMS[name]
-    found, data = dd.export.to_numpy(problem), matrices(problem)
+    found = dd.export.to_numpy(problem)
+    data = matrices(problem)
     n = problem.n
     np.testing.assert_allclose(found["Ax"], data["A"], atol=1e-12)
     np.testing.assert_array_equal(found["B"], data["B"])
     np.testing.assert_array_equal(found["K"], block_diag(*data["K"]))
     one = np.eye(n)
-    J = np.kron(one, data["A"]) + np.kron(one, data["B"]) @ pulls(problem, data)
+    alone = np.kron(one, data["A"])
+    pulled_by_all = np.kron(one, data["B"]) @ pulls(problem, data)
+    J = alone + pulled_by_all
     np.testing.assert_allclose(found["Lambda"], J + J.T, atol=1e-6)
     certificate = dd.Certificate(problem=problem, claims=consensus_claims(problem))
     assert "A_x" in dd.export.to_latex(certificate)
@@ -136,20 +148,31 @@ def test_matrices_are_those_of_theory(name):
 def test_diagnostics_and_searches_are_those_of_the_errors():
     """Eigenvalues of the linearised loop; the graph is that of the pins that are given."""
     problem = PROBLEMS["plants"]
-    own, data = dd.analyse(problem), matrices(problem)
+    own = dd.analyse(problem)
+    data = matrices(problem)
     pulled = [-data["B"] @ K for K in data["K"]]
     steps = 1e-6 * np.eye(9)
-    columns = [felt(problem, (step.reshape(3, 3))).ravel() / 1e-6 for step in steps]
-    loop = np.kron(np.eye(3), data["A"]) + block_diag(*pulled)
-    loop += np.kron(np.eye(3), data["B"]) @ np.array(columns).T
+    columns = []
+    for step in steps:
+        columns.append(felt(problem, (step.reshape(3, 3))).ravel() / 1e-6)
+    free = np.kron(np.eye(3), data["A"])
+    loop = free + block_diag(*pulled)
+    input_matrix = np.kron(np.eye(3), data["B"])
+    felt_columns = np.array(columns).T
+    loop += input_matrix @ felt_columns
     found = np.poly(own.modes[0].loop_eigenvalues)
-    assert found == pytest.approx(np.poly(np.linalg.eigvals(loop)), rel=1e-5)
-    F = data["S"] - data["W"] @ data["B"] @ data["C"]
-    assert np.poly(own.spectrum.eigenvalues) == pytest.approx(np.poly(F))
-    nothing = dd.Network.from_arcs([], arrow="listens_to", agents=["a", "b", "c"])
+    wanted = np.poly(np.linalg.eigvals(loop))
+    assert found == pytest.approx(wanted, rel=1e-5)
+    injection = data["W"] @ data["B"]
+    F = data["S"] - injection @ data["C"]
+    coefficients = np.poly(own.spectrum.eigenvalues)
+    assert coefficients == pytest.approx(np.poly(F))
+    labels = ["a", "b", "c"]
+    nothing = dd.Network.from_arcs([], arrow="listens_to", agents=labels)
     lonely = problem.replace(network=nothing)
     assert dd.analyse(lonely).graphs[0].unreached == ("b", "c")
-    pair = dd.Network.from_arcs([["b", "a"]], arrow="listens_to", agents=["a", "b"])
+    arcs = [["b", "a"]]
+    pair = dd.Network.from_arcs(arcs, arrow="listens_to", agents=["a", "b"])
     cubic = dd.Dynamics(f=["-x**3 - x/2"])
     bent = dd.Problem(network=pair, dynamics=cubic, coupling="y", gains={"a": 3})
     assert not dd.falsify(bent, runs=3).suspects
@@ -167,22 +190,35 @@ def in_c(problem: dd.Problem, run, agents: CompiledAgents, period: float):
     data, own = matrices(problem), drift(problem)
     A, B, C, S = (data[name] for name in ("A", "B", "C", "S"))
     m, p = B.shape
-    block = np.zeros((m + p + len(S), m + p + len(S)))
-    block[:m], block[m + p :, m + p :] = np.hstack([A, B, B @ C]), S
-    flow, x, xi, found = expm(block * period), run.x[0], run.xi[0], []
+    size = m + p + len(S)
+    block = np.zeros((size, size))
+    upper = np.hstack([A, B, B @ C])
+    block[:m], block[m + p :, m + p :] = upper, S
+    flow = expm(block * period)
+    x = run.x[0]
+    xi = run.xi[0]
+    found = []
     for _ in run.times:
         u, v, dhat = agents(0, x)
         found.append((x, u, dhat))
-        state, before = np.hstack([x, v, xi]) @ flow.T, (x, xi)
-        x, xi = state[:, :m], state[:, m + p :]
+        state = np.hstack([x, v, xi]) @ flow.T
+        before = (x, xi)
+        x = state[:, :m]
+        xi = state[:, m + p :]
         if problem.dynamics.f:
 
             def slope(time: float, x, v=v, xi=before[1]):
                 x = x.reshape(-1, m)
-                return (own(x) + (v + xi @ expm(S * time).T @ C.T) @ B.T).ravel()
+                acts = v + xi @ expm(S * time).T @ C.T
+                return (own(x) + acts @ B.T).ravel()
 
-            x = solve_ivp(slope, (0, period), before[0].ravel(), **TIGHT).y[:, -1].reshape(-1, m)
-    return [np.array(part) for part in zip(*found, strict=True)]
+            flowed = solve_ivp(slope, (0, period), before[0].ravel(), **TIGHT)
+            solution = flowed.y[:, -1]
+            x = solution.reshape(-1, m)
+    arrays = []
+    for part in zip(*found, strict=True):
+        arrays.append(np.array(part))
+    return arrays
 
 
 @SLOW
@@ -200,11 +236,15 @@ def test_agents_in_c_are_the_sampled_loop_and_that_is_the_loop_but_for_its_perio
         free = run()
         agents = compiled(problem, tmp_path, period)
         found = in_c(problem, sampled, agents, period)
-        for part, wanted in zip(found, (sampled.x, sampled.u, sampled.dhat), strict=True):
+        wanted_parts = (sampled.x, sampled.u, sampled.dhat)
+        for part, wanted in zip(found, wanted_parts, strict=True):
             allowed = 1e-7 if problem.dynamics.f else 1e-12
-            assert np.abs(part - wanted).max() <= allowed * max(1.0, np.abs(wanted).max())
+            difference = np.abs(part - wanted).max()
+            tolerance = allowed * max(1.0, np.abs(wanted).max())
+            assert difference <= tolerance
         agents.library.start()
-        rounding = 1e-12 * max(1.0, np.abs(sampled.u).max())
+        largest = np.abs(sampled.u).max()
+        rounding = 1e-12 * max(1.0, largest)
         for x, u, dhat in zip(sampled.x, sampled.u, sampled.dhat, strict=True):
             np.testing.assert_allclose(agents(0, x)[::2], [u, dhat], atol=rounding)
         apart.append(np.abs(found[0] - free.x).max())
@@ -243,7 +283,8 @@ def test_code_passes_its_own_vectors_and_claims_what_is_proved(name, precision, 
     assert code.tolerance <= (1e-9 if precision == "double" else 1e-1)
     kinds = {each.kind: each.verdict.value for each in code.statements}
     assert kinds == wanted
-    told = " ".join(code.files["README.txt"].decode().split())
+    readme = code.files["README.txt"].decode()
+    told = " ".join(readme.split())
     bends = problem.dynamics.f is not None
     assert ("is held, an error of second order in the period" in told) is bends
     assert "no check `sampling` is for agents with dynamics" in told
@@ -263,11 +304,14 @@ def test_the_longest_period_is_that_of_the_eigenvalues(name):
     m, p = data["B"].shape
     pull = pulls(problem, data)
     block = np.zeros((m + p, m + p))
-    block[:m] = np.hstack([data["A"], data["B"]])
+    top = [data["A"], data["B"]]
+    block[:m] = np.hstack(top)
 
     def radius(period: float) -> float:
         flow = expm(block * period)[:m]
-        whole = np.kron(one, flow[:, :m]) + np.kron(one, flow[:, m:]) @ pull
+        alone = np.kron(one, flow[:, :m])
+        fed_back = np.kron(one, flow[:, m:]) @ pull
+        whole = alone + fed_back
         return np.abs(np.linalg.eigvals(whole)).max()
 
     limit = brentq(lambda period: radius(period) - 1, 0.05, 2.0)
@@ -278,13 +322,15 @@ def test_the_longest_period_is_that_of_the_eigenvalues(name):
     assert "without a disturbance" in network.text
     with pytest.raises(SpecError, match="outside the unit disk") as caught:
         make_controller(bare, period=f"{1.001 * limit:.6f}")
-    named = float(caught.value.cure.split("--period ")[1].rstrip("."))
+    proposed = caught.value.cure.split("--period ")[1]
+    named = float(proposed.rstrip("."))
     assert 0.9 * limit < named <= limit
 
 
 def error_matrix(code):
     """Ad - L Cd of the numbers in the code."""
-    return to_float(code.Ad) - to_float(code.L) @ to_float(code.Cd)
+    injection = to_float(code.L) @ to_float(code.Cd)
+    return to_float(code.Ad) - injection
 
 
 def test_the_error_of_the_sampled_observer_obeys_its_matrix():
@@ -296,7 +342,8 @@ def test_the_error_of_the_sampled_observer_obeys_its_matrix():
         stress = dd.Stress(period=1 / 4, saturation=0.3)
         run = dd.simulate(problem, t_final=times[-1], samples=times, stress=stress)
         eps = run.xi - run.xihat
-        np.testing.assert_allclose(eps[1:], eps[:-1] @ error_matrix(code).T, atol=1e-12)
+        following = eps[:-1] @ error_matrix(code).T
+        np.testing.assert_allclose(eps[1:], following, atol=1e-12)
         assert np.abs(eps[0]).max() > 0.1
 
 
@@ -307,13 +354,15 @@ def test_what_the_observer_leaves_out_of_f_is_of_second_order_in_the_period_and_
 
     def left_out(period: float, part: float) -> float:
         code = make_controller(problem, period=str(period))
-        start = {"x": [part, -part / 2], "xi": [part, 0]}
+        states = [part, -part / 2]
+        start = {"x": states, "xi": [part, 0]}
         stress = dd.Stress(period=period)
         run = dd.simulate(
             problem, t_final=period, samples=2, start=start, stress=stress, tolerance=1e-12
         )
         eps = run.xi - run.xihat
-        return np.abs(eps[1] - eps[0] @ error_matrix(code).T).max()
+        missed = eps[1] - eps[0] @ error_matrix(code).T
+        return np.abs(missed).max()
 
     whole = left_out(0.02, 0.002)
     assert 3.7 < whole / left_out(0.01, 0.002) < 4.3
@@ -325,7 +374,8 @@ def test_a_loop_that_leaves_in_continuous_time_too_is_refused_at_once():
     is."""
     alone = dd.Network.from_arcs([], arrow="listens_to", agents=["a"])
     cubic = dd.Dynamics(f=["x**3 - x/2"])
-    problem = dd.Problem(network=alone, dynamics=cubic, coupling="y", simulation={"x0": [3]})
+    simulation = {"x0": [3]}
+    problem = dd.Problem(network=alone, dynamics=cubic, coupling="y", simulation=simulation)
     with pytest.raises(SpecError, match="although nothing is sampled: no period helps") as caught:
         dd.export.to_c(problem, period="1/20")
     assert caught.value.key == "simulation"
@@ -335,12 +385,15 @@ def test_a_loop_that_leaves_in_continuous_time_too_is_refused_at_once():
 def test_where_f_is_undefined_the_estimate_stays(tmp_path):
     """x' = -log(1 + x) + u + d, measured at -2 once: the sample after it tells nothing, the next
     one does."""
+    dynamics = dd.Dynamics(f=["-log(1 + x)"])
+    exosystem = dd.Exosystem(A=[[0]], C=[[1]])
+    observer = dd.Observer(W=[[2]])
     problem = PROBLEMS["carts"].replace(
-        dynamics=dd.Dynamics(f=["-log(1 + x)"]),
+        dynamics=dynamics,
         coupling="y",
         gains={"a": 2},
-        exosystem=dd.Exosystem(A=[[0]], C=[[1]]),
-        observer=dd.Observer(W=[[2]]),
+        exosystem=exosystem,
+        observer=observer,
         target=0,
         simulation=None,
     )
@@ -374,13 +427,17 @@ def test_an_fmu_answers_like_the_loop(name, m, p, tmp_path):
     library = ctypes.CDLL(str(next(tmp_path.glob("binaries/*/dobc_agent.*"))))
     make = library.fmi3InstantiateCoSimulation
     make.restype = ctypes.c_void_p
-    none, no, zero = ctypes.c_void_p(), ctypes.c_bool(False), ctypes.c_size_t(0)
+    none = ctypes.c_void_p()
+    no = ctypes.c_bool(False)
+    zero = ctypes.c_size_t(0)
     token = told.get("instantiationToken").encode()
-    own = ctypes.c_void_p(make(b"a", token, b"", no, no, no, no, none, zero, none, none, none))
+    instance = make(b"a", token, b"", no, no, no, no, none, zero, none, none, none)
+    own = ctypes.c_void_p(instance)
     library.fmi3EnterInitializationMode(
         own, no, ctypes.c_double(0), ctypes.c_double(0), no, ctypes.c_double(0)
     )
-    flag, last = ctypes.byref(ctypes.c_bool()), ctypes.byref(ctypes.c_double())
+    flag = ctypes.byref(ctypes.c_bool())
+    last = ctypes.byref(ctypes.c_double())
 
     def moved(call, names, values):
         references = (ctypes.c_uint32 * len(names))(*map(numbers.get, names))
@@ -391,8 +448,10 @@ def test_an_fmu_answers_like_the_loop(name, m, p, tmp_path):
 
     for k, time in enumerate(times):
         y = run.x[k] - run.goal
-        moved(library.fmi3SetFloat64, inputs, [*run.x[k, 0], *y[1]])
-        now, step = ctypes.c_double(time), ctypes.c_double(period)
+        inputs_now = [*run.x[k, 0], *y[1]]
+        moved(library.fmi3SetFloat64, inputs, inputs_now)
+        now = ctypes.c_double(time)
+        step = ctypes.c_double(period)
         assert library.fmi3DoStep(own, now, step, no, flag, flag, flag, last) == 0
         found = moved(library.fmi3GetFloat64, outputs, [0.0] * len(outputs))
         np.testing.assert_allclose(found, [*run.u[k, 0], *run.dhat[k, 0], *y[0]], atol=1e-11)

@@ -19,8 +19,9 @@ from dobc_design.export import fmu
 from dobc_design.export.c_text import template
 
 pytestmark = pytest.mark.usefixtures("recorded_briefly")
+no_compiler = not any(map(shutil.which, fmu.COMPILERS))
 needs_compiler = pytest.mark.skipif(
-    not any(map(shutil.which, fmu.COMPILERS)),
+    no_compiler,
     reason="no C compiler is installed (Debian: apt install gcc)",
 )
 
@@ -33,17 +34,16 @@ def fmpy():
 
 def moving() -> Problem:
     """m = 2, two modes that alternate, labels that XML has to escape."""
+    modes = {"one": [["<a>", "b&"], ["b&", 'c"']], "two": [["<a>", 'c"'], ["b&", "<a>"]]}
+    network = Network.from_arcs(modes, arrow="listens_to", agents=["<a>", "b&", 'c"'])
+    exosystem = Exosystem(A=[[0, 1, 0], [-1, 0, 0], [0, 0, 0]], C=[[1, 0, 1], [0, 1, 0]])
     return Problem(
-        network=Network.from_arcs(
-            {"one": [["<a>", "b&"], ["b&", 'c"']], "two": [["<a>", 'c"'], ["b&", "<a>"]]},
-            arrow="listens_to",
-            agents=["<a>", "b&", 'c"'],
-        ),
+        network=network,
         coupling="2*tanh(y)",
         target=[1, -2],
         gains={"<a>": 1, 'c"': 2},
         offsets={"<a>": [1, 0]},
-        exosystem=Exosystem(A=[[0, 1, 0], [-1, 0, 0], [0, 0, 0]], C=[[1, 0, 1], [0, 1, 0]]),
+        exosystem=exosystem,
         observer=Observer(W=[[2, 0], [0, 2], [1, 0]]),
         name="<moving> & 'more'",
     )
@@ -55,18 +55,15 @@ def simulated(
     """FMPy's answer and the loop's, at the samples."""
     count = round(seconds / period)
     times = [k * period for k in range(count + 1)]
-    run = dd.simulate(
-        problem, t_final=times[-1], samples=times, signal=signal, stress=dd.Stress(period=period)
-    )
+    sampled = dd.Stress(period=period)
+    run = dd.simulate(problem, t_final=times[-1], samples=times, signal=signal, stress=sampled)
     made = dd.export.to_fmu(problem, period=repr(period), agent=agent)
     made.save(path)
     index = problem.network.labels.index(agent)
     found = fmpy().read_model_description(str(path))
     inputs = [each.name for each in found.modelVariables if each.causality == "input"]
-    table = np.zeros(
-        count + 1,
-        dtype=[("time", float), *((name, int if name == "mode" else float) for name in inputs)],
-    )
+    columns = [("time", float), *((name, int if name == "mode" else float) for name in inputs)]
+    table = np.zeros(count + 1, dtype=columns)
     table["time"] = times
     if run.switches is not None:
         table["mode"] = run.switches.at(run.times)
@@ -98,10 +95,15 @@ def test_fmpy_simulates_the_agent_equal_to_the_loop_for_10_s(tmp_path):
     )
     assert len(answer) == 201
     for name in ("u", "dhat"):
-        assert np.abs(answer[name][1:] - getattr(run, name)[:-1, index, 0]).max() <= 1e-6
-    assert np.abs(answer["u"][0] - run.u[0, index, 0]) <= 1e-6
-    assert np.abs(answer["v"] - answer["u"]).max() > 1
-    assert np.abs(np.diff(answer["dhat"])).max() > 1e-3
+        found = answer[name][1:]
+        expected = getattr(run, name)[:-1, index, 0]
+        assert np.abs(found - expected).max() <= 1e-6
+    difference = answer["u"][0] - run.u[0, index, 0]
+    assert np.abs(difference) <= 1e-6
+    saturated = answer["v"] - answer["u"]
+    assert np.abs(saturated).max() > 1
+    changes = np.diff(answer["dhat"])
+    assert np.abs(changes).max() > 1e-3
 
 
 @pytest.mark.slow
@@ -115,24 +117,24 @@ def test_an_agent_with_two_components_follows_the_switches(tmp_path):
     assert len(run.switches) == 8
     for c in (0, 1):
         for name in ("u", "dhat"):
-            found, wanted = answer[f"{name}[{c + 1}]"][1:], getattr(run, name)[:-1, index, c]
+            found_part = answer[f"{name}[{c + 1}]"][1:]
+            found = found_part
+            wanted = getattr(run, name)[:-1, index, c]
             assert np.abs(found - wanted).max() <= 1e-6
-        assert (
-            np.abs(answer[f"y[{c + 1}]"][1:-1] - (run.x[:-2, index, c] - run.goal[index, c])).max()
-            <= 1e-6
-        )
+        missed = answer[f"y[{c + 1}]"][1:-1] - (run.x[:-2, index, c] - run.goal[index, c])
+        assert np.abs(missed).max() <= 1e-6
 
 
 @pytest.mark.slow
 @needs_compiler
 def test_fmpy_finds_nothing_to_complain_of(tmp_path):
-    validation = (
-        fmpy().validation
-        if hasattr(fmpy(), "validation")
-        else pytest.importorskip("fmpy.validation")
-    )
-    for problem, agent in ((dd.load_problem("paper-switching"), "1"), (moving(), 'c"')):
-        dd.export.to_fmu(problem, period="1/50", agent=agent).save(tmp_path / "agent.fmu")
+    has_validation = hasattr(fmpy(), "validation")
+    validation = fmpy().validation if has_validation else pytest.importorskip("fmpy.validation")
+    of_the_paper = (dd.load_problem("paper-switching"), "1")
+    of_three = (moving(), 'c"')
+    for problem, agent in (of_the_paper, of_three):
+        archive = dd.export.to_fmu(problem, period="1/50", agent=agent)
+        archive.save(tmp_path / "agent.fmu")
         assert validation.validate_fmu(str(tmp_path / "agent.fmu")) == []
 
 
@@ -156,7 +158,8 @@ def test_the_sources_compile_without_a_warning(tmp_path):
 def test_a_step_of_several_periods_takes_all_samples_in_it_and_a_state_can_be_restored(tmp_path):
     """Three steps of one period and one of three give the same; after a restore the same step gives
     the same."""
-    path = dd.export.to_fmu("paper-fixed", period="1/20", agent="1").save(tmp_path / "agent.fmu")
+    archive = dd.export.to_fmu("paper-fixed", period="1/20", agent="1")
+    path = archive.save(tmp_path / "agent.fmu")
     fmi3 = pytest.importorskip(
         "fmpy.fmi3", reason='FMPy is not installed: pip install "dobc_design[fmu]"'
     )
@@ -178,7 +181,8 @@ def test_a_step_of_several_periods_takes_all_samples_in_it_and_a_state_can_be_re
         return slave
 
     def read(slave) -> list[float]:
-        return list(slave.getFloat64([numbers[name] for name in ("u", "v", "dhat")]))
+        values = [numbers[name] for name in ("u", "v", "dhat")]
+        return list(slave.getFloat64(values))
 
     first, second = begun(), begun()
     for k in range(3):
@@ -206,48 +210,49 @@ def test_bad_inputs_are_skipped_as_the_c_code_skips_them(tmp_path):
     made = dd.export.to_fmu("paper-fixed", period="1/20", agent="1")
     with zipfile.ZipFile(io.BytesIO(made.data)) as archive:
         archive.extractall(tmp_path)
-    token = (
-        ElementTree.parse(tmp_path / "modelDescription.xml")
-        .getroot()
-        .get("instantiationToken")
-        .encode()
-    )
+    description = ElementTree.parse(tmp_path / "modelDescription.xml").getroot()
+    token = description.get("instantiationToken").encode()
     (library,) = (tmp_path / "binaries").glob("*/dobc_agent.*")
     fmi = ctypes.CDLL(str(library))
     fmi.fmi3InstantiateCoSimulation.restype = ctypes.c_void_p
-    own = ctypes.c_void_p(fmi.fmi3InstantiateCoSimulation(b"a", token, *[None] * 10))
+    instance = fmi.fmi3InstantiateCoSimulation(b"a", token, *[None] * 10)
+    own = ctypes.c_void_p(instance)
     fmi.fmi3EnterInitializationMode(
         own, 0, ctypes.c_double(0), ctypes.c_double(0), 0, ctypes.c_double(0)
     )
 
-    subprocess.run(
-        ["cc", "-std=c99", "-O2", "-shared", "-fPIC", "dobc_agent.c", "-o", "plain.so", "-lm"],
-        cwd=tmp_path / "sources",
-        check=True,
-    )
+    command = ["cc", "-std=c99", "-O2", "-shared", "-fPIC", "dobc_agent.c", "-o", "plain.so", "-lm"]
+    subprocess.run(command, cwd=tmp_path / "sources", check=True)
     plain = ctypes.CDLL(str(tmp_path / "sources" / "plain.so"))
     agent = ctypes.create_string_buffer(1 << 16)
-    plain.dobc_init(agent, ctypes.byref(ctypes.c_char.in_dll(plain, "dobc_agents")))
+    memory = ctypes.c_char.in_dll(plain, "dobc_agents")
+    plain.dobc_init(agent, ctypes.byref(memory))
 
     references = (ctypes.c_uint * 2)(2, 7)  # x, heard[2]
     nan, inf = float("nan"), float("inf")
     answers = []
-    for k, (x, packet) in enumerate([(3.0, 1.5), (nan, 1.4), (2.8, nan), (inf, -inf), (2.7, 1.2)]):
+    samples = [(3.0, 1.5), (nan, 1.4), (2.8, nan), (inf, -inf), (2.7, 1.2)]
+    for k, (x, packet) in enumerate(samples):
         values = (ctypes.c_double * 2)(x, packet)
-        assert (
-            fmi.fmi3SetFloat64(own, references, ctypes.c_size_t(2), values, ctypes.c_size_t(2)) == 0
-        )
-        step = (ctypes.c_double(k / 20), ctypes.c_double(0.05), 1)
-        outcome = [ctypes.byref(ctypes.c_bool()) for _ in range(3)]
-        assert fmi.fmi3DoStep(own, *step, *outcome, ctypes.byref(ctypes.c_double())) == 0
+        status = fmi.fmi3SetFloat64(own, references, ctypes.c_size_t(2), values, ctypes.c_size_t(2))
+        assert status == 0
+        now = ctypes.c_double(k / 20)
+        step = (now, ctypes.c_double(0.05), 1)
+        outcome = []
+        for _ in range(3):
+            outcome.append(ctypes.byref(ctypes.c_bool()))
+        last = ctypes.byref(ctypes.c_double())
+        assert fmi.fmi3DoStep(own, *step, *outcome, last) == 0
         wanted = (ctypes.c_uint * 3)(4, 5, 6)  # u, v, dhat
         found = (ctypes.c_double * 3)()
         assert fmi.fmi3GetFloat64(own, wanted, ctypes.c_size_t(3), found, ctypes.c_size_t(3)) == 0
-        heard = plain.dobc_receive(agent, 0, (ctypes.c_double * 1)(packet))
+        packets = (ctypes.c_double * 1)(packet)
+        heard = plain.dobc_receive(agent, 0, packets)
         assert heard == (0 if abs(packet) < inf else -1)
         output = (ctypes.c_double * 4)()  # felt, dhat, u, v
         plain.dobc_step(agent, (ctypes.c_double * 1)(x), output)
-        assert list(found) == [output[2], output[3], output[1]]
+        shown = [output[2], output[3], output[1]]
+        assert list(found) == shown
         assert np.isfinite(list(found)).all()
         answers.append(tuple(found))
     assert len(set(answers)) == len(answers)
@@ -256,13 +261,17 @@ def test_bad_inputs_are_skipped_as_the_c_code_skips_them(tmp_path):
 
 def test_every_function_of_the_standard_is_there():
     """FMI 3.0 names 84 functions besides the version; those not served answer with an error."""
-    agent = (Path(fmu.__file__).parent / "templates" / "fmi3_agent.c").read_text("utf-8")
+    templates = Path(fmu.__file__).parent / "templates"
+    agent = (templates / "fmi3_agent.c").read_text("utf-8")
     served = set(re.findall(r"FMI3_EXPORT [^(]*?\bfmi3(\w+)\(", agent))
     types = (
         "Float32 Float64 Int8 UInt8 Int16 UInt16 Int32 UInt32 Int64 UInt64 Boolean String "
         "Binary Clock"
     )
-    kinds = [f"{verb}{kind}" for kind in types.split(" ") for verb in ("Get", "Set")]
+    kinds = []
+    for kind in types.split(" "):
+        for verb in ("Get", "Set"):
+            kinds.append(f"{verb}{kind}")
     stubbed = set(re.findall(r"\bfmi3(\w+)\(fmi3", template("fmi3_stubs.c.j2").render()))
     assert set(kinds) <= served | stubbed
     assert not served & stubbed

@@ -41,7 +41,8 @@ int main(void)
 
 
 def exported(problem: dd.Problem, precision: str = "double") -> dict[str, bytes]:
-    return dict(dd.export.to_c(problem, period="1/50", precision=precision).files)
+    code = dd.export.to_c(problem, period="1/50", precision=precision)
+    return dict(code.files)
 
 
 @cache
@@ -52,7 +53,9 @@ def plain_files() -> dict[str, bytes]:
 @pytest.mark.parametrize("limit", [None, {}])
 def test_without_limits_the_files_are_as_they_were(limit: object):
     plain = load_problem("paper-fixed")
-    assert exported(plain.replace(actuators={"limit": limit, "amplitude": 1})) == plain_files()
+    table = {"limit": limit, "amplitude": 1}
+    changed = plain.replace(actuators=table)
+    assert exported(changed) == plain_files()
 
 
 def test_a_limit_beyond_all_doubles_is_refused():
@@ -63,10 +66,10 @@ def test_a_limit_beyond_all_doubles_is_refused():
 @needs_gcc
 def test_a_larger_input_is_cut_off_and_counted_and_one_at_the_limit_is_not(tmp_path):
     """Agents 1 and 2, with the same gain."""
-    network, limits = (
-        dd.Network.from_arcs([[2, 1]], arrow="listens_to", agents=2),
-        {"limit": {"1": "4.99", "2": "5"}},
-    )
+    arcs = [[2, 1]]
+    limits_table = {"limit": {"1": "4.99", "2": "5"}}
+    network = dd.Network.from_arcs(arcs, arrow="listens_to", agents=2)
+    limits = limits_table
     problem = dd.Problem(network=network, coupling="y", target=1, gains=5, actuators=limits)
     write_all(exported(problem), tmp_path)
     (tmp_path / "main.c").write_text(COUNT)
@@ -89,23 +92,24 @@ def test_the_loop_is_that_of_code_without_limits_whose_inputs_are_cut_off_outsid
 ):
     """The oracle cuts u off itself and tells the observer by dobc_applied; two components, matrix
     gains, two modes."""
-    problem, limit, rng = planar(), 1.5, np.random.default_rng(7)
+    problem = planar()
+    limit = 1.5
+    rng = np.random.default_rng(7)
+    inside_case = ("inside", problem.replace(actuators={"limit": "3/2"}))
     agents = [
         CompiledAgents(exported(each, precision), tmp_path / name, n=problem.n, m=problem.m)
         for name, each in (
-            ("inside", problem.replace(actuators={"limit": "3/2"})),
+            inside_case,
             ("outside", problem),
         )
     ]
     largest = 0.0
     for k in range(200):
-        x = (
-            np.array(problem.target, dtype=float)
-            + rng.normal(size=(problem.n, problem.m)) * 0.98**k
-        )
-        (inside, outside) = (
-            each(k // 50 % 2, x, limit=own) for each, own in zip(agents, (0.0, limit), strict=True)
-        )
+        shape = (problem.n, problem.m)
+        noise = rng.normal(size=shape) * 0.98**k
+        x = np.array(problem.target, dtype=float) + noise
+        both = zip(agents, (0.0, limit), strict=True)
+        (inside, outside) = (each(k // 50 % 2, x, limit=own) for each, own in both)
         for one, other in zip(inside, outside, strict=True):
             np.testing.assert_array_equal(one, other)
         largest = max(largest, np.abs(inside[0]).max())
@@ -119,10 +123,12 @@ def test_the_loop_is_that_of_code_without_limits_whose_inputs_are_cut_off_outsid
 def test_the_test_vectors_are_those_of_the_limited_loop_and_the_files_name_the_limit(
     limit, precision: str, tmp_path
 ):
-    files = exported(load_problem("paper-fixed").replace(actuators={"limit": limit}), precision)
+    limited = load_problem("paper-fixed").replace(actuators={"limit": limit})
+    files = exported(limited, precision)
     done = compile_and_test(write_all(files, tmp_path))
     assert done.returncode == 0, done.stdout
-    u = np.loadtxt(tmp_path / "vectors.csv", delimiter=",", skiprows=1)[:, -3]
+    table = np.loadtxt(tmp_path / "vectors.csv", delimiter=",", skiprows=1)
+    u = table[:, -3]
     assert np.abs(u).max() == 5
     named = "5." if limit == "5" else "5 (agent 1), 8 (agent 6)."
     assert f"of every component of u: {named}" in files["dobc_agent.h"].decode()

@@ -14,16 +14,15 @@ from dobc_design.export.matrices import sdpa_text
 
 def planar() -> Problem:
     """m = 2, two modes, a matrix gain, a formation, h as a list."""
+    modes = {"one": [["a", "b"], ["b", "c", "1/4"]], "two": [["a", "c", 2]]}
+    network = Network.from_arcs(modes, arrow="listens_to", agents=["a", "b", "c"])
+    exosystem = Exosystem(A=[[0, 1], [-1, 0]], C=[[1, 0], [0, 1]])
     return Problem(
-        network=Network.from_arcs(
-            {"one": [["a", "b"], ["b", "c", "1/4"]], "two": [["a", "c", 2]]},
-            arrow="listens_to",
-            agents=["a", "b", "c"],
-        ),
+        network=network,
         coupling=["2*y1 + y2", "y2**3 + y2"],
         target=[1, -2],
         gains={"a": 3, "c": [[2, 1], [-1, 2]]},
-        exosystem=Exosystem(A=[[0, 1], [-1, 0]], C=[[1, 0], [0, 1]]),
+        exosystem=exosystem,
         observer=Observer(W=[[2, 0], [0, 2]]),
         offsets={"b": [1, 0]},
         name="planar",
@@ -36,7 +35,8 @@ def test_lambda_is_j_plus_its_transpose_minus_twice_the_gains():
     slope = np.array([[2.0, 1.0], [0.0, 1.0]])
     for mode in ("one", "two"):
         J = -np.kron(found[f"L_{mode}"], slope)
-        np.testing.assert_allclose(found[f"Lambda_{mode}"], J + J.T - found["K"] - found["K"].T)
+        symmetric = J + J.T - found["K"]
+        np.testing.assert_allclose(found[f"Lambda_{mode}"], symmetric - found["K"].T)
         np.testing.assert_allclose(found[f"L_{mode}"].sum(axis=1), 0)
     assert found["L_one"][1, 2] == -0.25
     assert found["xbar"].tolist() == [[1.0], [-2.0]]
@@ -47,16 +47,14 @@ def test_a_certificate_adds_its_pair_and_sympy_keeps_it_exact():
     """Omega0 of paper-fixed for the certificate's own P, Q is negative definite, exactly."""
     certificate = certified("paper-fixed")
     found = dd.export.to_sympy(certificate)
-    omega = (
-        found["P"] * found["A"]
-        + found["A"].T * found["P"]
-        - found["C"].T * found["Q"].T
-        - found["Q"] * found["C"]
-    )
+    lyapunov = found["P"] * found["A"] + found["A"].T * found["P"]
+    omega = lyapunov - found["C"].T * found["Q"].T - found["Q"] * found["C"]
     assert (-omega).is_positive_definite
-    assert found["W"] == sympy.Matrix([[sympy.Rational(16, 5)], [sympy.Rational(12, 5)]])
+    wanted = [[sympy.Rational(16, 5)], [sympy.Rational(12, 5)]]
+    assert found["W"] == sympy.Matrix(wanted)
     y = sympy.Symbol("y", real=True)
-    assert sympy.simplify(found["h"][0] - (sympy.exp(y) - 1 + y)) == 0
+    closed_form = sympy.exp(y) - 1 + y
+    assert sympy.simplify(found["h"][0] - closed_form) == 0
 
 
 def test_latex_holds_every_matrix_by_its_name():
@@ -64,11 +62,9 @@ def test_latex_holds_every_matrix_by_its_name():
     assert text.startswith("\\[ h(y) = e^{y} - 1 + y \\]\n")
     assert r"W = \begin{pmatrix} 3.2 \\ 2.4 \end{pmatrix}" in text
     assert r"\[ \Lambda = \begin{pmatrix}" in text
-    wide = Problem(
-        network=Network.from_arcs([[i, i + 1] for i in range(1, 14)], arrow="listens_to"),
-        coupling="y",
-        gains={"1": 1},
-    )
+    arcs = [[i, i + 1] for i in range(1, 14)]
+    network = Network.from_arcs(arcs, arrow="listens_to")
+    wide = Problem(network=network, coupling="y", gains={"1": 1})
     assert r"\[ L \in \mathbb{R}^{14 \times 14} \]" in dd.export.to_latex(wide)
     assert r"L_{\text{one}}" in dd.export.to_latex(planar())
 
@@ -82,9 +78,9 @@ def test_latex_holds_every_matrix_by_its_name():
     ],
 )
 def test_what_is_too_large_for_its_form_is_refused(write, n, limit):
-    ring = Network.from_arcs(
-        [[i, i % n + 1] for i in range(1, n + 1)], arrow="listens_to", agents=n
-    )
+    agents = range(1, n + 1)
+    arcs = [[i, i % n + 1] for i in agents]
+    ring = Network.from_arcs(arcs, arrow="listens_to", agents=n)
     with pytest.raises(SpecError, match=f"at most {limit}"):
         write(Problem(network=ring, coupling="y", gains={"1": 1}))
 
@@ -93,6 +89,7 @@ def test_casadi_functions_come_by_name():
     loop = dd.export.to_casadi("paper-fixed")
     assert loop.name() == "closed_loop"
     assert loop.size1_in(0) == 10
-    assert dd.export.to_casadi(planar(), "h", mode="two").size1_out(0) == 6
+    function = dd.export.to_casadi(planar(), "h", mode="two")
+    assert function.size1_out(0) == 6
     with pytest.raises(SpecError, match="function must be one of h, jacobian"):
         dd.export.to_casadi("paper-fixed", "loop")

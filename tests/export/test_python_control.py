@@ -42,9 +42,9 @@ def test_python_control_reproduces_the_trajectory(name: str):
         ("dhat", slice(size, 2 * size)),
         ("u", slice(2 * size, 3 * size)),
     ):
-        np.testing.assert_allclose(
-            found.outputs[rows].T, getattr(run, part).reshape(21, size), atol=1e-6
-        )
+        found_part = found.outputs[rows].T
+        wanted = getattr(run, part).reshape(21, size)
+        np.testing.assert_allclose(found_part, wanted, atol=1e-6)
     assert isinstance(system, control.NonlinearIOSystem)
     assert system.nstates == problem.n * (problem.m + 2 * problem.q)
 
@@ -53,13 +53,16 @@ def test_a_switched_loop_follows_the_same_switches():
     """python-control steps across the switches, hence the tolerance."""
     problem = load_problem("paper-switching")
     run = dd.simulate(problem, t_final=1.75, samples=176)
-    assert len({run.switches.names[i] for i in run.switches.at(run.times)}) > 1
+    active = run.switches.at(run.times)
+    modes = {run.switches.names[i] for i in active}
+    assert len(modes) > 1
     found = response(to_control(problem), run)
-    np.testing.assert_allclose(found.outputs[:10].T, run.x[:, :, 0], atol=1e-4)
+    found_states = found.outputs[:10].T
+    states = run.x[:, :, 0]
+    np.testing.assert_allclose(found_states, states, atol=1e-4)
+    found_response = response(to_control(problem, seed=1), run).outputs
     with pytest.raises(AssertionError):
-        np.testing.assert_allclose(
-            response(to_control(problem, seed=1), run).outputs[:10].T, run.x[:, :, 0], atol=1e-2
-        )
+        np.testing.assert_allclose(found_response[:10].T, run.x[:, :, 0], atol=1e-2)
 
 
 def test_states_that_an_integrator_tries_far_away_overflow_without_a_warning(tmp_path):
@@ -67,12 +70,14 @@ def test_states_that_an_integrator_tries_far_away_overflow_without_a_warning(tmp
     problem = load_problem("paper-switching")
     (tmp_path / "loop.py").write_text(python_script(problem), encoding="utf-8")
     mode = list(problem.network.modes)[1]
-    system, loop = to_control(problem, mode=mode), module_of(tmp_path / "loop.py")
+    system = to_control(problem, mode=mode)
+    loop = module_of(tmp_path / "loop.py")
     w = np.zeros(system.ninputs)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         for far in (1e3, 1e200, 1e308):
-            state = far * np.where(np.arange(system.nstates) % 2, 1.0, -1.0)
+            odd = np.arange(system.nstates) % 2
+            state = far * np.where(odd, 1.0, -1.0)
             for found in (system.dynamics(0.0, state, w), loop.derivative(mode, state, w)):
                 assert not np.isfinite(found).all()
             outputs = system.output(0.0, state, w), loop.outputs(state)
@@ -87,7 +92,8 @@ def test_a_function_that_numpy_lacks_is_defined_in_the_file(
     problem = Problem(network=network, coupling="softsign(y)", gains={2: 1})
     (tmp_path / "loop.py").write_text(python_script(problem), encoding="utf-8")
     loop = module_of(tmp_path / "loop.py")
-    found = loop.derivative("G", np.array([1.0, 4.0]), np.zeros(2))
+    start = np.array([1.0, 4.0])
+    found = loop.derivative("G", start, np.zeros(2))
     assert found == pytest.approx([3 / 4, -4.0])
 
 
@@ -97,7 +103,9 @@ def test_the_input_is_a_disturbance_besides_the_modelled_one():
     state = np.linspace(0, 1, 50)
     w = np.zeros(10)
     w[3] = 0.7
-    difference = system.dynamics(0.0, state, w) - system.dynamics(0.0, state, np.zeros(10))
+    disturbed = system.dynamics(0.0, state, w)
+    undisturbed = system.dynamics(0.0, state, np.zeros(10))
+    difference = disturbed - undisturbed
     assert difference[3] == pytest.approx(0.7)
     assert not np.delete(difference, 3).any()
 
@@ -108,34 +116,42 @@ def test_observer_and_exosystem_are_state_spaces_of_one_agent():
     problem = load_problem("paper-fixed")
     system = to_control(problem)
     assert isinstance(system.observer, control.StateSpace)
-    np.testing.assert_allclose(np.sort_complex(system.exosystem.poles()), [-2j, 2j], atol=1e-12)
+    exosystem_poles = np.sort_complex(system.exosystem.poles())
+    np.testing.assert_allclose(exosystem_poles, [-2j, 2j], atol=1e-12)
     poles = np.sort_complex(system.observer.poles())
-    np.testing.assert_allclose(
-        poles, [-1.6 - 0.4j * np.sqrt(39), -1.6 + 0.4j * np.sqrt(39)], atol=1e-12
-    )
+    lower = -1.6 - 0.4j * np.sqrt(39)
+    upper = -1.6 + 0.4j * np.sqrt(39)
+    np.testing.assert_allclose(poles, [lower, upper], atol=1e-12)
     run = simulate(problem, t_final=0.5, samples=2001)
     h = build_model(problem).h
-    felt = np.stack([h(x.ravel() - 1).full().ravel() for x in run.x])
+    felt_rows = [h(x.ravel() - 1).full().ravel() for x in run.x]
+    felt = np.stack(felt_rows)
     v = felt[:, 3] + run.u[:, 3, 0]
-    start = run.xihat[0, 3] - np.array([3.2, 2.4]) * run.x[0, 3, 0]
-    found = control.forced_response(
-        system.observer, run.times, np.stack([run.x[:, 3, 0], v]), start
-    )
+    W = np.array([3.2, 2.4])
+    start = run.xihat[0, 3] - W * run.x[0, 3, 0]
+    own_state = run.x[:, 3, 0]
+    both = np.stack([own_state, v])
+    found = control.forced_response(system.observer, run.times, both, start)
     # Inputs are taken as linear between the samples.
-    np.testing.assert_allclose(found.outputs[0], run.dhat[:, 3, 0], atol=1e-4)
+    dhat = run.dhat[:, 3, 0]
+    np.testing.assert_allclose(found.outputs[0], dhat, atol=1e-4)
     free = control.initial_response(system.exosystem, run.times, run.xi[0, 3])
-    np.testing.assert_allclose(free.outputs.ravel(), run.d[:, 3, 0], atol=1e-8)
+    found_outputs = free.outputs.ravel()
+    d = run.d[:, 3, 0]
+    np.testing.assert_allclose(found_outputs, d, atol=1e-8)
 
 
 def test_without_an_exosystem_there_is_no_observer():
-    problem = Problem(
-        network=Network.from_arcs([[1, 2]], arrow="listens_to"), coupling="y", gains={"2": 1}
-    )
+    network = Network.from_arcs([[1, 2]], arrow="listens_to")
+    problem = Problem(network=network, coupling="y", gains={"2": 1})
     system = to_control(problem)
     assert system.observer is None
     assert system.exosystem is None
-    run = simulate(problem, start=[[3], [1]], t_final=2, samples=21)
-    np.testing.assert_allclose(response(system, run).outputs[:2].T, run.x[:, :, 0], atol=1e-7)
+    start = [[3], [1]]
+    run = simulate(problem, start=start, t_final=2, samples=21)
+    found_response = response(system, run).outputs
+    states = run.x[:, :, 0]
+    np.testing.assert_allclose(found_response[:2].T, states, atol=1e-7)
 
 
 def test_the_facade_designs_a_missing_gain_and_refuses_moving_graphs():
@@ -148,10 +164,13 @@ def test_the_facade_designs_a_missing_gain_and_refuses_moving_graphs():
 def answers(loop, mode: str, state: np.ndarray, w: np.ndarray) -> dict[str, np.ndarray]:
     """What the module of an exported file says in one mode."""
     system = loop.make_system(mode)
+    derivative = system.dynamics(0, state, w)
+    outputs = system.output(0, state, w)
+    start = loop.start(loop.GOALS, None, 1.0)
     return {
-        "derivative": system.dynamics(0, state, w),
-        "outputs": system.output(0, state, w),
-        "start": loop.start(loop.GOALS, None, 1.0),
+        "derivative": derivative,
+        "outputs": outputs,
+        "start": start,
         "poles": loop.make_observer().poles(),
         "exosystem": loop.make_exosystem().A,
     }
@@ -166,9 +185,8 @@ def in_a_process(file: Path, mode: str, state: np.ndarray, w: np.ndarray) -> dic
     script += (
         "np.savez('found.npz', **answers(loop, str(given['mode']), given['state'], given['w']))\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", script], cwd=file.parent, capture_output=True, check=False, text=True
-    )
+    command = [sys.executable, "-c", script]
+    done = subprocess.run(command, cwd=file.parent, capture_output=True, check=False, text=True)
     assert done.returncode == 0, done.stderr
     return dict(np.load(file.with_name("found.npz")))
 
@@ -203,15 +221,15 @@ def test_the_file_alone_gives_the_same_derivatives_and_outputs(name: str, asked,
     mode = list(problem.network.modes)[1]
     system = to_control(problem, mode=mode)
     rng = np.random.default_rng(0)
-    state, w = rng.normal(size=system.nstates), rng.normal(size=system.ninputs)
+    state_drawn = rng.normal(size=system.nstates)
+    state = state_drawn
+    w = rng.normal(size=system.ninputs)
     found = asked(tmp_path / "loop.py", mode, state, w)
-    np.testing.assert_allclose(
-        found["derivative"], system.dynamics(0.0, state, w), rtol=1e-12, atol=1e-12
-    )
-    np.testing.assert_allclose(
-        found["outputs"], system.output(0.0, state, w), rtol=1e-12, atol=1e-12
-    )
-    np.testing.assert_allclose(
-        np.sort_complex(found["poles"]), np.sort_complex(system.observer.poles()), atol=1e-9
-    )
+    derivative = system.dynamics(0.0, state, w)
+    np.testing.assert_allclose(found["derivative"], derivative, rtol=1e-12, atol=1e-12)
+    outputs = system.output(0.0, state, w)
+    np.testing.assert_allclose(found["outputs"], outputs, rtol=1e-12, atol=1e-12)
+    found_poles = np.sort_complex(found["poles"])
+    wanted_poles = np.sort_complex(system.observer.poles())
+    np.testing.assert_allclose(found_poles, wanted_poles, atol=1e-9)
     assert found["start"].shape == state.shape

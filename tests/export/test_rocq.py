@@ -48,47 +48,49 @@ def certificate_of(name):
 def certificate_of_a_ring():
     """That of paper-fixed with four agents: a proof with a rate of all ten keeps the kernel busy
     for long."""
-    ring = Network.from_arcs([[1, 2], [2, 3], [3, 4], [4, 1]], arrow="listens_to")
+    arcs = [[1, 2], [2, 3], [3, 4], [4, 1]]
+    ring = Network.from_arcs(arcs, arrow="listens_to")
     return certify(load_problem("paper-fixed").replace(network=ring, gains={1: 5}))
 
 
 def cycle(n=3, *, gains=2, **more):
-    arcs = [[i, i % n + 1] for i in range(1, n + 1)]
-    return Problem(
-        network=Network.from_arcs(arcs, arrow="listens_to", agents=n), gains=gains, **more
-    )
+    agents = range(1, n + 1)
+    arcs = [[i, i % n + 1] for i in agents]
+    network = Network.from_arcs(arcs, arrow="listens_to", agents=n)
+    return Problem(network=network, gains=gains, **more)
 
 
 def two_modes_of_matrix_gains():
     """No exosystem, m = 2, a coupling between components, weights, a gain that is not symmetric."""
+    modes = {"one": [[1, 2], [2, 3, "1/3"], [3, 1]], "two": [[2, 1], [3, 2, "7/5"]]}
+    network = Network.from_arcs(modes, arrow="listens_to", agents=3)
+    gains = {1: [[9, 1], [-2, 7]], 2: 8, 3: 6}
     return Problem(
-        network=Network.from_arcs(
-            {"one": [[1, 2], [2, 3, "1/3"], [3, 1]], "two": [[2, 1], [3, 2, "7/5"]]},
-            arrow="listens_to",
-            agents=3,
-        ),
+        network=network,
         coupling=["y1 + y2/2", "y2 - y1/2"],
         target=[0, 0],
-        gains={1: [[9, 1], [-2, 7]], 2: 8, 3: 6},
+        gains=gains,
         exceptions={(1, 2): ["2*y1", "3*y2"]},
     )
 
 
 def rational(match):
-    return Fraction(int(match[1]), int(match[2] or 1))
+    numerator = int(match[1])
+    denominator = int(match[2] or 1)
+    return Fraction(numerator, denominator)
 
 
 def factors_in(text, name):
     """[(weight, pivot, {place: factor})] of a list of squares in the file."""
-    body = text.split(f"Definition {name} : list square :=", 1)[1].split("].\n", 1)[0]
+    after = text.split(f"Definition {name} : list square :=", 1)[1]
+    body = after.split("].\n", 1)[0]
     result = []
     for part in re.sub(r"\s+", " ", body).split("Square ")[1:]:
         head = re.match(NUMBER + r" (\d+)", part)
-        terms = {
-            int(t[1]): Fraction(int(t[2]), int(t[3] or 1))
-            for t in re.finditer(r"Term (\d+) " + NUMBER, part)
-        }
-        result.append((rational(head), int(head[3]), terms))
+        found = re.finditer(r"Term (\d+) " + NUMBER, part)
+        terms = {int(t[1]): Fraction(int(t[2]), int(t[3] or 1)) for t in found}
+        degree = int(head[3])
+        result.append((rational(head), degree, terms))
     return result
 
 
@@ -104,12 +106,17 @@ def multiplied_out(factors, size):
 
 def matrices(certificate, rate=Fraction(0)):
     """-(Psi + 2 rate V) of every mode from the theorems, dense."""
-    statements, claims = state_theorems(loop_of(certificate.problem)), certificate.claims
+    statements = state_theorems(loop_of(certificate.problem))
+    claims = certificate.claims
     if certificate.problem.exosystem is None:
         found = [pencil.constant.shifted(2 * rate) for pencil in statements.lambdas.values()]
     else:
-        found = [pencil.at({"P": claims.P, "Q": claims.Q}) for pencil in statements.psi(rate=rate)]
-    return [[list(row) for row in matrix.negated().to_dense()] for matrix in found]
+        pencils = statements.psi(rate=rate)
+        found = [pencil.at({"P": claims.P, "Q": claims.Q}) for pencil in pencils]
+    negated_rows = []
+    for matrix in found:
+        negated_rows.append([list(row) for row in matrix.negated().to_dense()])
+    return negated_rows
 
 
 def assert_ldl(text, name, expected):
@@ -120,7 +127,8 @@ def assert_factors(factors, expected):
     pivots = [pivot for _, pivot, _ in factors]
     assert sorted(pivots) == list(range(len(expected)))
     assert all(weight > 0 for weight, _, _ in factors)
-    assert all(set(terms) <= set(pivots[k + 1 :]) for k, (_, _, terms) in enumerate(factors))
+    for k, (_, _, terms) in enumerate(factors):
+        assert set(terms) <= set(pivots[k + 1 :])
     assert multiplied_out(factors, len(expected)) == expected
 
 
@@ -131,7 +139,8 @@ def test_l_d_l_transposed_is_minus_psi_of_every_mode(name):
     text = rocq_proof(certificate)
     for place, expected in enumerate(matrices(certificate), start=1):
         assert_ldl(text, f"Psi_squares_{place}", expected)
-    assert_ldl(text, "P_squares", [list(row) for row in certificate.claims.P])
+    P = [list(row) for row in certificate.claims.P]
+    assert_ldl(text, "P_squares", P)
 
 
 @pytest.mark.parametrize("name", ["paper-fixed", "clock-sync"])
@@ -178,12 +187,15 @@ def test_the_problem_stands_in_the_file_number_by_number():
         "Theorem theorem1_R : forall arcs, In arcs modes -> negative_definite_R size (Psi arcs).",
     ):
         assert line in code
-    arcs = [tuple(map(int, arc)) for arc in re.findall(r"Arc (\d+) (\d+) slope_1", code)]
+    found = re.findall(r"Arc (\d+) (\d+) slope_1", code)
+    arcs = [tuple(map(int, arc)) for arc in found]
     assert arcs == [(i, (i + 1) % 10) for i in range(10)]
     P = certificate_of("paper-fixed").claims.P
     entries = [f"({x.numerator} # {x.denominator})" for row in P for x in row]
     assert "Definition P := matrix [[{}; {}]; [{}; {}]].".format(*entries) in code
-    assert "Axiom" not in code and "Admitted" not in code and "Parameter" not in code
+    assert "Axiom" not in code
+    assert "Admitted" not in code
+    assert "Parameter" not in code
 
 
 def test_every_mode_is_in_the_list_of_modes_and_the_text_is_always_the_same():
@@ -196,9 +208,8 @@ def test_every_mode_is_in_the_list_of_modes_and_the_text_is_always_the_same():
 
 
 def nasty(text):
-    return cycle(
-        exosystem=EXOSYSTEM, coupling="(y)*(y)/1000+y", name=text, notes=[text, "*" + text + "("]
-    )
+    notes = [text, "*" + text + "("]
+    return cycle(exosystem=EXOSYSTEM, coupling="(y)*(y)/1000+y", name=text, notes=notes)
 
 
 @cache
@@ -222,10 +233,11 @@ def test_an_irrational_slope_is_refused():
     ):
         rocq_proof(certificate)
     # one that no arc uses does no harm
-    exceptions = {(i, (i + 1) % 3): "y" for i in range(3)}
-    assert rocq_proof(
-        certify_consensus(cycle(exosystem=EXOSYSTEM, coupling="sin(pi*y)", exceptions=exceptions))
-    )
+    exceptions = {}
+    for i in range(3):
+        exceptions[i, (i + 1) % 3] = "y"
+    turning = cycle(exosystem=EXOSYSTEM, coupling="sin(pi*y)", exceptions=exceptions)
+    assert rocq_proof(certify_consensus(turning))
 
 
 @pytest.mark.parametrize(
@@ -253,10 +265,10 @@ def test_what_does_not_apply_or_is_not_claimed_is_refused():
         rocq_proof(replace(certificate, claims=replace(certificate.claims, checks=checks)))
     certificate = certificate_of("paper-fixed")
     checks = tuple(replace(check, rate=None) for check in certificate.checks)
+    claims = replace(certificate.claims, checks=checks)
+    forged = replace(certificate, claims=claims)
     with pytest.raises(SpecError, match="claims no decay rate for theorem1"):
-        rocq_proof(
-            replace(certificate, claims=replace(certificate.claims, checks=checks)), rate=True
-        )
+        rocq_proof(forged, rate=True)
 
 
 @pytest.mark.parametrize(
@@ -273,7 +285,8 @@ def test_what_does_not_apply_or_is_not_claimed_is_refused():
 )
 def test_matrices_that_prove_nothing_are_refused(change, what):
     certificate = certificate_of("paper-fixed")
-    claims = replace(certificate.claims, **change(certificate.claims.P, certificate.claims.Q))
+    changes = change(certificate.claims.P, certificate.claims.Q)
+    claims = replace(certificate.claims, **changes)
     with pytest.raises(SpecError, match=what):
         rocq_proof(replace(certificate, claims=claims))
 
@@ -291,16 +304,16 @@ def refused_by_the_kernel(text, folder):
     """Refused where the kernel computes, not because the file cannot be read."""
     outcome = run_coq(text, folder)
     assert outcome.returncode != 0
-    assert (
-        "vm_cast_no_check"
-        in text.splitlines()[int(re.search(r"line (\d+)", outcome.stderr)[1]) - 1]
-    )
+    named = re.search(r"line (\d+)", outcome.stderr)
+    number = int(named[1])
+    assert "vm_cast_no_check" in text.splitlines()[number - 1]
 
 
 def run_coq(text, folder):
     (folder / "proof.v").write_text(text, encoding="ascii")
+    command = [COQC, "-q", "proof.v"]
     return subprocess.run(
-        [COQC, "-q", "proof.v"],
+        command,
         cwd=folder,
         capture_output=True,
         text=True,
@@ -317,10 +330,10 @@ def test_coq_accepts_the_builtin_problems(name, tmp_path):
     outcome = run_coq(rocq_proof(certificate_of(name)), tmp_path)
     assert outcome.returncode == 0, outcome.stderr[-2000:]
     assert outcome.stdout.startswith("Closed under the global context\n")
-    axioms = re.findall(r"^(\S+)\s*:?$", outcome.stdout.split("Axioms:\n")[1], flags=re.MULTILINE)
-    assert all(
-        re.match(r"(ClassicalDedekindReals|FunctionalExtensionality)\.", each) for each in axioms
-    )
+    listed = outcome.stdout.split("Axioms:\n")[1]
+    axioms = re.findall(r"^(\S+)\s*:?$", listed, flags=re.MULTILINE)
+    for each in axioms:
+        assert re.match(r"(ClassicalDedekindReals|FunctionalExtensionality)\.", each)
 
 
 @pytest.mark.slow
@@ -420,10 +433,9 @@ def test_coq_rejects_the_file_when_one_number_is_another(what, tmp_path):
 def test_coq_rejects_an_indefinite_matrix_with_its_own_l_d_l(tmp_path):
     """No pins: -Psi = L D L' holds with a D that is not positive; that proves nothing."""
     text = rocq_proof(certify(cycle(2, gains=3, coupling="y")))
-    assert factors_in(text, "Psi_squares_1") == [
-        (Fraction(8), 0, {1: Fraction(-1, 4)}),
-        (Fraction(15, 2), 1, {}),
-    ]
+    first = (Fraction(8), 0, {1: Fraction(-1, 4)})
+    second = (Fraction(15, 2), 1, {})
+    assert factors_in(text, "Psi_squares_1") == [first, second]
     lines = changed(
         text, "Definition gain_1 := matrix [[3]].", "Definition gain_1 := matrix [[0]]."
     )
@@ -439,9 +451,8 @@ def symmetric(draw):
     entry = st.fractions(-3, 3, max_denominator=4)
     entries = {(i, j): draw(entry) for i in range(size) for j in range(i, size)}
     lift = draw(st.integers(0, 12))
-    return SparseSymmetric(
-        size, {(i, j): x + (lift if i == j else 0) for (i, j), x in entries.items()}
-    )
+    lifted = {(i, j): x + (lift if i == j else 0) for (i, j), x in entries.items()}
+    return SparseSymmetric(size, lifted)
 
 
 @settings(max_examples=25)
@@ -450,18 +461,14 @@ def test_factors_exist_exactly_for_positive_definite_matrices_and_multiply_out(M
     squares = squares_of(M)
     assert (squares is not None) == (decide_positive_definite(M).verdict is Verdict.PROVED)
     if squares is not None:
-        assert_factors(
-            [(each.weight, each.pivot, each.others) for each in squares],
-            [list(row) for row in M.to_dense()],
-        )
+        factors = [(each.weight, each.pivot, each.others) for each in squares]
+        rows = [list(row) for row in M.to_dense()]
+        assert_factors(factors, rows)
 
 
 def test_a_semidefinite_matrix_or_a_zero_row_has_no_factors_and_the_empty_matrix_the_empty_sum():
-    assert (
-        squares_of(
-            SparseSymmetric(2, {(0, 0): Fraction(1), (0, 1): Fraction(1), (1, 1): Fraction(1)})
-        )
-        is None
-    )
+    entries = {(0, 0): Fraction(1), (0, 1): Fraction(1), (1, 1): Fraction(1)}
+    squares = squares_of(SparseSymmetric(2, entries))
+    assert squares is None
     assert squares_of(SparseSymmetric(2, {(0, 0): Fraction(1)})) is None
     assert squares_of(SparseSymmetric(0, {})) == ()

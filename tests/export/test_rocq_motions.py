@@ -51,16 +51,15 @@ KINKED = ("abs", "min", "max", "clip")
 BOX = {"initial_states": [-1, 1]}
 OTHER = {(1, 0): "tanh(y)"}  # no arc has the coupling of all others
 LOOSE = Network.from_arcs([[2, 1]], arrow="listens_to", agents=2, optional=[[1, 2]])
-LIBRARY = {
-    path.name: path.read_text("utf-8")
-    for path in (files("dobc_design.export.rocq") / "theory").iterdir()
-}
+theory = (files("dobc_design.export.rocq") / "theory").iterdir()
+LIBRARY = {path.name: path.read_text("utf-8") for path in theory}
 LEMMA = r"^Lemma ((?:upper|lower)_\d+_\d+)_(\d+) : \w+ network v k alpha (\d+) (\d+) (.+)\.$"
 
 
 def line(h="tanh(y)", **more):
     """Agent 2 hears agent 1, which is pinned."""
-    own = {"network": listens([[2, 1]], 2), "coupling": h, "gains": {1: 3}, "region": BOX}
+    chain = listens([[2, 1]], 2)
+    own = {"network": chain, "coupling": h, "gains": {1: 3}, "region": BOX}
     return Problem(**own | more)
 
 
@@ -83,10 +82,12 @@ def test_one_that_is_made_anew_with_everything_that_is_claimed_gives_the_same_te
 def code_named(word):
     """The file of a problem whose every name has this word, without comments."""
     labels = ["1" + word, "2" + word]
-    network = Network.from_arcs(
-        {"mode " + word: [[labels[1], labels[0]]]}, arrow="listens_to", agents=labels
-    )
-    problem = line(network=network, gains={labels[0]: 3}, name=word, notes=[word, "*" + word + "("])
+    arcs = [[labels[1], labels[0]]]
+    modes = {"mode " + word: arcs}
+    network = Network.from_arcs(modes, arrow="listens_to", agents=labels)
+    gains = {labels[0]: 3}
+    notes = [word, "*" + word + "("]
+    problem = line(network=network, gains=gains, name=word, notes=notes)
     return bare(motions_proof(certify_motions(problem)))
 
 
@@ -150,7 +151,8 @@ def test_what_the_library_does_not_know_is_refused_in_words(problem, words):
 
 def test_a_claim_about_other_coordinates_is_refused():
     """z = T e: agents with [dynamics], and couplings that are lists."""
-    changed = claims(boxed("small"), T=((Fraction(1),),))
+    scaled = ((Fraction(1),),)
+    changed = claims(boxed("small"), T=scaled)
     with pytest.raises(SpecError, match="no max-separable proof is in this certificate"):
         motions_proof(changed)
 
@@ -168,8 +170,11 @@ def test_six_states_of_an_exosystem_are_the_most():
 
     def proof(q):
         A, unit = ([[x if i == j else 0 for j in range(q)] for i in range(q)] for x in (-1, 1))
-        certificate = about(boxed("exact"), exosystem=Exosystem(A=A, C=[[1] * q]))
-        return forged_proof(claims(with_gain(certificate, [[1]] * q), P=unit))
+        C = [[1] * q]
+        exosystem = Exosystem(A=A, C=C)
+        certificate = about(boxed("exact"), exosystem=exosystem)
+        gained = with_gain(certificate, [[1]] * q)
+        return forged_proof(claims(gained, P=unit))
 
     assert "Theorem every_motion_converges" in proof(6)
     with pytest.raises(SpecError, match="not made for exosystems of more than 6"):
@@ -185,7 +190,8 @@ def test_a_certificate_of_another_problem_is_refused():
 
 
 def coq_text(expression):
-    return evaluate(expression.node, [Piece("y", ATOM)], RocqAlgebra()).text
+    atoms = [Piece("y", ATOM)]
+    return evaluate(expression.node, atoms, RocqAlgebra()).text
 
 
 CALLED = {name: getattr(np, name) for name in ("exp", "sin", "cos", "sqrt")} | {
@@ -246,7 +252,8 @@ def test_an_expression_means_in_coq_what_it_means_in_numpy(seed):
     y = np.linspace(-1.5, 1.5, 61)
     with np.errstate(all="ignore"):
         found = value(coq_text(expression), y)
-    np.testing.assert_allclose(found, numpy_function(expression)(y), rtol=1e-9, atol=1e-9)
+    wanted = numpy_function(expression)(y)
+    np.testing.assert_allclose(found, wanted, rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -261,9 +268,12 @@ def test_an_expression_means_in_coq_what_it_means_in_numpy(seed):
     ],
 )
 def test_signs_powers_and_quotients_bind_as_in_numpy(text):
-    expression, y = parse_expression(text, key="h"), np.linspace(-1, 1, 21)
+    expression_read = parse_expression(text, key="h")
+    expression = expression_read
+    y = np.linspace(-1, 1, 21)
     found = value(coq_text(expression), y)
-    np.testing.assert_allclose(found, numpy_function(expression)(y), rtol=1e-12, atol=1e-12)
+    wanted = numpy_function(expression)(y)
+    np.testing.assert_allclose(found, wanted, rtol=1e-12, atol=1e-12)
 
 
 # ---- What stands in the file ----
@@ -279,10 +289,8 @@ def test_every_number_of_the_problem_and_of_the_claim_stands_in_the_file(name):
         return "matrix [" + "; ".join("[" + "; ".join(map(real, row)) + "]" for row in M) + "]"
 
     claim = check.claim
-    wanted = [
-        f"Definition alpha : R := {real(claim.alpha)}.",
-        "nth i [" + "; ".join(map(real, claim.v)) + "] 0.",
-    ]
+    entries = "; ".join(map(real, claim.v))
+    wanted = [f"Definition alpha : R := {real(claim.alpha)}.", "nth i [" + entries + "] 0."]
     wanted += [f"| {i} => {rows(gain)}" for i, gain in problem.pinning.gains.items()]
     wanted += [
         f"alpha 0 0 0 {real(claim.rho)}.",
@@ -299,15 +307,17 @@ def test_every_number_of_the_problem_and_of_the_claim_stands_in_the_file(name):
             f"Definition {each} : R := {real(getattr(claim.error, each))}."
             for each in ("kappa", "beta", "size")
         ]
-        for group, gain in zip(
-            problem.groups, gains_of(problem.groups, certificate.claims.W), strict=True
-        ):
+        gains = gains_of(problem.groups, certificate.claims.W)
+        for group, gain in zip(problem.groups, gains, strict=True):
             q = len(gain)
-            P = [row[above : above + q] for row in claim.error.P[above : above + q]]
-            wanted += map(rows, (group.exosystem.A, group.exosystem.C, gain, P))
+            error_rows = claim.error.P[above : above + q]
+            P = [row[above : above + q] for row in error_rows]
+            matrices = (group.exosystem.A, group.exosystem.C, gain, P)
+            wanted += map(rows, matrices)
             above += q
     assert [each for each in wanted if each not in code] == []
-    weights = Counter(Fraction(w) for arcs in problem.network.modes.values() for _, _, w in arcs)
+    modes = problem.network.modes.values()
+    weights = Counter(Fraction(w) for arcs in modes for _, _, w in arcs)
     listed = Counter(
         rational(found[1] or "1")
         for found in re.finditer(r"Arc \d+ \d+ (?:\(fun y => (.+?) \* )?h\d", code)
@@ -319,7 +329,8 @@ def test_every_number_of_the_problem_and_of_the_claim_stands_in_the_file(name):
 def test_the_pieces_of_a_row_cover_0_to_rho_without_gaps(name):
     """Every mode, agent and face; the row is joined of all of them in their order."""
     certificate = boxed(name)
-    text, rho = text_of(name), separable(certificate).claim.rho
+    text = text_of(name)
+    rho = separable(certificate).claim.rho
     ends = {}
     for row, k, _, _, numbers in re.findall(LEMMA, text, flags=re.MULTILINE):
         low, high = map(rational, re.findall(r"\([^()]*\)|\d+", numbers))
@@ -337,17 +348,22 @@ def test_a_row_with_less_room_has_more_pieces_until_there_is_too_little(monkeypa
     monkeypatch.setattr(motions, "MOST_PARTS", 6)
 
     def pieces(room):
-        claim = Separable(v=(Fraction(1), Fraction(1)), alpha=3 - room, rho=Fraction(9, 4))
-        rows = [
-            row for row in Rows(line("sin(y)", gains=3), claim, claim.rho).all() if row.agent == 1
-        ]
+        ones = (Fraction(1), Fraction(1))
+        claim = Separable(v=ones, alpha=3 - room, rho=Fraction(9, 4))
+        of_the_line = line("sin(y)", gains=3)
+        rows = [row for row in Rows(of_the_line, claim, claim.rho).all() if row.agent == 1]
         for row in rows:
             ends = [(part.low, part.high) for part in row.parts]
-            assert (ends[0][0], ends[-1][1]) == (0, claim.rho)
-            assert all(before[1] == after[0] for before, after in pairwise(ends))
+            last = ends[-1][1]
+            assert ends[0][0] == 0
+            assert last == claim.rho
+            for before, after in pairwise(ends):
+                assert before[1] == after[0]
         return [len(row.parts) for row in rows]
 
-    wide, narrow = pieces(Fraction(9, 4)), pieces(Fraction(1, 2))
+    coarse = pieces(Fraction(9, 4))
+    fine = pieces(Fraction(1, 2))
+    wide, narrow = coarse, fine
     assert 1 < wide[0] == wide[1] < narrow[0] == narrow[1]
     with pytest.raises(SpecError, match="the row of agent 2 in mode G has too little room for Coq"):
         pieces(Fraction("0.43"))
@@ -376,12 +392,11 @@ def test_the_library_assumes_nothing():
         )
         assert not words, name
         assert text.isascii()
-        assert bare(text).count("Proof") == bare(text).count("Qed.") + bare(text).count(
-            "Defined."
-        ), name
-    assert set(LIBRARY) == {
-        f"{name}.v" for name in ("Statement", "Comparison", "Consensus", "Rows", "Weighted")
-    }
+        proofs = bare(text).count("Proof")
+        closed = bare(text).count("Qed.") + bare(text).count("Defined.")
+        assert proofs == closed, name
+    names = ("Statement", "Comparison", "Consensus", "Rows", "Weighted")
+    assert set(LIBRARY) == {f"{name}.v" for name in names}
 
 
 def test_the_library_stands_whole_in_every_file():
@@ -417,7 +432,8 @@ def test_coq_accepts_a_whole_file_on_the_axioms_of_its_real_numbers(folder):
 
 @pytest.mark.evidence
 def test_coq_accepts_groups_two_components_matrix_gains_a_formation_and_weights(folder):
-    assert_accepted(coqc(folder, "rich", parts_2_to_4(text_of("rich"), assumptions=True)))
+    text = parts_2_to_4(text_of("rich"), assumptions=True)
+    assert_accepted(coqc(folder, "rich", text))
 
 
 @pytest.mark.slow
@@ -442,7 +458,8 @@ def test_coq_refuses_the_row_that_a_changed_claim_makes_false(what, folder):
 
 def test_the_twin_that_is_not_changed_is_the_file_itself():
     assert forged_proof(boxed("small")) == text_of("small")
-    assert all(edited(parts_2_to_4(text_of("small")), *each) for each in EDITS.values())
+    for each in EDITS.values():
+        assert edited(parts_2_to_4(text_of("small")), *each)
 
 
 @pytest.mark.slow
@@ -461,6 +478,6 @@ def test_the_library_compiles_and_weighted_theorem_1_has_the_same_axioms(folder)
         assert ran.code == 0, f"{name}: {ran.err[-2000:]}"
         weighted = ran if name == "Weighted" else weighted
     assert_accepted(weighted)
-    assert weighted.out.count("Axioms:") + weighted.out.count(
-        "Closed under the global context"
-    ) == len(shown)
+    open_ones = weighted.out.count("Axioms:")
+    closed_ones = weighted.out.count("Closed under the global context")
+    assert open_ones + closed_ones == len(shown)

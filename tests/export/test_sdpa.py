@@ -15,8 +15,9 @@ from dobc_design.errors import SpecError
 from dobc_design.export.matrices import normalisation, sdpa_text
 from dobc_design.loop.make import loop_of
 
+no_csdp = shutil.which("csdp") is None
 needs_csdp = pytest.mark.skipif(
-    shutil.which("csdp") is None, reason="CSDP is not installed (Debian: apt install coinor-csdp)"
+    no_csdp, reason="CSDP is not installed (Debian: apt install coinor-csdp)"
 )
 
 
@@ -25,10 +26,15 @@ def pair_problem(
 ) -> Problem:
     """Two agents that hear each other; agent 1 pinned with k; a disturbance xi' = A xi, or a
     growing state unseen."""
-    arcs = {f"G{i}": [[1, 2], [2, 1, i + 1]] for i in range(modes)}
-    hidden = Exosystem(A=[[0, 0], [0, 1]], C=[[1, 0]])  # not detectable
+    arcs = {}
+    for i in range(modes):
+        arcs[f"G{i}"] = [[1, 2], [2, 1, i + 1]]
+    A_of_both = [[0, 0], [0, 1]]
+    C_of_first = [[1, 0]]
+    hidden = Exosystem(A=A_of_both, C=C_of_first)  # not detectable
+    network = Network.from_arcs(arcs, arrow="listens_to")
     return Problem(
-        network=Network.from_arcs(arcs, arrow="listens_to"),
+        network=network,
         coupling=h,
         gains={"1": k} if k else {},
         exosystem=hidden if unseen else None if A is None else Exosystem(A=[[A]], C=[[1]]),
@@ -40,25 +46,33 @@ class SdpaFile:
     description."""
 
     def __init__(self, text: str) -> None:
-        lines = [line for line in text.splitlines() if not line.startswith('"')]
-        count, blocks = int(lines[0]), int(lines[1])
+        lines = []
+        for line in text.splitlines():
+            if not line.startswith('"'):
+                lines.append(line)
+        count = int(lines[0])
+        blocks = int(lines[1])
         sizes = [int(word) for word in lines[2].split()]
         assert len(sizes) == blocks
-        self.c = np.array([float(word) for word in lines[3].split()])
+        words = lines[3].split()
+        self.c = np.array([float(word) for word in words])
         assert len(self.c) == count
         self.F = [np.zeros((count + 1, size, size)) for size in sizes]
         for line in lines[4:]:
             number, block, i, j, value = line.split()
             F = self.F[int(block) - 1][int(number)]
             assert int(i) <= int(j), "the upper triangle"
-            assert F[int(i) - 1, int(j) - 1] == 0, "every entry once"
+            entry = F[int(i) - 1, int(j) - 1]
+            assert entry == 0, "every entry once"
             F[int(i) - 1, int(j) - 1] = F[int(j) - 1, int(i) - 1] = float(value)
 
     def solved(self) -> float:
         import cvxpy as cp
 
         x = cp.Variable(len(self.c))
-        constraints = [sum(x[k] * F[k + 1] for k in range(len(self.c))) - F[0] >> 0 for F in self.F]
+        constraints = []
+        for F in self.F:
+            constraints.append(sum(x[k] * F[k + 1] for k in range(len(self.c))) - F[0] >> 0)
         problem = cp.Problem(cp.Minimize(self.c @ x), constraints)
         return float(problem.solve(solver="CLARABEL"))
 
@@ -66,8 +80,9 @@ class SdpaFile:
 def csdp(text: str, folder) -> float:
     """CSDP's primal objective, which is SDPA's minimum."""
     (folder / "lmi.dat-s").write_text(text)
+    command = ["csdp", "lmi.dat-s", "lmi.sol"]
     done = subprocess.run(
-        ["csdp", "lmi.dat-s", "lmi.sol"],
+        command,
         cwd=folder,
         capture_output=True,
         check=False,
@@ -75,9 +90,8 @@ def csdp(text: str, folder) -> float:
         timeout=120,
     )
     assert done.returncode in (0, 3), done.stdout  # 3: solved with reduced accuracy
-    line = next(
-        line for line in done.stdout.splitlines() if line.startswith("Primal objective value")
-    )
+    printed = done.stdout.splitlines()
+    line = next(line for line in printed if line.startswith("Primal objective value"))
     return float(line.split()[3])
 
 
@@ -112,12 +126,10 @@ def test_the_file_states_the_same_program_as_the_dense_lmi():
     """Same optimum as cvxpy's block LMI (18) with the same bounds on P and Q."""
     for problem in (pair_problem(), load_problem("paper-fixed")):
         text = sdpa_text(problem)
-        program = Margin(
-            pencils=state_theorems(loop_of(problem)).psi(),
-            ratio=Fraction(100),
-            radius=Fraction(100),
-        )
-        assert SdpaFile(text).solved() == pytest.approx(solve_dense(program).objective, abs=1e-5)
+        pencils = state_theorems(loop_of(problem)).psi()
+        program = Margin(pencils=pencils, ratio=Fraction(100), radius=Fraction(100))
+        solved = SdpaFile(text).solved()
+        assert solved == pytest.approx(solve_dense(program).objective, abs=1e-5)
 
 
 def test_without_an_exosystem_the_file_is_lemma_1():
@@ -127,15 +139,21 @@ def test_without_an_exosystem_the_file_is_lemma_1():
     assert "Lemma 1" in text
     found = SdpaFile(text)
     assert len(found.c) == 1
-    assert found.solved() == pytest.approx(np.linalg.eigvalsh([[-4, 2], [2, -2]]).max(), abs=1e-6)
+    M = [[-4, 2], [2, -2]]
+    largest = np.linalg.eigvalsh(M)
+    assert found.solved() == pytest.approx(largest.max(), abs=1e-6)
 
 
 def test_the_bounds_leave_room_for_a_pair_that_is_small_or_large():
     """P = 1/1000 has to be scaled up to 1 first; |Q| with it."""
-    small = normalisation((((Fraction(1, 1000),),), ((Fraction(3, 1000),),)))
+    bound = ((Fraction(1, 1000),),)
+    weight = ((Fraction(3, 1000),),)
+    small = normalisation((bound, weight))
     assert small.ratio >= 2
     assert small.radius >= 6
-    large = normalisation((((Fraction(500),),), ((Fraction(1),),)))
+    large_bound = ((Fraction(500),),)
+    large_weight = ((Fraction(1),),)
+    large = normalisation((large_bound, large_weight))
     assert 1000 <= large.ratio <= 10_000
     assert normalisation(None).ratio == 100
 

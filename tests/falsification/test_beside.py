@@ -89,15 +89,15 @@ def test_a_proof_is_not_shaken_by_a_check_from_the_search(monkeypatch):
     )
     assert isinstance(contradicting.check, Check)
     after = dd.falsify(proved).certificate
-    assert (after.verdict, after.checks) == (proved.verdict, proved.checks)
+    assert after.verdict == proved.verdict
+    assert after.checks == proved.checks
 
 
 def test_without_an_observer_gain_nothing_is_searched():
     region = {"initial_states": [-5, 5], "initial_disturbance": 1}
     unseen = dd.Exosystem(A=[[0]], C=[[0]])
-    problem = linked(
-        [[1, 2], [2, 1]], coupling="sin(y)", gains="1/10", exosystem=unseen, region=region
-    )
+    arcs = [[1, 2], [2, 1]]
+    problem = linked(arcs, coupling="sin(y)", gains="1/10", exosystem=unseen, region=region)
     assert dd.falsify(dd.certify(problem)).searches == ()
 
 
@@ -106,7 +106,8 @@ def test_proved_equilibria_are_solid_and_suspects_are_dashed():
     ax = plot_search(Figure().add_subplot(), region)
     solid = [line for line in ax.lines if line.get_linestyle() == "-"]
     assert len(solid) == sum(suspect.kind == RESTS for suspect in region.suspects)
-    assert {round(float(line.get_ydata()[0]), 3) for line in solid} == {1.654, 2.99}
+    levels = {round(float(line.get_ydata()[0]), 3) for line in solid}
+    assert levels == {1.654, 2.99}
     assert "rests there (proved)" in search_picture(region, 0, unit="m").alt
     assert search_picture(certified, 1, unit="m") is None
     assert search_sheet([certified]) is None

@@ -28,11 +28,13 @@ LURE = Lure(P_e=FULL, ranges=(), radius=F(1), level=F(5), rate=F(1, 4), P=P, Q=Q
 
 
 def problem(q: int = 2) -> Problem:
-    network = Network.from_arcs([[2, 1], [3, 2]], arrow="listens_to", agents=3)
+    arcs = [[2, 1], [3, 2]]
+    network = Network.from_arcs(arcs, arrow="listens_to", agents=3)
     alone = Problem(network=network, coupling="tanh(y)", gains={1: 1})
     if not q:
         return alone
-    return alone.replace(exosystem=SINE, observer=Observer(W=[[1], [0]]))
+    observer = Observer(W=[[1], [0]])
+    return alone.replace(exosystem=SINE, observer=observer)
 
 
 def separable_value(e: np.ndarray, eps: np.ndarray) -> float:
@@ -45,7 +47,8 @@ def separable_value(e: np.ndarray, eps: np.ndarray) -> float:
 
 def lure_value(e: np.ndarray, eps: np.ndarray) -> float:
     """Root of V / level."""
-    M = np.array([[2, 0.5, 0], [0.5, 1, 0], [0, 0, 3]])
+    rows = [[2, 0.5, 0], [0.5, 1, 0], [0, 0, 3]]
+    M = np.array(rows)
     weight = np.array(P, dtype=float)
     of_observers = sum(row @ weight @ row for row in eps)
     total = e @ M @ e + of_observers
@@ -60,12 +63,18 @@ def test_v_is_that_of_the_definition_and_its_gradient_that_of_differences(claim,
     eps = rng.normal(size=(3, 2, 20))
     values = level.value(e, eps)
     for run in range(20):
-        assert values[run] == pytest.approx(truth(e[:, run], eps[:, :, run]), rel=1e-12)
-        along, along_eps = level.gradient(e[:, run], eps[:, :, run])
+        errors = eps[:, :, run]
+        expected = truth(e[:, run], errors)
+        assert values[run] == pytest.approx(expected, rel=1e-12)
+        along, along_eps = level.gradient(e[:, run], errors)
         step = 1e-7 * rng.normal(size=3)
         other = 1e-7 * rng.normal(size=(3, 2))
-        above = truth(e[:, run] + step, eps[:, :, run] + other)
-        below = truth(e[:, run] - step, eps[:, :, run] - other)
+        moved = e[:, run] + step
+        moved_eps = eps[:, :, run] + other
+        above = truth(moved, moved_eps)
+        moved_back = e[:, run] - step
+        moved_back_eps = eps[:, :, run] - other
+        below = truth(moved_back, moved_back_eps)
         slope = along @ step + np.sum(along_eps * other)
         assert 2 * slope == pytest.approx(above - below, rel=1e-4, abs=1e-12)
 
@@ -73,11 +82,16 @@ def test_v_is_that_of_the_definition_and_its_gradient_that_of_differences(claim,
 @pytest.mark.parametrize("kind", [RANDOM, CORNERS, EDGES])
 @pytest.mark.parametrize(("claim", "truth"), [(SEPARABLE, separable_value), (LURE, lure_value)])
 def test_starts_lie_on_the_boundary_some_of_them_without_a_disturbance(claim, truth, kind: str):
-    starts = Boundary(level=level_of(problem(), claim), loop=make_closed_loop(problem(), None))
+    level = level_of(problem(), claim)
+    loop = make_closed_loop(problem(), None)
+    starts = Boundary(level=level, loop=loop)
     e, eps = starts.draw(np.random.default_rng(1), 60, kind)
     for run in range(60):
-        assert truth(e[:, run], eps[:, :, run]) == pytest.approx(1.0, rel=1e-12)
-    without = np.all(eps == 0, axis=(0, 1)).sum()
+        errors = eps[:, :, run]
+        found = truth(e[:, run], errors)
+        assert found == pytest.approx(1.0, rel=1e-12)
+    without_errors = np.all(eps == 0, axis=(0, 1))
+    without = without_errors.sum()
     assert 5 < without < 50
     back, back_eps = starts.project(3 * e, 3 * eps)
     assert back == pytest.approx(e, rel=1e-12)
@@ -86,8 +100,11 @@ def test_starts_lie_on_the_boundary_some_of_them_without_a_disturbance(claim, tr
 
 def test_starts_of_what_holds_everywhere_without_a_matrix_and_of_another_problem():
     claim = Lure(P_e=FULL, ranges=(), radius=F(1), level=F(5))
-    starts = Boundary(level=level_of(problem(), claim), loop=make_closed_loop(problem(), None))
-    assert not np.any(starts.draw(np.random.default_rng(1), 10, RANDOM)[1])
+    level = level_of(problem(), claim)
+    loop = make_closed_loop(problem(), None)
+    starts = Boundary(level=level, loop=loop)
+    drawn = starts.draw(np.random.default_rng(1), 10, RANDOM)
+    assert not np.any(drawn[1])
     everywhere = Separable(v=V, alpha=F(1), rho=None)
     known = np.zeros((3, 0, 1))
     first = np.array([[1.0], [0.0], [0.0]])
@@ -103,20 +120,26 @@ def test_starts_of_what_holds_everywhere_without_a_matrix_and_of_another_problem
 
 def test_starts_keep_to_the_states_of_the_own_group():
     """Agents 1 and 3 have places 0 and 1, agent 2 has place 2."""
-    own = np.array([[1, 1, 0], [0, 0, 1], [1, 1, 0]], dtype=bool)
+    rows = [[1, 1, 0], [0, 0, 1], [1, 1, 0]]
+    own = np.array(rows, dtype=bool)
     constant = Exosystem(A=[[0]], C=[[1]])
-    sines = Group(agents=[1, 3], exosystem=SINE, observer=Observer(W=[[1], [0]]))
-    other = Group(agents=[2], exosystem=constant, observer=Observer(W=[[1]]))
+    observer_of_sines = Observer(W=[[1], [0]])
+    sines = Group(agents=[1, 3], exosystem=SINE, observer=observer_of_sines)
+    observer_of_other = Observer(W=[[1]])
+    other = Group(agents=[2], exosystem=constant, observer=observer_of_other)
     given = problem(0).replace(groups=[sines, other])
-    P = np.diag([F(2), F(1), F(3)]).tolist()
-    claim = replace(SEPARABLE, error=ErrorBound(P=P, beta=F(3), kappa=F(1), size=F(3)))
+    diagonal = [F(2), F(1), F(3)]
+    P = np.diag(diagonal).tolist()
+    error = ErrorBound(P=P, beta=F(3), kappa=F(1), size=F(3))
+    claim = replace(SEPARABLE, error=error)
     level = level_of(given, claim)
     loop = make_closed_loop(given, None)
     box = asked_box(given, loop, radius=2.0, disturbance=0.5)
     edge = Boundary(level=level, loop=loop)
     for starts in (box, edge):
         e, eps = starts.draw(np.random.default_rng(2), 30, RANDOM)
-        for kept in (eps, starts.project(2 * e, np.ones_like(eps))[1]):
+        projected = starts.project(2 * e, np.ones_like(eps))
+        for kept in (eps, projected[1]):
             assert np.all(kept[~own] == 0)
             assert np.any(kept[own] != 0)
         assert np.all(starts.reach[1][~own] == 0)

@@ -40,7 +40,8 @@ NODE = float(half_difference(6.0))
 
 def end_of(problem: Problem, suspect, duration: float) -> np.ndarray:
     """Where SciPy ends from the start of a suspect, without disturbance, in its only mode."""
-    goal = np.array([[float(x) for x in problem.goal_of(i)] for i in range(problem.n)])
+    goals = [[float(x) for x in problem.goal_of(i)] for i in range(problem.n)]
+    goal = np.array(goals)
     start = (suspect.start - goal).ravel()
     (mode,) = {name for _, name in suspect.modes}
     return flown(problem, mode, start, duration, method="LSODA", rtol=1e-9, atol=1e-11)
@@ -48,7 +49,8 @@ def end_of(problem: Problem, suspect, duration: float) -> np.ndarray:
 
 def flown(problem: Problem, mode: str, start: np.ndarray, duration: float, **given) -> np.ndarray:
     """Where SciPy ends."""
-    return solve_ivp(lambda t, e: field(problem, mode, e), (0, duration), start, **given).y[:, -1]
+    solution = solve_ivp(lambda t, e: field(problem, mode, e), (0, duration), start, **given)
+    return solution.y[:, -1]
 
 
 def certificate_of(problem: Problem, rho: F, *, digits: int = 2) -> Separable:
@@ -56,7 +58,8 @@ def certificate_of(problem: Problem, rho: F, *, digits: int = 2) -> Separable:
     loop = loop_of(problem)
     proposed = propose_separable(loop, rho=float(rho))
     v = list(rounded_vectors(proposed))[digits]
-    return Separable(v=v, alpha=largest_rate(loop, v, rho=rho), rho=rho)
+    alpha = largest_rate(loop, v, rho=rho)
+    return Separable(v=v, alpha=alpha, rho=rho)
 
 
 @pytest.fixture
@@ -76,7 +79,9 @@ def test_the_false_equilibria_of_two_agents_are_found_proved_and_shown():
     """e = (-y/2, y/2), y = 3.3077 and 5.98, and what falls into others beyond."""
     problem = listening_pair()
     found = found_of_the_pair()
-    sizes = [float(max(map(abs, claim.middle))) for claim in found.proved]
+    sizes = []
+    for claim in found.proved:
+        sizes.append(float(max(map(abs, claim.middle))))
     assert sizes == pytest.approx([SADDLE, SADDLE, NODE, NODE], abs=1e-5)
     assert found.check.verdict is Verdict.REFUTED
     kinds = [suspect.kind for suspect in found.suspects]
@@ -96,9 +101,12 @@ def test_the_false_equilibria_of_two_agents_are_found_proved_and_shown():
 def test_below_the_saddle_nothing_is_found():
     """Twins: the region of 1.653 is clean, that of 1.66 is refuted."""
     clean = dd.falsify(listening_pair(reach=1.653), runs=30, t_final=20)
-    assert (clean.suspects, clean.proved, clean.check) == ((), (), None)
+    assert clean.suspects == ()
+    assert clean.proved == ()
+    assert clean.check is None
     assert clean.tried == 30
-    assert dd.falsify(listening_pair(reach=1.66), runs=30, t_final=5).check is not None
+    found = dd.falsify(listening_pair(reach=1.66), runs=30, t_final=5)
+    assert found.check is not None
 
 
 @pytest.mark.usefixtures("few_looks_for_equilibria")
@@ -107,12 +115,14 @@ def test_without_a_region_equilibria_are_proved_and_refute_nothing():
     assert len(found.proved) == 2
     assert found.check is None
     assert found.target == "|e|_inf <= 2"
-    assert dd.falsify(listening_pair(reach=None), runs=14, t_final=10).proved == ()
+    unbounded = dd.falsify(listening_pair(reach=None), runs=14, t_final=10)
+    assert unbounded.proved == ()
 
 
 @pytest.mark.usefixtures("few_looks_for_equilibria")
 def test_agents_that_repel_each_other_are_found_and_named():
-    network = dd.Network.from_arcs([["left", "right"], ["right", "left"]], arrow="listens_to")
+    arcs = [["left", "right"], ["right", "left"]]
+    network = dd.Network.from_arcs(arcs, arrow="listens_to")
     problem = Problem(network=network, coupling="-y - tanh(y)", gains="1/10")
     found = dd.falsify(problem, runs=10)
     assert all(suspect.kind == STAYS_AWAY for suspect in found.suspects)
@@ -124,9 +134,12 @@ def test_agents_that_repel_each_other_are_found_and_named():
 def test_a_certified_set_of_different_exosystems_is_not_contradicted_and_a_false_one_is():
     """Twin: a hundredth of the certificate's P, so that the observer's error seems to cost next to
     nothing."""
-    sine = dd.Group(agents=[1, 3], exosystem=dd.exosystems.harmonics(2))
-    constant = dd.Group(agents=[2], exosystem=dd.exosystems.constant())
-    network = dd.Network.from_arcs([[2, 1], [3, 2], [1, 3]], arrow="listens_to", agents=3)
+    harmonics = dd.exosystems.harmonics(2)
+    sine = dd.Group(agents=[1, 3], exosystem=harmonics)
+    constant_shape = dd.exosystems.constant()
+    constant = dd.Group(agents=[2], exosystem=constant_shape)
+    arcs = [[2, 1], [3, 2], [1, 3]]
+    network = dd.Network.from_arcs(arcs, arrow="listens_to", agents=3)
     region = {"initial_states": [-1, 1], "initial_disturbance": "1/2"}
     problem = dd.Problem(
         network=network, coupling="tanh(y)", gains=1, groups=[sine, constant], region=region
@@ -136,7 +149,9 @@ def test_a_certified_set_of_different_exosystems_is_not_contradicted_and_a_false
     assert found.suspects == ()
     assert found.observed_rate >= found.certified_rate * (1 - 1e-6)
     claim = separable_from_json(certificate.check("max-separable").exact, loop_of(problem))
-    false = replace(claim, error=replace(claim.error, P=scale(F(1, 100), claim.error.P)))
+    P = scale(F(1, 100), claim.error.P)
+    error = replace(claim.error, P=P)
+    false = replace(claim, error=error)
     given = changed_problem(problem, gain_changes(problem, certificate.claims.W))
     twin = dd.falsify(given, runs=9, certified=false, t_final=5)
     assert LEAVES in {suspect.kind for suspect in twin.suspects}
@@ -145,7 +160,8 @@ def test_a_certified_set_of_different_exosystems_is_not_contradicted_and_a_false
 @pytest.mark.usefixtures("few_looks_for_equilibria")
 def test_a_rate_that_is_too_high_is_contradicted():
     """Twin: the same set with 1 in place of 0.49; the slowest decay that is seen is about 0.76."""
-    claim = replace(certificate_of(cycle(3), F(2)), alpha=F(1))
+    certificate = certificate_of(cycle(3), F(2))
+    claim = replace(certificate, alpha=F(1))
     found = dd.falsify(cycle(3), runs=14, certified=claim, t_final=8)
     assert {suspect.kind for suspect in found.suspects} == {LEAVES}
     assert found.observed_rate < 1
@@ -157,9 +173,12 @@ def test_a_set_that_is_too_large_is_contradicted():
     problem = listening_pair(reach=None)
     v = (F(1), F(1))
     rho = F("1.653")
-    inside = Separable(v=v, alpha=largest_rate(loop_of(problem), v, rho=rho), rho=rho)
-    assert dd.falsify(problem, runs=14, certified=inside, t_final=20).suspects == ()
-    beyond = dd.falsify(problem, runs=14, certified=replace(inside, rho=F("1.7")), t_final=5)
+    alpha = largest_rate(loop_of(problem), v, rho=rho)
+    inside = Separable(v=v, alpha=alpha, rho=rho)
+    again = dd.falsify(problem, runs=14, certified=inside, t_final=20)
+    assert again.suspects == ()
+    larger = replace(inside, rho=F("1.7"))
+    beyond = dd.falsify(problem, runs=14, certified=larger, t_final=5)
     assert {LEAVES, RESTS} <= {suspect.kind for suspect in beyond.suspects}
     assert len(beyond.proved) == 2
 
@@ -175,7 +194,8 @@ def test_a_quadratic_certificate_is_never_contradicted_and_a_false_one_is(shape:
     assert found.suspects == ()
     assert found.observed_rate >= float(lure.rate) > 0
     faster = replace(lure, rate=5 * lure.rate + 1)
-    assert dd.falsify(problem, runs=9, certified=faster, t_final=1).suspects[0].kind == LEAVES
+    result = dd.falsify(problem, runs=9, certified=faster, t_final=1)
+    assert result.suspects[0].kind == LEAVES
 
 
 @pytest.mark.usefixtures("few_looks_for_equilibria")
@@ -187,7 +207,8 @@ def test_the_set_of_a_certificate_is_searched_with_its_own_gain():
     found = dd.falsify(problem, runs=9, certified=certificate)
     assert found.suspects == ()
     assert found.certified_rate >= certificate.rate > 0
-    assert str(dd.falsify(problem, runs=9, certified=check)) == str(found)
+    checked = dd.falsify(problem, runs=9, certified=check)
+    assert str(checked) == str(found)
 
 
 def test_a_certificate_without_a_region_and_a_check_that_is_not_proved_are_refused():
@@ -197,7 +218,8 @@ def test_a_certificate_without_a_region_and_a_check_that_is_not_proved_are_refus
         dd.falsify(problem, certified=certificate)
     with pytest.raises(SpecError, match="proved check of a region"):
         dd.falsify(problem, certified=certificate.checks[0])
-    other = dd.certify(cycle(3, h="tanh(y)", region={"initial_states": [-1, 1]}))
+    region = {"initial_states": [-1, 1]}
+    other = dd.certify(cycle(3, h="tanh(y)", region=region))
     with pytest.raises(SpecError, match="must have 2 weights v"):
         dd.falsify(problem, certified=other)
 
@@ -209,10 +231,13 @@ def test_the_ascent_leaves_the_basin_from_a_start_that_converges():
     box = asked_box(problem, make_closed_loop(problem, None))
     flow = build_flow(loop_of(problem), "G", horizon=8.0, steps=200)
     start = np.array([1.5, -1.5])
-    e, _ = ascend(flow, box, (start, np.zeros((2, 0))), partial(final_error, 2))
+    start_alone = (start, np.zeros((2, 0)))
+    e, _ = ascend(flow, box, start_alone, partial(final_error, 2))
     assert np.all(np.abs(e) <= 1.7)
-    assert np.max(np.abs(flown(problem, "G", start, 200))) < 1e-6
-    assert np.max(np.abs(flown(problem, "G", e, 200))) > 2
+    at_rest = flown(problem, "G", start, 200)
+    assert np.max(np.abs(at_rest)) < 1e-6
+    away = flown(problem, "G", e, 200)
+    assert np.max(np.abs(away)) > 2
 
 
 @pytest.mark.parametrize("seed", [pytest.param(0, marks=pytest.mark.slow), 1])
@@ -226,9 +251,14 @@ def test_the_ascent_never_ends_lower_than_it_began(seed: int):
     e, eps = starts.draw(np.random.default_rng(seed), 5, "random")
     gains = []
     for run in range(5):
-        higher, _ = ascend(flow, starts, (e[:, run], eps[:, :, run]), objective)
+        errors = eps[:, :, run]
+        both = (e[:, run], errors)
+        higher, _ = ascend(flow, starts, both, objective)
         assert level.value(higher[:, None], eps[:, :, :1])[0] == pytest.approx(1.0, rel=1e-9)
-        gains.append(objective(flow.end(higher))[0] - objective(flow.end(e[:, run]))[0])
+        reached = objective(flow.end(higher))[0]
+        start_end = flow.end(e[:, run])
+        end = objective(start_end)[0]
+        gains.append(reached - end)
     assert min(gains) >= 0
     assert max(gains) > 0.01
 
@@ -259,9 +289,11 @@ def test_stages_are_told_and_names_and_results_show_themselves():
 
 
 def test_networks_beyond_sixty_rows_are_simulated_only():
-    problem = cycle(80, h="sin(y)", region={"initial_states": [-1, 1]})
+    region = {"initial_states": [-1, 1]}
+    problem = cycle(80, h="sin(y)", region=region)
     found = dd.falsify(problem, runs=10, t_final=2.0)
-    assert (found.tried, found.proved) == (10, ())
+    assert found.tried == 10
+    assert found.proved == ()
 
 
 OF_ONE_AGENT = Separable(v=(F(1),), alpha=F(1), rho=F(1))
@@ -279,13 +311,16 @@ def test_wrong_arguments_are_refused(given: dict, complaint: str):
 
 def test_an_observer_that_is_too_fast_to_be_followed_is_told_and_starts_at_its_disturbance():
     """|A - WC| times the horizon is far beyond what the closed form covers."""
+    region = {"initial_states": [-1, 1], "initial_disturbance": "1/2"}
+    exosystem = dd.exosystems.constant()
+    observer = dd.Observer(W=[[1]])
     problem = Problem(
         network=listening_pair().network,
         coupling="y",
         gains=1,
-        region={"initial_states": [-1, 1], "initial_disturbance": "1/2"},
-        exosystem=dd.exosystems.constant(),
-        observer=dd.Observer(W=[[1]]),
+        region=region,
+        exosystem=exosystem,
+        observer=observer,
     )
     assert dd.falsify(problem, runs=4).notes == ()
     fast = problem.replace(observer=dd.Observer(W=[["1e12"]]))

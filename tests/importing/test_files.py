@@ -21,11 +21,15 @@ def test_a_csv_file_of_arcs_becomes_a_problem_once_the_arrow_is_said(tmp_path):
     path = written(tmp_path, "net.csv", "from,to,weight\n10,2,0.5\n2,3,1\n")
     problem = dd.problem_from_file(path, arrow="listens_to")
     assert problem.network.labels == ("2", "3", "10")
-    assert sorted(problem.network.modes["G"]) == [(0, 1, 1), (2, 0, 0.5)]
+    found = sorted(problem.network.modes["G"])
+    expected = [(0, 1, 1), (2, 0, 0.5)]
+    assert found == expected
     other = written(tmp_path, "other.csv", "Source,Target,Weight\n10,2,0.5\n2,3,1\n")
     assert dd.problem_from_file(other, arrow="listens_to").network == problem.network
     turned = dd.problem_from_file(path, arrow="sends_to")
-    assert sorted(turned.network.modes["G"]) == [(0, 2, 0.5), (1, 0, 1)]
+    found_turned = sorted(turned.network.modes["G"])
+    expected_turned = [(0, 2, 0.5), (1, 0, 1)]
+    assert found_turned == expected_turned
     with pytest.raises(SpecError, match="there is no default"):
         dd.problem_from_file(path)
     with pytest.raises(SpecError, match="listens_to"):
@@ -41,7 +45,9 @@ def test_a_graph_whose_weights_have_another_name_says_that_its_arcs_weigh_one(
     graph.add_edge("a", "b", **{attribute: 2.5})
     networkx.write_graphml(graph, tmp_path / "net.graphml")
     problem = dd.problem_from_file(tmp_path / "net.graphml", arrow="listens_to")
-    assert [w for _, _, w in problem.network.modes["G"]] == [1 if told else 2.5]
+    arcs = problem.network.modes["G"]
+    weights = [w for _, _, w in arcs]
+    assert weights == [1 if told else 2.5]
     assert any("call it weight" in note for note in problem.notes) is told
 
 
@@ -117,7 +123,8 @@ def healthy(kind: str) -> bytes:
 @pytest.mark.parametrize("kind", ["m", "json"])
 def test_a_damaged_file_is_read_or_refused_and_never_a_crash(kind: str, tmp_path):
     """50 mutants of each; a SpecError is the only way out."""
-    data, rng = healthy(kind), random.Random(5)
+    data = healthy(kind)
+    rng = random.Random(5)
     path, refused = tmp_path / f"damaged.{kind}", 0
     path.write_bytes(data)
     assert dd.problem_from_file(path).n > 1

@@ -52,12 +52,9 @@ def test_a_matpower_case_becomes_angles_with_exact_susceptances(tmp_path):
     problem = imported(tmp_path, CASE)
     assert problem.network.labels == ("10", "20", "30")
     half = Fraction(5, 2)
-    assert sorted(problem.network.modes["grid"]) == [
-        (0, 1, 40),
-        (1, 0, 40),
-        (1, 2, half),
-        (2, 1, half),
-    ]
+    found = sorted(problem.network.modes["grid"])
+    expected = [(0, 1, 40), (1, 0, 40), (1, 2, half), (2, 1, half)]
+    assert found == expected
     assert problem.coupling.texts == ("sin(y)",)
     assert problem.pinning.agents == (0, 2)
     assert problem.name == "three"
@@ -113,13 +110,16 @@ def test_a_negative_reactance_repels_and_one_of_0_joins_its_buses(tmp_path):
     """1/(-0.4) between buses 20 and 30: w = 5/2 with h = -sin(y), the same slope at 0."""
     problem = imported(tmp_path, CASE.replace("4e-1", "-0.4"))
     assert problem.network.modes["grid"] == imported(tmp_path, CASE).network.modes["grid"]
-    assert {arc: h.texts for arc, h in problem.exceptions.items()} == dict.fromkeys(
-        [(1, 2), (2, 1)], ("-sin(y)",)
-    )
+    texts = {arc: h.texts for arc, h in problem.exceptions.items()}
+    expected_texts = dict.fromkeys([(1, 2), (2, 1)], ("-sin(y)",))
+    assert texts == expected_texts
     assert "between buses 20 and 30 is negative" in problem.notes[-1]
     joined = imported(tmp_path, CASE.replace("4e-1", "0"))
-    assert joined.network.labels == ("10", "20") and joined.pinning.agents == (0, 1)
-    assert sorted(joined.network.modes["grid"]) == [(0, 1, 40), (1, 0, 40)]
+    assert joined.network.labels == ("10", "20")
+    assert joined.pinning.agents == (0, 1)
+    found = sorted(joined.network.modes["grid"])
+    expected = [(0, 1, 40), (1, 0, 40)]
+    assert found == expected
     assert "30 into 20" in joined.notes[-1]
 
 
@@ -136,10 +136,11 @@ def test_reactances_that_the_case_turns_from_ohms_into_per_unit_are(tmp_path):
     """x / (10^2 / 50): half of what is written; anything else in place of that statement is
     refused."""
     wide = CASE.replace("\t0\t0;\n\t20", "\t0\t0\t0\t0\t1\t1\t0\t10.0\t12/sqrt(3);\n\t20")
-    plain, ohm = imported(tmp_path, wide), imported(tmp_path, wide + OHM)
-    assert [w for _, _, w in ohm.network.modes["grid"]] == [
-        2 * w for _, _, w in plain.network.modes["grid"]
-    ]
+    plain = imported(tmp_path, wide)
+    ohm = imported(tmp_path, wide + OHM)
+    weights = [w for _, _, w in ohm.network.modes["grid"]]
+    expected = [2 * w for _, _, w in plain.network.modes["grid"]]
+    assert weights == expected
     for old, new in (("* 1e6", "* 1e3"), ("Vbase^2", "Vbase^3"), ("(1, BASE_KV)", "(2, BASE_KV)")):
         with pytest.raises(SpecError, match="line 29 changes the tables"):
             imported(tmp_path, wide + OHM.replace(old, new))
@@ -195,7 +196,8 @@ def test_pandapower_networks_have_the_susceptances_of_their_own_load_flow(case: 
     B = net._ppc["internal"]["Bbus"].toarray()
     found = -dd.export.to_numpy(problem)["L"]
     off = ~np.eye(len(found), dtype=bool)
-    order = net._pd2ppc_lookups["bus"][[int(label) for label in problem.network.labels]]
+    buses = [int(label) for label in problem.network.labels]
+    order = net._pd2ppc_lookups["bus"][buses]
     wanted = -B[np.ix_(order, order)]
     np.testing.assert_allclose(found[off], wanted[off], rtol=1e-6, atol=1e-9)
     pp.to_json(net, str(tmp_path / "net.json"))
@@ -211,12 +213,11 @@ def test_the_ieee_14_bus_network_is_that_of_the_built_in_problem():
     pandapower()
     from pandapower import networks
 
-    found, known = dd.from_pandapower(networks.case14()), dd.load_problem("microgrid-ieee14")
-    assert (
-        [i + 1 for i in found.pinning.agents]
-        == [i + 1 for i in known.pinning.agents]
-        == [1, 2, 3, 6, 8]
-    )
+    found = dd.from_pandapower(networks.case14())
+    known = dd.load_problem("microgrid-ieee14")
+    found_pins = [i + 1 for i in found.pinning.agents]
+    known_pins = [i + 1 for i in known.pinning.agents]
+    assert found_pins == known_pins == [1, 2, 3, 6, 8]
     lines = {(i, j): float(w) for i, j, w in known.network.modes["grid"]}
     same = {(i, j): float(w) for i, j, w in found.network.modes["grid"]}
     assert set(lines) == set(same)
@@ -236,7 +237,9 @@ def test_the_300_bus_network_with_its_negative_reactance_is_refuted():
     problem = dd.from_pandapower(networks.case300())
     loop = loop_by_hand(problem)
     for i, j in problem.exceptions:  # h = -sin(y) instead of sin(y)
-        w = float(next(w for a, b, w in problem.network.modes["grid"] if (a, b) == (i, j)))
+        arcs = problem.network.modes["grid"]
+        weight = next(w for a, b, w in arcs if (a, b) == (i, j))
+        w = float(weight)
         loop[i, j] -= 2 * w
         loop[i, i] += 2 * w
     assert np.sum(np.linalg.eigvals(loop).real > 1e-9) == 1
@@ -254,16 +257,22 @@ def net_of(tmp_path, data: bytes):
 def test_the_json_of_pandapower_is_read_without_pandapower(tmp_path):
     """x = 5 Ohm in total on 10 kV and 1 MVA is 0.05 p.u."""
     problem = net_of(tmp_path, tables())
-    assert {(i, j): w for i, j, w in problem.network.modes["grid"]}[0, 1] == 20
+    arcs = problem.network.modes["grid"]
+    weights = {(i, j): w for i, j, w in arcs}
+    assert weights[0, 1] == 20
     assert problem.pinning.agents == (0,)
 
 
 def test_a_closed_bus_coupler_joins_two_buses_and_an_open_line_switch_opens_the_line(tmp_path):
     switch = ["bus", "element", "et", "closed"]
-    joined = net_of(tmp_path, tables(switch=(switch, [[1, 2, "b", True]])))
+    row = [1, 2, "b", True]
+    rows = (switch, [row])
+    joined = net_of(tmp_path, tables(switch=rows))
     assert joined.network.labels == ("0", "1")
+    first = [1, 0, "l", False]
+    second = [1, 1, "l", False]
     with pytest.raises(SpecError, match="no branch"):
-        net_of(tmp_path, tables(switch=(switch, [[1, 0, "l", False], [1, 1, "l", False]])))
+        net_of(tmp_path, tables(switch=(switch, [first, second])))
 
 
 def test_three_winding_transformers_and_broken_files_are_refused(tmp_path):

@@ -41,7 +41,9 @@ def texts(arcs: Iterable[ArcGroup]) -> list[tuple[str, ...]]:
 
 
 def two_modes(**settings) -> Problem:
-    return linked({"a": [[1, 2]], "b": [[2, 1]]}, **settings)
+    arcs = [[1, 2]]
+    modes = {"a": arcs, "b": [[2, 1]]}
+    return linked(modes, **settings)
 
 
 EXOSYSTEM = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
@@ -59,7 +61,9 @@ def test_a_gain_that_is_handed_over_wins_and_may_have_more_digits_than_a_problem
     observer = Observer(W=[[1], [2]])
     loop = loop_of(triangle(exosystem=EXOSYSTEM, observer=observer))
     assert chosen_gain(loop, None) == ((1,), (2,))
-    assert chosen_gain(loop, [["16/5"], [3]]) == ((Fraction(16, 5),), (3,))
+    found = chosen_gain(loop, [["16/5"], [3]])
+    expected = ((Fraction(16, 5),), (3,))
+    assert found == expected
     assert required_gain(loop, None).tolist() == [[1.0], [2.0]]
 
     without_gain = loop_of(triangle(exosystem=EXOSYSTEM))
@@ -82,8 +86,11 @@ def test_a_gain_that_is_missing_or_of_the_wrong_shape_or_without_an_exosystem_is
 
 
 def test_goals_are_target_plus_offset():
-    problem = triangle(target=[1, 2], offsets={"2": [10, "1/2"]})
-    assert goals(problem).tolist() == [[1, 2], [11, 2.5], [1, 2]]
+    offsets = {"2": [10, "1/2"]}
+    problem = triangle(target=[1, 2], offsets=offsets)
+    found = goals(problem).tolist()
+    expected = [[1, 2], [11, 2.5], [1, 2]]
+    assert found == expected
 
 
 def test_arcs_are_grouped_by_coupling():
@@ -97,7 +104,9 @@ def test_arcs_are_grouped_by_coupling():
 
 def test_arcs_of_errors_have_the_functions_of_the_loop_and_those_of_the_plant_its_couplings():
     """B h of two states in place of h of one input."""
-    dynamics = {"A": [[0, 1], [0, 0]], "B": [[0], [2]]}
+    A = [[0, 1], [0, 0]]
+    B = [[0], [2]]
+    dynamics = {"A": A, "B": B}
     problem = triangle(dynamics=dynamics, coupling="y1 + 3*y2")
     (errors,) = error_arcs(loop_of(problem), "G")
     (plant,) = plant_arcs(problem, "G")
@@ -112,7 +121,9 @@ def test_what_no_arc_of_the_mode_uses_makes_no_group():
     loop = loop_of(two_modes(exceptions={(0, 1): "sin(y)"}))
     assert texts(error_arcs(loop, "a")) == [("sin(y)",)]
     assert texts(error_arcs(loop, "b")) == [("y",)]
-    empty = loop_of(linked({"a": [[1, 2]], "b": []}))
+    arcs = [[1, 2]]
+    modes = {"a": arcs, "b": []}
+    empty = loop_of(linked(modes))
     assert error_arcs(empty, "b") == ()
     assert consensus_jacobian(empty, "b").nnz == 0
 
@@ -130,6 +141,8 @@ def test_differences_and_their_sums_follow_the_arcs():
 def test_the_jacobian_at_the_consensus_is_minus_the_laplacian_of_the_gains_where_there_is_one():
     """(11) at e = 0, by hand: gains 6, 2 and 1."""
     found = consensus_jacobian(with_last("sin(y)"), "G")
-    assert found.toarray().tolist() == [[-7, 6, 1], [0, -2, 2], [0, 0, 0]]
+    found_rows = found.toarray().tolist()
+    expected = [[-7, 6, 1], [0, -2, 2], [0, 0, 0]]
+    assert found_rows == expected
     assert consensus_jacobian(with_last("y + abs(y)"), "G") is None
     assert consensus_jacobian(with_last("clip(y, -1, 1)"), "G") is not None

@@ -77,7 +77,9 @@ def plant_moves(problem: dd.Problem, mode: str, e: np.ndarray, eps: np.ndarray) 
     if dynamics.A is not None:
         own = e @ to_float(dynamics.A).T
     else:
-        own = np.stack([e[:, 1], -np.sin(e[:, 0])], axis=1)
+        slopes = -np.sin(e[:, 0])
+        field = [e[:, 1], slopes]
+        own = np.stack(field, axis=1)
     return own + felt @ to_float(dynamics.B).T
 
 
@@ -110,12 +112,18 @@ def test_integrators_are_their_own_loop():
     loop = loop_of(problem)
     assert loop.functions == problem.couplings
     assert loop.pins is loop.pulls
-    assert loop.pins.gains == {0: ((Fraction(2),),), 2: ((Fraction(1, 3),),)}
+    first = ((Fraction(2),),)
+    third = ((Fraction(1, 3),),)
+    expected = {0: first, 2: third}
+    assert loop.pins.gains == expected
     assert loop.drift is None
     assert loop.drift_place is None
     assert loop.slopes == ()
-    assert [loop.goals.of(i) for i in range(3)] == [(1,), (6,), (1,)]
-    assert loop.goals.different(range(3)) == {(1,), (6,)}
+    found = [loop.goals.of(i) for i in range(3)]
+    assert found == [(1,), (6,), (1,)]
+    different = loop.goals.different(range(3))
+    expected_goals = {(1,), (6,)}
+    assert different == expected_goals
     assert loop.groups == problem.groups
     assert loop.joint_exosystem == problem.joint_exosystem
 
@@ -125,8 +133,12 @@ def test_what_pulls_a_node_is_its_pin_less_the_slopes_of_its_drift():
     loop = loop_of(with_dynamics(CART))
     assert loop.pins.nodes == (0,)
     assert loop.pulls.nodes == (0, 1, 2)
-    assert loop.pulls.gains[1] == ((0, -1), (1, 0))
-    assert loop.pulls.gains[0] == ((0, -1), (5, 2))
+    found = loop.pulls.gains[1]
+    expected = ((0, -1), (1, 0))
+    assert found == expected
+    found_pinned = loop.pulls.gains[0]
+    expected_pinned = ((0, -1), (5, 2))
+    assert found_pinned == expected_pinned
 
 
 def test_a_problem_has_one_loop_and_an_equal_problem_has_another():
@@ -139,7 +151,8 @@ def test_a_problem_has_one_loop_and_an_equal_problem_has_another():
 def test_equal_functions_of_arcs_stand_there_once():
     """With B = 2 the couplings y and 2 y/2 become one function."""
     dynamics = dd.Dynamics(A=[[-1]], B=[[2]])
-    given: dict[str, Any] = {"exceptions": {(1, 0): "y"}, "gains": {1: 2}}
+    exceptions = {(1, 0): "y"}
+    given: dict[str, Any] = {"exceptions": exceptions, "gains": {1: 2}}
     loop = loop_of(linked(ARCS, 3, dynamics=dynamics, **given))
     assert len(loop.functions) == 1
     assert loop.place_of(1, 0) == 0
@@ -149,8 +162,11 @@ def test_a_gain_acts_on_the_inputs_where_they_are_fewer_than_the_states():
     """C of the inputs, as in the file; B C where W acts on x."""
     problem = with_dynamics(CART)
     assert observed(problem) is problem.groups
-    dynamics = dd.Dynamics(A=[[0, 1], [-1, 0]], B=[[2, 0], [0, 3]])
-    exosystem = dd.Exosystem(A=SINE, C=[[1, 0], [0, 1]])
+    A = [[0, 1], [-1, 0]]
+    B = [[2, 0], [0, 3]]
+    dynamics = dd.Dynamics(A=A, B=B)
+    C = [[1, 0], [0, 1]]
+    exosystem = dd.Exosystem(A=SINE, C=C)
     square = linked(ARCS, 3, gains=1, dynamics=dynamics, exosystem=exosystem)
     (group,) = observed(square)
     assert group.exosystem.C == ((2, 0), (0, 3))

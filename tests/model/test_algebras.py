@@ -18,11 +18,13 @@ def test_every_kind_of_casadi_symbol_will_do(kind: type):
     symbolic = evaluate(node, [y], CasadiAlgebra())
     function = ca.Function("f", [y], [symbolic])
     value = np.asarray(function([0, 3]))
-    np.testing.assert_allclose(value.ravel(), [1, 0.5 + np.sqrt(10)])
+    expected = [1, 0.5 + np.sqrt(10)]
+    np.testing.assert_allclose(value.ravel(), expected)
 
 
 def test_a_constant_beyond_the_floats_is_infinite_as_in_numpy():
-    value = evaluate(parse_expression("min(y, 1e400)").node, [ca.DM(3)], CasadiAlgebra())
+    point = [ca.DM(3)]
+    value = evaluate(parse_expression("min(y, 1e400)").node, point, CasadiAlgebra())
     assert float(value) == 3
 
 

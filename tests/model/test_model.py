@@ -49,7 +49,9 @@ def random_problem(coupling, seed: int, *, q: int = 2) -> Problem:
     (given["target"],) = entries(1, m)
     # 2 on the diagonal, and a skew-symmetric rest
     places = np.arange(m)
-    asymmetric = 2 * np.eye(m, dtype=int) + np.subtract.outer(places, places)
+    diagonal = 2 * np.eye(m, dtype=int)
+    differences = np.subtract.outer(places, places)
+    asymmetric = diagonal + differences
     given["gains"] = {0: 3, 1: asymmetric.tolist()}
     if q:
         given["exosystem"] = Exosystem(A=entries(q, q), C=entries(m, q))
@@ -157,7 +159,8 @@ def test_each_mode_has_its_own_arcs_and_without_any_still_its_pins():
         np.testing.assert_allclose(found, coupling_sum(problem, mode, e))
     assert build_model(problem).mode == "Ga"
     model = build_model(linked({"a": []}, 2, gains=2))
-    assert column(model.h([1.0, 2.0])).tolist() == [0, 0]
+    at_goal = column(model.h([1.0, 2.0]))
+    assert at_goal.tolist() == [0, 0]
     e_dot, _ = model.error_dynamics([1.0, 2.0], [])
     assert column(e_dot).tolist() == [-2, -4]
 
@@ -167,8 +170,11 @@ def test_a_thousand_agents_are_built_in_a_few_seconds():
     pairs = rng.integers(0, 1000, size=(6000, 2)).tolist()
     different = {(i, j) for i, j in pairs if i != j}
     arcs = sorted(different)
-    sine = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
-    given: dict[str, Any] = {"exosystem": sine, "observer": Observer(W=[[3], [2]])}
+    A = [[0, 2], [-2, 0]]
+    C = [[1, 0]]
+    sine = Exosystem(A=A, C=C)
+    observer = Observer(W=[[3], [2]])
+    given: dict[str, Any] = {"exosystem": sine, "observer": observer}
     problem = linked(arcs, [*range(1000)], "exp(y) - 1 + y", gains=1, **given)
     start = time.process_time()
     model = build_model(problem)

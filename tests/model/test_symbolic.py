@@ -37,7 +37,9 @@ def psi_of(s: SimpleNamespace, *, Q: Any = None) -> sympy.Matrix:
     """Psi of (18), (n (m + q), n (m + q)); Q is P W unless given."""
     if Q is None:
         Q = s.P * s.W
-    of_one = s.P * s.A + s.A.T * s.P - s.C.T * Q.T - Q * s.C
+    transposed = s.A.T * s.P
+    lyapunov = s.P * s.A + transposed
+    of_one = lyapunov - s.C.T * Q.T - Q * s.C
     theta = sympy.diag(*[s.C] * s.n)
     omega = sympy.diag(*[of_one] * s.n)
     top = s.J - s.K
@@ -133,7 +135,9 @@ def agent(*, m: int, q: int) -> SimpleNamespace:
     a.x_rate = a.s + a.u + a.C * a.xi
     a.z_rate = a.decay * estimate - a.W * (a.s + a.u)
     a.eps = a.xi - estimate
-    a.control = -a.k * (a.x - a.g) - a.C * estimate
+    distance = a.x - a.g
+    pull = -a.k * distance
+    a.control = pull - a.C * estimate
     return a
 
 

@@ -4,6 +4,7 @@ import json
 import re
 import subprocess
 import warnings
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -27,20 +28,26 @@ def switched():
 
 @pytest.fixture(scope="module")
 def swarm():
+    network = dd.Network.from_arcs({"G": []}, arrow="listens_to", agents=9)
     problem = dd.Problem(
-        network=dd.Network.from_arcs({"G": []}, arrow="listens_to", agents=9),
+        network=network,
         coupling="y",
         target=[0, 0],
         gains={"1": 1},
         name="swarm </script><b>&",
     )
-    start = np.random.default_rng(2).uniform(-1, 1, size=(9, 2))
+    rng = np.random.default_rng(2)
+    start = rng.uniform(-1, 1, size=(9, 2))
     signal = dd.signals.Mobile(radius=0.9, hysteresis=0.05)
     return dd.simulate(problem, signal=signal, start=start, t_final=5, samples=21)
 
 
 def by_label(sheet, beginning: str):
-    return [ax for ax in sheet.figure.axes if ax.get_ylabel().startswith(beginning)]
+    found = []
+    for ax in sheet.figure.axes:
+        if ax.get_ylabel().startswith(beginning):
+            found.append(ax)
+    return found
 
 
 def test_a_trajectory_shows_band_states_estimates_and_errors_each_with_its_unit(switched):
@@ -64,14 +71,18 @@ def test_axes_show_the_units_of_the_problem_as_they_are_written():
     run = dd.simulate(problem.replace(units="$m$/s"), t_final=1)
     estimates = "d and estimate d̂\nin $m$/s per s"
     assert labels_of(run.plot()) == ["xᵢ\nin $m$/s", estimates, "errors\nin $m$/s"]
-    assert not any(ax.yaxis.label.get_parse_math() for ax in run.plot().figure.axes)
-    runs = dd.simulate(problem.replace(units="m/s"), runs=2, t_final=1)
+    for ax in run.plot().figure.axes:
+        assert not ax.yaxis.label.get_parse_math()
+    problem_in_metres = problem.replace(units="m/s")
+    runs = dd.simulate(problem_in_metres, runs=2, t_final=1)
     assert labels_of(runs.plot())[1] == "|e|∞, in m/s"
 
 
 def test_components_with_units_of_their_own_have_no_common_one(tmp_path):
+    arcs = [[2, 1]]
+    network = dd.Network.from_arcs(arcs, arrow="listens_to", agents=2)
     problem = dd.Problem(
-        network=dd.Network.from_arcs([[2, 1]], arrow="listens_to", agents=2),
+        network=network,
         coupling="y",
         target=[1, 0],
         gains={1: 1},
@@ -90,7 +101,9 @@ def test_the_curves_are_the_samples(switched):
     sheet = switched.plot()
     states = by_label(sheet, "xᵢ")[0].get_lines()
     for agent in range(10):
-        np.testing.assert_array_equal(states[agent].get_ydata(), switched.x[:, agent, 0])
+        line = states[agent].get_ydata()
+        states_of_agent = switched.x[:, agent, 0]
+        np.testing.assert_array_equal(line, states_of_agent)
     error, estimation = by_label(sheet, "errors")[0].get_lines()
     np.testing.assert_array_equal(error.get_ydata(), switched.error())
     np.testing.assert_array_equal(estimation.get_ydata(), switched.estimation_error())
@@ -102,7 +115,9 @@ def test_the_band_spans_every_stretch_in_the_colour_of_its_mode(switched):
     for collection in band.collections:
         colour = to_hex(collection.get_facecolor()[0])
         for path in collection.get_paths():
-            spans[float(path.vertices[:, 0].min())] = (float(path.vertices[:, 0].max()), colour)
+            times = path.vertices[:, 0]
+            end = float(times.max())
+            spans[float(times.min())] = (end, colour)
     assert sorted(spans) == pytest.approx(switched.switches.times.tolist())
     wanted = np.append(switched.switches.times[1:], 4.0)
     ends, colours = zip(*(spans[start] for start in sorted(spans)), strict=True)
@@ -128,7 +143,9 @@ def test_the_certified_envelope_is_drawn_where_it_was_given(switched):
     (again,) = certified(switched.plot(envelope=lambda t: 5 - t))
     assert again.get_xdata().tolist() == switched.times.tolist()
     np.testing.assert_array_equal(again.get_ydata(), 5 - switched.times)
-    for wrong in ([1, 2], [[0, 1, 2]], [[0, 1]]):
+    wrong_shape = [[0, 1, 2]]
+    wrong_rows = [[0, 1]]
+    for wrong in ([1, 2], wrong_shape, wrong_rows):
         with pytest.raises(ShapeError, match=r"envelope must be points \(t, bound\)"):
             switched.plot(envelope=wrong)
 
@@ -145,7 +162,9 @@ def test_an_axis_of_errors_has_ticks_that_can_be_read_whatever_it_spans(
     low: float, high: float, wanted: list[str]
 ):
     ax = Figure().add_subplot()
-    plot_errors(ax, np.array([0.0, 1.0]), {"|e|∞": np.array([high, low])})
+    times = np.array([0.0, 1.0])
+    curves = {"|e|∞": np.array([high, low])}
+    plot_errors(ax, times, curves)
     ax.figure.canvas.draw()
     bottom, top = ax.get_ylim()
     inside = []
@@ -160,7 +179,8 @@ def test_an_axis_of_errors_has_ticks_that_can_be_read_whatever_it_spans(
 def test_a_run_that_ended_at_its_start_is_dots_and_says_so():
     network = dd.Network.from_arcs([[1, 2]], arrow="listens_to")
     problem = dd.Problem(network=network, coupling="exp(y) - 1 + y")
-    run = dd.simulate(problem, start=[[0], [1e300]], t_final=1)
+    start = [[0], [1e300]]
+    run = dd.simulate(problem, start=start, t_final=1)
     sheet = run.plot()
     assert len(run) == 1
     states = by_label(sheet, "xᵢ")[0].get_lines()[:2]
@@ -173,13 +193,15 @@ def test_a_run_that_ended_at_its_start_is_dots_and_says_so():
 
 def test_an_ensemble_shows_the_quantiles_of_its_runs():
     runs = dd.simulate("paper-switching", runs=40, t_final=3, samples=31)
-    sheet = runs.plot(envelope=[[0, 5], [3, 1]])
+    envelope = [[0, 5], [3, 1]]
+    sheet = runs.plot(envelope=envelope)
     states, top, below = sheet.figure.axes
     assert len(states.get_lines()) == 5 * 10 + 1  # agents of the first runs, and their goal
     second = states.get_lines()[13].get_ydata()
     np.testing.assert_array_equal(second, runs.states[1, :, 3, 0])
     median = next(line for line in top.get_lines() if line.get_label() == "median")
-    np.testing.assert_array_equal(median.get_ydata(), runs.quantiles([0.5])[0])
+    medians = runs.quantiles([0.5])[0]
+    np.testing.assert_array_equal(median.get_ydata(), medians)
     outer = top.collections[0].get_paths()[0].vertices
     low, high = runs.quantiles([0.05, 0.95])
     for place in (0, 15, 30):
@@ -191,14 +213,16 @@ def test_an_ensemble_shows_the_quantiles_of_its_runs():
 
 def from_region(coupling: str, low: object, high: object, **given: object) -> dd.Problem:
     """Three agents that start between two states."""
-    return ring(coupling, 3, gains={"1": 5}, region={"initial_states": [low, high]}, **given)
+    region = {"initial_states": [low, high]}
+    return ring(coupling, 3, gains={"1": 5}, region=region, **given)
 
 
-EDGES = {}
-EDGES["one sample"] = from_region("exp(y) - 1 + y", 0, 2000)
-EDGES["at rest"] = from_region("y", 2, 2, target=2)
-EDGES["diverging"] = ring("-y**3", 3, gains={"1": 1})
-EDGES["huge"] = from_region("y", "-1e300", "1e300")
+EDGES = {
+    "one sample": from_region("exp(y) - 1 + y", 0, 2000),
+    "at rest": from_region("y", 2, 2, target=2),
+    "diverging": ring("-y**3", 3, gains={"1": 1}),
+    "huge": from_region("y", "-1e300", "1e300"),
+}
 
 
 @pytest.mark.parametrize("name", EDGES)
@@ -242,14 +266,18 @@ BLIND["deuteranopia"] = """
 def test_the_series_colours_differ_for_every_eye(kind: str):
     matrix = np.eye(3)
     if kind != "normal":
-        matrix = np.array(BLIND[kind].split(), float).reshape(3, 3)
+        words = BLIND[kind].split()
+        numbers = np.array(words, float)
+        matrix = numbers.reshape(3, 3)
     seen = []
     for colour in look.SERIES[:4]:
         srgb = np.array(to_rgb(colour))
         bright = ((srgb + 0.055) / 1.055) ** 2.4
         linear = np.where(srgb <= 0.04045, srgb / 12.92, bright)
         seen.append(matrix @ linear)
-    apart = [np.linalg.norm(a - b) for a, b in combinations(seen, 2)]
+    apart = []
+    for a, b in combinations(seen, 2):
+        apart.append(np.linalg.norm(a - b))
     assert min(apart) > 0.08
 
 
@@ -275,23 +303,40 @@ def test_the_animation_holds_the_run_and_loads_nothing(swarm):
 
 def test_a_formation_has_one_scale_arrows_goals_and_pinned_agents(swarm):
     ax = Figure().add_subplot()
-    plot_plane(ax, swarm, pinned=[0], arcs=[(1, 0)])
+    arcs = [(1, 0)]
+    plot_plane(ax, swarm, pinned=[0], arcs=arcs)
     assert ax.get_aspect() == 1
     _, labels = ax.get_legend_handles_labels()
     assert set(labels) == {"pinned", "not pinned", "goal"}
-    arrow = next(text for text in ax.texts if text.arrow_patch is not None)
-    # towards agent 1, which listens
-    np.testing.assert_allclose(arrow.xy, swarm.x[-1, 1])
+    # the head near agent 1, which listens
+    head = ax.patches[-1].get_path().vertices.mean(axis=0)
+    ends = swarm.x[-1]
+    assert np.hypot(*(head - ends[1])) < np.hypot(*(head - ends[0]))
     data = page_data(animation_page(swarm, pinned=[0]))
     assert data["plane"] is True
     assert data["pinned"] == [0]
+
+
+def test_an_arrow_of_a_formation_passes_by_an_agent_between_its_ends(swarm):
+    agents = [0, 1, 2]
+    apart = np.zeros(swarm.x.shape)
+    apart[:, agents, 0] = agents
+    apart[:, 3:, 1] = 5.0
+    for arc, height in (((2, 0), 0.1), ((1, 0), 0.0)):
+        ax = Figure().add_subplot()
+        plot_plane(ax, replace(swarm, x=apart), arcs=[arc])
+        # the height of the shaft
+        assert np.ptp(ax.patches[0].get_path().vertices[:, 1]) >= height
+        assert (np.ptp(ax.patches[0].get_path().vertices[:, 1]) > 0) == (height > 0)
 
 
 def test_eight_agents_differ_in_colour_or_dashes():
     run = dd.simulate(ring("y", 8), t_final=0.1, samples=2)
     ax = Figure().add_subplot()
     plot_agents(ax, run, component=0, pinned=[0])
-    drawn = {line.get_label(): (line.get_color(), line.get_linestyle()) for line in ax.get_lines()}
+    drawn = {}
+    for line in ax.get_lines():
+        drawn[line.get_label()] = (line.get_color(), line.get_linestyle())
     drawn.pop("goal")
     assert len(drawn) == 8
     assert len(set(drawn.values())) == 8
@@ -299,12 +344,20 @@ def test_eight_agents_differ_in_colour_or_dashes():
 
 
 def test_one_component_moves_along_its_axis_and_arcs_can_be_given(switched):
-    data = page_data(animation_page(switched, arcs={"Ga": [(0, 1), (1, 0), (4, 2)]}))
+    listened = [(0, 1), (1, 0), (4, 2)]
+    page = animation_page(switched, arcs={"Ga": listened})
+    data = page_data(page)
     places = np.array(data["places"])
-    np.testing.assert_allclose(places[:, :, 0], switched.x[:, :, 0], atol=1e-4)
-    assert places[0, :, 1].tolist() == list(range(1, 11))
+    shown = places[:, :, 0]
+    expected = switched.x[:, :, 0]
+    np.testing.assert_allclose(shown, expected, atol=1e-4)
+    second_coordinates = places[0, :, 1].tolist()
+    numbers = list(range(1, 11))
+    assert second_coordinates == numbers
     names = switched.switches.names
-    assert data["links"][names.index("Ga")] == [[0, 1], [1, 0], [4, 2]]
+    links = data["links"][names.index("Ga")]
+    expected_links = [[0, 1], [1, 0], [4, 2]]
+    assert links == expected_links
     assert data["links"][names.index("Gb")] == []
 
 

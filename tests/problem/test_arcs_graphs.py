@@ -47,7 +47,8 @@ def test_what_networkx_writes_is_read_as_networkx_reads_it(tmp_path, kind, name)
 @pytest.mark.parametrize("name", ["net.mtx", "net.txt"])
 def test_a_matrix_is_read_as_from_sparse_reads_it(tmp_path, symmetry, name):
     rng = np.random.default_rng(3)
-    dense = np.triu(rng.integers(0, 3, (6, 6)) * 0.5, 1)
+    drawn = rng.integers(0, 3, (6, 6))
+    dense = np.triu(drawn * 0.5, 1)
     dense = dense + dense.T if symmetry == "symmetric" else dense
     matrix = sp.coo_array(dense)
     with open(tmp_path / name, "wb") as stream:
@@ -63,7 +64,9 @@ def test_a_matrix_without_values_has_weights_1_and_zeros_are_no_arcs(tmp_path):
     path.write_text(
         "%%MatrixMarket matrix coordinate pattern general\n% made by hand\n3 3 2\n1 2\n3 1\n"
     )
-    assert sorted(read(path).modes["G"]) == [(0, 1, 1), (2, 0, 1)]
+    found = sorted(read(path).modes["G"])
+    expected = [(0, 1, 1), (2, 0, 1)]
+    assert found == expected
     path.write_text(
         "%%MatrixMarket matrix coordinate real general\n3 3 3\n1 2 0.1\n2 3 0.0\n3 1 0e0\n"
     )
@@ -77,9 +80,9 @@ def test_graphml_and_gml_know_the_same_names_of_weights(tmp_path, name):
     nx.write_graphml(graph, tmp_path / "net.graphml")
     nx.write_gml(graph, tmp_path / "net.gml")
     for ending in ("graphml", "gml"):
-        assert [weight for _, _, weight in read(tmp_path / f"net.{ending}").modes["G"]] == [
-            Fraction(5, 2)
-        ]
+        arcs = read(tmp_path / f"net.{ending}").modes["G"]
+        weights = [weight for _, _, weight in arcs]
+        assert weights == [Fraction(5, 2)]
 
 
 PARALLEL = """<graphml xmlns="http://graphml.graphdrawing.org/xmlns">
@@ -99,7 +102,9 @@ def test_parallel_edges_and_loops_of_a_graph_are_refused_with_the_cure_that_work
     with pytest.raises(SpecError, match=r"edge 2 repeats an arc.*--merge sum"):
         read(path, drop_loops=True)
     network = read(path, merge="sum", drop_loops=True)
-    assert sorted(network.modes["G"]) == [(0, 1, 2), (1, 0, 2), (1, 2, 1), (2, 1, 1)]
+    found = sorted(network.modes["G"])
+    expected = [(0, 1, 2), (1, 0, 2), (1, 2, 1), (2, 1, 1)]
+    assert found == expected
 
 
 def test_weights_of_gml_may_be_called_value_and_labels_may_be_missing(tmp_path):
@@ -109,7 +114,9 @@ def test_weights_of_gml_may_be_called_value_and_labels_may_be_missing(tmp_path):
     )
     network = read(path)
     assert network.labels == ("1", "3")
-    assert sorted(network.modes["G"]) == [(0, 1, 2), (1, 0, 2)]
+    found = sorted(network.modes["G"])
+    expected = [(0, 1, 2), (1, 0, 2)]
+    assert found == expected
 
 
 def test_lists_of_pajek_name_all_that_a_vertex_leads_to(tmp_path):
@@ -119,59 +126,52 @@ def test_lists_of_pajek_name_all_that_a_vertex_leads_to(tmp_path):
     )
     network = read(path)
     assert network.labels == ("a", "b", "3")
-    assert sorted(network.modes["G"]) == [
-        (0, 1, 1),
-        (0, 2, 1),
-        (1, 2, Fraction(1, 2)),
-        (2, 1, Fraction(1, 2)),
-    ]
+    expected = [(0, 1, 1), (0, 2, 1), (1, 2, Fraction(1, 2)), (2, 1, Fraction(1, 2))]
+    assert sorted(network.modes["G"]) == expected
 
 
 MM = "%%MatrixMarket matrix coordinate real general\n"
 
 
-REFUSED: list[Any] = []
-
-
-def refused(name: str, text: str, match: str) -> None:
-    REFUSED.append((name, text, match))
-
-
-refused("net.graphml", "<graphml><graph><hyperedge/></graph></graphml>", "holds hyperedges")
-refused("net.gml", "graph [ node [ id 1", "a bracket is not closed")
-refused("net.gml", "graph [ ] ] x", "not valid GML near")
-refused("net.gml", "graph [ ] graph [ ]", "must hold one graph; it holds 2")
-refused(
-    "net.gml", 'graph [ node [ id 1 label "a" ] node [ id 2 label "a" ] ]', "two nodes called 'a'"
-)
-refused(
-    "net.gml", "graph [ node [ id 1 ] edge [ source 1 target 2 ] ]", "edge 1 has the target '2'"
-)
-refused(
-    "net.gml",
-    "graph [ node [ id 1 ] node [ id 2 ] edge [ source 1 target 2 weight -1 ] ]",
-    "weight must be > 0",
-)
-refused(
-    "net.net", "*Vertices 2\n*Arcs\n1 3\n", "line 3 names vertex '3'; vertices are numbered 1 to 2"
-)
-refused("net.net", "*Vertices 2 1\n*Edges\n1 2\n", "two kinds of vertices")
-refused(
-    "net.net", "*Vertices 2\n*Matrix\n0 1\n1 0\n", r"has the part '\*Matrix', which is not read"
-)
-refused("net.net", "*Vertices 2\n*Arcs\n1 2\n*Vertices 2\n", "begins a second network")
-refused("net.net", "*Vertices 99999999999\n", "must say how many nodes there are")
-refused("net.net", '*Vertices 2\n1 "a"\n2 "a"\n', "two nodes called 'a'")
-refused("net.mtx", "1 2 0.5\n", "must begin with %%MatrixMarket")
-refused(
-    "net.mtx", MM.replace("real", "complex") + "2 2 1\n1 2 1 1\n", "must begin with %%MatrixMarket"
-)
-refused("net.mtx", MM + "2 3 1\n1 2 1\n", "must be square")
-refused("net.mtx", MM + "2 2 2\n1 2 1\n", "announces 2 entries and holds 1")
-refused("net.mtx", MM + "2 2 1\n1 3 1\n", "leaves the matrix, which is 2 x 2")
-refused("net.mtx", MM + "2 2 1\n1 2\n", "line 3 must be i j value; got '1 2'")
-refused("net.mtx", MM + "2 2 1\n1 2 nan\n", "weight must be a number")
-refused("net.mtx", MM + "2 2 1\n1 1 4\n", "is a self-arc")
+REFUSED: list[Any] = [
+    ("net.graphml", "<graphml><graph><hyperedge/></graph></graphml>", "holds hyperedges"),
+    ("net.gml", "graph [ node [ id 1", "a bracket is not closed"),
+    ("net.gml", "graph [ ] ] x", "not valid GML near"),
+    ("net.gml", "graph [ ] graph [ ]", "must hold one graph; it holds 2"),
+    (
+        "net.gml",
+        'graph [ node [ id 1 label "a" ] node [ id 2 label "a" ] ]',
+        "two nodes called 'a'",
+    ),
+    ("net.gml", "graph [ node [ id 1 ] edge [ source 1 target 2 ] ]", "edge 1 has the target '2'"),
+    (
+        "net.gml",
+        "graph [ node [ id 1 ] node [ id 2 ] edge [ source 1 target 2 weight -1 ] ]",
+        "weight must be > 0",
+    ),
+    (
+        "net.net",
+        "*Vertices 2\n*Arcs\n1 3\n",
+        "line 3 names vertex '3'; vertices are numbered 1 to 2",
+    ),
+    ("net.net", "*Vertices 2 1\n*Edges\n1 2\n", "two kinds of vertices"),
+    ("net.net", "*Vertices 2\n*Matrix\n0 1\n1 0\n", r"has the part '\*Matrix', which is not read"),
+    ("net.net", "*Vertices 2\n*Arcs\n1 2\n*Vertices 2\n", "begins a second network"),
+    ("net.net", "*Vertices 99999999999\n", "must say how many nodes there are"),
+    ("net.net", '*Vertices 2\n1 "a"\n2 "a"\n', "two nodes called 'a'"),
+    ("net.mtx", "1 2 0.5\n", "must begin with %%MatrixMarket"),
+    (
+        "net.mtx",
+        MM.replace("real", "complex") + "2 2 1\n1 2 1 1\n",
+        "must begin with %%MatrixMarket",
+    ),
+    ("net.mtx", MM + "2 3 1\n1 2 1\n", "must be square"),
+    ("net.mtx", MM + "2 2 2\n1 2 1\n", "announces 2 entries and holds 1"),
+    ("net.mtx", MM + "2 2 1\n1 3 1\n", "leaves the matrix, which is 2 x 2"),
+    ("net.mtx", MM + "2 2 1\n1 2\n", "line 3 must be i j value; got '1 2'"),
+    ("net.mtx", MM + "2 2 1\n1 2 nan\n", "weight must be a number"),
+    ("net.mtx", MM + "2 2 1\n1 1 4\n", "is a self-arc"),
+]
 
 
 @pytest.mark.parametrize(("name", "text", "match"), REFUSED)

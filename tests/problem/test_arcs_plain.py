@@ -11,34 +11,37 @@ from dobc_design.errors import SpecError
 from dobc_design.problem import arcs_file, arcs_plain
 
 INDEX = {str(place + 1): place for place in range(9)} | {"from": 9, "a b": 10, "ü": 11}
-PLAIN = {}
-PLAIN["commas"] = ("arcs.csv", "1,2\n2,3\n")
-PLAIN["a header and weights"] = ("arcs.csv", "from,to,weight\n1,2,0.1\n2,3,1e-3\n3,1,0.1\n")
-PLAIN["a header that names more"] = ("arcs.csv", "id,target,source,weight\n7,1,2,3\n8,2,3,1/3\n")
-PLAIN["semicolons, Windows line ends"] = ("arcs.csv", "1;2;0.5\r\n2;3;0.25\r\n")
-PLAIN["tabs"] = ("arcs.tsv", "1\t2\n2\t3")
-PLAIN["blanks"] = ("arcs.edgelist", "1 2 0.5\n2 3 7\n")
-PLAIN["a label that is a header elsewhere"] = ("arcs.csv", "from,1\n2,from\n")
-OTHER = {}
-OTHER["a comment"] = ("arcs.edgelist", "1 2 # one\n2 3\n")
-OTHER["quotes"] = ("arcs.csv", '"1",2\n2,3\n')
-OTHER["blanks around"] = ("arcs.csv", "1, 2\n2,3\n")
-OTHER["a label with a blank"] = ("arcs.csv", "a b,2\n2,3\n")
-OTHER["a blank line"] = ("arcs.csv", "1,2\n\n2,3\n")
-OTHER["some weights"] = ("arcs.csv", "1,2\n2,3,0.5\n")
-OTHER["types"] = ("arcs.csv", "source,target,type\n1,2,Undirected\n")
-OTHER["a letter beyond ASCII"] = ("arcs.csv", "ü,2\n2,3\n")
-OTHER["two blanks"] = ("arcs.edgelist", "1  2\n2 3\n")
-OTHER["attributes"] = ("arcs.edgelist", "1 2 {}\n2 3 {}\n")
-WRONG = {}
-WRONG["an unknown label"] = ("arcs.csv", "1,2\n2,77\n", "line 2")
-WRONG["a duplicate"] = ("arcs.csv", "from,to\n1,2\n2,3\n1,2\n", "line 4")
-WRONG["a self-arc"] = ("arcs.csv", "1,2\n3,3\n", "line 2")
-WRONG["a weight of 0"] = ("arcs.csv", "1,2,1\n2,3,0\n", "line 2")
-WRONG["a decimal comma"] = ("arcs.csv", "1;2;0.5\n2;3;0,5\n", "line 2")
-WRONG["an empty weight"] = ("arcs.csv", "1,2,1\n2,3,\n", "line 2")
-WRONG["no weight"] = ("arcs.edgelist", "1 2 1\n2 3 \n3 4 1\n4 4\n", "line 4")
-WRONG["only a header"] = ("arcs.csv", "from,to\n", "empty")
+PLAIN = {
+    "commas": ("arcs.csv", "1,2\n2,3\n"),
+    "a header and weights": ("arcs.csv", "from,to,weight\n1,2,0.1\n2,3,1e-3\n3,1,0.1\n"),
+    "a header that names more": ("arcs.csv", "id,target,source,weight\n7,1,2,3\n8,2,3,1/3\n"),
+    "semicolons, Windows line ends": ("arcs.csv", "1;2;0.5\r\n2;3;0.25\r\n"),
+    "tabs": ("arcs.tsv", "1\t2\n2\t3"),
+    "blanks": ("arcs.edgelist", "1 2 0.5\n2 3 7\n"),
+    "a label that is a header elsewhere": ("arcs.csv", "from,1\n2,from\n"),
+}
+OTHER = {
+    "a comment": ("arcs.edgelist", "1 2 # one\n2 3\n"),
+    "quotes": ("arcs.csv", '"1",2\n2,3\n'),
+    "blanks around": ("arcs.csv", "1, 2\n2,3\n"),
+    "a label with a blank": ("arcs.csv", "a b,2\n2,3\n"),
+    "a blank line": ("arcs.csv", "1,2\n\n2,3\n"),
+    "some weights": ("arcs.csv", "1,2\n2,3,0.5\n"),
+    "types": ("arcs.csv", "source,target,type\n1,2,Undirected\n"),
+    "a letter beyond ASCII": ("arcs.csv", "ü,2\n2,3\n"),
+    "two blanks": ("arcs.edgelist", "1  2\n2 3\n"),
+    "attributes": ("arcs.edgelist", "1 2 {}\n2 3 {}\n"),
+}
+WRONG = {
+    "an unknown label": ("arcs.csv", "1,2\n2,77\n", "line 2"),
+    "a duplicate": ("arcs.csv", "from,to\n1,2\n2,3\n1,2\n", "line 4"),
+    "a self-arc": ("arcs.csv", "1,2\n3,3\n", "line 2"),
+    "a weight of 0": ("arcs.csv", "1,2,1\n2,3,0\n", "line 2"),
+    "a decimal comma": ("arcs.csv", "1;2;0.5\n2;3;0,5\n", "line 2"),
+    "an empty weight": ("arcs.csv", "1,2,1\n2,3,\n", "line 2"),
+    "no weight": ("arcs.edgelist", "1 2 1\n2 3 \n3 4 1\n4 4\n", "line 4"),
+    "only a header": ("arcs.csv", "from,to\n", "empty"),
+}
 
 
 def read(folder: Path, name: str, text: str):
@@ -120,7 +123,8 @@ def test_random_tables_have_one_outcome(tmp_path):
     for _ in range(300):
         name = r.choice(["arcs.csv", "arcs.tsv", "arcs.edgelist"])
         text = r.choice(["", "from,to\n", "1,2\n", "1 2\n"])
-        text += "".join(r.choices(pieces, k=r.randrange(1, 7)))
+        drawn = r.choices(pieces, k=r.randrange(1, 7))
+        text += "".join(drawn)
         quick = outcome(read, tmp_path, name, text)
         slow = outcome(line_by_line, tmp_path, name, text)
         assert quick == slow, (name, text)

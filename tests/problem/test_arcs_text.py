@@ -29,28 +29,21 @@ def plain(*arcs: str) -> list[tuple[str, str, Fraction]]:
 CHAIN = plain("12", "23", "31")
 
 
-WRITTEN: list[Any] = []
-
-
-def written(name: str, text: str) -> None:
-    WRITTEN.append((name, text))
-
-
-written("comma.edgelist", "fromNodeId, toNodeId\n1, 2\n2, 3\n3, 1\n")
-written("unknown.csv", "id_1,id_2\n1,2\n2,3\n3,1\n")
-written("weights.csv", "edge1,edge2,weight\n1,2,1\n2,3,1\n3,1,1\n")
-written("weights_w.csv", "W;Source;Target\n1;1;2\n1;2;3\n1;3;1\n")
-written("blanks.txt", "% a comment\n# FromNodeId ToNodeId\nsource target\n1 2\n2\t3\n3 1 # last\n")
-written("tabs.tsv", "src\tdst\n1\t2\n2\t3\n3\t1\n")
-written("tabs.csv", "1\t2\n2\t3\n3\t1\n")
-written("semicolons.csv", "from;to\n1;2\n2;3\n3;1\n")
-written("semicolons.edges", "1;2\n2;3\n3;1\n")
-written("comments.csv", "# made by hand\n1,2\n% more\n2,3\n3,1\n")
-written("dicts.edgelist", "1 2 {}\n2 3 {'colour': '#ff0000', \"weight\": 1.0}\n3 1 {'weight': 1}\n")
-written("dicts.csv.txt", "1,2,{'weight': 1.0}\n2,3,{}\n3,1,{}\n")
-written(
-    "extra.csv", "Id,Label,Source,Target,Weight,Length\n7,x,1,2,1,9\n8,y,2,3,1,9\n9,z,3,1,1,9\n"
-)
+WRITTEN: list[Any] = [
+    ("comma.edgelist", "fromNodeId, toNodeId\n1, 2\n2, 3\n3, 1\n"),
+    ("unknown.csv", "id_1,id_2\n1,2\n2,3\n3,1\n"),
+    ("weights.csv", "edge1,edge2,weight\n1,2,1\n2,3,1\n3,1,1\n"),
+    ("weights_w.csv", "W;Source;Target\n1;1;2\n1;2;3\n1;3;1\n"),
+    ("blanks.txt", "% a comment\n# FromNodeId ToNodeId\nsource target\n1 2\n2\t3\n3 1 # last\n"),
+    ("tabs.tsv", "src\tdst\n1\t2\n2\t3\n3\t1\n"),
+    ("tabs.csv", "1\t2\n2\t3\n3\t1\n"),
+    ("semicolons.csv", "from;to\n1;2\n2;3\n3;1\n"),
+    ("semicolons.edges", "1;2\n2;3\n3;1\n"),
+    ("comments.csv", "# made by hand\n1,2\n% more\n2,3\n3,1\n"),
+    ("dicts.edgelist", "1 2 {}\n2 3 {'colour': '#ff0000', \"weight\": 1.0}\n3 1 {'weight': 1}\n"),
+    ("dicts.csv.txt", "1,2,{'weight': 1.0}\n2,3,{}\n3,1,{}\n"),
+    ("extra.csv", "Id,Label,Source,Target,Weight,Length\n7,x,1,2,1,9\n8,y,2,3,1,9\n9,z,3,1,1,9\n"),
+]
 
 
 @pytest.mark.parametrize(("name", "text"), WRITTEN)
@@ -65,7 +58,9 @@ def test_edge_lists_of_networkx_keep_their_weights(tmp_path):
     for delimiter in (" ", ",", "\t"):
         nx.write_edgelist(graph, tmp_path / "net.edgelist", delimiter=delimiter)
         network = dd.problem_from_file(tmp_path / "net.edgelist", arrow="listens_to").network
-        assert triples(network) == [("a", "b", Fraction(1, 10)), ("b", "c", Fraction(5, 2))]
+        first = ("a", "b", Fraction(1, 10))
+        second = ("b", "c", Fraction(5, 2))
+        assert triples(network) == [first, second]
 
 
 def test_a_table_of_gephi_says_of_each_edge_whether_it_is_directed(tmp_path):
@@ -113,51 +108,46 @@ def test_a_header_stays_a_header_when_agents_have_its_names(tmp_path):
     assert triples(network) == [("from", "x", 1), ("x", "to", 1)]
 
 
-REFUSED: list[Any] = []
-
-
-def refused(name: str, text: str, match: str) -> None:
-    REFUSED.append((name, text, match))
-
-
-refused(
-    "net.csv",
-    "alpha,beta\na,b\nb,c\n",
-    r"line 1 \(alpha, beta\) may be a header or an arc.*Begin the file with",
-)
-refused(
-    "net.csv",
-    "id_1,id_2,distance\n1,2,7\n",
-    r"columns \(id_1, id_2, distance\) are not known.*from,to or source",
-)
-refused(
-    "net.csv",
-    "from,to,distance\n1,2,7\n",
-    "names a column 'distance', which is not known.*Call it weight",
-)
-refused("net.csv", "from,to,weight,w\n1,2,7,1\n", "names columns of the same meaning: weight, w")
-refused("net.csv", "from,to,weight\n1,2,0,5\n", "line 2 has 4 columns; the header names 3")
-refused(
-    "net.csv", "from;to;weight\n1;2;0,5\n", "line 2 has the number '0,5' with a decimal comma.*0.5"
-)
-refused("net.csv", "1;2;0,5\n", "line 1 holds commas and semicolons")
-refused("net.csv", "1 2 0,5\n", "line 1 has the number '0,5' with a decimal comma")
-refused("net.edges", "1 2 0,5\n", "line 1 has the number '0,5' with a decimal comma")
-refused("net.edges", "1 2 1\n2 3 0,5\n", "line 2 has the number '0,5' with a decimal comma")
-refused("net.edges", "1, 2\n3 4 0,5\n", "line 2 holds both commas and blanks")
-refused("net.txt", "1 -> 2\n2 -> 3\n", "line 1 holds '->': it is no list of arcs.*Write a b")
-refused("net.txt", "1: 2 3\n2: 3\n", "line 1 holds '1:': it is no list of arcs")
-refused("net.edges", "1 2 3 4\n", "line 1 must have 2 or 3 columns")
-refused(
-    "net.edges",
-    "1 2 {'weight': [1]}\n",
-    r"has attributes that cannot be read.*nx.write_weighted_edgelist",
-)
-refused("net.edges", "1 2 {'weight': 1\n", r"has attributes that cannot be read")
-refused("net.csv", "a,b\na,b\n", 'line 2 repeats an arc.*merge = "sum" beside file.*--merge sum')
-refused(
-    "net.csv", "a,b\nb,b\n", "line 2 is a self-arc.*drop_loops = true beside file.*--drop-loops"
-)
+REFUSED: list[Any] = [
+    (
+        "net.csv",
+        "alpha,beta\na,b\nb,c\n",
+        r"line 1 \(alpha, beta\) may be a header or an arc.*Begin the file with",
+    ),
+    (
+        "net.csv",
+        "id_1,id_2,distance\n1,2,7\n",
+        r"columns \(id_1, id_2, distance\) are not known.*from,to or source",
+    ),
+    (
+        "net.csv",
+        "from,to,distance\n1,2,7\n",
+        "names a column 'distance', which is not known.*Call it weight",
+    ),
+    ("net.csv", "from,to,weight,w\n1,2,7,1\n", "names columns of the same meaning: weight, w"),
+    ("net.csv", "from,to,weight\n1,2,0,5\n", "line 2 has 4 columns; the header names 3"),
+    (
+        "net.csv",
+        "from;to;weight\n1;2;0,5\n",
+        "line 2 has the number '0,5' with a decimal comma.*0.5",
+    ),
+    ("net.csv", "1;2;0,5\n", "line 1 holds commas and semicolons"),
+    ("net.csv", "1 2 0,5\n", "line 1 has the number '0,5' with a decimal comma"),
+    ("net.edges", "1 2 0,5\n", "line 1 has the number '0,5' with a decimal comma"),
+    ("net.edges", "1 2 1\n2 3 0,5\n", "line 2 has the number '0,5' with a decimal comma"),
+    ("net.edges", "1, 2\n3 4 0,5\n", "line 2 holds both commas and blanks"),
+    ("net.txt", "1 -> 2\n2 -> 3\n", "line 1 holds '->': it is no list of arcs.*Write a b"),
+    ("net.txt", "1: 2 3\n2: 3\n", "line 1 holds '1:': it is no list of arcs"),
+    ("net.edges", "1 2 3 4\n", "line 1 must have 2 or 3 columns"),
+    (
+        "net.edges",
+        "1 2 {'weight': [1]}\n",
+        r"has attributes that cannot be read.*nx.write_weighted_edgelist",
+    ),
+    ("net.edges", "1 2 {'weight': 1\n", r"has attributes that cannot be read"),
+    ("net.csv", "a,b\na,b\n", 'line 2 repeats an arc.*merge = "sum" beside file.*--merge sum'),
+    ("net.csv", "a,b\nb,b\n", "line 2 is a self-arc.*drop_loops = true beside file.*--drop-loops"),
+]
 
 
 @pytest.mark.parametrize(("name", "text", "match"), REFUSED)
@@ -169,7 +159,9 @@ def test_what_could_mean_two_things_is_refused_with_the_cure(tmp_path, name, tex
 def test_parallel_arcs_are_added_and_loops_left_out_where_that_is_asked_for(tmp_path):
     text = "a,b,0.1\nb,b,7\nb,a,1\na,b,0.2\n"
     network = read(tmp_path, "net.csv", text, merge="sum", drop_loops=True)
-    assert list(network.modes["G"]) == [(0, 1, Fraction(3, 10)), (1, 0, Fraction(1))]
+    there = (0, 1, Fraction(3, 10))
+    back = (1, 0, Fraction(1))
+    assert list(network.modes["G"]) == [there, back]
     with pytest.raises(SpecError, match="self-arc"):
         read(tmp_path, "net.csv", text, merge="sum")
     with pytest.raises(SpecError, match="repeats an arc"):
@@ -191,10 +183,14 @@ h = "y"
 """
     (tmp_path / "p.toml").write_text(text)
     arcs = dd.load_problem(tmp_path / "p.toml").network.modes["G"]
-    assert list(arcs) == [(0, 1, Fraction(3, 10)), (1, 0, Fraction(1))]
+    there = (0, 1, Fraction(3, 10))
+    back = (1, 0, Fraction(1))
+    assert list(arcs) == [there, back]
+    without_merge = (', merge = "sum"', "", "repeats an arc")
+    not_a_truth = ("true }", '"yes" }', "drop_loops must be true or false")
     for old, new, match in (
-        (', merge = "sum"', "", "repeats an arc"),
-        ("true }", '"yes" }', "drop_loops must be true or false"),
+        without_merge,
+        not_a_truth,
         ("merge", "marge", 'beside file may stand merge = "sum" and drop_loops = true'),
     ):
         (tmp_path / "p.toml").write_text(text.replace(old, new))
@@ -203,7 +199,8 @@ h = "y"
 
 
 def test_readers_in_python_know_both(tmp_path):
-    graph = nx.MultiDiGraph([("a", "b"), ("a", "b"), ("b", "b")])
+    repeated = [("a", "b"), ("a", "b"), ("b", "b")]
+    graph = nx.MultiDiGraph(repeated)
     network = dd.Network.from_networkx(graph, arrow="listens_to", merge="sum", drop_loops=True)
     assert list(network.modes["G"]) == [(0, 1, Fraction(2))]
     pairs = list(graph.edges())

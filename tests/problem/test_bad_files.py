@@ -22,7 +22,8 @@ def test_a_bad_file_is_refused_by_key_and_in_words(case, tmp_path):
     """Contract: one clear error that names the key, says what it must be and what it was; nothing
     written."""
     path = write_case(case, tmp_path)
-    before, start = listing(tmp_path), time.process_time()
+    before = listing(tmp_path)
+    start = time.process_time()
     with pytest.raises(SpecError) as caught:
         read_problem_file(path)
     spent = time.process_time() - start
@@ -79,7 +80,9 @@ def keys_of(text: str) -> list[str | None]:
 def test_the_file_without_mistakes_says_what_it_says():
     problem = read(VALID)
     assert problem.name == "four-agents"
-    assert (problem.n, problem.m, problem.q) == (4, 1, 2)
+    assert problem.n == 4
+    assert problem.m == 1
+    assert problem.q == 2
     gains = [k for ((k,),) in problem.pinning.gains.values()]
     assert gains == [5, Fraction(9, 16)]
     offset = Fraction(3, 2)
@@ -91,9 +94,55 @@ def test_the_file_without_mistakes_says_what_it_says():
 def test_mistakes_in_different_tables_are_told_at_once():
     text = VALID.replace('h = "exp(y) - 1 + y"', 'h = "exp(y) + y"').replace("[3, 4]", "[3, 11]")
     text = text.replace("dwell = 0.5", "dwell = 0").replace('"12/5"', '"12/0"')
-    assert keys_of(text) == ["network.modes.Ga[2]", "observer.W[1][0]", "switching.dwell"]
+    beside = ["observer.W[1][0]", "switching.dwell", "coupling.h"]
+    assert keys_of(text) == ["network.modes.Ga[2]", *beside]
     text = text.replace("[3, 11]", "[3, 4]").replace("seed = 0", "seed = -1")
-    assert keys_of(text) == ["observer.W[1][0]", "switching.dwell", "coupling.h", "simulation.seed"]
+    assert keys_of(text) == [*beside, "simulation.seed"]
+
+
+SOUND = """\
+[network]
+agents = ["a", "b"]
+arrow = "listens_to"
+modes.G = [["b", "a"]]
+[coupling]
+h = "y"
+[pinning]
+gains = { a = 1 }
+[exosystem]
+A = [[0]]
+C = [[1]]
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "keys"),
+    [
+        (
+            '[["b", "a"]]\n[coupling]\nh = "y"\n[pinning]\ngains = { a',
+            '[["b", "x"]]\n[coupling]\nh = "1"\n[pinning]\ngains = { z',
+            ["network.modes.G[0]", "coupling.h", "pinning.gains.z"],
+        ),
+        (
+            "[exosystem]",
+            "[simulation]\nt_final = -5\nseed = -1\nx0 = [1, 2, 3]\n[exosystem]",
+            ["simulation.t_final", "simulation.seed", "simulation.x0"],
+        ),
+        (
+            "[exosystem]",
+            "[observer]\nW = [[1], [1, 2]]\nP = [[1, 2], [3, 4]]\nrate = -1\n[exosystem]",
+            ["observer.W[1]", "observer.P", "observer.rate"],
+        ),
+        (
+            "[exosystem]",
+            '[switching]\nguarantee = "x"\nsignal = "y"\n[exosystem]',
+            ["switching.guarantee", "switching.signal"],
+        ),
+    ],
+)
+def test_every_mistake_of_a_table_is_told_and_a_wrong_arc_hides_none(old, new, keys):
+    read(SOUND)
+    assert keys_of(SOUND.replace(old, new)) == keys
 
 
 def test_every_wrong_arc_is_told_up_to_twenty():

@@ -86,11 +86,14 @@ def test_the_bytes_are_utf_8_json_with_sorted_keys_and_no_white_space():
 
 def test_the_arrow_and_the_way_a_number_is_typed_leave_no_trace():
     """Arcs are stored as listens_to index triples."""
-    sends = Network.from_arcs({"G": [(2, 1)]}, arrow="sends_to", agents=2)
+    arcs = {"G": [(2, 1)]}
+    sends = Network.from_arcs(arcs, arrow="sends_to", agents=2)
     listens = network_of({"G": [(1, 2)]}, 2)
     text = canonical_bytes(Problem(network=sends, coupling="y"))
     assert canonical_bytes(Problem(network=listens, coupling="y")) == text
-    assert json.loads(text)["modes"] == [{"name": "G", "arcs": [[0, 1, "1"]]}]
+    modes = json.loads(text)["modes"]
+    expected = {"name": "G", "arcs": [[0, 1, "1"]]}
+    assert modes == [expected]
     typed = hash_with(target=3.2)
     for value in ("16/5", "3.20", Fraction(16, 5)):
         assert hash_with(target=value) == typed
@@ -103,7 +106,9 @@ def test_the_hash_changes_with_every_field(name):
 
 def test_the_hash_changes_with_the_order_of_modes_and_with_labels():
     own = PARTS["network"]
-    turned = Network(labels=own.labels, modes=dict(reversed(own.modes.items())))
+    modes_of_own = own.modes.items()
+    reversed_modes = dict(reversed(modes_of_own))
+    turned = Network(labels=own.labels, modes=reversed_modes)
     renamed = Network(labels=("c", "b", "a"), modes=own.modes)
     hashes = {hash_with(), hash_with(network=turned), hash_with(network=renamed)}
     assert len(hashes) == 3

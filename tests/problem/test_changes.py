@@ -30,21 +30,16 @@ from dobc_design.problem.load import (
     source_text,
 )
 
-TYPED: list[Any] = []
-
-
-def typed_as(value: Any, typed: Any) -> None:
-    TYPED.append((value, typed))
-
-
-typed_as(5, 5)
-typed_as("42/100", 0.42)
-typed_as("9/16", 0.5625)
-typed_as("1/3", "1/3")
-typed_as("-16/5", -3.2)
-typed_as(0, 0)
-typed_as(10**20, 1e20)
-typed_as("1e-7", 1e-07)
+TYPED: list[Any] = [
+    (5, 5),
+    ("42/100", 0.42),
+    ("9/16", 0.5625),
+    ("1/3", "1/3"),
+    ("-16/5", -3.2),
+    (0, 0),
+    (10**20, 1e20),
+    ("1e-7", 1e-07),
+]
 
 
 @pytest.mark.parametrize(("value", "typed"), TYPED)
@@ -56,7 +51,9 @@ def test_a_rational_is_written_the_short_way(value, typed):
 def test_what_is_written_means_the_same_number():
     for k in range(1, 400):
         values = [Fraction(k, 7), Fraction(k, 1000)]
-        values += [Fraction(10) ** (k - 200), Fraction(k**12, 3**20)]
+        power = Fraction(10) ** (k - 200)
+        fraction = Fraction(k**12, 3**20)
+        values += [power, fraction]
         for value in values:
             assert parse_number(typed_number(value), key="k") == value
 
@@ -71,14 +68,16 @@ W = [[1]]
 
 
 def test_changes_are_told_as_a_file_would_hold_them():
-    value = {"1": 0.42, "a b": "9/16", 'é"': [[1, -2.5], ["1/3", 1e-07]]}
+    matrix_gain = [[1, -2.5], ["1/3", 1e-07]]
+    value = {"1": 0.42, "a b": "9/16", 'é"': matrix_gain}
     assert tomllib.loads(f"x = {value_text(value)}")["x"] == value
     changes: dict[str, Any] = {"pinning.gains": {"1": 5}, "target": [1, 2]}
     changes |= {"observer.W": [[1]], "observer.P": None}
     lines = "\n".join(change_lines(changes))
     assert lines == CHANGED
     assert tomllib.loads(lines)["pinning"] == {"gains": {"1": 5}}
-    (_, line) = change_lines({"pinning.gains": {str(i): 1 for i in range(1, 31)}})
+    gains = {str(i): 1 for i in range(1, 31)}
+    (_, line) = change_lines({"pinning.gains": gains})
     assert line.endswith("9 = 1, ... }  # 21 more")
 
 
@@ -111,14 +110,17 @@ def test_a_change_that_removes_the_observer_removes_its_gain_too():
     changes = {"observer": None, "observer.W": [[1], [2]]}
     problem = load_problem("paper-fixed")
     assert changed_problem(problem, changes).observer == Observer()
-    assert read(changed_file(problem, changes, text=TEXT, folder=Path())).observer == Observer()
+    file = changed_file(problem, changes, text=TEXT, folder=Path())
+    assert read(file).observer == Observer()
 
 
 def test_comments_and_order_stay_a_missing_table_is_added_and_an_empty_one_goes():
     text = changed_file(load_problem("paper-fixed"), CHANGES[0], text=TEXT, folder=Path())
-    before, after = TEXT.splitlines(), text.splitlines()
+    before = TEXT.splitlines()
+    after = text.splitlines()
     assert len(after) == len(before)
-    ((old, new),) = [(a, b) for a, b in zip(before, after, strict=True) if a != b]
+    both = zip(before, after, strict=True)
+    ((old, new),) = [(a, b) for a, b in both if a != b]
     assert old.split("=")[0].strip() == "gains"
     assert new == 'gains = {3 = 0.25, 7 = "9/16"} # set by dobc certify --apply-fix'
     unpinned = TEXT.replace("[pinning]\ngains = { 1 = 5, 6 = 5 }", "")

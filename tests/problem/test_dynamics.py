@@ -58,7 +58,8 @@ def agents(**given) -> Problem:
 
 def pair(coupling: str = "y", **given) -> Problem:
     """Agent 2 listens to agent 1, which is pinned."""
-    return linked([[2, 1]], 2, coupling, gains={1: 5}, **given)
+    arcs = [[2, 1]]
+    return linked(arcs, 2, coupling, gains={1: 5}, **given)
 
 
 def written(tmp_path, text: str) -> Problem:
@@ -73,7 +74,8 @@ def test_a_file_is_read_as_it_is_written_in_python(tmp_path):
 
 def test_one_expression_needs_no_list_and_a_number_is_so_many_times_the_coupling():
     problem = agents(target=[1, 0])
-    assert problem.m == 2 and problem.coupling.outputs == 1
+    assert problem.m == 2
+    assert problem.coupling.outputs == 1
     assert problem.pinning.gains == {0: ((3, 6),)}
 
 
@@ -81,11 +83,14 @@ def test_with_as_many_inputs_as_components_a_number_is_a_multiple_of_the_identit
     turning = {"A": [[0, 1], [-1, 0]]}
     problem = agents(dynamics=turning, coupling="y", gains={1: "1/2"})
     half = Fraction(1, 2)
-    assert problem.pinning.gains == {0: ((half, 0), (0, half))}
+    expected = ((half, 0), (0, half))
+    assert problem.pinning.gains == {0: expected}
 
 
 def test_gains_may_push_away():
-    assert agents(gains={1: [[-3, 6]]}).pinning.gains == {0: ((-3, 6),)}
+    gains = {1: [[-3, 6]]}
+    expected = {0: ((-3, 6),)}
+    assert agents(gains=gains).pinning.gains == expected
 
 
 NO_DYNAMICS: list[Any] = []
@@ -149,7 +154,8 @@ def test_mistakes_are_named_with_key_and_cure(given, key, words):
     with pytest.raises(SpecError) as caught:
         agents(**given)
     assert caught.value.key == key
-    assert all(each in str(caught.value) for each in words)
+    for each in words:
+        assert each in str(caught.value)
 
 
 def both_programs_prove(problem: Problem) -> None:
@@ -164,7 +170,9 @@ def test_f_may_fill_its_2000_characters_and_both_programs_decide_it():
     long = "-" + "-".join(["x"] * 999)
     assert len(long) == 1998
     problem = pair(dynamics={"f": [long]}, target=0)
-    assert problem.dynamics.about((Fraction(0),)) == (((-999,),), None)
+    slope = problem.dynamics.about((Fraction(0),))
+    expected = (((-999,),), None)
+    assert slope == expected
     both_programs_prove(problem)
     with pytest.raises(SpecError, match="must have at most 2000 characters"):
         pair(dynamics={"f": [long + "-x-x"]}, target=0)
@@ -172,18 +180,21 @@ def test_f_may_fill_its_2000_characters_and_both_programs_decide_it():
 
 def test_h_may_fill_its_2000_characters_beside_a_b_as_well():
     long = "+".join(["y"] * 1000)
-    both_programs_prove(pair(long, dynamics={"A": [[-1]], "B": [["5/2"]]}))
+    dynamics = {"A": [[-1]], "B": [["5/2"]]}
+    both_programs_prove(pair(long, dynamics=dynamics))
 
 
 def moving(force: str) -> Problem:
     """x1' = x2, x2' = force + u, with the target at 0."""
-    return agents(dynamics={"f": ["x2", force], "B": LAST}, target=[0, 0])
+    dynamics = {"f": ["x2", force], "B": LAST}
+    return agents(dynamics=dynamics, target=[0, 0])
 
 
 def test_an_f_without_slopes_at_the_target_is_named_as_it_is_written():
     """sqrt(x) at 0; from 1 on it has slopes, and there is nothing to be refused."""
     root = {"f": ["sqrt(x)"]}
-    slopes, _ = pair(dynamics=root, target=1).dynamics.about((Fraction(1),))
+    dynamics = pair(dynamics=root, target=1).dynamics
+    slopes, _ = dynamics.about((Fraction(1),))
     assert slopes == ((0.5,),)
     with pytest.raises(ExpressionError) as caught:
         pair(dynamics=root, target=0)
@@ -210,7 +221,9 @@ def test_mistakes_of_a_file_name_its_key(tmp_path):
 
 def test_a_constant_input_holds_the_goal():
     """A x + B u0 = 0: a spring that is held 3 out needs u0 = 3 k."""
-    spring = Dynamics(A=[[0, 1], [-4, -1]], B=[[0], [2]])
+    A = [[0, 1], [-4, -1]]
+    B = [[0], [2]]
+    spring = Dynamics(A=A, B=B)
     at_rest = (Fraction(3), Fraction(0))
     moving = (Fraction(3), Fraction(1))
     assert spring.feedforward(at_rest) == (6,)
@@ -238,7 +251,8 @@ def test_the_nearest_goal_is_the_projection_that_numpy_finds():
         assert dynamics.feedforward(near) is not None
         # goals that inputs can hold: B B+ A x = A x
         B = to_float(dynamics.B)
-        kept = (np.eye(m) - B @ np.linalg.pinv(B)) @ np.array(A)
+        projection = B @ np.linalg.pinv(B)
+        kept = (np.eye(m) - projection) @ np.array(A)
         _, sizes, rows = np.linalg.svd(kept)
         free = rows[np.sum(sizes > 1e-9) :]
         projected = free.T @ free @ np.array(goal, dtype=float)

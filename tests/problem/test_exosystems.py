@@ -21,7 +21,9 @@ CONSTANT, RAMP = shapes.constant(), shapes.ramp()
 def signal(exosystem, xi0):
     """d(t) at t = 0.7."""
     grown = linalg.expm(to_float(exosystem.A) * T)
-    (value,) = to_float(exosystem.C) @ grown @ np.array(xi0, dtype=float)
+    outputs = to_float(exosystem.C) @ grown
+    start = np.array(xi0, dtype=float)
+    (value,) = outputs @ start
     return value
 
 
@@ -47,14 +49,17 @@ def test_shapes_make_the_signals_they_are_named_after():
     assert found == pytest.approx(sine)
     sines = 1 + np.sin(2 * T) + np.sin(4 * T)
     two = shapes.periodic(2, harmonics_kept=2)
-    assert signal(two, [1, 0, 1, 0, 1]) == pytest.approx(sines)
+    start = [1, 0, 1, 0, 1]
+    assert signal(two, start) == pytest.approx(sines)
 
 
 def test_numbers_stay_exact():
     tenth = Fraction(1, 10)
     slow = shapes.harmonics("0.1")
     assert ((0, tenth), (-tenth, 0)) == slow.A
-    assert characteristic_polynomial(shapes.harmonics([1, 2]).A) == (1, 0, 5, 0, 4)
+    polynomial = characteristic_polynomial(shapes.harmonics([1, 2]).A)
+    expected = (1, 0, 5, 0, 4)
+    assert polynomial == expected
     assert shapes.periodic("1/3", harmonics_kept=1, mean=False) == shapes.harmonics("1/3")
     total = shapes.total(CONSTANT, shapes.harmonics(2))
     assert total == shapes.periodic(2, harmonics_kept=1)
@@ -62,7 +67,8 @@ def test_numbers_stay_exact():
 
 def test_stacked_gives_every_part_its_own_component():
     two = shapes.stacked(CONSTANT, RAMP)
-    assert (two.order, two.outputs) == (3, 2)
+    assert two.order == 3
+    assert two.outputs == 2
     assert two.C == ((1, 0, 0), (0, 1, 0))
     assert two.A == ((0, 0, 0), (0, 0, 1), (0, 0, 0))
 

@@ -64,10 +64,14 @@ W = [["16/5"], ["12/5"]]
 
 def test_agents_in_no_group_have_the_exosystem_and_the_observer_of_the_tables_above():
     problem = read(TWO)
-    assert [group.agents for group in problem.groups] == [("1", "3"), ("2", "4")]
+    agents = [group.agents for group in problem.groups]
+    expected = [("1", "3"), ("2", "4")]
+    assert agents == expected
     assert [group.exosystem for group in problem.groups] == [OSCILLATOR, CONSTANT]
     gains = [group.observer.W for group in problem.groups]
-    assert gains == [((Fraction(16, 5),), (Fraction(12, 5),)), ((Fraction(2),),)]
+    of_the_first = ((Fraction(16, 5),), (Fraction(12, 5),))
+    of_the_second = ((Fraction(2),),)
+    assert gains == [of_the_first, of_the_second]
     assert problem.is_grouped
     assert problem.q == 3
 
@@ -98,9 +102,9 @@ def test_the_order_of_groups_does_not_matter_and_one_of_all_agents_is_the_plain_
     first = read(one.format("1, 2", 0) + one.format("3, 4", -1))
     second = read(one.format("4, 3", -1) + one.format("2, 1", 0))
     assert problem_sha256(first) == problem_sha256(second)
-    assert problem_sha256(first) != problem_sha256(
-        read(one.format("1, 3", 0) + one.format("2, 4", -1))
-    )
+    other_order = one.format("2, 4", -1)
+    one_order = one.format("1, 3", 0) + other_order
+    assert problem_sha256(first) != problem_sha256(read(one_order))
 
 
 ONE = "[[exosystem.groups]]\nagents = [2]\nfrequencies = 1\n"
@@ -121,8 +125,11 @@ def test_a_group_may_have_no_disturbance_beside_agents_that_share_one():
     none = "[[exosystem.groups]]\nagents = [4, 3]\nnone = true\n"
     shared = "[exosystem]\nconstant = true\n[observer]\nW = [[2]]\nrate = 3\n"
     problem = read(shared + ONE + none)
-    assert [group.agents for group in problem.groups] == [("1",), ("2",)]
-    assert [group.observer.W for group in problem.groups] == [((Fraction(2),),), None]
+    agents = [group.agents for group in problem.groups]
+    expected = [("1",), ("2",)]
+    assert agents == expected
+    gains = [group.observer.W for group in problem.groups]
+    assert gains == [((Fraction(2),),), None]
     assert {group.observer.rate for group in problem.groups} == {Fraction(3)}
     assert problem.undisturbed == ("3", "4")
     others = "[[exosystem.groups]]\nagents = [1, 3, 4]\nnone = true\n"
@@ -191,9 +198,13 @@ def test_pins_of_a_problem_with_groups_can_be_changed_and_its_exosystems_cannot(
     problem = read(TWO)
     changed = changed_problem(problem, {"pinning.gains": {"1": 7}})
     assert changed.groups == problem.groups
-    assert dict(changed.pinning.gains) == {0: ((Fraction(7),),)}
+    gains = dict(changed.pinning.gains)
+    expected = {0: ((Fraction(7),),)}
+    assert gains == expected
     text = changed_text(HEAD + TWO, {"pinning.gains": {"1": 7}})
-    assert read_problem_text((text or "").encode(), folder=Path()).groups == problem.groups
+    data = (text or "").encode()
+    again = read_problem_text(data, folder=Path())
+    assert again.groups == problem.groups
     with pytest.raises(SpecError, match="cannot be changed by key"):
         changed_problem(problem, {"observer.W": [[1]]})
 
@@ -212,30 +223,27 @@ def test_check_says_who_has_which_disturbance():
     said = describe(read(TWO))
     assert "Disturbance of 2, 4: constant." in said
     assert "Observer gain W of 2, 4: given." in said
-    assert facts(read(TWO))["groups"] == [["1", "3"], ["2", "4"]]
+    shown = facts(read(TWO))["groups"]
+    expected = [["1", "3"], ["2", "4"]]
+    assert shown == expected
     assert "groups" not in facts(read("[exosystem]\nA = [[0]]\nC = [[1]]\n"))
 
 
-KINDS: list[Any] = []
-
-
-def kind_of(kind: str, shape: Exosystem) -> None:
-    KINDS.append((kind, shape))
-
-
-kind_of('kind = "constant"', exosystems.constant())
-kind_of('kind = "ramp"', exosystems.ramp())
-kind_of('kind = "harmonics"\nfrequencies = [2, "1/3"]', exosystems.harmonics([2, "1/3"]))
-kind_of('kind = "harmonics"\nfrequencies = 2', exosystems.harmonics(2))
-kind_of("constant = true", exosystems.constant())
-kind_of("ramp = true\nconstant = true", exosystems.ramp())
-kind_of("hz = 0.5", exosystems.harmonics("3.14159265359"))
-kind_of(
-    "constant = true\nhz = [50, 0.5]\nfrequencies = 2",
-    exosystems.total(
-        exosystems.constant(), exosystems.harmonics([2, "314.159265359", "3.14159265359"])
+KINDS: list[Any] = [
+    ('kind = "constant"', exosystems.constant()),
+    ('kind = "ramp"', exosystems.ramp()),
+    ('kind = "harmonics"\nfrequencies = [2, "1/3"]', exosystems.harmonics([2, "1/3"])),
+    ('kind = "harmonics"\nfrequencies = 2', exosystems.harmonics(2)),
+    ("constant = true", exosystems.constant()),
+    ("ramp = true\nconstant = true", exosystems.ramp()),
+    ("hz = 0.5", exosystems.harmonics("3.14159265359")),
+    (
+        "constant = true\nhz = [50, 0.5]\nfrequencies = 2",
+        exosystems.total(
+            exosystems.constant(), exosystems.harmonics([2, "314.159265359", "3.14159265359"])
+        ),
     ),
-)
+]
 
 
 @pytest.mark.parametrize(("kind", "shape"), KINDS)
@@ -289,11 +297,13 @@ def test_a_kind_gives_every_state_component_a_disturbance_of_its_own():
 
 
 def grouped(*groups: Any, **given: Any) -> Problem:
-    return linked([[1, 2], [2, 1]], groups=list(groups), **given)
+    arcs = [[1, 2], [2, 1]]
+    return linked(arcs, groups=list(groups), **given)
 
 
 def test_groups_in_python_are_named_by_labels_and_read_like_those_of_a_file():
-    one = Group(agents=[2], exosystem=CONSTANT, observer=Observer(W=[[2]]))
+    observer = Observer(W=[[2]])
+    one = Group(agents=[2], exosystem=CONSTANT, observer=observer)
     problem = grouped(one, exosystem=OSCILLATOR)
     assert [group.name for group in problem.groups] == ["1", "2"]
 
@@ -333,4 +343,6 @@ def test_blocks_come_out_of_the_joint_matrix_and_every_agent_gets_that_of_its_gr
     S = exact_matrix([[1, 0], [0, 2]])
     blocks = group_blocks(S, len(problem.groups))
     numbers = group_numbers(problem.groups, problem.network.labels)
-    assert [blocks[group] for group in numbers] == [((1,),), ((2,),)] * 2
+    found = [blocks[group] for group in numbers]
+    expected = [((1,),), ((2,),)]
+    assert found == expected * 2

@@ -31,16 +31,17 @@ def test_an_exosystem_is_given_by_position_or_as_a_state_space():
     C = [[1, 0]]
     named = Exosystem(A=A, C=C)
     assert Exosystem(A, C) == named
-    assert Exosystem(control.ss(A, [[0], [0]], C, [[0]])) == named
+    B = [[0], [0]]
+    system = control.ss(A, B, C, [[0]])
+    assert Exosystem(system) == named
     with pytest.raises(SpecError, match="must be A and C, or a state-space system"):
         Exosystem(A)
 
 
 @given(ARCS)
 def test_a_network_comes_back_from_networkx_with_its_exact_weights(arcs):
-    network = Network.from_arcs(
-        [[a, b, w] for (a, b), w in arcs.items()], arrow="listens_to", agents=6
-    )
+    listed = [[a, b, w] for (a, b), w in arcs.items()]
+    network = Network.from_arcs(listed, arrow="listens_to", agents=6)
     again = Network.from_networkx(network.to_networkx(), arrow="listens_to")
     assert again.labels == network.labels
     assert arcs_of(again) == arcs_of(network)
@@ -73,7 +74,8 @@ def test_gains_are_given_by_label():
 
 
 def test_a_region_needs_no_disturbance_where_there_is_no_exosystem():
-    assert Region(initial_states=((Fraction(0), Fraction(1)),)).initial_disturbance is None
+    states = ((Fraction(0), Fraction(1)),)
+    assert Region(initial_states=states).initial_disturbance is None
 
 
 def test_what_other_packages_call_it_leads_to_the_name_here():

@@ -30,9 +30,12 @@ def indices(*values: int) -> np.ndarray:
 def test_listens_to_makes_the_first_of_a_pair_the_listener_and_sends_to_mirrors_every_arc():
     network = Network.from_arcs(CHAIN, arrow="listens_to")
     assert network.labels == ("a", "b", "c")
-    assert arcs_of(network) == {("a", "b", Fraction(1)), ("b", "c", Fraction(5, 2))}
+    first = ("a", "b", Fraction(1))
+    second = ("b", "c", Fraction(5, 2))
+    assert arcs_of(network) == {first, second}
     sends = Network.from_arcs(CHAIN, arrow="sends_to")
-    assert arcs_of(sends) == {(j, i, w) for i, j, w in arcs_of(network)}
+    turned = {(j, i, w) for i, j, w in arcs_of(network)}
+    assert arcs_of(sends) == turned
 
 
 @pytest.mark.parametrize("arrow", ["", "to", "Listens_to", None, True, ["listens_to"], 3])
@@ -45,10 +48,13 @@ def test_any_other_arrow_is_refused(arrow):
 
 
 def test_the_label_1_and_the_label_quoted_1_are_one_label():
-    network = Network.from_arcs([(1, "2"), ("1", 3)], arrow="listens_to")
+    mixed_labels = [(1, "2"), ("1", 3)]
+    network = Network.from_arcs(mixed_labels, arrow="listens_to")
     assert network.labels == ("1", "2", "3")
+    arcs = [(1, 2)]
+    labels = [1, 2, "1"]
     with pytest.raises(SpecError, match=r"'1' appears twice"):
-        Network.from_arcs([(1, 2)], arrow="listens_to", agents=[1, 2, "1"])
+        Network.from_arcs(arcs, arrow="listens_to", agents=labels)
 
 
 def test_a_count_gives_labels_from_one_and_a_mapping_one_mode_each_in_its_order():
@@ -56,27 +62,23 @@ def test_a_count_gives_labels_from_one_and_a_mapping_one_mode_each_in_its_order(
     assert network.labels == ("1", "2", "3", "4")
     assert network.size == 4
     assert network.index == {"1": 0, "2": 1, "3": 2, "4": 3}
-    network = network_of({"B": [(1, 2)], "A": [(2, 1)]}, 2)
+    modes = {"B": [(1, 2)], "A": [(2, 1)]}
+    network = network_of(modes, 2)
     assert list(network.modes) == ["B", "A"]
 
 
-WRONG_ARCS: list[Any] = []
-
-
-def wrong_arcs(arcs: Any, key: str, message: str) -> None:
-    WRONG_ARCS.append((arcs, key, message))
-
-
 TWICE = "1 listens to 2 already; this arc is a duplicate"
-wrong_arcs([(1, 2), (1, 2)], "network.modes.G[1]", TWICE)
-wrong_arcs([(1, 2), (3, 3)], "network.modes.G[1]", "agent 3 must not listen to itself")
 NO_WEIGHT = "must be > 0, because it multiplies h; 1 listens to 2 with 0"
-wrong_arcs([(1, 2, 0)], "network.modes.G[0]", NO_WEIGHT)
-wrong_arcs([(1, 2, float("nan"))], "network.modes.G[0][2]", "must be a number")
-wrong_arcs([(1, 4)], "network.modes.G[0]", r"there is no agent '4' \(agents: 1, 2, 3\)")
-wrong_arcs([(1, 2.0)], "network.modes.G[0][1]", "must be text or a whole number; got 2.0")
-wrong_arcs([(1, 10**5000)], "network.modes.G[0][1]", "thousands of digits")
-wrong_arcs([(1,)], "network.modes.G[0]", r"must be an arc \[a, b\] or \[a, b, weight\]")
+WRONG_ARCS: list[Any] = [
+    ([(1, 2), (1, 2)], "network.modes.G[1]", TWICE),
+    ([(1, 2), (3, 3)], "network.modes.G[1]", "agent 3 must not listen to itself"),
+    ([(1, 2, 0)], "network.modes.G[0]", NO_WEIGHT),
+    ([(1, 2, float("nan"))], "network.modes.G[0][2]", "must be a number"),
+    ([(1, 4)], "network.modes.G[0]", r"there is no agent '4' \(agents: 1, 2, 3\)"),
+    ([(1, 2.0)], "network.modes.G[0][1]", "must be text or a whole number; got 2.0"),
+    ([(1, 10**5000)], "network.modes.G[0][1]", "thousands of digits"),
+    ([(1,)], "network.modes.G[0]", r"must be an arc \[a, b\] or \[a, b, weight\]"),
+]
 
 
 @pytest.mark.parametrize(("arcs", "key", "message"), WRONG_ARCS)
@@ -124,8 +126,9 @@ def by_hand(listener: int, speaker: int, second: str = "b") -> Network:
 
 
 def test_a_misspelled_label_of_an_arc_is_answered_by_the_label_that_was_meant():
+    arcs = [["west", "eats"]]
     with pytest.raises(SpecError, match=r"'eats'.*Did you mean \"east\"\?"):
-        Network.from_arcs([["west", "eats"]], arrow="listens_to", agents=["west", "east"])
+        Network.from_arcs(arcs, arrow="listens_to", agents=["west", "east"])
     with pytest.raises(SpecError, match=r"no agent '11'.*Use the label of an agent"):
         Network.from_arcs([[1, 11]], arrow="listens_to", agents=2)
 
@@ -148,7 +151,9 @@ def test_an_undirected_edge_gives_both_arcs_with_its_weight():
     for arrow in ("listens_to", "sends_to"):
         network = Network.from_networkx(graph, arrow=arrow)
         assert network.labels == ("1", "2", "3")
-        assert arcs_of(network) == {("1", "2", Fraction(1, 10)), ("2", "1", Fraction(1, 10))}
+        there = ("1", "2", Fraction(1, 10))
+        back = ("2", "1", Fraction(1, 10))
+        assert arcs_of(network) == {there, back}
 
 
 def test_several_graphs_are_modes_over_the_nodes_of_the_first():
@@ -164,18 +169,13 @@ def test_several_graphs_are_modes_over_the_nodes_of_the_first():
         Network.from_networkx({"A": first, "B": second}, arrow="listens_to")
 
 
-NO_GRAPHS: list[Any] = []
-
-
-def no_graph(graph: Any, message: str) -> None:
-    NO_GRAPHS.append((graph, message))
-
-
-no_graph(nx.DiGraph([(1, 1)]), "must not listen to itself")
-no_graph(nx.grid_2d_graph(2, 2), r"must be text or a whole number; got \(0, 0\)")
-no_graph(nx.Graph([(1, "1")]), "'1' appears twice")
-no_graph([(1, 2)], "must be a networkx graph; got list")
-no_graph({"A": 5}, r"network\.modes\.A must be a networkx graph; got int")
+NO_GRAPHS: list[Any] = [
+    (nx.DiGraph([(1, 1)]), "must not listen to itself"),
+    (nx.grid_2d_graph(2, 2), r"must be text or a whole number; got \(0, 0\)"),
+    (nx.Graph([(1, "1")]), "'1' appears twice"),
+    ([(1, 2)], "must be a networkx graph; got list"),
+    ({"A": 5}, r"network\.modes\.A must be a networkx graph; got int"),
+]
 
 
 @pytest.mark.parametrize(("graph", "message"), NO_GRAPHS)
@@ -213,15 +213,19 @@ def test_a_weight_is_the_decimal_text_of_its_own_type(kind):
 
 @pytest.mark.parametrize("form", ["csr", "csc", "coo", "lil", "dok", "bsr", "dia"])
 def test_every_sparse_format_reads_alike_and_is_left_as_it_was(form):
-    matrix = matrix_of(3, [1.5, 2.0], [0, 2], [1, 0]).asformat(form)
+    entries = matrix_of(3, [1.5, 2.0], [0, 2], [1, 0])
+    matrix = entries.asformat(form)
     before = matrix.toarray()
     network = Network.from_sparse(matrix, arrow="listens_to")
-    assert arcs_of(network) == {("1", "2", Fraction(3, 2)), ("3", "1", 2)}
+    first = ("1", "2", Fraction(3, 2))
+    assert arcs_of(network) == {first, ("3", "1", 2)}
     np.testing.assert_array_equal(matrix.toarray(), before)
 
 
 def test_entries_stored_twice_are_added_and_stored_zeros_are_no_arcs():
-    matrix = matrix_of(2, [1, 2, 0], [0, 0, 1], [1, 1, 0])
+    weights = [1, 2, 0]
+    rows = [0, 0, 1]
+    matrix = matrix_of(2, weights, rows, [1, 1, 0])
     network = Network.from_sparse(matrix, arrow="listens_to")
     assert arcs_of(network) == {("1", "2", Fraction(3))}
     assert matrix.nnz == 3
@@ -259,7 +263,8 @@ def weighted_arcs(draw):
     pairs = st.tuples(agent, agent).filter(lambda pair: pair[0] != pair[1])
     whole = st.integers(1, 10**12)
     floats = st.floats(1e-300, 1e300, allow_subnormal=False)
-    weight = st.one_of(whole, floats, st.sampled_from([0.1, 1 / 3, 2.5]))
+    decimals = st.sampled_from([0.1, 1 / 3, 2.5])
+    weight = st.one_of(whole, floats, decimals)
     return n, draw(st.dictionaries(pairs, weight, max_size=20))
 
 

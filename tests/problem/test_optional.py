@@ -139,8 +139,11 @@ def test_what_cannot_be_is_named(modes: str, key: str):
 def test_a_mode_that_is_not_there_is_named():
     with pytest.raises(SpecError, match="optional names a mode that arcs does not; got 'H'"):
         loose({"G": []}, {"H": [[1, 2]]})
-    assert Network.from_arcs([[1, 2]], arrow="listens_to", optional=None).loose is None
-    for key, given in (("arcs", {"arcs": 5}), ("optional", {"arcs": [[1, 2]], "optional": True})):
+    without = Network.from_arcs([[1, 2]], arrow="listens_to", optional=None)
+    assert without.loose is None
+    no_arcs = ("arcs", {"arcs": 5})
+    no_optional = ("optional", {"arcs": [[1, 2]], "optional": True})
+    for key, given in (no_arcs, no_optional):
         with pytest.raises(SpecError, match=f"{key} must be a list of arcs"):
             Network.from_arcs(**given, arrow="listens_to")
 
@@ -249,7 +252,8 @@ def test_twelve_arcs_take_one_certificate():
     for a, j in arcs:
         pushed[a - 1] += v[j - 1] - v[a - 1]
     for a, j in optional:
-        pushed[a - 1] += max(v[j - 1] - v[a - 1], Fraction(0))
+        difference = v[j - 1] - v[a - 1]
+        pushed[a - 1] += max(difference, Fraction(0))
     worst = [-push / size for push, size in zip(pushed, v, strict=True)]
     worst[0] += 3
     assert rate is not None
@@ -281,7 +285,8 @@ def test_known_answers(arcs: Pairs, optional: Pairs, more: Any, verdict: Verdict
 
 
 def test_an_agent_that_may_lose_all_its_arcs_is_named_with_what_would_help():
-    reason = certified(loose([[2, 1]], [[3, 2]])).reason
+    unreached = loose([[2, 1]], [[3, 2]])
+    reason = certified(unreached).reason
     named = "in mode G no pinned agent reaches agent 3 by arcs that are always there. Pin agent 3."
     assert named in reason
     helpful = "An arc that is always there would help as well: in this mode or, with a guarantee"

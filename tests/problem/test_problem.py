@@ -42,7 +42,9 @@ def scalar(value: object) -> tuple[tuple[Fraction, ...], ...]:
 
 def test_the_smallest_problem_has_one_component_no_pins_and_no_disturbance():
     problem = make()
-    assert (problem.n, problem.m, problem.q) == (3, 1, 0)
+    assert problem.n == 3
+    assert problem.m == 1
+    assert problem.q == 0
     assert problem.target == (0,)
     assert problem.pinning.agents == ()
     assert problem.observer == Observer()
@@ -53,38 +55,38 @@ def test_the_smallest_problem_has_one_component_no_pins_and_no_disturbance():
     assert not problem.is_linear
 
 
-GAINS: list[Any] = []
-
-
-def gain(value: Any, expected: Any) -> None:
-    """What is given as a gain, and the number that it stands for."""
-    GAINS.append((value, expected))
-
-
-gain(5, 5)
-gain("9/16", Fraction(9, 16))
-gain(Decimal("0.5"), Fraction(1, 2))
-gain(Fraction(1, 3), Fraction(1, 3))
-gain([[2]], 2)
-gain(np.array([[0.5]]), Fraction(1, 2))
+GAINS: list[Any] = [
+    (5, 5),
+    ("9/16", Fraction(9, 16)),
+    (Decimal("0.5"), Fraction(1, 2)),
+    (Fraction(1, 3), Fraction(1, 3)),
+    ([[2]], 2),
+    (np.array([[0.5]]), Fraction(1, 2)),
+]
 
 
 @pytest.mark.parametrize(("value", "expected"), GAINS)
 def test_gains_may_be_of_any_exact_kind(value, expected):
-    assert make(gains={"a": value}).pinning.gains == {0: scalar(expected)}
+    pinning = make(gains={"a": value}).pinning
+    assert pinning.gains == {0: scalar(expected)}
 
 
 def test_one_gain_is_for_all_agents_and_zero_gains_are_no_pins():
     assert make(gains="1/2").pinning.agents == (0, 1, 2)
     assert make(gains=0).pinning.agents == ()
-    assert make(gains={"a": 0, "c": 1}).pinning.agents == (2,)
-    assert make(gains=Pinning(gains={1: scalar(3)})).pinning.agents == (1,)
+    pinned = make(gains={"a": 0, "c": 1})
+    assert pinned.pinning.agents == (2,)
+    pinning = make(gains=Pinning(gains={1: scalar(3)})).pinning
+    assert pinning.agents == (1,)
 
 
 def test_matrix_gains_need_a_positive_semidefinite_symmetric_part():
     """k + k' >= 0 (theory, section 0): a rotation alone is allowed, a push is not."""
-    kept = make(coupling="y", exosystem=PLANE, gains={"a": [[0, 1], [-1, 0]]})
-    assert kept.pinning.gains[0] == ((0, 1), (-1, 0))
+    gains = {"a": [[0, 1], [-1, 0]]}
+    kept = make(coupling="y", exosystem=PLANE, gains=gains)
+    found = kept.pinning.gains[0]
+    expected = ((0, 1), (-1, 0))
+    assert found == expected
     assert not kept.pinning.is_scalar
     said = r"pinning\.gains\.a: a matrix gain k must satisfy k \+ k' >= 0"
     with pytest.raises(SpecError, match=said):
@@ -115,7 +117,8 @@ def test_m_is_the_rows_of_c_else_the_length_of_target_else_of_h_else_1(changes, 
 
 def test_couplings_are_numbered_in_the_order_of_arcs_however_they_were_given():
     """Certificates refer to them by number, and their readers have the canonical problem only."""
-    problem = make(exceptions={(1, 2): "3*y", (0, 1): "2*y"})
+    exceptions = {(1, 2): "3*y", (0, 1): "2*y"}
+    problem = make(exceptions=exceptions)
     _, first, second = problem.couplings
     assert first.texts == ("2*y",)
     assert second.texts == ("3*y",)
@@ -127,22 +130,27 @@ def test_couplings_are_numbered_in_the_order_of_arcs_however_they_were_given():
 def test_zero_offsets_are_left_out():
     problem = make(offsets={"a": 0, "b": 2})
     assert problem.offsets == {1: (2,)}
-    assert (problem.goal_of(0), problem.goal_of(1)) == ((0,), (2,))
+    assert problem.goal_of(0) == (0,)
+    assert problem.goal_of(1) == (2,)
 
 
 def test_regions_and_xi0_for_every_component_and_agent():
     given = {"initial_states": [[0, 1], [2, 3]], "initial_disturbance": "1/2"}
-    problem = make(exosystem=PLANE, region=given, simulation={"xi0": np.eye(3, 2)})
-    region = Region(initial_states=((0, 1), (2, 3)), initial_disturbance=Fraction(1, 2))
+    simulation = {"xi0": np.eye(3, 2)}
+    problem = make(exosystem=PLANE, region=given, simulation=simulation)
+    states = ((0, 1), (2, 3))
+    region = Region(initial_states=states, initial_disturbance=Fraction(1, 2))
     assert problem.region == region
-    assert problem.simulation.xi0 == ((1, 0), (0, 1), (0, 0))
+    expected = ((1, 0), (0, 1), (0, 0))
+    assert problem.simulation.xi0 == expected
     again = make(exosystem=PLANE, region=region, simulation=problem.simulation)
     assert again.region == region
     assert again.simulation == problem.simulation
 
 
 def test_a_problem_is_frozen_hashable_and_its_mappings_cannot_be_changed():
-    given = {"gains": {"a": 1}, "offsets": {"b": 1}, "exceptions": {(0, 1): "y"}}
+    exceptions = {(0, 1): "y"}
+    given = {"gains": {"a": 1}, "offsets": {"b": 1}, "exceptions": exceptions}
     problem = make(**given)
     with pytest.raises(dataclasses.FrozenInstanceError):
         problem.target = (1,)  # type: ignore[misc]
@@ -158,7 +166,10 @@ def test_a_problem_is_frozen_hashable_and_its_mappings_cannot_be_changed():
 
 
 def test_a_state_space_system_is_an_exosystem():
-    system = control.ss([[0, 2], [-2, 0]], [[0], [0]], [[1, 0]], [[0]])
+    A = [[0, 2], [-2, 0]]
+    B = [[0], [0]]
+    C = [[1, 0]]
+    system = control.ss(A, B, C, [[0]])
     exosystem = Exosystem(system)
     assert exosystem == SINE
     decimal = Exosystem(control.ss([[0.1]], [[1]], [[0.3]], [[0]]))
@@ -259,8 +270,9 @@ def test_the_parts_of_a_problem_are_checked_when_they_are_made(kind, given, key,
 
 
 def test_all_mistakes_are_told_at_once_and_are_value_errors():
+    gains = {"z": 1, "a": -1}
     with pytest.raises(ValueError, match=r"(?s)target.*coupling.h.*pinning.gains.z") as caught:
-        make(target="x", coupling="y + 1", gains={"z": 1, "a": -1}, name="")
+        make(target="x", coupling="y + 1", gains=gains, name="")
     assert isinstance(caught.value, SpecError)
     keys = [error.key for error in caught.value.errors]
     assert keys == ["name", "target", "coupling.h", "pinning.gains.z", "pinning.gains.a"]
@@ -319,7 +331,8 @@ def test_replace_changes_what_is_named_and_of_a_region_only_the_keys_given():
     for kept in ("network", "coupling", "exosystem", "observer", "name"):
         assert getattr(changed, kept) == getattr(problem, kept)
     assert changed.pinning.gains == {0: ((7,),)}
-    assert changed.region == Region(initial_states=((0, 4),), initial_disturbance=Fraction(1, 2))
+    expected = Region(initial_states=((0, 4),), initial_disturbance=Fraction(1, 2))
+    assert changed.region == expected
     assert changed.simulation == dataclasses.replace(problem.simulation, seed=5)
     assert problem.replace() == problem
     with pytest.raises(SpecError, match=r"region\.initial"):

@@ -28,43 +28,45 @@ TABLES = (
     "simulation",
 )
 TABLES += ("uncertainty", "actuators", "dynamics", "leader")
-CONTRACT = {}
-CONTRACT[""] = {"schema", "name", "notes", "target", "units", *TABLES}
-CONTRACT["network"] = {"agents", "arrow", "modes"}
-CONTRACT["coupling"] = {"h", "exceptions"}
-CONTRACT["coupling.exceptions"] = {"arcs", "h"}
-CONTRACT["pinning"] = {"gains"}
-CONTRACT["exosystem"] = {"A", "C", "groups", *PARTS}
-CONTRACT["exosystem.groups"] = {"agents", "none", "A", "C", "W", "P", *PARTS}
-CONTRACT["observer"] = {"W", "P", "rate"}
-CONTRACT["formation"] = {"offsets"}
-CONTRACT["region"] = {"initial_states", "initial_disturbance"}
-CONTRACT["switching"] = {
-    "signal",
-    "guarantee",
-    "dwell",
-    "longest",
-    *(key for keys in KEYS.values() for key in keys),
+CONTRACT = {
+    "": {"schema", "name", "notes", "target", "units", *TABLES},
+    "network": {"agents", "arrow", "modes"},
+    "coupling": {"h", "exceptions"},
+    "coupling.exceptions": {"arcs", "h"},
+    "pinning": {"gains"},
+    "exosystem": {"A", "C", "groups", *PARTS},
+    "exosystem.groups": {"agents", "none", "A", "C", "W", "P", *PARTS},
+    "observer": {"W", "P", "rate"},
+    "formation": {"offsets"},
+    "region": {"initial_states", "initial_disturbance"},
+    "switching": {
+        "signal",
+        "guarantee",
+        "dwell",
+        "longest",
+        *(key for keys in KEYS.values() for key in keys),
+    },
+    "simulation": {"t_final", "seed", "xi0", "x0"},
+    "uncertainty": {
+        "weights",
+        "gains",
+        "known_to_agents",
+        "disturbance",
+        "drift",
+        "measurement",
+    },
+    "actuators": {"limit", "amplitude"},
+    "dynamics": {"A", "f", "B"},
+    "leader": {"initial", "stays_in"},
 }
-CONTRACT["simulation"] = {"t_final", "seed", "xi0", "x0"}
-CONTRACT["uncertainty"] = {
-    "weights",
-    "gains",
-    "known_to_agents",
-    "disturbance",
-    "drift",
-    "measurement",
-}
-CONTRACT["actuators"] = {"limit", "amplitude"}
-CONTRACT["dynamics"] = {"A", "f", "B"}
-CONTRACT["leader"] = {"initial", "stays_in"}
 
 
 def table(schema: dict[str, Any], path: str) -> dict[str, Any]:
     node = schema
     for part in filter(None, path.split(".")):
         node = node["properties"][part]
-        choices = (node, node.get("items", {}), *node.get("anyOf", ()))
+        items = node.get("items", {})
+        choices = (node, items, *node.get("anyOf", ()))
         reference = next(choice["$ref"] for choice in choices if "$ref" in choice)
         node = schema["$defs"][reference.removeprefix("#/$defs/")]
     return node
@@ -97,7 +99,8 @@ WAYS.append(("exosystem.groups", [{"A", "C"}, *WORDS, {"none"}]))
 
 @pytest.mark.parametrize(("path", "ways"), WAYS)
 def test_an_exosystem_is_given_by_matrices_in_words_or_by_groups(path, ways):
-    assert [set(way["required"]) for way in table(json_schema(), path)["anyOf"]] == ways
+    alternatives = table(json_schema(), path)["anyOf"]
+    assert [set(way["required"]) for way in alternatives] == ways
 
 
 def test_words_to_choose_from_are_those_of_the_reader():
@@ -140,7 +143,8 @@ def test_valid_files_are_valid_by_the_schema():
 
 @pytest.mark.parametrize("case", UNKNOWN_KEYS, ids=lambda case: case.id)
 def test_unknown_keys_are_invalid_by_the_schema(case):
-    assert not validator().is_valid(tomllib.loads(case.data().decode("utf-8")))
+    document = tomllib.loads(case.data().decode("utf-8"))
+    assert not validator().is_valid(document)
 
 
 def test_most_mistakes_of_kind_are_invalid_by_the_schema():
@@ -155,6 +159,7 @@ def test_most_mistakes_of_kind_are_invalid_by_the_schema():
     for case in BAD_FILES:
         if wanted.search(case.id):
             tried += 1
-            assert not check.is_valid(tomllib.loads(case.data().decode("utf-8"))), case.id
+            document = tomllib.loads(case.data().decode("utf-8"))
+            assert not check.is_valid(document), case.id
     assert tried > 4
     check.validate(tomllib.loads(VALID))

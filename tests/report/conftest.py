@@ -41,16 +41,19 @@ from dobc_design.report.pictures import Picture, svg_of
 
 def ring_problem(n: int = 10, **changes: Any) -> Problem:
     """The paper's Example 1 on a directed ring."""
+    network = Network.from_arcs(
+        {"Ga": [(i + 1, (i + 1) % n + 1) for i in range(n)]}, arrow="listens_to", agents=n
+    )
+    exosystem = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
+    observer = Observer(W=[["16/5"], ["12/5"]], P=[["1/2", "-1/4"], ["-1/4", "1/3"]])
     settings: dict[str, Any] = {
         "name": "ring",
-        "network": Network.from_arcs(
-            {"Ga": [(i + 1, (i + 1) % n + 1) for i in range(n)]}, arrow="listens_to", agents=n
-        ),
+        "network": network,
         "coupling": "exp(y) - 1 + y",
         "target": 1,
         "gains": {1: 5, n // 2 + 1: 5},
-        "exosystem": Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]]),
-        "observer": Observer(W=[["16/5"], ["12/5"]], P=[["1/2", "-1/4"], ["-1/4", "1/3"]]),
+        "exosystem": exosystem,
+        "observer": observer,
     }
     return Problem(**settings | changes)
 
@@ -58,32 +61,41 @@ def ring_problem(n: int = 10, **changes: Any) -> Problem:
 def ring_checks(problem: Problem) -> tuple[Check, ...]:
     """One check of every kind of content: numbers, exact values, witnesses, cures, all three
     verdicts."""
-    mode, labels = next(iter(problem.network.modes)), problem.network.labels
-    proved, refuted, undecided = Verdict.PROVED, Verdict.REFUTED, Verdict.UNDECIDED
+    mode = next(iter(problem.network.modes))
+    labels = problem.network.labels
+    proved = Verdict.PROVED
+    refuted = Verdict.REFUTED
+    undecided = Verdict.UNDECIDED
     cure = {"pinning.gains.2": 1, "observer.W": None}
     routh = Values({"routh": ["1", "16/5", "44/5"]})
     hurwitz = one("hurwitz", proved, EVERYWHERE, "A - WC is Hurwitz.", rate=1.59999, claim=routh)
+    witness = Witness(kind="agents", labels=labels[1:3])
+    fix = Fix(kind="pin", set=cure, text="Pin one of them.")
     lonely = one(
         "reachability",
         refuted,
         EVERYWHERE,
         "somebody is alone.",
         mode=mode,
-        witness=Witness(kind="agents", labels=labels[1:3]),
-        fix=Fix(kind="pin", set=cure, text="Pin one of them."),
+        witness=witness,
+        fix=fix,
     )
     lemma1 = one(
         "lemma1", proved, NEAR_TARGET, "Lambda(J) < 0.", mode=mode, margin=0.58229999, rate=0.29
     )
+    claim = Values({"bound": "-9/8", "S": [["9/8"]]})
+    values = tuple(map(str, range(30)))
+    witness_vector = Witness(kind="vector", values=values)
     printed = one(
         "theorem1-printed",
         refuted,
         NEAR_TARGET,
         "Psi is not negative definite for this P.",
         margin=-0.53678,
-        claim=Values({"bound": "-9/8", "S": [["9/8"]]}),
-        witness=Witness(kind="vector", values=tuple(map(str, range(30)))),
+        claim=claim,
+        witness=witness_vector,
     )
+    claim_of_theorem1 = Values({"bound": "-1/20", "S": [["1/20"]]})
     theorem1 = one(
         "theorem1",
         proved,
@@ -91,18 +103,12 @@ def ring_checks(problem: Problem) -> tuple[Check, ...]:
         "Psi < 0 holds exactly for a rational P.",
         margin=0.5319,
         rate=0.2618,
-        claim=Values({"bound": "-1/20", "S": [["1/20"]]}),
+        claim=claim_of_theorem1,
     )
     box = Box(4.0, 0.5)
-    return (
-        one("observability", proved, EVERYWHERE, "(A, C) is observable."),
-        hurwitz,
-        lonely,
-        lemma1,
-        printed,
-        theorem1,
-        one("max-separable", undecided, box, "does not apply: nobody asked."),
-    )
+    observable = one("observability", proved, EVERYWHERE, "(A, C) is observable.")
+    unasked = one("max-separable", undecided, box, "does not apply: nobody asked.")
+    return (observable, hurwitz, lonely, lemma1, printed, theorem1, unasked)
 
 
 def one(id: str, verdict: Verdict, domain: Any, reason: str, **more: Any) -> Check:
@@ -111,6 +117,9 @@ def one(id: str, verdict: Verdict, domain: Any, reason: str, **more: Any) -> Che
 
 def make_certificate(problem: Problem | None = None, **changes: Any) -> Certificate:
     problem = ring_problem() if problem is None else problem
+    W = matrix([["16/5"], ["12/5"]])
+    P = matrix([[3, "-1/4"], ["-1/4", 2]])
+    Q = matrix([[9], [4]])
     claims = Claims(
         problem_name=problem.name,
         problem_sha256="ab" * 32,
@@ -119,10 +128,10 @@ def make_certificate(problem: Problem | None = None, **changes: Any) -> Certific
         rate=0.26189,
         covered_by="theorem1",
         checks=ring_checks(problem),
-        W=matrix([["16/5"], ["12/5"]]),
+        W=W,
         gain_source="given",
-        P=matrix([[3, "-1/4"], ["-1/4", 2]]),
-        Q=matrix([[9], [4]]),
+        P=P,
+        Q=Q,
         notes=("The observer gain W was given.",),
         version="9.9.9",
     )
@@ -131,19 +140,22 @@ def make_certificate(problem: Problem | None = None, **changes: Any) -> Certific
 
 def make_analysis(problem: Problem) -> Analysis:
     """Made-up eigenvalues of the right shapes."""
-    n, labels = problem.n * problem.m, problem.network.labels
+    n = problem.n * problem.m
+    labels = problem.network.labels
     lambdas = tuple(np.linspace(-8, -0.5, n).tolist())
     loops = tuple(complex(-0.5 - i / n, (-1) ** i) for i in range(n))
     graphs, modes = [], []
     for mode, arcs in problem.network.modes.items():
+        heard = (1,) * problem.n
+        hearing = (1,) * problem.n
         graph = GraphFacts(
             mode=mode,
             arcs=len(arcs),
             unreached=labels[1:3],
             components=(labels,),
             sources=(labels,),
-            heard=(1,) * problem.n,
-            hearing=(1,) * problem.n,
+            heard=heard,
+            hearing=hearing,
             balanced=True,
         )
         graphs.append(graph)
@@ -151,12 +163,13 @@ def make_analysis(problem: Problem) -> Analysis:
         modes.append(spectrum)
     margins = tuple(ModeMargin(eigenvalue=value, margin=0.7) for value in (2j, -2j))
     seen = ObservabilityResult(order=2, rank=2, singular_values=(2.0, 1.0), modes=margins)
+    eigenvalues = (-1.6 + 2.5j, -1.6 - 2.5j)
     return Analysis(
         name=problem.name,
         loop=loop_of(problem),
         W=None,
         observability=seen,
-        spectrum=SpectrumResult(eigenvalues=(-1.6 + 2.5j, -1.6 - 2.5j), rate=1.6),
+        spectrum=SpectrumResult(eigenvalues=eigenvalues, rate=1.6),
         graphs=tuple(graphs),
         modes=tuple(modes),
     )
@@ -164,16 +177,22 @@ def make_analysis(problem: Problem) -> Analysis:
 
 def make_trajectory(problem: Problem, *, diverged: bool = False) -> Trajectory:
     """Errors that decay like exp(-t), estimates that converge."""
-    n, m, q = problem.n, problem.m, problem.q
+    n = problem.n
+    m = problem.m
+    q = problem.q
     times = np.linspace(0, 10, 401)
     goal = np.ones((n, m))
-    starts = np.linspace(-1, 4, n * m).reshape(n, m)
+    line = np.linspace(-1, 4, n * m)
+    starts = line.reshape(n, m)
     x = goal + np.exp(-times)[:, None, None] * starts
-    d = np.broadcast_to(np.cos(2 * times)[:, None, None], x.shape).copy()
+    wave = np.cos(2 * times)
+    d = np.broadcast_to(wave[:, None, None], x.shape).copy()
     xi = np.zeros((len(times), n, q))
+    mode = next(iter(problem.network.modes))
+    settled = 1 - np.exp(-times)
     return Trajectory(
         name=problem.name,
-        mode=next(iter(problem.network.modes)),
+        mode=mode,
         labels=problem.network.labels,
         t_final=10.0,
         seed=3,
@@ -183,7 +202,7 @@ def make_trajectory(problem: Problem, *, diverged: bool = False) -> Trajectory:
         goal=goal,
         u=0 * x,
         d=d,
-        dhat=d * (1 - np.exp(-times))[:, None, None],
+        dhat=d * settled[:, None, None],
         xi=xi,
         xihat=xi.copy(),
     )
@@ -241,30 +260,37 @@ def trajectory_of() -> Callable[..., Trajectory]:
 def everything(certificate: Certificate) -> dict[str, Any]:
     """The arguments of a full report on the ring."""
     problem = certificate.problem
-    Lambda = [[Fraction(1, 3)] * problem.n for _ in range(problem.n)]
+    Lambda = []
+    for _ in range(problem.n):
+        Lambda.append([Fraction(1, 3)] * problem.n)
     for i, row in enumerate(Lambda):
         row[i] = Fraction(-2)
         row[i - 1] = row[(i + 1) % problem.n] = Fraction(1)
+    lambdas = {"Ga": matrix(Lambda)}
     return {
         "certificate": certificate,
         "analysis": make_analysis(problem),
         "trajectory": make_trajectory(problem),
-        "lambdas": {"Ga": matrix(Lambda)},
+        "lambdas": lambdas,
     }
 
 
 @pytest.fixture(scope="session")
 def asked_for(problem_with, certificate_of) -> dict[str, Any]:
     """A report on the ring with a region, whose certificates are made by hand."""
-    problem = problem_with(region=Region(initial_states=[[0, 5]], initial_disturbance="1/2"))
+    region = Region(initial_states=[[0, 5]], initial_disturbance="1/2")
+    problem = problem_with(region=region)
     box = Box(4.0, 0.5)
-    values = {"v": ["1", *["3/2"] * 9], "P": [["1", "0"], ["0", "1"]], "size": "1"}
+    v = ["1", *["3/2"] * 9]
+    P = [["1", "0"], ["0", "1"]]
+    values = {"v": v, "P": P, "size": "1"}
     values |= {"alpha": "1/5", "beta": "3/2", "rho": "9/2", "kappa": "7/10"}
     proved, decays = Verdict.PROVED, "from every start V decays."
     separable = one("max-separable", proved, box, decays, rate=0.2, claim=Values(values))
     late = Values({"delay": "1/50", "rate": "1/10"})
     delay = one("delay", proved, box, "late.", rate=0.1, claim=late)
-    P_e = SparseSymmetric(10, {(i, i): Fraction(1 + i) for i in range(10)})
+    diagonal = {(i, i): Fraction(1 + i) for i in range(10)}
+    P_e = SparseSymmetric(10, diagonal)
     claim = Lure(method="vertices", P_e=P_e, ranges=(), radius=Fraction(1), level=Fraction(2))
     ball = Ball(1.079, 0.5)
     why = (
@@ -282,19 +308,25 @@ def wide(problem_with, certificate_of, analysis_of, trajectory_of) -> dict[str, 
     """Long names, hostile ones, six exosystem states, several modes: what is likely to be too
     wide."""
     labels = [f"station-of-a-very-long-name-{i}-{HOSTILE[1 + i % 5][:40]}" for i in range(12)]
-    arcs = [(labels[i], labels[(i + 1) % 12]) for i in range(12)]
+    arcs = []
+    for i in range(12):
+        arcs.append((labels[i], labels[(i + 1) % 12]))
     network = Network.from_arcs(
         {"m" * 60: arcs, "#b": arcs[:-1], "$c": arcs[3:]}, arrow="listens_to", agents=labels
     )
     A = [[f"{i + 1}/{j + 7}" for j in range(6)] for i in range(6)]
+    gains = {labels[0]: 1}
+    C = [[1, 0, 0, 0, 0, "123456/654321"]]
+    exosystem = Exosystem(A=A, C=C)
     problem = problem_with(
         name="a-name-without-any-space-" * 4,
         network=network,
-        gains={labels[0]: 1},
+        gains=gains,
         observer=None,
-        exosystem=Exosystem(A=A, C=[[1, 0, 0, 0, 0, "123456/654321"]]),
+        exosystem=exosystem,
     )
-    certificate = certificate_of(problem, problem_sha256="f" * 64, notes=("W" * 200, *HOSTILE))
+    notes = ("W" * 200, *HOSTILE)
+    certificate = certificate_of(problem, problem_sha256="f" * 64, notes=notes)
     return {
         "certificate": certificate,
         "analysis": analysis_of(problem),

@@ -53,12 +53,12 @@ needs_axe = pytest.mark.skipif(not AXE, reason="needs axe-core: AXE_SCRIPT=/path
 @pytest.fixture
 def pages(everything: dict[str, Any], asked_for: dict[str, Any]) -> dict[str, str]:
     """A full report with several modes, one on a region, and two certificates side by side."""
-    several = dict.fromkeys(("Ga", "Gb", "Gc"), everything["lambdas"]["Ga"])
-    return {
-        "full": html_report(**everything | {"lambdas": several}),
-        "region": html_report(**asked_for),
-        "comparison": compare_html(everything["certificate"], asked_for["certificate"]),
-    }
+    names = ("Ga", "Gb", "Gc")
+    Lambda = everything["lambdas"]["Ga"]
+    several = dict.fromkeys(names, Lambda)
+    full_report = html_report(**everything | {"lambdas": several})
+    comparison = compare_html(everything["certificate"], asked_for["certificate"])
+    return {"full": full_report, "region": html_report(**asked_for), "comparison": comparison}
 
 
 def audit(text: str, folder: Path, *, scheme: str) -> dict[str, Any]:
@@ -99,7 +99,9 @@ def test_the_browser_asks_the_network_for_nothing(pages: dict[str, str], tmp_pat
         sent = [
             each["params"] for each in page.events if each["method"] == "Network.requestWillBeSent"
         ]
-    assert [each["request"]["url"] for each in sent] == [file.as_uri()]
+    requested = [each["request"]["url"] for each in sent]
+    expected = [file.as_uri()]
+    assert requested == expected
 
 
 @needs_chromium
@@ -121,9 +123,10 @@ def test_printed_on_a4_nothing_is_cut_off(pages: dict[str, str], tmp_path: Path)
         )
         page.ask("Emulation.setEmulatedMedia", media="print")
         frame = page.ask("Page.getFrameTree")["frameTree"]["frame"]["id"]
+        bad_page = ("spoiled", spoiled, False)
         for name, text, fits in [
             *((name, text, True) for name, text in pages.items()),
-            ("spoiled", spoiled, False),
+            bad_page,
         ]:
             page.ask("Page.setDocumentContent", frameId=frame, html=text)
             widest = page.run(WIDEST)
@@ -133,7 +136,8 @@ def test_printed_on_a4_nothing_is_cut_off(pages: dict[str, str], tmp_path: Path)
 def measure(page: str, folder: Path, *, width: int) -> tuple[dict[str, Any], str]:
     """Sizes on the page laid out at ``width`` CSS pixels, and what the browser logged."""
     file = folder / "wrapper.html"
-    file.write_text(WRAPPER.format(width=width, page=html.escape(page)), encoding="utf-8")
+    written = WRAPPER.format(width=width, page=html.escape(page))
+    file.write_text(written, encoding="utf-8")
     places = (
         f"--user-data-dir={folder / 'profile'}",
         f"--window-size={max(width, 600)},900",
@@ -159,7 +163,9 @@ def test_everything_has_a_size_and_nothing_scrolls_sideways(
         page = html_report(**arguments).replace("<details ", "<details open ")
         sizes, log = measure(page, tmp_path, width=width)
         assert len(sizes["math"]) > 10
-        assert all(w > 0 and h > 0 for w, h in sizes["math"])
+        for w, h in sizes["math"]:
+            assert w > 0
+            assert h > 0
         assert len(sizes["svg"]) >= pictures
         assert all(w > 150 and h > 60 for w, h in sizes["svg"])
         assert sizes["scroll"] <= sizes["client"], (
@@ -206,21 +212,19 @@ def test_a_report_is_three_screens_high_and_printed_with_all_that_is_signed(
     sizes, _ = measure(paper_fixed, tmp_path, width=1280)
     assert sizes["tall"] <= 3500
     pages = {}
+    opened = ("open", paper_fixed.replace("<details ", "<details open "))
     for name, text in (
         ("closed", paper_fixed),
-        ("open", paper_fixed.replace("<details ", "<details open ")),
+        opened,
     ):
         (tmp_path / f"{name}.html").write_text(text, encoding="utf-8")
         target = tmp_path / f"{name}.pdf"
         source = (tmp_path / f"{name}.html").as_uri()
         profile = f"--user-data-dir={tmp_path / 'printing'}"
-        subprocess.run(
-            alone(profile, f"--print-to-pdf={target}", source),
-            capture_output=True,
-            timeout=120,
-            check=True,
-        )
-        pages[name] = max(map(int, re.findall(rb"/Count\s+(\d+)", target.read_bytes())))
+        command = alone(profile, f"--print-to-pdf={target}", source)
+        subprocess.run(command, capture_output=True, timeout=120, check=True)
+        counts = re.findall(rb"/Count\s+(\d+)", target.read_bytes())
+        pages[name] = max(map(int, counts))
     assert pages["closed"] <= 7 < pages["open"]
     if POPPLER is None:
         pytest.skip("what is on the pages needs pdftotext (poppler-utils)")

@@ -14,7 +14,9 @@ from dobc_design.report.document import Mark, Table
 
 
 def ring(n: int, *, back: bool = False) -> list[tuple[int, int]]:
-    arcs = [(i + 1, (i + 1) % n + 1) for i in range(n)]
+    arcs = []
+    for i in range(n):
+        arcs.append((i + 1, (i + 1) % n + 1))
     return arcs + [(j, i) for i, j in arcs] if back else arcs
 
 
@@ -36,19 +38,31 @@ def test_two_certificates_of_one_name_are_told_apart_in_the_title(problem_with, 
     assert title == "valley (A) and valley (B), compared"
 
 
+def test_networks_that_would_be_drawn_alike_are_not_drawn(problem_with, certificate_of):
+    """A gain is no part of a drawing; who is pinned is."""
+    first = certificate_of(problem_with(gains={1: 5}))
+    for gains, drawn in (({1: 4}, False), ({2: 5}, True)):
+        page = compare_html(first, certificate_of(problem_with(gains=gains)))
+        assert ("A: Mode" in page) == drawn
+
+
 def test_every_kind_of_difference_is_named_by_its_key(problem_with):
     first = problem_with()
+    region = {"initial_states": [0, 5], "initial_disturbance": "1/2"}
+    arcs = {"Ga": [*ring(10)[1:], (1, 3)]}
+    network = Network.from_arcs(arcs, arrow="listens_to", agents=10)
     second = problem_with(
         target=2,
         coupling="tanh(y)",
         gains={1: 3, 2: "1/3"},
         observer=Observer(rate=2),
-        region={"initial_states": [0, 5], "initial_disturbance": "1/2"},
+        region=region,
         offsets={3: 1},
         actuators={"limit": 10},
-        network=Network.from_arcs({"Ga": [*ring(10)[1:], (1, 3)]}, arrow="listens_to", agents=10),
+        network=network,
     )
-    found = {key: (a, b) for key, a, b in differences(first, second)[0]}
+    compared = differences(first, second)[0]
+    found = {key: (a, b) for key, a, b in compared}
     assert found == {
         "network.modes.Ga: 1 listens to 2": ("there", "–"),
         "network.modes.Ga: 1 listens to 3": ("–", "there"),
@@ -110,10 +124,12 @@ def test_checks_are_paired_by_id_and_mode_and_marked_where_they_differ(certifica
     other = certificate_of(checks=tuple(checks.values()))
     table = table_in("checks", one, other)
     ids = [check.id for check in one.checks]
-    assert [row[0].parts[0] for row in table.rows] == [KINDS[id].name for id in ids]
+    kinds = [row[0].parts[0] for row in table.rows]
+    assert kinds == [KINDS[id].name for id in ids]
     rows = dict(zip(ids, table.rows, strict=True))
     assert {ids[place] for place in table.marked} == {"lemma1", "hurwitz"}
-    assert rows["lemma1"][1:5] == (Mark("✓", "proved"), Mark("✓", "proved"), "0.5822", "0.1")
+    shown = rows["lemma1"][1:5]
+    assert shown == (Mark("✓", "proved"), Mark("✓", "proved"), "0.5822", "0.1")
     assert rows["hurwitz"][2] == "–"
 
 
@@ -127,11 +143,15 @@ def test_starts_stand_beside_each_other(asked_for, certificate_of):
 
 
 def test_the_page_loads_nothing_and_its_drawings_have_their_own_names(certificate_of, problem_with):
-    network = Network.from_arcs({"Ga": ring(10, back=True)}, arrow="listens_to", agents=10)
+    arcs = {"Ga": ring(10, back=True)}
+    network = Network.from_arcs(arcs, arrow="listens_to", agents=10)
     other = certificate_of(problem_with(name="other", network=network))
     page = compare_html(certificate_of(), other)
     assert not re.search(r"(?:src|href)=\"(?!#)", page)
     assert "<script" not in page
-    ids = [each["id"] for _, each in Page(page).elements if "id" in each]
+    ids = []
+    for _, each in Page(page).elements:
+        if "id" in each:
+            ids.append(each["id"])
     assert len(set(ids)) == len(ids)
     assert page.count("<svg") == 2

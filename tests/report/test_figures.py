@@ -27,7 +27,9 @@ def test_a_figure_is_drawn_once():
 
 def test_long_series_are_thinned_and_keep_their_ends():
     rows = look.thinned_rows(100_000)
-    assert (len(rows), rows[0], rows[-1]) == (look.MOST_POINTS, 0, 99_999)
+    ends = (len(rows), rows[0], rows[-1])
+    expected = (look.MOST_POINTS, 0, 99_999)
+    assert ends == expected
     assert look.thinned_rows(3).tolist() == [0, 1, 2]
     shown = look.shown_agents(1000, {500, 700})
     assert len(shown) == look.MOST_AGENTS
@@ -39,7 +41,8 @@ def test_an_svg_is_xml_with_own_identifiers_variables_and_its_alternative():
     root = ElementTree.fromstring(text)
     assert root.get("aria-label") == 'a "b" <c>'
     assert "var(--figure-blue, #0072b2)" in text
-    assert all(each.get("id", "one-").startswith("one-") for each in root.iter())
+    for each in root.iter():
+        assert each.get("id", "one-").startswith("one-")
     assert "<style" not in text
 
 
@@ -49,10 +52,7 @@ def test_names_are_not_read_as_mathematics_and_powers_of_ten_are_written_out():
     )
     assert "$\\frac{$" in text
     assert "&lt;b&gt;" in text
-    assert [look.power_of_ten(10.0**k) for k in (-3, -1, 0, 1, 12)] == [
-        "10⁻³",
-        "0.1",
-        "1",
-        "10",
-        "10¹²",
-    ]
+    exponents = (-3, -1, 0, 1, 12)
+    found = [look.power_of_ten(10.0**k) for k in exponents]
+    expected = ["10⁻³", "0.1", "1", "10", "10¹²"]
+    assert found == expected

@@ -38,7 +38,9 @@ def content(*blocks: dict[str, Any], **changes: Any) -> dict[str, Any]:
     """What reaches the template of a document with these blocks."""
     whole: dict[str, Any] = {"title": "t", "name": "n", "footer": "f"}
     whole |= {"verdict": "proved", "word": "Proved", "reason": "r"}
-    whole |= {"identity": [["Problem", "n"]], "facts": [["Agents", "1"]], "blocks": list(blocks)}
+    identity = [["Problem", "n"]]
+    facts = [["Agents", "1"]]
+    whole |= {"identity": identity, "facts": facts, "blocks": list(blocks)}
     return whole | changes
 
 
@@ -52,14 +54,14 @@ def printed(shown: dict[str, Any], *, full: bool = False) -> bytes:
 def test_text_of_the_user_is_shown_as_it_is_and_never_read_as_markup(tmp_path: Path):
     items = list(HOSTILE[:5])
     rows = [[[each], [each]] for each in items]
-    blocks: list[dict[str, Any]] = [
-        {"kind": "list", "items": items},
-        {"kind": "code", "lines": items},
-        {"kind": "table", "heads": items[:2], "rows": rows, "widths": [0, 1]},
-    ]
+    listed = {"kind": "list", "items": items}
+    code = {"kind": "code", "lines": items}
+    table = {"kind": "table", "heads": items[:2], "rows": rows, "widths": [0, 1]}
+    blocks: list[dict[str, Any]] = [listed, code, table]
     blocks += [{"kind": "heading", "level": 1, "text": each} for each in items]
     whole = " ".join(items)
-    page = compile_pdf(content(*blocks, name=whole, reason=whole, footer=whole[:60]))
+    document = content(*blocks, name=whole, reason=whole, footer=whole[:60])
+    page = compile_pdf(document)
     text = squeezed(texts(page, tmp_path))
     for each in items:
         assert text.count(squeezed(each)) >= 6, each
@@ -79,7 +81,8 @@ def test_letters_that_fonts_or_the_standard_do_not_have_do_not_stop_it(text: str
 def test_it_is_tagged_for_assistive_technology():
     """PDF/UA-1 (ISO 14289): tags, language and a title; Typst refuses a figure or formula without
     words."""
-    made = compile_pdf(content({"kind": "formula", "name": "psi", "label": "", "number": "(18)"}))
+    formula = {"kind": "formula", "name": "psi", "label": "", "number": "(18)"}
+    made = compile_pdf(content(formula))
     assert b"/MarkInfo" in made
     assert b"pdfuaid:part>1<" in made
 
@@ -118,10 +121,12 @@ def test_long_words_may_be_broken_and_lose_no_letter():
 
 def test_a_figure_keeps_its_colours_and_gets_its_alternative():
     draw = lambda ax: ax.plot([1, 2], color="#0072b2")  # noqa: E731
-    parts = picture_parts(Picture(name="one", title="t", caption="", alt="A <b>", draw=draw))
+    picture = Picture(name="one", title="t", caption="", alt="A <b>", draw=draw)
+    parts = picture_parts(picture)
     assert "#0072b2" in parts["svg"]
     assert "var(" not in parts["svg"]
-    assert (parts["alt"], parts["width"]) == ("A <b>", "331.2")
+    assert parts["alt"] == "A <b>"
+    assert parts["width"] == "331.2"
 
 
 def test_every_equation_of_the_loop_has_its_formula():
@@ -150,7 +155,9 @@ def test_pages_are_a4_and_nothing_is_cut_off(
     pages = re.findall(r'<page width="([\d.]+)" height="([\d.]+)">', boxes)
     assert len(pages) >= 3
     for width, height in pages:
-        assert (round(float(width)), round(float(height))) == (595, 842)
+        rounded_width = round(float(width))
+        size = (rounded_width, round(float(height)))
+        assert size == (595, 842)
     words = re.findall(r'<word xMin="(-?[\d.]+)" .*?xMax="([\d.]+)" .*?>(.*?)</word>', boxes)
     assert len(words) > 500
     for left, right, word in words:
@@ -172,7 +179,8 @@ def test_the_full_pdf_says_what_the_page_says(everything: dict[str, Any], tmp_pa
 
 def blocks_of(certificate: Certificate) -> list[dict[str, Any]]:
     """The blocks of a report as they reach the template, in JSON."""
-    blocks: list[dict[str, Any]] = json.loads(json.dumps(pdf_content(certificate)))["blocks"]
+    shown = json.loads(json.dumps(pdf_content(certificate)))
+    blocks: list[dict[str, Any]] = shown["blocks"]
     return blocks
 
 
@@ -184,16 +192,21 @@ def matrix_of(blocks: list[dict[str, Any]], name: str) -> Matrix:
 
 def test_matrices_reach_the_template(certificate):
     blocks = blocks_of(certificate)
-    assert matrix_of(blocks, "P") == matrix([[3, "-1/4"], ["-1/4", 2]])
+    P = [[3, "-1/4"], ["-1/4", 2]]
+    assert matrix_of(blocks, "P") == matrix(P)
     assert matrix_of(blocks, "W") == matrix([["16/5"], ["12/5"]])
-    assert matrix_of(blocks, "P given")[1] == (Fraction(-1, 4), Fraction("0.33333"))
+    off_diagonal_row = matrix_of(blocks, "P given")[1]
+    assert off_diagonal_row == (Fraction(-1, 4), Fraction("0.33333"))
 
 
 def test_agents_with_different_exosystems_get_the_condition_with_a_disturbance():
     groups = []
     for i in (1, 2):
         exosystem = Exosystem(A=[[-i]], C=[[1]])
-        groups.append(Group(agents=[i], exosystem=exosystem, observer=Observer(W=[[1]])))
+        observer = Observer(W=[[1]])
+        group = Group(agents=[i], exosystem=exosystem, observer=observer)
+        groups.append(group)
     network = Network.from_arcs([[1, 2]], arrow="listens_to")
-    certificate = certify(Problem(network=network, coupling="y", gains=1, groups=groups))
+    problem = Problem(network=network, coupling="y", gains=1, groups=groups)
+    certificate = certify(problem)
     assert "psi" in [block.get("name") for block in blocks_of(certificate)]

@@ -38,48 +38,60 @@ def parts(certificate: Any) -> dict[str, Section]:
 
 
 def rows(section: Section) -> list[tuple[Any, ...]]:
-    return [row for block in section.blocks if isinstance(block, Table) for row in block.rows]
+    shown_rows = []
+    for block in section.blocks:
+        if isinstance(block, Table):
+            for row in block.rows:
+                shown_rows.append(row)
+    return shown_rows
 
 
 def test_assumptions_are_a_table_and_agents_with_the_same_bound_share_a_row(
     problem_with, certificate_of
 ):
     """A bound is never shown smaller than it is: 0.250001 is 0.2501."""
-    bounds = {str(i): "0.250001" if i % 2 else "1/2" for i in range(1, 11)}
-    found = certificate_of(problem_with(**TABLES), checks=(checked("accuracy", bounds=bounds),))
+    bounds = {}
+    for i in range(1, 11):
+        bounds[str(i)] = "0.250001" if i % 2 else "1/2"
+    accuracy = (checked("accuracy", bounds=bounds),)
+    found = certificate_of(problem_with(**TABLES), checks=accuracy)
     (section,) = plant_section(Findings(certificate=found))
-    assert section.blocks[0].rows == (
+    expected = (
         ("unmodelled disturbance", "0.1"),
         ("error of every arc weight", "2 %"),
         ("inputs |uᵢ| of 1 agent", "30"),
     )
-    assert [row[:2] for row in rows(parts(found)["Accuracy"])] == [
-        ("2, 4, 6, 8 and 10", "0.5"),
-        ("1, 3, 5, 7 and 9", "0.2501"),
-    ]
+    assert section.blocks[0].rows == expected
+    shown = rows(parts(found)["Accuracy"])
+    found_rows = [row[:2] for row in shown]
+    assert found_rows == [("2, 4, 6, 8 and 10", "0.5"), ("1, 3, 5, 7 and 9", "0.2501")]
 
 
 def test_of_many_agents_the_worst_are_shown_and_the_others_counted(problem_with, certificate_of):
-    bounds = {str(i): str(Fraction(i, 10)) for i in range(1, 31)}
-    found = parts(
-        certificate_of(problem_with(n=30, **TABLES), checks=(checked("accuracy", bounds=bounds),))
-    )
-    assert [row[0] for row in rows(found["Accuracy"])] == [str(30 - k) for k in range(MOST_ROWS)]
+    bounds = {}
+    for i in range(1, 31):
+        bounds[str(i)] = str(Fraction(i, 10))
+    problem = problem_with(n=30, **TABLES)
+    checks = (checked("accuracy", bounds=bounds),)
+    found = parts(certificate_of(problem, checks=checks))
+    labels = [row[0] for row in rows(found["Accuracy"])]
+    expected = [str(30 - k) for k in range(MOST_ROWS)]
+    assert labels == expected
     assert found["Accuracy"].blocks[-1].words.startswith("And 22 more")
 
 
 def test_inputs_come_by_their_share_of_the_limit_and_those_without_one_last(
     problem_with, certificate_of
 ):
-    limits = {"uncertainty": None, "actuators": {"limit": {"1": 30, "2": 10}}}
-    inputs = {"1": "20", "2": "9", **{str(i): "25" for i in range(3, 11)}}
+    actuators = {"limit": {"1": 30, "2": 10}}
+    limits = {"uncertainty": None, "actuators": actuators}
+    equal_inputs = {str(i): "25" for i in range(3, 11)}
+    inputs = {"1": "20", "2": "9", **equal_inputs}
     check = checked("actuators", rho="1", inputs=inputs)
-    shown = parts(certificate_of(problem_with(**limits), checks=(check,)))["Inputs"]
-    assert rows(shown) == [
-        ("2", "9", "10"),
-        ("1", "20", "30"),
-        ("3, 4, 5, 6, 7, 8 and 2 more", "25", "–"),
-    ]
+    certificate = certificate_of(problem_with(**limits), checks=(check,))
+    shown = parts(certificate)["Inputs"]
+    expected = [("2", "9", "10"), ("1", "20", "30"), ("3, 4, 5, 6, 7, 8 and 2 more", "25", "–")]
+    assert rows(shown) == expected
 
 
 @pytest.mark.parametrize(
@@ -89,7 +101,9 @@ def test_inputs_come_by_their_share_of_the_limit_and_those_without_one_last(
 def test_a_tolerance_is_told_in_a_sentence(
     verdict: Verdict, head: str, problem_with, certificate_of
 ):
-    found = parts(certificate_of(problem_with(**TABLES), checks=(checked("tolerance", verdict),)))
+    checks = (checked("tolerance", verdict),)
+    certificate = certificate_of(problem_with(**TABLES), checks=checks)
+    found = parts(certificate)
     (text,) = found["Tolerance"].blocks
     assert isinstance(text, Text)
     assert text.words.startswith(head)
@@ -97,11 +111,10 @@ def test_a_tolerance_is_told_in_a_sentence(
 
 def test_in_one_line_each_only_what_is_proved_with_its_worst_agent(problem_with, certificate_of):
     """Bounds are rounded up, tolerances down."""
-    checks = [
-        checked("accuracy", bounds={"1": "1/3", "2": "2/3"}),
-        checked("actuators", inputs={"1": "25", "2": "7"}),
-        checked("tolerance", weights="206/10001", gains="1/50", alpha="1"),
-    ]
+    accuracy = checked("accuracy", bounds={"1": "1/3", "2": "2/3"})
+    actuators = checked("actuators", inputs={"1": "25", "2": "7"})
+    tolerance = checked("tolerance", weights="206/10001", gains="1/50", alpha="1")
+    checks = [accuracy, actuators, tolerance]
     told = ["largest |u| ≤ 25 (agent 1)", "largest final |e| ≤ 0.6667 (agent 2)"]
     told += ["weights may be off by 2.059 %, gains by 2 %"]
     assert plant_numbers(certificate_of(problem_with(), checks=tuple(checks))) == told
@@ -110,7 +123,8 @@ def test_in_one_line_each_only_what_is_proved_with_its_worst_agent(problem_with,
 
 
 def test_an_empty_table_of_actuators_asks_for_the_inputs_alone(problem_with, certificate_of):
-    check = checked("actuators", rho="1", inputs={str(i): "25" for i in range(1, 11)})
+    inputs = {str(i): "25" for i in range(1, 11)}
+    check = checked("actuators", rho="1", inputs=inputs)
     bare = certificate_of(problem_with(actuators={}), checks=(check,))
     (section,) = plant_section(Findings(certificate=bare))
     assert [type(block) for block in section.blocks] == [Beside]

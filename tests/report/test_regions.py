@@ -88,27 +88,24 @@ def make(*claims: RegionClaim, **changes: Any) -> Regions:
 
 
 def check(id: str, **changes: Any) -> Check:
-    return Check(
-        id=id, **{"verdict": Verdict.PROVED, "domain": BOX, "reason": "it is so.", **changes}
-    )
+    settings = {"verdict": Verdict.PROVED, "domain": BOX, "reason": "it is so.", **changes}
+    return Check(id=id, **settings)
 
 
 def rows(regions: Regions) -> list[dict[str, Any]]:
     """The table's cells by the heads of their columns, each once."""
     table = regions_table(regions, disturbed=True)
-    return [
-        {column.head: cell for column, cell in zip(table.columns, row, strict=True)}
-        for row in table.rows
-    ]
+    by_head = []
+    for row in table.rows:
+        by_head.append({column.head: cell for column, cell in zip(table.columns, row, strict=True)})
+    return by_head
 
 
 def test_sizes_and_rates_are_cut_and_times_and_wishes_are_raised():
     shown = rows(make(BALL))[0]
-    assert [shown[head] for head in ("|e|∞ ≤", "|e|₂ ≤", "rate in 1/s")] == [
-        "0.3598",
-        "1.138",
-        "0.204",
-    ]
+    shown_values = [shown[head] for head in ("|e|∞ ≤", "|e|₂ ≤", "rate in 1/s")]
+    expected = ["0.3598", "1.138", "0.204"]
+    assert shown_values == expected
     assert shown["|e|∞ ≤ 0.04 after"] == "25.61 s"
     assert "at least 12.65." in asked_sentence(make(BALL))
 
@@ -143,28 +140,28 @@ def test_times_of_the_table_are_told_apart_from_the_time_to_one_percent_of_the_v
 
 
 def test_rows_say_what_covers_and_why_not():
-    covering, ball, near, none, everywhere = rows(make(claim(), BALL, NEAR, NONE, EVERYWHERE))
+    regions = make(claim(), BALL, NEAR, NONE, EVERYWHERE)
+    covering, ball, near, none, everywhere = rows(regions)
     assert covering["covers it"] == "yes"
     assert covering["why not further"] == "It covers what was asked for; more was not tried."
     assert covering["certified starts"] == "box |e|∞ ≤ 4, every |εᵢ| ≤ 0.5"
-    assert (str(ball["method"]), ball["covers it"]) == ("Lur’e, Pₑ full", "no")
+    assert str(ball["method"]) == "Lur’e, Pₑ full"
+    assert ball["covers it"] == "no"
     assert ball["why not further"] == "No P_e is found."
     assert (
         ball["certified starts"]
         == "ball |e|₂ ≤ 1.138, every |εᵢ| ≤ 0.5; it holds the box |e|∞ ≤ 0.3598"
     )
-    assert (near["certified"], near["|e|∞ ≤"]) == ("near the target, no radius", "–")
-    assert (none["verdict"].verdict, none["certified"], none["rate in 1/s"]) == (
-        "undecided",
-        "–",
-        "–",
-    )
-    assert (everywhere["|e|∞ ≤"], everywhere["|e|₂ ≤"], everywhere["certified"]) == (
-        "any",
-        "any",
-        "every start",
-    )
-    assert rows(make(claim(covers=False), asked=None))[0]["covers it"] == "–"
+    assert near["certified"] == "near the target, no radius"
+    assert near["|e|∞ ≤"] == "–"
+    shown = (none["verdict"].verdict, none["certified"], none["rate in 1/s"])
+    expected = ("undecided", "–", "–")
+    assert shown == expected
+    shown_everywhere = (everywhere["|e|∞ ≤"], everywhere["|e|₂ ≤"], everywhere["certified"])
+    expected_everywhere = ("any", "any", "every start")
+    assert shown_everywhere == expected_everywhere
+    uncovered = make(claim(covers=False), asked=None)
+    assert rows(uncovered)[0]["covers it"] == "–"
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -174,10 +171,9 @@ def test_where_nothing_is_asked_the_sentence_says_so_and_there_is_no_section(
     assert "the largest that was found is shown." in asked_sentence(make(claim(), asked=None))
     assert asked_sentence(make(NONE, asked=None)) == "No region was asked for."
     assert rows(make(NEAR, tolerance=None))[0]["settled after"] == "–"
-    problem = problem_with(
-        network=Network.from_arcs({"G": [(1, 2), (2, 1)]}, arrow="listens_to", agents=2),
-        gains={1: 1},
-    )
+    arcs = {"G": [(1, 2), (2, 1)]}
+    network = Network.from_arcs(arcs, arrow="listens_to", agents=2)
+    problem = problem_with(network=network, gains={1: 1})
     local = check("theorem1", domain=NEAR_TARGET)
     certificate = certificate_of(problem, checks=(local,))
     page = html_report(certificate)
@@ -200,10 +196,13 @@ def test_delays_and_sampling_have_a_sentence_each():
 
 def test_a_sample_without_disturbance_has_nothing_added_and_only_a_very_short_one_is_explained():
     calm = {"domain": dataclasses.replace(BOX, disturbance=0.0)}
+    half_second = ("1/2", "1/2", calm)
+    microsecond = ("1/1000000", "999/1000", {})
+    hundredth = ("1/100", "999/1000", {})
     for period, factor, more in (
-        ("1/2", "1/2", calm),
-        ("1/1000000", "999/1000", {}),
-        ("1/100", "999/1000", {}),
+        half_second,
+        microsecond,
+        hundredth,
     ):
         sampling = check("sampling", claim=Values({"period": period, "factor": factor}), **more)
         (held,) = timing_sentences(make(claim(), sampling=sampling))
@@ -216,16 +215,18 @@ def test_a_proved_settling_time_has_its_own_section_and_what_is_undecided_gives_
         "settling", reason="|e(t)|_inf <= 0.04 for all t >= 15.6 s, by a max-separable certificate."
     )
     assert timing_sentences(make(claim(), settling=settling)) == []
-    left = {
-        id: check(id, verdict=Verdict.UNDECIDED, reason="left out.") for id in ("settling", "delay")
-    }
+    left = {}
+    for id in ("settling", "delay"):
+        left[id] = check(id, verdict=Verdict.UNDECIDED, reason="left out.")
     assert timing_sentences(make(claim(), **left)) == ["Settling: left out.", "Delay: left out."]
 
 
 def test_bars_are_as_long_as_what_is_proved():
     """Solid bars end at the box, thin lines at the ball, the dashed line stands at what is
     asked."""
-    ax = plot_regions(Figure().add_subplot(), make(claim(), BALL, NEAR))
+    axes = Figure().add_subplot()
+    regions = make(claim(), BALL, NEAR)
+    ax = plot_regions(axes, regions)
     assert [bar.get_width() for bar in ax.patches] == [4.0, 0.35987]
     ends = [tuple(line.get_xdata()) for line in ax.lines]
     assert (0.35987, 1.13899) in ends
@@ -240,16 +241,22 @@ def test_every_start_fills_the_axis_and_an_equilibrium_is_a_dotted_line():
     witness = Witness(kind="start", values=("33/20", "-33/20"))
     rest = check("equilibrium", verdict=Verdict.REFUTED, domain=NEAR_TARGET, witness=witness)
     ax = plot_regions(Figure().add_subplot(), make(EVERYWHERE, equilibrium=rest))
-    assert [bar.get_width() for bar in ax.patches] == [ax.get_xlim()[1]]
-    assert (1.65, 1.65) in [tuple(line.get_xdata()) for line in ax.lines]
-    assert "other equilibrium" in [text.get_text() for text in ax.get_legend().get_texts()]
+    widths = [bar.get_width() for bar in ax.patches]
+    expected = [ax.get_xlim()[1]]
+    assert widths == expected
+    lines = [tuple(line.get_xdata()) for line in ax.lines]
+    assert (1.65, 1.65) in lines
+    entries = ax.get_legend().get_texts()
+    assert "other equilibrium" in [text.get_text() for text in entries]
     assert "|e|∞ ≈ 1.65" in (rest_sentence(make(EVERYWHERE, equilibrium=rest)) or "")
     assert rest_sentence(make(EVERYWHERE)) is None
 
 
 def test_agents_have_bars_around_their_goals_and_the_band_is_what_was_asked():
     ax = plot_starts(Figure().add_subplot(), make(claim()))
-    spans = [(bar.get_y(), bar.get_y() + bar.get_height()) for bar in ax.patches]
+    spans = []
+    for bar in ax.patches:
+        spans.append((bar.get_y(), bar.get_y() + bar.get_height()))
     assert spans[0] == (-3.0, 5.0)
     assert spans[1] == pytest.approx((-5.65, 7.65))
     assert spans[2] == (0.0, 5.0)

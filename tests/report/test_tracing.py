@@ -38,10 +38,12 @@ def test_the_file_of_the_lone_checker_has_the_function_of_the_check(id: str):
 
 def test_the_fingerprint_of_the_certificate_is_that_of_its_file(certificate, tmp_path: Path):
     path, _ = certificate.save(tmp_path)
-    assert dict(fingerprints(certificate)) == {
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    expected = {
         "SHA-256 of problem.json": certificate.claims.problem_sha256,
-        "SHA-256 of certificate.json": hashlib.sha256(path.read_bytes()).hexdigest(),
+        "SHA-256 of certificate.json": digest,
     }
+    assert dict(fingerprints(certificate)) == expected
 
 
 @pytest.mark.parametrize(
@@ -80,12 +82,13 @@ def test_the_command_has_the_options_of_the_certificate_that_are_known(
     certificate_of, options, command: str
 ):
     """A file may say anything: only what can be an option is repeated."""
+    claim = Values({"tolerance": "1/7"})
     proved = Check(
         id="settling",
         verdict=Verdict.PROVED,
         domain=EVERYWHERE,
         reason="r",
-        claim=Values({"tolerance": "1/7"}),
+        claim=claim,
     )
     certificate = certificate_of(checks=() if "--search" in options else (proved,), options=options)
     assert certify_command(certificate) == command
@@ -102,11 +105,12 @@ def test_both_reports_have_the_table_the_commands_and_lines_to_sign(certificate)
             "Signature",
         ):
             assert words in text
+        digests = dict(fingerprints(certificate)).values()
         for words in (
             certify_command(certificate),
             VERIFY,
             ALONE,
-            *dict(fingerprints(certificate)).values(),
+            *digests,
         ):
             assert words in text
         plain = text.replace("\\", "").replace("<wbr>", "")

@@ -48,21 +48,27 @@ def test_phases_follow_each_other_the_largest_weights_first():
 def test_the_band_names_every_mode_once_and_names_are_no_mathematics():
     figure, _ = drawn("A", "B", "A")
     main, band = figure.axes
-    assert [text.get_text() for text in band.get_legend().get_texts()] == ["A", "B"]
-    assert [text.get_text() for text in main.get_legend().get_texts()] == [
-        "agent $x_2$",
-        "agent leader",
-    ]
+    texts = band.get_legend().get_texts()
+    labels = [text.get_text() for text in texts]
+    assert labels == ["A", "B"]
+    texts_of_main = main.get_legend().get_texts()
+    labels_of_main = [text.get_text() for text in texts_of_main]
+    assert labels_of_main == ["agent $x_2$", "agent leader"]
     assert band.get_xlabel().startswith("time t in s")
-    assert (main.get_xlabel(), main.get_xlim()) == ("", (0, pytest.approx(3.6)))
-    assert not any(text.get_parse_math() for text in main.get_legend().get_texts())
+    shown = (main.get_xlabel(), main.get_xlim())
+    expected = ("", (0, pytest.approx(3.6)))
+    assert shown == expected
+    entries = main.get_legend().get_texts()
+    assert not any(text.get_parse_math() for text in entries)
 
 
 @pytest.fixture(scope="module")
 def certificate() -> Certificate:
     """Weights by hand: agents 2 and 3 hear the one before, each in one mode; a mode lasts for 1
     s."""
-    made = Frames({"relay": (CHAIN, DWELL | {"longest": 1})}, ("reachability", "lemma1"))
+    turns = DWELL | {"longest": 1}
+    modes = {"relay": (CHAIN, turns)}
+    made = Frames(modes, ("reachability", "lemma1"))
     claims, problem = made.certificate("relay", CHAINED)
     return Certificate(problem=problem_from_canonical(problem), claims=read_claims(claims))
 

@@ -24,7 +24,8 @@ from dobc_design.report.write import render_report
 @given(st.floats(min_value=1e-300, max_value=1e300))
 def test_a_number_cut_towards_zero_is_never_larger_and_loses_less_than_a_thousandth(value: float):
     shown = Fraction(significant_towards_zero(value))
-    assert Fraction(repr(value)) * Fraction(999, 1000) <= shown <= Fraction(repr(value))
+    lower = Fraction(repr(value))
+    assert lower * Fraction(999, 1000) <= shown <= lower
     assert significant_towards_zero(-value) == "-" + significant_towards_zero(value)
 
 
@@ -88,11 +89,15 @@ def test_domains_in_words():
 
 
 def test_what_is_not_said_names_the_disturbances_that_the_problem_has(problem_with, certificate_of):
-    groups = [Group(agents=[1, 2], exosystem=Exosystem(A=[[0]], C=[[1]]))]
+    exosystem = Exosystem(A=[[0]], C=[[1]])
+    groups = [Group(agents=[1, 2], exosystem=exosystem)]
+    one_system = (problem_with(), "one (A, C) for all agents")
+    by_groups = (problem_with(groups=groups, observer=None), "one (A, C) for each group of agents")
+    undisturbed = (problem_with(exosystem=None, observer=None), "single integrators, messages")
     for problem, said in (
-        (problem_with(), "one (A, C) for all agents"),
-        (problem_with(groups=groups, observer=None), "one (A, C) for each group of agents"),
-        (problem_with(exosystem=None, observer=None), "single integrators, messages"),
+        one_system,
+        by_groups,
+        undisturbed,
     ):
         assert said in words.what_it_means(certificate_of(problem)).says_not[-1]
 
@@ -110,7 +115,8 @@ def test_a_ring_is_said_in_words(problem_with):
 
 
 def test_weights_and_undirected_arcs_are_said_in_words(problem_with):
-    network = Network.from_arcs([(1, 2, "1/3"), (2, 1), (3, 1), (1, 3)], arrow="sends_to", agents=4)
+    arcs = [(1, 2, "1/3"), (2, 1), (3, 1), (1, 3)]
+    network = Network.from_arcs(arcs, arrow="sends_to", agents=4)
     problem = problem_with(network=network, gains=None)
     assert mode_sentences(problem)[0].startswith(
         "G: 4 arcs, with weights; whoever listens is also listened to"
@@ -123,9 +129,11 @@ def test_weights_and_undirected_arcs_are_said_in_words(problem_with):
 def test_a_proof_under_a_guarantee_says_for_which_signals_it_holds(drawn_only):
     """Two agents, the second hears the first every other second: nothing is said about arbitrary
     switching."""
-    network = Network.from_arcs({"A": [[2, 1]], "B": []}, arrow="listens_to", agents=2)
+    arcs = {"A": [[2, 1]], "B": []}
+    network = Network.from_arcs(arcs, arrow="listens_to", agents=2)
     turns = Switching(guarantee="sequence", sequence=["A", "B"], dwell=1)
-    certificate = certify(Problem(network=network, coupling="y", gains={1: 1}, switching=turns))
+    problem = Problem(network=network, coupling="y", gains={1: 1}, switching=turns)
+    certificate = certify(problem)
     assert certificate.covered_by == "schedule"
     assert "for the signal A for 1 s, B for 1 s, over and over" in certificate.reason
     drawn_only("network-2", "spectrum-loop")  # a mode without arcs, and real eigenvalues

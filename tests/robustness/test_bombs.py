@@ -53,7 +53,8 @@ def bomb(path: Path) -> Path:
         zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive,
         archive.open("x.npy", "w") as stream,
     ):
-        stream.write(npy(np.zeros(0), said=(12_500_000, 10, 1)))
+        header = npy(np.zeros(0), said=(12_500_000, 10, 1))
+        stream.write(header)
         for _ in range(1000):
             stream.write(bytes(1_000_000))
     return path
@@ -71,19 +72,21 @@ def written(path: Path, data: bytes) -> Path:
 
 ONES = npy(np.zeros((10, 1)))
 #: Members of an archive.
-ARRAYS: dict[str, bytes] = {}
-ARRAYS["lie"] = npy(np.zeros((10, 1)), said=(10**9, 10, 1))
-ARRAYS["other shape"] = npy(np.zeros((11, 1)))
-ARRAYS["nan"] = npy(np.full((10, 1), np.nan))
-ARRAYS["deep head"] = b"\x93NUMPY\x01\x00\x10\x27" + b"(" * 10_000
-ARRAYS["pickle"] = npy(np.array([{"a": 1}], dtype=object))
-TABLES: dict[str, bytes] = {}
-TABLES["gz"] = gzip.compress(bytes(10**6))
-TABLES["field"] = b'"' + b"1" * 10**6
-TABLES["control"] = b"1\x1b[2J\n" * 10
-TABLES["words"] = b"words\n"
-TABLES["ragged"] = b"1,2\n3\n5,6\n"
-TABLES["too large"] = b"1e400\n" * 10
+ARRAYS: dict[str, bytes] = {
+    "lie": npy(np.zeros((10, 1)), said=(10**9, 10, 1)),
+    "other shape": npy(np.zeros((11, 1))),
+    "nan": npy(np.full((10, 1), np.nan)),
+    "deep head": b"\x93NUMPY\x01\x00\x10\x27" + b"(" * 10_000,
+    "pickle": npy(np.array([{"a": 1}], dtype=object)),
+}
+TABLES: dict[str, bytes] = {
+    "gz": gzip.compress(bytes(10**6)),
+    "field": b'"' + b"1" * 10**6,
+    "control": b"1\x1b[2J\n" * 10,
+    "words": b"words\n",
+    "ragged": b"1,2\n3\n5,6\n",
+    "too large": b"1e400\n" * 10,
+}
 OTHERS = ("nothing known", "cut", "no zip", "fifo", "zero", "folder")
 
 
@@ -98,7 +101,8 @@ def hostile(kind: str, folder: Path) -> Path:
         case "nothing known":
             return zipped(archive, y=ONES)
         case "cut":
-            return written(archive, zipped(archive, x=ONES).read_bytes()[:-30])
+            whole = zipped(archive, x=ONES).read_bytes()
+            return written(archive, whole[:-30])
         case "no zip":
             return written(archive, b"PK\x03\x04" + bytes(100))
         case "fifo":
@@ -113,7 +117,8 @@ def test_a_hostile_start_is_refused_by_its_key(tmp_path, kind: str):
     with pytest.raises(SpecError, match="start") as caught:
         dd.simulate("paper-fixed", t_final=1, start=hostile(kind, tmp_path))
     assert caught.value.cure or "start" in str(caught.value.key)
-    assert "Error" not in str(caught.value) and str(caught.value).isprintable()
+    assert "Error" not in str(caught.value)
+    assert str(caught.value).isprintable()
 
 
 @pytest.mark.slow
@@ -121,13 +126,11 @@ def test_a_hostile_start_is_refused_by_its_key(tmp_path, kind: str):
     "code", [START, f"{WITHIN}import dobc_design as dd\ndd.load_trajectory(sys.argv[1])"]
 )
 def test_a_gigabyte_of_zeros_is_refused_before_it_is_unpacked(tmp_path, code: str):
-    done = subprocess.run(
-        [sys.executable, "-c", code, str(bomb(tmp_path / "x.npz"))],
-        capture_output=True,
-        check=False,
-        timeout=120,
-    )
-    assert b"SpecError" in done.stderr and b"x.npz" in done.stderr
+    file = str(bomb(tmp_path / "x.npz"))
+    command = [sys.executable, "-c", code, file]
+    done = subprocess.run(command, capture_output=True, check=False, timeout=120)
+    assert b"SpecError" in done.stderr
+    assert b"x.npz" in done.stderr
 
 
 @pytest.mark.parametrize("key", ["target", "pinning.gains.1", "coupling", "network.modes.G"])
@@ -136,11 +139,11 @@ def test_a_number_beyond_floats_is_refused_by_its_key(key: str):
         name: "1e400" if name == key else 1
         for name in ("target", "pinning.gains.1", "network.modes.G")
     }
-    network = network_of({"G": [[1, 2, big["network.modes.G"]]]})
+    arcs = [[1, 2, big["network.modes.G"]]]
+    network = network_of({"G": arcs})
     h = "1e400*y" if key == "coupling" else "y"
-    problem = dd.Problem(
-        network=network, coupling=h, target=big["target"], gains={"1": big["pinning.gains.1"]}
-    )
+    gains = {"1": big["pinning.gains.1"]}
+    problem = dd.Problem(network=network, coupling=h, target=big["target"], gains=gains)
     with pytest.raises(SpecError, match=key) as caught:
         dd.simulate(problem)
     assert caught.value.key == key
@@ -153,15 +156,20 @@ def test_products_beyond_floats_are_refused_by_the_key_of_one_factor(key: str):
     """B K, B C and W B+ of agents with [dynamics], of numbers that all are floats."""
     gain = "1e200" if key == "pinning.gains.1" else 1
     C = "1e200" if key == "exosystem" else 1
-    B, W = "1e200", [[0], [0]]
+    B = "1e200"
+    W = [[0], [0]]
     if key == "observer.W":
-        B, W = "1e-200", [["1e200"], [1]]
+        B = "1e-200"
+        W = [["1e200"], [1]]
+    dynamics = {"A": [[0, 1], [0, 0]], "B": [[0], [B]]}
+    A = [[0, 1], [-1, 0]]
+    exosystem = dd.Exosystem(A=A, C=[[C, 0]])
     problem = dd.Problem(
         network=network_of([[1, 2]]),
         coupling="y1",
-        dynamics={"A": [[0, 1], [0, 0]], "B": [[0], [B]]},
+        dynamics=dynamics,
         gains={"1": [[gain, 0]]},
-        exosystem=dd.Exosystem(A=[[0, 1], [-1, 0]], C=[[C, 0]]),
+        exosystem=exosystem,
         observer=dd.Observer(W=W),
     )
     assert require_floats(problem) is problem
@@ -177,12 +185,11 @@ def test_a_billion_runs_are_refused_with_the_limit():
 
 @pytest.mark.parametrize("field", ["rate", "id", "seconds", "verdict", "error", "case", "values"])
 def test_a_line_of_a_journal_with_a_wrong_field_is_no_line(field: str):
-    plan = make_plan("clock-sync", {"target": [0]}, task=Task(kind="certify"), samples=None, seed=0)
-    result = {name: None for name, _, _ in plan.task.columns} | {
-        "verdict": "proved",
-        "rate": 0.5,
-        "starts": "box",
-    }
+    target = {"target": [0]}
+    plan = make_plan("clock-sync", target, task=Task(kind="certify"), samples=None, seed=0)
+    columns = {name: None for name, _, _ in plan.task.columns}
+    values = {"verdict": "proved", "rate": 0.5, "starts": "box"}
+    result = columns | values
     line = {
         "case": 0,
         "id": "a" * 64,
@@ -231,8 +238,10 @@ def test_many_labels_are_read_in_a_minute_and_3_gb(tmp_path, suffix: str):
     path.write_text(text)
     arrow = None if suffix == "toml" else "listens_to"
     code = f"{IMPORT}sys.stdout.write(str(dd.problem_from_file(sys.argv[1], arrow={arrow!r}).n))"
-    done = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, check=False)
-    assert (done.stdout, done.stderr) == (str(count).encode(), b"")
+    command = [sys.executable, "-c", code, str(path)]
+    done = subprocess.run(command, capture_output=True, check=False)
+    assert done.stdout == str(count).encode()
+    assert done.stderr == b""
 
 
 @pytest.mark.slow
@@ -257,14 +266,10 @@ def test_a_home_that_cannot_be_written_is_no_matter_for_standard_error(tmp_path,
     program = [sys.executable, "-m", "dobc_design", command, "clock-sync"]
     elsewhere = {name: text for name, text in os.environ.items() if name != "MPLCONFIGDIR"}
     elsewhere["HOME"] = "/proc"
-    done = subprocess.run(
-        [*program, "--out", str(tmp_path / "out")],
-        capture_output=True,
-        check=False,
-        timeout=300,
-        env=elsewhere,
-    )
-    assert (done.returncode, done.stderr) == (0, b"")
+    arguments = [*program, "--out", str(tmp_path / "out")]
+    done = subprocess.run(arguments, capture_output=True, check=False, timeout=300, env=elsewhere)
+    assert done.returncode == 0
+    assert done.stderr == b""
 
 
 def test_a_cell_of_csv_is_no_formula_and_numbers_stay_numbers():
@@ -292,7 +297,8 @@ def test_numbers_beyond_floats_have_a_verdict_and_a_report(
     """``stages``: so many of those of the region, of which the first asks for a box, the second for
     an ellipsoid."""
     monkeypatch.setattr("dobc_design.certification.certify.STAGES", certification.STAGES[:stages])
-    network = network_of({"G": [[1, 2, weight], [2, 1]]})
+    arcs = [[1, 2, weight], [2, 1]]
+    network = network_of({"G": arcs})
     given = {"coupling": "y + tanh(y)", "gains": {"1": 1}, "region": region}
     certificate = dd.certify(dd.Problem(network=network, **given))
     assert {"report.html", "report.md"} <= render_report(certificate).keys()
@@ -307,7 +313,9 @@ def test_cliques_are_merged_with_their_parents_alone(monkeypatch):
         clarabel, "DefaultSolver", lambda *given: told.append(given[-1]) or solver(*given)
     )
     # x I - 2 I >= 0
-    square = Cone("semidefinite", np.array([[-1.0], [0.0], [-1.0]]), np.array([-2.0, 0.0, -2.0]))
+    rows = np.array([[-1.0], [0.0], [-1.0]])
+    right = np.array([-2.0, 0.0, -2.0])
+    square = Cone("semidefinite", rows, right)
     found = solve_cones(np.array([1.0]), [square])
     assert found.x == pytest.approx([2.0], abs=1e-6)
     assert [settings.chordal_decomposition_merge_method for settings in told] == ["parent_child"]
@@ -324,7 +332,7 @@ def test_a_small_program_does_not_take_all_memory():
         "dobc_design as dd\n"
     )
     child += "print(dd.certify(case(359).problem).verdict.value)"
-    ran = subprocess.run(
-        [sys.executable, "-c", child], capture_output=True, text=True, timeout=100, check=False
-    )
-    assert (ran.stdout, ran.returncode) == ("refuted\n", 0), ran.stderr[-2000:]
+    command = [sys.executable, "-c", child]
+    ran = subprocess.run(command, capture_output=True, text=True, timeout=100, check=False)
+    told = (ran.stdout, ran.returncode)
+    assert told == ("refuted\n", 0), ran.stderr[-2000:]

@@ -27,27 +27,29 @@ from dobc_design.problem.load import load_problem, read_problem_text
 LIMIT = 5 * ALONE
 MB = 1_000_000
 SOME = 100_000  # characters of most: enough to see whether the time is linear in them
-TREES: dict[str, Any] = {}
-TREES["deep lists"] = "[" * 100_000
-TREES["deep objects"] = '{"a":' * 100_000
-TREES["as deep as can just be read"] = "[" * 900 + "]" * 900
-TREES["a long number"] = "9" * SOME
-TREES["an exponent"] = "1e999999999"
-TREES["not a number"] = "NaN"
-TREES["a long text"] = '"' + "a" * SOME + '"'
-TREES["a lone surrogate"] = '"\\ud800"'
-TREES["a long list"] = "[" + "0," * SOME + "0]"
-TREES["many keys"] = "{" + ",".join(f'"k{k}":0' for k in range(10_000)) + "}"
-TREES["one key many times"] = "{" + '"a":0,' * 10_000 + '"a":0}'
-BYTES: dict[str, Any] = {}
-BYTES["nothing"] = b""
-BYTES["blanks"] = b" " * (3 * MB)
-BYTES["bytes that are no text"] = b"\xff\xfe" * MB
-BYTES["a surrogate in UTF-8"] = b'{"format": "\xed\xa0\x80"}'
-BYTES["UTF-16"] = '{"format": 1}'.encode("utf-16")
-BYTES["compressed"] = b"\x1f\x8b\x08\x00" + bytes(1000)
-BYTES["a list"] = b"[]"
-BYTES["two documents"] = b"{}{}"
+TREES: dict[str, Any] = {
+    "deep lists": "[" * 100_000,
+    "deep objects": '{"a":' * 100_000,
+    "as deep as can just be read": "[" * 900 + "]" * 900,
+    "a long number": "9" * SOME,
+    "an exponent": "1e999999999",
+    "not a number": "NaN",
+    "a long text": '"' + "a" * SOME + '"',
+    "a lone surrogate": '"\\ud800"',
+    "a long list": "[" + "0," * SOME + "0]",
+    "many keys": "{" + ",".join(f'"k{k}":0' for k in range(10_000)) + "}",
+    "one key many times": "{" + '"a":0,' * 10_000 + '"a":0}',
+}
+BYTES: dict[str, Any] = {
+    "nothing": b"",
+    "blanks": b" " * (3 * MB),
+    "bytes that are no text": b"\xff\xfe" * MB,
+    "a surrogate in UTF-8": b'{"format": "\xed\xa0\x80"}',
+    "UTF-16": '{"format": 1}'.encode("utf-16"),
+    "compressed": b"\x1f\x8b\x08\x00" + bytes(1000),
+    "a list": b"[]",
+    "two documents": b"{}{}",
+}
 
 
 def take(read: Callable[[bytes], Any], data: bytes, error: type[Exception]) -> Any:
@@ -57,7 +59,8 @@ def take(read: Callable[[bytes], Any], data: bytes, error: type[Exception]) -> A
         try:
             return read(data)
         except error as refusal:
-            assert all(line.isprintable() for line in str(refusal).split("\n"))
+            for line in str(refusal).split("\n"):
+                assert line.isprintable()
             assert len(str(refusal)) < 20_000
             return None
 
@@ -76,10 +79,9 @@ def problem() -> dd.Problem:
 
 @pytest.fixture(scope="module")
 def valid(problem) -> dict[str, dict[str, Any]]:
-    return {
-        "certificate.json": json.loads(certificate_bytes(certified("paper-fixed").claims)),
-        "problem.json": json.loads(canonical_bytes(problem)),
-    }
+    certificate = json.loads(certificate_bytes(certified("paper-fixed").claims))
+    document = json.loads(canonical_bytes(problem))
+    return {"certificate.json": certificate, "problem.json": document}
 
 
 @pytest.mark.parametrize("reader", READERS)
@@ -92,7 +94,9 @@ def test_bytes_that_are_no_file_of_ours_are_refused(reader, name):
 @pytest.mark.parametrize("name", TREES)
 def test_a_hostile_document_is_refused(reader, name):
     text = f"x = {TREES[name]}" if reader == "problem.toml" else TREES[name]
-    assert take(READERS[reader][0], text.encode(), READERS[reader][1]) is None
+    reads = READERS[reader][0]
+    error = READERS[reader][1]
+    assert take(reads, text.encode(), error) is None
 
 
 @pytest.mark.parametrize("text", ["9" * (10 * MB), "1/" + "9" * (10 * MB), "0." + "9" * (10 * MB)])
@@ -101,10 +105,8 @@ def test_a_rational_of_ten_megabytes_is_refused(valid, text):
         ("certificate.json", "observer P 0 0"),
         ("problem.json", "exosystem A 0 0"),
     ):
-        assert (
-            take(READERS[reader][0], changed(valid[reader], place, f'"{text}"'), READERS[reader][1])
-            is None
-        )
+        reads = READERS[reader][0]
+        assert take(reads, changed(valid[reader], place, f'"{text}"'), READERS[reader][1]) is None
 
 
 def changed(valid: dict[str, Any], place: str, text: str) -> bytes:
@@ -136,9 +138,9 @@ def test_a_hostile_part_of_a_good_document_is_refused_or_changes_no_proof(
 ):
     """Some parts are text that nobody judges, and may be anything."""
     for text in PLACES[reader].split(", "):
-        found = take(
-            READERS[reader][0], changed(valid[reader], text, TREES[name]), READERS[reader][1]
-        )
+        reads = READERS[reader][0]
+        data = changed(valid[reader], text, TREES[name])
+        found = take(reads, data, READERS[reader][1])
         if found is not None and reader == "certificate.json":
             with time_limit(LIMIT):
                 assert recheck(found, problem).holds is (text == "reason")
@@ -148,22 +150,24 @@ def test_a_hostile_part_of_a_good_document_is_refused_or_changes_no_proof(
 def test_line_ends_and_a_byte_order_mark_are_taken_or_refused_as_a_whole(reader, valid):
     text = json.dumps(valid[reader], indent=1)
     read, error = READERS[reader]
-    assert take(read, text.replace("\n", "\r\n").encode(), error) is not None
+    windows_lines = text.replace("\n", "\r\n").encode()
+    assert take(read, windows_lines, error) is not None
     assert take(read, text.encode("utf-8-sig"), error) is None
     assert take(read, text.encode() + b"\0", error) is None
 
 
-TOML: dict[str, Any] = {}
-TOML["thirty thousand keys"] = "\n".join(f"k{k} = 0" for k in range(30_000))
-TOML["ten thousand tables"] = "\n".join(f"[t{k}]" for k in range(10_000))
-TOML["thousands of modes"] = VALID.replace(
-    "Gb =", "\n".join(f"M{k} = []" for k in range(4000)) + "\nGb ="
-)
-TOML["a hundred thousand strings"] = "a = [" + '"",' * 100_000 + "]"
-TOML["a long label"] = VALID.replace("agents = 4", f'agents = ["{"a" * MB}"]')
-TOML["towers of powers"] = VALID.replace('"2*y"', '"' + "(" * 40 + "y" + "**64)" * 40 + '"')
-TOML["a constant tower"] = VALID.replace('"2*y"', '"y*' + "(" * 40 + "9" + "**64)" * 40 + '"')
-TOML["signs"] = VALID.replace('"2*y"', '"' + "-" * 1900 + 'y"')
+TOML: dict[str, Any] = {
+    "thirty thousand keys": "\n".join(f"k{k} = 0" for k in range(30_000)),
+    "ten thousand tables": "\n".join(f"[t{k}]" for k in range(10_000)),
+    "thousands of modes": VALID.replace(
+        "Gb =", "\n".join(f"M{k} = []" for k in range(4000)) + "\nGb ="
+    ),
+    "a hundred thousand strings": "a = [" + '"",' * 100_000 + "]",
+    "a long label": VALID.replace("agents = 4", f'agents = ["{"a" * MB}"]'),
+    "towers of powers": VALID.replace('"2*y"', '"' + "(" * 40 + "y" + "**64)" * 40 + '"'),
+    "a constant tower": VALID.replace('"2*y"', '"y*' + "(" * 40 + "9" + "**64)" * 40 + '"'),
+    "signs": VALID.replace('"2*y"', '"' + "-" * 1900 + 'y"'),
+}
 
 
 @pytest.mark.parametrize("name", TOML)
@@ -188,7 +192,8 @@ def test_a_pair_of_long_numbers_is_decided_in_time(name):
     document = json.loads(certificate_bytes(claims))
     document["observer"] |= {"P": as_text(P), "Q": as_text(multiply(P, claims.W))}
     with time_limit(LIMIT):
-        found = recheck(read_claims(json.dumps(document).encode()), problem)
+        data = json.dumps(document).encode()
+        found = recheck(read_claims(data), problem)
     assert not found.holds  # the exact values beside it are those of the old pair
 
 
@@ -203,7 +208,8 @@ def test_a_deep_fix_is_no_way_to_crash_the_checker(valid, problem):
     document = json.loads(text)
     document["checks"][1]["fix"] = {"kind": "x", "set": {"a": "@@"}, "text": "x"}
     for depth in (100, 500, 900, 960):
-        data = json.dumps(document).replace('"@@"', "[" * depth + "]" * depth).encode()
+        brackets = "[" * depth + "]" * depth
+        data = json.dumps(document).replace('"@@"', brackets).encode()
         found = take(read_claims, data, CertificateError)
         if found is not None:
             with time_limit(LIMIT):

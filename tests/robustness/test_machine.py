@@ -41,14 +41,8 @@ def dobc(
     *arguments: object, before: Sequence[str] = (), **options: Any
 ) -> subprocess.CompletedProcess[str]:
     streams = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE} | options
-    ran = subprocess.run(
-        [*before, *DOBC, *map(str, arguments)],
-        text=True,
-        encoding="utf-8",
-        timeout=60,
-        check=False,
-        **streams,
-    )
+    command = [*before, *DOBC, *map(str, arguments)]
+    ran = subprocess.run(command, text=True, encoding="utf-8", timeout=60, check=False, **streams)
     for text in (ran.stdout, ran.stderr):
         assert "Traceback" not in (text or "")
         assert "Exception ignored" not in (text or "")
@@ -61,7 +55,8 @@ def certify(out: Path, **options: Any) -> subprocess.CompletedProcess[str]:
 
 def refusal(ran: subprocess.CompletedProcess[str], code: int) -> dict[str, Any]:
     """The one JSON document on standard output, which is an error with a key and a cure."""
-    assert (ran.returncode, ran.stderr) == (code, "")
+    assert ran.returncode == code
+    assert ran.stderr == ""
     error = json.loads(ran.stdout)["error"]
     assert error["key"]
     assert error["cure"]
@@ -104,10 +99,10 @@ def test_no_room_for_a_file_leaves_the_old_ones(folder, size):
     """A limit on the size of files does to a process what a full disk does; the write fails after
     ``size`` bytes."""
     before = contents(folder)
-    error = refusal(
-        certify(folder, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))),
-        4,
+    told = certify(
+        folder, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
     )
+    error = refusal(told, 4)
     assert ".json cannot be written: File too large" in error["message"]
     assert "--out" in error["cure"]
     assert contents(folder) == before
@@ -153,7 +148,8 @@ def test_a_link_in_place_of_a_file_is_replaced_and_its_target_left_alone(folder,
     assert dobc("certify", "clock-sync", "--no-report", "--out", folder, "--force").returncode == 0
     assert mine.read_text(encoding="utf-8") == "mine"
     assert not (folder / "certificate.json").is_symlink()
-    assert dd.verify((folder / "certificate.json").read_bytes(), folder / "problem.json").holds
+    certificate = (folder / "certificate.json").read_bytes()
+    assert dd.verify(certificate, folder / "problem.json").holds
 
 
 def bound_socket(path: Path) -> None:
@@ -165,19 +161,20 @@ def bound_socket(path: Path) -> None:
         os.chdir(here)
 
 
-KINDS: dict[str, Callable[[Path], object]] = {}
-KINDS["nothing"] = lambda path: None
-KINDS["directory"] = lambda path: path.mkdir()
-KINDS["pipe"] = os.mkfifo
-KINDS["link to nowhere"] = lambda path: path.symlink_to(path.with_name("nowhere"))
-KINDS["link to itself"] = lambda path: path.symlink_to(path)
-KINDS["endless"] = lambda path: path.symlink_to("/dev/zero")
-KINDS["terminal"] = lambda path: path.symlink_to("/dev/tty")
-KINDS["socket"] = bound_socket
-KINDS["empty"] = lambda path: path.touch()
-KINDS["noise"] = lambda path: path.write_bytes(bytes(range(256)) * 100)
-# nobody unpacks it
-KINDS["a gzip bomb"] = lambda path: path.write_bytes(gzip.compress(b"0" * 50_000_000))
+KINDS: dict[str, Callable[[Path], object]] = {
+    "nothing": lambda path: None,
+    "directory": lambda path: path.mkdir(),
+    "pipe": os.mkfifo,
+    "link to nowhere": lambda path: path.symlink_to(path.with_name("nowhere")),
+    "link to itself": lambda path: path.symlink_to(path),
+    "endless": lambda path: path.symlink_to("/dev/zero"),
+    "terminal": lambda path: path.symlink_to("/dev/tty"),
+    "socket": bound_socket,
+    "empty": lambda path: path.touch(),
+    "noise": lambda path: path.write_bytes(bytes(range(256)) * 100),
+    # nobody unpacks it
+    "a gzip bomb": lambda path: path.write_bytes(gzip.compress(b"0" * 50_000_000)),
+}
 
 
 @pytest.mark.parametrize(
@@ -207,7 +204,8 @@ def test_files_that_may_not_be_read_are_mistakes(folder, tmp_path):
     for name in ("certificate.json", "problem.json"):
         (folder / name).chmod(0)
     before = unprivileged()
-    error = refusal(dobc("check", folder / "problem.json", "--json", before=before), 2)
+    told = dobc("check", folder / "problem.json", "--json", before=before)
+    error = refusal(told, 2)
     assert "cannot be read: Permission denied" in error["message"]
     error = refusal(dobc("verify", folder, "--problem", "clock-sync", "--json", before=before), 2)
     assert "cannot be read: Permission denied" in error["message"]
@@ -249,7 +247,8 @@ def test_an_answer_that_cannot_be_written_is_the_machines_failure(tmp_path, made
         ran = dobc(*arguments, cwd=tmp_path, stdout=writing)
         os.close(writing)
     if kind == "nobody reads":  # as of other programs: 128 + SIGPIPE, and not a word
-        assert (ran.returncode, ran.stderr) == (141, "")
+        assert ran.returncode == 141
+        assert ran.stderr == ""
     else:
         assert ran.returncode == 4
         assert "error: standard output cannot be written" in ran.stderr
@@ -258,14 +257,10 @@ def test_an_answer_that_cannot_be_written_is_the_machines_failure(tmp_path, made
 
 
 def test_a_reader_that_takes_one_line_sees_no_traceback(tmp_path):
-    ran = subprocess.run(
-        ["sh", "-c", '"$@" | head -1', "sh", *DOBC, "schema"],
-        cwd=tmp_path,
-        text=True,
-        capture_output=True,
-        check=False,
-    )
-    assert (ran.stdout, ran.stderr) == ("{\n", "")
+    command = ["sh", "-c", '"$@" | head -1', "sh", *DOBC, "schema"]
+    ran = subprocess.run(command, cwd=tmp_path, text=True, capture_output=True, check=False)
+    assert ran.stdout == "{\n"
+    assert ran.stderr == ""
 
 
 @pytest.mark.parametrize("redirection", ["2>&-", "2>/dev/full", "<&- 2>&-"])

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from fractions import Fraction
 from functools import cache
 from importlib import import_module
+from importlib.util import resolve_name
 from pathlib import Path
 from typing import Any
 
@@ -56,13 +57,13 @@ def is_ours(each: type) -> bool:
 def imported(module: str) -> dict[str, str]:
     """Name -> module of everything of the package that a module imports, also where only
     annotations need it."""
-    path = inspect.getfile(import_module(module))
-    tree = ast.parse(Path(path).read_text("utf-8"))
+    found = import_module(module)
+    tree = ast.parse(Path(inspect.getfile(found)).read_text("utf-8"))
     homes = {}
     for node in ast.walk(tree):
         if not isinstance(node, ast.ImportFrom):
             continue
-        home = node.module or ""
+        home = resolve_name("." * node.level + (node.module or ""), found.__package__)
         if home.startswith("dobc_design"):
             for alias in node.names:
                 homes[alias.name] = home
@@ -250,7 +251,8 @@ def test_results_are_shown_with_their_verdict_and_without_foreign_tags(small: dd
 
 def test_mathematics_is_mathml_and_latex_and_text_says_what_was_typed():
     exosystem = dd.Exosystem(A=[[0, 2], [-2, 0]], C=[["1/3", 0]])
-    page, latex = exosystem._repr_html_(), exosystem._repr_latex_()
+    page = exosystem._repr_html_()
+    latex = exosystem._repr_latex_()
     assert page.count("<math") == 2
     assert latex.splitlines()[1] == r"$$ C = \begin{pmatrix} 0.33333 & 0 \end{pmatrix} $$"
     assert repr(dd.poles.Disk(centre="-7/2", radius=2)) == "Disk(centre=-7/2, radius=2)"

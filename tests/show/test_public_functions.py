@@ -35,7 +35,8 @@ def test_every_function_that_reports_has_a_bar():
     assert {"certify", "design", "simulate", "sweep", "trade_off", "what_breaks_first"} <= set(
         REPORTING
     )
-    assert all(hasattr(getattr(dd, name), "__wrapped__") for name in REPORTING)
+    for name in REPORTING:
+        assert hasattr(getattr(dd, name), "__wrapped__")
 
 
 def drawn(*, terminal: bool) -> str:
@@ -51,7 +52,8 @@ def drawn(*, terminal: bool) -> str:
 
 
 def test_a_bar_shows_the_stage_and_the_time_left_on_a_terminal_and_nothing_elsewhere():
-    assert all(words in drawn(terminal=True) for words in ("looking for a P", "left", "after"))
+    for words in ("looking for a P", "left", "after"):
+        assert words in drawn(terminal=True)
     assert drawn(terminal=False) == ""
 
 

@@ -8,21 +8,16 @@ import pytest
 from dobc_design._show import text as shown
 from dobc_design._show.text import latex_matrix, latex_number, latex_text, mathml, significant
 
-SHOWN: list[Any] = []
-
-
-def shown_as(value: Fraction, shown: str) -> None:
-    SHOWN.append((value, shown))
-
-
-shown_as(Fraction(16, 5), "3.2")
-shown_as(Fraction(16, 7), r"\frac{16}{7}")
-shown_as(Fraction(-9, 8), "-1.125")
-shown_as(Fraction(7), "7")
-shown_as(Fraction(1, 3**30), r"4.8569\cdot 10^{-15}")
-shown_as(Fraction(10) ** 400, r"1\cdot 10^{400}")
-shown_as(Fraction(-1, 10**400), r"-1\cdot 10^{-400}")
-shown_as(Fraction(10**20000), r"1\cdot 10^{20000}")
+SHOWN: list[Any] = [
+    (Fraction(16, 5), "3.2"),
+    (Fraction(16, 7), r"\frac{16}{7}"),
+    (Fraction(-9, 8), "-1.125"),
+    (Fraction(7), "7"),
+    (Fraction(1, 3**30), r"4.8569\cdot 10^{-15}"),
+    (Fraction(10) ** 400, r"1\cdot 10^{400}"),
+    (Fraction(-1, 10**400), r"-1\cdot 10^{-400}"),
+    (Fraction(10**20000), r"1\cdot 10^{20000}"),
+]
 
 
 @pytest.mark.parametrize(("value", "shown"), SHOWN)

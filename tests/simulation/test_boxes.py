@@ -9,7 +9,8 @@ from dobc_design.simulation.starts import CORNERS, EDGES, RANDOM, asked_box, uni
 
 
 def boxed(**more) -> tuple[Problem, object]:
-    network = Network.from_arcs([[2, 1]], arrow="listens_to", agents=2)
+    arcs = [[2, 1]]
+    network = Network.from_arcs(arcs, arrow="listens_to", agents=2)
     given = Problem(network=network, coupling="y", gains={1: 1}, target=1, offsets={2: 2}, **more)
     return given, make_closed_loop(given, None)
 
@@ -34,7 +35,9 @@ def test_the_box_is_the_region_less_the_goals():
 def test_starts_of_a_box_lie_in_it_and_steps_are_brought_back(kind: str):
     arcs = [[2, 1], [3, 2]]
     network = Network.from_arcs(arcs, arrow="listens_to", agents=3)
-    sine = Exosystem(A=[[0, 1], [-1, 0]], C=[[1, 0]])
+    A = [[0, 1], [-1, 0]]
+    C = [[1, 0]]
+    sine = Exosystem(A=A, C=C)
     W = [[1], [0]]
     observer = Observer(W=W)
     given = Problem(
@@ -59,7 +62,9 @@ def test_starts_of_a_box_lie_in_it_and_steps_are_brought_back(kind: str):
 
 def test_all_corners_are_taken_where_there_are_few():
     corners = unit_cube(np.random.default_rng(0), 3, 10, CORNERS)
-    assert len({tuple(corner) for corner in corners.T[:8].tolist()}) == 8
+    first_corners = corners.T[:8].tolist()
+    different = {tuple(corner) for corner in first_corners}
+    assert len(different) == 8
     many = unit_cube(np.random.default_rng(0), 30, 4, CORNERS)
     found = many[:, 0].tolist()
     assert found == [-1.0] * 30

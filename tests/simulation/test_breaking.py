@@ -15,7 +15,8 @@ def ring(**settings) -> Problem:
     """Five agents in a directed ring, linear, all pinned with k = 3."""
     arcs = [[i + 1, (i + 1) % 5 + 1] for i in range(5)]
     network = Network.from_arcs(arcs, arrow="listens_to", agents=5)
-    return Problem(network=network, coupling="y", **({"gains": 3, "target": 1} | settings))
+    all_settings = {"gains": 3, "target": 1} | settings
+    return Problem(network=network, coupling="y", **all_settings)
 
 
 @pytest.fixture
@@ -29,8 +30,11 @@ def no_short_periods(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_the_longest_period_is_that_of_the_spectral_radius():
     """I + T (J - K) has the eigenvalues 1 + T (w - 4), w fifth roots of 1: all inside the circle up
     to T*."""
-    roots = np.exp(2j * np.pi * np.arange(5) / 5) - 4
-    border = float((-2 * roots.real / np.abs(roots) ** 2).min())
+    angles = 2j * np.pi * np.arange(5)
+    roots = np.exp(angles / 5) - 4
+    sizes = np.abs(roots) ** 2
+    limits = -2 * roots.real / sizes
+    border = float(limits.min())
     found = what_breaks_first(ring(), options=["period"], t_final=30).period
     assert found.converges < found.fails
     assert found.certified is None
@@ -60,7 +64,8 @@ def test_an_unmodelled_sine_breaks_one_agent_where_the_closed_form_says():
     found = what_breaks_first(single(), options=["disturbance"], start=[[1]], t_final=20)
     sweep = found.sweeps[0]
     gain = sweep.late / sweep.severity
-    np.testing.assert_allclose(gain[1:-1], gain[1], rtol=1e-2)
+    inner = gain[1:-1]
+    np.testing.assert_allclose(inner, gain[1], rtol=1e-2)
     assert gain[2] <= 1 / np.hypot(2, 1) * 1.001
     assert sweep.survives * gain[1] <= 0.1 < sweep.breaks * gain[1]
     run = simulate(single(), start=[[1]], t_final=20, stress=Stress(disturbance=sweep.breaks))

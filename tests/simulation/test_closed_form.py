@@ -15,14 +15,15 @@ def precise(F, t: float):
         return np.array(found.tolist(), dtype=float)
 
 
-CASES = {}
-CASES["the paper's observer"] = [[-3.2, 2], [-4.4, 0]]
-CASES["a double pole"] = [[-2, 1], [0, -2]]
-CASES["a ramp"] = [[0, 1], [0, 0]]
-CASES["an oscillator"] = [[0, 7], [-7, 0]]
-CASES["three states"] = [[-1, 2, 0.5], [0, -3, 1], [0.25, 0, -2]]
-CASES["growth"] = [[1.0]]
-CASES["nothing"] = [[0.0]]
+CASES = {
+    "the paper's observer": [[-3.2, 2], [-4.4, 0]],
+    "a double pole": [[-2, 1], [0, -2]],
+    "a ramp": [[0, 1], [0, 0]],
+    "an oscillator": [[0, 7], [-7, 0]],
+    "three states": [[-1, 2, 0.5], [0, -3, 1], [0.25, 0, -2]],
+    "growth": [[1.0]],
+    "nothing": [[0.0]],
+}
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -32,27 +33,35 @@ def test_the_table_agrees_with_mpmath(name: str):
     C = np.arange(1.0, len(F) + 1)[None]
     closed = make_closed_form(F, C, 20.0)
     assert closed is not None
-    times = np.array([0.0, 1e-9, 0.03, 0.5, 1.234567, 7.7, 19.99, 20.0])
-    together = closed.many(times.reshape(2, 4)).reshape(1, len(F), -1)
+    points = [0.0, 1e-9, 0.03, 0.5, 1.234567, 7.7, 19.99, 20.0]
+    times = np.array(points)
+    found = closed.many(times.reshape(2, 4))
+    together = found.reshape(1, len(F), -1)
     for k, t in enumerate(times):
         wanted = C @ precise(F, t)
-        scale = max(1e-300, np.abs(wanted).max(), 1e-3 * np.linalg.norm(C))
+        largest = np.abs(wanted).max()
+        slope = 1e-3 * np.linalg.norm(C)
+        scale = max(1e-300, largest, slope)
         np.testing.assert_allclose(closed.at(t), wanted, atol=2e-14 * scale, rtol=0)
         np.testing.assert_allclose(together[..., k], wanted, atol=2e-14 * scale, rtol=0)
 
 
 def test_the_table_is_given_up_where_it_would_be_too_long():
-    found = make_closed_form(np.array([[-1e6]]), np.eye(1), 20.0)
+    very_fast = np.array([[-1e6]])
+    found = make_closed_form(very_fast, np.eye(1), 20.0)
     assert found is None
-    found = make_closed_form(np.array([[-100.0]]), np.eye(1), 20.0)
+    fast = np.array([[-100.0]])
+    found = make_closed_form(fast, np.eye(1), 20.0)
     assert found is not None
-    found = make_closed_form(np.array([[np.inf]]), np.eye(1), 20.0)
+    infinite = np.array([[np.inf]])
+    found = make_closed_form(infinite, np.eye(1), 20.0)
     assert found is None
 
 
 def test_states_evolve_row_by_row():
     F = np.array(CASES["three states"])
-    start = np.array([[1.0, 2, 3], [0, -1, 0]])
+    points = [[1.0, 2, 3], [0, -1, 0]]
+    start = np.array(points)
     times = np.array([0.0, 0.4, 5])
     found = evolve(F, start, times)
     for k, t in enumerate(times):
@@ -62,7 +71,8 @@ def test_states_evolve_row_by_row():
 
 def test_states_evolve_also_beyond_the_table():
     """|F| times the horizon is 8e6: SciPy's expm takes over."""
-    F = np.array([[-4e5, 0], [0, -1.0]])
+    stiff = [[-4e5, 0], [0, -1.0]]
+    F = np.array(stiff)
     start = np.ones((1, 2))
     times = np.array([0.0, 20])
     found = evolve(F, start, times)

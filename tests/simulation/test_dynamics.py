@@ -42,7 +42,8 @@ def reference(problem, start, times, limit=np.inf, rtol=1e-11):
     assert found.success
     states = found.y.T
     u = np.array([control(each) for each in states])
-    return states[:, : x.size].reshape(-1, *x.shape), u
+    positions = states[:, : x.size]
+    return positions.reshape(-1, *x.shape), u
 
 
 @pytest.mark.parametrize("observer", ["closed-form", "full-loop"])
@@ -55,25 +56,32 @@ def test_run_is_the_solution_of_the_full_loop(problem, observer):
     assert run.u.shape == run.d.shape == run.dhat.shape == (41, problem.n, problem.inputs)
     assert np.allclose(run.x, x, atol=1e-7)
     assert np.allclose(run.u, u, atol=1e-7)
-    assert np.allclose(run.d, run.xi @ matrices(problem)["C"].T, atol=1e-12)
+    C = matrices(problem)["C"]
+    wanted = run.xi @ C.T
+    assert np.allclose(run.d, wanted, atol=1e-12)
 
 
 @EACH
 def test_saturation_limits_the_true_input(problem):
     """|u_i| <= 0.7 with u0 in it; A x acts on, and the observer is told what is applied."""
-    run = dd.simulate(problem, t_final=1, samples=11, stress=dd.Stress(saturation=0.7))
+    limited = dd.Stress(saturation=0.7)
+    run = dd.simulate(problem, t_final=1, samples=11, stress=limited)
     start = (run.x[0], run.xi[0])
     x, u = reference(problem, start, run.times, limit=0.7, rtol=1e-9)
     assert np.abs(run.u).max() == 0.7
     assert np.allclose(run.x, x, atol=1e-6)
     assert np.allclose(run.u, u, atol=1e-6)
-    assert run.estimation_error()[-1] < run.estimation_error()[0] or problem.name == "plants"
+    last = run.estimation_error()[-1]
+    shrinks = last < run.estimation_error()[0]
+    assert shrinks or problem.name == "plants"
 
 
 def test_agent_that_fails_moves_by_its_own_dynamics():
     """Input 0, couplings go on: a lone agent x' = A x + B u with u0 = -B+ A x falls to e^(A t)
     x."""
-    plant = Dynamics(A=[[0, 1], [-1, "-1/2"]], B=[[0], [1]])
+    A = [[0, 1], [-1, "-1/2"]]
+    B = [[0], [1]]
+    plant = Dynamics(A=A, B=B)
     gains = {"a": [[1, 1]]}
     problem = alone(plant, "y1", target=[1, 0], gains=gains)
     given = {"t_final": 3, "samples": 31, "start": [[1, 0]]}
@@ -86,8 +94,10 @@ def test_agent_that_fails_moves_by_its_own_dynamics():
     def falls(time, x):
         return [x[1], -x[0] - x[1] / 2]
 
-    free = solve_ivp(falls, (1, 3), [1, 0], t_eval=run.times[10:], rtol=1e-10, atol=1e-12)
-    assert np.allclose(run.x[10:, 0], free.y.T, atol=1e-7)
+    later = run.times[10:]
+    free = solve_ivp(falls, (1, 3), [1, 0], t_eval=later, rtol=1e-10, atol=1e-12)
+    states = run.x[10:, 0]
+    assert np.allclose(states, free.y.T, atol=1e-7)
     failures = [dd.Failure(agent="a", time=1.0, kind="freeze")]
     frozen = dd.Stress(failures=failures)
     run = dd.simulate(problem, stress=frozen, **given)
@@ -101,7 +111,8 @@ def test_ensembles_are_their_single_runs():
         given = {"t_final": 0.15, "samples": 4, "stress": stress}
         for problem in PROBLEMS:
             many = dd.simulate(problem, runs=2, **given)
-            one = dd.simulate(problem, seed=int(many.seeds[1]), **given)
+            seed = int(many.seeds[1])
+            one = dd.simulate(problem, seed=seed, **given)
             assert np.allclose(many.error[1], one.error(), atol=1e-6)
             assert np.allclose(many.estimation_error[1], one.estimation_error(), atol=1e-6)
 
@@ -112,26 +123,38 @@ def test_observer_is_told_what_it_can_know():
     problem = PROBLEMS[0]
     given = {"t_final": 1, "samples": 9}
     calm = dd.simulate(problem, **given)
-    limited = dd.simulate(problem, stress=dd.Stress(saturation=0.5), **given)
-    assert np.allclose(calm.d - calm.dhat, limited.d - limited.dhat, atol=1e-7)
+    stress = dd.Stress(saturation=0.5)
+    limited = dd.simulate(problem, stress=stress, **given)
+    calm_error = calm.d - calm.dhat
+    limited_error = limited.d - limited.dhat
+    assert np.allclose(calm_error, limited_error, atol=1e-7)
 
 
 def test_matched_disturbance_reaches_the_state_through_b():
     """frequency 0: a constant w per input; near the goal x' = A e + B (-K e + w), so that B K e = B
     w at rest."""
-    plant = Dynamics(A=[[0, 1], [0, 0]], B=[[0], [2]])
+    A = [[0, 1], [0, 0]]
+    B = [[0], [2]]
+    plant = Dynamics(A=A, B=B)
     gains = {"a": [[2, 2]]}
     problem = alone(plant, "y1", target=[0, 0], gains=gains)
     constant = dd.Stress(disturbance=0.5, frequency=0.0)
-    run = dd.simulate(problem, t_final=40, start=[[0, 0]], stress=constant)
-    assert run.x[-1, 0] == pytest.approx([run.d[-1, 0, 0] / 2, 0], abs=1e-7)
+    origin = [[0, 0]]
+    run = dd.simulate(problem, t_final=40, start=origin, stress=constant)
+    last = run.x[-1, 0]
+    disturbance = run.d[-1, 0, 0]
+    wanted = [disturbance / 2, 0]
+    assert last == pytest.approx(wanted, abs=1e-7)
 
 
 def test_switching_runs_and_files(tmp_path):
     """Two modes; a run is read back from its file with its p inputs; what is unknown is refused by
     its key."""
-    modes = {"one": [["a", "b"], ["b", "c"], ["c", "a"]], "two": [["b", "a"], ["c", "b"]]}
-    network = dd.Network.from_arcs(modes, arrow="listens_to", agents=["a", "b", "c"])
+    one = [["a", "b"], ["b", "c"], ["c", "a"]]
+    two = [["b", "a"], ["c", "b"]]
+    modes = {"one": one, "two": two}
+    labels = ["a", "b", "c"]
+    network = dd.Network.from_arcs(modes, arrow="listens_to", agents=labels)
     switching = dd.Switching(signal="random", dwell=0.5)
     problem = PROBLEMS[0].replace(network=network, switching=switching)
     run = dd.simulate(problem, t_final=10, samples=21, tolerance=1e-6)
@@ -158,14 +181,20 @@ def test_samples_between_the_instants_are_those_of_the_held_input(problem):
     for k in range(0, 10, 2):
 
         def slope(time, state, k=k):
-            d = run.xi[k] @ expm(data["S"] * time).T @ data["C"].T + other
-            held = felt(problem, run.x[k] - data["goals"]) + run.u[k]
-            return (own(state.reshape(3, -1)) + (held + d) @ data["B"].T).ravel()
+            motion = expm(data["S"] * time).T
+            harmonic = run.xi[k] @ motion
+            d = harmonic @ data["C"].T + other
+            errors = run.x[k] - data["goals"]
+            held = felt(problem, errors) + run.u[k]
+            free = own(state.reshape(3, -1))
+            driven = (held + d) @ data["B"].T
+            return (free + driven).ravel()
 
         at = [0.1, period]
         start = run.x[k].ravel()
         found = solve_ivp(slope, (0, period), start, t_eval=at, rtol=1e-10, atol=1e-12)
-        actual = run.x[k + 1 : k + 3].reshape(2, -1)
+        steps = run.x[k + 1 : k + 3]
+        actual = steps.reshape(2, -1)
         np.testing.assert_allclose(actual, found.y.T, atol=1e-7)
     assert np.abs(other).max() > 0.1
 
@@ -179,9 +208,13 @@ def test_agents_that_leave_within_a_period_end_their_run_alone():
     assert run.diverged
     assert "collapsed" in run.reason
     assert run.times[-1] == pytest.approx(0.6)
-    assert run.x[:, 0, 0] == pytest.approx(1 / np.sqrt(1 / 0.81 - 2 * run.times), rel=1e-6)
+    first = run.x[:, 0, 0]
+    inverse_square = 1 / 0.81 - 2 * run.times
+    wanted = 1 / np.sqrt(inverse_square)
+    assert first == pytest.approx(wanted, rel=1e-6)
     many = dd.simulate(problem, t_final=3, samples=31, runs=8, stress=stress, tolerance=1e-5)
-    assert 0 < np.isnan(many.error[:, -1]).sum() < 8
+    lost = np.isnan(many.error[:, -1])
+    assert 0 < lost.sum() < 8
 
 
 def test_agents_that_are_too_stiff_between_samples_end_their_run(monkeypatch: pytest.MonkeyPatch):
@@ -189,7 +222,9 @@ def test_agents_that_are_too_stiff_between_samples_end_their_run(monkeypatch: py
     period."""
     monkeypatch.setattr("dobc_design.simulation.sampled.LEAST_STEPS", 200)
     stress = dd.Stress(period=0.5)
-    for k, target, stiff in ((6, "1/100", False), (18, "1e-6", True)):
+    loose = (6, "1/100", False)
+    tight = (18, "1e-6", True)
+    for k, target, stiff in (loose, tight):
         problem = alone(Dynamics(f=[f"-1e{k}*x**3 + 1"]), target=target)
         run = dd.simulate(problem, t_final=1, samples=3, start=[[1]], stress=stress)
         assert run.diverged is stiff

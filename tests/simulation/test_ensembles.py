@@ -27,12 +27,13 @@ MARKOV = Markov(generator=[[-3, 1, 1, 1], [1, -3, 1, 1], [1, 1, -3, 1], [1, 1, 1
 
 
 NONLINEAR = nonlinear_planar()
-CASES = {}
-CASES["the paper, random"] = (load_problem("paper-switching"), RandomDwell(dwell=0.5))
-CASES["the paper, Markov"] = (load_problem("paper-switching"), MARKOV)
-CASES["planar"] = (NONLINEAR, Periodic(dwell=[0.4, 0.3]))
-CASES["planar, random stays"] = (NONLINEAR, RandomDwell(dwell=0.2, longest=0.7))
-CASES["no disturbance"] = (ring(n=6, gains={"1": 2}), Fixed())
+CASES = {
+    "the paper, random": (load_problem("paper-switching"), RandomDwell(dwell=0.5)),
+    "the paper, Markov": (load_problem("paper-switching"), MARKOV),
+    "planar": (NONLINEAR, Periodic(dwell=[0.4, 0.3])),
+    "planar, random stays": (NONLINEAR, RandomDwell(dwell=0.2, longest=0.7)),
+    "no disturbance": (ring(n=6, gains={"1": 2}), Fixed()),
+}
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -49,7 +50,9 @@ def test_runs_side_by_side_are_the_runs_one_by_one(name: str):
         np.testing.assert_allclose(many.states[k], one.x, atol=1e-9)
         assert many.switches[k] == len(one.switches) - 1
     assert many.method == "DOP853, side by side"
-    assert len({tuple(row) for row in many.error.tolist()}) == 3
+    rows = many.error.tolist()
+    different = {tuple(row) for row in rows}
+    assert len(different) == 3
 
 
 @pytest.mark.parametrize(
@@ -77,21 +80,26 @@ def test_runs_that_escape_are_named_and_the_others_go_on():
     """e' = e^3 - e with e = x1 - x2: blow-up iff |e(0)| > 1, at t = -ln(1 - e(0)^-2) / 2."""
     many = simulate_many(unstable_beyond_one(), runs=60, t_final=4.0, tolerance=1e-6)
     starts = make_setting(unstable_beyond_one(), gain=None).starts
-    gap = np.abs([np.diff(starts.draw(seed).x[:, 0])[0] for seed in range(60)])
-    assert many.diverged.tolist() == (gap > 1 / np.sqrt(1 - np.exp(-8))).tolist()
+    gaps = [np.diff(starts.draw(seed).x[:, 0])[0] for seed in range(60)]
+    gap = np.abs(gaps)
+    blown_up = (gap > 1 / np.sqrt(1 - np.exp(-8))).tolist()
+    assert many.diverged.tolist() == blown_up
     assert 3 < many.diverged.sum() < 57
     for run in np.flatnonzero(many.diverged):
         time = -np.log(1 - gap[run] ** -2) / 2
         assert many.ended[run] == pytest.approx(time, rel=1e-3)
         assert "t = " in many.reasons[run]
-        assert np.isfinite(many.error[run, many.times < 0.99 * time]).all()
-        assert np.isnan(many.error[run, many.times > many.ended[run]]).all()
+        before = many.error[run, many.times < 0.99 * time]
+        assert np.isfinite(before).all()
+        after = many.error[run, many.times > many.ended[run]]
+        assert np.isnan(after).all()
     assert many.summary()["diverged"] is True
     assert many.summary()["diverged_runs"] == many.diverged.sum()
     assert many.summary()["settling_time"]["max"] is None
     calm = np.flatnonzero(~many.diverged)
     assert np.isfinite(many.error[calm]).all()
-    assert set(many.reasons) == set(np.flatnonzero(many.diverged).tolist())
+    failed = np.flatnonzero(many.diverged).tolist()
+    assert set(many.reasons) == set(failed)
 
 
 def test_a_run_that_escapes_counts_the_switches_until_then():
@@ -124,11 +132,12 @@ def test_runs_that_need_too_many_steps_are_made_alone(monkeypatch, stress: Stres
         assert np.array_equal(many.error[k], wanted)
 
 
-ONE_BY_ONE = []  # a problem, arguments, and why its runs are made one by one
-ONE_BY_ONE.append((NONLINEAR, {"signal": Mobile(radius=1.0)}, "every run has graphs of its own"))
 FAST = "too fast for its closed|the loop is stiff"
-ONE_BY_ONE.append((ring(n=3, exosystem=HARMONIC), {"gain": [[2e6], [1]]}, FAST))
-ONE_BY_ONE.append((ring("y", 2, gains=10**6), {}, "the loop is stiff"))
+ONE_BY_ONE = [  # a problem, arguments, and why its runs are made one by one
+    (NONLINEAR, {"signal": Mobile(radius=1.0)}, "every run has graphs of its own"),
+    (ring(n=3, exosystem=HARMONIC), {"gain": [[2e6], [1]]}, FAST),
+    (ring("y", 2, gains=10**6), {}, "the loop is stiff"),
+]
 
 
 @WITH_AND_WITHOUT_NOISE
@@ -140,13 +149,15 @@ def test_what_cannot_be_stacked_is_made_one_by_one_and_said(
     many = simulate_many(problem, runs=2, **given)
     assert any(re.search(reason, note) for note in many.notes)
     found = many.error[1].tolist()
-    assert found == simulate(problem, seed=1, **given).error().tolist()
+    one_by_one = simulate(problem, seed=1, **given)
+    assert found == one_by_one.error().tolist()
 
 
 def test_quantiles_and_intervals_are_those_of_the_runs():
     many = simulate_many(load_problem("paper-fixed"), runs=41, t_final=4.0)
     low, middle, high = many.quantiles()
-    assert middle.tolist() == np.median(many.error, axis=0).tolist()
+    medians = np.median(many.error, axis=0)
+    assert middle.tolist() == medians.tolist()
     assert (low < middle).all()
     assert (middle < high).all()
     intervals = many.intervals()

@@ -64,8 +64,11 @@ def test_the_full_loop_is_the_symbolic_closed_loop(problem: Problem):
         size = problem.n * (problem.m + 2 * problem.q)
         state = rng.normal(size=size)
         parts = [part.ravel() for part in setting.loop.split(state[:, None])]
-        wanted = np.asarray(ca.vertcat(*model.closed_loop(*parts))).ravel()
-        found = derivative(state[:, None], np.zeros((0, 1)))[:, 0]
+        symbols = model.closed_loop(*parts)
+        slope = ca.vertcat(*symbols)
+        wanted = np.asarray(slope).ravel()
+        nothing = np.zeros((0, 1))
+        found = derivative(state[:, None], nothing)[:, 0]
         np.testing.assert_allclose(found, wanted, rtol=1e-12, atol=1e-11)
 
 
@@ -73,10 +76,16 @@ def test_the_full_loop_is_the_symbolic_closed_loop(problem: Problem):
 def test_the_pattern_covers_the_jacobian_of_the_closed_loop(problem: Problem):
     mode = next(iter(problem.network.modes))
     groups = error_arcs(loop_of(problem), mode)
-    symbols = [ca.SX.sym("s", problem.n * width) for width in (problem.m, problem.q, problem.q)]
+    symbols = []
+    for width in (problem.m, problem.q, problem.q):
+        symbols.append(ca.SX.sym("s", problem.n * width))
     closed_loop = ca.vertcat(*build_model(problem).closed_loop(*symbols))
-    rows, columns = ca.jacobian(closed_loop, ca.vertcat(*symbols)).sparsity().get_triplet()
-    pattern = fields.full_pattern(fields.make_closed_loop(problem, None), groups).toarray() != 0
+    variables = ca.vertcat(*symbols)
+    jacobian = ca.jacobian(closed_loop, variables)
+    rows, columns = jacobian.sparsity().get_triplet()
+    loop = fields.make_closed_loop(problem, None)
+    found = fields.full_pattern(loop, groups)
+    pattern = found.toarray() != 0
     assert pattern.shape == (closed_loop.numel(),) * 2
     assert pattern[rows, columns].all()
 
@@ -114,17 +123,22 @@ def random_problem(n: int, arcs: int, *, m: int, seed: int) -> Problem:
     """Weights, agents without arcs, a hub, exceptions."""
     rng = np.random.default_rng(seed)
     hub = [(1, j) for j in range(2, n // 2)]
-    others = map(tuple, rng.integers(1, n - 2, size=(arcs, 2)).tolist())
+    drawn = rng.integers(1, n - 2, size=(arcs, 2))
+    others = map(tuple, drawn.tolist())
     rows = []
     for i, j in sorted({*hub, *others}):
         if i != j:
-            rows.append((i, j, int(rng.integers(1, 9))))
+            weight = int(rng.integers(1, 9))
+            arc = (i, j, weight)
+            rows.append(arc)
     h = "exp(y) - 1 + y"
     other = "2*y"
     if m == 2:
         h = ["y1 + y1*y2", "sin(y2) - y1"]
         other = ["y2", "y1"]
-    special = {(i - 1, j - 1): other for i, j, _ in rows[::7]}
+    special = {}
+    for i, j, _ in rows[::7]:
+        special[i - 1, j - 1] = other
     network = Network.from_arcs(rows, arrow="listens_to", agents=n)
     return Problem(network=network, coupling=h, exceptions=special, target=[0] * m)
 
@@ -133,7 +147,9 @@ def by_hand(problem: Problem, e):
     """(1), arc by arc."""
     total = np.zeros_like(e)
     for i, j, w in problem.network.modes["G"]:
-        total[i] += float(w) * problem.coupling_of(i, j).value(e[j] - e[i])
+        difference = e[j] - e[i]
+        pull = problem.coupling_of(i, j).value(difference)
+        total[i] += float(w) * pull
     return total
 
 
@@ -149,13 +165,17 @@ def graph(problem: Problem, runs: int = 1) -> fields.Network:
 def test_what_agents_feel_is_the_sum_over_their_arcs(n: int, arcs: int, m: int, runs: int):
     """(9); 5000 runs need several blocks even for few arcs."""
     problem = random_problem(n, arcs, m=m, seed=n)
-    e = np.random.default_rng(1).normal(size=(n, m, runs))
+    rng = np.random.default_rng(1)
+    shape = (n, m, runs)
+    e = rng.normal(size=shape)
     found = graph(problem, runs)(e.reshape(n * m, runs))
     for k in (0, runs - 1):
         wanted = by_hand(problem, e[..., k])
         actual = found[:, k].reshape(n, m)
         np.testing.assert_allclose(actual, wanted, rtol=1e-12, atol=1e-12)
-        alone = graph(problem, runs)(np.ascontiguousarray(e[..., k]).reshape(n * m, 1))
+        column = np.ascontiguousarray(e[..., k])
+        flat = column.reshape(n * m, 1)
+        alone = graph(problem, runs)(flat)
         np.testing.assert_allclose(alone.reshape(n, m), wanted, rtol=1e-12, atol=1e-12)
 
 

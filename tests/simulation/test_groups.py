@@ -19,7 +19,8 @@ GAINS = (3.0, 0.0, 1.0)
 def problem() -> dd.Problem:
     """Agents 1 and 3 feel a sine, agent 2 a ramp."""
     C = [[1, 0, 1]]
-    ramp = dd.Exosystem(A=[[0, 1, 0], [0, 0, 0], [0, 0, -1]], C=C)
+    A = [[0, 1, 0], [0, 0, 0], [0, 0, -1]]
+    ramp = dd.Exosystem(A=A, C=C)
     sines = dd.Group(agents=[1, 3], exosystem=HARMONIC, observer=PRINTED)
     W = [[3], [2], [0]]
     observer = dd.Observer(W=W)
@@ -57,7 +58,8 @@ def by_hand(start: np.ndarray, times: np.ndarray) -> np.ndarray:
         rest = state[3:]
         felt = np.zeros(3)
         for i, j in ARCS:
-            felt[i] += np.tanh(x[j] - x[i]) + x[j] - x[i]
+            pull = np.tanh(x[j] - x[i])
+            felt[i] += pull + x[j] - x[i]
         out = [np.zeros(3)]
         for i, (A, C, W) in enumerate(OWN):
             q = len(A)
@@ -67,7 +69,9 @@ def by_hand(start: np.ndarray, times: np.ndarray) -> np.ndarray:
             xihat = z + W * x[i]
             u = -GAINS[i] * (x[i] - 1) - C @ xihat
             out[0][i] = felt[i] + u + C @ xi
-            out += [A @ xi, (A - np.outer(W, C)) @ xihat - W * (felt[i] + u)]
+            own = (A - np.outer(W, C)) @ xihat
+            correction = W * (felt[i] + u)
+            out += [A @ xi, own - correction]
         return np.concatenate(out)
 
     first = [start]
@@ -82,7 +86,9 @@ def by_hand(start: np.ndarray, times: np.ndarray) -> np.ndarray:
 def test_a_run_is_that_of_the_loop_written_out_agent_by_agent(problem, observer):
     start = [[2.0], [-1.0], [0.5]]
     run = dd.simulate(problem, observer=observer, start=start, t_final=3, samples=31)
-    found = np.abs(run.x[:, :, 0] - by_hand(run.x[0, :, 0], run.times)).max()
+    positions = run.x[:, :, 0]
+    apart = positions - by_hand(run.x[0, :, 0], run.times)
+    found = np.abs(apart).max()
     assert found < 1e-7
     wanted = [[1, 0.5, 0, 0, 0], [0, 0, 0.3, -0.2, 1], [-1, 2, 0, 0, 0]]
     assert np.array_equal(run.xi[0], wanted)
@@ -102,15 +108,20 @@ def test_ensembles_under_stress_are_the_runs_one_by_one(problem):
 
 def test_drawn_disturbances_stay_in_the_states_of_the_own_group_and_in_their_ball(problem):
     given = dict(problem.__reduce__()[0].keywords)
-    given |= {"simulation": {}, "region": {"initial_states": [0, 2], "initial_disturbance": "0.5"}}
-    runs = [dd.simulate(dd.Problem(**given), seed=seed, t_final=0.1) for seed in range(20)]
+    region = {"initial_states": [0, 2], "initial_disturbance": "0.5"}
+    given |= {"simulation": {}, "region": region}
+    runs = []
+    for seed in range(20):
+        runs.append(dd.simulate(dd.Problem(**given), seed=seed, t_final=0.1))
     starts = np.array([run.xi[0] for run in runs])
     assert not starts[:, 0, 2:].any()
     assert not starts[:, 1, :2].any()
     lengths = np.linalg.norm(starts, axis=2)
     assert lengths.max() <= 0.5
     assert lengths.min(axis=0).max() < 0.45
-    ones = dd.simulate(dd.Problem(**given | {"region": None}), t_final=0.1).xi[0]
+    no_region = dd.Problem(**given | {"region": None})
+    run_of_ones = dd.simulate(no_region, t_final=0.1)
+    ones = run_of_ones.xi[0]
     wanted = [[1, 1, 0, 0, 0], [0, 0, 1, 1, 1], [1, 1, 0, 0, 0]]
     assert np.array_equal(ones, wanted)
 
@@ -118,7 +129,10 @@ def test_drawn_disturbances_stay_in_the_states_of_the_own_group_and_in_their_bal
 def test_what_breaks_first_knows_groups_and_a_start_in_the_states_of_another_is_refused(problem):
     found = dd.what_breaks_first(problem, options=["saturation"], t_final=4)
     assert found.sweeps[0].option == "saturation"
-    foreign = [[1, 1, 0, 0, 0], [1, 0, 0, 0, 0], [1, 1, 0, 0, 0]]
+    first_read = [1, 1, 0, 0, 0]
+    second_read = [1, 0, 0, 0, 0]
+    third_read = [1, 1, 0, 0, 0]
+    foreign = [first_read, second_read, third_read]
     told = r"start\.xi must be 0 in the states that belong to other groups; row 1"
     with pytest.raises(SpecError, match=told):
         dd.simulate(problem, start={"xi": foreign})
@@ -126,16 +140,22 @@ def test_what_breaks_first_knows_groups_and_a_start_in_the_states_of_another_is_
 
 def test_the_model_has_the_right_hand_side_of_the_simulation(problem):
     model = dd.build_model(problem)
-    run = dd.simulate(problem, observer="full-loop", samples=[0.0, 0.5, 6.0])
+    samples = [0.0, 0.5, 6.0]
+    run = dd.simulate(problem, observer="full-loop", samples=samples)
     W = np.array([[3.2, 2.4, 0, 0, 0], [0, 0, 3, 2, 0], [3.2, 2.4, 0, 0, 0]])
     z = run.xihat[1] - W * run.x[1]
-    parts = model.closed_loop(run.x[1].ravel(), run.xi[1].ravel(), z.ravel())
+    x = run.x[1].ravel()
+    xi = run.xi[1].ravel()
+    parts = model.closed_loop(x, xi, z.ravel())
     x_dot, xi_dot, z_dot = (np.asarray(ca.DM(part)).reshape(3, -1) for part in parts)
     for i, (A, C, gain) in enumerate(OWN):
         own = slice(2, 5) if i == 1 else slice(0, 2)
         felt = x_dot[i, 0] - C @ run.xi[1, i, own]
-        assert xi_dot[i, own] == pytest.approx(A @ run.xi[1, i, own])
-        expected = (A - np.outer(gain, C)) @ run.xihat[1, i, own] - gain * felt
+        wanted = A @ run.xi[1, i, own]
+        assert xi_dot[i, own] == pytest.approx(wanted)
+        error_matrix = A - np.outer(gain, C)
+        estimate = run.xihat[1, i, own]
+        expected = error_matrix @ estimate - gain * felt
         assert z_dot[i, own] == pytest.approx(expected, rel=1e-6, abs=1e-9)
         found = np.count_nonzero(z_dot[i])
         assert found == np.count_nonzero(z_dot[i, own])

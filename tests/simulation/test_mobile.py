@@ -14,8 +14,10 @@ from dobc_design.simulation.signals import Mobile, Waypoints
 
 def alone(n: int, *, m: int = 1, **settings) -> Problem:
     """n agents whose listed arcs do not matter: a mobile signal does not use them."""
-    network = Network.from_arcs([[1, 2]], arrow="listens_to", agents=n)
-    return Problem(network=network, **({"coupling": "y", "target": [0] * m} | settings))
+    arcs = [[1, 2]]
+    network = Network.from_arcs(arcs, arrow="listens_to", agents=n)
+    given = {"coupling": "y", "target": [0] * m}
+    return Problem(network=network, **(given | settings))
 
 
 def pairs(codes, n: int) -> set[tuple[int, int]]:
@@ -55,7 +57,10 @@ def test_the_nearest_neighbours_are_heard():
     codes = near(Mobile(neighbours=4), positions, None)
     found = pairs(codes, 30)
     distances = np.linalg.norm(positions[:, None] - positions, axis=2)
-    wanted = {(i, int(j)) for i in range(30) for j in np.argsort(distances[i])[1:5]}
+    wanted = set()
+    for i in range(30):
+        for j in np.argsort(distances[i])[1:5]:
+            wanted.add((i, int(j)))
     assert found == wanted
     answer = near(Mobile(neighbours=50), positions, None)
     assert len(answer) == 30 * 29
@@ -65,12 +70,14 @@ def test_a_neighbour_is_replaced_only_by_one_that_is_nearer_by_the_hysteresis():
     signal = Mobile(neighbours=1, hysteresis=0.3)
     places = []
     for x in (2.0, 0.9, 0.71, 0.69, 0.9, 1.4):
-        places.append(np.array([[0.0], [1.0], [-x]]))
+        place = [[0.0], [1.0], [-x]]
+        places.append(np.array(place))
     codes = None
     heard = []
     for positions in places:
         codes = near(signal, positions, codes)
-        heard.append(next(j for i, j in pairs(codes, 3) if i == 0))
+        speaker = next(j for i, j in pairs(codes, 3) if i == 0)
+        heard.append(speaker)
     assert heard == [1, 1, 1, 2, 2, 1]
 
 
@@ -126,7 +133,8 @@ def crossing() -> Waypoints:
 def test_a_given_motion_switches_at_exact_instants():
     signal = Mobile(radius=1, hysteresis=0.5, motion=crossing())
     switches = motion_switches(signal, signal.motion, alone(3), 10.0)
-    np.testing.assert_allclose(switches.times, [0, 1.5, 2.75], rtol=1e-15)
+    expected_times = [0, 1.5, 2.75]
+    np.testing.assert_allclose(switches.times, expected_times, rtol=1e-15)
     found = [graph.shape[1] for graph in switches.graphs]
     assert found == [0, 2]
     assert switches.modes.tolist() == [0, 1, 0]
@@ -140,8 +148,10 @@ def test_under_a_given_motion_the_loop_is_a_product_of_exponentials():
     start = np.array([[1.0], [-3], [2]])
     run = simulate(problem, signal=signal, start=start, t_final=4.0, tolerance=1e-12)
     K = np.diag([1, 0.5, 2])
-    linked = np.array([[-1.0, 1, 0], [1, -1, 0], [0, 0, 0]]) - K
-    wanted = expm(-K * 1.25) @ expm(linked * 1.25) @ expm(-K * 1.5) @ start
+    laplacian = [[-1.0, 1, 0], [1, -1, 0], [0, 0, 0]]
+    linked = np.array(laplacian) - K
+    together = expm(-K * 1.25) @ expm(linked * 1.25)
+    wanted = together @ expm(-K * 1.5) @ start
     np.testing.assert_allclose(run.x[-1], wanted, rtol=1e-10)
     runs = simulate_many(problem, runs=2, signal=signal, start=start, t_final=4.0, tolerance=1e-12)
     actual = runs.error[1, -1]

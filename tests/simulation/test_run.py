@@ -29,13 +29,19 @@ def modes(order=range(N)) -> dict[str, list[list[int]]]:
     """Two digraphs on twelve agents, named by ``order``."""
     first = []
     for i in range(N):
-        first.append([order[i] + 1, order[(i + 1) % N] + 1, i % 3 + 1])
-    second = [[order[i] + 1, order[(i + 5) % N] + 1, 2] for i in range(N)]
+        next_one = order[(i + 1) % N] + 1
+        arc = [order[i] + 1, next_one, i % 3 + 1]
+        first.append(arc)
+    second = []
+    for i in range(N):
+        second.append([order[i] + 1, order[(i + 5) % N] + 1, 2])
     return {"a": first, "b": second}
 
 
 def loop(order=range(N), *, target=1, **settings) -> dd.Problem:
-    gains = {str(order[0] + 1): 5, str(order[4] + 1): 2}
+    first = str(order[0] + 1)
+    fifth = str(order[4] + 1)
+    gains = {first: 5, fifth: 2}
     observer = settings.pop("observer", PRINTED)
     network = dd.Network.from_arcs(modes(order), arrow="listens_to", agents=N)
     return dd.Problem(
@@ -51,7 +57,8 @@ def loop(order=range(N), *, target=1, **settings) -> dd.Problem:
 
 def starts():
     rng = np.random.default_rng(3)
-    return rng.uniform(0, 3, size=(N, 1)), rng.normal(size=(N, 2))
+    x = rng.uniform(0, 3, size=(N, 1))
+    return x, rng.normal(size=(N, 2))
 
 
 def error_system(problem: dd.Problem, mode: str):
@@ -60,15 +67,20 @@ def error_system(problem: dd.Problem, mode: str):
     C = np.array(problem.exosystem.C, float)
     W = np.array(problem.observer.W, float)
     own = np.eye(problem.n)
-    J = consensus_jacobian(loop_of(problem), mode).toarray() - pinning_matrix(problem).toarray()
+    coupled = consensus_jacobian(loop_of(problem), mode).toarray()
+    pinned = pinning_matrix(problem).toarray()
+    J = coupled - pinned
     to_errors = np.kron(own, C)
-    arrays = [[J, to_errors], [0 * to_errors.T, np.kron(own, A - W @ C)]]
+    error_block = np.kron(own, A - W @ C)
+    lower = [0 * to_errors.T, error_block]
+    arrays = [[J, to_errors], lower]
     return np.block(arrays)
 
 
 def errors(trajectory, k: int):
     x = (trajectory.x[k] - trajectory.goal).ravel()
-    arrays = [x, (trajectory.xi[k] - trajectory.xihat[k]).ravel()]
+    eps = (trajectory.xi[k] - trajectory.xihat[k]).ravel()
+    arrays = [x, eps]
     return np.concatenate(arrays)
 
 
@@ -83,7 +95,9 @@ def test_a_switched_linear_loop_is_the_product_of_its_exponentials(observer: str
     product = np.eye(15)
     for stay, mode in zip(stays, signal.modes, strict=True):
         product = expm(error_system(problem, mode) * stay) @ product
-    np.testing.assert_allclose(errors(run, -1), product @ errors(run, 0), atol=1e-9)
+    last = errors(run, -1)
+    wanted = product @ errors(run, 0)
+    np.testing.assert_allclose(last, wanted, atol=1e-9)
     assert run.switches.times.tolist() == list(signal.times)
     difference = error_system(problem, "one") - error_system(problem, "two")
     late = np.linalg.norm(difference @ errors(run, 2))
@@ -160,7 +174,9 @@ def taylor(k1: float, start: tuple[float, float], t: float, *, steps: int = 150,
                 q = back(-y)
                 a.append((p - k1 * a[k]) / (k + 1))
                 b.append(q / (k + 1))
-            e = [mpmath.polyval(c[::-1], dt) for c in (a, b)]
+            e = []
+            for c in (a, b):
+                e.append(mpmath.polyval(c[::-1], dt))
         return [float(v) for v in e]
 
 
@@ -175,7 +191,9 @@ def exponential_series():
         if k == 0:
             p.append(mpmath.exp(value))
             return p[0] + value - 1
-        p.append(sum(j * y[j] * p[k - j] for j in range(1, k + 1)) / k)
+        orders = range(1, k + 1)
+        total = sum(j * y[j] * p[k - j] for j in orders)
+        p.append(total / k)
         return p[k] + value
 
     return next_coefficient
@@ -193,8 +211,11 @@ def test_the_error_falls_with_the_tolerance_at_the_order_of_the_method():
         start = [[0.5], [-1.0]]
         run = simulate(problem, start=start, t_final=4.0, tolerance=tolerance, samples=2)
         work.append(run.evaluations)
-        off.append(np.abs(run.x[-1, :, 0] - wanted).max())
-    order = -np.polyfit(np.log(work), np.log(off), 1)[0]
+        gap = run.x[-1, :, 0] - wanted
+        largest = np.abs(gap).max()
+        off.append(largest)
+    slope = np.polyfit(np.log(work), np.log(off), 1)
+    order = -slope[0]
     assert 6.5 < order < 9.5
     assert off[-1] < 1e-11
     for a, b in zip(off, off[2:], strict=False):
@@ -215,7 +236,9 @@ def test_example_2_with_switching_agrees_with_cvodes():
     exactly = {"abstol": 1e-12, "reltol": 1e-12}
     for k, mode in enumerate(["Ga", "Gb", "Gc", "Gd", "Ga"]):
         slope = dd.build_model(problem, mode=mode).closed_loop(x, xi, z)
-        loop = {"x": ca.vertcat(x, xi, z), "ode": ca.vertcat(*slope)}
+        states = ca.vertcat(x, xi, z)
+        slopes = ca.vertcat(*slope)
+        loop = {"x": states, "ode": slopes}
         step = ca.integrator("loop", "cvodes", loop, 0, 0.4, exactly)
         state = step(x0=state)["xf"].full().ravel()
         actual = run.x[k + 1].ravel()
@@ -228,7 +251,8 @@ def test_example_1_tracks_within_a_percent_after_three_seconds_and_reaches_the_t
     """Figs. 2 and 3: the printed W, at every start in [0, 5]."""
     problem = dd.load_problem("paper-fixed")
     for seed in range(2):
-        start = np.random.default_rng(seed).uniform(0, 5, size=(10, 1))
+        rng = np.random.default_rng(seed)
+        start = rng.uniform(0, 5, size=(10, 1))
         run = simulate(problem, start=start)
         late = run.times >= 3
         found = run.estimation_error()[late].max()
@@ -246,7 +270,8 @@ def test_example_1_without_its_observer_stays_away_from_the_target():
     assert 0.25 < residual.max() < 0.35
     peaks = []
     for begin in (15, 22):
-        round = (run.times >= begin) & (run.times < begin + 2 * np.pi)
+        before_the_end = run.times < begin + 2 * np.pi
+        round = (run.times >= begin) & before_the_end
         peaks.append(run.error()[round].max())
     assert peaks[1] == pytest.approx(peaks[0], rel=1e-2)
     found = simulate(dd.load_problem("paper-fixed"), t_final=60).error()
@@ -309,9 +334,13 @@ def test_the_implicit_method_agrees_with_the_matrix_exponential():
     assert "implicit" in trajectory.notes[-1]
     found = simulate(ring("y", gains={"1": 1}), t_final=2)
     assert found.method == "DOP853"
-    J = consensus_jacobian(loop_of(problem), "G").toarray() - pinning_matrix(problem).toarray()
+    coupled = consensus_jacobian(loop_of(problem), "G").toarray()
+    pinned = pinning_matrix(problem).toarray()
+    J = coupled - pinned
     for k in (1, 10, 30):
-        wanted = expm(J * trajectory.times[k]) @ trajectory.x[0].ravel()
+        flow = expm(J * trajectory.times[k])
+        start = trajectory.x[0].ravel()
+        wanted = flow @ start
         actual = trajectory.x[k].ravel()
         np.testing.assert_allclose(actual, wanted, atol=1e-6)
 
@@ -319,7 +348,9 @@ def test_the_implicit_method_agrees_with_the_matrix_exponential():
 def test_runs_in_several_threads_do_not_disturb_each_other():
     problem = ring(gains={"1": 5})
     with ThreadPoolExecutor(4) as pool:
-        runs = list(pool.map(lambda seed: simulate(problem, seed=seed, t_final=2), [0, 1, 0, 1]))
+        seeds = [0, 1, 0, 1]
+        answers = pool.map(lambda seed: simulate(problem, seed=seed, t_final=2), seeds)
+        runs = list(answers)
     assert np.array_equal(runs[0].x, runs[2].x)
     assert np.array_equal(runs[1].x, runs[3].x)
 
@@ -339,7 +370,8 @@ def test_a_gain_can_be_handed_over_and_a_missing_one_is_refused():
 def test_a_fixed_point_stays_fixed_to_rounding(observer: str):
     """e = 0 and eps = 0: (3), with a disturbance that the observer knows from the start."""
     xi = starts()[1]
-    start = {"x": np.ones((N, 1)), "xi": xi, "xihat": xi}
+    x = np.ones((N, 1))
+    start = {"x": x, "xi": xi, "xihat": xi}
     run = simulate(loop(), start=start, signal=Periodic(dwell=0.5), observer=observer)
     found = run.error().max()
     assert found < (1e-15 if observer == "closed-form" else 1e-9)
@@ -358,8 +390,10 @@ def test_permuting_the_agents_permutes_the_result():
     moved_xi[order] = xi
     start = {"x": moved_x, "xi": moved_xi}
     other = simulate(loop(order.tolist()), start=start, **given)
-    np.testing.assert_allclose(other.x[:, order], one.x, atol=1e-9)
-    np.testing.assert_allclose(other.u[:, order], one.u, atol=1e-8)
+    found_x = other.x[:, order]
+    np.testing.assert_allclose(found_x, one.x, atol=1e-9)
+    found_u = other.u[:, order]
+    np.testing.assert_allclose(found_u, one.u, atol=1e-8)
 
 
 def test_the_active_mode_stands_at_every_sample():
@@ -374,7 +408,8 @@ def test_the_active_mode_stands_at_every_sample():
     found = [sample.time for sample in run]
     assert found == run.times.tolist()
     assert len(run) == 6
-    assert np.array_equal(next(iter(run)).x, run.x[0])
+    first = next(iter(run)).x
+    assert np.array_equal(first, run.x[0])
 
 
 def test_a_run_that_blows_up_between_two_samples_keeps_its_rise():
@@ -470,21 +505,22 @@ def test_a_run_that_diverges_keeps_what_is_valid_and_says_why(
     assert run.settling_time() is None
 
 
-WRONG = {}  # what is said -> arguments that cannot be
-WRONG["exclude each other"] = {"mode": "a", "signal": Periodic(dwell=1)}
-WRONG["mode must be one of"] = {"mode": "c"}
-WRONG["signal must be a switching signal; got periodic"] = {"signal": "periodic"}
-WRONG["stress must be a Stress; got noise"] = {"stress": "noise"}
-WRONG["observer must be one of"] = {"observer": "slow"}
-WRONG["tolerance must be"] = {"tolerance": 0}
-WRONG["samples must be a whole number >= 2"] = {"samples": 1}
-WRONG["increase from 0 to t_final"] = {"samples": [0, 1]}
-WRONG["samples must be finite"] = {"samples": [0, float("nan"), 20]}
-WRONG["t_final must be a time > 0"] = {"t_final": 0}
-WRONG["within the range of floats"] = {"t_final": float("inf")}
-WRONG["got soon"] = {"t_final": "soon"}
-WRONG["seed must be a whole number >= 0"] = {"seed": -1}
-WRONG["start.x must be finite"] = {"start": [[float("nan")]] * N}
+WRONG = {  # what is said -> arguments that cannot be
+    "exclude each other": {"mode": "a", "signal": Periodic(dwell=1)},
+    "mode must be one of": {"mode": "c"},
+    "signal must be a switching signal; got periodic": {"signal": "periodic"},
+    "stress must be a Stress; got noise": {"stress": "noise"},
+    "observer must be one of": {"observer": "slow"},
+    "tolerance must be": {"tolerance": 0},
+    "samples must be a whole number >= 2": {"samples": 1},
+    "increase from 0 to t_final": {"samples": [0, 1]},
+    "samples must be finite": {"samples": [0, float("nan"), 20]},
+    "t_final must be a time > 0": {"t_final": 0},
+    "within the range of floats": {"t_final": float("inf")},
+    "got soon": {"t_final": "soon"},
+    "seed must be a whole number >= 0": {"seed": -1},
+    "start.x must be finite": {"start": [[float("nan")]] * N},
+}
 
 
 @pytest.mark.parametrize(("message", "arguments"), WRONG.items())

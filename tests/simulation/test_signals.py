@@ -79,7 +79,9 @@ def test_with_a_longest_time_modes_differ_and_last_between_the_two_times(seed):
     assert stays.min() >= 0.3 - 1e-12
     assert stays.max() <= 0.5 + 1e-12
     assert 100 - found.times[-1] <= 0.5
-    assert set(found.modes.tolist()) == set(range(len(names)))
+    visited = set(found.modes.tolist())
+    every_mode = set(range(len(names)))
+    assert visited == every_mode
 
 
 def test_a_markov_signal_stays_and_jumps_as_its_generator_says():
@@ -89,43 +91,51 @@ def test_a_markov_signal_stays_and_jumps_as_its_generator_says():
     modes = found.modes[:-1]
     for k, rate in enumerate((3, 0.5, 2)):
         own = stays[modes == k]
-        assert abs(own.mean() * rate - 1) < 4 / np.sqrt(len(own))
+        deviation = abs(own.mean() * rate - 1)
+        allowed = 4 / np.sqrt(len(own))
+        assert deviation < allowed
     after = found.modes[1:][modes == 0]
-    assert abs((after == 1).mean() - 2 / 3) < 4 * np.sqrt(2 / 9 / len(after))
+    deviation_after = abs((after == 1).mean() - 2 / 3)
+    allowed_after = 4 * np.sqrt(2 / 9 / len(after))
+    assert deviation_after < allowed_after
     answer = found.modes[1:][modes == 1].tolist()
     assert set(answer) == {0}
 
 
 def test_at_an_instant_of_switching_the_new_mode_is_active_and_one_never_left_ends_the_signal():
-    signal = Schedule(times=[0, 1.5, 2], modes=["a", "c", "a"])
+    times = [0, 1.5, 2]
+    modes = ["a", "c", "a"]
+    signal = Schedule(times=times, modes=modes)
     found = scheduled_switches(signal, NAMES, 5.0, 0)
     answer = found.at(np.array([0, 1.4, 1.5, 1.9, 2, 5])).tolist()
     expected = [0, 0, 2, 2, 0, 0]
     assert answer == expected
     generator = [[-1, 1], [0, 0]]
     once = Markov(generator=generator)
-    answer = scheduled_switches(once, ("a", "b"), 1e9, 0).modes.tolist()
+    switches = scheduled_switches(once, ("a", "b"), 1e9, 0)
+    answer = switches.modes.tolist()
     assert answer == [0, 1]
     assert "for ever" in str(once)
 
 
-WRONG = {}  # what is said -> a signal that cannot be
-WRONG["dwell must be a time > 0 in s"] = lambda: Periodic(dwell=0)
-WRONG["at least one time"] = lambda: Periodic(dwell=[])
-WRONG[r"dwell\[1\] must be"] = lambda: Periodic(dwell=[1, -1])
-WRONG["got nan"] = lambda: RandomDwell(dwell=float("nan"))
-WRONG["longest must be >= dwell"] = lambda: RandomDwell(dwell=1, longest=0.5)
-WRONG[r"generator\[1\] must add up to 0"] = lambda: Markov(generator=[[-1, 1], [1, 0]])
-WRONG[r"generator\[0\]\[1\] must be a number >= 0"] = lambda: Markov(generator=[[1, -1], [1, -1]])
-WRONG["generator must be a square matrix"] = lambda: Markov(generator=[[0, 0]])
-WRONG["must begin with 0 and increase"] = lambda: Schedule(times=[0, 2, 2], modes="aba")
-WRONG["equally long"] = lambda: Schedule(times=[0], modes=[])
-WRONG["either radius or neighbours"] = Mobile
-WRONG["and not both"] = lambda: Mobile(radius=1, neighbours=2)
-WRONG["hysteresis must be a number >= 0"] = lambda: Mobile(radius=1, hysteresis=-1)
-WRONG["neighbours must be a whole number >= 1"] = lambda: Mobile(neighbours=0)
-WRONG["with 2 times"] = lambda: Waypoints(times=[0, 1], positions=[[[0]]])
-WRONG["times must increase"] = lambda: Waypoints(times=[1, 1], positions=[[[0]], [[1]]])
+WRONG = {  # what is said -> a signal that cannot be
+    "dwell must be a time > 0 in s": lambda: Periodic(dwell=0),
+    "at least one time": lambda: Periodic(dwell=[]),
+    r"dwell\[1\] must be": lambda: Periodic(dwell=[1, -1]),
+    "got nan": lambda: RandomDwell(dwell=float("nan")),
+    "longest must be >= dwell": lambda: RandomDwell(dwell=1, longest=0.5),
+    r"generator\[1\] must add up to 0": lambda: Markov(generator=[[-1, 1], [1, 0]]),
+    r"generator\[0\]\[1\] must be a number >= 0": lambda: Markov(generator=[[1, -1], [1, -1]]),
+    "generator must be a square matrix": lambda: Markov(generator=[[0, 0]]),
+    "must begin with 0 and increase": lambda: Schedule(times=[0, 2, 2], modes="aba"),
+    "equally long": lambda: Schedule(times=[0], modes=[]),
+    "either radius or neighbours": Mobile,
+    "and not both": lambda: Mobile(radius=1, neighbours=2),
+    "hysteresis must be a number >= 0": lambda: Mobile(radius=1, hysteresis=-1),
+    "neighbours must be a whole number >= 1": lambda: Mobile(neighbours=0),
+    "with 2 times": lambda: Waypoints(times=[0, 1], positions=[[[0]]]),
+    "times must increase": lambda: Waypoints(times=[1, 1], positions=[[[0]], [[1]]]),
+}
 
 
 @pytest.mark.parametrize(("message", "make"), WRONG.items())
@@ -217,13 +227,14 @@ def test_every_key_of_the_section_reaches_the_signal(section: dd.Switching, sign
     assert signal_of(switched(section)) == (signal, None)
 
 
-FAR = {}  # key -> a section with a number beyond the floats
-FAR["switching.dwell"] = dd.Switching(signal="random", dwell="1e399")
-FAR["switching.schedule[1][0]"] = dd.Switching(
-    signal="schedule", schedule=[[0, "a"], ["1e399", "b"]]
-)
-FAR["switching.radius"] = dd.Switching(signal="mobile", radius="1e-399")
-FAR["switching.generator"] = dd.Switching(signal="markov", generator=[["-1e399", "1e399"], [0, 0]])
+FAR = {  # key -> a section with a number beyond the floats
+    "switching.dwell": dd.Switching(signal="random", dwell="1e399"),
+    "switching.schedule[1][0]": dd.Switching(
+        signal="schedule", schedule=[[0, "a"], ["1e399", "b"]]
+    ),
+    "switching.radius": dd.Switching(signal="mobile", radius="1e-399"),
+    "switching.generator": dd.Switching(signal="markov", generator=[["-1e399", "1e399"], [0, 0]]),
+}
 
 
 @pytest.mark.parametrize(("key", "section"), FAR.items())

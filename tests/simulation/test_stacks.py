@@ -24,22 +24,24 @@ from dobc_design import Stress
 from dobc_design.errors import SpecError
 from dobc_design.simulation.signals import Mobile, Periodic, RandomDwell, Waypoints
 
-CONTINUOUS = {}
-CONTINUOUS["noise"] = Stress(noise=0.1)
-CONTINUOUS["saturated"] = Stress(saturation=1.0)
-CONTINUOUS["pushed"] = Stress(disturbance=0.3, frequency=3)
-CONTINUOUS["pushed for ever"] = Stress(disturbance=0.3, frequency=0)
-CONTINUOUS["pushed in resonance"] = Stress(disturbance=0.3, frequency=1)
-CONTINUOUS["lost"] = Stress(loss=0.5, exchange=0.11)
-CONTINUOUS["failing"] = Stress(failures=FAILING)
-CONTINUOUS["everything"] = EVERYTHING
-SAMPLED = {}
-SAMPLED["sampled"] = Stress(period=0.05)
-SAMPLED["too slow"] = Stress(period=0.4)
-SAMPLED["noise"] = Stress(period=0.05, noise=0.1)
-SAMPLED["lost"] = Stress(period=0.05, loss=0.5)
-SAMPLED["all at once"] = replace(EVERYTHING, exchange=None, period=0.05)
-SAMPLED["constant push"] = Stress(period=0.1, disturbance=0.3, frequency=0)
+CONTINUOUS = {
+    "noise": Stress(noise=0.1),
+    "saturated": Stress(saturation=1.0),
+    "pushed": Stress(disturbance=0.3, frequency=3),
+    "pushed for ever": Stress(disturbance=0.3, frequency=0),
+    "pushed in resonance": Stress(disturbance=0.3, frequency=1),
+    "lost": Stress(loss=0.5, exchange=0.11),
+    "failing": Stress(failures=FAILING),
+    "everything": EVERYTHING,
+}
+SAMPLED = {
+    "sampled": Stress(period=0.05),
+    "too slow": Stress(period=0.4),
+    "noise": Stress(period=0.05, noise=0.1),
+    "lost": Stress(period=0.05, loss=0.5),
+    "all at once": replace(EVERYTHING, exchange=None, period=0.05),
+    "constant push": Stress(period=0.1, disturbance=0.3, frequency=0),
+}
 
 
 def agree(problem: dd.Problem, stress: Stress, **given) -> dd.Ensemble:
@@ -102,7 +104,9 @@ class ByHand:
         self.bound = stress.saturation
         self.noise_rng = np.random.default_rng([seed, 2])
         self.loss_rng = np.random.default_rng([seed, 3])
-        self.phase = np.random.default_rng([seed, 4]).uniform(0, 2 * np.pi, size=(3, 1))[:, 0]
+        rng = np.random.default_rng([seed, 4])
+        phases = rng.uniform(0, 2 * np.pi, size=(3, 1))
+        self.phase = phases[:, 0]
         self.noise = np.zeros(3)
         self.held = {}
         self.stopped = {}
@@ -124,7 +128,8 @@ class ByHand:
         """Draw and exchange where it is due, and fail; ``estimate`` gives dhat, once the new noise
         is there."""
         if due:
-            self.noise = self.stress.noise * self.noise_rng.standard_normal((3, 1))[:, 0]
+            noise = self.noise_rng.standard_normal((3, 1))
+            self.noise = self.stress.noise * noise[:, 0]
         dhat = estimate()
         commands = [self.command(i, x, dhat) for i in range(3)]
         for failure in self.stress.failures:
@@ -132,12 +137,14 @@ class ByHand:
             if failure.time > time or i in self.stopped:
                 continue
             if failure.kind == "freeze":
-                self.stopped[i] = (commands[i], x[i] + self.noise[i])
+                seen = x[i] + self.noise[i]
+                self.stopped[i] = (commands[i], seen)
             else:
                 self.stopped[i] = (0.0, None)
         if not due:
             return
-        for arc, drawn in zip(self.arcs, self.loss_rng.random(len(self.arcs)), strict=True):
+        draws = self.loss_rng.random(len(self.arcs))
+        for arc, drawn in zip(self.arcs, draws, strict=True):
             speaker = arc[1]
             said = x[speaker] + self.noise[speaker]
             if speaker in self.stopped:
@@ -148,19 +155,24 @@ class ByHand:
     def command(self, i: int, x: np.ndarray, dhat: np.ndarray) -> float:
         if i in self.stopped:
             return self.stopped[i][0]
-        wanted = -self.K[i] * (x[i] + self.noise[i]) - dhat[i]
+        seen = x[i] + self.noise[i]
+        pull = -self.K[i] * seen
+        wanted = pull - dhat[i]
         return np.clip(wanted, -self.bound, self.bound)
 
     def felt(self, x: np.ndarray, dhat: np.ndarray) -> np.ndarray:
         """Couplings and input of every agent."""
-        total = np.array([self.command(i, x, dhat) for i in range(3)])
+        commands = [self.command(i, x, dhat) for i in range(3)]
+        total = np.array(commands)
         for (i, _), said in self.held.items():
             if said is not None:
-                total[i] += np.sinh(said - x[i] - self.noise[i])
+                difference = said - x[i] - self.noise[i]
+                total[i] += np.sinh(difference)
         return total
 
     def push(self, time: float) -> np.ndarray:
-        return self.stress.disturbance * np.sin(self.stress.frequency * time + self.phase)
+        angle = self.stress.frequency * time + self.phase
+        return self.stress.disturbance * np.sin(angle)
 
     def continuous(self, x: np.ndarray, xi: np.ndarray, end: float) -> np.ndarray:
         """x at the end, from xihat = 0: SciPy from one meeting to the next."""
@@ -169,26 +181,31 @@ class ByHand:
         W = self.W
         spacing = self.stress.exchange
         due = [spacing * k for k in range(round(end / spacing))]
-        times = sorted({*due, *(failure.time for failure in self.stress.failures), end})
+        moments = {*due, *(failure.time for failure in self.stress.failures), end}
+        times = sorted(moments)
         arrays = [x, xi.ravel(), -np.outer(x, W).ravel()]
         y = np.concatenate(arrays)
 
         def known(y: np.ndarray) -> np.ndarray:
-            return y[9:].reshape(3, 2) + np.outer(y[:3] + self.noise, W)
+            injection = np.outer(y[:3] + self.noise, W)
+            return y[9:].reshape(3, 2) + injection
 
         def rate(time: float, y: np.ndarray) -> np.ndarray:
             xi = y[3:9].reshape(3, 2)
             xihat = known(y)
             felt = self.felt(y[:3], xihat @ C)
-            z = xihat @ (A - np.outer(W, C)).T - np.outer(felt, W)
+            error_matrix = (A - np.outer(W, C)).T
+            z = xihat @ error_matrix - np.outer(felt, W)
             x_dot = felt + xi @ C + self.push(time)
-            arrays = [x_dot, (xi @ A.T).ravel(), z.ravel()]
+            xi_dot = (xi @ A.T).ravel()
+            arrays = [x_dot, xi_dot, z.ravel()]
             return np.concatenate(arrays)
 
         exactly = {"method": "LSODA", "rtol": 1e-10, "atol": 1e-12, "max_step": 0.01}
         for begin, until in pairwise(times):
             self.meet(begin, y[:3], lambda y=y: known(y) @ C, due=begin in due)
-            y = solve_ivp(rate, (begin, until), y, **exactly).y[:, -1]
+            solution = solve_ivp(rate, (begin, until), y, **exactly)
+            y = solution.y[:, -1]
         return y[:3]
 
     def sampled(self, x: np.ndarray, xi: np.ndarray, end: float) -> np.ndarray:
@@ -203,7 +220,8 @@ class ByHand:
         F = A - np.outer(self.W, C)
 
         def integral(value) -> np.ndarray:
-            return sum(w * value(s) for s, w in zip(nodes, weights, strict=True))
+            pairs = zip(nodes, weights, strict=True)
+            return sum(w * value(s) for s, w in pairs)
 
         Cd = C @ integral(lambda s: expm(A * s)) / period
         L = integral(lambda s: expm(F * s)) @ self.W
@@ -235,11 +253,14 @@ class ByHand:
 def test_everything_at_once_is_what_a_loop_over_agents_gives(kind: str):
     """The oracle knows of the code only in which order random numbers are drawn."""
     stress = EVERYTHING if kind == "continuous" else SAMPLED["all at once"]
-    xi = np.array([[1.0, 0], [0, 1], [-1, 1]])
-    start = {"x": [[1], [-1], [0.5]], "xi": xi}
+    rows = [[1.0, 0], [0, 1], [-1, 1]]
+    xi = np.array(rows)
+    x = [[1], [-1], [0.5]]
+    start = {"x": x, "xi": xi}
     given = {"seed": 3, "t_final": 1.5, "samples": 4, "stress": stress}
     run = simulate(ByHand.problem(), start=start, **given)
-    wanted = getattr(ByHand(stress, 3), kind)(np.array([1, -1, 0.5]), xi, 1.5)
+    function = getattr(ByHand(stress, 3), kind)
+    wanted = function(np.array([1, -1, 0.5]), xi, 1.5)
     actual = run.x[-1, :, 0]
     np.testing.assert_allclose(actual, wanted, atol=1e-7)
 
@@ -253,7 +274,8 @@ def test_without_an_exosystem_only_the_push_is_a_disturbance():
 
 def test_runs_that_leave_the_floats_end_where_single_ones_do_and_the_others_go_on():
     """e' = e^3 - e: some starts escape, and noise only shakes them."""
-    network = dd.Network.from_arcs([[1, 2]], arrow="listens_to", agents=2)
+    arcs = [[1, 2]]
+    network = dd.Network.from_arcs(arcs, arrow="listens_to", agents=2)
     region = {"initial_states": [0, 2]}
     problem = dd.Problem(network=network, coupling="y - y**3", region=region)
     many = agree(problem, Stress(noise=0.01), runs=4, t_final=0.5, tolerance=1e-8)
@@ -269,8 +291,10 @@ def test_the_noise_of_a_thousand_runs_spreads_as_its_recursion_says():
     given = {"t_final": 1.0, "samples": 2, "stress": Stress(noise=0.3), "tolerance": 1e-6}
     many = simulate_many(problem, runs=1000, start=[[0]], **given)
     a = np.exp(-20 * 0.05)
-    spread = np.sqrt(np.square(many.error[:, -1]).mean())
-    assert spread == pytest.approx(0.3 * np.sqrt((1 - a) / (1 + a)), rel=0.1)
+    squares = np.square(many.error[:, -1])
+    spread = np.sqrt(squares.mean())
+    factor = np.sqrt((1 - a) / (1 + a))
+    assert spread == pytest.approx(0.3 * factor, rel=0.1)
 
 
 @pytest.mark.parametrize("runs", [None, 2])

@@ -33,7 +33,8 @@ def test_a_stress_that_never_binds_leaves_the_loop_as_it_is(name: str):
     problem = planar() if name == "planar" else dd.load_problem(name)
     gain = None
     if problem.observer.W is None:
-        gain = np.kron(np.eye(3), [[1.0], [0.2]])
+        column = [[1.0], [0.2]]
+        gain = np.kron(np.eye(3), column)
     given = {"t_final": 3, "samples": 31, "gain": gain, "tolerance": 1e-11}
     calm = simulate(problem, **given)
     stressed = simulate(problem, stress=Stress(saturation=1e9), **given)
@@ -47,7 +48,9 @@ def test_a_saturated_agent_falls_in_a_straight_line_until_its_input_is_small_eno
     limited = {"stress": Stress(saturation=1), "tolerance": 1e-10}
     run = simulate(single(), start=[[3]], t_final=5, samples=101, **limited)
     t = run.times
-    wanted = np.where(t <= 2.5, 3 - t, 0.5 * np.exp(-2 * np.maximum(0, t - 2.5)))
+    since = np.maximum(0, t - 2.5)
+    decay = np.exp(-2 * since)
+    wanted = np.where(t <= 2.5, 3 - t, 0.5 * decay)
     actual = run.x[:, 0, 0]
     np.testing.assert_allclose(actual, wanted, atol=1e-7)
     actual = run.u[:, 0, 0]
@@ -58,7 +61,8 @@ def test_the_discretised_observer_lies_in_its_exact_enclosure():
     """Ad - L Cd with L = W/10, against rational intervals from ball arithmetic."""
     problem = planar()
     W = np.array(problem.observer.W) / 10
-    exact = sampled_matrix(problem.exosystem, tuple(map(tuple, W)), Fraction(1, 4))
+    gain = tuple(map(tuple, W))
+    exact = sampled_matrix(problem.exosystem, gain, Fraction(1, 4))
     loop = make_closed_loop(problem, None)
     Ad = integral(loop.A, 0.25)[0]
     _, Cd, L = discretised(loop, 0.25, W.astype(float))
@@ -72,8 +76,10 @@ def test_between_samples_a_held_loop_follows_its_integral():
     stress = Stress(period=0.25, disturbance=0.3)
     run = simulate(dd.load_problem("paper-fixed"), t_final=0.5, samples=2001, stress=stress)
     inside = slice(1001, 1999)  # within the second period
-    speed = np.gradient(run.x[inside, 0, 0], run.times[inside])
-    rest = (speed - run.d[inside, 0, 0])[2:-2]
+    positions = run.x[inside, 0, 0]
+    speed = np.gradient(positions, run.times[inside])
+    free = speed - run.d[inside, 0, 0]
+    rest = free[2:-2]
     assert np.ptp(rest) < 1e-5
     found = np.ptp(run.u[inside, 0, 0])
     assert found == 0
@@ -87,8 +93,12 @@ def test_a_gain_for_the_sampled_observer_can_be_given():
     problem = single(exosystem=exosystem, observer=observer)
     stress = Stress(period=0.1, sampled_gain=[[1]])
     run = simulate(problem, t_final=1, samples=11, stress=stress)
-    np.testing.assert_allclose(run.dhat[1:], run.d[1:], atol=1e-12)
-    assert abs(run.dhat[0, 0, 0] - run.d[0, 0, 0]) == 1
+    estimates = run.dhat[1:]
+    disturbances = run.d[1:]
+    np.testing.assert_allclose(estimates, disturbances, atol=1e-12)
+    estimate = run.dhat[0, 0, 0]
+    disturbance = run.d[0, 0, 0]
+    assert abs(estimate - disturbance) == 1
     stress = Stress(period=0.1, sampled_gain=[[1, 2]])
     with pytest.raises(ShapeError, match=r"sampled_gain must have shape \(1, 1\)"):
         simulate(problem, stress=stress)
@@ -105,8 +115,11 @@ def test_links_that_stay_keep_what_was_heard_and_new_ones_hold_nothing():
     runs = StressedRuns(setting=setting, starts=starts, seeds=[0], switches=[switches])
     instants = np.array([0.0, 0.1])
     heard = Heard(runs, instants, keep=True)
-    heard.exchange(0, np.array([[[10.0]], [[20.0]], [[30.0]]]))
-    heard.tune(np.array([0]), np.array([1]))
+    sent = [[[10.0]], [[20.0]], [[30.0]]]
+    heard.exchange(0, np.array(sent))
+    agents = np.array([0])
+    factors = np.array([1])
+    heard.tune(agents, factors)
     second = heard.links[1]
     values = heard.values[heard.places[1]]
     assert second.listeners.tolist() == [2, 1]
@@ -114,7 +127,9 @@ def test_links_that_stay_keep_what_was_heard_and_new_ones_hold_nothing():
     new, stayed = values[:, 0, 0]
     assert stayed == 30
     assert np.isnan(new)
-    found = second.felt(np.zeros((3, 1, 1)), values).ravel().tolist()
+    zero = np.zeros((3, 1, 1))
+    answer = second.felt(zero, values)
+    found = answer.ravel().tolist()
     assert found == [0, 30, 0]
 
 
@@ -127,7 +142,10 @@ def test_a_vanished_agent_drifts_and_is_heard_by_nobody(period: float | None):
     problem = pair(gains={"2": 2}, exosystem=constant, observer=observer)
     failures = (Failure(agent="2", time=1.0),)
     stress = Stress(period=period, failures=failures)
-    start = {"x": [[4], [0]], "xi": [[0], [1]], "xihat": [[0], [1]]}
+    x = [[4], [0]]
+    xi = [[0], [1]]
+    xihat = [[0], [1]]
+    start = {"x": x, "xi": xi, "xihat": xihat}
     run = simulate(problem, start=start, t_final=3, samples=31, stress=stress)
     after = run.times >= 1
     wanted = np.where(after, run.times - 1, 0)
@@ -135,7 +153,8 @@ def test_a_vanished_agent_drifts_and_is_heard_by_nobody(period: float | None):
     np.testing.assert_allclose(actual, wanted, atol=5e-3 if period else 1e-7)
     found = np.ptp(run.x[after, 0, 0])
     assert found < 1e-7
-    assert run.x[10, 0, 0] == pytest.approx(4 * np.exp(-1), abs=1e-2 if period else 1e-6)
+    expected = 4 * np.exp(-1)
+    assert run.x[10, 0, 0] == pytest.approx(expected, abs=1e-2 if period else 1e-6)
     assert not run.u[after, 1].any()
 
 
@@ -152,7 +171,8 @@ def test_a_frozen_agent_keeps_its_input_and_what_others_hear_of_it():
     line = value - 2 * value * (run.times[late] - 1)
     actual = run.x[late, 1, 0]
     np.testing.assert_allclose(actual, line, atol=1e-7)
-    assert run.x[-1, 0, 0] == pytest.approx(value, abs=1e-6)
+    last = run.x[-1, 0, 0]
+    assert last == pytest.approx(value, abs=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -162,7 +182,8 @@ def test_moving_agents_can_be_stressed(stress: Stress):
     network = dd.Network.from_arcs({"G": []}, arrow="listens_to", agents=6)
     # the others hear of it
     problem = dd.Problem(network=network, coupling="y", target=[0, 0], gains={"1": 1})
-    start = np.random.default_rng(2).uniform(-1, 1, size=(6, 2))
+    rng = np.random.default_rng(2)
+    start = rng.uniform(-1, 1, size=(6, 2))
     signal = Mobile(radius=1.2, hysteresis=0.1)
     run = simulate(problem, signal=signal, start=start, t_final=4, stress=stress)
     assert len(run.switches) > 1
@@ -199,20 +220,21 @@ NAN = [[1], [float("nan")]]
 TWICE = (Failure(agent="1"), Failure(agent="1"))
 STRANGER = Stress(failures=Failure(agent="9"))
 
-WRONG = {}  # what is said -> a stress that cannot be
-WRONG["noise must be a number >= 0"] = lambda: Stress(noise=-1)
-WRONG["loss must be a prob"] = lambda: Stress(loss=1.5)
-WRONG["saturation must be a number > 0"] = lambda: Stress(saturation=0)
-WRONG["period must be"] = lambda: Stress(period=0)
-WRONG["exchange must be left out"] = lambda: Stress(period=1, exchange=0.5)
-WRONG["sampled_gain needs a period"] = lambda: Stress(sampled_gain=[[1]])
-WRONG["sampled_gain must be an array of numbers"] = lambda: Stress(period=1, sampled_gain=RAGGED)
-WRONG["sampled_gain must be finite; row 2, column 1"] = lambda: Stress(period=1, sampled_gain=NAN)
-WRONG["failure.kind must be one of"] = lambda: Failure(agent="1", kind="explode")
-WRONG["fails twice"] = lambda: Stress(failures=TWICE)
-WRONG["failures must be a list of Failure"] = lambda: Stress(failures=("1",))
-WRONG["no agent has this label"] = lambda: simulate(single(), stress=STRANGER)
-WRONG["samples are too many"] = lambda: simulate(single(), stress=Stress(period=1e-9))
+WRONG = {  # what is said -> a stress that cannot be
+    "noise must be a number >= 0": lambda: Stress(noise=-1),
+    "loss must be a prob": lambda: Stress(loss=1.5),
+    "saturation must be a number > 0": lambda: Stress(saturation=0),
+    "period must be": lambda: Stress(period=0),
+    "exchange must be left out": lambda: Stress(period=1, exchange=0.5),
+    "sampled_gain needs a period": lambda: Stress(sampled_gain=[[1]]),
+    "sampled_gain must be an array of numbers": lambda: Stress(period=1, sampled_gain=RAGGED),
+    "sampled_gain must be finite; row 2, column 1": lambda: Stress(period=1, sampled_gain=NAN),
+    "failure.kind must be one of": lambda: Failure(agent="1", kind="explode"),
+    "fails twice": lambda: Stress(failures=TWICE),
+    "failures must be a list of Failure": lambda: Stress(failures=("1",)),
+    "no agent has this label": lambda: simulate(single(), stress=STRANGER),
+    "samples are too many": lambda: simulate(single(), stress=Stress(period=1e-9)),
+}
 
 
 @pytest.mark.parametrize(("message", "make"), WRONG.items())
@@ -224,7 +246,8 @@ def test_a_wrong_stress_is_refused(make, message: str):
 def test_a_mode_that_switches_within_a_period_is_seen_at_the_next_sample():
     """Modes "on" and "off" alternate every 0.15 s: samples at 0, 0.1 and 0.3 find "on", that at 0.2
     finds "off"."""
-    modes = {"on": [[1, 2]], "off": [[2, 3]]}
+    off = [[2, 3]]
+    modes = {"on": [[1, 2]], "off": off}
     network = dd.Network.from_arcs(modes, arrow="listens_to")
     problem = dd.Problem(network=network, coupling="y")
     signal = Periodic(dwell=0.15)

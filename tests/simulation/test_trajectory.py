@@ -20,18 +20,20 @@ def made(errors, *, diverged: bool = False, times=None, name: str = "made") -> d
     them."""
     error = np.asarray(errors, dtype=float)
     goal = np.array([[1.0], [3.0]])
-    x = goal + np.stack([error, -error / 2], axis=1)[:, :, None]
+    components = [error, -error / 2]
+    x = goal + np.stack(components, axis=1)[:, :, None]
     shape = (len(error), 2, 0)
     nothing = np.zeros(shape)
     zero = np.zeros_like(x)
     times = np.arange(len(error)) if times is None else times
+    times_array = np.asarray(times, dtype=float)
     return dd.Trajectory(
         name=name,
         mode="G",
         labels=("a", "b"),
         t_final=10.0,
         seed=0,
-        times=np.asarray(times, dtype=float),
+        times=times_array,
         x=x,
         xi=nothing,
         xihat=nothing.copy(),
@@ -59,14 +61,15 @@ def test_the_error_is_the_largest_distance_from_a_goal_and_nothing_can_be_change
 
 
 RISING = [4, 0.1, 2, 0.4, 0.5, 0.2]
-SETTLED = []  # errors, tolerance, settling time
-SETTLED.append((RISING, 0.5, 3))
-SETTLED.append((RISING, 5, 0))
-SETTLED.append((RISING, 0.1, None))
-SETTLED.append(([1, np.nan], 2, None))
-SETTLED.append(([4, 0.05, 0.039, 0.03], None, 2))  # one percent of the start
-SETTLED.append(([4, 0.05], None, None))
-SETTLED.append(([0, 0], None, 0))
+SETTLED = [  # errors, tolerance, settling time
+    (RISING, 0.5, 3),
+    (RISING, 5, 0),
+    (RISING, 0.1, None),
+    ([1, np.nan], 2, None),
+    ([4, 0.05, 0.039, 0.03], None, 2),  # one percent of the start
+    ([4, 0.05], None, None),
+    ([0, 0], None, 0),
+]
 
 
 @pytest.mark.parametrize(("errors", "tolerance", "wanted"), SETTLED)
@@ -107,7 +110,9 @@ def switching() -> dd.Trajectory:
 
 @cache
 def mobile() -> dd.Trajectory:
-    network = dd.Network.from_arcs([["ä", "b c"]], arrow="listens_to", agents=["ä", "b c", "d"])
+    arcs = [["ä", "b c"]]
+    labels = ["ä", "b c", "d"]
+    network = dd.Network.from_arcs(arcs, arrow="listens_to", agents=labels)
     problem = dd.Problem(network=network, coupling="-y", target=[0, 1], name="Ω")
     signal = Mobile(radius=1, hysteresis=0.1)
     return simulate(problem, signal=signal, t_final=40, samples=11)
@@ -136,7 +141,9 @@ def same(one: dd.Trajectory, other: dd.Trajectory) -> None:
         assert getattr(one, name) == getattr(other, name), name
     assert one.switches.names == other.switches.names
     for name in ("times", "modes", "graphs"):
-        assert np.array_equal(getattr(one.switches, name), getattr(other.switches, name))
+        found = getattr(one.switches, name)
+        expected = getattr(other.switches, name)
+        assert np.array_equal(found, expected)
     assert str(one) == str(other)
 
 
@@ -154,11 +161,16 @@ def test_a_pandas_table_can_be_grouped_by_what_it_names():
     run = mobile()
     frame = run.to_pandas()
     assert frame.columns.names == ["quantity", "agent", "component"]
-    expected = [(agent, c) for agent in run.labels for c in (1, 2)]
+    expected = []
+    for agent in run.labels:
+        for c in (1, 2):
+            expected.append((agent, c))
     assert list(frame["x"].columns) == expected
     assert frame.index.tolist() == run.times.tolist()
     found = frame["x"].abs().max(axis=1).tolist()
-    assert found == np.abs(run.x).max(axis=(1, 2)).tolist()
+    sizes = np.abs(run.x)
+    wanted = sizes.max(axis=(1, 2))
+    assert found == wanted.tolist()
     found = frame["mode", "", 0].tolist()
     expected = [run.switches.names[k] for k in run.mode_index]
     assert found == expected
@@ -185,14 +197,15 @@ def test_files_are_not_overwritten_unless_asked_and_other_places_are_refused(tmp
 ELSE = np.array('{"format": "else"}')
 PICKLED = np.array([{"a": 1}], dtype=object)
 
-BROKEN = {}  # what is done to a file
-BROKEN["text"] = lambda path: path.write_text("words", encoding="utf-8")
-BROKEN["cut"] = lambda path: path.write_bytes(switching().save(path).read_bytes()[:-200])
-BROKEN["other arrays"] = lambda path: np.savez(path, x=np.zeros(3))
-BROKEN["other format"] = lambda path: np.savez(path, about=ELSE, times=np.zeros(2))
-BROKEN["pickle"] = lambda path: np.savez(path, about=PICKLED)
-BROKEN["empty"] = lambda path: path.write_bytes(b"")
-BROKEN["missing"] = lambda path: None
+BROKEN = {  # what is done to a file
+    "text": lambda path: path.write_text("words", encoding="utf-8"),
+    "cut": lambda path: path.write_bytes(switching().save(path).read_bytes()[:-200]),
+    "other arrays": lambda path: np.savez(path, x=np.zeros(3)),
+    "other format": lambda path: np.savez(path, about=ELSE, times=np.zeros(2)),
+    "pickle": lambda path: np.savez(path, about=PICKLED),
+    "empty": lambda path: path.write_bytes(b""),
+    "missing": lambda path: None,
+}
 
 
 @pytest.mark.parametrize("kind", BROKEN)
@@ -207,7 +220,8 @@ def problem(**settings) -> dd.Problem:
     arcs = [[1, 2], [2, 3]]
     network = dd.Network.from_arcs(arcs, arrow="listens_to")
     C = [[1, 0, 0], [0, 0, 1]]
-    exosystem = dd.Exosystem(A=[[0, 1, 0], [-1, 0, 0], [0, 0, 0]], C=C)
+    A = [[0, 1, 0], [-1, 0, 0], [0, 0, 0]]
+    exosystem = dd.Exosystem(A=A, C=C)
     W = [[1, 0], [0, 0], [0, 1]]
     observer = dd.Observer(W=W)
     return dd.Problem(
@@ -229,11 +243,14 @@ def drawn(given=None, seed: int = 0, **settings):
 def test_the_disturbance_of_a_region_is_drawn_in_its_ball_and_fills_it():
     """region.initial_disturbance bounds |xi_i(0) - xihat_i(0)|, and xihat starts at 0."""
     region = {"initial_states": [0, 5], "initial_disturbance": "1/2"}
-    starts = [drawn(seed=seed, region=region).xi for seed in range(120)]
+    starts = []
+    for seed in range(120):
+        starts.append(drawn(seed=seed, region=region).xi)
     lengths = np.linalg.norm(starts, axis=2)
     assert lengths.max() <= 0.5
     assert lengths.max() > 0.48
-    assert np.mean(lengths < 0.25) == pytest.approx(1 / 8, abs=0.06)  # the volume of the inner ball
+    share = np.mean(lengths < 0.25)
+    assert share == pytest.approx(1 / 8, abs=0.06)  # the volume of the inner ball
 
 
 def test_a_given_initial_disturbance_wins_over_the_region():
@@ -249,11 +266,17 @@ def test_parts_of_a_start_can_be_given_and_read_from_csv(tmp_path):
     assert drawn(x).x.tolist() == x
     found = drawn([7, 8]).x.tolist()
     assert found == [[7, 8]] * 3
-    found = drawn({"xihat": [1, 0, 0]}).xihat.tolist()
+    given = {"xihat": [1, 0, 0]}
+    found = drawn(given).xihat.tolist()
     assert found == [[1, 0, 0]] * 3
-    found = drawn({"xi": np.ones((3, 3)), "x": x}).xi.tolist()
+    ones = np.ones((3, 3))
+    start_given = {"xi": ones, "x": x}
+    found = drawn(start_given).xi.tolist()
     assert found == [[1, 1, 1]] * 3
-    assert np.array_equal(drawn({"xi": [1, 1, 1]}, seed=4).x, drawn(seed=4).x)
+    ones_given = {"xi": [1, 1, 1]}
+    found_start = drawn(ones_given, seed=4)
+    usual = drawn(seed=4).x
+    assert np.array_equal(found_start.x, usual)
     path = tmp_path / "x.csv"
     path.write_text("1,2\n3,4\n\n5.5,-6e0\n", encoding="utf-8")
     found = drawn(path).x.tolist()
@@ -270,19 +293,24 @@ def test_a_run_goes_on_where_a_saved_one_stopped(tmp_path):
     first = simulate(problem(), t_final=2, tolerance=1e-11)
     half = first.save(tmp_path / "half.npz")
     second = simulate(problem(), t_final=2, tolerance=1e-11, start=half)
-    np.testing.assert_allclose(second.x[-1], whole.x[-1], atol=1e-9)
-    np.testing.assert_allclose(second.xihat[-1], whole.xihat[-1], atol=1e-9)
+    found_x = second.x[-1]
+    wanted_x = whole.x[-1]
+    np.testing.assert_allclose(found_x, wanted_x, atol=1e-9)
+    found_xihat = second.xihat[-1]
+    wanted_xihat = whole.xihat[-1]
+    np.testing.assert_allclose(found_xihat, wanted_xihat, atol=1e-9)
 
 
-WRONG_STARTS = {}  # what is said -> a start that cannot be
-WRONG_STARTS[r"start\.x must have shape \(3, 2\)"] = [[1, 2]]
-WRONG_STARTS["row 3, column 2 is nan"] = [[1, 2], [3, 4], [5, float("nan")]]
-WRONG_STARTS[r"start\.xi must have shape"] = {"xi": [[1, 2, 3]] * 2}
-WRONG_STARTS["unknown part 'y'"] = {"y": 1}
-WRONG_STARTS["must be an array of numbers"] = {"x": [["a", "b"]] * 3}
-WRONG_STARTS["must be finite"] = [1, float("inf")]
-WRONG_STARTS["must be"] = {"xihat": [1, None, 3]}
-WRONG_STARTS["there is no file"] = "missing.csv"
+WRONG_STARTS = {  # what is said -> a start that cannot be
+    r"start\.x must have shape \(3, 2\)": [[1, 2]],
+    "row 3, column 2 is nan": [[1, 2], [3, 4], [5, float("nan")]],
+    r"start\.xi must have shape": {"xi": [[1, 2, 3]] * 2},
+    "unknown part 'y'": {"y": 1},
+    "must be an array of numbers": {"x": [["a", "b"]] * 3},
+    "must be finite": [1, float("inf")],
+    "must be": {"xihat": [1, None, 3]},
+    "there is no file": "missing.csv",
+}
 
 
 @pytest.mark.parametrize(("message", "given"), WRONG_STARTS.items())
@@ -314,29 +342,32 @@ def saying(**facts):
     """Other facts."""
 
     def made(arrays) -> None:
-        arrays["about"] = np.array(json.dumps(json.loads(str(arrays["about"])) | facts))
+        text = str(arrays["about"])
+        about = json.loads(text) | facts
+        arrays["about"] = np.array(json.dumps(about))
 
     return made
 
 
-UNFIT = []  # what is changed in a file, and what is said
-UNFIT.append((without("u"), "it has no array u"))
-UNFIT.append((with_array("x", np.zeros((1, 2))), "samples of agents"))
-UNFIT.append((with_array("goal", np.zeros((2, 9))), "shapes of goal do not fit"))
-UNFIT.append((with_array("switch_times", np.array([np.nan])), "shapes of switch_modes"))
-UNFIT.append((with_array("times", lambda t: t * np.nan), "not finite"))
-UNFIT.append((with_array("times", np.flip), "do not increase"))
-UNFIT.append((with_array("switch_modes", lambda s: s + 9), "no such mode"))
-UNFIT.append((with_array("switch_modes", lambda s: s - 1), "no such mode"))
-UNFIT.append((with_array("switch_modes", lambda s: s * 1.0), "another kind"))
-UNFIT.append((with_array("x", lambda x: x.astype("U8")), "x must be numbers"))
-UNFIT.append((with_array("graph_sizes", np.array([5])), "graphs are not"))
-UNFIT.append((saying(labels=["1", "1"]), "different agents"))
-UNFIT.append((saying(labels="12"), "must be lists"))
-UNFIT.append((saying(name="a\x1b[2Jb"), "control characters"))
-UNFIT.append((saying(t_final=float("inf")), "t_final is no float"))
-UNFIT.append((saying(seed=True), "seed is no int"))
-UNFIT.append((saying(version=2), "version 1"))
+UNFIT = [  # what is changed in a file, and what is said
+    (without("u"), "it has no array u"),
+    (with_array("x", np.zeros((1, 2))), "samples of agents"),
+    (with_array("goal", np.zeros((2, 9))), "shapes of goal do not fit"),
+    (with_array("switch_times", np.array([np.nan])), "shapes of switch_modes"),
+    (with_array("times", lambda t: t * np.nan), "not finite"),
+    (with_array("times", np.flip), "do not increase"),
+    (with_array("switch_modes", lambda s: s + 9), "no such mode"),
+    (with_array("switch_modes", lambda s: s - 1), "no such mode"),
+    (with_array("switch_modes", lambda s: s * 1.0), "another kind"),
+    (with_array("x", lambda x: x.astype("U8")), "x must be numbers"),
+    (with_array("graph_sizes", np.array([5])), "graphs are not"),
+    (saying(labels=["1", "1"]), "different agents"),
+    (saying(labels="12"), "must be lists"),
+    (saying(name="a\x1b[2Jb"), "control characters"),
+    (saying(t_final=float("inf")), "t_final is no float"),
+    (saying(seed=True), "seed is no int"),
+    (saying(version=2), "version 1"),
+]
 
 
 @pytest.mark.parametrize(("change", "message"), UNFIT)

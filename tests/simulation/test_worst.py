@@ -22,7 +22,8 @@ def paper(**changes: object) -> dd.Problem:
 
 
 def pair(**changes: object) -> dd.Problem:
-    network = dd.Network.from_arcs([[2, 1]], arrow="listens_to", agents=2)
+    arcs = [[2, 1]]
+    network = dd.Network.from_arcs(arcs, arrow="listens_to", agents=2)
     return dd.Problem(network=network, coupling="y", gains={1: 1}, **changes)
 
 
@@ -37,7 +38,8 @@ def largest(agent: int) -> float:
     C = np.array([[1, 0]])
     W = np.array([[3.2], [2.4]])
     M = np.zeros((30, 30))
-    M[:10, :10] = 2 * (ring - own) - np.diag(pulls)
+    coupled = 2 * (ring - own)
+    M[:10, :10] = coupled - np.diag(pulls)
     M[:10, 10:] = np.kron(own, C)
     M[10:, 10:] = np.kron(own, A - W @ C)
     blocks = [own, -np.kron(own, W)]
@@ -57,8 +59,10 @@ def test_the_worst_run_attains_what_the_linear_loop_allows_and_none_exceeds_the_
     start = np.ones((10, 1))
     run = dd.simulate(paper(), stress="worst", start=start, **given)
     reached = np.abs(run.x - 1)[:, :, 0]
-    assert (reached.max(axis=0) <= BOUND * np.array(SHARES)).all()
-    assert 0.97 * largest(agent) < reached[-1, agent] < 1.01 * largest(agent)
+    largest_reached = reached.max(axis=0)
+    assert (largest_reached <= BOUND * np.array(SHARES)).all()
+    last = reached[-1, agent]
+    assert 0.97 * largest(agent) < last < 1.01 * largest(agent)
 
 
 def test_without_an_observer_the_worst_case_of_a_positive_loop_is_attained():
@@ -66,7 +70,8 @@ def test_without_an_observer_the_worst_case_of_a_positive_loop_is_attained():
     problem = pair(uncertainty={"disturbance": "0.1"})
     start = {"x": [[0], [0]]}
     run = dd.simulate(problem, stress="worst", start=start, t_final=30, samples=31)
-    assert run.x[-1, :, 0] == pytest.approx([0.1, 0.2], abs=1e-6)
+    last = run.x[-1, :, 0]
+    assert last == pytest.approx([0.1, 0.2], abs=1e-6)
     assert "switched to be as bad as it can be" in " ".join(run.notes)
 
 
@@ -76,7 +81,9 @@ def test_runs_of_an_ensemble_are_the_single_ones(monkeypatch: pytest.MonkeyPatch
     given = {"stress": "worst", "t_final": 2, "samples": 9, "tolerance": 1e-6}
     many = dd.simulate(problem, runs=2, seed=5, **given)
     one = dd.simulate(problem, seed=6, **given)
-    assert many.error[1] == pytest.approx(np.abs(one.x).max(axis=(1, 2)), rel=1e-6)
+    sizes = np.abs(one.x)
+    wanted = sizes.max(axis=(1, 2))
+    assert many.error[1] == pytest.approx(wanted, rel=1e-6)
 
 
 def test_the_run_is_that_of_another_integrator():
@@ -86,21 +93,27 @@ def test_the_run_is_that_of_another_integrator():
     run = dd.simulate(problem, stress="worst", start=start, t_final=3, samples=7)
 
     def slope(time: float, e: np.ndarray) -> list[float]:
-        return [np.clip(-e[0], -0.05, 0.05) + 0.1, e[0] - e[1] + 0.1]
+        first = np.clip(-e[0], -0.05, 0.05) + 0.1
+        second = e[0] - e[1] + 0.1
+        return [first, second]
 
     other = solve_ivp(slope, (0, 3), [1, -1], t_eval=run.times, rtol=1e-9, atol=1e-11)
-    assert run.x[:, :, 0] == pytest.approx(other.y.T, abs=1e-5)
+    found = run.x[:, :, 0]
+    assert found == pytest.approx(other.y.T, abs=1e-5)
 
 
 def test_signs_of_a_run_are_those_of_the_impulse_response_reversed():
     """The response of the observer's error turns: d = w + C eps rings at 2 rad/s."""
-    setting = make_setting(paper(), gain=dd.load_problem("paper-fixed").observer.W, t_final=10.0)
+    gain = dd.load_problem("paper-fixed").observer.W
+    setting = make_setting(paper(), gain=gain, t_final=10.0)
     signs = worst_signs(paper(), setting.loop, horizon=10.0, seeds=[0], observed=True)
     assert signs.values.shape == (STEPS, 10, 1, 1)
     own = signs.values[:, 0, 0, 0]
     assert own[-1] == 1
     assert 1 < np.count_nonzero(np.diff(own)) < 20
-    assert signs.integral(0, 10)[0, 0, 0] == pytest.approx(own.sum() * 10 / STEPS)
+    integral = signs.integral(0, 10)[0, 0, 0]
+    expected = own.sum() * 10 / STEPS
+    assert integral == pytest.approx(expected)
 
 
 def links(modes: dict[str, list[list[int]]], n: int, **turns: object) -> dd.Problem:
@@ -115,13 +128,18 @@ def test_the_slowest_signal_of_three_agents_is_the_one_on_paper():
     modes = {"A": [[3, 2]], "B": [[2, 1]]}
     problem = links(modes, 3, longest=2)
     assert sorted(worst_signal(problem).dwell) == [1, 2]
-    given = {"start": {"x": [[1], [1], [1]]}, "t_final": 36, "samples": 13}
+    start = {"x": [[1], [1], [1]]}
+    given = {"start": start, "t_final": 36, "samples": 13}
     run = dd.simulate(problem, stress="worst", **given)
     assert run.stress == ""
     assert "keep the guarantee" in run.notes[0]
-    assert run.error()[-1] / run.error()[-5] == pytest.approx(np.exp(-12 / 3), rel=1e-3)
+    last = run.error()[-1]
+    before = run.error()[-5]
+    factor = last / before
+    assert factor == pytest.approx(np.exp(-12 / 3), rel=1e-3)
     for seed in range(3):
-        assert run.final_error > 3 * dd.simulate(problem, seed=seed, **given).final_error
+        usual = dd.simulate(problem, seed=seed, **given)
+        assert run.final_error > 3 * usual.final_error
 
 
 def test_without_a_longest_time_it_stays_in_the_slowest_mode():

@@ -24,7 +24,8 @@ def programs(shape: str) -> list[tuple[Inequalities, np.ndarray]]:
     problem = random_problem(3, coupling="y + y**3/10")
     gains = sample_gains(loop_of(problem), 0.5)
     templates = make_templates(loop_of(problem))
-    loop = float_system(templates, gains, radius=0.5, S=np.array([[0.3]]), rate=0.01)
+    S = np.array([[0.3]])
+    loop = float_system(templates, gains, radius=0.5, S=S, rate=0.01)
     basis = make_basis(loop.size, shape)
     plain = centring(loop, basis)
     shifted = centring(loop, basis, shift=True)
@@ -33,7 +34,10 @@ def programs(shape: str) -> list[tuple[Inequalities, np.ndarray]]:
     t = [0.3] * loop.multipliers
     # theta makes the first two feasible whatever the numbers are; the third is checked where it
     # happens to be.
-    tails = [(plain, [0.02]), (shifted, [0.02, 5.0]), (wide, [0.02, 0.01, 0.001, 0.9])]
+    by_plain = (plain, [0.02])
+    by_shifted = (shifted, [0.02, 5.0])
+    by_wide = (wide, [0.02, 0.01, 0.001, 0.9])
+    tails = [by_plain, by_shifted, by_wide]
     found = []
     for program, tail in tails:
         point = program.join(Y, [*t, *tail])
@@ -52,12 +56,16 @@ def test_gradient_and_hessian_are_the_differences_of_the_barrier(shape):
         slopes = []
         curves = []
         for e in step:
-            slopes.append((program.barrier(point + e) - program.barrier(point - e)) / 2e-6)
+            ahead = program.barrier(point + e)
+            change = ahead - program.barrier(point - e)
+            slopes.append(change / 2e-6)
             after = program.derivatives(point + e)[0]
             before = program.derivatives(point - e)[0]
             curves.append((after - before) / 2e-6)
-        assert np.allclose(gradient, slopes, atol=1e-6 * np.max(np.abs(gradient)))
-        assert np.allclose(hessian, curves, atol=1e-6 * np.max(np.abs(hessian)))
+        allowed_gradient = 1e-6 * np.max(np.abs(gradient))
+        assert np.allclose(gradient, slopes, atol=allowed_gradient)
+        allowed_hessian = 1e-6 * np.max(np.abs(hessian))
+        assert np.allclose(hessian, curves, atol=allowed_hessian)
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -67,8 +75,12 @@ def test_the_centre_of_a_box_of_matrices_is_its_middle(shape):
     below = Block(constant=np.eye(3), plain=-1.0)
     above = Block(constant=np.zeros((3, 3)), plain=1.0)
     program = Inequalities(basis=basis, blocks=(below, above), count=0)
-    found = centre(program, program.join(0.1 * np.eye(3), []))
-    assert np.allclose(program.split(found)[0], np.eye(3) / 2, atol=1e-2)
+    start_matrix = 0.1 * np.eye(3)
+    start = program.join(start_matrix, [])
+    found = centre(program, start)
+    centre_found = program.split(found)[0]
+    half = np.eye(3) / 2
+    assert np.allclose(centre_found, half, atol=1e-2)
 
 
 def test_the_smallest_trace_above_a_matrix_is_its_own():
@@ -78,14 +90,18 @@ def test_the_smallest_trace_above_a_matrix_is_its_own():
     block = Block(constant=-M, plain=1.0)
     program = Inequalities(basis=basis, blocks=(block,), count=0)
     cost = basis.traces(np.eye(2))
-    found = minimise(program, program.join(9 * np.eye(2), []), cost, accuracy=1e-7)
+    start_matrix = 9 * np.eye(2)
+    start = program.join(start_matrix, [])
+    found = minimise(program, start, cost, accuracy=1e-7)
     assert np.allclose(program.split(found)[0], M, atol=1e-5)
 
 
 def test_hopeless_programs_are_left_early():
     """The smallest theta with theta I > M is 3; whoever needs it below 1 can stop."""
     basis = make_basis(1, "full")
-    block = Block(constant=-np.diag([1.0, 3.0]), dense={0: np.eye(2)})
+    constant = -np.diag([1.0, 3.0])
+    dense = {0: np.eye(2)}
+    block = Block(constant=constant, dense=dense)
     program = Inequalities(basis=basis, blocks=(block,), count=1)
     start = np.array([0.0, 50.0])
     cost = np.array([0.0, 1.0])
@@ -99,8 +115,13 @@ def test_a_lyapunov_equation_lies_inside_without_channels():
     """Linear couplings: the program is A Y + Y A' < 0, which the Lyapunov equation solves."""
     problem = cycle(4, {1: 2}, coupling="2*y")
     gains = sample_gains(loop_of(problem), 1.0)
-    loop = float_system(make_templates(loop_of(problem)), gains, radius=None, S=None, rate=0.0)
+    templates = make_templates(loop_of(problem))
+    loop = float_system(templates, gains, radius=None, S=None, rate=0.0)
     program = centring(loop, make_basis(4, "full"))
-    Y = linalg.solve_continuous_lyapunov(loop.modes[0].A, -np.eye(4))
-    assert program.holds(program.join(Y / (2 * np.linalg.norm(Y, 2)), []))
+    A = loop.modes[0].A
+    right = -np.eye(4)
+    Y = linalg.solve_continuous_lyapunov(A, right)
+    size = np.linalg.norm(Y, 2)
+    start = Y / (2 * size)
+    assert program.holds(program.join(start, []))
     assert not program.holds(program.join(-Y, []))

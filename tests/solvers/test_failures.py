@@ -88,11 +88,8 @@ RING = [[1, 2], [2, 3], [3, 1]]
 def printed(modes: dict[str, list[list[int]]]) -> dd.Problem:
     """Three agents with the paper's coupling and its observer, P and Q."""
     network = dd.Network.from_arcs(modes, arrow="listens_to", agents=3)
-    given = {
-        "gains": {1: 5},
-        "exosystem": HARMONIC,
-        "observer": dd.load_problem("paper-switching").observer,
-    }
+    observer = dd.load_problem("paper-switching").observer
+    given = {"gains": {1: 5}, "exosystem": HARMONIC, "observer": observer}
     return dd.Problem(network=network, coupling="exp(y) - 1 + y", **given)
 
 
@@ -133,9 +130,12 @@ FEW = ("raises", "zeros", "huge")
 def test_certify_proves_without_its_solvers(monkeypatch, name, cycle):
     """The last rung is an exact Lyapunov equation, scaled up: no solver is needed for a proof."""
     monkeypatch.setattr(clarabel, "DefaultSolver", Failing((OUTCOMES | LIES)[name]))
+    one_mode = printed({"a": RING})
+    reversed_ring = [arc[::-1] for arc in RING]
+    two_modes = printed({"a": RING, "b": reversed_ring})
     for problem in (
-        printed({"a": RING}),
-        printed({"a": RING, "b": [arc[::-1] for arc in RING]}),
+        one_mode,
+        two_modes,
         cycle(4),
     ):
         decided(problem)
@@ -154,8 +154,10 @@ def test_certify_proves_without_eigenvalues(monkeypatch, cycle):
 
 def test_a_problem_beyond_the_floats_is_still_decided(harmonic):
     """Weights of 1e399 and 1e-399: every estimate fails, the exact side does not."""
-    network = dd.Network.from_arcs([[1, 2, "1e399"], [2, 1, "1e399"]], arrow="listens_to", agents=2)
-    held = dd.Problem(network=network, coupling="y", gains={1: "1e-399", 2: 1}, exosystem=harmonic)
+    arcs = [[1, 2, "1e399"], [2, 1, "1e399"]]
+    network = dd.Network.from_arcs(arcs, arrow="listens_to", agents=2)
+    gains = {1: "1e-399", 2: 1}
+    held = dd.Problem(network=network, coupling="y", gains=gains, exosystem=harmonic)
     certificate = dd.certify(held)
     assert certificate.check("lemma1").verdict is Verdict.PROVED
     assert dd.verify(certificate, held).holds
@@ -167,7 +169,9 @@ def test_a_problem_beyond_the_floats_is_still_decided(harmonic):
 def test_pairs_are_proposed_for_any_estimate(harmonic, bound):
     """Estimates only steer: whatever they are, the ladder ends with pairs whose Omega0 is
     negative."""
-    W = ((Fraction(16, 5),), (Fraction(12, 5),))
+    first = (Fraction(16, 5),)
+    second = (Fraction(12, 5),)
+    W = (first, second)
     pairs = list(propose_pairs(harmonic, W, bound=bound, decay=1.6))
     assert len(pairs) >= len(propose.LADDER)
 
@@ -239,8 +243,12 @@ def test_the_time_limit_reaches_the_solver(harmonic, monkeypatch):
     monkeypatch.setattr(conic, "TIME_LIMIT", 1e-12)
     found = propose.design_gain(harmonic)
     assert found.W is not None
-    W = ((Fraction(16, 5),), (Fraction(12, 5),))
-    assert "Lyapunov" in list(propose_pairs(harmonic, W, bound=-0.5, decay=1.6))[-1][2]
+    first = (Fraction(16, 5),)
+    second = (Fraction(12, 5),)
+    W = (first, second)
+    proposals = propose_pairs(harmonic, W, bound=-0.5, decay=1.6)
+    last = list(proposals)[-1]
+    assert "Lyapunov" in last[2]
 
 
 def test_when_every_rung_fails_the_answer_is_undecided_and_says_why(
@@ -257,14 +265,14 @@ def test_when_every_rung_fails_the_answer_is_undecided_and_says_why(
 
 def test_a_pair_that_nobody_finds_leaves_the_theorem_undecided(without_solvers, monkeypatch, cycle):
     monkeypatch.setattr(propose, "solve_lyapunov", lambda F, N: None)
-    problem = cycle(2).replace(
-        observer=PRINTED, region={"initial_states": [-1, 1], "initial_disturbance": 0}
-    )
+    region = {"initial_states": [-1, 1], "initial_disturbance": 0}
+    problem = cycle(2).replace(observer=PRINTED, region=region)
     certificate = dd.certify(problem)
     assert certificate.check("lemma1").verdict is Verdict.PROVED
     assert certificate.check("theorem1").verdict is Verdict.UNDECIDED
     assert "no pair (P, Q) was found" in certificate.check("theorem1").reason
-    assert (certificate.verdict, certificate.claims.covered_by) == (Verdict.PROVED, "max-separable")
+    assert certificate.verdict is Verdict.PROVED
+    assert certificate.claims.covered_by == "max-separable"
     local = dd.certify(without_region(problem))  # the weighted theorem proposes its P itself
     assert local.check("theorem1").verdict is Verdict.UNDECIDED
     assert local.claims.covered_by == "theorem1-weighted"
@@ -293,7 +301,8 @@ def test_eigenvalue_solvers_that_break_change_no_verdict(monkeypatch, name, cycl
     def broken_pair(*arguments: object, **options: object) -> object:
         return broken(), np.ones((3, 1))
 
-    problem, free = cycle(2), cycle(2, pins={})
+    problem = cycle(2)
+    free = cycle(2, pins={})
     monkeypatch.setattr(np.linalg, "eigvals", broken)
     monkeypatch.setattr(np.linalg, "eigvalsh", broken)
     monkeypatch.setattr(estimates.linalg, "eigh", broken_pair)
@@ -302,7 +311,9 @@ def test_eigenvalue_solvers_that_break_change_no_verdict(monkeypatch, name, cycl
 
 
 def test_a_singular_p_is_passed_over_and_no_gain_at_all_is_said_in_words(monkeypatch, harmonic):
-    values = {"P": np.zeros((2, 2)), "Q": np.ones((2, 1))}
+    P = np.zeros((2, 2))
+    Q = np.ones((2, 1))
+    values = {"P": P, "Q": Q}
     singular = Solution(status="Solved", objective=0.0, values=values)
     monkeypatch.setattr(conic, "solve_directly", lambda program, **options: singular)
     assert propose.design_gain(harmonic).W is not None

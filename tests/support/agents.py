@@ -26,7 +26,8 @@ def double_integrators() -> dd.Problem:
     given["exosystem"] = dd.Exosystem(**SINE, C=[[1, 0]])
     given["observer"] = dd.Observer(W=[["16/5"], ["12/5"]])
     given["simulation"] = {"t_final": 6, "xi0": ["0.4", "0.3"]}
-    return dd.Problem(coupling="y1 + 2*y2", target=[1, 0], gains={"a": 2, "b": 1}, **given)
+    gains = {"a": 2, "b": 1}
+    return dd.Problem(coupling="y1 + 2*y2", target=[1, 0], gains=gains, **given)
 
 
 def three_states() -> dd.Problem:
@@ -34,18 +35,25 @@ def three_states() -> dd.Problem:
     acts on x."""
     A = [[0, 1, 0], [-1, "-1/2", "1/4"], [0, "1/2", -1]]
     given: dict[str, Any] = {"name": "plants", "network": RING}
-    given["dynamics"] = Dynamics(A=A, B=[[0, 0], [2, 0], [1, 1]])
+    B = [[0, 0], [2, 0], [1, 1]]
+    given["dynamics"] = Dynamics(A=A, B=B)
     given["coupling"] = ["tanh(y1 + y2)", "y3 + y2*y3**2"]
-    given["gains"] = {"a": [[1, 2, 0], [0, 0, 1]]}
-    given["exosystem"] = dd.Exosystem(**SINE, C=[[1, 0], ["1/2", 1]])
-    given["observer"] = dd.Observer(W=[[0, 1, "1/2"], ["1/3", 0, 2]])
+    gain = [[1, 2, 0], [0, 0, 1]]
+    given["gains"] = {"a": gain}
+    C = [[1, 0], ["1/2", 1]]
+    given["exosystem"] = dd.Exosystem(**SINE, C=C)
+    W = [[0, 1, "1/2"], ["1/3", 0, 2]]
+    given["observer"] = dd.Observer(W=W)
     given["simulation"] = {"t_final": 4}
-    return dd.Problem(target=[1, 0, 2], offsets={"c": [1, 0, 1]}, **given)
+    target = [1, 0, 2]
+    offsets = {"c": [1, 0, 1]}
+    return dd.Problem(target=target, offsets=offsets, **given)
 
 
 def pendulums() -> dd.Problem:
     """p'' = -p^3 - p'/2 + u + d: f in place of A, which u0 balances at the target."""
-    nodes = Dynamics(f=["x2", "-x1**3 - x2/2"], B=[[0], [1]])
+    B = [[0], [1]]
+    nodes = Dynamics(f=["x2", "-x1**3 - x2/2"], B=B)
     return double_integrators().replace(name="pendulums", dynamics=nodes, gains={"a": 3})
 
 
@@ -55,25 +63,34 @@ def resonators() -> dd.Problem:
     smooth = "exp(x1)*cos(x2) + cosh(x1) - 2/(1 + x2**2) + x1*atan(x2) + x1**2*asinh(x2)"
     smooth += " + sqrt(1 + x1**2) - 1"
     pull = f"-2*sin(x1) - x2 - log(1 + x1**2)*sinh(x2) - ({smooth})/4"
-    nodes = Dynamics(f=["x2 - tanh(x1)/2", pull], B=[[1], [2]])
-    other = {"target": [0, 0], "observer": dd.Observer(W=[[0, "8/5"], [1, "1/5"]])}
+    B = [[1], [2]]
+    nodes = Dynamics(f=["x2 - tanh(x1)/2", pull], B=B)
+    W = [[0, "8/5"], [1, "1/5"]]
+    observer = dd.Observer(W=W)
+    other = {"target": [0, 0], "observer": observer}
     return pendulums().replace(name="resonators", dynamics=nodes, **other)
 
 
 def felt(problem: dd.Problem, e: Any) -> Any:
     """The couplings of all agents, (n, p), for e (n, m); the problems above, by hand."""
     arcs = {0: 1, 1: 2, 2: 0}  # a hears b, b hears c, c hears a
-    y = np.array([e[arcs[i]] - e[i] for i in range(3)])
+    differences = [e[arcs[i]] - e[i] for i in range(3)]
+    y = np.array(differences)
     if problem.name != "plants":
         return y[:, [0]] + 2 * y[:, [1]]
-    return np.stack([np.tanh(y[:, 0] + y[:, 1]), y[:, 2] + y[:, 1] * y[:, 2] ** 2], axis=1)
+    first = np.tanh(y[:, 0] + y[:, 1])
+    product = y[:, 1] * y[:, 2] ** 2
+    second = y[:, 2] + product
+    return np.stack([first, second], axis=1)
 
 
 def matrices(problem: dd.Problem) -> dict[str, Any]:
     """A, B, B+, the exosystem's S and C, W on x (q, m), gains (n, p, m), goals (n, m) and u0 (n,
     p)."""
 
-    slopes = {"pendulums": [[0, 1], [-3, "-0.5"]], "resonators": [["-0.5", 1], ["-2.25", -1]]}
+    pendulum = [[0, 1], [-3, "-0.5"]]
+    resonator = [["-0.5", 1], ["-2.25", -1]]
+    slopes = {"pendulums": pendulum, "resonators": resonator}
     found: dict[str, Any] = {}
     found["A"] = A = floats(problem.dynamics.A or slopes[problem.name])
     found["B"] = B = floats(problem.dynamics.B)
@@ -81,13 +98,17 @@ def matrices(problem: dd.Problem) -> dict[str, Any]:
     found["S"] = floats(problem.exosystem.A)
     found["C"] = floats(problem.exosystem.C)
     W = floats(problem.observer.W)
-    found["W"] = W @ left if W.shape[1] == B.shape[1] else W
-    found["K"] = K = np.zeros((problem.n, B.shape[1], len(A)))
+    of_states = W.shape[1] == B.shape[1]
+    found["W"] = W @ left if of_states else W
+    shape = (problem.n, B.shape[1], len(A))
+    found["K"] = K = np.zeros(shape)
     for i, gain in problem.pinning.gains.items():
         K[i] = floats(gain)
-    found["goals"] = goals = floats([problem.goal_of(i) for i in range(problem.n)])
+    goal_rows = [problem.goal_of(i) for i in range(problem.n)]
+    found["goals"] = goals = floats(goal_rows)
     own = drift(problem)
-    found["u0"] = np.array([np.linalg.lstsq(B, -own(goal), rcond=None)[0] for goal in goals])
+    inputs = [np.linalg.lstsq(B, -own(goal), rcond=None)[0] for goal in goals]
+    found["u0"] = np.array(inputs)
     return found
 
 
@@ -105,11 +126,19 @@ def resonance(x: Any) -> Any:
     """f of ``resonators``."""
     a = x[..., 0]
     b = x[..., 1]
-    smooth = np.exp(a) * np.cos(b) + np.cosh(a) - 2 / (1 + b**2)
-    smooth = smooth + a * np.arctan(b) + a**2 * np.arcsinh(b)
+    wave = np.exp(a) * np.cos(b)
+    parts = wave + np.cosh(a)
+    smooth = parts - 2 / (1 + b**2)
+    first_part = smooth + a * np.arctan(b)
+    second_part = a**2 * np.arcsinh(b)
+    smooth = first_part + second_part
     smooth = smooth + np.sqrt(1 + a**2) - 1
-    pull = -2 * np.sin(a) - b - np.log1p(a**2) * np.sinh(b) - smooth / 4
-    return np.stack([b - np.tanh(a) / 2, pull], axis=-1)
+    spring = -2 * np.sin(a) - b
+    friction = np.log1p(a**2) * np.sinh(b)
+    pull = spring - friction - smooth / 4
+    velocity = np.tanh(a) / 2
+    slope = [b - velocity, pull]
+    return np.stack(slope, axis=-1)
 
 
 def full_loop(
@@ -119,7 +148,8 @@ def full_loop(
     u (n, p) there."""
     data = matrices(problem)
     n = problem.n
-    B, S, C, W = (data[name] for name in ("B", "S", "C", "W"))
+    names = ("B", "S", "C", "W")
+    B, S, C, W = (data[name] for name in names)
     own = drift(problem)
     m = len(B)
     q = len(S)
@@ -132,15 +162,19 @@ def full_loop(
         x, _, z = cut(state)
         e = x - data["goals"]
         xihat = z + x @ W.T
-        u = -np.einsum("ipm,im->ip", data["K"], e) - xihat @ C.T + data["u0"]
+        feedback = -np.einsum("ipm,im->ip", data["K"], e)
+        u = feedback - xihat @ C.T + data["u0"]
         return np.clip(u, -limit, limit)
 
     def slope(time: float, state: Any) -> Any:
         x, xi, z = cut(state)
         v = felt(problem, x - data["goals"]) + control(state)
         x_dot = own(x) + (v + xi @ C.T) @ B.T
-        z_dot = (z + x @ W.T) @ (S - W @ B @ C).T - (own(x) + v @ B.T) @ W.T
-        return np.concatenate([x_dot.ravel(), (xi @ S.T).ravel(), z_dot.ravel()])
+        error_matrix = (S - W @ B @ C).T
+        estimate = (z + x @ W.T) @ error_matrix
+        z_dot = estimate - (own(x) + v @ B.T) @ W.T
+        xi_dot = (xi @ S.T).ravel()
+        return np.concatenate([x_dot.ravel(), xi_dot, z_dot.ravel()])
 
     return slope, control
 
@@ -176,14 +210,21 @@ def random_agents(r: Random) -> Problem:
         shift = Fraction(r.randint(0, 24), 2)
         for i, row in enumerate(A):
             row[i] -= shift
-        texts = [" + ".join(f"({x})*y{c + 1}" for c, x in enumerate(row)) for row in table(p, m, 2)]
+        texts = []
+        for row in table(p, m, 2):
+            texts.append(" + ".join(f"({x})*y{c + 1}" for c, x in enumerate(row)))
         arcs = random_arcs(r, n, 0.3, lambda: r.randint(1, 3))
-        gains = {i: table(p, m) for i in range(1, n + 1) if r.random() < 0.4}
+        gains = {}
+        for i in range(1, n + 1):
+            if r.random() < 0.4:
+                gains[i] = table(p, m)
         more: dict[str, Any] = {}
         if r.random() < 0.5:
-            more["exosystem"] = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0], [0, 1]][:p])
+            C = [[1, 0], [0, 1]][:p]
+            more["exosystem"] = Exosystem(A=[[0, 2], [-2, 0]], C=C)
             if r.random() < 0.5:
-                more["observer"] = Observer(W=table(2, r.choice((p, m)), 8))
+                W = table(2, r.choice((p, m)), 8)
+                more["observer"] = Observer(W=W)
         try:
             dynamics = Dynamics(A=A, B=table(m, p))
             network = network_of(arcs or [[1, 2]], n)
@@ -206,9 +247,13 @@ def loop_matrix(problem: Problem, W: Any) -> np.ndarray:
     q = problem.q
     A = floats(problem.dynamics.A)
     B = floats(problem.dynamics.B)
-    H = np.array([[float(x.lo) for x in row] for row in problem.coupling.jacobian_at_zero()])
+    slopes = problem.coupling.jacobian_at_zero()
+    entries = [[float(x.lo) for x in row] for row in slopes]
+    H = np.array(entries)
     L = jacobian_by_hand(problem, None, 1.0)
-    known = np.kron(np.eye(n), A) + np.kron(L, B @ H)
+    alone = np.kron(np.eye(n), A)
+    coupled = np.kron(L, B @ H)
+    known = alone + coupled
     for i, K in problem.pinning.gains.items():
         known[i * m : i * m + m, i * m : i * m + m] -= B @ floats(K)
     if not q:
@@ -224,7 +269,8 @@ def loop_matrix(problem: Problem, W: Any) -> np.ndarray:
     second = [zeros, flow, 0 * eye]
     third = [flow @ own - own @ known, 0 * eye, flow]
     whole = np.block([first, second, third])
-    turn = np.block([[np.eye(n * m), none, none], [-own, eye, -eye], [zeros, eye, 0 * eye]])
+    first_row = [np.eye(n * m), none, none]
+    turn = np.block([first_row, [-own, eye, -eye], [zeros, eye, 0 * eye]])
     turned = turn @ whole @ np.linalg.inv(turn)  # of (e, eps, xi)
     size = n * (m + q)
     assert np.allclose(turned[:size, size:], 0)
@@ -248,7 +294,9 @@ def judged(seeds: range) -> Tally:
     for seed in seeds:
         problem = random_agents(Random(f"linear agents {seed}"))
         certificate = dd.certify(problem)
-        worst = float(np.linalg.eigvals(loop_matrix(problem, certificate.claims.W)).real.max())
+        M = loop_matrix(problem, certificate.claims.W)
+        eigenvalues = np.linalg.eigvals(M)
+        worst = float(eigenvalues.real.max())
         wanted = "proved" if worst < 0 else "refuted"
         if abs(worst) < EDGE:
             wanted = "at the edge"
@@ -275,19 +323,31 @@ def riccati_agents(seeds: Iterable[int], *, part: float | None = None) -> Iterat
         r = Random(f"riccati {seed}")
         n = r.randint(3, 12 if part else 60)
         m = r.randint(2, 4)
-        A = np.array([[r.randint(-2, 2) for _ in range(m)] for _ in range(m)], dtype=float)
-        B = np.array([[r.randint(-2, 2)] for _ in range(m)], dtype=float)
-        powers = [np.linalg.matrix_power(A, k) @ B for k in range(m)]
-        if np.linalg.matrix_rank(np.hstack(powers)) < m or np.linalg.eigvals(A).real.max() < EDGE:
+        A_rows = [[r.randint(-2, 2) for _ in range(m)] for _ in range(m)]
+        A = np.array(A_rows, dtype=float)
+        B_rows = [[r.randint(-2, 2)] for _ in range(m)]
+        B = np.array(B_rows, dtype=float)
+        powers = []
+        for k in range(m):
+            powers.append(np.linalg.matrix_power(A, k) @ B)
+        uncontrollable = np.linalg.matrix_rank(np.hstack(powers)) < m
+        if uncontrollable or np.linalg.eigvals(A).real.max() < EDGE:
             continue
-        arcs = [[i, r.randint(1, i - 1)] for i in range(2, n + 1)]
-        arcs += [each for each in ([n, 1], [n, 2]) if each not in arcs and n > 3]
+        arcs = []
+        for i in range(2, n + 1):
+            arcs.append([i, r.randint(1, i - 1)])
+        further = ([n, 1], [n, 2])
+        arcs += [each for each in further if each not in arcs and n > 3]
         R = solve_continuous_are(A, B, np.eye(m), np.eye(1))
-        rows = [Fraction(round(float(x) * 1000), 1000) for x in (B.T @ R)[0]]
+        rows = []
+        for x in (B.T @ R)[0]:
+            rows.append(Fraction(round(float(x) * 1000), 1000))
         kappa = Fraction(11, 20)
         H = np.array([rows], dtype=float)
         if part:
-            degrees = {max(1, sum(i == k for i, _ in arcs)) for k in range(1, n + 1)}
+            degrees = set()
+            for k in range(1, n + 1):
+                degrees.add(max(1, sum(i == k for i, _ in arcs)))
             low, high = 0.0, 0.55
             while high - low > 1e-9:
                 middle = (low + high) / 2

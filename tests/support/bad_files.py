@@ -147,12 +147,14 @@ def agents(value: str) -> str:
 
 def switching(case: str, kind: str, lines: str, key: str, *words: str) -> BadFile:
     """A signal with these lines, semicolons between them."""
-    return bad(case, signal(kind, *lines.split("; ")), f"switching.{key}", *words)
+    text = signal(kind, *lines.split("; "))
+    return bad(case, text, f"switching.{key}", *words)
 
 
 def guaranteed(case: str, kind: str, lines: str, key: str, *words: str) -> BadFile:
     """The same of a guarantee."""
-    return bad(case, guarantee(kind, *lines.split("; ")), f"switching.{key}", *words)
+    text = guarantee(kind, *lines.split("; "))
+    return bad(case, text, f"switching.{key}", *words)
 
 
 def gains(case: str, table: str, key: str, *words: str) -> BadFile:
@@ -161,7 +163,8 @@ def gains(case: str, table: str, key: str, *words: str) -> BadFile:
 
 def sequence(case: str, lines: str, key: str, *words: str) -> BadFile:
     """A guarantee about the two modes in turn."""
-    return bad(case, guarantee("sequence", TURNS, *lines.split("; ")), f"switching.{key}", *words)
+    text = guarantee("sequence", TURNS, *lines.split("; "))
+    return bad(case, text, f"switching.{key}", *words)
 
 
 def group(*tables: str) -> str:

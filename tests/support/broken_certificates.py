@@ -51,7 +51,8 @@ def claim(document: dict[str, Any], seed: int) -> dict[str, Any]:
     copy["verdict"] = r.choice(("proved", "refuted", "undecided"))
     if copy["verdict"] != "proved":
         copy["rate"] = copy["covered_by"] = None
-    for check in r.sample(copy["checks"], r.randint(1, len(copy["checks"]))):
+    count = len(copy["checks"])
+    for check in r.sample(copy["checks"], r.randint(1, count)):
         check["verdict"] = r.choice(("proved", "refuted", "undecided", check["verdict"]))
         if check["verdict"] == "undecided":
             check["margin"] = check["rate"] = None
@@ -61,9 +62,8 @@ def claim(document: dict[str, Any], seed: int) -> dict[str, Any]:
         if check["id"] == "lemma1" and r.random() < 0.5:
             check["exact"] = {"unstable_roots": "1"}
     if copy["observer"]["source"] == "designed" and r.random() < 0.5:
-        copy["observer"]["W"] = [
-            [str(r.randint(-3, 3)) for _ in row] for row in copy["observer"]["W"]
-        ]
+        W = copy["observer"]["W"]
+        copy["observer"]["W"] = [[str(r.randint(-3, 3)) for _ in row] for row in W]
         if r.random() < 0.5:
             copy["observer"]["P"] = copy["observer"]["Q"] = None
     return copy
@@ -90,23 +90,27 @@ def _changed(value: Any, r: Random) -> Any:
     if isinstance(value, bool) or value is None:
         return r.choice(NUMBERS)
     if isinstance(value, (int, float)):
-        return r.choice(
-            (
-                value * 1.001,
-                value * 0.999,
-                value / 2,
-                -value,
-                value * 2,
-                value + 1,
-                value * (1 + 1e-12),
-                *NUMBERS,
-            )
+        near_values = (
+            value * 1.001,
+            value * 0.999,
+            value / 2,
+            -value,
+            value * 2,
+            value + 1,
+            value * (1 + 1e-12),
+            *NUMBERS,
         )
+        return r.choice(near_values)
     if isinstance(value, str):
         return _changed_text(value, r)
     if isinstance(value, list):
-        return r.choice((value[::-1], value[1:], value + value[:1], [], None, "NaN", {}))
-    return r.choice(({}, None, [], "NaN", dict(list(value.items())[1:])))
+        backwards = value[::-1]
+        longer = value + value[:1]
+        others = (backwards, value[1:], longer, [], None, "NaN", {})
+        return r.choice(others)
+    entries = list(value.items())
+    all_but_one = dict(entries[1:])
+    return r.choice(({}, None, [], "NaN", all_but_one))
 
 
 def _changed_text(value: str, r: Random) -> Any:
@@ -114,13 +118,9 @@ def _changed_text(value: str, r: Random) -> Any:
         number = Fraction(value)
     except (ValueError, ZeroDivisionError):
         return r.choice(WORDS)
-    near = (
-        -number,
-        number + 1,
-        number * Fraction(1001, 1000),
-        number + Fraction(1, 10**30),
-        number / 2,
-        Fraction(0),
-    )
-    spelt = (value + "0", "+" + value, " " + value, "1/0", float(min(number, 10**300)))
+    slightly_more = number * Fraction(1001, 1000)
+    barely_more = number + Fraction(1, 10**30)
+    near = (-number, number + 1, slightly_more, barely_more, number / 2, Fraction(0))
+    capped = float(min(number, 10**300))
+    spelt = (value + "0", "+" + value, " " + value, "1/0", capped)
     return r.choice((*map(str, near), *spelt, *WORDS))

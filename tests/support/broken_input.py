@@ -160,14 +160,21 @@ def mutate(data: bytes, r: Random, *, others: tuple[bytes, ...] = ()) -> bytes:
 
 def _changed(data: bytes, r: Random, others: tuple[bytes, ...]) -> bytes:
     a = r.randrange(len(data) + 1)
-    b = min(len(data), a + r.choice((1, 1, 2, 4, 10, 40, 200)))
+    lengths = (1, 1, 2, 4, 10, 40, 200)
+    end = a + r.choice(lengths)
+    b = min(len(data), end)
     match r.randrange(9):
         case 0:
-            return data[:a] + bytes([r.randrange(256)]) + data[a + 1 :]
+            byte = bytes([r.randrange(256)])
+            head = data[:a] + byte
+            return head + data[a + 1 :]
         case 1:
             return data[:a] + data[b:]
         case 2:
-            return data[:b] + data[a:b] * r.choice((1, 1, 2, 30, 300)) + data[b:]
+            times = r.choice((1, 1, 2, 30, 300))
+            again = data[a:b] * times
+            start = data[:b] + again
+            return start + data[b:]
         case 3:
             c = r.randrange(len(data) + 1)
             rest = data[:a] + data[b:]
@@ -175,7 +182,8 @@ def _changed(data: bytes, r: Random, others: tuple[bytes, ...]) -> bytes:
         case 4:
             other = r.choice(others or (data,))
             c = r.randrange(len(other) + 1)
-            return data[:a] + other[c : c + r.choice((4, 20, 100))] + data[b:]
+            inserted = other[c : c + r.choice((4, 20, 100))]
+            return data[:a] + inserted + data[b:]
         case 5 | 6:
             return data[:a] + r.choice(TOKENS) + data[b:]
         case 7:
@@ -187,7 +195,8 @@ def _changed(data: bytes, r: Random, others: tuple[bytes, ...]) -> bytes:
 def _number_changed(data: bytes, r: Random) -> bytes:
     places = []
     for k in range(len(data)):
-        if data[k : k + 1].isdigit() and not data[k - 1 : k].isdigit():
+        starts_number = data[k : k + 1].isdigit()
+        if starts_number and not data[k - 1 : k].isdigit():
             places.append(k)
     if not places:
         return data
@@ -329,18 +338,21 @@ def _refused(error: SpecError | CertificateError) -> bool:
 @cache
 def _problems() -> tuple[dd.Problem, ...]:
     # that takes 7 s
-    names = [name for name in builtin_names() if load_problem(name).n <= 20 and name != "neurons"]
+    names = []
+    for name in builtin_names():
+        if load_problem(name).n <= 20 and name != "neurons":
+            names.append(name)
     # A mutant has 2 s; the regions of some problems take longer than that to check as they are.
     return tuple(without_region(name) if name in LONG else load_problem(name) for name in names)
 
 
 def _toml_seeds() -> tuple[bytes, ...]:
-    short = [case.data() for case in BAD_FILES[::50] if not callable(case.content)]
-    return (
-        *(builtin_text(name).encode() for name in builtin_names()),
-        *[VALID.encode()] * 6,
-        *short,
-    )
+    short = []
+    for case in BAD_FILES[::50]:
+        if not callable(case.content):
+            short.append(case.data())
+    valid = [VALID.encode()] * 6
+    return (*(builtin_text(name).encode() for name in builtin_names()), *valid, *short)
 
 
 @cache
@@ -409,8 +421,10 @@ def _tree_changed(data: bytes, r: Random, others: tuple[bytes, ...]) -> bytes | 
         if not isinstance(tree, dict):
             return None
         for _ in range(r.choice((1, 1, 2, 3))):
-            tree = mutate_tree(tree, r.randrange(2**32), other=json.loads(r.choice(others)))
-        return json.dumps(tree, ensure_ascii=r.random() < 0.5).encode("utf-8", "surrogatepass")
+            seed = r.randrange(2**32)
+            tree = mutate_tree(tree, seed, other=json.loads(r.choice(others)))
+        ascii_only = r.random() < 0.5
+        return json.dumps(tree, ensure_ascii=ascii_only).encode("utf-8", "surrogatepass")
     except (ValueError, RecursionError, IndexError, TypeError):
         return None
 

@@ -64,7 +64,8 @@ class Page:
     def ask(self, method: str, **values: Any) -> dict[str, Any]:
         """The answer to one command; what the page reports meanwhile is kept in ``events``."""
         self.count += 1
-        self.socket.send(json.dumps({"id": self.count, "method": method, "params": values}))
+        request = {"id": self.count, "method": method, "params": values}
+        self.socket.send(json.dumps(request))
         while True:
             answer = json.loads(self.socket.recv())
             if answer.get("id") == self.count:
@@ -95,20 +96,17 @@ def browser(
 ) -> Iterator[Page]:
     """A browser that shows ``address``; gives the page whose address contains ``wanted``."""
     profile = folder / "profile"
-    process = subprocess.Popen(
-        [
-            str(CHROMIUM),
-            "--headless",
-            "--no-sandbox",
-            "--disable-gpu",
-            f"--window-size={window}",
-            "--remote-debugging-port=0",
-            f"--user-data-dir={profile}",
-            address,
-        ],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
+    command = [
+        str(CHROMIUM),
+        "--headless",
+        "--no-sandbox",
+        "--disable-gpu",
+        f"--window-size={window}",
+        "--remote-debugging-port=0",
+        f"--user-data-dir={profile}",
+        address,
+    ]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
         port = until(
             "the browser",

@@ -108,14 +108,21 @@ def planar() -> Problem:
     """m = 2, q = 3, every function of the grammar, matrix gains, a formation, two modes, names that
     need care."""
     first = [["a.b", "c??/"], ["c??/", 'd"\\', 2], ['d"\\', "a.b"]]
-    modes = {'mode "one" */': first, "two' \\": [["a.b", 'd"\\'], ["c??/", "a.b"]]}
-    given: dict[str, Any] = {"target": [1, -2], "offsets": {"c??/": [1, 0]}}
-    given["gains"] = {"a.b": 3, 'd"\\': [[2, 1], [-1, 2]]}
+    mode_two = [["a.b", 'd"\\'], ["c??/", "a.b"]]
+    modes = {'mode "one" */': first, "two' \\": mode_two}
+    offsets = {"c??/": [1, 0]}
+    given: dict[str, Any] = {"target": [1, -2], "offsets": offsets}
+    gain = [[2, 1], [-1, 2]]
+    given["gains"] = {"a.b": 3, 'd"\\': gain}
     given["exceptions"] = {(0, 1): ["y1", "2*y2"]}
-    given["exosystem"] = Exosystem(A=[[0, 1, 0], [-1, 0, 0], [0, 0, 0]], C=[[1, 0, 1], [0, 1, 0]])
-    given["observer"] = Observer(W=[[2, 0], [0, 2], [1, 0]])
+    A = [[0, 1, 0], [-1, 0, 0], [0, 0, 0]]
+    C = [[1, 0, 1], [0, 1, 0]]
+    given["exosystem"] = Exosystem(A=A, C=C)
+    W = [[2, 0], [0, 2], [1, 0]]
+    given["observer"] = Observer(W=W)
     given["name"] = 'trouble */ *\\ """ here ???/ \\'
-    given["simulation"] = {"t_final": 4, "seed": 3, "xi0": [[1, 0, 2], [0, 1, -1], [3, 0, 0]]}
+    starts = [[1, 0, 2], [0, 1, -1], [3, 0, 0]]
+    given["simulation"] = {"t_final": 4, "seed": 3, "xi0": starts}
     return linked(modes, None, [EVERY, OTHER], **given)
 
 
@@ -187,13 +194,18 @@ class CompiledAgents:
             flags = np.ones((self.n, self.n), dtype=np.uint8)
         else:
             flags = arrived.astype(np.uint8)
-        out = [np.zeros((self.n, self.p)) for _ in range(3)]
+        out = []
+        for _ in range(3):
+            out.append(np.zeros((self.n, self.p)))
         double = ctypes.POINTER(ctypes.c_double)
         given = np.ascontiguousarray(x, dtype=float)
+        values = given.ctypes.data_as(double)
+        pointer = ctypes.POINTER(ctypes.c_ubyte)
+        taken = flags.ctypes.data_as(pointer)
         self.library.settle(
             ctypes.c_int(mode),
-            given.ctypes.data_as(double),
-            flags.ctypes.data_as(ctypes.POINTER(ctypes.c_ubyte)),
+            values,
+            taken,
             ctypes.c_double(limit),
             *(each.ctypes.data_as(double) for each in out),
         )

@@ -119,29 +119,35 @@ class Program:
         self.folder = folder
         self.m = problem.m
         self.p = problem.inputs
-        self.place = int(re.search(rb"VECTOR_AGENT (\d+)", self.code.files["vectors.h"])[1])
+        header = self.code.files["vectors.h"]
+        found = re.search(rb"VECTOR_AGENT (\d+)", header)
+        self.place = int(found[1])
         self.agent = self.code.controller.agents[self.place]
-        rows = list(csv.reader(io.StringIO(self.code.files["vectors.csv"].decode())))[1:]
+        vectors = self.code.files["vectors.csv"]
+        table_text = io.StringIO(vectors.decode())
+        rows = list(csv.reader(table_text))[1:]
         table = np.array(rows, dtype=float)
         if precision == "float":  # what the code is given
             table = np.float32(table).astype(float)
         end = 2 + self.m * (1 + len(self.agent.neighbours))
         self.mode = table[:, 1].astype(int)
         self.x = table[:, 2 : 2 + self.m]
-        self.heard = table[:, 2 + self.m : end].reshape(
-            len(table), len(self.agent.neighbours), self.m
-        )
+        heard = table[:, 2 + self.m : end]
+        neighbours = len(self.agent.neighbours)
+        self.heard = heard.reshape(len(table), neighbours, self.m)
         self.u, self.dhat = (table[:, table.shape[1] - k * self.p :][:, : self.p] for k in (3, 1))
 
     def run(self, cases: list[Case]) -> list[Any]:
         """u, v, dhat and the count of skipped inputs of every case, (S, 3 p + 1)."""
+        case_rows = map(self.rows, cases)
         given = b"".join(
             np.concatenate([[self.place, len(self.x)], each.ravel()]).tobytes()
-            for each in map(self.rows, cases)
+            for each in case_rows
         )
         quiet = os.environ | {"ASAN_OPTIONS": "detect_leaks=0"}
+        command = [str(self.folder / "harness")]
         done = subprocess.run(
-            [str(self.folder / "harness")],
+            command,
             input=given,
             capture_output=True,
             check=False,
@@ -150,7 +156,8 @@ class Program:
         )
         if done.returncode:
             raise AssertionError(done.stderr.decode()[-2000:])
-        return list(np.frombuffer(done.stdout).reshape(len(cases), len(self.x), -1))
+        numbers = np.frombuffer(done.stdout)
+        return list(numbers.reshape(len(cases), len(self.x), -1))
 
     def rows(self, case: Case) -> Any:
         x = self.x.copy()
@@ -158,7 +165,10 @@ class Program:
         limited = np.zeros((len(self.x), 1))
         u = self.u * 0.5
         case.spoil(x, heard, limited, u)
-        return np.hstack([self.mode[:, None], heard.reshape(len(x), -1), x, limited, u])
+        mode = self.mode[:, None]
+        packets = heard.reshape(len(x), -1)
+        columns = [mode, packets, x, limited, u]
+        return np.hstack(columns)
 
     def missing(self, case: Case) -> Any:
         """The same by the loop that misses them."""
@@ -170,11 +180,9 @@ class Program:
             heard = []
             for j, y in enumerate(self.heard[k]):
                 heard.append(None if bad and case.where == "heard" and case.neighbour == j else y)
-            rows.append(
-                loop.step(
-                    int(self.mode[k]), heard, None if bad and case.where == "x" else self.x[k]
-                )
-            )
+            mode = int(self.mode[k])
+            outcome = loop.step(mode, heard, None if bad and case.where == "x" else self.x[k])
+            rows.append(outcome)
             if limited and not bad:
                 loop.held = loop.felt + self.u[k] * 0.5
         return np.array(rows)
@@ -186,13 +194,15 @@ class Case:
 
     def __init__(self, rng: np.random.Generator, program: Program) -> None:
         self.where = str(rng.choice(["x", "x", "heard", "u"]))
-        self.neighbour, self.component = (
-            int(rng.integers(max(1, program.heard.shape[1]))),
-            int(rng.integers(program.m)),
-        )
+        most = max(1, program.heard.shape[1])
+        neighbour = int(rng.integers(most))
+        self.neighbour, self.component = (neighbour, int(rng.integers(program.m)))
         self.where = "x" if self.where == "heard" and not program.heard.shape[1] else self.where
-        self.length = int(rng.choice([1, 1, 2, 3, 7]))
-        self.first = int(rng.choice([0, 1, rng.integers(2, len(program.x) - GOOD - self.length)]))
+        lengths = [1, 1, 2, 3, 7]
+        self.length = int(rng.choice(lengths))
+        last = len(program.x) - GOOD - self.length
+        firsts = rng.choice([0, 1, rng.integers(2, last)])
+        self.first = int(firsts)
         self.value = float(rng.choice(KINDS))
 
     def __str__(self) -> str:
@@ -223,15 +233,18 @@ class Missing:
             if self.q
             else (None,) * 3
         )
-        self.goal, self.gain = to_float((agent.goal,))[0], to_float(agent.gain)
+        goal = to_float((agent.goal,))[0]
+        self.goal, self.gain = goal, to_float(agent.gain)
         self.packets: dict[int, Any] = {}
-        self.mode, self.gap, self.x, self.xihat = 0, 0, None, np.zeros(self.q)
+        xihat = np.zeros(self.q)
+        self.mode, self.gap, self.x, self.xihat = 0, 0, None, xihat
         self.held = self.felt = np.zeros(self.m)
 
     def step(self, mode: int, heard: list[Any], x: Any) -> Any:
         if mode != self.mode:
             kept = {arc.neighbour for arc in self.arcs[mode]}
-            self.packets = {j: y for j, y in self.packets.items() if j in kept}
+            packets = self.packets.items()
+            self.packets = {j: y for j, y in packets if j in kept}
             self.mode = mode
         self.packets |= {j: y for j, y in enumerate(heard) if y is not None}
         if x is None and self.x is None:
@@ -254,9 +267,9 @@ class Missing:
         for arc in self.arcs[mode]:
             if arc.neighbour in self.packets:
                 y = (self.packets[arc.neighbour] - e)[None]
-                h = with_errors(
-                    self.couplings[arc.coupling].components, Erring(y, 0 * y), ErringAlgebra(0.0)
-                ).value[0]
+                components = self.couplings[arc.coupling].components
+                errors = with_errors(components, Erring(y, 0 * y), ErringAlgebra(0.0))
+                h = errors.value[0]
                 self.felt = self.felt + float(arc.weight) * h
         u = -self.gain @ e - dhat
         self.held = self.felt + u
@@ -288,14 +301,12 @@ def wrong_cases(name: str, program: Program, rng: np.random.Generator, count: in
     for case, found in zip(cases, program.run(cases), strict=True):
         wanted = program.missing(case)
         apart = np.abs(found[:, :-1] - wanted)
-        allowed = (
-            4 * program.code.tolerance
-            + 1e-6 * (program.code.controller.precision == "float") * np.abs(wanted).max()
-        )
-        bad = (
-            not np.isfinite(found).all()
-            or apart[case.first + case.length + GOOD :].max(initial=0.0) > allowed
-        )
+        single = 1e-6 * (program.code.controller.precision == "float")
+        largest = np.abs(wanted).max()
+        rounding = single * largest
+        allowed = 4 * program.code.tolerance + rounding
+        not_finite = not np.isfinite(found).all()
+        bad = not_finite or apart[case.first + case.length + GOOD :].max(initial=0.0) > allowed
         if bad or apart.max() > allowed or found[-1, -1] != case.length:
             failures.append(
                 f"{name}: {case}: {apart.max():.3g} > {allowed:.3g}, skipped {found[-1, -1]}"

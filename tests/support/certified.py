@@ -208,9 +208,9 @@ def few_coordinates() -> Any:
 def rough_settling() -> Any:
     """Few chords and coarse tables, and quadratic certificates of one radius.  A context, or a
     decorator of a test."""
-    return _in_place(
-        (rows, "CELLS", 256), (propose, "TRIED", BENT_BOXES), (propose, "RADII", propose.RADII[:1])
-    )
+    fewer_cells = (rows, "CELLS", 256)
+    one_radius = (propose, "RADII", propose.RADII[:1])
+    return _in_place(fewer_cells, (propose, "TRIED", BENT_BOXES), one_radius)
 
 
 def only(*stages: Callable[..., Any]) -> Any:

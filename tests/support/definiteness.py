@@ -32,7 +32,8 @@ def hadamard(size: int) -> np.ndarray:
     """Sylvester's H, symmetric, with H H = size I, as Python integers."""
     H = np.array([[1]], dtype=object)
     while len(H) < size:
-        H = np.block([[H, H], [H, -H]]).astype(object)
+        blocks = [[H, H], [H, -H]]
+        H = np.block(blocks).astype(object)
     return H
 
 
@@ -41,7 +42,8 @@ def edge_matrix(size: int, small: Fraction, r: Random) -> np.ndarray | None:
     a double."""
     eigenvalues = []
     for _ in range(size):
-        eigenvalues.append(Fraction(1, r.choice((1, 2, 4, 4))))
+        denominator = r.choice((1, 2, 4, 4))
+        eigenvalues.append(Fraction(1, denominator))
     eigenvalues[r.randrange(size)] = small
     return with_eigenvalues(eigenvalues)
 
@@ -54,11 +56,15 @@ def z_edge_matrix(size: int, small: Fraction) -> np.ndarray | None:
 def with_eigenvalues(eigenvalues: list[Fraction]) -> np.ndarray | None:
     size = len(eigenvalues)
     H = hadamard(size)
-    whole = (H * np.array([int(x * SCALE) for x in eigenvalues], dtype=object)) @ H
-    floats = np.array([[float(Fraction(x, SCALE * size)) for x in row] for row in whole.tolist()])
+    integers = [int(x * SCALE) for x in eigenvalues]
+    diagonal = np.array(integers, dtype=object)
+    whole = (H * diagonal) @ H
+    rows = [[float(Fraction(x, SCALE * size)) for x in row] for row in whole.tolist()]
+    floats = np.array(rows)
+    rows_and_floats = zip(whole.tolist(), floats.tolist(), strict=True)
     exact = all(
         Fraction(y) * SCALE * size == x
-        for p, q in zip(whole.tolist(), floats.tolist(), strict=True)
+        for p, q in rows_and_floats
         for x, y in zip(p, q, strict=True)
     )
     return floats if exact else None
@@ -126,7 +132,8 @@ def by_lift(matrix: np.ndarray) -> Verdict:
     S = scaled(M)
     if not isinstance(S, Scaled):
         return UNDECIDED
-    direction = decide_lifted(M, S, *np.linalg.eigh(S.floats), strict=True)
+    decomposition = np.linalg.eigh(S.floats)
+    direction = decide_lifted(M, S, *decomposition, strict=True)
     if direction is None:
         return UNDECIDED
     return REFUTED if direction else PROVED

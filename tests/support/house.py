@@ -148,7 +148,10 @@ def on_circles(near: Mapping[str, Collection[str]]) -> Iterator[tuple[str, str]]
     left = {node: set(others) for node, others in near.items()}
     while True:
         heard = set().union(*left.values())
-        outside = [node for node in left if not left[node] & left.keys() or node not in heard]
+        outside = []
+        for node, others in left.items():
+            if not others & left.keys() or node not in heard:
+                outside.append(node)
         if not outside:
             break
         for node in outside:

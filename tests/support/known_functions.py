@@ -29,25 +29,24 @@ class Known:
     symbolic: Real | None = None  # for SymPy, where it does not know the name
 
 
-KNOWN: dict[str, Known] = {}
-KNOWN["exp"] = Known(value=mpmath.exp, slope=mpmath.exp, example="exp(#)")
-KNOWN["log"] = Known(value=mpmath.log, slope=lambda x: 1 / x, example="log(3 + #)")
-KNOWN["sin"] = Known(value=mpmath.sin, slope=mpmath.cos, example="sin(3*#)")
-KNOWN["cos"] = Known(value=mpmath.cos, slope=lambda x: -mpmath.sin(x), example="cos(2*#)")
-KNOWN["tan"] = Known(value=mpmath.tan, slope=lambda x: 1 + mpmath.tan(x) ** 2, example="tan(#/2)")
-KNOWN["tanh"] = Known(
-    value=mpmath.tanh, slope=lambda x: 1 / mpmath.cosh(x) ** 2, example="tanh(2*#)"
-)
-KNOWN["atan"] = Known(value=mpmath.atan, slope=lambda x: 1 / (1 + x * x), example="atan(#)")
-KNOWN["sinh"] = Known(value=mpmath.sinh, slope=mpmath.cosh, example="sinh(#)")
-KNOWN["cosh"] = Known(value=mpmath.cosh, slope=mpmath.sinh, example="cosh(#)")
-KNOWN["sqrt"] = Known(
-    value=mpmath.sqrt, slope=lambda x: 1 / (2 * mpmath.sqrt(x)), example="sqrt(3 + #)"
-)
-KNOWN["abs"] = Known(value=abs, slope=mpmath.sign, example="abs(#)", symbolic=sympy.Abs)
-KNOWN["asinh"] = Known(
-    value=mpmath.asinh, slope=lambda x: 1 / mpmath.sqrt(1 + x * x), example="asinh(2*#)"
-)
+KNOWN: dict[str, Known] = {
+    "exp": Known(value=mpmath.exp, slope=mpmath.exp, example="exp(#)"),
+    "log": Known(value=mpmath.log, slope=lambda x: 1 / x, example="log(3 + #)"),
+    "sin": Known(value=mpmath.sin, slope=mpmath.cos, example="sin(3*#)"),
+    "cos": Known(value=mpmath.cos, slope=lambda x: -mpmath.sin(x), example="cos(2*#)"),
+    "tan": Known(value=mpmath.tan, slope=lambda x: 1 + mpmath.tan(x) ** 2, example="tan(#/2)"),
+    "tanh": Known(value=mpmath.tanh, slope=lambda x: 1 / mpmath.cosh(x) ** 2, example="tanh(2*#)"),
+    "atan": Known(value=mpmath.atan, slope=lambda x: 1 / (1 + x * x), example="atan(#)"),
+    "sinh": Known(value=mpmath.sinh, slope=mpmath.cosh, example="sinh(#)"),
+    "cosh": Known(value=mpmath.cosh, slope=mpmath.sinh, example="cosh(#)"),
+    "sqrt": Known(
+        value=mpmath.sqrt, slope=lambda x: 1 / (2 * mpmath.sqrt(x)), example="sqrt(3 + #)"
+    ),
+    "abs": Known(value=abs, slope=mpmath.sign, example="abs(#)", symbolic=sympy.Abs),
+    "asinh": Known(
+        value=mpmath.asinh, slope=lambda x: 1 / mpmath.sqrt(1 + x * x), example="asinh(2*#)"
+    ),
+}
 #: A function that no library has, and that the language does not have either.
 SOFTSIGN = Function(
     name="softsign",

@@ -29,7 +29,10 @@ def random_arcs(r: Any, n: int, density: float, weight: Callable[[], Any] | None
 
 def around(n: int, *weight: Any) -> list[Any]:
     """Arcs by which agent i listens to agent i + 1, the last to the first."""
-    return [[i, i % n + 1, *weight] for i in range(1, n + 1)]
+    found = []
+    for i in range(1, n + 1):
+        found.append([i, i % n + 1, *weight])
+    return found
 
 
 def linked(arcs: Any, n: Any = None, coupling: Any = "y", **given: Any) -> Problem:
@@ -78,7 +81,8 @@ def listening(arcs: Any, h: Any, *, n: int | None = None, **more: Any) -> Proble
 
 def pair(h: str, *, k: Any = 5, weight: Any = 1) -> Problem:
     """Agent 1 is pinned and hears nobody, agent 2 hears agent 1."""
-    return listening([[2, 1, weight]], h, n=2, gains={1: k}, target=0)
+    arcs = [[2, 1, weight]]
+    return listening(arcs, h, n=2, gains={1: k}, target=0)
 
 
 def random_network(
@@ -106,7 +110,8 @@ def random_problem(
     """
     r = Random(f"separable {seed} {modes}")
     n = n or r.randint(3, 6)
-    network = random_network(r, n=n, modes=modes, density=0.5, weights=(1, "1/2", 2))
+    weights_drawn = (1, "1/2", 2)
+    network = random_network(r, n=n, modes=modes, density=0.5, weights=weights_drawn)
     if held:
         arcs = {}
         for name, each in network.modes.items():
@@ -118,7 +123,9 @@ def random_problem(
     other = r.choice(couplings)
     codes = sorted(network.arc_codes())
     special = {(codes[0] // n, codes[0] % n): other} if codes else {}
-    gains = {1: 5} | {i: r.choice((1, 3, "9/2")) for i in range(2, n + 1) if r.random() < 0.3}
+    followers = range(2, n + 1)
+    others = {i: r.choice((1, 3, "9/2")) for i in followers if r.random() < 0.3}
+    gains = {1: 5} | others
     return Problem(network=network, coupling=h, exceptions=special, gains=gains, target=0, **more)
 
 
@@ -132,10 +139,15 @@ def sampled_rows(problem: Problem, v: Any, *, s: float, alpha: float, samples: i
         for face in (1, -1):
             total = np.zeros(problem.n)
             for i, j, weight in arcs:
-                y = np.linspace(-s * (height[i] + height[j]), s * (height[j] - height[i]), samples)
+                lowest = -s * (height[i] + height[j])
+                highest = s * (height[j] - height[i])
+                y = np.linspace(lowest, highest, samples)
                 h = problem.coupling_of(i, j).numpy_function()
-                total[i] += float(weight) * np.max(face * h((face * y)[:, None]))
-            worst = max(worst, float(np.max(total / s - (gains - alpha) * height)))
+                values = face * h((face * y)[:, None])
+                total[i] += float(weight) * np.max(values)
+            held = (gains - alpha) * height
+            largest = np.max(total / s - held)
+            worst = max(worst, float(largest))
     return worst
 
 
@@ -155,7 +167,8 @@ def digraph(
     pairs = set(map(tuple, random_arcs(r, n, density)))
     if cycle:
         pairs |= set(map(tuple, around(n)))
-    return linked([[i, j, round(r.uniform(0.1, 5), 2)] for i, j in sorted(pairs)], n, **changes)
+    arcs = [[i, j, round(r.uniform(0.1, 5), 2)] for i, j in sorted(pairs)]
+    return linked(arcs, n, **changes)
 
 
 def ring(n: int = 4, *, coupling: str = "y", **changes: Any) -> Problem:
@@ -165,12 +178,16 @@ def ring(n: int = 4, *, coupling: str = "y", **changes: Any) -> Problem:
 
 def star(n: int = 4, **changes: Any) -> Problem:
     """Everybody listens to agent 1, who listens to nobody."""
-    return linked([[i, 1] for i in range(2, n + 1)], n, **{"name": "star"} | changes)
+    followers = range(2, n + 1)
+    arcs = [[i, 1] for i in followers]
+    return linked(arcs, n, **{"name": "star"} | changes)
 
 
 def two_leaders(**changes: Any) -> Problem:
     """3 listens to 1 and 2, who listen to nobody."""
-    return linked([[3, 1], [3, 2]], 3, **{"name": "two-leaders"} | changes)
+    arcs = [[3, 1], [3, 2]]
+    settings = {"name": "two-leaders"} | changes
+    return linked(arcs, 3, **settings)
 
 
 BOX = {"initial_states": [-1, 1]}
@@ -179,24 +196,25 @@ NOISY_BOX = {"initial_states": [-1, 1], "initial_disturbance": "0.1"}
 
 def linear_rate(problem: Problem, gains: dict[int, float]) -> float:
     """The decay rate of the loop of the first mode, linearised with h'(0) = 1, by eigenvalues."""
-    K = np.diag([float(gains.get(i, 0)) for i in range(problem.n)])
+    held = [float(gains.get(i, 0)) for i in range(problem.n)]
+    K = np.diag(held)
     M = jacobian_by_hand(problem, None, 1.0) - K
     return -float(np.max(np.linalg.eigvals(M).real))
 
 
 def frame(columns: list[str], rows: list[list[object]]) -> dict[str, str]:
-    table = {"columns": columns, "index": list(range(len(rows))), "data": rows}
+    index = list(range(len(rows)))
+    table = {"columns": columns, "index": index, "data": rows}
     return {"_module": "pandas.core.frame", "_class": "DataFrame", "_object": json.dumps(table)}
 
 
 def tables(**changes: tuple[list[str], list[list[object]]]) -> bytes:
     """A network of three buses and two lines."""
     line = ["from_bus", "to_bus", "length_km", "x_ohm_per_km", "parallel", "in_service"]
-    parts = {
-        "bus": (["vn_kv", "in_service"], [[10.0, True], [10.0, True], [10.0, True]]),
-        "line": (line, [[0, 1, 2.0, 5.0, 2, True], [1, 2, 1.0, 10.0, 1, True]]),
-        "ext_grid": (["bus", "in_service"], [[0, True]]),
-    }
+    bus_rows = [[10.0, True], [10.0, True], [10.0, True]]
+    buses = (["vn_kv", "in_service"], bus_rows)
+    lines = (line, [[0, 1, 2.0, 5.0, 2, True], [1, 2, 1.0, 10.0, 1, True]])
+    parts = {"bus": buses, "line": lines, "ext_grid": (["bus", "in_service"], [[0, True]])}
     inside: dict[str, Any] = {"sn_mva": 1.0}
     for name, (columns, rows) in (parts | changes).items():
         inside[name] = frame(columns, rows)

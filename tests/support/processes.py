@@ -305,7 +305,10 @@ def lines(out: Path) -> list[dict[str, Any]]:
     path = out / "results.jsonl"
     if not path.exists():
         return []
-    return [json.loads(line) for line in path.read_bytes().split(b"\n")[:-1]]
+    found = []
+    for line in path.read_bytes().split(b"\n")[:-1]:
+        found.append(json.loads(line))
+    return found
 
 
 def wait_for(out: Path, least: int, process: subprocess.Popen[bytes]) -> None:
@@ -332,7 +335,8 @@ def children(pid: int) -> list[int]:
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit():
             try:
-                parent = int((entry / "stat").read_text().rpartition(")")[2].split()[1])
+                stat = (entry / "stat").read_text().rpartition(")")
+                parent = int(stat[2].split()[1])
             except (OSError, ValueError):  # it has just ended
                 continue
             found.setdefault(parent, []).append(int(entry.name))
@@ -359,5 +363,6 @@ def without_times(given: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Lines in the order of the cases, without how long they took."""
     found = []
     for line in sorted(given, key=lambda x: x["case"]):
-        found.append({key: x for key, x in line.items() if key != "seconds"})
+        facts = {key: x for key, x in line.items() if key != "seconds"}
+        found.append(facts)
     return found

@@ -42,20 +42,24 @@ class Published:
 
 
 def ring(n: int) -> Network:
-    return network_of([[i, i % n + 1] for i in range(1, n + 1)], n)
+    agents = range(1, n + 1)
+    arcs = [[i, i % n + 1] for i in agents]
+    return network_of(arcs, n)
 
 
 def swing9(reach: str, speed: str) -> Problem:
     """IEEE 9 buses about its operating point, generator 1 controlled; damping 1/s is assumed."""
-    network = network_of([[i, j, w] for (i, j), w in IEEE9_WEIGHTS.items()], 3)
+    arcs = [[i, j, w] for (i, j), w in IEEE9_WEIGHTS.items()]
+    network = network_of(arcs, 3)
     texts = {}
     for i, j in IEEE9_WEIGHTS:
         x = IEEE9_ANGLES[j - 1] - IEEE9_ANGLES[i - 1]
         texts[i - 1, j - 1] = f"{math.cos(x):.4f}*sin(y1) + ({math.sin(x):.4f})*(cos(y1) - 1)"
     states = [[f"-{reach}", reach], [f"-{speed}", speed]]
+    gains = {1: [[10, 5]]}
     given: dict[str, Any] = {
         "exceptions": texts,
-        "gains": {1: [[10, 5]]},
+        "gains": gains,
         "region": {"initial_states": states},
     }
     return Problem(network=network, coupling="sin(y1)", dynamics=DAMPED, target=[0, 0], **given)
@@ -64,21 +68,21 @@ def swing9(reach: str, speed: str) -> Problem:
 def oscillators(*, reached: bool) -> Problem:
     """x'' = -x + sum (v_j - v_i), a path that hears a leader at one end; or the same with the last
     agent left out."""
-    arcs = [[i + 1, i] for i in range(1, 5 if reached else 4)]
+    arcs = []
+    for i in range(1, 5 if reached else 4):
+        arcs.append([i + 1, i])
     network = network_of(arcs, 5)
-    dynamics = Dynamics(A=[[0, 1], [-1, 0]], B=[[0], [1]])
+    A = [[0, 1], [-1, 0]]
+    B = [[0], [1]]
+    dynamics = Dynamics(A=A, B=B)
     return Problem(network=network, coupling="y2", gains={1: 1}, dynamics=dynamics, target=[0, 0])
 
 
 def nodes(dynamics: Dynamics, gain: Any, reach: str, **given: Any) -> Problem:
     """A ring of three whose agents all are pinned."""
     states = {"initial_states": [f"-{reach}", reach]}
-    parts = {
-        "coupling": "20*y",
-        "gains": gain,
-        "region": states,
-        "target": [0] * dynamics.dimension,
-    } | given
+    target = [0] * dynamics.dimension
+    parts = {"coupling": "20*y", "gains": gain, "region": states, "target": target} | given
     return Problem(network=ring(3), dynamics=dynamics, **parts)
 
 
@@ -87,12 +91,15 @@ def kuramoto(reach: str) -> Problem:
     knows."""
     region = {"initial_states": [f"-{reach}", reach], "initial_disturbance": "1/10"}
     observed = {"exosystem": exosystems.constant(), "observer": Observer(rate=2), "region": region}
-    return Problem(network=ring(6), coupling="3*sin(y)", gains={1: 2, 4: 2}, **observed)
+    gains = {1: 2, 4: 2}
+    return Problem(network=ring(6), coupling="3*sin(y)", gains=gains, **observed)
 
 
 def jointly_connected() -> Problem:
     """Four agents, two graphs of which neither is connected, in turn for 1 s each."""
-    modes = {"odd": [[1, 2], [2, 1], [3, 4], [4, 3]], "even": [[2, 3], [3, 2]]}
+    odd = [[1, 2], [2, 1], [3, 4], [4, 3]]
+    even = [[2, 3], [3, 2]]
+    modes = {"odd": odd, "even": even}
     network = network_of(modes, 4)
     switching = Switching(guarantee="sequence", sequence=["odd", "even"], dwell=1)
     return Problem(network=network, coupling="y", gains={1: 1}, switching=switching)
@@ -168,7 +175,9 @@ def regional(number: int) -> Problem:
     k = number // 5
     kind = number % 5
     if kind == 0:
-        return nodes(PENDULUM, {i: [[2 + k, 2]] for i in (1, 2, 3)}, "1/4", coupling="2*y1 + 3*y2")
+        pinned = (1, 2, 3)
+        gains = {i: [[2 + k, 2]] for i in pinned}
+        return nodes(PENDULUM, gains, "1/4", coupling="2*y1 + 3*y2")
     if kind == 1:
         return nodes(LORENZ, 20 + 10 * k, "1/5")
     if kind == 2:
@@ -181,4 +190,5 @@ def regional(number: int) -> Problem:
 
 def stated(problem: Problem) -> str:
     """n and m, for the table."""
-    return json.dumps([problem.n, problem.m])[1:-1].replace(", ", " x ")
+    sizes = json.dumps([problem.n, problem.m])
+    return sizes[1:-1].replace(", ", " x ")

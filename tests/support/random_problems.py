@@ -54,17 +54,21 @@ def random_linear_problem(seed: int) -> Problem:
 
 def _problem(r: Random, *, linear: bool) -> Problem:
     m = r.choice((1, 1, 1, 2, 2, 3))
-    n = r.choice((1, 2, 2, 3, 3, 4, 5, 6))
-    labels = [f"a{i}" for i in range(n)] if r.random() < 0.3 else [str(i + 1) for i in range(n)]
+    sizes = (1, 2, 2, 3, 3, 4, 5, 6)
+    n = r.choice(sizes)
+    named = r.random() < 0.3
+    labels = [f"a{i}" for i in range(n)] if named else [str(i + 1) for i in range(n)]
     modes = {f"G{k}": _arcs(r, labels) for k in range(r.choice((1, 1, 1, 2, 3, 4)))}
     couplings = _couplings(m, linear=linear)
     exosystem = _exosystem(r, m) if r.random() < 0.75 else None
-    every = sorted({tuple(arc[:2]) for arcs in modes.values() for arc in arcs})
+    pairs = {tuple(arc[:2]) for arcs in modes.values() for arc in arcs}
+    every = sorted(pairs)
     special = r.sample(every, min(len(every), r.choice((0, 0, 1, 2)))) if every else []
     place = {label: i for i, label in enumerate(labels)}
     region: dict[str, Any] | None = None
     if r.random() < 0.3:
-        region = {"initial_states": r.choice(([0, 5], [-1, 1], ["1/2", 2], [1, 1]))}
+        starts = ([0, 5], [-1, 1], ["1/2", 2], [1, 1])
+        region = {"initial_states": r.choice(starts)}
         if exosystem is not None:
             region["initial_disturbance"] = r.choice((0, 0.5, 3))
     given: dict[str, Any] = {"name": f"random-{r.randrange(10**9)}", "exosystem": exosystem}
@@ -88,15 +92,20 @@ def _drawn(rows: int, columns: int, draw: Callable[[], Any]) -> list[list[Any]]:
 
 
 def _identity(m: int, k: Any) -> list[list[Any]]:
-    return [[k if i == j else 0 for j in range(m)] for i in range(m)]
+    found = []
+    for i in range(m):
+        found.append([k if i == j else 0 for j in range(m)])
+    return found
 
 
 def _couplings(m: int, *, linear: bool) -> list[Any]:
     own: list[Any] = [*LINEAR[:4], *LINEAR]
-    vector: list[Any] = {1: [], 2: list(PLANE_LINEAR), 3: list(SPACE_LINEAR)}[m]
+    by_width = {1: [], 2: list(PLANE_LINEAR), 3: list(SPACE_LINEAR)}
+    vector: list[Any] = by_width[m]
     if linear:
         return own + vector
-    curved: list[Any] = [*CURVED, *CURVED, *IRRATIONAL, *KINKED[: 1 if m > 1 else 3]]
+    kinks = KINKED[: 1 if m > 1 else 3]
+    curved: list[Any] = [*CURVED, *CURVED, *IRRATIONAL, *kinks]
     return own + curved + vector * 3 + (list(PLANE_CURVED) if m == 2 else [])
 
 
@@ -111,7 +120,9 @@ def _arcs(r: Random, labels: list[str]) -> list[list[Any]]:
         pairs = []
     else:
         density = {"random": 0.4, "undirected": 0.4, "dense": 0.8}[kind]
-        pairs = [(i - 1, j - 1) for i, j in random_arcs(r, n, density)]
+        pairs = []
+        for i, j in random_arcs(r, n, density):
+            pairs.append((i - 1, j - 1))
         if kind == "undirected":
             backwards = [(j, i) for i, j in pairs]
             pairs = sorted({*pairs, *backwards})
@@ -138,7 +149,9 @@ def _gains(r: Random, labels: list[str], m: int) -> Any:
 
 
 def _gain(r: Random, m: int) -> Any:
-    k = Fraction(r.choice((1, 2, 5, 10)), r.choice((1, 1, 2, 3)))
+    numerators = r.choice((1, 2, 5, 10))
+    denominators = (1, 1, 2, 3)
+    k = Fraction(numerators, r.choice(denominators))
     kind = "number"
     if m > 1:
         kind = r.choice(("number", "number", "turned", "skew", "singular", "full"))
@@ -154,7 +167,8 @@ def _gain(r: Random, m: int) -> Any:
         turn[i, i + 1 :] += s
         turn[i, :i] -= s
     if kind == "full":  # a Gram matrix and a skew one: k + k' >= 0, not symmetric
-        rows = np.array(_drawn(m, m, lambda: r.randint(-2, 2)), dtype=object)
+        drawn = _drawn(m, m, lambda: r.randint(-2, 2))
+        rows = np.array(drawn, dtype=object)
         return (turn + rows @ rows.T).tolist()
     if kind == "turned":
         turn = turn + np.array(_identity(m, k))
@@ -181,7 +195,8 @@ def _exosystem(r: Random, m: int) -> Exosystem:
     if kind == "hidden":  # the last state drives nothing that C sees: unobservable, stable or not
         for i in range(q - 1):
             A[i][q - 1] = 0
-        A[q - 1][q - 1] = r.choice((-1, -3, 0, 1))
+        ends = (-1, -3, 0, 1)
+        A[q - 1][q - 1] = r.choice(ends)
         for row in C:
             row[q - 1] = 0
     return Exosystem(A=A, C=C)
@@ -205,7 +220,9 @@ def kalman_gain(exosystem: Exosystem) -> list[list[Fraction]] | None:
     A = floats(exosystem.A)
     C = floats(exosystem.C)
     try:
-        covariance = linalg.solve_continuous_are(A.T, C.T, np.eye(len(A)), np.eye(len(C)))
+        state_noise = np.eye(len(A))
+        output_noise = np.eye(len(C))
+        covariance = linalg.solve_continuous_are(A.T, C.T, state_noise, output_noise)
     except (linalg.LinAlgError, ValueError):
         return None
     return _to_three_decimals(covariance @ C.T)
@@ -231,7 +248,10 @@ def _lyapunov_guess(r: Random, exosystem: Exosystem, W: list[list[Any]]) -> list
                 P = linalg.solve_continuous_lyapunov(error.T, -np.eye(q))
         except linalg.LinAlgError:
             P = np.diag([1.0, -1.0, 2.0, 1.0][:q])
-    P = np.clip((P + P.T) / 2, -1e6, 1e6) * r.choice((0.1, 1, 3, 30))
+    symmetric = (P + P.T) / 2
+    clipped = np.clip(symmetric, -1e6, 1e6)
+    factor = r.choice((0.1, 1, 3, 30))
+    P = clipped * factor
     return _to_three_decimals(P)
 
 
@@ -248,14 +268,16 @@ def badly_scaled_problem(seed: int) -> Problem:
     elif kind in ("defective", "integrators"):
         for i in range(q):
             if kind == "defective" and i == 0:
-                A[0][0] = Fraction(r.choice((0, 1, -1)))
+                first = r.choice((0, 1, -1))
+                A[0][0] = Fraction(first)
             A[i][i] = A[0][0]
             if i + 1 < q:
                 exponent = r.randint(-1, 1) if kind == "defective" else 0
                 A[i][i + 1] = Fraction(10) ** exponent
     elif kind == "rotations":
         for i in range(0, q - 1, 2):
-            A[i][i + 1] = r.randint(1, 9) * Fraction(10) ** r.randint(-3, 3)
+            digit = r.randint(1, 9)
+            A[i][i + 1] = digit * Fraction(10) ** r.randint(-3, 3)
             A[i + 1][i] = -A[i][i + 1]
     else:
         A = _drawn(q, q, lambda: Fraction(r.randint(-4, 4)))
@@ -264,14 +286,18 @@ def badly_scaled_problem(seed: int) -> Problem:
     if kind == "hidden":  # unobservable and stable, perhaps barely
         for row in (*A[:-1], *C):
             row[q - 1] = Fraction(0)
-        A[q - 1][q - 1] = -(Fraction(10) ** r.randint(-9, 3))
+        decay = Fraction(10) ** r.randint(-9, 3)
+        A[q - 1][q - 1] = -decay
     n = r.choice((1, 2, 3))
-    k = r.choice((1, 3, Fraction(1, 10**9), Fraction(1, 10**6), 10**6))
+    sizes = (1, 3, Fraction(1, 10**9), Fraction(1, 10**6), 10**6)
+    k = r.choice(sizes)
+    network = network_of([[i + 1, i] for i in range(1, n)], n)
+    exosystem = Exosystem(A=A, C=C)
     return Problem(
         name=f"badly-scaled-{seed}",
-        network=network_of([[i + 1, i] for i in range(1, n)], n),
+        network=network,
         coupling=r.choice(("y", "tanh(y)", "2*y")) if k >= 1 else "y/1000000000000",
         gains=k,
         target=[0] * m,
-        exosystem=Exosystem(A=A, C=C),
+        exosystem=exosystem,
     )

@@ -44,7 +44,8 @@ def random_problem(
 
 
 def identity(size: int) -> SparseSymmetric:
-    return SparseSymmetric(size, {(i, i): Fraction(1) for i in range(size)})
+    diagonal = {(i, i): Fraction(1) for i in range(size)}
+    return SparseSymmetric(size, diagonal)
 
 
 def is_proved(problem: Problem, lure: Lure) -> bool:
@@ -62,11 +63,14 @@ def pins(problem: Problem) -> np.ndarray:
 
 def field(problem: Problem, mode: str, e: np.ndarray) -> np.ndarray:
     """h(e) - K e, arc by arc; e (..., n m)."""
-    x = e.reshape(*e.shape[:-1], problem.n, problem.m)
+    runs = e.shape[:-1]
+    x = e.reshape(*runs, problem.n, problem.m)
     total = np.zeros_like(x)
     for listener, speaker, weight in problem.network.modes[mode]:
         h = problem.coupling_of(listener, speaker)
-        total[..., listener, :] += float(weight) * h.value(x[..., speaker, :] - x[..., listener, :])
+        of_speaker = x[..., speaker, :]
+        of_listener = x[..., listener, :]
+        total[..., listener, :] += float(weight) * h.value(of_speaker - of_listener)
     return total.reshape(e.shape) - e @ pins(problem).T
 
 
@@ -83,9 +87,12 @@ def values_along(problem: Problem, lure: Lure, level: Fraction, times: np.ndarra
     F = np.zeros((q, q))
     C = np.zeros((problem.m, q))
     if lure.P is not None:
-        metric[size:, size:] = np.kron(np.eye(problem.n), to_float(lure.P))
+        one = np.eye(problem.n)
+        metric[size:, size:] = np.kron(one, to_float(lure.P))
         C = to_float(problem.exosystem.C)
-        F = to_float(problem.exosystem.A) - np.linalg.solve(to_float(lure.P), to_float(lure.Q)) @ C
+        A = to_float(problem.exosystem.A)
+        gain = np.linalg.solve(to_float(lure.P), to_float(lure.Q))
+        F = A - gain @ C
     directions = np.random.default_rng(0).standard_normal((50, len(metric)))
     directions[:10, size:] = 0
     sizes = np.sqrt(np.einsum("ri,ij,rj->r", directions, metric, directions))
@@ -94,14 +101,18 @@ def values_along(problem: Problem, lure: Lure, level: Fraction, times: np.ndarra
     def slope(t: float, flat: np.ndarray) -> np.ndarray:
         state = flat.reshape(starts.shape)
         e = state[:, :size]
-        eps = state[:, size:].reshape(len(starts), problem.n, q)
-        e_dot = field(problem, "G", e) + (eps @ C.T).reshape(e.shape)
+        errors = state[:, size:]
+        eps = errors.reshape(len(starts), problem.n, q)
+        free = field(problem, "G", e)
+        driven = (eps @ C.T).reshape(e.shape)
+        e_dot = free + driven
         eps_dot = (eps @ F.T).reshape(len(starts), problem.n * q)
         return np.concatenate([e_dot, eps_dot], axis=1).ravel()
 
     with np.errstate(all="ignore"):  # trial steps of the integrator may overflow
         close: dict[str, Any] = {"rtol": 1e-9, "atol": 1e-11, "method": "DOP853"}
-        run = solve_ivp(slope, (0, times[-1]), starts.ravel(), t_eval=times, **close)
+        span = (0, times[-1])
+        run = solve_ivp(slope, span, starts.ravel(), t_eval=times, **close)
     states = run.y.reshape(*starts.shape, len(times))
     return np.einsum("rit,ij,rjt->rt", states, metric, states)
 
@@ -117,7 +128,8 @@ def listening_pair(
     if reach is not None:
         region = {"initial_states": reach if isinstance(reach, list) else [-reach, reach]}
     given = {"gains": gains, "target": target, "region": region}
-    return linked([[1, 2], [2, 1]], 2, h, **given, **more)
+    arcs = [[1, 2], [2, 1]]
+    return linked(arcs, 2, h, **given, **more)
 
 
 def half_difference(guess: float, k: float = 0.1) -> Fraction:
@@ -136,7 +148,9 @@ def random_folded(seed: int, *, m: int = 1, exceptions: bool = True) -> Problem:
     for i in range(1, n + 1):
         for j in range(1, n + 1):
             if i != j and (j == i % n + 1 or r.random() < 0.4):
-                arcs.append([i, j, r.choice((1, "1/2", 2))])
+                weight = r.choice((1, "1/2", 2))
+                arc = [i, j, weight]
+                arcs.append(arc)
     h: Any = r.choice(("sin(y)", FOLDED, "y*exp(1 - y**2)", "clip(y, -1, 1)", "exp(y) - 1 + y"))
     if m > 1 and r.random() < 0.5:
         h = [f"sin(y{c + 1}) + y{(c + 1) % m + 1}/4" for c in range(m)]
@@ -145,8 +159,10 @@ def random_folded(seed: int, *, m: int = 1, exceptions: bool = True) -> Problem:
         gains = {i: _twisted(m, k) for i, k in gains.items()}
     first = arcs[0][:2]
     other = {(first[0] - 1, first[1] - 1): "tanh(2*y)"} if exceptions else None
-    given = {"gains": gains, "target": [1] * m, "region": {"initial_states": [-9, 9]}}
-    offsets = {1: [r.randint(-2, 2) for _ in range(m)]}
+    region = {"initial_states": [-9, 9]}
+    given = {"gains": gains, "target": [1] * m, "region": region}
+    offset = [r.randint(-2, 2) for _ in range(m)]
+    offsets = {1: offset}
     return linked(arcs, n, h, exceptions=other, offsets=offsets, **given)
 
 
@@ -154,5 +170,7 @@ def _twisted(m: int, k: Any) -> list[list[Any]]:
     """k on the diagonal and 1/20 of a skew matrix beside it."""
     rows = []
     for c in range(m):
-        rows.append(["-1/20"] * c + [k] + ["1/20"] * (m - c - 1))
+        below = ["-1/20"] * c + [k]
+        above = ["1/20"] * (m - c - 1)
+        rows.append(below + above)
     return rows

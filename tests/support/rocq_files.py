@@ -74,23 +74,31 @@ RISING = "exp(y) - 1 + y"
 def problems() -> dict[str, Problem]:
     two = {"a": [[2, 1, "2/3"], [3, 2]], "b": [[2, 3, "1/2"], [3, 1, "7/5"]]}
     pair = {"a": [[2, 1], [1, 2, "1/2"]], "b": [[2, 1, 2]]}
-    plane = Exosystem(A=((0, 1), (-1, 0)), C=((1, 0), (0, 1)))
+    A = ((0, 1), (-1, 0))
+    C = ((1, 0), (0, 1))
+    plane = Exosystem(A=A, C=C)
     line = Exosystem(A=((0,),), C=((1,), ("1/2",)))
     starts = {"initial_states": [-1, 1], "initial_disturbance": "1/2"}
     made: dict[str, Problem] = {}
     # the one that is changed
     small = {"a": [[2, 1], [3, 2]], "b": [[2, 1, 2], [3, 1]]}
-    held = {"gains": {1: 3, 2: 1}, "exosystem": SINE, "region": starts}
+    gains = {1: 3, 2: 1}
+    held = {"gains": gains, "exosystem": SINE, "region": starts}
     made["small"] = linked(small, 3, RISING, **held)
     # m = 2, matrix gains, a formation, weights, groups
-    given: dict[str, Any] = {"exceptions": {(2, 0): "atan(2*y)"}, "target": ["1/2", -1]}
-    given["gains"] = {1: [[3, "1/2"], [-1, 4]], 2: 2, 3: 1}
+    exceptions = {(2, 0): "atan(2*y)"}
+    given: dict[str, Any] = {"exceptions": exceptions, "target": ["1/2", -1]}
+    gain = [[3, "1/2"], [-1, 4]]
+    given["gains"] = {1: gain, 2: 2, 3: 1}
     given["offsets"] = {2: [1, "-3/2"], 3: ["1/3", 0]}
-    given["groups"] = [Group(agents=[1, 3], exosystem=plane), Group(agents=[2], exosystem=line)]
+    first_group = Group(agents=[1, 3], exosystem=plane)
+    second_group = Group(agents=[2], exosystem=line)
+    given["groups"] = [first_group, second_group]
     made["rich"] = linked(two, 3, RISING, **given, region=starts)
     # no exosystem; arcs that rise, fall, have a peak and are bounded on a piece
     falls = {(0, 1): "-tanh(y)/4"}
-    given = {"gains": {1: 3, 2: "1/2"}, "region": {"initial_states": [-2, 2]}}
+    region = {"initial_states": [-2, 2]}
+    given = {"gains": {1: 3, 2: "1/2"}, "region": region}
     made["turning"] = linked(pair, 2, "y/(1 + y**2/9)", exceptions=falls, **given)
     # the same kinds of arcs, in few pieces
     given = {"gains": {1: 3, 2: 3, 3: 2}, "region": {"initial_states": [-3, 3]}}
@@ -98,7 +106,8 @@ def problems() -> dict[str, Problem]:
     three = [[2, 1], [1, 2, "1/2"], [3, 2]]
     made["bent"] = linked(three, 3, "y*exp((1 - y**2)/2)", **given)
     # estimates that start exact: a bound of 0 on the estimation error
-    given = {"gains": {1: 2}, "exosystem": Exosystem(A=((0,),), C=((1,),))}
+    exosystem = Exosystem(A=((0,),), C=((1,),))
+    given = {"gains": {1: 2}, "exosystem": exosystem}
     given["region"] = starts | {"initial_disturbance": 0}
     made["exact"] = linked([[2, 1]], 2, "tanh(y)", **given)
     return made
@@ -152,9 +161,8 @@ class Ran:
     @property
     def axioms(self) -> list[str]:
         """Those that ``Print Assumptions`` lists."""
-        found = re.findall(
-            r"^(\S+)\s*:?(?:\s.*)?$", self.out.split("Axioms:\n", 1)[1], flags=re.MULTILINE
-        )
+        listed = self.out.split("Axioms:\n", 1)[1]
+        found = re.findall(r"^(\S+)\s*:?(?:\s.*)?$", listed, flags=re.MULTILINE)
         return [each for each in found if each != "Axioms:"]
 
 
@@ -163,9 +171,8 @@ def coqc(folder: Path, name: str, text: str, *options: str) -> Ran:
     (folder / f"{name}.v").write_text(text, encoding="ascii")
     with tempfile.TemporaryFile("w+") as out, tempfile.TemporaryFile("w+") as err:
         began = time.perf_counter()
-        process = subprocess.Popen(
-            [COQC or "coqc", "-q", *options, f"{name}.v"], cwd=folder, stdout=out, stderr=err
-        )
+        command = [COQC or "coqc", "-q", *options, f"{name}.v"]
+        process = subprocess.Popen(command, cwd=folder, stdout=out, stderr=err)
         _, status, used = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)
         seconds = time.perf_counter() - began
@@ -208,11 +215,10 @@ def refused_in(ran: Ran, text: str) -> str:
     lines = text.splitlines()[
         : int(re.findall(r"line (\d+), characters.*\n(?=Error)", ran.err)[-1])
     ]
-    named = [
-        found[1]
-        for line in lines
-        if (found := re.match(r"(?:Lemma|Theorem|Definition) (\w+'?)", line))
-    ]
+    named = []
+    for line in lines:
+        if found := re.match(r"(?:Lemma|Theorem|Definition) (\w+'?)", line):
+            named.append(found[1])
     return named[-1]
 
 
@@ -223,10 +229,10 @@ def refused_in(ran: Ran, text: str) -> str:
 def honest_parts() -> dict[tuple[int, int], list[Part]]:
     certificate = boxed("small")
     claim = separable(certificate).claim
-    return {
-        (row.agent, row.face): row.parts
-        for row in Rows(certificate.problem, claim, claim.rho).all()
-    }
+    found = {}
+    for row in Rows(certificate.problem, claim, claim.rho).all():
+        found[row.agent, row.face] = row.parts
+    return found
 
 
 def separable(certificate: Certificate) -> Any:
@@ -242,7 +248,8 @@ def forged_proof(certificate: Certificate) -> str:
 
     def parts(self: Row) -> list[Part]:
         scale = self.rows.rho / honest
-        ends = ((each.low * scale, each.high * scale) for each in found[self.agent, self.face])
+        segments = found[self.agent, self.face]
+        ends = ((each.low * scale, each.high * scale) for each in segments)
         return searched(self) or [self._part(*each) for each in ends]
 
     def any_squares(M: Any) -> list[str]:
@@ -267,10 +274,11 @@ def claims(certificate: Certificate, **values: Any) -> Certificate:
     check = separable(certificate)
     claim = check.claim
     own = {name: values.pop(name) for name in ("rate", "domain") if name in values}
-    observed = {name: values.pop(name) for name in ("P", "beta", "kappa", "size") if name in values}
-    new = replace(
-        check, **own, claim=replace(claim, **values, error=replace(claim.error, **observed))
-    )
+    names = ("P", "beta", "kappa", "size")
+    observed = {name: values.pop(name) for name in names if name in values}
+    error = replace(claim.error, **observed)
+    changed = replace(claim, **values, error=error)
+    new = replace(check, **own, claim=changed)
     checks = tuple(new if each is check else each for each in certificate.claims.checks)
     return replace(certificate, claims=replace(certificate.claims, checks=checks))
 
@@ -297,7 +305,10 @@ def with_gain(certificate: Certificate, W: Any) -> Certificate:
 def arcs(
     a: Sequence[Any] = ((2, 1), (3, 2)), b: Sequence[Any] = ((2, 1, 2), (3, 1)), **more: Any
 ) -> Network:
-    return listens({"a": [list(x) for x in a], "b": [list(x) for x in b], **more}, 3)
+    arcs_of_a = [list(x) for x in a]
+    arcs_of_b = [list(x) for x in b]
+    modes = {"a": arcs_of_a, "b": arcs_of_b, **more}
+    return listens(modes, 3)
 
 
 def scaled(claim: Any, name: str, factor: Any) -> Any:
@@ -321,7 +332,8 @@ def forgeries() -> dict[str, Forgery]:
         return lambda certificate: with_gain(certificate, W)
 
     def weights(i: int, factor: Any) -> Forgery:
-        return own(v=tuple(x * Fraction(factor) if k == i else x for k, x in enumerate(v)))
+        changed = tuple(x * Fraction(factor) if k == i else x for k, x in enumerate(v))
+        return own(v=changed)
 
     def by(factor: Any) -> Any:
         return tuple(tuple(x * Fraction(factor) for x in row) for row in P)
@@ -393,59 +405,60 @@ def edited(text: str, pattern: str, new: str) -> str:
 
 
 #: Regular expression and what it becomes; numbers of claims, and steps of the proof.
-EDITS: dict[str, tuple[str, str]] = {}
-EDITS["file: v_3 half"] = r"^(Definition v .*; )\((\d+) / (\d+)\)(\] 0\.)", r"\1(\2 / (2 * \3))\4"
-EDITS["file: alpha twice"] = r"^(Definition alpha : R := )(.*)\.$", r"\g<1>(2 * \2)."
-EDITS["file: beta twice"] = r"^(Definition beta : R := )(.*)\.$", r"\g<1>(2 * \2)."
-EDITS["file: P[0][0] 1 larger"] = r"^(Definition P [\s\S]*?matrix \[\[)(\([^)]*\))", r"\1(1 + \2)"
-EDITS["file: the sign in h"] = r"(exp y - 1) \+ y", r"\1 - y"
-EDITS["file: an arc turned round"] = r"Arc 2 1 h1", "Arc 1 2 h1"
-EDITS["file: an arc removed"] = r"; Arc 2 1 h1\]", "]"
-EDITS["file: the weight of an arc"] = r"Arc 2 1 h1", "Arc 2 1 (fun y => 1 / 2 * h1 y)"
-EDITS["file: a mode's graph"] = r"^    \[Arc 1 0 \(fun y => 2.*\]$", "    []"
-EDITS["file: a third mode"] = r"Loop 3 1 2 graph", "Loop 3 1 3 graph"
-EDITS["file: a gain of a pin"] = r"\| 1 => matrix \[\[1\]\]", "| 1 => matrix [[1 / 2]]"
-EDITS["file: A"] = r"matrix \[\[0; 1\]; \[\(- \(1\)\); 0\]\]", "matrix [[0; 1]; [1; 0]]"
-EDITS["file: C"] = r"matrix \[\[1; 0\]\]", "matrix [[0; 1]]"
-EDITS["file: W"] = r"matrix \[\[\(26 / 25\)\]", "matrix [[0]"
-EDITS["file: the goal"] = r"^(Definition goal .*)\[0\] 0", r"\1[5] 0"
-EDITS["file: who is heard"] = r"\[Heard 1 1 h1", "[Heard 0 1 h1"
-EDITS["file: the weight of what is heard"] = r"\[Heard 1 1 h1", "[Heard 1 2 h1"
-EDITS["file: a coupling that is heard not"] = r"^    \[Heard 1 1 h1 .*\]\)\.", "    [])."
-EDITS["file: the bound of what is heard"] = (
-    r"(\[Heard 1 1 h1 \(fun s => )(.*)\)\]\)\.",
-    r"\1\2 - s / 100)]).",
-)
-EDITS["file: the step of a term"] = r"Term 1 h1 h1' \(- \(", "Term 1 h1 h1' (- (1 + "
-EDITS["file: the end of a piece"] = r"^(Lemma upper_0_2_1 .* 0 )(\(.*\))\.$", r"\1(2 * \2)."
-EDITS["file: a gap between pieces"] = (
-    r"^(Lemma upper_0_2_2 .*alpha 0 2 )(\([^)]*\))",
-    r"\1(1 / 100 + \2)",
-)
-EDITS["file: the room of a row"] = r"(\(k 2 - alpha\) \* s \* v 2\) with \(\()(- )", r"\1"
-EDITS["file: a row of another agent"] = (
-    r"exact upper_0_1\|exact upper_0_2",
-    "exact upper_0_2|exact upper_0_1",
-)
-EDITS["file: a square"] = (
-    r"(assert \(S1 : 0 <= \(\d+ / \d+\) \* \(a 0%nat \+ )\(- (\(\d+ / \d+\))\)",
-    r"\1\2",
-)
-EDITS["file: what the observer injects"] = r"(kappa size )(\(.*\))$", r"\1(\2 / 2)"
-EDITS["file: the radius of the theorem"] = r"^  converges network 1 ", "  converges network 2 "
-EDITS["file: the rate of the theorem"] = (
-    r"^(  converges network .*v i\) )(\(.*\))\.$",
-    r"\1(1 / 100 + \2).",
-)
-EDITS["file: the bound of the theorem"] = (
-    r"^(  converges network .*\(fun i => )(.*) \* v i",
-    r"\1\2 / 2 * v i",
-)
-EDITS["file: the estimates of the theorem"] = (
-    r"^  converges network 1 \(1 / 2\)",
-    "  converges network 1 1",
-)
-EDITS["file: the states of the theorem"] = (
-    r"converges_from_states network \(- \(1\)\) 1",
-    "converges_from_states network (- (2)) 1",
-)
+EDITS: dict[str, tuple[str, str]] = {
+    "file: v_3 half": (r"^(Definition v .*; )\((\d+) / (\d+)\)(\] 0\.)", r"\1(\2 / (2 * \3))\4"),
+    "file: alpha twice": (r"^(Definition alpha : R := )(.*)\.$", r"\g<1>(2 * \2)."),
+    "file: beta twice": (r"^(Definition beta : R := )(.*)\.$", r"\g<1>(2 * \2)."),
+    "file: P[0][0] 1 larger": (r"^(Definition P [\s\S]*?matrix \[\[)(\([^)]*\))", r"\1(1 + \2)"),
+    "file: the sign in h": (r"(exp y - 1) \+ y", r"\1 - y"),
+    "file: an arc turned round": (r"Arc 2 1 h1", "Arc 1 2 h1"),
+    "file: an arc removed": (r"; Arc 2 1 h1\]", "]"),
+    "file: the weight of an arc": (r"Arc 2 1 h1", "Arc 2 1 (fun y => 1 / 2 * h1 y)"),
+    "file: a mode's graph": (r"^    \[Arc 1 0 \(fun y => 2.*\]$", "    []"),
+    "file: a third mode": (r"Loop 3 1 2 graph", "Loop 3 1 3 graph"),
+    "file: a gain of a pin": (r"\| 1 => matrix \[\[1\]\]", "| 1 => matrix [[1 / 2]]"),
+    "file: A": (r"matrix \[\[0; 1\]; \[\(- \(1\)\); 0\]\]", "matrix [[0; 1]; [1; 0]]"),
+    "file: C": (r"matrix \[\[1; 0\]\]", "matrix [[0; 1]]"),
+    "file: W": (r"matrix \[\[\(26 / 25\)\]", "matrix [[0]"),
+    "file: the goal": (r"^(Definition goal .*)\[0\] 0", r"\1[5] 0"),
+    "file: who is heard": (r"\[Heard 1 1 h1", "[Heard 0 1 h1"),
+    "file: the weight of what is heard": (r"\[Heard 1 1 h1", "[Heard 1 2 h1"),
+    "file: a coupling that is heard not": (r"^    \[Heard 1 1 h1 .*\]\)\.", "    [])."),
+    "file: the bound of what is heard": (
+        r"(\[Heard 1 1 h1 \(fun s => )(.*)\)\]\)\.",
+        r"\1\2 - s / 100)]).",
+    ),
+    "file: the step of a term": (r"Term 1 h1 h1' \(- \(", "Term 1 h1 h1' (- (1 + "),
+    "file: the end of a piece": (r"^(Lemma upper_0_2_1 .* 0 )(\(.*\))\.$", r"\1(2 * \2)."),
+    "file: a gap between pieces": (
+        r"^(Lemma upper_0_2_2 .*alpha 0 2 )(\([^)]*\))",
+        r"\1(1 / 100 + \2)",
+    ),
+    "file: the room of a row": (r"(\(k 2 - alpha\) \* s \* v 2\) with \(\()(- )", r"\1"),
+    "file: a row of another agent": (
+        r"exact upper_0_1\|exact upper_0_2",
+        "exact upper_0_2|exact upper_0_1",
+    ),
+    "file: a square": (
+        r"(assert \(S1 : 0 <= \(\d+ / \d+\) \* \(a 0%nat \+ )\(- (\(\d+ / \d+\))\)",
+        r"\1\2",
+    ),
+    "file: what the observer injects": (r"(kappa size )(\(.*\))$", r"\1(\2 / 2)"),
+    "file: the radius of the theorem": (r"^  converges network 1 ", "  converges network 2 "),
+    "file: the rate of the theorem": (
+        r"^(  converges network .*v i\) )(\(.*\))\.$",
+        r"\1(1 / 100 + \2).",
+    ),
+    "file: the bound of the theorem": (
+        r"^(  converges network .*\(fun i => )(.*) \* v i",
+        r"\1\2 / 2 * v i",
+    ),
+    "file: the estimates of the theorem": (
+        r"^  converges network 1 \(1 / 2\)",
+        "  converges network 1 1",
+    ),
+    "file: the states of the theorem": (
+        r"converges_from_states network \(- \(1\)\) 1",
+        "converges_from_states network (- (2)) 1",
+    ),
+}

@@ -47,12 +47,18 @@ def planar(**settings) -> Problem:
     """Linear, m = 2, q = 3, two modes, formation, matrix gains, weights."""
     modes = {"one": [[1, 2], [2, 3, 2], [3, 1], [1, 3]], "two": [[1, 3, "1/2"], [2, 1]]}
     given: dict[str, Any] = {"coupling": ["2*y1 + y2", "3*y2 - y1"]}
-    given["simulation"] = {"t_final": 4, "seed": 3, "xi0": [[1, 0, 2], [0, 1, -1], [3, 0, 0]]}
+    starts = [[1, 0, 2], [0, 1, -1], [3, 0, 0]]
+    given["simulation"] = {"t_final": 4, "seed": 3, "xi0": starts}
     given["target"] = [1, -2]
-    given["gains"] = {"1": 3, "3": [[2, 1], [-1, 2]]}
-    given["exosystem"] = Exosystem(A=[[0, 1, 0], [-1, 0, 0], [0, 0, 0]], C=[[1, 0, 1], [0, 1, 0]])
-    given["observer"] = Observer(W=[[2, 0], [0, 2], [1, 0]])
-    return linked(modes, 3, **given | settings, offsets={"2": [1, 0]})
+    gain = [[2, 1], [-1, 2]]
+    given["gains"] = {"1": 3, "3": gain}
+    A = [[0, 1, 0], [-1, 0, 0], [0, 0, 0]]
+    C = [[1, 0, 1], [0, 1, 0]]
+    given["exosystem"] = Exosystem(A=A, C=C)
+    W = [[2, 0], [0, 2], [1, 0]]
+    given["observer"] = Observer(W=W)
+    offsets = {"2": [1, 0]}
+    return linked(modes, 3, **given | settings, offsets=offsets)
 
 
 def simulate(
@@ -84,11 +90,14 @@ EVERYTHING = Stress(
 def nonlinear_planar() -> Problem:
     """m = 2, q = 3, two modes, a coupling of vectors, a formation, gains that are matrices, drawn
     disturbances."""
+    exceptions = {(0, 2): ["3*y1", "y2"]}
+    states = [[0, 1], [-3, -1]]
+    region = {"initial_states": states, "initial_disturbance": 2}
     return planar(
-        exceptions={(0, 2): ["3*y1", "y2"]},
+        exceptions=exceptions,
         coupling=["tanh(y1) + y2/4", "y2 + y2**3/9"],
         simulation={},
-        region={"initial_states": [[0, 1], [-3, -1]], "initial_disturbance": 2},
+        region=region,
     )
 
 
@@ -104,19 +113,28 @@ def require_the_same(
     many = simulate_many(problem, runs=runs, seed=5, **given)
     for k in range(runs):
         one = simulate(problem, seed=5 + k, **given)
-        count = int(np.searchsorted(many.times, one.times[-1], side="right"))
+        last = one.times[-1]
+        following = np.searchsorted(many.times, last, side="right")
+        count = int(following)
         scale = close * (1 + np.abs(one.x).max())
         estimates = one.estimation_error()[:count]
-        np.testing.assert_allclose(many.estimation_error[k, :count], estimates, atol=10 * scale)
-        np.testing.assert_allclose(many.error[k, :count], one.error()[:count], atol=scale)
+        found_estimates = many.estimation_error[k, :count]
+        np.testing.assert_allclose(found_estimates, estimates, atol=10 * scale)
+        found_errors = many.error[k, :count]
+        errors_of_one = one.error()[:count]
+        np.testing.assert_allclose(found_errors, errors_of_one, atol=scale)
         assert np.isnan(many.error[k, count:]).all()
         assert many.diverged[k] == one.diverged == (k in many.reasons)
-        np.testing.assert_allclose(many.ended[k], one.times[-1], rtol=1e-6)
+        end = one.times[-1]
+        np.testing.assert_allclose(many.ended[k], end, rtol=1e-6)
         assert many.switches[k] == len(one.switches) - 1
-        sizes = (many.error[k, 0], many.lengths[k], many.disturbances[k])
+        start = many.error[k, 0]
+        sizes = (start, many.lengths[k], many.disturbances[k])
         # an ensemble's starts are those before the first noise
         jumped = bool(stress.noise) and stress.period is None
-        np.testing.assert_allclose(sizes[: 3 - jumped], one.start_size()[: 3 - jumped])
+        found_sizes = sizes[: 3 - jumped]
+        wanted_sizes = one.start_size()[: 3 - jumped]
+        np.testing.assert_allclose(found_sizes, wanted_sizes)
     assert "side by side" in many.method
     return many
 
@@ -143,7 +161,8 @@ def compare(problem: Problem, settling: Settling, *, runs: int, seed: int = 0) -
     times = np.linspace(0.0, 1.1 * settling.time, SAMPLES)
     bounds = settling.envelope(times)
     given = {"t_final": times[-1], "samples": times.tolist()}
-    errors = [*dd.simulate(problem, runs=runs, seed=seed, **given).error]
+    many = dd.simulate(problem, runs=runs, seed=seed, **given)
+    errors = [*many.error]
     for k in range(CORNERS):
         errors.append(_corner(problem, settling, times, seed + k))
     crossings = []
@@ -169,7 +188,8 @@ def _corner(problem: Problem, settling: Settling, times: np.ndarray, seed: int) 
     m = problem.m
     goal = floats([problem.goal_of(i) for i in range(n)])
     if seed % CORNERS < 2:
-        signs = np.full((n, m), (1.0, -1.0)[seed % 2])
+        sign = (1.0, -1.0)[seed % 2]
+        signs = np.full((n, m), sign)
     else:
         signs = rng.choice([-1.0, 1.0], (n, m))
     start = {"x": goal + float(settling.radius) * signs}

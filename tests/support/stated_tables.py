@@ -39,8 +39,12 @@ def network(r: Random, *, saturating: bool = False) -> dict[str, Any]:
     n = r.randint(3, 5)
     arcs = []
     for i in range(2, n + 1):
-        arcs.append([i, r.randint(1, i - 1), F(r.randint(2, 6), 2)])
-    gains = {1: F(r.randint(4, 8), 2)} | ({n: F(r.randint(4, 8), 2)} if r.random() < 0.5 else {})
+        speaker = r.randint(1, i - 1)
+        arc = [i, speaker, F(r.randint(2, 6), 2)]
+        arcs.append(arc)
+    first_gain = r.randint(4, 8)
+    held = {1: F(first_gain, 2)}
+    gains = held | ({n: F(r.randint(4, 8), 2)} if r.random() < 0.5 else {})
     h = "tanh(y)" if saturating else r.choice(list(RISING))
     network = network_of(arcs, n)
     return {"network": network, "coupling": h, "gains": gains, "target": 0, "name": "stated"}
@@ -49,10 +53,12 @@ def network(r: Random, *, saturating: bool = False) -> dict[str, Any]:
 def seen(r: Random) -> dict[str, Any]:
     """A constant and a sine of 2 rad/s, or the sine alone, with an observer, and the region with
     its errors."""
-    exosystem, W = (harmonics([2]), ["16/5", "12/5"]) if r.random() < 0.5 else (constant(), ["3"])
+    sines = r.random() < 0.5
+    exosystem, W = (harmonics([2]), ["16/5", "12/5"]) if sines else (constant(), ["3"])
     errors = F(r.randint(1, 4), 20)
     region = {"initial_states": [-R, R], "initial_disturbance": errors}
-    return {"exosystem": exosystem, "observer": Observer(W=[[w] for w in W]), "region": region}
+    observer = Observer(W=[[w] for w in W])
+    return {"exosystem": exosystem, "observer": observer, "region": region}
 
 
 BOX = {"region": {"initial_states": [-R, R]}}
@@ -68,7 +74,9 @@ def limit_below_the_disturbance(r: Random, more: dict[str, Any]) -> Stated:
 def limit_below_the_start(r: Random, more: dict[str, Any]) -> Stated:
     parts = network(r) | BOX
     needed = parts["gains"][1] * R
-    problem = Problem(**parts, actuators={"limit": {"1": needed * r.randint(50, 97) / 100}}, **more)
+    least = needed * r.randint(50, 97)
+    limits = {"1": least / 100}
+    problem = Problem(**parts, actuators={"limit": limits}, **more)
     return Stated(problem, "limit", "agent 1 needs k R at its start")
 
 
@@ -77,7 +85,9 @@ def limit_between(r: Random, more: dict[str, Any]) -> Stated:
     tolerated."""
     parts = network(r) | BOX
     error = F(r.randint(10, 30), 100)
-    limit = {"limit": {"1": parts["gains"][1] * R * (1 + error * r.randint(1, 19) / 20)}}
+    base = parts["gains"][1] * R
+    factor = 1 + error * r.randint(1, 19) / 20
+    limit = {"limit": {"1": base * factor}}
     table = more.pop("uncertainty", {}) | {"gains": error}
     problem = Problem(**parts, actuators=limit, uncertainty=table, **more)
     return Stated(problem, "limit, gains", "agent 1 needs k (1 + error) R at its start")
@@ -90,7 +100,8 @@ def repelling(r: Random, more: dict[str, Any]) -> Stated:
     w = F(r.randint(2, 6), 4)
     largest = (k - 2 * w) / (k + 2 * w)
     error = largest + (1 - largest) * r.randint(2, 30) / 100
-    pair = network_of([[1, 2, w], [2, 1, w]], 2)
+    arcs = [[1, 2, w], [2, 1, w]]
+    pair = network_of(arcs, 2)
     h = "-y" if more else r.choice(["-y", "-tanh(y)"])
     where = {} if r.random() < 0.5 else BOX
     table = more.pop("uncertainty", {}) | {"weights": error, "gains": error}
@@ -111,9 +122,8 @@ def entries_of_a_gain(r: Random, more: dict[str, Any]) -> Stated:
     """[[1, c], [c, 1]] is indefinite where 1 - d < c (1 + d)."""
     c = F(r.randint(3, 7), 10)
     largest = (1 - c) / (1 + c)
-    table = more.pop("uncertainty", {}) | {
-        "gains": largest + (1 - largest) * r.randint(2, 30) / 100
-    }
+    given = more.pop("uncertainty", {})
+    table = given | {"gains": largest + (1 - largest) * r.randint(2, 30) / 100}
     one = network_of([], 1)
     gains = {1: [[1, c], [c, 1]]}
     problem = Problem(
@@ -132,7 +142,8 @@ def more_than_a_coupling(r: Random, more: dict[str, Any]) -> Stated:
     """An agent that is held by w tanh alone, against a constant push of more than w."""
     w = F(r.randint(2, 8), 4)
     chain = network_of([[2, 1, w]], 2)
-    table = more.pop("uncertainty", {}) | {"disturbance": w * r.randint(101, 150) / 100}
+    given = more.pop("uncertainty", {})
+    table = given | {"disturbance": w * r.randint(101, 150) / 100}
     problem = Problem(
         network=chain,
         coupling="tanh(y)",
@@ -151,10 +162,8 @@ def weaker_than_stated(r: Random, more: dict[str, Any]) -> Stated:
     tolerated."""
     w = F(r.randint(2, 8), 4)
     chain = network_of([[2, 1, w]], 2)
-    table = more.pop("uncertainty", {}) | {
-        "disturbance": w * 3 / 4,
-        "weights": F(r.randint(26, 40), 100),
-    }
+    given = more.pop("uncertainty", {})
+    table = given | {"disturbance": w * 3 / 4, "weights": F(r.randint(26, 40), 100)}
     problem = Problem(
         network=chain,
         coupling="tanh(y)",
@@ -185,7 +194,8 @@ def broken(seed: int) -> Stated:
     if seed % 3:
         return r.choice(ALONE)(r, {})
     maker: Callable[[Random, dict[str, Any]], Stated] = r.choice(TOGETHER + ALONE)
-    small: dict[str, Any] = {"uncertainty": {"measurement": F(1, 1000)}}
+    small_errors = {"measurement": F(1, 1000)}
+    small: dict[str, Any] = {"uncertainty": small_errors}
     if maker in (limit_below_the_disturbance, limit_below_the_start, limit_between):
         small["uncertainty"] |= {"weights": F(1, 100), "disturbance": F(1, 1000)}
     elif maker is not entries_of_a_gain:
@@ -202,13 +212,16 @@ def kept(seed: int) -> Stated:
     watched = r.random() < 0.5
     parts |= seen(r) if watched else BOX
     named = {}
-    wanted = {1: ["limit"], 2: ["relative"], 0: ["absolute"]}[seed % 3]
+    kinds = {1: ["limit"], 2: ["relative"], 0: ["absolute"]}
+    wanted = kinds[seed % 3]
     if seed % 4 == 0:
         wanted = ["limit", "relative", "absolute"]
     if "relative" in wanted:
-        named |= {"weights": F(r.randint(1, 4), 100), "gains": F(r.randint(1, 4), 100)}
+        weights = F(r.randint(1, 4), 100)
+        named |= {"weights": weights, "gains": F(r.randint(1, 4), 100)}
     if "absolute" in wanted:
-        named |= {"disturbance": F(r.randint(1, 4), 100), "measurement": F(r.randint(0, 2), 1000)}
+        disturbance = F(r.randint(1, 4), 100)
+        named |= {"disturbance": disturbance, "measurement": F(r.randint(0, 2), 1000)}
         named |= {"drift": F(1, 100)} if watched else {}
     if "relative" in wanted and watched and seed % 5 == 0:
         named |= {"known_to_agents": False, "weights": F(1, 200)}
@@ -252,37 +265,56 @@ def loop_of(problem: Problem) -> Loop:
     L = np.zeros((n, n))
     K = np.zeros((n, n))
     for i, j, w in arcs:
-        slope = float(w) * float(problem.coupling_of(i, j).jacobian_at_zero()[0][0].lo)
+        slopes = problem.coupling_of(i, j).jacobian_at_zero()[0]
+        slope_at_zero = float(slopes[0].lo)
+        slope = float(w) * slope_at_zero
         L[i, i] += slope
         L[i, j] -= slope
     for i, k in problem.pinning.gains.items():
         K[i, i] = float(k[0][0])
     one = np.eye(n)
     A = -L - K
-    B = np.hstack([one, np.zeros((n, n * q)), -K])
+    no_drift = np.zeros((n, n * q))
+    columns = [one, no_drift, -K]
+    B = np.hstack(columns)
     if q:
         exosystem = problem.joint_exosystem
         W = to_float(certify(problem.replace(uncertainty=None)).claims.W)
         C = to_float(exosystem.C)
         F = to_float(exosystem.A) - W @ C
-        A = np.block([[A, np.kron(one, C)], [np.zeros((n * q, n)), np.kron(one, F)]])
-        B[:, -n:] -= float((C @ W)[0, 0]) * one
+        first = [A, np.kron(one, C)]
+        zeros = np.zeros((n * q, n))
+        second = [zeros, np.kron(one, F)]
+        A = np.block([first, second])
+        fed_back = float((C @ W)[0, 0])
+        B[:, -n:] -= fed_back * one
         noise = -np.kron(one, F @ W) - np.kron(L, W)
-        B = np.vstack([B, np.hstack([-np.kron(one, W), np.eye(n * q), noise])])
+        of_drift = -np.kron(one, W)
+        row = [of_drift, np.eye(n * q), noise]
+        rows = [B, np.hstack(row)]
+        B = np.vstack(rows)
     plant = problem.uncertainty
-    counts = ((plant.disturbance, n), (plant.drift, n * q), (plant.measurement, n))
-    limits = np.concatenate([np.full(count, float(limit)) for limit, count in counts])
+    on_states = (plant.disturbance, n)
+    on_drift = (plant.drift, n * q)
+    counts = (on_states, on_drift, (plant.measurement, n))
+    parts = [np.full(count, float(limit)) for limit, count in counts]
+    limits = np.concatenate(parts)
     return Loop(A, B, limits, n)
 
 
 def responses(loop: Loop, *, points: int = 6000) -> tuple[np.ndarray, float]:
     """What e gains from inputs that are 1 for one step and 0 afterwards, (points, n, inputs), and
     the step (s)."""
-    slowest = float(-np.max(np.linalg.eigvals(loop.A).real))
+    real_parts = np.linalg.eigvals(loop.A).real
+    largest = -np.max(real_parts)
+    slowest = float(largest)
     size = len(loop.A)
     step = 16 / slowest / points
     inputs = loop.B.shape[1]
-    joint = linalg.expm(step * np.block([[loop.A, loop.B], [np.zeros((inputs, size + inputs))]]))
+    upper = [loop.A, loop.B]
+    lower = [np.zeros((inputs, size + inputs))]
+    rows = [upper, lower]
+    joint = linalg.expm(step * np.block(rows))
     phi = joint[:size, :size]
     Z = joint[:size, size:]
     found = []
@@ -296,7 +328,8 @@ def gain_of(problem: Problem) -> np.ndarray:
     """The largest |e_i| that inputs within the limits reach in a linear loop: those that are
     constant on each of many short steps, so that it is never above the L-infinity gain."""
     loop = loop_of(problem)
-    return np.sum(np.abs(responses(loop)[0]) @ loop.limits, axis=0)
+    absolute = np.abs(responses(loop)[0])
+    return np.sum(absolute @ loop.limits, axis=0)
 
 
 def second_order(seed: int) -> tuple[Problem, Loop]:
@@ -306,37 +339,55 @@ def second_order(seed: int) -> tuple[Problem, Loop]:
     n = r.randint(2, 5)
     drag = r.randint(8, 12)
     k = r.randint(1, 2)
-    arcs = [(i, r.randrange(i), f"{r.randint(2, 4)}/2") for i in range(1, n)]
+    arcs = []
+    for i in range(1, n):
+        arcs.append((i, r.randrange(i), f"{r.randint(2, 4)}/2"))
     L = np.zeros((n, n))
     one = np.eye(n)
     for i, j, w in arcs:
         L[i, i] += float(Fraction(w))
         L[i, j] -= float(Fraction(w))
     L[0, 0] += k
-    A = np.block([[0 * one, one], [-L, -drag * one]])
+    rows = [[0 * one, one], [-L, -drag * one]]
+    A = np.block(rows)
     B = np.vstack([0 * one, one])
     more: dict[str, Any] = {}
     plant = {"disturbance": f"{r.randint(1, 9)}/10"}
     if seed % 2:
-        plant["drift"], a, b = "1/20", r.randint(20, 40) / 10, r.randint(10, 30) / 10
-        F = np.array([[-a, 1], [-1 - b, 0]])
-        more = {
-            "exosystem": Exosystem(A=[[0, 1], [-1, 0]], C=[[1, 0]]),
-            "observer": Observer(W=[[f"{a}"], [f"{b}"]]),
-        }
+        first_gain = r.randint(20, 40) / 10
+        plant["drift"], a, b = "1/20", first_gain, r.randint(10, 30) / 10
+        F_rows = [[-a, 1], [-1 - b, 0]]
+        F = np.array(F_rows)
+        A_rows = [[0, 1], [-1, 0]]
+        exosystem = Exosystem(A=A_rows, C=[[1, 0]])
+        observer = Observer(W=[[f"{a}"], [f"{b}"]])
+        more = {"exosystem": exosystem, "observer": observer}
         C = np.array([[1.0, 0.0]])
         W = np.array([[a], [b]])
-        border = np.vstack([np.zeros((n, 2 * n)), np.kron(one, C)])
-        A = np.block([[A, border], [np.zeros((2 * n,) * 2), np.kron(one, F)]])
-        B = np.block([[B, np.zeros((2 * n, 2 * n))], [-np.kron(one, W), np.eye(2 * n)]])
-    limits = [float(Fraction(plant["disturbance"]))] * n + [0.05] * (2 * n * (seed % 2))
+        zeros = np.zeros((n, 2 * n))
+        border_rows = [zeros, np.kron(one, C)]
+        border = np.vstack(border_rows)
+        lower_zeros = np.zeros((2 * n,) * 2)
+        lower = [lower_zeros, np.kron(one, F)]
+        rows_of_A = [[A, border], lower]
+        A = np.block(rows_of_A)
+        shape = (2 * n, 2 * n)
+        upper_B = [B, np.zeros(shape)]
+        lower_B = [-np.kron(one, W), np.eye(2 * n)]
+        B = np.block([upper_B, lower_B])
+    of_states = [float(Fraction(plant["disturbance"]))] * n
+    of_drift = [0.05] * (2 * n * (seed % 2))
+    limits = of_states + of_drift
+    gains = {"1": [[k, 0]]}
+    A_of_agents = [[0, 1], [0, -drag]]
+    dynamics = Dynamics(A=A_of_agents, B=[[0], [1]])
     problem = linear_problem(
         n,
         {"a": arcs},
-        {"1": [[k, 0]]},
+        gains,
         coupling="y1",
         uncertainty=plant,
-        dynamics=Dynamics(A=[[0, 1], [0, -drag]], B=[[0], [1]]),
+        dynamics=dynamics,
         **more,
     )
     return problem, Loop(A, B, np.array(limits), 2 * n)
@@ -358,16 +409,18 @@ def random_linear(seed: int) -> Problem:
     if seed % 2:
         f = r.randint(5, 40)
         g = r.randint(5, 60)
-        more = {
-            "exosystem": Exosystem(A=matrix([[0, f"{f}/10"], [f"-{f}/10", 0]]), C=matrix([[1, 0]]))
-        }
+        A_rows = matrix([[0, f"{f}/10"], [f"-{f}/10", 0]])
+        C_row = matrix([[1, 0]])
+        exosystem = Exosystem(A=A_rows, C=C_row)
+        more = {"exosystem": exosystem}
         more["observer"] = Observer(W=matrix([[f"{g}/10"], [f"{r.randint(0, g)}/10"]]))
     plant = {
         "disturbance": f"{r.randint(1, 20)}/10",
         "measurement": f"{r.choice((0, 0, 1))}/50",
         "drift": "1/20",
     }
-    listed = [(i, j, f"{w}/8") for (i, j), w in sorted(arcs.items())]
+    sorted_arcs = sorted(arcs.items())
+    listed = [(i, j, f"{w}/8") for (i, j), w in sorted_arcs]
     return linear_problem(n, {"a": listed}, gains, uncertainty=plant, **more)
 
 
@@ -396,7 +449,8 @@ def final_errors(problem: Problem, *, seed: int, runs: int = 3) -> np.ndarray:
 
     def rest(y: np.ndarray) -> np.ndarray:
         """What the couplings add to their linear part, by arc."""
-        return weights * (h(y[:, None])[:, 0] - slope * y)
+        felt = h(y[:, None])[:, 0]
+        return weights * (felt - slope * y)
 
     def field(x: np.ndarray, u: np.ndarray) -> np.ndarray:
         y = x[j] - x[i]
@@ -416,6 +470,7 @@ def final_errors(problem: Problem, *, seed: int, runs: int = 3) -> np.ndarray:
         x = np.zeros(len(A))
         for signs in np.sign(H[::-1, agent]):
             u = loop.limits * signs
-            x = x + step * field(x + step / 2 * field(x, u), u)
+            half_way = x + step / 2 * field(x, u)
+            x = x + step * field(half_way, u)
         worst[agent] = max(worst[agent], abs(x[agent]))
     return worst

@@ -31,16 +31,24 @@ def values(given):
 
 
 def test_ranges_are_evenly_spaced_and_exact_or_have_even_ratios_and_keep_their_ends():
-    assert values("1:5:9") == ("1", "1.5", "2", "2.5", "3", "3.5", "4", "4.5", "5")
+    expected = ("1", "1.5", "2", "2.5", "3", "3.5", "4", "4.5", "5")
+    assert values("1:5:9") == expected
     thirds = values("0:1:4")
     assert thirds == ("0", "1/3", "2/3", "1")
-    assert [Fraction(x) for x in thirds] == [Fraction(k, 3) for k in range(4)]
+    found_thirds = [Fraction(x) for x in thirds]
+    expected_thirds = [Fraction(k, 3) for k in range(4)]
+    assert found_thirds == expected_thirds
     assert values("1:-1:3") == ("1", "0", "-1")
     found = values("1/100:10:7:log")
-    assert (found[0], found[-1], len(found)) == ("0.01", "10", 7)
-    ratios = [float(Fraction(b)) / float(Fraction(a)) for a, b in itertools.pairwise(found)]
+    assert found[0] == "0.01"
+    assert found[-1] == "10"
+    assert len(found) == 7
+    ratios = []
+    for a, b in itertools.pairwise(found):
+        ratios.append(float(Fraction(b)) / float(Fraction(a)))
     assert max(ratios) / min(ratios) == pytest.approx(1, abs=1e-5)
-    assert all(len(x.replace(".", "").lstrip("0")) <= 6 for x in found)
+    for x in found:
+        assert len(x.replace(".", "").lstrip("0")) <= 6
 
 
 NONSENSE = """
@@ -103,22 +111,30 @@ def test_the_text_of_a_value_reads_back_as_the_value(value):
 
 
 def test_values_from_python_may_be_arrays_lists_and_tables():
-    assert values(np.linspace(0, 1, 3)) == ("0", "0.5", "1")
-    assert values([Fraction(1, 3), "tanh(y)", [[1, 2]]]) == ("1/3", "tanh(y)", "[[1, 2]]")
-    assert read_value(values([{"s 1": 0.5, "b": Fraction(1, 3)}])[0]) == {"s 1": "0.5", "b": "1/3"}
+    found = values(np.linspace(0, 1, 3))
+    expected = ("0", "0.5", "1")
+    assert found == expected
+    arcs = [[1, 2]]
+    assert values([Fraction(1, 3), "tanh(y)", arcs]) == ("1/3", "tanh(y)", "[[1, 2]]")
+    read = read_value(values([{"s 1": 0.5, "b": Fraction(1, 3)}])[0])
+    assert read == {"s 1": "0.5", "b": "1/3"}
     with pytest.raises(SpecError, match="must be a number, text, list or table"):
         values([True])
 
 
 def test_draws_depend_on_seed_axis_and_number_and_choices_come_equally_often():
     (axis,) = read_axes(["a=~uniform(0,1)"])
-    first = [axis.draw.value(7, axis.name, k) for k in range(50)]
+    first = []
+    for k in range(50):
+        first.append(axis.draw.value(7, axis.name, k))
     assert first == [axis.draw.value(7, axis.name, k) for k in range(50)]
     assert len(set(first)) > 45
     assert first != [axis.draw.value(8, axis.name, k) for k in range(50)]
     assert first != [axis.draw.value(7, "b", k) for k in range(50)]
     (axis,) = read_axes(["h=~choice(y,tanh(y),clip(y,-1,1))"])
-    drawn = [axis.draw.value(0, "h", k) for k in range(600)]
+    drawn = []
+    for k in range(600):
+        drawn.append(axis.draw.value(0, "h", k))
     counts = [drawn.count(each) for each in ("y", "tanh(y)", "clip(y,-1,1)")]
     assert sum(counts) == 600
     assert min(counts) > 140
@@ -135,13 +151,17 @@ def test_draws_have_the_distribution_they_are_named_after(text, low, high, middl
     """Bounds and the median, of 2000 draws; the median's standard error is below a twentieth of
     each spread."""
     (axis,) = read_axes([f"a={text}"])
-    drawn = [float(Fraction(axis.draw.value(1, "a", k))) for k in range(2000)]
+    drawn = []
+    for k in range(2000):
+        drawn.append(float(Fraction(axis.draw.value(1, "a", k))))
     assert low <= min(drawn) < max(drawn) <= high
     assert statistics.median(drawn) == pytest.approx(middle, rel=0.2, abs=0.15)
 
 
 def test_axes_that_undo_each_other_are_refused_and_those_that_go_together_are_not():
-    for pair in ({"a": "1", "a.b": "2"}, {"a.b": "1", "c,a.b": "2"}):
+    deeper = {"a": "1", "a.b": "2"}
+    crossed = {"a.b": "1", "c,a.b": "2"}
+    for pair in (deeper, crossed):
         with pytest.raises(SpecError, match="set the same place"):
             read_axes(pair)
     assert len(read_axes({"a.b": "1", "a.c": "2"})) == 2
@@ -160,7 +180,8 @@ PATHS["coupling.exceptions[0].h"] = [("coupling", "exceptions", 0, "h")]
 @pytest.mark.parametrize(("text", "paths"), PATHS.items())
 def test_a_path_is_names_between_dots_and_places_in_brackets(text, paths):
     assert list(read_keys(text)) == paths
-    assert list(read_keys(",".join(path_text(path) for path in paths))) == paths
+    joined = ",".join(path_text(path) for path in paths)
+    assert list(read_keys(joined)) == paths
 
 
 NO_PATHS = ["", ".", "a..b", "[0]", "a.", "a b", "a[x]", "a[-1]", ",a", "a,", 'a."b', "a" * 600]
@@ -190,12 +211,17 @@ DOCUMENT = {
 
 
 def test_a_change_copies_and_leaves_the_document_as_it_was():
-    changes = {("coupling", "h"): "tanh(y)", ("network", "modes", "G", 1): [3, 1]}
+    arc_path = ("network", "modes", "G", 1)
+    changes = {("coupling", "h"): "tanh(y)", arc_path: [3, 1]}
     changed = with_changes(DOCUMENT, changes)
     assert changed["coupling"]["h"] == "tanh(y)"
-    assert changed["network"]["modes"]["G"] == [[1, 2], [3, 1]]
+    arcs = changed["network"]["modes"]["G"]
+    expected = [[1, 2], [3, 1]]
+    assert arcs == expected
     assert DOCUMENT["coupling"]["h"] == "y"
-    assert DOCUMENT["network"]["modes"]["G"] == [[1, 2], [2, 3]]
+    arcs_before = DOCUMENT["network"]["modes"]["G"]
+    expected_before = [[1, 2], [2, 3]]
+    assert arcs_before == expected_before
 
 
 def test_tables_on_the_way_are_made_the_next_place_of_a_list_is_filled_and_none_removes():
@@ -203,18 +229,21 @@ def test_tables_on_the_way_are_made_the_next_place_of_a_list_is_filled_and_none_
     changes["network", "modes", "G", 0, 2] = 0.5
     changed = with_changes(DOCUMENT, changes)
     assert changed["observer"] == {"rate": 2}
-    assert changed["network"]["modes"]["G"][0] == [1, 2, 0.5]
+    arcs_changed = changed["network"]["modes"]["G"]
+    expected_arc = [1, 2, 0.5]
+    assert arcs_changed[0] == expected_arc
     assert changed["pinning"] == {}
     assert with_changes(DOCUMENT, {("formation", "offsets"): None}) == DOCUMENT
 
 
 ARCS = ("network", "modes", "G")
-NOWHERE = {}  # path -> what is said of it
-NOWHERE[FIRST] = r"pinning.gains is 5, which has no '1'. Vary pinning.gains itself"
-NOWHERE[*ARCS, 7, 0] = r"G has 2 entries, counted from 0; got index 7"
-NOWHERE[*ARCS, 3] = r"G has 2 entries"
-NOWHERE[*ARCS, "1"] = r"is a list, which has no '1'. Give an index"
-NOWHERE["coupling", 0] = r"coupling is a table, which has no 0"
+NOWHERE = {  # path -> what is said of it
+    FIRST: r"pinning.gains is 5, which has no '1'. Vary pinning.gains itself",
+    (*ARCS, 7, 0): r"G has 2 entries, counted from 0; got index 7",
+    (*ARCS, 3): r"G has 2 entries",
+    (*ARCS, "1"): r"is a list, which has no '1'. Give an index",
+    ("coupling", 0): r"coupling is a table, which has no 0",
+}
 
 
 @pytest.mark.parametrize(("path", "words"), NOWHERE.items())

@@ -40,12 +40,8 @@ def made(over, tmp_path: Path, *, task: str = "certify", samples=None, missing=(
             if number in missing
             else None
         )
-        about = {
-            "case": number,
-            "id": f"{number:064x}",
-            "values": list(plan.values(number)),
-            "seconds": 0.5,
-        }
+        values = list(plan.values(number))
+        about = {"case": number, "id": f"{number:064x}", "values": values, "seconds": 0.5}
         lines.append(about | {"result": None if error else found, "error": error})
     return SweepResult(plan=plan, lines=tuple(lines))
 
@@ -55,19 +51,19 @@ GRID = {"pinning.gains.3": "1:3:3", "coupling.h": "y,tanh(y),sin(y),atan(y)"}
 
 def test_csv_and_json_lines_hold_every_row(tmp_path):
     result = made(GRID, tmp_path, missing=(4,))
-    rows = list(csv.DictReader(result.save(tmp_path / "r.csv").open(encoding="utf-8", newline="")))
-    again = [
-        json.loads(line)
-        for line in result.save(tmp_path / "r.jsonl").read_text("utf-8").splitlines()
-    ]
+    saved = result.save(tmp_path / "r.csv")
+    file = saved.open(encoding="utf-8", newline="")
+    rows = list(csv.DictReader(file))
+    lines = result.save(tmp_path / "r.jsonl").read_text("utf-8").splitlines()
+    again = [json.loads(line) for line in lines]
     assert again == result.rows
     assert len(rows) == 12
-    assert (rows[5]["pinning.gains.3"], rows[5]["coupling.h"], rows[5]["rate"]) == (
-        "2.0",
-        "tanh(y)",
-        "0.5",
-    )
-    assert (rows[4]["rate"], rows[4]["error"], rows[3]["error"]) == ("", "it broke", "")
+    assert rows[5]["pinning.gains.3"] == "2.0"
+    assert rows[5]["coupling.h"] == "tanh(y)"
+    assert rows[5]["rate"] == "0.5"
+    assert rows[4]["rate"] == ""
+    assert rows[4]["error"] == "it broke"
+    assert rows[3]["error"] == ""
     assert rows[0]["reason"] == 'r, "q"'
 
 
@@ -91,7 +87,8 @@ def test_parquet_holds_the_same_rows_with_their_types(tmp_path):
         assert list(result.frame().columns) == list(result.columns)
         kinds = {field.name: str(field.type) for field in table.schema}
         names = {"text": "string", "number": "double", "truth": "bool", "count": "int64"}
-        assert kinds == {name: names[kind] for name, kind in result.columns.items()}
+        columns = result.columns.items()
+        assert kinds == {name: names[kind] for name, kind in columns}
 
 
 def test_without_the_extra_the_message_says_what_is_missing_and_what_works(tmp_path, monkeypatch):
@@ -145,12 +142,16 @@ def test_a_figure_names_what_it_shows(tmp_path, over, samples, options, axes):
 
 
 def test_a_heat_map_draws_the_median_of_what_falls_on_a_cell_and_marks_the_worst_verdict(tmp_path):
-    result = made({**GRID, "target": "~uniform(0,1)"}, tmp_path, samples=3, missing=(0,))
+    grid = {**GRID, "target": "~uniform(0,1)"}
+    result = made(grid, tmp_path, samples=3, missing=(0,))
     figure = result.plot().figure
-    mesh = figure.axes[0].collections[0].get_array().reshape(4, 3)
+    collection = figure.axes[0].collections[0]
+    mesh = collection.get_array().reshape(4, 3)
     for row in range(4):
         for column in range(3):
-            numbers = [(column * 4 + row) * 3 + k for k in range(3)]
+            numbers = []
+            for k in range(3):
+                numbers.append((column * 4 + row) * 3 + k)
             rates = [number / 10 for number in numbers if number != 0]
             assert mesh[row, column] == pytest.approx(np.median(rates))
     assert "median over target" in figure.axes[0].get_title("left")
@@ -173,11 +174,14 @@ def test_rates_that_span_decades_are_drawn_on_a_logarithmic_axis(ratio: float, s
 
 def test_what_cannot_be_drawn_is_refused_with_what_can(tmp_path):
     result = made(GRID, tmp_path)
+    no_number = ({"value": "verdict"}, "no numeric column")
+    no_axis = ({"x": "rate"}, "no axis")
+    same_axis = ({"x": "coupling.h", "y": "coupling.h"}, "different axes")
     for options, words in (
-        ({"value": "verdict"}, "no numeric column"),
-        ({"x": "rate"}, "no axis"),
+        no_number,
+        no_axis,
         ({"value": "box"}, "nothing to be drawn"),
-        ({"x": "coupling.h", "y": "coupling.h"}, "different axes"),
+        same_axis,
     ):
         with pytest.raises(SpecError, match=words):
             result.plot(**options)

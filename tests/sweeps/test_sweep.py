@@ -47,7 +47,9 @@ def test_every_case_stands_in_the_journal_as_soon_as_it_is_finished(chain, tmp_p
     seen = []
 
     def look(state: State) -> None:
-        seen.append((state.done, (tmp_path / "out" / "results.jsonl").read_bytes().count(b"\n")))
+        written = (tmp_path / "out" / "results.jsonl").read_bytes().count(b"\n")
+        state_seen = (state.done, written)
+        seen.append(state_seen)
 
     sweep(chain, OVER, samples=1, jobs=1, out=tmp_path / "out", progress=look)
     assert seen == [(k, k) for k in range(7)]
@@ -57,10 +59,8 @@ def test_a_sweep_says_of_every_case_what_certify_says_of_the_same_file(chain, re
     """The oracle is certify on a text in which the values were put by hand."""
     assert len(result) == 2 * 3 * 2
     for row in result.rows[::5]:
-        gain, weight = (
-            Fraction(str(row["pinning.gains.3"])),
-            Fraction(str(row["network.modes.G[0][2]"])),
-        )
+        gain = Fraction(str(row["pinning.gains.3"]))
+        weight = Fraction(str(row["network.modes.G[0][2]"]))
         text = CHAIN.replace("3 = 5", f'3 = "{gain}"').replace('"y"', f'"{row["coupling.h"]}"')
         chain.write_text(text.replace("[1, 2]", f'[1, 2, "{weight}"]'), encoding="utf-8")
         if row["coupling.h"] == "y+1":
@@ -144,7 +144,8 @@ def test_a_sweep_that_was_stopped_goes_on_and_ends_like_one_that_was_not(
     )
     assert seen == list(range(7, 13)), "nothing is done twice"
     assert without_times(list(found.lines)) == without_times(list(result.lines))
-    written = [json.loads(line) for line in (out / "results.jsonl").read_bytes().splitlines()]
+    lines = (out / "results.jsonl").read_bytes().splitlines()
+    written = [json.loads(line) for line in lines]
     assert sorted(line["case"] for line in written) == list(range(12))
     seen.clear()
     sweep(chain, OVER, samples=2, jobs=1, out=out, progress=lambda state: seen.append(state.done))
@@ -155,8 +156,11 @@ def test_lines_that_are_broken_or_belong_to_no_case_are_done_again(chain, tmp_pa
     out = tmp_path / "out"
     sweep(chain, OVER, samples=2, jobs=1, out=out)
     lines = (out / "results.jsonl").read_bytes().splitlines()
-    other = json.loads(lines[4]) | {"values": ["9", "y", "1"]}
-    lines[2:5] = [b"\xff garbage", b"[1, 2]", json.dumps(other).encode()]
+    line = json.loads(lines[4])
+    changes = {"values": ["9", "y", "1"]}
+    other = line | changes
+    cut = json.dumps(other).encode()
+    lines[2:5] = [b"\xff garbage", b"[1, 2]", cut]
     (out / "results.jsonl").write_bytes(b"\n".join(lines) + b"\n")
     done: list[int] = []
     found = sweep(
@@ -169,10 +173,8 @@ def test_lines_that_are_broken_or_belong_to_no_case_are_done_again(chain, tmp_pa
 @pytest.mark.parametrize("change", ["values", "problem", "seed", "task", "samples"])
 def test_a_folder_of_another_sweep_is_refused_and_left_alone_unless_forced(chain, tmp_path, change):
     out = tmp_path / "out"
-    over, options = (
-        {"coupling.h": "y", "target": "~uniform(0,1)"},
-        {"samples": 2, "seed": 0, "task": "certify"},
-    )
+    over = {"coupling.h": "y", "target": "~uniform(0,1)"}
+    options = {"samples": 2, "seed": 0, "task": "certify"}
     sweep(chain, over, out=out, jobs=1, **options)
     before = {path.name: path.read_bytes() for path in out.iterdir()}
     if change == "samples":  # by hand, in the file that says what is swept
@@ -189,9 +191,8 @@ def test_a_folder_of_another_sweep_is_refused_and_left_alone_unless_forced(chain
     with pytest.raises(SpecError, match=f"was made for another sweep, with another .*{change}"):
         sweep(chain, over, out=out, jobs=1, **options)
     assert {path.name: path.read_bytes() for path in out.iterdir()} == before
-    assert len(sweep(chain, over, out=out, jobs=1, force=True, **options)) == (
-        4 if change == "values" else 2
-    )
+    again = sweep(chain, over, out=out, jobs=1, force=True, **options)
+    assert len(again) == (4 if change == "values" else 2)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="files are not locked there")
@@ -202,7 +203,8 @@ def test_two_at_a_time_in_one_folder_are_refused(chain, tmp_path):
         pytest.raises(SpecError, match="another process is at work"),
     ):
         sweep(chain, {"coupling.h": "y"}, out=tmp_path / "out", jobs=1)
-    assert len(sweep(chain, {"coupling.h": "y"}, out=tmp_path / "out", jobs=1)) == 1
+    results = sweep(chain, {"coupling.h": "y"}, out=tmp_path / "out", jobs=1)
+    assert len(results) == 1
 
 
 def endless() -> None:
@@ -231,17 +233,17 @@ def test_a_case_over_its_time_is_recorded_and_done_again_only_with_more_time(cha
     with Journal(out, plan) as journal:
         journal.append(run_case(plan, 0))
         journal.append(late)
-    assert sweep(chain, ["target=1,2"], out=out, time_limit=0.05).outcomes == {
-        "proved": 1,
-        "failed": 1,
-    }
+    outcomes_found = sweep(chain, ["target=1,2"], out=out, time_limit=0.05)
+    expected = {"proved": 1, "failed": 1}
+    assert outcomes_found.outcomes == expected
     done: list[int] = []
     found = sweep(
         chain, ["target=1,2"], out=out, jobs=1, progress=lambda state: done.append(state.done)
     )
     assert done == [1, 2]
     assert found.outcomes == {"proved": 2}
-    assert sweep(chain, ["target=1,2"], out=out, jobs=1).outcomes == {"proved": 2}
+    outcomes_again = sweep(chain, ["target=1,2"], out=out, jobs=1)
+    assert outcomes_again.outcomes == {"proved": 2}
 
 
 def deadly(chain: Path) -> Plan:
@@ -272,15 +274,18 @@ def deadly(chain: Path) -> Plan:
 def test_a_case_that_kills_its_worker_is_recorded_and_the_others_are_done(chain, monkeypatch):
     """The worker of one case is killed, two never end; what was in hand with them is done again."""
     monkeypatch.setattr(running, "GRACE", 2.0)
-    found = list(outcomes(deadly(chain), range(5), jobs=2, backend=LOKY, limit=3))
+    all_outcomes = outcomes(deadly(chain), range(5), jobs=2, backend=LOKY, limit=3)
+    found = list(all_outcomes)
     assert sorted(line["case"] for line in found) == list(range(5))
-    kinds = {line["case"]: line["error"]["kind"] for line in found if line["error"]}
+    kinds = {}
+    for line in found:
+        if line["error"]:
+            kinds[line["case"]] = line["error"]["kind"]
     assert kinds == {2: "worker", 3: "time", 4: "time"}
 
 
 def test_a_state_says_itself_in_words():
-    assert (
-        str(State(total=20, done=8, resumed=3, failed=1))
-        == "8 of 20 cases, 3 of them from before, 1 failed"
-    )
-    assert str(State(total=20, done=20, resumed=0, failed=0)) == "20 of 20 cases"
+    partial = State(total=20, done=8, resumed=3, failed=1)
+    assert str(partial) == "8 of 20 cases, 3 of them from before, 1 failed"
+    complete = State(total=20, done=20, resumed=0, failed=0)
+    assert str(complete) == "20 of 20 cases"

@@ -71,6 +71,7 @@ from dobc_design.conditions.separable.claim import (
     Term,
     error_from_json,
     error_sizes,
+    error_to_json,
     rows,
     stated_errors,
 )
@@ -84,8 +85,9 @@ from dobc_design.conditions.separable.decide import (
 from dobc_design.coupling.enclosures import Profile, jet, secant_range
 from dobc_design.coupling.tree import ZERO
 from dobc_design.exact.interval import Interval, UndefinedError
-from dobc_design.exact.matrix import Matrix, Vector, identity, kronecker, multiply
-from dobc_design.exact.peaks import MOST_STEPS, peak_gains, peak_gains_by_row, row_norm
+from dobc_design.exact.matrix import Matrix, Vector, identity, kronecker, multiply, row_norm
+from dobc_design.exact.peaks import MOST_STEPS, peak_gains, peak_gains_by_row
+from dobc_design.exact.reading import Document, Table
 from dobc_design.exact.symmetric import Doubles, least
 from dobc_design.loop.loop import Loop
 from dobc_design.problem.uncertainty import Uncertainty
@@ -108,7 +110,7 @@ class Level:
     rho: Fraction | None
     ranges: tuple[GainRange, ...] = ()
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         """The exact values as text."""
         values = {"v": vector_to_json(self.v), **fields_to_json(self, "alpha", "level", "rho")}
         if self.ranges:
@@ -129,7 +131,7 @@ class Peaks:
     step: Fraction
     steps: int
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         """The exact values as text."""
         return fields_to_json(self, *INPUTS, "step", "steps")
 
@@ -141,7 +143,7 @@ class Response:
     step: Fraction
     steps: int
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         """The exact values."""
         return fields_to_json(self, "step", "steps")
 
@@ -190,13 +192,11 @@ class Accuracy:
             ranges=stage.ranges,
         )
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         """The exact values of a proved check."""
         first = "stages" if self.response is None else "response"
         values = fields_to_json(self, first, "bounds") | known_to_json(self, "T", "peaks")
-        if self.error is not None:
-            values |= self.error.to_json()
-        return values
+        return values | error_to_json(self.error)
 
 
 def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Accuracy:
@@ -233,7 +233,7 @@ def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Accuracy:
     )
 
 
-def _read_steps(data: Any, names: tuple[str, ...]) -> dict[str, Any]:
+def _read_steps(data: Any, names: tuple[str, ...]) -> Document:
     """Rationals by these names, and ``steps``."""
     found = read_object(data, (*names, "steps"))
     if type(found["steps"]) is not int:
@@ -264,7 +264,7 @@ def _read_level(data: object, loop: Loop, turned: bool) -> Level:
     return level
 
 
-def level_from_json(values: Mapping[str, Any], size: int, rho: Fraction | None) -> Level:
+def level_from_json(values: Table, size: int, rho: Fraction | None) -> Level:
     """Read v (``size`` entries), alpha and level."""
     v = vector_from_json(values["v"], size)
     alpha, level = read_rationals(values, "alpha", "level")
@@ -347,7 +347,8 @@ def observer_peaks(loop: Loop, W: Matrix, *, step: Fraction, steps: int) -> Peak
     worst = dict.fromkeys(INPUTS, Fraction(0))
     own = loop.drift
     for group, gain in loop.observed(W):
-        F, C = error_matrix(group.exosystem, gain), group.exosystem.C
+        F = error_matrix(group.exosystem, gain)
+        C = group.exosystem.C
         entering = gain
         if own is not None:  # w acts on the inputs, and what is asked is C eps in the inputs
             C = multiply(own.left_inverse, C)
@@ -399,7 +400,8 @@ class Plant:
     def input(self) -> Fraction:
         """b = omega (1 + peak of W) + gamma (peak of I): what acts on the inputs of every agent in
         the end."""
-        omega, peaks = self.stated.disturbance, self.peaks
+        omega = self.stated.disturbance
+        peaks = self.peaks
         if peaks is None:
             return omega
         return omega + (omega * peaks.disturbance + self.stated.drift * peaks.drift)
@@ -425,7 +427,8 @@ class Plant:
         )
         if found is None:
             return None
-        b, m = self.input, loop.m
+        b = self.input
+        m = loop.m
         ends = [b * row[-1] for row in found]
         return {label: tuple(ends[i * m : (i + 1) * m]) for i, label in enumerate(loop.labels)}
 
@@ -433,8 +436,11 @@ class Plant:
         """Every row of a stage with what acts besides.  What an observer passes on it has seen in
         any mode: there the largest over the modes counts.  Raises: UndefinedError where a slope has
         no bound as far out."""
-        loop, plant, peaks = self.loop, self.stated, self.peaks
-        errors, noise = stated_errors(loop), plant.measurement
+        loop = self.loop
+        plant = self.stated
+        peaks = self.peaks
+        errors = stated_errors(loop)
+        noise = plant.measurement
         slopes = _Slopes(loop, stage, noise)
         passed = unknown = Fraction(0)
         by_model = Fraction(0)
@@ -586,12 +592,13 @@ def _told(loop: Loop, claim: Accuracy, domain: Domain) -> str:
 def confirm(check: Check, case: Case) -> str | None:
     """None if everything that a proved check of this topic claims is confirmed, else what is
     not."""
-    loop, W = case.loop, case.W
+    loop = case.loop
+    W = case.W
     claim = check.claim if isinstance(check.claim, Accuracy) else read_claim(check, loop, W)
     reason = obstacle(loop, W, turned=claim.by_component)
     if reason is not None:
         return reason
-    if check.verdict is not Verdict.PROVED or check.witness is not None or check.rate is not None:
+    if not check.is_proved or check.witness is not None or check.rate is not None:
         return "it can only be proved or undecided, and has no witness and no rate"
     if loop.uncertainty is None:
         return "the problem has no [uncertainty]"

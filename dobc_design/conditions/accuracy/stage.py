@@ -16,6 +16,7 @@ from scipy import linalg, sparse
 
 from dobc_design.conditions.case import Case
 from dobc_design.conditions.check import Check, limited, surviving, undecided_check
+from dobc_design.conditions.consensus.propose import decay_of
 from dobc_design.conditions.coverage import Asked, Progress, read_region
 from dobc_design.conditions.domain import EVERYWHERE, Around, Box, Domain
 from dobc_design.conditions.kinds import MAX_SEPARABLE
@@ -49,14 +50,13 @@ from dobc_design.conditions.separable.stage import largest_claim, separable_stag
 from dobc_design.conditions.stated import stated_in
 from dobc_design.coupling.expression import numpy_function
 from dobc_design.exact.interval import UndefinedError
-from dobc_design.exact.matrix import Matrix, Vector, identity, to_float
+from dobc_design.exact.matrix import Matrix, Vector, identity, row_norm, to_float
 from dobc_design.exact.number import root_above
-from dobc_design.exact.peaks import MOST_GROWTH, MOST_STEPS, row_norm
+from dobc_design.exact.peaks import MOST_GROWTH, MOST_STEPS
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, out_of_time
 from dobc_design.loop.arcs import coupling_places
 from dobc_design.loop.loop import Loop
 from dobc_design.solvers.program import Array
-from dobc_design.verdict import Verdict
 
 from .decide import (
     ID,
@@ -108,7 +108,7 @@ TIGHTER = 1 + 1e-6  # what is left to rounding
 def propose_peaks(loop: Loop, W: Matrix) -> Peaks | None:
     """Proved upper bounds of the peak gains, a little above; None where none are found."""
     matrices = [to_float(error_matrix(group.exosystem, k)) for group, k in loop.observed(W)]
-    decay = min(float(-np.max(np.linalg.eigvals(F).real)) for F in matrices)
+    decay = min(map(decay_of, matrices))
     size = max(map(_row_norm, matrices))
     if not (decay > 0 and np.isfinite(size)):
         return None
@@ -159,7 +159,8 @@ def near_target(plant: Plant) -> Iterator[Level]:
 
 def _inside(plant: Plant, before: Level) -> Iterator[Level]:
     """Stages that take over where ``before`` ends, and leave less of its largest bound."""
-    within, rho = before, None
+    within = before
+    rho = None
     spreads: Sequence[float] = SPREADS[:1]
     if before.rho is not None:
         within = replace(before, rho=before.level)
@@ -212,7 +213,9 @@ def _raised_weights(v: Array) -> Vector:
 def _pulls(plant: Plant, reach: float) -> Any:
     """eta_i as a matrix (n, n) that acts on v, for |y| <= 2 reach; None where the observers know
     the weights."""
-    loop, stated, peaks = plant.loop, plant.stated, plant.peaks
+    loop = plant.loop
+    stated = plant.stated
+    peaks = plant.peaks
     if stated.known_to_agents or not stated.weights or peaks is None:
         return None
     y = np.linspace(0, 2 * reach, SAMPLES)[1:]
@@ -300,7 +303,8 @@ def _lowest(plant: Plant, stage: Level) -> Level | None:
         tried = _with_rate(plant, replace(stage, level=level))
         return tried if plant.not_shrinking(tried) is None else None
 
-    high, low = math.log(HIGHEST), math.log(DEEPEST)
+    high = math.log(HIGHEST)
+    low = math.log(DEEPEST)
     first = at(high)
     if first is None:
         return None
@@ -332,7 +336,8 @@ NEARLY = Fraction(100_001, 100_000)  # kappa beta min v, which has to exceed 1
 def accuracy_stage(case: Case, report: Progress) -> list[Check]:
     """The check ``accuracy`` beside the checks of a case; none where [uncertainty] adds no
     input."""
-    loop, W = case.loop, case.W
+    loop = case.loop
+    W = case.W
     if not stated_in(loop).absolute:
         return []
     undecided = partial(undecided_check, ID, case.domain)
@@ -429,7 +434,8 @@ def _proved_from(case: Case, plant: Plant, first: _First) -> Iterator[Check]:
 def _turned(case: Case, plant: Plant) -> Iterator[Check]:
     """The same in coordinates: of linear couplings those with the smallest bounds, else the boxes
     that max-separable proves in its own."""
-    loop, peaks = case.loop, plant.peaks
+    loop = case.loop
+    peaks = plant.peaks
     if loop.is_linear:
         near = _near(plant)[:MOST_COORDINATES]
         for T, v in chain(near, _proved_weights(case)):
@@ -438,7 +444,8 @@ def _turned(case: Case, plant: Plant) -> Iterator[Check]:
             yield from _proved(case, claim, EVERYWHERE)
         return
     known = _separable(case)
-    base, starts = known.claim, known.domain
+    base = known.claim
+    starts = known.domain
     if not isinstance(base, Separable) or base.rho is None or not isinstance(starts, Around):
         return
     T, v = _in_coordinates(base, loop.m)
@@ -470,7 +477,8 @@ def _followed(loop: Loop) -> Response | None:
     M = loop_matrix(loop)
     if M is None:
         return None
-    size, most = float(row_norm(M)), most_steps(loop)
+    size = float(row_norm(M))
+    most = most_steps(loop)
     horizon = _decayed(to_float(M), size) if 0 < size < math.inf else None
     if horizon is None:
         return None
@@ -481,7 +489,8 @@ def _followed(loop: Loop) -> Response | None:
 def _decayed(M: Array, size: float) -> float | None:
     """A time after which |exp(M t)| is small, about the first one, |M| = ``size``; None where that
     takes too long."""
-    time, power = 1 / size, linalg.expm(M / size)
+    time = 1 / size
+    power = linalg.expm(M / size)
     with np.errstate(all="ignore"):
         while not _row_norm(power) <= LEFT:
             if time * size > MOST_GROWTH:
@@ -626,7 +635,8 @@ def _near_box(outer: Level, error: ErrorBound | None, disturbance: Fraction) -> 
 def _outer(case: Case) -> tuple[Separable | None, tuple[Fraction, Fraction]]:
     """A box that shrinks without the inputs, and its starts: that of the case, else the largest
     one that is found."""
-    known, claim = case.proof(Separable), case.proved(Separable)
+    known = case.proof(Separable)
+    claim = case.proved(Separable)
     if known is not None and isinstance(known.domain, Around):
         return claim, (claimed(known.domain.radius), claimed(known.domain.disturbance))
     asked = _everything(case)
@@ -664,5 +674,5 @@ def _proved(case: Case, claim: Accuracy, starts: Domain) -> Iterator[Check]:
 def _decided(case: Case, claim: Accuracy, starts: Domain) -> Iterator[Check]:
     """The check of a claim, if it is proved."""
     check = limited(ID, case.domain, lambda: accuracy_check(case, claim, starts))
-    if check.verdict is Verdict.PROVED:
+    if check.is_proved:
         yield check

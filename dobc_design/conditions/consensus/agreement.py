@@ -20,7 +20,8 @@ def agreement_words(loop: Loop) -> str:
     known here."""
     if loop.pulls.nodes or loop.fixed or loop.drift is not None or loop.n == 1:
         return ""
-    labels, modes = loop.labels, loop.modes
+    labels = loop.labels
+    modes = loop.modes
     apart = closed_groups(loop, modes.values())
     if len(apart) > 1:
         first, second = (name_some([labels[i] for i in group]) for group in apart[:2])
@@ -63,7 +64,9 @@ def _attract(loop: Loop) -> bool:
 
 def _estimates_decay(group: Group) -> bool:
     """Whether A - W C is Hurwitz for the W that is given, or can be made so."""
-    A, C, W = group.exosystem.A, group.exosystem.C, group.observer.W
+    A = group.exosystem.A
+    C = group.exosystem.C
+    W = group.observer.W
     if W is None:
         return decide_detectable(A, C).is_proved
     if len(W[0]) != len(C):

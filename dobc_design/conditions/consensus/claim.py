@@ -38,24 +38,18 @@ from dobc_design.conditions.numbers import (
 )
 from dobc_design.errors import SpecError
 from dobc_design.exact import symmetric as sparse
-from dobc_design.exact.interval import Interval, UndefinedError
+from dobc_design.exact.interval import Interval, IntervalMatrix, UndefinedError
 from dobc_design.exact.matrix import Matrix, add, multiply, transpose
 from dobc_design.exact.number import common_denominator
 from dobc_design.exact.pencil import Deviation, Pencil, Place, Unknown
-from dobc_design.exact.reading import is_scalar_matrix
-from dobc_design.exact.symmetric import (
-    Places,
-    SparseSymmetric,
-    as_integers,
-)
+from dobc_design.exact.reading import Document, is_scalar_matrix
+from dobc_design.exact.symmetric import Entries, Places, SparseSymmetric, as_integers
 from dobc_design.loop.arcs import arc_table
 from dobc_design.loop.loop import Loop, Pins, pins_of
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import group_numbers
 from dobc_design.problem.network import Arcs
 
-Gain = tuple[tuple[Interval, ...], ...]  # m x m
-Entries = dict[tuple[int, int], Fraction]
 Triplets = tuple[Places, Places, sparse.Integers]
 
 ZERO = Fraction(0)
@@ -74,7 +68,7 @@ class ModeJacobian:
     name: str
     arcs: Arcs
     kind: NDArray[np.int64]
-    gains: tuple[Gain, ...]
+    gains: tuple[IntervalMatrix, ...]
     pulls: Pins
 
     def entries(self) -> Iterator[Interval]:
@@ -121,7 +115,7 @@ def jacobians_at_consensus(loop: Loop) -> Jacobians:
     return Jacobians(domain=domain, size=loop.n, dimension=loop.m, modes=tuple(modes))
 
 
-def _mode_jacobian(loop: Loop, name: str, slopes: Sequence[Gain]) -> ModeJacobian:
+def _mode_jacobian(loop: Loop, name: str, slopes: Sequence[IntervalMatrix]) -> ModeJacobian:
     """The Jacobian of one mode, from the slopes at 0 of every coupling."""
     arcs = loop.modes[name]
     table = arc_table(loop, name)
@@ -130,7 +124,7 @@ def _mode_jacobian(loop: Loop, name: str, slopes: Sequence[Gain]) -> ModeJacobia
     numbers = (table.coupling * width + table.weight) * 2 + arcs.uncertain
     different, kinds = np.unique(numbers, return_inverse=True)
     kinds.setflags(write=False)
-    gains: list[Gain] = []
+    gains: list[IntervalMatrix] = []
     for number in different.tolist():
         pair, loose = divmod(number, 2)
         coupling, place = divmod(pair, width)
@@ -148,7 +142,7 @@ def _mode_jacobian(loop: Loop, name: str, slopes: Sequence[Gain]) -> ModeJacobia
     return made(arcs=arcs.where(free), kind=kinds[free], pulls=pins_of(held))
 
 
-def _point(gain: Gain, label: str) -> Matrix:
+def _point(gain: IntervalMatrix, label: str) -> Matrix:
     """The gain of an arc to a fixed node, as a matrix.  Raises: UndefinedError where it is only
     enclosed, or comes and goes."""
     if not all(entry.is_point for row in gain for entry in row):
@@ -339,7 +333,7 @@ def theorem1(
     systems: Mapping[str, Exosystem],
     numbers: Sequence[int],
     *,
-    rate: Fraction = ZERO,
+    rate: Fraction,
 ) -> Pencil:
     """Psi of eq. (18), n m rows and a block per agent, from Lambda, the exosystems and each agent's
     number among them. Unknowns: P and Q of each, by its name: "P[1]", "Q[1]".  ``rate`` (1/s) adds
@@ -399,7 +393,7 @@ def reduced(bound: Fraction, exosystem: Exosystem, *, rate: Fraction = ZERO) -> 
     return theorem1(one, {"": exosystem}, [0], rate=rate)
 
 
-def omega_coefficient(exosystem: Exosystem, place: Place, *, rate: Fraction = ZERO) -> Entries:
+def omega_coefficient(exosystem: Exosystem, place: Place, *, rate: Fraction) -> Entries:
     """What one entry of P or Q contributes to Omega0 + 2 rate P = X + X' (upper triangle, q x
     q)."""
     name, k, l = place  # noqa: E741  k, l as in matrix entries
@@ -454,7 +448,7 @@ class Shown:
     vector: NDArray[np.float64]
     bound: Fraction
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         """The exact values of Lemma 1, proved for a large network."""
         return {"v": doubles_to_json(self.vector)}
 
@@ -468,7 +462,7 @@ class Unstable:
     roots: int
     value: Fraction | None = None
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         """The exact values."""
         return known_to_json(self, "value") | {"unstable_roots": str(self.roots)}
 
@@ -497,7 +491,7 @@ class PairFacts:
         """What lambda_max(Lambda) must stay below, where S = s I: the number -s."""
         return -self.S[0][0] if is_scalar_matrix(self.S) else None
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         """The exact values."""
         return fields_to_json(self.pair, "P", "Q") | known_to_json(self, "S", "bound", "mode")
 

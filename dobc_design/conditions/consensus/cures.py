@@ -34,7 +34,7 @@ from .pinning import (
     rough_rate,
     smallest_gains,
 )
-from .propose import float_lambda, largest_eigenvalue, rows_of
+from .propose import Agents, float_lambda, largest_eigenvalue, rows_of
 
 CANDIDATES = 200  # agents that are tried one by one, if a try is cheap
 FEWEST = 10  # if it is not
@@ -61,8 +61,8 @@ class PinProposal:
     that would take very large gains."""
 
     gains: Mapping[int, float]
-    added: tuple[int, ...] = ()
-    rivals: tuple[int, ...] = ()
+    added: Agents = ()
+    rivals: Agents = ()
     keeps: bool = False
     smallest: bool = True
     rate: float = 0.0
@@ -150,7 +150,7 @@ def several_more(loop: Loop, *, progress: Progress | None = None) -> Iterator[Pi
     yield PinProposal(gains=dict.fromkeys(range(loop.n), gain), added=new, smallest=False)
 
 
-def _grounds(loop: Loop) -> Iterator[tuple[Blocks, tuple[int, ...]]]:
+def _grounds(loop: Loop) -> Iterator[tuple[Blocks, Agents]]:
     """What to add to: the present gains as they are; the present pins with gains still to be
     chosen."""
     kept = _blocks(loop, pins=True)
@@ -161,7 +161,7 @@ def _grounds(loop: Loop) -> Iterator[tuple[Blocks, tuple[int, ...]]]:
         yield free, loop.pulls.nodes
 
 
-def groups_without_pin(loop: Loop) -> list[tuple[int, ...]]:
+def groups_without_pin(loop: Loop) -> list[Agents]:
     """The smallest sets that listen to nobody outside in one of the modes and hold no pin, each
     once."""
     pinned = set(loop.pulls.nodes)
@@ -171,7 +171,7 @@ def groups_without_pin(loop: Loop) -> list[tuple[int, ...]]:
 
 def best_single(
     blocks: Blocks, loop: Loop, *, pins: Sequence[int] = (), progress: Progress | None = None
-) -> tuple[int, ...]:
+) -> Agents:
     """Agents that, beside ``pins`` with new gains, need the smallest total gain (or hold best);
     empty: none can."""
     totals: dict[int, float] = {}
@@ -225,7 +225,7 @@ def _affordable(size: int, *, times: int = 1) -> int:
     return max(FEWEST, min(CANDIDATES, WORK // (times * max(1, size) ** 2)))
 
 
-def small_set(blocks: Blocks, loop: Loop, *, progress: Progress | None = None) -> tuple[int, ...]:
+def small_set(blocks: Blocks, loop: Loop, *, progress: Progress | None) -> Agents:
     """Agents to add to the pins so that some gains can do: one of each closed group, then greedily,
     none in vain."""
     pins = loop.pulls.nodes
@@ -249,7 +249,7 @@ def small_set(blocks: Blocks, loop: Loop, *, progress: Progress | None = None) -
     return tuple(sorted(chosen))
 
 
-def _one_of_each(blocks: Blocks, groups: Sequence[tuple[int, ...]]) -> list[int]:
+def _one_of_each(blocks: Blocks, groups: Sequence[Agents]) -> list[int]:
     """Agents that hit every group: those in most groups first, among them the one that holds its
     group best."""
     left = [set(group) for group in groups]

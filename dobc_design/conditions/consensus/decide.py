@@ -32,7 +32,7 @@ from dobc_design.exact.interval import Interval
 from dobc_design.exact.matrix import Matrix, Vector, multiply, transpose, zeros
 from dobc_design.exact.number import from_fmpq_mat, number_text, to_fmpq_mat
 from dobc_design.exact.polynomial import characteristic_polynomial, count_right_half_plane
-from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.exact.symmetric import Entries, SparseSymmetric
 from dobc_design.loop.arcs import unreached
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import group_blocks, group_numbers
@@ -132,7 +132,7 @@ def _of_differences(J: Matrix, m: int) -> Matrix:
     return tuple(tuple(J[i][j] - last[i % m][j] for j in range(kept)) for i in range(kept))
 
 
-def _known_entries(statements: Statements, mode: str) -> claim.Entries | None:
+def _known_entries(statements: Statements, mode: str) -> Entries | None:
     """The entries of J - K of one mode, where all slopes are rational; else None."""
     each = _jacobian(statements, mode)
     if each is None or not each.is_point:
@@ -297,7 +297,8 @@ class _Theorem:
 
     def proved(self) -> Check | None:
         """The check with its largest proved margin and rate; None without a proof."""
-        statements, pair = self.statements, self.facts.pair
+        statements = self.statements
+        pair = self.facts.pair
         matrices = [lambda_with(statements, mode, self.facts.S) for mode in statements.lambdas]
 
         def has_margin(shift: Fraction) -> bool:
@@ -329,7 +330,8 @@ class _Theorem:
 
     def refuted(self) -> Check | None:
         """The check with a direction in which V does not decrease; None if none is found."""
-        statements, S = self.statements, self.facts.S
+        statements = self.statements
+        S = self.facts.S
         for mode in statements.lambdas:
             enclosed = lambda_with(statements, mode, S)
             vector = find_witness(enclosed, self.proposal.vectors)
@@ -520,9 +522,11 @@ def _confirm_lambda(
     """The vector shows that Lambda, or Lambda + I (x) S, is not negative definite in that mode; so
     does the margin."""
     if S is None:
-        what, matrix = "Lambda", enclosed_lambda(statements, mode)
+        what = "Lambda"
+        matrix = enclosed_lambda(statements, mode)
     else:
-        what, matrix = "Psi", lambda_with(statements, mode, S)
+        what = "Psi"
+        matrix = lambda_with(statements, mode, S)
     if not refutes(matrix, vector):
         return f"the vector does not refute {what} < 0"
     if not same_witness(check.witness, lambda_witness(statements, vector)):

@@ -26,7 +26,13 @@ from dobc_design.exact.interval import Interval
 from dobc_design.exact.matrix import Matrix, Vector, identity, nullspace
 from dobc_design.exact.number import float_above
 from dobc_design.exact.pencil import Deviation
-from dobc_design.exact.symmetric import IntegerSymmetric, SparseSymmetric, Symmetric, in_integers
+from dobc_design.exact.symmetric import (
+    Entries,
+    IntegerSymmetric,
+    SparseSymmetric,
+    Symmetric,
+    in_integers,
+)
 from dobc_design.exact.zmatrix import row_bound
 from dobc_design.loop.arcs import closed_groups, unreached
 from dobc_design.loop.loop import Loop
@@ -37,7 +43,8 @@ from .claim import Deviations
 
 ZERO = Fraction(0)
 TOPS = (1, 2, 3, 5, 9, 20, 99, 9999)  # the largest entry of a rounded direction
-LONG, SHORT = 1024, 256  # bits of entries that are rounded first, and of what they are rounded to
+LONG = 1024  # bits of entries that are rounded first,
+SHORT = 256  # and of what they are rounded to
 MOST_WORK = 20_000_000  # products in an elimination of more than 2000 rows, some tens of seconds
 LARGEST_SUPPORT = 300  # rows up to which a candidate's rows are eliminated
 LARGEST = 500  # rows up to which the agents without a pin are eliminated
@@ -66,7 +73,7 @@ class Enclosed:
             return self.middle
         m = len(self.blocks[0])
         owners = self.owners or (0,) * (self.middle.size // m)
-        entries: dict[tuple[int, int], Fraction] = {}
+        entries: Entries = {}
         for agent, owner in enumerate(owners):
             block = self.blocks[owner]
             for i in range(m):
@@ -313,13 +320,13 @@ def apart_in_words(loop: Loop, arcs: Sequence[Arcs]) -> str:
 
 
 def unheld_groups(
-    loop: Loop, arcs: Iterable[Arcs] | None = None
+    loop: Loop, arcs: Iterable[Arcs]
 ) -> Iterator[tuple[tuple[int, ...], tuple[Vector, ...]]]:
-    """Smallest sets S of agents that listen to nobody outside, in ``arcs`` (None: all modes
-    together), with directions c != 0, k_i c = 0 on S: then e_S = c, eps = 0 is an equilibrium.
-    With scalar gains: S has no pin, c is any."""
+    """Smallest sets S of agents that listen to nobody outside, in ``arcs``, with directions c != 0,
+    k_i c = 0 on S: then e_S = c, eps = 0 is an equilibrium.  With scalar gains: S has no pin, c is
+    any."""
     known = loop.pulls.gains
-    for group in closed_groups(loop, loop.modes.values() if arcs is None else arcs):
+    for group in closed_groups(loop, arcs):
         rows = tuple(row for i in group if i in known for row in known[i])
         free = nullspace(rows) if rows else identity(loop.m)
         if free:

@@ -31,6 +31,8 @@ from dobc_design.solvers.program import GIVEN_UP, Array, factored
 
 from .claim import Statements
 
+Agents = tuple[int, ...]
+
 
 def float_lambda(loop: Loop, mode: str, *, pins: bool = True, twice: bool = False) -> Any:
     """Lambda = J + J' - (K + K') of one mode, or ``twice`` J - K, as a SciPy array (n m, n m) in
@@ -324,12 +326,17 @@ def _top_of(table: Any) -> Top:
     return largest_eigenvalue(table)
 
 
+def decay_of(F: Array) -> float:
+    """-max Re of the spectrum of F, about: the rate at which exp(F t) decays."""
+    return float(-np.max(np.linalg.eigvals(F).real))
+
+
 def decay_rate(exosystem: Exosystem, W: Matrix) -> float:
     """-max Re of the spectrum of A - WC (1/s), about; negative when the error grows, nan if it
     cannot be had."""
     try:
         error = to_float(exosystem.A) - to_float(W) @ to_float(exosystem.C)
-        return float(-np.max(np.linalg.eigvals(error).real))
+        return decay_of(error)
     except GIVEN_UP:
         return math.nan
 
@@ -356,7 +363,8 @@ def pair_rate(tops: Mapping[str, Top], P: Array, Q: Array, exosystem: Exosystem)
 
 def _lambda_max_of_s(P: Array, Q: Array, exosystem: Exosystem, *, rate: float) -> float:
     try:
-        A, C = to_float(exosystem.A), to_float(exosystem.C)
+        A = to_float(exosystem.A)
+        C = to_float(exosystem.C)
         # the factorisation below refuses what is not finite
         with np.errstate(over="ignore", invalid="ignore"):
             block = -(P @ A + A.T @ P - Q @ C - C.T @ Q.T) - 2 * rate * P
@@ -384,7 +392,7 @@ def witness_directions(loop: Loop, mode: str) -> list[Sequence[float]]:
     pinned = set(loop.pulls.nodes)
     everyone = list(range(loop.n))
     free = [agent for agent in everyone if agent not in pinned]
-    supports: dict[tuple[int, ...], None] = {}
+    supports: dict[Agents, None] = {}
     for base in (free, everyone):
         if base and not search.top(base)[0] < -search.edge:
             supports |= dict.fromkeys(search.supports_in(base))
@@ -400,7 +408,7 @@ class _Search:
         self.width = width
         largest = float(np.max(np.abs(table.data), initial=0.0))
         self.edge = EDGE * max(largest, 1e-300)
-        self.known: dict[tuple[int, ...], tuple[float, Array]] = {}
+        self.known: dict[Agents, tuple[float, Array]] = {}
         self.left = BUDGET
 
     def top(self, agents: Sequence[int]) -> tuple[float, Array]:
@@ -428,9 +436,9 @@ class _Search:
         result: list[float] = whole.tolist()
         return result
 
-    def supports_in(self, base: Sequence[int]) -> list[tuple[int, ...]]:
+    def supports_in(self, base: Sequence[int]) -> list[Agents]:
         """Small supports inside ``base``, whose submatrix fails."""
-        single: list[tuple[int, ...]] = [(agent,) for agent in base if self.fails((agent,))]
+        single: list[Agents] = [(agent,) for agent in base if self.fails((agent,))]
         if single:
             return single[:5]
         if self.needs_all(base):
@@ -470,7 +478,7 @@ class _Search:
         result: list[int] = ordered[np.argsort(-weights, kind="stable")].tolist()
         return result
 
-    def cut(self, agents: Sequence[int]) -> tuple[int, ...]:
+    def cut(self, agents: Sequence[int]) -> Agents:
         """Leave out agents as long as the rest still fails, the lightest first."""
         kept = self.by_weight(agents)
         for agent in reversed(list(kept)):

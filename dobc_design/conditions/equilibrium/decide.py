@@ -16,8 +16,9 @@ from typing import Any
 import numpy as np
 
 from dobc_design._checks import noun
+from dobc_design.conditions.case import Case
 from dobc_design.conditions.check import Check, Witness, read_object
-from dobc_design.conditions.domain import EVERYWHERE, NEAR_TARGET, Domain
+from dobc_design.conditions.domain import EVERYWHERE, NEAR_TARGET
 from dobc_design.conditions.numbers import (
     VECTOR_BITS,
     fields_to_json,
@@ -221,11 +222,12 @@ def refuting_check(loop: Loop, claim: Equilibrium) -> Check | None:
     )
 
 
-def confirm(check: Check, loop: Loop, W: Matrix | None, *, domain: Domain) -> str | None:
+def confirm(check: Check, case: Case) -> str | None:
     """None if everything that a refuted check of this topic claims is confirmed, else what is
     not."""
-    if check.verdict is not Verdict.REFUTED or check.domain != domain:
-        return f"an equilibrium can only refute, with the domain '{domain}'"
+    loop, W = case.loop, case.W
+    if check.verdict is not Verdict.REFUTED or check.domain != case.domain:
+        return f"an equilibrium can only refute, with the domain '{case.domain}'"
     if loop.groups and W is None:
         return "without W there is no loop that could rest"
     if loop.drift_place is not None or loop.goals.moves:

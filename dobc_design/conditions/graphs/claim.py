@@ -19,7 +19,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from fractions import Fraction
-from typing import Any
 
 from dobc_design._checks import noun
 from dobc_design.conditions.check import Check, Values, read_object
@@ -35,6 +34,7 @@ from dobc_design.conditions.schedule.checks import cycles_from_json
 from dobc_design.conditions.schedule.claim import Cycles
 from dobc_design.conditions.separable.claim import observed_in
 from dobc_design.exact.matrix import Matrix, Vector
+from dobc_design.exact.reading import Document
 from dobc_design.exact.symmetric import Doubles
 from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
@@ -56,8 +56,8 @@ class Kept:
     w: Mapping[str, Vector | Doubles] | None = None
     P: Mapping[str, Matrix] | None = None
 
-    def to_json(self) -> dict[str, Any]:
-        values: dict[str, Any] = {}
+    def to_json(self) -> Document:
+        values: Document = {}
         if self.kind:
             values["kind"] = self.kind
         if self.box is not None:

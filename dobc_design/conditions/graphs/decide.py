@@ -8,6 +8,7 @@ from fractions import Fraction
 
 import numpy as np
 
+from dobc_design.conditions.case import Case
 from dobc_design.conditions.check import Check, Values, Witness, differs
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.consensus.decide import linear_part
@@ -150,12 +151,10 @@ def _square(loop: Loop, claim: Kept, generator: Matrix, rate: Fraction) -> Itera
         total = exact.add(exact.add(half, exact.transpose(half)), exact.scale(2 * rate, P))
         for g, other in zip(rates, forms.values(), strict=True):
             total = exact.add(total, exact.scale(g, other))
-        holds = _is_positive(P) and _is_positive(exact.scale(-1, total))
+        holds = decide_positive_definite(P).is_proved
+        if holds:
+            holds = decide_positive_definite(exact.scale(-1, total)).is_proved
         yield holds, f"P > 0 or its inequality fails in mode {mode}."
-
-
-def _is_positive(M: Matrix) -> bool:
-    return decide_positive_definite(M).verdict is Verdict.PROVED
 
 
 def apart_check(loop: Loop, domain: Domain) -> Check | None:
@@ -183,16 +182,17 @@ def apart_check(loop: Loop, domain: Domain) -> Check | None:
     return None
 
 
-def confirm(check: Check, loop: Loop, W: Matrix | None, *, domain: Domain) -> str | None:
+def confirm(check: Check, case: Case) -> str | None:
     """None if everything that a proved or refuted check of this topic claims is confirmed, else
     what is not."""
+    loop, W = case.loop, case.W
     if check.verdict is Verdict.REFUTED:
-        own = apart_check(loop, domain)
+        own = apart_check(loop, case.domain)
         if own is None or check.id != own.id or check.rate is not None:
             return "the chain leaves no agents apart"
         return differs(check, own)
     claim = read_claim(check, loop, W)
     if not isinstance(claim, Kept) or check.witness is not None:
         return "a proof has no witness"
-    wrong = not_as_claimed(check, loop, claim.rate, claim.box, domain)
+    wrong = not_as_claimed(check, loop, claim.rate, claim.box, case.domain)
     return wrong or why_not(loop, W, claim)

@@ -13,7 +13,7 @@ from scipy import linalg, sparse
 
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.consensus.decide import linear_part
-from dobc_design.conditions.consensus.propose import decay_rate
+from dobc_design.conditions.consensus.propose import decay_of, decay_rate
 from dobc_design.conditions.numbers import MANY_AGENTS, last_found, rounded_down
 from dobc_design.conditions.separable.claim import holding_gains
 from dobc_design.exact.matrix import Matrix, Vector, to_float
@@ -113,8 +113,7 @@ def square_claim(loop: Loop, W: Matrix | None, generator: Matrix) -> Kept | None
         blocks.append(np.kron(A.T, unit) + np.kron(unit, A.T))
     # T is how E[e e'] of every mode changes, stacked: it decays as fast as the slowest eigenvalue.
     T: Any = linalg.block_diag(*blocks) + np.kron(to_float(generator), np.eye(size**2))
-    slowest = float(np.max(np.linalg.eigvals(T).real))
-    rate = _observed(loop, W, -slowest / 2 * STEADY)
+    rate = _observed(loop, W, decay_of(T) / 2 * STEADY)
     if rate <= SMALLEST:
         return None
     # The P with -I on the right side, which is positive as long as the rate is below the slowest.

@@ -200,5 +200,4 @@ def _check(id: str, asked: Asked, claim: Kept, reason: str) -> Check:
         reason=reason,
         claim=claim,
     )
-    wrong = confirm(check, asked.loop, asked.W, domain=asked.domain)
-    return check.unless(wrong, asked.domain)
+    return check.unless(confirm(check, asked.case), asked.domain)

@@ -10,6 +10,7 @@ import numpy as np
 from dobc_design.conditions.check import Check, limited
 from dobc_design.conditions.consensus.claim import Statements
 from dobc_design.conditions.consensus.decide import linear_part
+from dobc_design.conditions.consensus.propose import decay_of
 from dobc_design.conditions.coverage import covers
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix, to_float
@@ -38,10 +39,8 @@ def linearisation_stage(
         parts = None if matrix is None else decaying_parts(statements, W, matrix)
         slowest = 0.0
         with suppress(SpecError, np.linalg.LinAlgError):  # beyond the floats there is no estimate
-            slowest = min(
-                (-float(np.linalg.eigvals(to_float(part)).real.max()) for part in parts or ()),
-                default=0.0,
-            )
+            decays = [decay_of(to_float(part)) for part in parts or ()]
+            slowest = min(decays, default=0.0)
         return linearisation_check(statements, W, estimate=slowest)
 
     found = limited(ID, statements.domain, decided)

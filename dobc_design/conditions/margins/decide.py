@@ -26,7 +26,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from dobc_design._checks import noun
 from dobc_design.conditions.accuracy.decide import Accuracy, Level, Plant, level_from_json
@@ -50,6 +50,7 @@ from dobc_design.conditions.separable.claim import (
     Separable,
     acts_by_component,
     error_from_json,
+    error_to_json,
     largest_reach,
     observed_in,
     rows,
@@ -67,9 +68,9 @@ from dobc_design.conditions.separable.decide import (
 from dobc_design.conditions.stated import stated_in
 from dobc_design.coupling.enclosures import Curve, secant_range
 from dobc_design.exact.interval import Interval
-from dobc_design.exact.matrix import Matrix, Vector, multiply, transpose
+from dobc_design.exact.matrix import Matrix, Vector, multiply, row_norm, transpose
 from dobc_design.exact.number import root_above
-from dobc_design.exact.peaks import row_norm
+from dobc_design.exact.reading import Document
 from dobc_design.exact.symmetric import Doubles, least
 from dobc_design.loop.loop import Loop
 from dobc_design.problem.exosystems import Exosystem
@@ -87,7 +88,7 @@ class Tolerance:
     eta: Fraction | None = None
     v: Vector | Doubles | None = None
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         """The exact values of a proved check."""
         values = fields_to_json(self.errors, "weights", "gains")
         values |= known_to_json(self, "alpha", "eta")
@@ -108,15 +109,13 @@ class Inputs:
     stage: Level | None = None
     error: ErrorBound | None = None
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         """The exact values of a proved check."""
         values = fields_to_json(self, "rho", "inputs")
         if self.stage is not None:
             values["v"] = vector_to_json(self.stage.v)
             values |= fields_to_json(self.stage, "alpha", "level")
-        if self.error is not None:
-            values |= self.error.to_json()
-        return values
+        return values | error_to_json(self.error)
 
 
 def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Claim:
@@ -150,13 +149,15 @@ def _read_inputs(check: Check, loop: Loop) -> Inputs:
 
 
 ROOTS = 10**15  # roots are rounded up to multiples of 1/ROOTS
-_ZERO, _ONE = Fraction(0), Fraction(1)
+_ZERO = Fraction(0)
+_ONE = Fraction(1)
 
 
 def confirm(check: Check, case: Case) -> str | None:
     """None if everything that a proved check claims is confirmed, beside the proofs max-separable
     and accuracy of the case."""
-    loop, W = case.loop, case.W
+    loop = case.loop
+    W = case.W
     reason = not_a_proof(check)
     if reason is None and loop.drift is not None:
         return "errors of gains, and inputs, are not known for agents with [dynamics]"
@@ -208,7 +209,8 @@ def _not_tolerated_at_target(
 
 def _not_tolerated(check: Check, case: Case, claim: Tolerance, base: Separable) -> str | None:
     """None if the rows of ``base`` hold for all errors of the claim, and V falls."""
-    loop, errors = case.loop, claim.errors
+    loop = case.loop
+    errors = claim.errors
     wrong = verify_separable(loop, replace(base, alpha=claim.alpha), errors=errors).wrong
     if wrong is not None:
         return wrong
@@ -242,7 +244,8 @@ def observer_pull(loop: Loop, W: Matrix | None, base: Separable) -> Fraction:
     columns = transpose(W)
     squares = [multiply((c,), multiply(base.error.P, transpose((c,))))[0][0] for c in columns]
     roots = [root_above(square, unit=ROOTS) for square in squares]
-    m, rho = loop.m, base.rho or _ONE
+    m = loop.m
+    rho = base.rho or _ONE
     norm = max(sum(roots[k : k + m], _ZERO) for k in range(0, len(roots), m))  # of every group
     steepest = []
     for coupling, reach in zip(loop.functions, largest_reach(loop, base.v), strict=True):
@@ -290,7 +293,7 @@ def _not_local(loop: Loop, claim: Tolerance, v: Vector | Doubles) -> str | None:
     return None
 
 
-def largest_disturbance(loop: Loop) -> tuple[Fraction, ...] | None:
+def largest_disturbance(loop: Loop) -> Vector | None:
     """For each agent a bound of |d_i(t)|, t >= 0, by component; None where neither [actuators] nor
     xi0 gives one, as where amplitudes drift."""
     given = None if loop.actuators is None else loop.actuators.amplitude
@@ -317,7 +320,8 @@ def _amplitude(exosystem: Exosystem, start: Vector) -> Fraction | None:
     """A bound of every component of C exp(A t) start.  If A^2 is diagonal, xi_i'' = -w_i^2 xi_i:
     what the components with one w^2 add is a sine, or with w = 0 constant where its slope is 0.
     None for others."""
-    A, q = exosystem.A, exosystem.order
+    A = exosystem.A
+    q = exosystem.order
     squares = multiply(A, A)
     if any(squares[i][j] for i in range(q) for j in range(q) if i != j):
         return None
@@ -348,7 +352,7 @@ def limit_of(loop: Loop, label: str) -> Fraction | None:
     return None if loop.actuators is None else loop.actuators.limit_of(label)
 
 
-def pin_sizes(loop: Loop) -> tuple[Fraction, ...]:
+def pin_sizes(loop: Loop) -> Vector:
     """|k_i|_1, the largest row sum of sizes, of each agent, with the errors of gains."""
     more = 1 + stated_errors(loop).gains
     sizes = loop.pulls.each(lambda k: more * row_norm(k))
@@ -396,7 +400,8 @@ def loaded_inputs(
 
 def _not_inputs(check: Check, loop: Loop, base: Separable, claim: Inputs) -> str | None:
     """None if every input is bounded by ``claim``, below every limit."""
-    table, found = loop.actuators, largest_disturbance(loop)
+    table = loop.actuators
+    found = largest_disturbance(loop)
     if table is None or found is None or check.rate is not None:
         return "it needs [actuators], a bound of the disturbance, and no rate"
     radius, noise = read_domain(check.domain, loop, kind=Box)

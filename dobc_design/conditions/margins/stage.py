@@ -62,7 +62,8 @@ def common_vector(loop: Loop, errors: Errors) -> Array | None:
     is seen.  Policy iteration: given v every agent takes the mode and the ends of its weights that
     pull it out most.
     Raises: OverflowError beyond the floats."""
-    n, spread = loop.n, float(errors.weights)
+    n = loop.n
+    spread = float(errors.weights)
     slopes = np.array([float(each.jacobian_at_zero()[0][0].midpoint) for each in loop.functions])
     gains = np.array(holding_gains(loop, error=errors.gains), dtype=float)
     modes = []
@@ -107,7 +108,8 @@ NOT_FINAL = (
 NO_BOX = "no box is found that holds the starts and is not left under what the file states."
 SLOWLY = (0.01, 0.1)  # parts of the largest rate that weights of their own are made for
 NO_PROOF = "there is no proved max-separable certificate that it could rest on."
-_ZERO, ONE = Fraction(0), Fraction(1)
+_ZERO = Fraction(0)
+ONE = Fraction(1)
 
 
 def is_asked(asked: Asked) -> bool:
@@ -117,7 +119,7 @@ def is_asked(asked: Asked) -> bool:
 
 
 def _case(asked: Asked, checks: Iterable[Check]) -> Case:
-    return Case(loop=asked.loop, W=asked.W, domain=asked.domain, checks=tuple(checks))
+    return replace(asked.case, checks=tuple(checks))
 
 
 def margins_stage(asked: Asked, checks: Sequence[Check], report: Progress) -> list[Check]:
@@ -132,7 +134,7 @@ def margins_stage(asked: Asked, checks: Sequence[Check], report: Progress) -> li
             beside.append(check)
     case = _case(asked, beside)
     found = limited("tolerance", asked.domain, lambda: _tolerance(asked, case))
-    if found.verdict is not Verdict.PROVED and _given(asked) is None:
+    if not found.is_proved and _given(asked) is None:
         return []  # nobody asked for it
     return [found]
 
@@ -146,8 +148,10 @@ def _given(asked: Asked) -> Errors | None:
 def _tolerance(asked: Asked, case: Case) -> Check:
     """The errors of [uncertainty] if these are tolerated, else about the largest that are; beside
     the max-separable proof of the case, or at the target."""
-    loop, given = asked.loop, _given(asked)
-    proof, base = case.proof(Separable), case.proved(Separable)
+    loop = asked.loop
+    given = _given(asked)
+    proof = case.proof(Separable)
+    base = case.proved(Separable)
     undecided = partial(undecided_check, "tolerance", asked.domain)
     is_large = sum(map(len, loop.modes.values())) > TIMED_ARCS
     if is_large and given is None:
@@ -236,7 +240,8 @@ def _largest(find: Callable[[Fraction], Tolerance | None]) -> tuple[Fraction, To
 def _in_region(asked: Asked, base: Separable) -> Callable[[Errors], Tolerance | None]:
     """The rows of ``base``: for the errors that are given at nearly the largest rate, else at a
     small part of its."""
-    loop, given = asked.loop, _given(asked)
+    loop = asked.loop
+    given = _given(asked)
     kappa = _ZERO if base.error is None else base.error.kappa
     known = decide.agents_know(loop)
     pull = _ZERO if known else decide.observer_pull(loop, asked.W, base)
@@ -351,7 +356,8 @@ def _actuators(asked: Asked, checks: Sequence[Check]) -> Check:
     apart = why_no_weights(loop)
     if apart is not None:
         return undecided(apart)
-    stated, tolerated = stated_in(loop), case.proved(Tolerance)
+    stated = stated_in(loop)
+    tolerated = case.proved(Tolerance)
     if stated.absolute and case.proof(Accuracy) is None:
         return undecided(NOT_FINAL)
     base = case.proved(Separable)
@@ -371,7 +377,8 @@ def _actuators(asked: Asked, checks: Sequence[Check]) -> Check:
     for each in chain(plans, _boxes_of_their_own(asked, case, base, found)):
         worst = each.worst
         if plan is None or worst < least:
-            plan, least = each, worst
+            plan = each
+            least = worst
         if least <= 1:
             break
     if plan is None:
@@ -425,7 +432,8 @@ def _box_of_proof(
 ) -> Iterator[_Plan]:
     """The box of max-separable that holds the starts; without a region a smaller one, where a limit
     asks for it."""
-    loop, v = asked.loop, tuple(base.v)
+    loop = asked.loop
+    v = tuple(base.v)
     proof = case.proof(Separable)
     starts = _starts(asked, asked.domain if proof is None else proof.domain)
     # A second box, for starts so small that limits are kept.
@@ -459,9 +467,12 @@ def _boxes_of_their_own(
     levels: list[tuple[Level, ErrorBound | None]] = []
     domain: Domain = Box(asked.radius, asked.disturbance)
     peaks = None
-    proof, final = case.proof(Accuracy), case.proved(Accuracy)
+    proof = case.proof(Accuracy)
+    final = case.proved(Accuracy)
     if proof is not None and final is not None:
-        peaks, error, domain = final.peaks, final.error or error, proof.domain
+        peaks = final.peaks
+        error = final.error or error
+        domain = proof.domain
         levels = [(stage, error) for stage in final.stages[:1]]
     elif decide.blind(loop):
         return
@@ -489,7 +500,8 @@ def _plan_of(
     found: Sequence[Fraction],
 ) -> _Plan | None:
     """The plan of a stage, if its rows hold in a box with these starts."""
-    v, linear = tuple(level.v), plant.loop.is_linear
+    v = tuple(level.v)
+    linear = plant.loop.is_linear
     if error is not None and (linear or error.kappa * error.beta * min(v) <= 1):
         # the least kappa, about, for these weights
         kappa = rounded_up(1 / (error.beta * min(v)) * (1 + Fraction(1, 10**5)), digits=9)
@@ -516,7 +528,9 @@ def _plan_of(
 
 def _too_large(asked: Asked, plan: _Plan) -> str:
     """Which input may exceed its limit, and what would keep it below."""
-    loop, inputs, limits = plan.loop, plan.inputs, plan.limits
+    loop = plan.loop
+    inputs = plan.inputs
+    limits = plan.limits
     over: list[tuple[Fraction, str]] = []  # the rho at which an input keeps its limit
     for place, (limit, most) in enumerate(zip(limits, inputs, strict=True)):
         if limit is not None and most > limit:
@@ -525,7 +539,8 @@ def _too_large(asked: Asked, plan: _Plan) -> str:
             over.append((left / per_rho if per_rho else _ZERO, loop.labels[place]))
     lower, label = min(over)
     place = loop.index[label]
-    allowed, alone = limits[place] or _ZERO, plan.disturbances[place]
+    allowed = limits[place] or _ZERO
+    alone = plan.disturbances[place]
     per_rho, rest = plan.parts[place]
     reason = (
         f"the input of agent {label} may reach {float(inputs[place]):.6g}, more than its limit of "

@@ -6,7 +6,6 @@ from __future__ import annotations
 import math
 from fractions import Fraction
 from functools import partial
-from typing import Any
 
 from dobc_design.conditions.check import Check, Fix, Values, Witness, differs
 from dobc_design.conditions.domain import EVERYWHERE
@@ -19,6 +18,7 @@ from dobc_design.exact.observability import (
     observable_reduction,
 )
 from dobc_design.exact.polynomial import decide_hurwitz
+from dobc_design.exact.reading import Document
 from dobc_design.loop.loop import Loop
 from dobc_design.problem.changes import typed_matrix, typed_number
 from dobc_design.problem.exosystems import Exosystem
@@ -148,7 +148,7 @@ def _no_gain(exosystem: Exosystem, loop: Loop | None, key: str) -> Check:
 
 def _designed_instead(loop: Loop | None) -> Fix:
     """The removal of W and of the P that belongs to it."""
-    removal: dict[str, Any] = {"observer.W": None}
+    removal: Document = {"observer.W": None}
     if loop is not None and loop.observer.P is not None:
         removal["observer.P"] = None
     text = "Remove observer.W (and P, if given): a gain is then designed."
@@ -223,7 +223,7 @@ def _reduction(exosystem: Exosystem, loop: Loop | None) -> Fix:
     if not A_o:
         text = "Remove [exosystem]: C sees nothing of it, so there is no disturbance."
         return Fix(kind="exosystem", set=_without_exosystem(loop), text=text)
-    change: dict[str, Any] = {"exosystem.A": typed_matrix(A_o), "exosystem.C": typed_matrix(C_o)}
+    change: Document = {"exosystem.A": typed_matrix(A_o), "exosystem.C": typed_matrix(C_o)}
     if loop is not None:
         change |= _projected(loop, T)
     order = f"order {len(A_o)} instead of {exosystem.order}"
@@ -233,9 +233,9 @@ def _reduction(exosystem: Exosystem, loop: Loop | None) -> Fix:
     return Fix(kind="exosystem", set=change, text=text)
 
 
-def _without_exosystem(loop: Loop | None) -> dict[str, Any]:
+def _without_exosystem(loop: Loop | None) -> Document:
     """The keys that change where a problem has no exosystem any more."""
-    change: dict[str, Any] = {"exosystem": None}
+    change: Document = {"exosystem": None}
     if loop is None:
         return change
     observer = loop.observer
@@ -250,9 +250,9 @@ def _without_exosystem(loop: Loop | None) -> dict[str, Any]:
     return change
 
 
-def _projected(loop: Loop, T: Matrix) -> dict[str, Any]:
+def _projected(loop: Loop, T: Matrix) -> Document:
     """What a problem says of the states xi, said of T xi."""
-    change: dict[str, Any] = {}
+    change: Document = {}
     observer = loop.observer
     # A W for the old states acts on the new ones as T W; a P has no such image.
     if observer.W is not None:

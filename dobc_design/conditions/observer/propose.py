@@ -22,6 +22,7 @@ from scipy import linalg
 
 from dobc_design._checks import noun
 from dobc_design.conditions.consensus.claim import reduced, with_gain
+from dobc_design.conditions.consensus.propose import decay_of
 from dobc_design.exact import observability
 from dobc_design.exact.matrix import (
     Matrix,
@@ -169,7 +170,7 @@ def half_rate(A: Array, C: Array, gain: Array | None) -> Fraction:
     if gain is None:
         return Fraction(0)
     try:
-        decay = float(-np.max(np.linalg.eigvals(A - gain @ C).real))
+        decay = decay_of(A - gain @ C)
     except GIVEN_UP:
         return Fraction(0)
     return Fraction(f"{decay / 2:.3g}") if 0 < decay < np.inf else Fraction(0)
@@ -206,7 +207,7 @@ def transient_peak(F: Array) -> float:
     inf if it grows."""
     if not _hurwitz(F):
         return math.inf
-    slowest = float(-np.max(np.linalg.eigvals(F).real))
+    slowest = decay_of(F)
     step = linalg.expm(F * (8.0 / slowest / SAMPLES))
     peak = 1.0
     power = np.eye(len(F))
@@ -217,7 +218,7 @@ def transient_peak(F: Array) -> float:
 
 
 def _hurwitz(F: Array) -> bool:
-    return bool(np.all(np.isfinite(F))) and float(np.max(np.linalg.eigvals(F).real)) < 0
+    return bool(np.all(np.isfinite(F))) and decay_of(F) > 0
 
 
 def _gain(F: Array, B: Array, C: Array, D: Array, frequency: float) -> float:

@@ -23,12 +23,11 @@ from types import MappingProxyType
 from typing import Any, Final, Literal
 
 from dobc_design._checks import noun
-from dobc_design.conditions.consensus.claim import Entries
 from dobc_design.conditions.consensus.claim import add_to as add
 from dobc_design.conditions.numbers import as_json, fields_to_json, known_to_json
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.matrix import Matrix, multiply
-from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.exact.symmetric import Entries, SparseSymmetric
 from dobc_design.loop.loop import Loop
 from dobc_design.problem.groups import agent_blocks
 
@@ -39,6 +38,7 @@ Shape = Literal["identity", "diagonal", "full"]
 METHODS: Final[tuple[Method, ...]] = ("lure", "interval", "vertices")
 MOST_VERTICES = 12  # channels with a range of their own up to which corners are enumerated
 ZERO = Fraction(0)
+LinearRows = dict[int, dict[int, Fraction]]  # row -> column -> value
 
 
 @noun
@@ -132,7 +132,7 @@ def interval_matrix(
     mode: str,
     P_e: SparseSymmetric,
     *,
-    rate: Fraction = ZERO,
+    rate: Fraction,
     S: Matrix | None = None,
 ) -> SparseSymmetric:
     """An upper bound of the derivative for all gains: middle gains, and row sums of |deviation| on
@@ -185,12 +185,10 @@ def vertex_matrices(
         yield sum(itertools.compress(steps, corner), lowest)
 
 
-def linear_part(
-    sectors: Sectors, mode: str, gains: Sequence[Fraction]
-) -> dict[int, dict[int, Fraction]]:
+def linear_part(sectors: Sectors, mode: str, gains: Sequence[Fraction]) -> LinearRows:
     """-K + sum of g b c' as rows: row -> column -> entry."""
     m = sectors.loop.m
-    rows: dict[int, dict[int, Fraction]] = {i: {} for i in range(sectors.size)}
+    rows: LinearRows = {i: {} for i in range(sectors.size)}
     for agent, gain in sectors.loop.pulls.gains.items():
         for c, own in enumerate(gain):
             rows[agent * m + c] = {agent * m + d: -entry for d, entry in enumerate(own) if entry}
@@ -203,9 +201,7 @@ def linear_part(
     return rows
 
 
-def _derivative(
-    P_e: SparseSymmetric, linear: dict[int, dict[int, Fraction]], rate: Fraction
-) -> SparseSymmetric:
+def _derivative(P_e: SparseSymmetric, linear: LinearRows, rate: Fraction) -> SparseSymmetric:
     """P_e A + A'P_e + 2 rate P_e."""
     entries: Entries = {}
     if rate:

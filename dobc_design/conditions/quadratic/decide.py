@@ -9,15 +9,15 @@ says that consensus fails. docs/certificate-claims.md, "Regions", fixes the form
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from fractions import Fraction
 from functools import partial
-from typing import Any
 
 import numpy as np
 
 from dobc_design._checks import noun
 from dobc_design.conditions import numbers
+from dobc_design.conditions.case import Case
 from dobc_design.conditions.check import (
     Check,
     not_a_proof,
@@ -29,7 +29,7 @@ from dobc_design.conditions.consensus.claim import Pair
 from dobc_design.conditions.consensus.decide import schur_block
 from dobc_design.conditions.consensus.network import name_agents
 from dobc_design.conditions.coverage import Asked
-from dobc_design.conditions.domain import EVERYWHERE, Ball, Domain
+from dobc_design.conditions.domain import EVERYWHERE, Ball
 from dobc_design.conditions.numbers import (
     claimed,
     has_short_denominator,
@@ -46,7 +46,8 @@ from dobc_design.exact.definite import decide_positive_definite, decide_positive
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Matrix, Vector, inverse, is_symmetric, multiply, to_float
 from dobc_design.exact.number import float_below
-from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.exact.reading import Table
+from dobc_design.exact.symmetric import Entries, SparseSymmetric
 from dobc_design.loop.arcs import unreached
 from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Decided, Verdict
@@ -347,15 +348,16 @@ def lure_check(asked: Asked, lure: Lure, *, radius: float, remark: str = "") -> 
     )
 
 
-def confirm(check: Check, loop: Loop, W: Matrix | None, *, domain: Domain) -> str | None:
+def confirm(check: Check, case: Case) -> str | None:
     """None if everything that a proved check of this topic claims is confirmed, else what is
     not."""
+    loop, W = case.loop, case.W
     reason = quadratic_obstacle(loop, W) or not_a_proof(check)
     if reason is not None:
         return reason
     lure = read_claim(check, loop, W)
     if lure.level is None:
-        if check.domain != EVERYWHERE or domain != EVERYWHERE:
+        if check.domain != EVERYWHERE or case.domain != EVERYWHERE:
             return "without a level the domain must be global, and every coupling linear"
     else:
         radius, disturbance = read_domain(check.domain, loop, kind=Ball)
@@ -380,7 +382,7 @@ def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Lure:
     return lure_from_json(read_object(check.exact, names_of(loop)), loop, W)
 
 
-def lure_from_json(values: Mapping[str, Any], loop: Loop, W: Matrix | None) -> Lure:
+def lure_from_json(values: Table, loop: Loop, W: Matrix | None) -> Lure:
     """Read them back.  Raises: KeyError, TypeError, ValueError, ShapeError or SpecError for what is
     no such claim."""
     radius = rational_or_none(values["radius"])
@@ -419,7 +421,7 @@ def _sparse(rows: object, size: int) -> SparseSymmetric:
     """The nonzero entries [a, b, value], a <= b, each once."""
     if not isinstance(rows, list):
         raise TypeError("P_e must be a list")
-    entries: dict[tuple[int, int], Fraction] = {}
+    entries: Entries = {}
     for row in rows:
         i, j, text = row
         if type(i) is not int or type(j) is not int or (i, j) in entries:
@@ -431,7 +433,7 @@ def _sparse(rows: object, size: int) -> SparseSymmetric:
     return SparseSymmetric(size, entries)
 
 
-def _multipliers(values: Mapping[str, Any], loop: Loop) -> dict[str, tuple[Fraction, ...]]:
+def _multipliers(values: Table, loop: Loop) -> dict[str, Vector]:
     # Other methods have no multipliers.
     names = tuple(loop.modes) if values["method"] == "lure" else ()
     taus = read_object(values["multipliers"], names)

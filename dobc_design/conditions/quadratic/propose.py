@@ -19,6 +19,7 @@ from scipy import linalg, optimize
 
 from dobc_design._checks import noun
 from dobc_design.conditions.consensus.claim import omega
+from dobc_design.conditions.consensus.propose import decay_of
 from dobc_design.conditions.numbers import (
     bisected,
     golden_section,
@@ -143,7 +144,7 @@ def sooner_lures(
     *,
     holds: Holds,
     steps: int,
-    least: float = 0.0,
+    least: float,
 ) -> Iterator[Lure]:
     """Certificates that ``holds`` accepts with smaller rates and flatter P_e, which promise the
     least time to one percent first; each covers what is ``wanted``.  ``lures`` do, with growing
@@ -228,9 +229,8 @@ def bound_lure(
 
     def at(radius: float, _: object = None) -> Lure | None:
         exact = rounded_down(radius, digits=6)
-        try:
-            ranges = enclose_ranges(loop, radius=exact)
-        except UndefinedError:
+        ranges = _ranges(loop, exact)
+        if ranges is None:
             return None
         level = _level(metric, loop, exact)
         lure = Lure(P_e=metric, ranges=ranges, radius=exact, level=level, P=P, Q=Q, method=method)
@@ -251,6 +251,14 @@ def bound_lure(
         return None
     _, lure = last_found(at, best, low, min(high, float(largest)), steps=HALVINGS)
     return lure
+
+
+def _ranges(loop: Loop, radius: Fraction | None) -> tuple[GainRange, ...] | None:
+    """The enclosed gains at a radius; None where a coupling is not defined."""
+    try:
+        return enclose_ranges(loop, radius=radius)
+    except UndefinedError:
+        return None
 
 
 def _level(P_e: SparseSymmetric, loop: Loop, radius: Fraction) -> Fraction:
@@ -326,7 +334,7 @@ def linear_rate(loop: Loop, W: Matrix | None) -> float:
     exosystem = loop.joint_exosystem
     if exosystem is not None and W is not None:
         blocks.append(to_float(exosystem.A) - to_float(W) @ to_float(exosystem.C))
-    return max(0.0, -max(float(np.max(np.linalg.eigvals(A).real)) for A in blocks))
+    return max(0.0, min(map(decay_of, blocks)))
 
 
 @noun
@@ -350,7 +358,7 @@ def scaled_pair(
         raise SpecError("W has no meaning without an [exosystem].", key="W", cure="Leave it out.")
     C = to_float(exosystem.C)
     F = to_float(exosystem.A) - to_float(W) @ C + float(rate) * np.eye(exosystem.order)
-    if not float(np.max(np.linalg.eigvals(F).real)) < 0:
+    if not decay_of(F) > 0:
         return None
     # C'C alone need not be definite.
     square = C.T @ C
@@ -423,13 +431,6 @@ class _Search:
         """N lambda_max(P) s^2 for kappa = 1; 0 without an observer."""
         return 0.0 if self.pair is None else self.pair.disturbance
 
-    def ranges(self, radius: Fraction | None) -> tuple[GainRange, ...] | None:
-        """The enclosed gains at a radius; None where a coupling is not defined."""
-        try:
-            return enclose_ranges(self.loop, radius=radius)
-        except UndefinedError:
-            return None
-
     def system(self, radius: float | None) -> FloatSystem | None:
         """The numbers at a radius; None where the couplings have no bounded gains."""
         exact = None if radius is None else rounded_down(radius, digits=6)
@@ -438,7 +439,7 @@ class _Search:
         if self.sampled:
             gains = sample_gains(self.loop, 1.0 if reach is None else reach)
         else:
-            ranges = self.ranges(exact)
+            ranges = _ranges(self.loop, exact)
             if ranges is not None:
                 gains = programs.range_gains(ranges, len(self.loop.functions), self.loop.m)
         if gains is None:
@@ -709,7 +710,7 @@ class _Search:
         loop = self.loop
         system = self.system(point.radius)
         radius = None if point.radius is None else rounded_down(point.radius, digits=6)
-        ranges = self.ranges(radius)
+        ranges = _ranges(self.loop, radius)
         # the samples have not met the place where it is not defined
         if system is None or ranges is None:
             return
@@ -763,7 +764,8 @@ def _begun(
     pair = None if W is None else scaled_pair(loop, W, rate=observer, disturbance=disturbance)
     if W is not None and pair is None:
         return None
-    templates, basis = programs.make_templates(loop), make_basis(loop.size, shape)
+    templates = programs.make_templates(loop)
+    basis = make_basis(loop.size, shape)
     return _Search(loop=loop, templates=templates, basis=basis, pair=pair, rate=rate, sampled=True)
 
 

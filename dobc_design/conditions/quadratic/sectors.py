@@ -30,11 +30,9 @@ from dobc_design.coupling.expression import (
 )
 from dobc_design.coupling.tree import GradientAlgebra, Node, evaluate
 from dobc_design.errors import SpecError, wrong
-from dobc_design.exact.interval import Box, Interval, UndefinedError
+from dobc_design.exact.interval import Box, Interval, IntervalMatrix, UndefinedError
 from dobc_design.exact.work import spend
 from dobc_design.loop.loop import Loop
-
-Entries = tuple[Box, ...]  # m x m
 
 DIGITS = 6
 # gains are claimed this much wider, so that a second program can confirm them
@@ -54,7 +52,7 @@ class GainRange:
 
     coupling: int
     radius: Fraction | None
-    entries: Entries
+    entries: IntervalMatrix
 
     def to_json(self) -> dict[str, Any]:
         """The gains as text, by the place of the coupling."""
@@ -97,7 +95,7 @@ class Sectors:
 
 def gains_on(
     coupling: Coupling, radius: Fraction | Sequence[Fraction], *, tolerance: Fraction = TOLERANCE
-) -> Entries:
+) -> IntervalMatrix:
     """Enclose the gains of a coupling on |y_c| <= radius, one for all components or one for each,
     (m, m); those of one variable about ``tolerance`` too wide at most.  Raises: UndefinedError
     naming h and the interval."""
@@ -114,7 +112,7 @@ def gains_on(
         own = [known[side] for side in box]
         return tuple(tuple(own[c] if c == d else _ZERO for d in range(m)) for c in range(m))
     rows: list[Box] = []
-    hull: Entries | None = None
+    hull: IntervalMatrix | None = None
     for c, component in enumerate(coupling.components):
         if is_sum_of_curves(component.node):
             # One secant along each axis, where the others are 0, is sharper than slopes over the
@@ -164,7 +162,7 @@ def gains_at(
     radius: Fraction | Sequence[Fraction],
     *,
     tolerance: Fraction = TOLERANCE,
-) -> Entries:
+) -> IntervalMatrix:
     """The same by the place of the coupling; that of the nodes for every state of a leader.
     Raises: UndefinedError."""
     if place == loop.drift_place and loop.goals.moves:
@@ -173,7 +171,7 @@ def gains_at(
     return gains_on(loop.functions[place], radius, tolerance=tolerance)
 
 
-def slopes_of_node(loop: Loop, errors: Box) -> Entries:
+def slopes_of_node(loop: Loop, errors: Box) -> IntervalMatrix:
     """Enclose the slopes of f at s + e for all e in a box of errors, (m, m), and all s in the box
     that a leader never leaves: f(s + e) - f(s) = F e with F in their hull, where the errors hold
     0.  Raises: UndefinedError."""
@@ -205,7 +203,7 @@ def enclose_ranges(loop: Loop, *, radius: Fraction | None) -> tuple[GainRange, .
     return tuple(found)
 
 
-def widened_gains(loop: Loop, place: int, radius: Fraction | Sequence[Fraction]) -> Entries:
+def widened_gains(loop: Loop, place: int, radius: Fraction | Sequence[Fraction]) -> IntervalMatrix:
     """The gains as they are claimed: widened by ROOM and to DIGITS digits where the coupling is not
     linear."""
     room = 0 if loop.functions[place].is_linear else ROOM
@@ -214,7 +212,7 @@ def widened_gains(loop: Loop, place: int, radius: Fraction | Sequence[Fraction])
 
 
 def left_open(
-    loop: Loop, place: int, claimed: Entries, radius: Fraction | Sequence[Fraction]
+    loop: Loop, place: int, claimed: IntervalMatrix, radius: Fraction | Sequence[Fraction]
 ) -> str | None:
     """Why the gains on |y_c| <= radius are not shown to lie in those that are claimed; None if they
     are."""
@@ -287,7 +285,7 @@ def build_sectors(loop: Loop, ranges: Sequence[GainRange], *, radius: Fraction |
 
 def _channels(
     loop: Loop,
-    entries: Entries,
+    entries: IntervalMatrix,
     listener: int,
     speaker: int,
     weight: Fraction | int = 1,
@@ -356,7 +354,7 @@ def used_couplings(loop: Loop) -> list[int]:
     return found
 
 
-def _jacobian_hull(coupling: Coupling, box: Box) -> Entries:
+def _jacobian_hull(coupling: Coupling, box: Box) -> IntervalMatrix:
     """The hull of J over a box, entry by entry, by branch and bound on both ends."""
     hull = _Hull(coupling, box)
     m = range(len(box))
@@ -375,9 +373,9 @@ class _Hull:
         self.cost = sum(map(len, coupling.texts))
         # Halving the other sides would not narrow the bounds.
         self.bending = _curved_variables(coupling) or range(len(box))
-        self.known: dict[Box, Entries] = {}
+        self.known: dict[Box, IntervalMatrix] = {}
 
-    def jacobian(self, part: Box) -> Entries:
+    def jacobian(self, part: Box) -> IntervalMatrix:
         """An enclosure of J on a part of the box."""
         found = self.known.get(part)
         if found is None:

@@ -47,17 +47,19 @@ from .propose import (
 #: Rows n m up to which quadratic certificates are looked for, and up to which with a full P_e; with
 #: at most ``SMALL_ROWS`` a full one is found so soon that it is looked for beside other proofs.
 MOST_ROWS = 60
-FULL_ROWS, SMALL_ROWS = 20, 15
+FULL_ROWS = 20
+SMALL_ROWS = 15
 MOST_MODES = 200  # up to which one V is looked for
 # of a mode, up to which the corners of all gains are tried with the P_e found
 CORNER_CHANNELS = 6
 #: Where the region is covered: parts of the rate near the consensus that are tried, by bisection;
 #: rows n m from which on fewer are.
-RATE_STEPS, FEWER_STEPS, MANY_ROWS = 5, 3, 11
+RATE_STEPS = 5
+FEWER_STEPS = 3
+MANY_ROWS = 11
 MODE = 20  # steps of work for the inequality of a mode
-#: Rates that are tried for the least time to one percent; times are next to that of P_e = I below
-#: this part.
-SOONER, FLAT = 5, 1.01
+SOONER = 5  # rates that are tried for the least time to one percent
+FLAT = 1.01  # times are next to that of P_e = I below this part
 KEPT = 0.002  # how much faster than wanted, for digits that are cut
 # no |e_j - e_i| beyond is looked at, unless the region asks for more
 _LARGEST = Fraction(400)

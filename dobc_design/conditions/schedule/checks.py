@@ -8,6 +8,7 @@ from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
+from dobc_design.conditions.case import Case
 from dobc_design.conditions.check import (
     Check,
     Values,
@@ -71,7 +72,8 @@ def settling_check(loop: Loop, W: Matrix | None, settling: Settling, *, domain: 
         reason=proved_reason(loop, settling.claim),
         claim=claim,
     )
-    return check.unless(confirm(check, loop, W, domain=domain), domain)
+    case = Case(loop=loop, W=W, domain=domain)
+    return check.unless(confirm(check, case), domain)
 
 
 def cycles_check(claim: Cycles, asked: Region) -> Check:
@@ -92,16 +94,16 @@ def cycles_check(claim: Cycles, asked: Region) -> Check:
         reason=f"for {asked.loop.guarantee.in_words()}: every error decays{pace}.",
         claim=claim,
     )
-    wrong = confirm(check, asked.loop, asked.W, domain=asked.domain)
-    return check.unless(wrong, asked.domain)
+    return check.unless(confirm(check, asked.case), asked.domain)
 
 
-def confirm(check: Check, loop: Loop, W: Matrix | None, *, domain: Domain) -> str | None:
+def confirm(check: Check, case: Case) -> str | None:
     """None if everything that a proved or refuted check of this topic claims is confirmed, else
     what is not."""
+    loop, W = case.loop, case.W
     if check.id == "schedule" and check.verdict is Verdict.REFUTED:
         # Only linear couplings are refuted, by a power and without weights.
-        return confirm_growth(check, loop, domain)
+        return confirm_growth(check, loop, case.domain)
     claim = read_claim(check, loop, W)
     turned = isinstance(claim, Cycles) and claim.T is not None
     reason = obstacle(loop, W, turned=turned) or not_a_proof(check)
@@ -110,7 +112,7 @@ def confirm(check: Check, loop: Loop, W: Matrix | None, *, domain: Domain) -> st
     if isinstance(claim, Values):
         return "a settling time is never refuted"
     if isinstance(claim, Cycles):
-        wrong = not_as_claimed(check, loop, claim.rate, claim, domain)
+        wrong = not_as_claimed(check, loop, claim.rate, claim, case.domain)
         return wrong or why_not_cycles(loop, W, claim)
     if check.rate is not None:
         # Its claim says a time, and nothing of how errors fall before.

@@ -35,7 +35,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from fractions import Fraction
 from itertools import chain, pairwise
-from typing import Any
 
 from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Shown
@@ -45,6 +44,7 @@ from dobc_design.conditions.quadratic.sectors import GainRange
 from dobc_design.conditions.separable.claim import (
     ErrorBound,
     Separable,
+    error_to_json,
     reach,
     require_coordinates,
     spread,
@@ -52,6 +52,7 @@ from dobc_design.conditions.separable.claim import (
 from dobc_design.errors import SpecError, wrong
 from dobc_design.exact.interval import Interval, exp
 from dobc_design.exact.matrix import Matrix, Vector
+from dobc_design.exact.reading import Document
 from dobc_design.loop.loop import Loop
 
 SEPARABLE = "max-separable"
@@ -90,7 +91,7 @@ class Weights(Shown):
     times: Vector
     v: Vectors
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         return fields_to_json(self, "times", "v")
 
 
@@ -173,13 +174,11 @@ class Cycles:
         """|e(t)|_inf <= factor |e(0)|_inf exp(-rate t) + what the estimation error adds."""
         return self.spread(loop) * self.height
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         values = fields_to_json(self, "rate", "rho", "phases")
         if self.T is not None:
             values |= fields_to_json(self, "T", "ranges")
-        if self.error is not None:
-            values |= self.error.to_json()
-        return values
+        return values | error_to_json(self.error)
 
 
 Last = Separable | Lure | Cycles  # what may take over from a box that moves
@@ -234,13 +233,11 @@ class Tube(Shown):
         segments = str(len(self.times) - 1)
         return Card(title="Tube", facts=[("until", until), ("segments", segments)])
 
-    def to_json(self) -> dict[str, Any]:
-        values = fields_to_json(self, "times", "upper", "lower")
-        if self.error is not None:
-            values |= self.error.to_json()
-            # A box that moves has no V, so that nothing weighs E against N.
-            del values["kappa"]
-        return values
+    def to_json(self) -> Document:
+        observed = error_to_json(self.error)
+        # A box that moves has no V, so that nothing weighs E against N.
+        observed.pop("kappa", None)
+        return fields_to_json(self, "times", "upper", "lower") | observed
 
 
 @noun
@@ -276,6 +273,6 @@ class Descent:
             return QUADRATIC
         return SCHEDULE if isinstance(self.certificate, Cycles) else SEPARABLE
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         last = fields_to_json(self, "kind", "level", "height", "stretch", "certificate")
         return fields_to_json(self, "tolerance", "time", "tube") | {"last": last}

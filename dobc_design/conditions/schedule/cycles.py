@@ -40,10 +40,7 @@ def holds_starts(loop: Loop, claim: Cycles, *, radius: Fraction, disturbance: Fr
     if claim.rho is None:
         return True
     room = claim.rho - radius * claim.spread(loop)
-    if claim.error is None:
-        return room >= 0
-    # kappa E <= kappa disturbance sqrt(size) has to fit into the room; squares need no root.
-    return room >= 0 and (claim.error.kappa * disturbance) ** 2 * claim.error.size <= room**2
+    return room >= 0 if claim.error is None else claim.error.fits(disturbance, room)
 
 
 def _needs(loop: Loop, W: Matrix | None, claim: Cycles) -> Iterator[Need]:
@@ -103,9 +100,7 @@ def holds_observer(
 ) -> Iterator[Need]:
     """Rho and the observer's part of a claim, at this rate: whether each condition holds, and what
     it is."""
-    exosystem = loop.joint_exosystem
-    if claim.T is not None:
-        exosystem, W = seen_through(loop, claim.T, W)
+    exosystem, W = seen_through(loop, claim.T, W)
     yield claim.rho is not None or loop.is_linear, "without rho couplings have to be linear."
     belongs = (claim.error is not None) == (exosystem is not None)
     yield belongs, "P, beta, kappa and size belong to an [exosystem]."

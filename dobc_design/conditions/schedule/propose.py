@@ -86,9 +86,7 @@ class Asked:
 def observed(loop: Loop, W: Matrix | None, T: Matrix | None = None) -> ErrorBound | None:
     """P, beta, size of the observer, and a kappa for weights of at least 1 (of T e); None if none
     is found, or needed."""
-    exosystem = loop.joint_exosystem
-    if T is not None:
-        exosystem, W = seen_through(loop, T, W)
+    exosystem, W = seen_through(loop, T, W)
     if exosystem is None or W is None:
         return None
     # A little slower than the observer, so that there is a P.

@@ -33,7 +33,7 @@ from dobc_design.conditions.separable.propose_coordinates import (
 from dobc_design.conditions.separable.propose_observer import with_kappa
 from dobc_design.errors import SpecError
 from dobc_design.exact.interval import UndefinedError
-from dobc_design.exact.matrix import Matrix, to_float
+from dobc_design.exact.matrix import Matrix, row_norm, to_float
 from dobc_design.exact.number import root_above
 from dobc_design.exact.work import spend
 from dobc_design.loop.guarantee import Phase
@@ -230,8 +230,7 @@ def propose_in_coordinates(
         rho = None
         if box is not None:
             radius, disturbance = box
-            size = max(sum(map(abs, row), ZERO) for row in T)
-            rho = rounded_up(size * radius + 2 * disturbance * _share(error), digits=6)
+            rho = rounded_up(row_norm(T) * radius + 2 * disturbance * _share(error), digits=6)
         claim = _claim_in(loop, W, T, rho, error)
         if claim is not None:
             return claim

@@ -20,7 +20,7 @@ from dobc_design.conditions.consensus.decide import linear_part
 from dobc_design.conditions.domain import Domain
 from dobc_design.conditions.numbers import read_rational
 from dobc_design.exact.exponential import expanding_product
-from dobc_design.exact.matrix import Matrix
+from dobc_design.exact.matrix import Matrix, row_norm
 from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
 
@@ -76,7 +76,7 @@ def _parts(loop: Loop) -> list[tuple[Matrix, Fraction]] | None:
         if A is None:
             return None
         parts.append((A, phase.shortest))
-        total += max(sum(map(abs, row), ZERO) for row in A) * phase.shortest
+        total += row_norm(A) * phase.shortest
     return parts if total <= MOST_GROWTH else None
 
 

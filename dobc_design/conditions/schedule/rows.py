@@ -337,9 +337,7 @@ def _largest_load(load: Array, segments: Places, cuts: Sequence[Array]) -> Array
     return np.where(is_loaded, np.maximum.reduce(at_ends), 0.0)
 
 
-def moving_rows(
-    loop: Loop, most: Fraction, modes: Sequence[str] | None = None
-) -> MovingRows | None:
+def moving_rows(loop: Loop, most: Fraction, modes: Sequence[str] | None) -> MovingRows | None:
     """Rows for boxes with no number beyond ``most``; None where a coupling is not defined or turns
     too often."""
     layout = arc_layout(loop, modes=modes)

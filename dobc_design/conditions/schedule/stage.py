@@ -40,7 +40,7 @@ from dobc_design.exact.work import STAGE, WorkLimitError, at_most, spend
 from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
 
-from .checks import cycles_check, settling_check
+from .checks import cycles_check, settling_check, settling_of
 from .claim import (
     ONE,
     SETTLED,
@@ -54,7 +54,7 @@ from .cycles import holds_starts, unreached_in_words
 from .cycles import why_not as why_not_cycles
 from .propose import Asked
 from .rounds import growth_check
-from .settling import Settling, guarantee_of, proved_reason
+from .settling import Settling, proved_reason
 
 logger = logging.getLogger("dobc_design")
 
@@ -120,8 +120,9 @@ def _no_region(key: str, cure: str) -> SpecError:
     return wrong(key, what, cure)
 
 
-def read_tolerance(value: Any, *, key: str = "settling") -> Fraction:
-    """A tolerance > 0 in the unit of x.  Raises: SpecError with ``key`` for anything else."""
+def read_tolerance(value: Any) -> Fraction:
+    """A tolerance > 0 in the unit of x.  Raises: SpecError for anything else."""
+    key = "settling"
     limit = parse_number(value, key)
     if limit <= 0:
         what = f"must be > 0, because |e(t)| only comes close to 0; got {float(limit):.6g}."
@@ -174,17 +175,16 @@ def settle(loop: Loop, W: Matrix | None, asked: Asked, *, progress: Progress) ->
             f"no moving box was found {starts}. Try a smaller radius or disturbance, or more pins."
         )
     if best is not None:
-        reason = f"{starts}, {proved_reason(loop, best)}"
+        found = settling_of(loop, best, f"{starts}, {proved_reason(loop, best)}")
+        return replace(found, single=single)
     return Settling(
-        verdict=Verdict.UNDECIDED if best is None else Verdict.PROVED,
+        verdict=Verdict.UNDECIDED,
         reason=reason,
         problem_name=loop.name,
         radius=asked.radius,
         disturbance=asked.disturbance,
         tolerance=asked.tolerance,
-        claim=best,
         single=single,
-        guarantee=None if best is None else guarantee_of(loop, best),
         unit=loop.unit,
     )
 

@@ -23,7 +23,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from operator import mul
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -42,6 +42,7 @@ from dobc_design.conditions.quadratic.sectors import GainRange, ranges_from_json
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.matrix import Matrix, Vector, inverse, rank
 from dobc_design.exact.number import float_above
+from dobc_design.exact.reading import Document, Table
 from dobc_design.exact.symmetric import Doubles, largest, least
 from dobc_design.loop.arcs import coupling_places
 from dobc_design.loop.loop import Loop
@@ -51,7 +52,8 @@ OBSERVED = ("P", "beta", "kappa", "size")
 MOST_COMPONENTS = 6  # of an agent, for T
 # the key under which a check of sampling holds one of its own, where it has one
 OWN = "certificate"
-_NONE, _ONE = Fraction(0), Fraction(1)
+_NONE = Fraction(0)
+_ONE = Fraction(1)
 
 
 @noun
@@ -65,9 +67,10 @@ class ErrorBound:
     kappa: Fraction
     size: Fraction
 
-    def to_json(self) -> dict[str, Any]:
-        """The exact values of the observer's part, by the keys ``OBSERVED``."""
-        return fields_to_json(self, *OBSERVED)
+    def fits(self, disturbance: Fraction, room: Fraction) -> bool:
+        """Whether kappa E <= kappa disturbance sqrt(size) is at most ``room``; by squares, which
+        need no root."""
+        return room >= 0 and (self.kappa * disturbance) ** 2 * self.size <= room**2
 
 
 def observed_in(loop: Loop) -> tuple[str, ...]:
@@ -75,8 +78,13 @@ def observed_in(loop: Loop) -> tuple[str, ...]:
     return OBSERVED if loop.groups else ()
 
 
-def error_from_json(values: Mapping[str, Any], loop: Loop) -> ErrorBound | None:
-    """Read ``ErrorBound.to_json`` back; None without an exosystem.  Raises as ``read_claim``."""
+def error_to_json(error: ErrorBound | None) -> Document:
+    """The exact values of the observer's part, by the keys ``OBSERVED``; empty without one."""
+    return {} if error is None else fields_to_json(error, *OBSERVED)
+
+
+def error_from_json(values: Table, loop: Loop) -> ErrorBound | None:
+    """Read ``error_to_json`` back; None without an exosystem.  Raises as ``read_claim``."""
     if not loop.groups:
         return None
     beta, kappa, size = read_rationals(values, "beta", "kappa", "size")
@@ -133,14 +141,12 @@ class Separable:
         min v without T."""
         return self.spread * self.reach
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         """The exact values of a proved max-separable check."""
         values = {"v": vector_to_json(self.v), **fields_to_json(self, "alpha", "rho")}
         if self.T is not None:
             values |= fields_to_json(self, "T", "ranges")
-        if self.error is not None:
-            values |= self.error.to_json()
-        return values
+        return values | error_to_json(self.error)
 
 
 def require_coordinates(T: Matrix | None) -> None:
@@ -187,7 +193,7 @@ class DelayBound:
     delay: Fraction
     rate: Fraction
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         """The exact values of a proved check of delays."""
         return fields_to_json(self, "delay", "rate")
 
@@ -201,7 +207,7 @@ class SamplingBound:
     factor: Fraction
     own: Separable | None = None
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         """The exact values of a proved check of sampling."""
         values = fields_to_json(self, "period", "factor")
         if self.own is not None:
@@ -298,10 +304,11 @@ class Place:
     count: int
 
 
-def holding_gains(loop: Loop, *, error: Fraction | int = 0) -> tuple[Fraction, ...]:
+def holding_gains(loop: Loop, *, error: Fraction | int = 0) -> Vector:
     """What the linear pin of each agent is worth in a row: the least k_cc - sum_{d != c} |k_cd|;
     ``error``: relative, of every entry."""
-    least, most = 1 - Fraction(error), 1 + Fraction(error)
+    least = 1 - Fraction(error)
+    most = 1 + Fraction(error)
 
     def worth(k: Matrix) -> Fraction:
         return min(
@@ -311,13 +318,13 @@ def holding_gains(loop: Loop, *, error: Fraction | int = 0) -> tuple[Fraction, .
     return _by_agent(loop, worth)
 
 
-def held_gains(loop: Loop) -> tuple[Fraction, ...]:
+def held_gains(loop: Loop) -> Vector:
     """How steep the linear pin of each agent is, the largest k_cc: what it can overshoot by in a
     step during which it is held."""
     return _by_agent(loop, lambda k: max(row[c] for c, row in enumerate(k)))
 
 
-def _by_agent(loop: Loop, number: Callable[[Matrix], Fraction]) -> tuple[Fraction, ...]:
+def _by_agent(loop: Loop, number: Callable[[Matrix], Fraction]) -> Vector:
     """A number of the linear pin of every agent, 0 for agents without one."""
     known = loop.pulls.each(number)
     return tuple(known.get(agent, _NONE) for agent in range(loop.n))
@@ -329,9 +336,7 @@ def acts_by_component(loop: Loop) -> bool:
     return loop.drift_place is None and all(coupling.by_component for coupling in loop.functions)
 
 
-def largest_reach(
-    loop: Loop, v: Sequence[Fraction], *, stretch: Fraction | int = 1
-) -> tuple[Fraction, ...]:
+def largest_reach(loop: Loop, v: Sequence[Fraction], *, stretch: Fraction | int = 1) -> Vector:
     """A bound of v_i + stretch v_j over the arcs of each coupling, with room for rounding up; of
     v_i over the arcs to the fixed node.  Raises: ShapeError."""
     require_one_per_agent(loop, v)
@@ -433,7 +438,8 @@ def _terms(
         # An arc to a fixed node may be a pin, and its weight a gain.
         error = errors.weights if other else max(errors)
         far = stretch * other
-        reach, step = far + own, far - own
+        reach = far + own
+        step = far - own
         if absent:
             step = max(step, _NONE)
         term = Term(place, weight, reach, step)
@@ -445,7 +451,10 @@ def _terms(
 
 def _at_worst(term: Term, error: Fraction) -> Iterator[Term]:
     """The term at the worse end of its weight; ``error``: relative."""
-    place, weight, reach, step = term.coupling, term.weight, term.reach, term.step
+    place = term.coupling
+    weight = term.weight
+    reach = term.reach
+    step = term.step
     if step >= 0:
         yield Term(place, weight * (1 + error), reach, step)
         return
@@ -474,10 +483,8 @@ def stuck_agents(loop: Loop, *, held: Collection[int] = ()) -> dict[int, str]:
         start = np.searchsorted(arcs.speakers[order], np.arange(loop.nodes + 1))
         listeners.append((start.tolist(), arcs.listeners[order].tolist()))
     # Modes in which nobody earlier is heard yet.
-    pinned = _are_held(loop)
-    for agent in held:
-        pinned[agent] = True
-    waiting = [0 if is_held else len(names) for is_held in pinned]
+    pinned = enumerate(_are_held(loop))
+    waiting = [0 if is_held or agent in held else len(names) for agent, is_held in pinned]
     heard: list[set[int]] = [set() for _ in names]
     ordered = [agent for agent, count in enumerate(waiting) if not count]
     ordered += range(loop.n, loop.nodes)
@@ -499,12 +506,12 @@ def stuck_agents(loop: Loop, *, held: Collection[int] = ()) -> dict[int, str]:
 def pins_that_order(loop: Loop) -> list[int]:
     """Agents with pins on which no agent is stuck, few of them: the next one leaves the fewest."""
     found: list[int] = []
-    left = stuck_agents(loop)
-    while left:
-        rest = {agent: stuck_agents(loop, held=[*found, agent]) for agent in left}
-        best = min(rest, key=lambda agent: len(rest[agent]))
-        found.append(best)
-        left = rest[best]
+
+    def left_by(agent: int) -> int:
+        return len(stuck_agents(loop, held=[*found, agent]))
+
+    while stuck := stuck_agents(loop, held=found):
+        found.append(min(stuck, key=left_by))
     return found
 
 

@@ -25,14 +25,13 @@ from typing import Any, NamedTuple
 from dobc_design._checks import noun
 from dobc_design.conditions.numbers import VECTOR_BITS, rounded_up
 from dobc_design.conditions.quadratic.sectors import (
-    Entries,
     GainRange,
     left_open,
     used_couplings,
     widened_gains,
 )
 from dobc_design.errors import ShapeError, SpecError
-from dobc_design.exact.interval import Interval
+from dobc_design.exact.interval import Interval, IntervalMatrix
 from dobc_design.exact.matrix import Matrix, Vector, identity, inverse, kronecker, multiply, zeros
 from dobc_design.exact.number import common_denominator
 from dobc_design.exact.work import spend
@@ -43,6 +42,7 @@ from dobc_design.problem.exosystems import Exosystem
 from .claim import Separable, error_sizes
 
 MOST_FREE = 6  # gains of one coupling that are no single numbers: 2^6 corners
+Numbers = list[list[Any]]  # of integers, or of rationals where they are too long
 _DIGITS = 6  # of the differences up to which gains are enclosed
 _A_STEP = 50  # corners of arcs that are looked at in one step of work
 
@@ -56,11 +56,13 @@ class Slowest(NamedTuple):
     mode: str
 
 
-def seen_through(loop: Loop, T: Matrix, W: Matrix | None) -> tuple[Exosystem | None, Matrix | None]:
+def seen_through(
+    loop: Loop, T: Matrix | None, W: Matrix | None
+) -> tuple[Exosystem | None, Matrix | None]:
     """The joint exosystem with the output T C of every group, and the gain W S, so that A - W C is
-    the same."""
+    the same; both as they are without T."""
     exosystem = loop.joint_exosystem
-    if exosystem is None or W is None:
+    if exosystem is None or W is None or T is None:
         return exosystem, W
     groups = identity(max(1, len(loop.groups)))
     turned = Exosystem(A=exosystem.A, C=multiply(kronecker(groups, T), exosystem.C))
@@ -73,11 +75,14 @@ def reaches(loop: Loop, T: Matrix, v: Sequence[Fraction], rho: Fraction) -> dict
     sizes = [*error_sizes(T, v), *fixed_sizes(loop)]
     found = {place: [Fraction(0)] * loop.m for place in used_couplings(loop)}
     for arcs in loop.modes.values():
-        listeners, speakers = arcs.listeners.tolist(), arcs.speakers.tolist()
+        listeners = arcs.listeners.tolist()
+        speakers = arcs.speakers.tolist()
         places = coupling_places(loop, arcs).tolist()
         # A difference is at most as large as both of its errors together.
         for i, j, place in zip(listeners, speakers, places, strict=True):
-            known, own, other = found[place], sizes[i], sizes[j]
+            known = found[place]
+            own = sizes[i]
+            other = sizes[j]
             for c in range(loop.m):
                 known[c] = max(known[c], own[c] + other[c])
     if loop.drift_place is not None:
@@ -95,7 +100,7 @@ def enclosed_ranges(
     without rho for couplings that are not linear."""
     if rho is None and not loop.is_linear:
         raise SpecError("rho must be a number, because a coupling is not linear.", key="rho")
-    far = reaches(loop, T, v, Fraction(1) if rho is None else rho)
+    far = reaches(loop, T, v, rho or Fraction(1))
     found = []
     for place, each in far.items():
         gains = widened_gains(loop, place, each)
@@ -115,7 +120,8 @@ def rows_obstacle(loop: Loop, claim: Separable, *, load: Vector = ()) -> str | N
     slowest = slowest_row(loop, claim.T, claim.v, claim.ranges, load=load)
     if slowest.rate >= claim.alpha:
         return None
-    agent, component = loop.labels[slowest.agent], slowest.component + 1
+    agent = loop.labels[slowest.agent]
+    component = slowest.component + 1
     return (
         f"the row of agent {agent}, component {component}, in mode {slowest.mode} allows only "
         f"{float(slowest.rate):.4g} 1/s."
@@ -131,11 +137,12 @@ def gains_obstacle(
 ) -> str | None:
     """Why couplings and nodes are not shown to keep to ``ranges`` where N <= rho; None if they
     are."""
-    far = reaches(loop, T, v, Fraction(1) if rho is None else rho)
+    far = reaches(loop, T, v, rho or Fraction(1))
     if far.keys() - {each.coupling for each in ranges}:
         return "the gains of a coupling are missing."
     for each in ranges:
-        place, entries = each.coupling, each.entries
+        place = each.coupling
+        entries = each.entries
         # those of the nodes are no corners: each of their entries is taken at its worse end
         if place != loop.drift_place and varying(entries) > MOST_FREE:
             return f"more than {MOST_FREE} gains of a coupling vary."
@@ -144,7 +151,7 @@ def gains_obstacle(
     return None
 
 
-def varying(entries: Entries) -> int:
+def varying(entries: IntervalMatrix) -> int:
     """How many gains are no single numbers."""
     return sum(not x.is_point for row in entries for x in row)
 
@@ -202,12 +209,12 @@ class _Corners:
     coupling, by component, by corner; rows that are always 0 are left out.  ``most``: corners of
     one coupling."""
 
-    rows: dict[int, dict[int, list[list[Any]]]]
+    rows: dict[int, dict[int, Numbers]]
     unit: int
     most: int
 
 
-def _corners(loop: Loop, T: Matrix, table: dict[int, Entries]) -> _Corners:
+def _corners(loop: Loop, T: Matrix, table: dict[int, IntervalMatrix]) -> _Corners:
     """Bring the gains of arcs into coordinates, as integers where denominators are short."""
     exact = {}
     for place, entries in table.items():
@@ -216,7 +223,7 @@ def _corners(loop: Loop, T: Matrix, table: dict[int, Entries]) -> _Corners:
     numbers = (x for rows in exact.values() for row in rows for corner in row for x in corner)
     # Where a common denominator is long, fractions are no slower than integers.
     unit = common_denominator(numbers, bits=VECTOR_BITS) or 1
-    scaled: dict[int, dict[int, list[list[Any]]]] = {}
+    scaled: dict[int, dict[int, Numbers]] = {}
     for place, rows in exact.items():
         scaled[place] = {}
         for c, row in enumerate(rows):
@@ -226,9 +233,10 @@ def _corners(loop: Loop, T: Matrix, table: dict[int, Entries]) -> _Corners:
     return _Corners(rows=scaled, unit=unit, most=most)
 
 
-def _turned_corners(T: Matrix, entries: Entries) -> list[list[Vector]]:
+def _turned_corners(T: Matrix, entries: IntervalMatrix) -> list[list[Vector]]:
     """The rows of G = T J S for every corner J of the gains: by row, then by corner."""
-    m, S = len(T), inverse(T)
+    m = len(T)
+    S = inverse(T)
     ends = [[x.lo] if x.is_point else [x.lo, x.hi] for row in entries for x in row]
     found = []
     for corner in product(*ends):
@@ -250,14 +258,13 @@ class _ArcSums:
         self.heard = cache(self._heard)
         self.felt = cache(self._felt)
 
-    def of_mode(self, loop: Loop, mode: str) -> tuple[list[list[list[Any]]], int]:
+    def of_mode(self, loop: Loop, mode: str) -> tuple[list[Numbers], int]:
         """The sums by agent, component and signs, and what they are multiplied by."""
         arcs = loop.modes[mode]
         factors, bottom = _integers(arcs.weights)
-        totals: list[list[list[Any]]] = [
-            [[0] * len(each) for each in self.signs] for _ in loop.labels
-        ]
-        listeners, speakers = arcs.listeners.tolist(), arcs.speakers.tolist()
+        totals: list[Numbers] = [[[0] * len(each) for each in self.signs] for _ in loop.labels]
+        listeners = arcs.listeners.tolist()
+        speakers = arcs.speakers.tolist()
         places = coupling_places(loop, arcs).tolist()
         sure = len(arcs) - arcs.optional
         ends = zip(listeners, speakers, places, factors, strict=True)
@@ -272,7 +279,7 @@ class _ArcSums:
                         sums[s] += w * most
         return totals, self.corners.unit * bottom
 
-    def _heard(self, place: int, j: int) -> list[list[Any]]:
+    def _heard(self, place: int, j: int) -> Numbers:
         """sum_c' |G_cc'| v_jc', by component and corner."""
         own = self.own[j]
         found = []
@@ -281,7 +288,7 @@ class _ArcSums:
             found.append([sum(map(mul, g, own)) for g in sizes])
         return found
 
-    def _felt(self, place: int, i: int) -> list[tuple[int, list[list[Any]]]]:
+    def _felt(self, place: int, i: int) -> list[tuple[int, Numbers]]:
         """sum_c' G_cc' x_c', by component, by the signs of x, by corner."""
         found = []
         for c, row in self.corners.rows[place].items():
@@ -294,10 +301,15 @@ class _ArcSums:
 
 
 def _rows_alone(
-    loop: Loop, T: Matrix, own: Sequence[Any], signs: Sequence[Any], table: dict[int, Entries]
+    loop: Loop,
+    T: Matrix,
+    own: Sequence[Any],
+    signs: Sequence[Any],
+    table: dict[int, IntervalMatrix],
 ) -> list[list[list[Fraction]]]:
     """For every agent what gains and nodes add to its rows, by component and signs."""
-    S, none = inverse(T), zeros(loop.m, loop.m)
+    S = inverse(T)
+    none = zeros(loop.m, loop.m)
     pulls = loop.pulls.each(lambda k: multiply(multiply(T, k), S))
     F: list[list[Interval]] = []
     if loop.drift_place is not None:

@@ -66,7 +66,8 @@ MOST_LEFT = 200
 _FOR = "couplings that act on each state component by itself"
 NOT_BY_COMPONENT = f"does not apply: the max-separable certificate is for {_FOR}."
 MOST_PIECES = 3000  # of (0, rho] looked at per row before the answer is "undecided"
-_ZERO, _ONE = Fraction(0), Fraction(1)
+_ZERO = Fraction(0)
+_ONE = Fraction(1)
 
 
 @noun
@@ -193,7 +194,8 @@ class Many(NamedTuple):
 def in_arrays(question: Question) -> Many | None:
     """The question in arrays where there are many arcs; None for few, and for couplings that turn
     often."""
-    loop, rho = question.loop, question.rho
+    loop = question.loop
+    rho = question.rho
     is_rising = all(kind.is_nondecreasing for kind in question.profiles)
     if rho is None and not is_rising:
         return None
@@ -505,7 +507,8 @@ def _largest(side: Side, S: Interval) -> Interval:
 def _within(place: Interval, term: Term, S: Interval) -> Interval | None:
     """The s > 0 of S for which ``place`` may meet -s reach <= y <= s step; None if there are
     none."""
-    lo, hi = S.lo, S.hi
+    lo = S.lo
+    hi = S.hi
     if place.lo > 0:
         if term.step <= 0:
             return None
@@ -543,9 +546,7 @@ def verify_composite(loop: Loop, W: Matrix | None, claim: Separable) -> Separabl
 def observer_obstacle(loop: Loop, W: Matrix | None, claim: Separable) -> str | None:
     """Why the observer's part of a claim does not hold with the gain W (q, m); None if it is
     proved, and without an exosystem."""
-    exosystem = loop.joint_exosystem
-    if claim.T is not None:
-        exosystem, W = seen_through(loop, claim.T, W)
+    exosystem, W = seen_through(loop, claim.T, W)
     if exosystem is None:
         return None
     error = claim.error
@@ -560,22 +561,25 @@ def observer_obstacle(loop: Loop, W: Matrix | None, claim: Separable) -> str | N
 def error_bound_obstacle(exosystem: Exosystem, W: Matrix, error: ErrorBound) -> str | None:
     """Why ``error`` does not hold for W, in words; None if it is proved.  Exact: there is no third
     answer."""
-    P, q = error.P, exosystem.order
+    P = error.P
+    q = exosystem.order
     if exact.shape(P) != (q, q) or not exact.is_symmetric(P):
         return f"P must be a symmetric {q}x{q} matrix."
-    if decide_positive_definite(P).verdict is not Verdict.PROVED:
+    if not decide_positive_definite(P).is_proved:
         return "P is not positive definite."
     PE = exact.multiply(P, exact.subtract(exosystem.A, exact.multiply(W, exosystem.C)))
     decay = exact.add(exact.add(exact.transpose(PE), PE), exact.scale(2 * error.beta, P))
-    if not _is_semidefinite(exact.scale(-1, decay)):
+    if not decide_positive_semidefinite(exact.scale(-1, decay)).is_proved:
         return (
             f"the observer error does not decay at the rate beta = {float(error.beta):.6g} in "
             "the norm of P."
         )
     for number, c in enumerate(exosystem.C):
-        if not _is_semidefinite(exact.subtract(P, tuple(tuple(x * y for y in c) for x in c))):
+        square = tuple(tuple(x * y for y in c) for x in c)
+        if not decide_positive_semidefinite(exact.subtract(P, square)).is_proved:
             return f"P does not bound row {number + 1} of C: c'c <= P fails."
-    if not _is_semidefinite(exact.subtract(exact.scale(error.size, exact.identity(q)), P)):
+    room = exact.subtract(exact.scale(error.size, exact.identity(q)), P)
+    if not decide_positive_semidefinite(room).is_proved:
         return f"P exceeds {float(error.size):.6g} times the identity."
     return None
 
@@ -600,10 +604,4 @@ def covers(claim: Separable, *, radius: Fraction, disturbance: Fraction) -> bool
         return True
     # What the errors leave of rho has to be enough for those of the estimates.
     room = claim.rho - radius * claim.spread
-    if claim.error is None:
-        return room >= 0
-    return room >= 0 and (claim.error.kappa * disturbance) ** 2 * claim.error.size <= room**2
-
-
-def _is_semidefinite(M: Matrix) -> bool:
-    return decide_positive_semidefinite(M).verdict is Verdict.PROVED
+    return room >= 0 if claim.error is None else claim.error.fits(disturbance, room)

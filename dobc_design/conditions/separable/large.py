@@ -38,6 +38,7 @@ from .claim import (
 )
 
 Array = NDArray[np.float64]
+Ends = tuple[Array, Array]  # lower and upper ends of intervals
 
 CELLS = 512  # of a table
 _KEPT = 16  # tables
@@ -95,7 +96,7 @@ class GainTable:
         """How far out it says something."""
         return self.radius + self.width * float(_BEYOND / 2)
 
-    def at(self, y: Array) -> tuple[Array, Array]:
+    def at(self, y: Array) -> Ends:
         """Lower and upper bounds of g at y, where y may be wrong in its last digits."""
         cell = self.cell(y)
         beyond = y - ((cell + 0.5) * self.width - self.radius)
@@ -149,7 +150,8 @@ def gain_table(expression: Expression, radius: Fraction, *, cells: int = CELLS) 
 def _spans(values: Array) -> Array:
     """The most over 1, 2, 4, ... cells from each on, near the right end over those that are left;
     by level, in the last axis but one."""
-    levels, span = [values], 1
+    levels = [values]
+    span = 1
     while 2 * span <= values.shape[-1]:
         last = levels[-1]
         beside = np.concatenate([last[..., span:], np.repeat(last[..., -1:], span, -1)], axis=-1)
@@ -213,7 +215,7 @@ class Turning:
     tops: tuple[Top, ...]
 
     def largest(
-        self, steps: Array, reaches: Array, right: tuple[Array, Array], s: float, t: float
+        self, steps: Array, reaches: Array, right: Ends, s: float, t: float
     ) -> tuple[Array, Any]:
         """An upper bound of phi on [s, t] for every arc, and whether phi is the right end on all of
         it.  ``right``: lower and upper bounds of what the right end gives, step g(s step), on [s,
@@ -283,9 +285,7 @@ def turning(kind: Profile, table: GainTable, face: int) -> Turning | None:
     return Turning(table=table, face=face, falls=falls, tops=tuple(places))
 
 
-def _when(
-    low: float, high: float, steps: Array, reaches: Array, s: float, t: float
-) -> tuple[Array, Array]:
+def _when(low: float, high: float, steps: Array, reaches: Array, s: float, t: float) -> Ends:
     """The s of [s, t] for which [low, high] may meet [-s reach, s step]; from above to nothing
     where there are none."""
     begin = np.full(len(steps), s)
@@ -336,9 +336,9 @@ class ArcRows:
     start: Any
     steps: Array
     reaches: Array
-    weights: tuple[Array, Array] | None
+    weights: Ends | None
     kinds: Any
-    own: tuple[Array, Array]
+    own: Ends
     pulls: tuple[Fraction, ...]
 
 
@@ -361,7 +361,7 @@ class Layout:
     speakers: Any
     start: Any
     kinds: Any
-    weights: tuple[Array, Array] | None
+    weights: Ends | None
     floor: Array
 
 
@@ -390,7 +390,7 @@ def arc_layout(loop: Loop, *, modes: Sequence[str] | None = None, errors: Errors
 
 def _weights(
     graphs: Sequence[Arcs], order: Any, errors: Errors, *, to_fixed: BoolArray
-) -> tuple[Array, Array] | None:
+) -> Ends | None:
     """Lower and upper bounds of the weights of arcs in this order, each off by its relative error;
     None if all are 1."""
     # An arc to a fixed node may be a pin, and its weight a gain.
@@ -422,7 +422,8 @@ def arc_rows(
     layout = arc_layout(loop, errors=errors)
     low, high = floats_around(v)
     stretched = high if stretch == 1 else floats_around([stretch * x for x in v])[1]
-    low, high = _stacked([low] * modes), _stacked([high] * modes)
+    low = _stacked([low] * modes)
+    high = _stacked([high] * modes)
     own = low[layout.rows]
     # Fixed nodes have the weight 0.
     other = np.append(stretched, np.zeros(len(loop.fixed)))[layout.speakers]
@@ -455,8 +456,10 @@ def float_kinds(
     """Bring the couplings into floats, as far out as these rows look; None if one of them turns too
     often.  ``cells``: of a table; half as many where it reaches to the left ends, which seldom
     decide. Raises: exact.interval.UndefinedError where a gain cannot be enclosed."""
-    tables, turns = [], {}
-    steps, reaches = np.zeros(len(profiles)), np.zeros(len(profiles))
+    tables = []
+    turns = {}
+    steps = np.zeros(len(profiles))
+    reaches = np.zeros(len(profiles))
     np.maximum.at(steps, arcs.kinds, np.abs(arcs.steps))
     np.maximum.at(reaches, arcs.kinds, np.abs(arcs.reaches))
     for number, kind in enumerate(profiles):
@@ -669,7 +672,7 @@ class Piece:
         low, high = self._gains_at(s)
         return self._total(self._largest(low, high, s, s)[0])
 
-    def _gains_at(self, s: float) -> tuple[Array, Array]:
+    def _gains_at(self, s: float) -> Ends:
         """Bounds of g at the right ends, at one s."""
         low, high = self._bounds(lambda table, b: table.at(self.face * s * b), 2)
         return low, high
@@ -690,9 +693,10 @@ class Piece:
             result[:, mine] = look(table, self.steps[mine])
         return tuple(result)
 
-    def _right(self, low: Array, high: Array) -> tuple[Array, Array]:
+    def _right(self, low: Array, high: Array) -> Ends:
         """The least and the largest step g for g in [low, high]."""
-        rising, still = self.steps >= 0, self.steps == 0
+        rising = self.steps >= 0
+        still = self.steps == 0
         most = np.where(still, 0.0, up(self.steps * np.where(rising, high, low)))
         # the least is asked for where couplings turn only
         if not self.turning:
@@ -732,9 +736,7 @@ def _sums(values: Array, rows: Any, counts: Any) -> Array:
     return np.where(sizes == 0, 0.0, up(total + up(sizes * (2 * (counts + 2) * _UNIT))))
 
 
-def floats_around(
-    values: Sequence[Fraction], *, less: Fraction | None = None
-) -> tuple[Array, Array]:
+def floats_around(values: Sequence[Fraction], *, less: Fraction | None = None) -> Ends:
     """Floats below and above the numbers, or these ``less`` something; equal objects are converted
     once."""
     if isinstance(values, Doubles) and less is None:
@@ -745,7 +747,8 @@ def floats_around(
     high = np.empty(len(first))
     for k, place in enumerate(first.tolist()):
         value = values[place] if less is None else values[place] - less
-        top, bottom = value.numerator, value.denominator
+        top = value.numerator
+        bottom = value.denominator
         # The same number as a float where that is seen at once: few bits over a power of two, as v
         # has them.
         bits = max(top.bit_length(), bottom.bit_length())

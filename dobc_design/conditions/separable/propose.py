@@ -49,11 +49,13 @@ from .propose_limits import largest_rate
 from .propose_observer import propose_error_bound, radius_needed
 
 logger = logging.getLogger("dobc_design")
+Rated = tuple[float, Array]  # a rate, and weights v that have it
 
 SAMPLES = 4001  # points of a coupling's table
 MOST_TURNS = 200  # of a coupling in it: sine as far as 300
 WORK = 1_000_000  # evaluations of h per pass that are worth a finer grid of s
-FINEST, COARSEST = 33, 5
+FINEST = 33
+COARSEST = 5
 AT_ONCE = 50_000  # evaluations of h in one call
 NEAREST = 1e-5  # the smallest s, as a part of rho
 STEP = 1e-6  # of central differences
@@ -102,7 +104,8 @@ class Field:
         residual = worst + self.load - (self.gains - alpha) * v
         jacobian = self._jacobian(chosen, choices, v, alpha)
         if self.extra is not None:
-            residual, jacobian = residual + self.extra @ v, jacobian + self.extra
+            residual = residual + self.extra @ v
+            jacobian = jacobian + self.extra
         return residual, jacobian, scale
 
     def values(self, mode: int, face: int, v: Array) -> Array:
@@ -112,7 +115,8 @@ class Field:
         total = np.zeros((len(self.grid), self.size))
         weights = self._with_fixed(v)
         for group in self.modes[mode]:
-            own, other = v[group.listeners], weights[group.speakers]
+            own = v[group.listeners]
+            other = weights[group.speakers]
             # Some s at a time, so that arrays stay small.
             together = max(1, AT_ONCE // max(1, len(own)))
             for first in range(0, len(self.grid), together):
@@ -162,7 +166,9 @@ class Field:
             mine = chosen == number
             for group in self.modes[mode]:
                 here = mine[group.listeners]
-                i, j, w = group.listeners[here], group.speakers[here], group.weights[here]
+                i = group.listeners[here]
+                j = group.speakers[here]
+                w = group.weights[here]
                 own, other = _derivatives(group, face, s, v[i], weights[j])
                 if self.off:
                     w = w * self._worse(_sup(group, face, s, v[i], weights[j])[0])
@@ -239,7 +245,8 @@ def _sup(group: Group, face: int, s: float | Array, own: Array, other: Array) ->
     """phi = sup { h(s t)/s : -(own + other) <= t <= other - own }; where: 0 right end, 1 left end,
     2 inside."""
     other = np.maximum(own, other) if group.loose else other
-    high, low = s * (other - own), -s * (other + own)
+    high = s * (other - own)
+    low = -s * (other + own)
     best = face * group.h(face * high) / s
     where = np.zeros(best.shape, dtype=np.int64)
     places, values = group.tops if face > 0 else group.bottoms
@@ -261,7 +268,8 @@ def _derivatives(
     """The derivatives of phi in own and other."""
     where = _sup(group, face, s, own, other)[1]
     if group.loose:
-        where, other = np.where((where == 0) & (other < own), 2, where), np.maximum(own, other)
+        where = np.where((where == 0) & (other < own), 2, where)
+        other = np.maximum(own, other)
     at = face * s * np.where(where == 1, -(own + other), other - own)
     step = STEP * (1.0 + np.abs(at))
     slope = (group.h(at + step) - group.h(at - step)) / (2 * step)
@@ -274,17 +282,24 @@ STEPS = 60
 FEW_AGENTS = 2000  # networks of more are large: less accuracy is worth the time
 # A factorisation is cheap for few agents, and where the network is little more than lines and
 # rings.
-FACTORED_AGENTS, FEW_ENTRIES = 500, 4
+FACTORED_AGENTS = 500
+FEW_ENTRIES = 4
 # Accuracy and steps of the iteration elsewhere.  It converges slowly only at rates next to one that
 # is out of reach.
-ACCURACY, VERY_ROUGH, MOST_ITERATIONS = 1e-4, 0.1, 150
+ACCURACY = 1e-4
+VERY_ROUGH = 0.1
+MOST_ITERATIONS = 150
 # Newton's residual as a part of the terms, and how far a step may fall where it has to rise, by
 # rounding.
-TIGHT, LOOSE = (1e-12, 1e-9), (1e-6, 1e-2)
-INVERSE_STEPS, FIRST = 2, 8.0  # for the rate of linear couplings; how much less is tried first
-# Of large networks: the part of the rate that a row may miss, on the way and in the end; how far a
-# step may fall where it has to rise, and the accuracy of a step.
-MISSED, MISSED_AT_LAST, FALLEN, STEP_ACCURACY = 0.1, 0.01, 0.05, 0.03
+TIGHT = (1e-12, 1e-9)
+LOOSE = (1e-6, 1e-2)
+INVERSE_STEPS = 2  # for the rate of linear couplings
+FIRST = 8.0  # how much less than that rate is tried first
+# Of large networks: the part of the rate that a row may miss, on the way and in the end.
+MISSED = 0.1
+MISSED_AT_LAST = 0.01
+FALLEN = 0.05  # how far a step may fall where it has to rise
+STEP_ACCURACY = 0.03
 MOST_STEPS = 15
 
 
@@ -361,7 +376,7 @@ def _falls(proposed: Array, v: Array, raised: Any, drop: float) -> bool:
 
 def rough_solution(
     field: Field, *, alpha: float, start: Array, part: float = MISSED
-) -> tuple[float, Array] | None:
+) -> Rated | None:
     """Nearly the least v >= 1 with the rate alpha, and the rate that it has, which is a little
     less; None if Newton from ``start`` finds none.  ``part``: of the rate, that may be missing.
     For large networks, where every step takes many products and few digits of v matter."""
@@ -419,22 +434,27 @@ LARGEST_RADIUS = 1e150
 # (agents, relative accuracy of alpha that is still worth the time); for more agents.
 CLOSE = ((300, 1e-5), (2000, 1e-3))
 # Of large networks: how close to a rate that is out of reach nothing more is tried, after a success
-# and after a failure; how much less is tried where none is found yet, how much more at least and at
-# most where one is; the part of the rate of linear couplings that is aimed at.
-CLOSE_LARGE, NEAR_ENOUGH, FALL, GROWTH, LEAP, GOAL = 0.1, 1.2, 2.5, 1.3, 4.0, 0.65
+# and after a failure.
+CLOSE_LARGE = 0.1
+NEAR_ENOUGH = 1.2
+FALL = 2.5  # how much less is tried where no rate is found yet,
+GROWTH = 1.3  # how much more at least where one is,
+LEAP = 4.0  # and at most
+GOAL = 0.65  # the part of the rate of linear couplings that is aimed at
 # kappa is chosen for the rate that v has, or where the observer is slower for one that suits both.
 ROUNDS = 6
 ABOVE = 1.005  # how much faster than N the observer's part is to be
 SHARE = 0.05  # of the observer's decay rate: the first guess for many agents
 ENOUGH = 0.5  # of that rate, where N loses some because kappa needs room
-COARSE, CLOSE_ENOUGH = 8, 0.01  # points of s, and accuracy of a rate, where many v are looked for
+COARSE = 8  # points of s where many v are looked for,
+CLOSE_ENOUGH = 0.01  # and accuracy of a rate
 SLOWEST = 1e-6  # rates below this part of the largest gain are not looked for
-# Weights above which v is steep, and the parts of the rate that are tried in its place.
-STEEP, FLATTER = 100.0, (0.9, 0.7, 0.4, 0.1, 0.02)
+STEEP = 100.0  # weights above which v is steep,
+FLATTER = (0.9, 0.7, 0.4, 0.1, 0.02)  # and the parts of the rate that are tried in its place
 ROUNDING = 1e-15  # of h, absolutely
-# v of a smaller factor are flat.  Rates that are tried for the least time to one percent of few
-# agents; the part of the time from which on a slower rate is not worth it.
-FLAT, SOONER, WORTH_IT = 1.05, 8, 0.995
+FLAT = 1.05  # v of a smaller factor are flat
+SOONER = 8  # rates that are tried for the least time to one percent of few agents
+WORTH_IT = 0.995  # the part of the time from which on a slower rate is not worth it
 # A slower proof has to be earlier by this: delays and errors of weights take of the rate.
 EARLIER = 0.95
 KEPT = 0.005  # how much faster than wanted a plan is to be, of which rounding may take some
@@ -450,7 +470,7 @@ class SeparablePlan:
     rho: Fraction
     error: ErrorBound | None = None
     # smaller rates that were found on the way, with their v
-    slower: tuple[tuple[float, Array], ...] = ()
+    slower: tuple[Rated, ...] = ()
 
     @property
     def whole_rate(self) -> float:
@@ -503,10 +523,10 @@ def propose_separable(
     return SeparablePlan(v=whole, rate=rate, rho=Fraction(rho)) if rate else None
 
 
-def rough_rates(field: Field, *, first: float) -> list[tuple[float, Array]]:
+def rough_rates(field: Field, *, first: float) -> list[Rated]:
     """Rates that are found for a large network, rising, with their v; the last is about the largest
     that is worth its v.  Few trials, each from the v before it, the first at the rate ``first``."""
-    found = list[tuple[float, Array]]()
+    found = list[Rated]()
     high = field.limit
     slowest = SLOWEST * high
     low, alpha = 0.0, min(first, high * (1 - CLOSE_LARGE))  # low: the last one with a v
@@ -522,7 +542,8 @@ def rough_rates(field: Field, *, first: float) -> list[tuple[float, Array]]:
         if found and _later(each, found[-1]):
             break
         found.append(each)
-        low, start = alpha, each[1]
+        low = alpha
+        start = each[1]
         # Of linear couplings the largest v is 1 / (1 - rate/mu), where mu is the largest rate.
         used = 1 - 1 / float(np.max(start))
         alpha = low * max(GOAL / max(used, GOAL / LEAP), GROWTH)
@@ -534,14 +555,14 @@ def rough_rates(field: Field, *, first: float) -> list[tuple[float, Array]]:
     return found if last is None else [*found[:-1], last]
 
 
-def _later(each: tuple[float, Array], before: tuple[float, Array]) -> bool:
+def _later(each: Rated, before: Rated) -> bool:
     """Whether a rate is hardly worth its v: one percent is not reached much earlier than with the
     one before."""
     now, then = (time_to_one_percent(rate, float(np.max(v))) for rate, v in (each, before))
     return now > then * WORTH_IT
 
 
-def _fastest(field: Field, best: Array, *, close: float) -> tuple[float, Array]:
+def _fastest(field: Field, best: Array, *, close: float) -> Rated:
     """The largest rate, up to ``close``, and its v; 0 and ``best``, the v for 0, if there is none.
     The rate may be many powers of ten below the gains: divide by 8 first, then evenly."""
     top = field.limit
@@ -586,13 +607,16 @@ class Cover:
             return best
         # A faster observer's part wants a larger kappa and rho, with which N is slower: V is as
         # fast as the slower of the two.
-        gained, low, high = first, 0.0, 2 * best.rate * ABOVE
+        gained = first
+        low = 0.0
+        high = 2 * best.rate * ABOVE
         for _ in range(rounds):
             rate = (low + high) / 2
             plan = self._beside(rate, near=best.rate)
             reached = 0.0 if plan is None else min(rate, plan.rate)
             if plan is not None and reached > gained:
-                best, gained = plan, reached
+                best = plan
+                gained = reached
             if reached > rate * ENOUGH and not low:
                 break
             if reached == rate:

@@ -51,6 +51,7 @@ from .propose import (
     KEPT,
     LARGE,
     Cover,
+    Rated,
     SeparablePlan,
     least_solution,
     rounded_vectors,
@@ -66,7 +67,8 @@ PARTS = tuple(2.0 ** (k / 4) for k in range(-16, 6))
 STEPS = 6  # of inverse iteration
 ROUNDS = 4  # of v and gains in turn
 # coordinates whose weights are rounded: the fastest ones, and before these the soonest
-BEST, SOONEST = 3, 2
+BEST = 3
+SOONEST = 2
 PATIENCE = (1.0, 0.5, 0.0)  # of the best rate, which a flatter v is to keep
 CLOSE = 1e-3  # of v, when it is kept
 LARGEST = 1e6  # condition of a modal form
@@ -101,7 +103,8 @@ class Agents:
     @classmethod
     def of(cls, loop: Loop, *, most: int) -> Agents:
         """The first ``most`` agents of a loop."""
-        size, m = min(loop.n, most), loop.m
+        size = min(loop.n, most)
+        m = loop.m
         gains = np.zeros((size, m, m))
         for i, k in loop.pulls.each(to_float).items():
             if i < size:
@@ -151,7 +154,8 @@ def _groups(loop: Loop, arcs: Arcs, size: int) -> Iterator[Group]:
     places = coupling_places(loop, arcs)
     here = np.flatnonzero(arcs.listeners < size)
     # who is left out is at the target
-    speakers, sure = np.minimum(arcs.speakers, size), ~arcs.uncertain
+    speakers = np.minimum(arcs.speakers, size)
+    sure = ~arcs.uncertain
     for place, part in split_by(places[here]):
         own = here[part]
         yield Group(place, arcs.listeners[own], speakers[own], weights[own], sure[own])
@@ -196,7 +200,8 @@ class Rows:
         n, m = v.shape
         agents = np.arange(n)
         everybody = np.vstack([v, np.zeros((1, m))])  # and the target
-        best, chosen = [], []
+        best = []
+        chosen = []
         for c, signs in enumerate(faces(m)):
             listed = []
             for groups in self.agents.modes:
@@ -258,10 +263,10 @@ class Rows:
             found[..., c] = best
         return found
 
-    def vectors(self) -> list[tuple[float, Array]]:
+    def vectors(self) -> list[Rated]:
         """Rates > 0 with their v (n, m), min v = 1: the flattest v first, the fastest last."""
         v = self.agents.ones
-        found: list[tuple[float, Array]] = []
+        found: list[Rated] = []
         best, M = self.chosen(v)
         for _ in range(STEPS):
             rate = float(np.min(-best / v))
@@ -326,7 +331,8 @@ def candidates(agents: Agents, gains: Gains) -> list[Matrix]:
 
 def _candidates(agents: Agents, gains: Gains) -> Iterator[Matrix | None]:
     """The same; None where rows are dependent."""
-    m, A = agents.loop.m, -agents.gains.mean(axis=0)
+    m = agents.loop.m
+    A = -agents.gains.mean(axis=0)
     pull = np.zeros((m, m))
     for group in agents.modes[0]:
         pull = pull + group.weights.sum() / agents.size * gains[group.place].mean(axis=0)
@@ -368,9 +374,7 @@ def _rounded(T: Array) -> Matrix | None:
     return rational if rank(rational) == len(rational) else None
 
 
-def propose_coordinates(
-    cover: Cover, *, everywhere: bool = False, least: float = 0.0
-) -> Separable | None:
+def propose_coordinates(cover: Cover, *, everywhere: bool, least: float) -> Separable | None:
     """A claim of the starts that are to be covered, or of all (``everywhere``), whose rows hold; or
     None.  ``least``: the rate (1/s) that it should have."""
     loop = cover.loop
@@ -490,7 +494,7 @@ class Search:
         rows = self.rows(v)
         if rows is None or longest <= shortest:
             return None
-        found: list[tuple[float, Array]] = []
+        found: list[Rated] = []
 
         def at(alpha: float) -> float:
             flat = rows.least(alpha)
@@ -510,7 +514,8 @@ class Search:
         """v (n, m) with min v = 1 that goes with the gains where it is used, and its rate; the
         flattest v that keeps ``enough`` of the best rate."""
         v = self.agents.ones
-        rate, best = 0.0, None
+        rate = 0.0
+        best = None
         # Weights belong to gains, and gains to how far the weights reach: one after the other.
         for _ in range(1 if self.agents.loop.is_linear else ROUNDS):
             rows = self.rows(v)
@@ -534,7 +539,8 @@ class Search:
     def claim(self, v: Any) -> Separable | None:
         """The claim with these weights at the largest rate; None if its rows do not hold, or V does
         not fall."""
-        loop, T = self.agents.loop, self.T
+        loop = self.agents.loop
+        T = self.T
         rho = None
         if not self.everywhere:
             rho = rounded_up(self.cover.radius * spread(T, v) + self.offset, digits=6)

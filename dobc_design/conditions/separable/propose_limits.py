@@ -116,7 +116,8 @@ def _rate_of_many(question: Question, many: Many) -> Fraction | None:
 
 def estimated_rate(question: Question, many: Many) -> float:
     """The least rate that a few values of s show: an estimate of the largest that can be proved."""
-    arcs, rho = many.arcs, float(question.radius)
+    arcs = many.arcs
+    rho = float(question.radius)
     pulls = np.array(arcs.pulls, dtype=float)
     least = np.inf
     with np.errstate(invalid="ignore", over="ignore"):

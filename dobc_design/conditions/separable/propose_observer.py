@@ -16,6 +16,7 @@ import numpy as np
 from scipy import linalg
 
 from dobc_design._checks import noun
+from dobc_design.conditions.consensus.propose import decay_of
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.exact.number import float_above
 from dobc_design.problem.exosystems import Exosystem
@@ -60,11 +61,12 @@ def propose_error_bound(exosystem: Exosystem, W: Matrix, *, rate: float = 0.0) -
     Returns None where no such bound is found (A - WC is not Hurwitz, or slower than ``rate``)."""
     C = to_float(exosystem.C)
     error = to_float(exosystem.A) - to_float(W) @ C
-    fastest = float(-np.max(np.linalg.eigvals(error).real))
+    fastest = decay_of(error)
     if not math.isfinite(fastest) or fastest <= rate:
         return None
     bound_at = _least_bound if len(error) <= LARGEST_PROGRAM else _lyapunov_bound
-    low, high = rate, fastest
+    low = rate
+    high = fastest
     best = None
     # What beta costs may have several valleys, so that a grid looks at it, then a finer one.
     for _ in range(REFINEMENTS):
@@ -75,7 +77,8 @@ def propose_error_bound(exosystem: Exosystem, W: Matrix, *, rate: float = 0.0) -
             return None
         best = min(bounds, key=lambda bound: math.sqrt(bound.size) / (bound.beta - rate))
         width = (high - low) / (GRID + 1)
-        low, high = max(rate, best.beta - width), min(fastest, best.beta + width)
+        low = max(rate, best.beta - width)
+        high = min(fastest, best.beta + width)
     if best is None:
         return None
     # More is given away until the rounded numbers are inside; exact arithmetic decides later.
@@ -115,7 +118,8 @@ def _least_bound(error: Array, C: Array, beta: float) -> _Bound | None:
     unit = float(np.max(np.abs(C), initial=0.0)) or 1.0
     C = C / unit  # so that P is about 1
     basis = symmetric_basis(q)
-    none, eye = np.zeros((q, q)), np.eye(q)
+    none = np.zeros((q, q))
+    eye = np.eye(q)
     decay = [-(error.T @ M + M @ error) - 2 * beta * M for M in basis]
     # The unknowns are the entries of P, and t.
     sides = [
@@ -142,7 +146,8 @@ def _sides(P: Array, error: Array, C: Array, beta: float) -> list[Array]:
 def _is_inside(error: Array, C: Array, bound: ErrorBound) -> bool:
     """Whether the rounded numbers satisfy the constraints as far as floats can tell."""
     for side in _sides(to_float(bound.P), error, C, float(bound.beta)):
-        lowest, size = np.linalg.eigvalsh(side)[0], np.max(np.abs(side), initial=0.0)
+        lowest = np.linalg.eigvalsh(side)[0]
+        size = np.max(np.abs(side), initial=0.0)
         if not float(lowest) >= INSIDE * float(size):
             return False
     return True

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import pairwise
 
-from dobc_design.conditions.case import Case
 from dobc_design.conditions.check import (
     Check,
     cut_check,
@@ -44,9 +43,9 @@ NEARLY = 1.01  # rates that differ by a smaller factor are the same
 AS_PLANNED = 0.97  # of a planned rate: where less is proved, other plans may be better
 WIDER = Fraction(2)  # how much further out the agent is looked for that is no longer held
 KEPT = Fraction(1, 2)  # of the rate, which delays are to leave
-#: How many times less steep couplings have to be for a v of its own for sampling; the part of the
-#: rate that it keeps.
-WORTH, SLOWER, SAMPLES = 2, 0.1, 50
+WORTH = 2  # how many times less steep couplings have to be for a v of its own for sampling
+SLOWER = 0.1  # the part of the rate that it keeps
+SAMPLES = 50  # of a coupling, for its steepness
 # times slower than without them rows may be with the errors that the file states
 SLOWER_WITH_ERRORS = 10**6
 #: Arcs of all modes together up to which delays and sampling are examined (a minute in the second
@@ -83,7 +82,7 @@ def separable_stage(asked: Asked, report: Progress) -> list[Check]:
 
 def _size(check: Check) -> float:
     """The radius of a proved box, 0 without one."""
-    if check.verdict is not Verdict.PROVED:
+    if not check.is_proved:
         return 0.0
     return float(check.domain.radius) if isinstance(check.domain, Around) else math.inf
 
@@ -114,7 +113,9 @@ def _in_coordinates(asked: Asked) -> tuple[dict[float, Separable], str | None]:
 
 def _by_component(asked: Asked, report: Progress) -> list[Check]:
     """The certificate for couplings by component."""
-    loop, W, domain = asked.loop, asked.W, asked.domain
+    loop = asked.loop
+    W = asked.W
+    domain = asked.domain
     report("deciding the region (max-separable)")
     reason = checks.obstacle(loop, W)
     if reason is not None:
@@ -129,7 +130,8 @@ def _by_component(asked: Asked, report: Progress) -> list[Check]:
         return [cut_check(MAX_SEPARABLE, domain, cut)]
     if found is None:
         return [undecided_check(MAX_SEPARABLE, domain, _not_found(asked))]
-    claim, fastest = found.claim, found.fastest
+    claim = found.claim
+    fastest = found.fastest
     if cut is None:
         told = _remark(asked, claim, found.radius)
     else:
@@ -139,7 +141,7 @@ def _by_component(asked: Asked, report: Progress) -> list[Check]:
     if fastest is not None and fastest.whole_rate > NEARLY * composite_rate(claim):
         told = fastest_in_words(fastest.whole_rate, fastest.factor) + told
     check = checks.max_separable_check(asked, claim, radius=found.radius, remark=told)
-    if check.verdict is not Verdict.PROVED:
+    if not check.is_proved:
         return [check]
     return [check, *_timing(asked, claim, check, report)]
 
@@ -188,7 +190,8 @@ def largest_claim(asked: Asked) -> Found | None:
     if found is not None or asked.domain == EVERYWHERE:
         return found
     # Boxes may be far too large: halved first, then cut between the last one and the next.
-    low, high = _short(asked.radius / 2**HALVINGS), asked.radius
+    low = _short(asked.radius / 2**HALVINGS)
+    high = asked.radius
     nearest = at(low)
     if nearest is None:
         return None
@@ -196,7 +199,8 @@ def largest_claim(asked: Asked) -> Found | None:
         radius = _short(high / 2)
         found = at(radius)
         if found is not None:
-            nearest, low = found, radius
+            nearest = found
+            low = radius
             break
         high = radius
     plans: list[tuple[_Box, SeparablePlan]] = []  # that floating point covers, increasing
@@ -303,7 +307,8 @@ def _time(claim: Separable) -> float:
 
 def _timing(asked: Asked, claim: Separable, check: Check, report: Progress) -> list[Check]:
     """Delays and sampling beside a proved max-separable check."""
-    loop, domain = asked.loop, asked.domain
+    loop = asked.loop
+    domain = asked.domain
     arcs = sum(map(len, loop.modes.values()))
     if arcs > TIMED_ARCS:
         reason = (
@@ -325,8 +330,7 @@ def _timing(asked: Asked, claim: Separable, check: Check, report: Progress) -> l
 
     def sampling() -> Check:
         own = _flatter_claim(asked, claim, check)
-        case = Case(loop=loop, W=asked.W, domain=domain)
-        return checks.sampling_check(case, claim, check, own=own)
+        return checks.sampling_check(asked.case, claim, check, own=own)
 
     found = [limited("delay", domain, delay)]
     if loop.drift is None:  # own dynamics are not held between samples

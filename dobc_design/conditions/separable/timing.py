@@ -50,7 +50,8 @@ from .large import SLICES, arc_rows, stiffest_row
 _CLOSE = Fraction(1, 1000)
 # How much larger than the truth floats may make a sum of slopes: for nine digits of a period, and
 # beside a claimed one.
-_UNSURE, _NEAR = Fraction(1, 10**12), Fraction(1, 10**9)
+_UNSURE = Fraction(1, 10**12)
+_NEAR = Fraction(1, 10**9)
 _MANY_ARCS = 100  # from which on slopes are bounded once on every part of the box
 _ZERO = Fraction(0)
 

@@ -82,7 +82,7 @@ def confirm(check: Check, loop: Loop, W: Matrix | None, *, statements: Statement
     """None if the claim of a proved check holds, else what does not.  Raises what a malformed claim
     raises."""
     claim = read_claim(check, loop, W)
-    if check.verdict is not Verdict.PROVED or check.witness is not None:
+    if not check.is_proved or check.witness is not None:
         return "this check is proved or undecided, without a witness"
     if check.id != id_for(loop):
         return f"with these modes the theorem is {id_for(loop)}"

@@ -28,11 +28,11 @@ from dobc_design.conditions.numbers import MANY_AGENTS, fields_to_json, vector_t
 from dobc_design.conditions.separable.large import floats_around
 from dobc_design.errors import ShapeError
 from dobc_design.exact.definite import decide_positive_definite
-from dobc_design.exact.matrix import Matrix, Vector, is_symmetric, multiply
+from dobc_design.exact.matrix import Matrix, Vector, is_symmetric, multiply, row_norm
+from dobc_design.exact.reading import Document
 from dobc_design.exact.symmetric import Doubles, SparseSymmetric, least
 from dobc_design.loop.loop import Loop
 from dobc_design.problem.groups import blocks_of, group_blocks, group_numbers
-from dobc_design.verdict import Verdict
 
 
 @noun
@@ -50,9 +50,9 @@ class Weighted:
             if not len(vector) or least(vector) <= 0:
                 raise ShapeError(f"{name} must have one entry > 0 per state.", key=name)
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         """The exact values of a proved check."""
-        values: dict[str, Any] = {
+        values: Document = {
             "D": vector_to_json(self.D),
             "w": {mode: vector_to_json(vector) for mode, vector in self.w.items()},
         }
@@ -106,7 +106,7 @@ def network_holds(
 
 def observer_bounds(
     loop: Loop, P: Matrix | None, W: Matrix | None, *, rate: Fraction
-) -> tuple[Fraction, ...] | None:
+) -> Vector | None:
     """Of each group a row-sum bound of lambda_max(S), 0 without an exosystem; None unless Omega0 +
     2 rate P < 0 < P."""
     exosystem = loop.joint_exosystem
@@ -114,7 +114,7 @@ def observer_bounds(
         return (ZERO,)
     if P is None or W is None or not is_symmetric(P) or len(P) != exosystem.order:
         return None
-    if decide_positive_definite(SparseSymmetric.from_dense(P)).verdict is not Verdict.PROVED:
+    if not decide_positive_definite(SparseSymmetric.from_dense(P)).is_proved:
         return None
     # A P that mixes groups says nothing of a group by itself.
     orders = [(group.exosystem.order,) * 2 for group in loop.groups]
@@ -123,12 +123,7 @@ def observer_bounds(
     S = schur_block(Pair(P=P, Q=multiply(P, W)), exosystem, rate=rate)
     if S is None:
         return None
-    return tuple(map(_largest_row_sum, group_blocks(S, len(loop.groups))))
-
-
-def _largest_row_sum(block: Matrix) -> Fraction:
-    """The largest sum of the absolute values of a row: no eigenvalue is larger."""
-    return max(sum((abs(x) for x in row), ZERO) for row in block)
+    return tuple(map(row_norm, group_blocks(S, len(loop.groups))))
 
 
 @noun(eq=False)

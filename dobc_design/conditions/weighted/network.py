@@ -41,7 +41,6 @@ from dobc_design.exact.number import number_text
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.loop.guarantee import Guarantee
 from dobc_design.loop.loop import Loop, pins_of, zero_goals
-from dobc_design.verdict import Verdict
 
 from .decide import Weighted, network_holds
 
@@ -155,7 +154,7 @@ def holds_of_agents(R: Matrix, network: Network, strength: Fraction, rate: Fract
     # R > 0 and A'R + R A - 2 c R G + 2 rate R < 0
     for matrix in (R, scale(-1, F)):
         symmetric = SparseSymmetric.from_dense(matrix)
-        if decide_positive_definite(symmetric).verdict is not Verdict.PROVED:
+        if not decide_positive_definite(symmetric).is_proved:
             return False
     pull = SparseSymmetric.from_dense(RG)
-    return decide_positive_semidefinite(pull).verdict is Verdict.PROVED
+    return decide_positive_semidefinite(pull).is_proved

@@ -129,7 +129,7 @@ class Forms:
 
 
 def alike_proposals(
-    loop: Loop, network: Network, W: Matrix | None, *, least: float = 0.0
+    loop: Loop, network: Network, W: Matrix | None, *, least: float
 ) -> Iterator[tuple[Alike, float]]:
     """Claims with their rates (1/s): of those with at least ``least`` the one with the least time
     to one percent, then the fastest first."""

@@ -19,7 +19,6 @@ from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.work import out_of_time
 from dobc_design.loop.arcs import unreached
 from dobc_design.loop.loop import Loop
-from dobc_design.verdict import Verdict
 
 from .checks import id_for, weighted_check
 from .decide import Weighted, why_not
@@ -73,7 +72,7 @@ def weighted_stage(statements: Statements, W: Matrix | None, *, rate: float = 0.
         # The first that exact arithmetic proves; the next one tells how fast it could be.
         for claim, speed in found:
             check = weighted_check(statements, W, claim, rate=speed)
-            if check.verdict is Verdict.PROVED:
+            if check.is_proved:
                 return _with_fastest(check, speed, next(found, None))
         check = weighted_check(statements, W, None, rate=0.0)
         pair = disagreeing(alone) if len(modes) > 1 else None

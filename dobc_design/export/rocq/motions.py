@@ -234,8 +234,8 @@ class Row:
     def _heard(self) -> list[Heard]:
         problem = self.rows.problem
         arcs = list(problem.network.modes.values())[self.mode]
-        own = [(j, weight) for i, j, weight in arcs if i == self.agent]
-        return [(j, weight, problem.coupling_place(self.agent, j)) for j, weight in own]
+        place = problem.coupling_place
+        return [(j, weight, place(i, j)) for i, j, weight in arcs if i == self.agent]
 
     @cached_property
     def parts(self) -> list[Part]:

@@ -472,7 +472,8 @@ def _beside_words(design: Design, given: Certificate) -> str:
         both = f"{typed_number(design.cost)} instead of {typed_number(total)}"
         text += f" with {float(design.cost / total):.3g} times the total gain ({both})"
     text += "."
-    if _settles_later(design, given):
+    gap = _one_percent(given) - _one_percent(proof)
+    if math.isfinite(gap) and gap * (given.rate - (proof.rate or 0.0)) > 0:
         text += (
             " The larger rate has the later time because its factor is larger: one percent is "
             "reached after ln(100 factor) / rate."
@@ -484,11 +485,15 @@ def _beside_words(design: Design, given: Certificate) -> str:
     return f"{text} No design with the rate of your own gains was proved within the limits."
 
 
+def _one_percent(proof: Certificate) -> float:
+    return time_to_one_percent(proof.rate, proof.factor)
+
+
 def _rate_words(rate: float, proof: Certificate) -> str:
     """A certified rate, and the certified time to one percent with the factor that it follows
     from."""
     text = f"{significant_towards_zero(rate)} 1/s"
-    time = time_to_one_percent(proof.rate, proof.factor)
+    time = _one_percent(proof)
     if math.isfinite(time):
         by = f"factor {significant_away_from_zero(proof.factor)}"
         # The largest rate may be another check's than the least time.
@@ -498,24 +503,14 @@ def _rate_words(rate: float, proof: Certificate) -> str:
     return text
 
 
-def _settles_later(design: Design, given: Certificate) -> bool:
-    """Whether the faster of the two, by the rate, is the later one at one percent."""
-    proof = design.certificate
-    if proof is None or proof.rate != design.rate or not given.rate or not proof.rate:
-        return False
-    own = time_to_one_percent(given.rate, given.factor)
-    this = time_to_one_percent(proof.rate, proof.factor)
-    return (own - this) * (given.rate - proof.rate) > 0 and math.isfinite(own + this)
-
-
 def _lost(design: Design, given: Certificate) -> list[str]:
     """Ids of conditions that are proved with the problem's own gains, but not with the design."""
-    if design.certificate is None:
-        return []
-    missing = {each.id for each in design.certificate.checks if not each.is_proved}
     failing = {each.id for each in given.checks if not each.is_proved}
-    found = dict.fromkeys(each.id for each in given.checks)
-    return [each for each in found if each in missing - failing]
+    proved = {each.id for each in given.checks} - failing
+    checks = () if design.certificate is None else design.certificate.checks
+    return list(
+        dict.fromkeys(each.id for each in checks if each.id in proved and not each.is_proved)
+    )
 
 
 @noun

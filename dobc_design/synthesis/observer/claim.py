@@ -50,8 +50,11 @@ class HalfPlane(Told):
     def __init__(self, *, left_of: Any = None, right_of: Any = None) -> None:
         if (left_of is None) == (right_of is None):
             got = "neither" if left_of is None else "both"
-            text = f"a HalfPlane must have one side, left_of or right_of; got {got}."
-            raise refused("region", text, "For a strip give two half planes in a list.")
+            raise refused(
+                "region",
+                f"a HalfPlane must have one side, left_of or right_of; got {got}.",
+                "For a strip give two half planes in a list.",
+            )
         left = _end(left_of, "region.left_of")
         put(self, left_of=left, right_of=_end(right_of, "region.right_of"))
 
@@ -110,8 +113,9 @@ class Cone(Told):
         if not 0 < self.damping < 1:
             got = shown_number(self.damping)
             must = "must lie between 0 and 1, as the cosine of the cone's half angle"
-            cure = "For real eigenvalues only, ask for 0.999."
-            raise wrong("region.damping", f"{must}; got {got}.", cure)
+            raise wrong(
+                "region.damping", f"{must}; got {got}.", "For real eigenvalues only, ask for 0.999."
+            )
 
     def __str__(self) -> str:
         return f"damping >= {shown_number(self.damping)}"
@@ -156,8 +160,11 @@ def _require_one_of(words: Sequence[str], value: Any, name: str) -> None:
     """Raises: SpecError unless the value is one of the words."""
     if value in words:
         return
-    text = f"must be one of {', '.join(words)}; got {shown(value)}."
-    raise wrong(f"noise.{name}", text, f'For example {name}="{words[0]}".')
+    raise wrong(
+        f"noise.{name}",
+        f"must be one of {', '.join(words)}; got {shown(value)}.",
+        f'For example {name}="{words[0]}".',
+    )
 
 
 @noun
@@ -198,8 +205,11 @@ def read_observer_request(
     for each in regions:
         if not isinstance(each, SpectralRegion):
             must = "must be a HalfPlane, a Disk or a Cone, or a list of them"
-            cure = "For example region=dd.poles.Cone(damping=0.7)."
-            raise wrong("region", f"{must}; got {shown(each)}.", cure)
+            raise wrong(
+                "region",
+                f"{must}; got {shown(each)}.",
+                "For example region=dd.poles.Cone(damping=0.7).",
+            )
     request = ObserverRequest(
         rate=None if rate is None else read_positive(rate, "rate"),
         regions=regions,
@@ -215,11 +225,17 @@ def read_observer_request(
 def _require_sampled(request: ObserverRequest) -> None:
     """Raises: SpecError for what cannot be asked of a sampled observer."""
     if request.noise:
-        text = "cannot be asked of a sampled observer yet; got it together with period."
-        raise wrong("noise", text, "Leave noise out, or design in continuous time.")
+        raise wrong(
+            "noise",
+            "cannot be asked of a sampled observer yet; got it together with period.",
+            "Leave noise out, or design in continuous time.",
+        )
     if not all(isinstance(region, Disk) for region in request.regions):
-        text = "must be a Disk for a sampled observer: its eigenvalues belong in the unit disk."
-        raise wrong("region", text, "Use rate for a decay rate in 1/s.")
+        raise wrong(
+            "region",
+            "must be a Disk for a sampled observer: its eigenvalues belong in the unit disk.",
+            "Use rate for a decay rate in 1/s.",
+        )
 
 
 def check_digits(digits: Any) -> None:
@@ -232,8 +248,7 @@ def check_count(value: Any, key: str, *, least: int, most: int, cure: str) -> No
     # True and False are integers of Python.
     is_number = isinstance(value, int) and not isinstance(value, bool)
     if not is_number or not least <= value <= most:
-        text = f"must be an integer from {least} to {most}; got {shown(value)}."
-        raise wrong(key, text, cure)
+        raise wrong(key, f"must be an integer from {least} to {most}; got {shown(value)}.", cure)
 
 
 def read_positive(
@@ -351,16 +366,17 @@ class ObserverDesign(Answer):
     relaxed: bool = False
 
     def _why(self) -> str:
+        groups = self.groups
         if self.relaxed:
             return "every group meets this request."
-        if self.groups and not self.is_proved:
+        if groups and not self.is_proved:
             # The first group that has the verdict of all.
-            worst = next(name for name, each in self.groups.items() if each.verdict is self.verdict)
-            return f"group of agent {worst}: {self.groups[worst].reason}"
+            worst = next(name for name, each in groups.items() if each.verdict is self.verdict)
+            return f"group of agent {worst}: {groups[worst].reason}"
         if self.obstacle is not None:
             return self.obstacle.text
         if self.is_proved:
-            whose = " of every group" if self.groups else ""
+            whose = " of every group" if groups else ""
             return f"W{whose}, with its rounded entries, meets all requirements."
         return "no W was found that meets all requirements, and no proof that there is none."
 

@@ -133,8 +133,11 @@ def hurwitz_statement(F: Matrix) -> Statement:
     column = ", ".join(number_text(x) for x in table.first_column)
     if table.is_proved:
         return proved("hurwitz", "A - WC is Hurwitz.", routh=column)
-    text = "A - WC is not Hurwitz: the estimate does not follow the disturbance."
-    return refuted("hurwitz", text, routh=column)
+    return refuted(
+        "hurwitz",
+        "A - WC is not Hurwitz: the estimate does not follow the disturbance.",
+        routh=column,
+    )
 
 
 def rate_holds(F: Matrix, rate: Fraction) -> bool:
@@ -190,14 +193,16 @@ class SampledDisk:
 
     def decided(self, polynomial: Sequence[Interval], **shown: str) -> Statement:
         """The statement about the roots of a polynomial with enclosed coefficients."""
+        text = self.text
+        kind = self.kind
         # It is proved for the smallest disk that the radius may mean, refuted for the largest.
         small = roots.disk_image(polynomial, centre=self.centre, radius=self.radius.lo)
         if interval_routh(small) is Verdict.PROVED:
-            return proved(self.kind, f"{self.text}.", **shown)
+            return proved(kind, f"{text}.", **shown)
         large = roots.disk_image(polynomial, centre=self.centre, radius=self.radius.hi)
         if interval_routh(large) is Verdict.REFUTED:
-            return refuted(self.kind, f"it is false that {self.text}.", **shown)
-        return undecided(self.kind, f"it is not decided whether {self.text}.", **shown)
+            return refuted(kind, f"it is false that {text}.", **shown)
+        return undecided(kind, f"it is not decided whether {text}.", **shown)
 
 
 def sampled_statements(
@@ -322,23 +327,26 @@ def envelope_statement(exosystem: Exosystem, W: Matrix, envelope: Envelope) -> S
     """|eps(t)| <= root(upper / lower) exp(-rate t) |eps(0)|, if F'P + P F + 2 rate P <= 0 and the
     bounds of P hold."""
     P = envelope.P
-    if envelope.lower <= 0 or not is_symmetric(P):
+    rate = envelope.rate
+    lower = envelope.lower
+    upper = envelope.upper
+    if lower <= 0 or not is_symmetric(P):
         return None
     unit = identity(exosystem.order)
     product = multiply(P, error_matrix(exosystem, W))
-    decay = scale(-1, add(add(product, transpose(product)), scale(2 * envelope.rate, P)))
-    above = subtract(P, scale(envelope.lower, unit))
-    below = subtract(scale(envelope.upper, unit), P)
+    decay = scale(-1, add(add(product, transpose(product)), scale(2 * rate, P)))
+    above = subtract(P, scale(lower, unit))
+    below = subtract(scale(upper, unit), P)
     for part in (above, below, decay):
         if not decide_positive_semidefinite(part).is_proved:
             return None
-    stretch = root_above(envelope.upper / envelope.lower)
+    stretch = root_above(upper / lower)
     return proved(
         "lyapunov",
-        f"P proves |eps(t)| <= {stretch:.4g} exp(-{float(envelope.rate):.4g} t) |eps(0)|.",
-        rate=number_text(envelope.rate),
-        lower=number_text(envelope.lower),
-        upper=number_text(envelope.upper),
+        f"P proves |eps(t)| <= {stretch:.4g} exp(-{float(rate):.4g} t) |eps(0)|.",
+        rate=number_text(rate),
+        lower=number_text(lower),
+        upper=number_text(upper),
     )
 
 
@@ -389,8 +397,11 @@ def why_impossible(exosystem: Exosystem, request: ObserverRequest) -> Statement 
     hidden = found.unobservable_text
     if not found.is_proved:
         never = f"its part {hidden} does not appear in d and does not decay."
-        text = f"no W exists: (A, C) is not detectable; {never} {LEAVE_OUT}"
-        return refuted("detectable", text, polynomial=hidden)
+        return refuted(
+            "detectable",
+            f"no W exists: (A, C) is not detectable; {never} {LEAVE_OUT}",
+            polynomial=hidden,
+        )
     if request.period is not None:
         return None
     regions = request.all_regions
@@ -399,10 +410,11 @@ def why_impossible(exosystem: Exosystem, request: ObserverRequest) -> Statement 
         for position, region in enumerate(regions):
             if not roots_inside(found.unobservable_polynomial, region)[0]:
                 unseen = f"C does not see the part {hidden} of the exosystem"
-                text = f"no W meets {region}: {unseen}, {STAYS_OUTSIDE}"
                 # The first half plane is that of the rate.
                 kind = "region" if position else "rate"
-                return refuted(kind, text, polynomial=hidden)
+                return refuted(
+                    kind, f"no W meets {region}: {unseen}, {STAYS_OUTSIDE}", polynomial=hidden
+                )
     common = common_interval(regions)
     if common is None or (common[0] is not None and common[0] >= 0):
         names = " and ".join(str(region) for region in regions)

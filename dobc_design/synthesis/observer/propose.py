@@ -64,6 +64,9 @@ PARTS = (1.0, 0.9, 0.5)  # of the rate asked, where the border cannot be reached
 DIGITS = (4, 6, 9, 14)  # of P
 
 
+Proposals = Iterator[tuple[Array, str]]  # W (q, m), and how each came about
+
+
 @noun(eq=False)
 class Plant:
     """The observable part of (A, C) in floats, T its orthonormal rows, and the regions: W = T'
@@ -147,12 +150,13 @@ def _sampled(A: Array, C: Array, period: float) -> tuple[Array, Array]:
     return block[:q, :q], C @ block[:q, q:] / period
 
 
-def _gains(plant: Plant, request: ObserverRequest) -> Iterator[tuple[Array, str]]:
+def _gains(plant: Plant, request: ObserverRequest) -> Proposals:
     """Gains for the regions with the smallest |W| of what the methods give first; then those for
     bounds on noise."""
+    A = plant.A
     # A Kalman gain reaches every rate that can be had: with many states and no other region it is
     # enough.
-    small = len(plant.A) <= propose.LARGEST_PROGRAM
+    small = len(A) <= propose.LARGEST_PROGRAM
     slacks = SLACKS if small or request.regions else ()
     for rate in _rates(plant, request):
         own = plant
@@ -167,7 +171,7 @@ def _gains(plant: Plant, request: ObserverRequest) -> Iterator[tuple[Array, str]
             if W is not None:
                 found.append((W, INEQUALITIES))
         # Then those of A + shift I, or of A / radius, which decay faster.
-        gain = propose.kalman_gain(plant.A, plant.C, sampled=plant.sampled)
+        gain = propose.kalman_gain(A, plant.C, sampled=plant.sampled)
         if gain is not None:
             found.append((gain, "Kalman gain with unit weights"))
         found += _faster_sampled(own) if plant.sampled else _faster(own)
@@ -181,7 +185,7 @@ def _gains(plant: Plant, request: ObserverRequest) -> Iterator[tuple[Array, str]
             yield W, INEQUALITIES
     # Kalman gains from fast to slow.
     for ratio in RATIOS:
-        W = propose.kalman_gain(plant.A, plant.C, process=ratio)
+        W = propose.kalman_gain(A, plant.C, process=ratio)
         if W is not None:
             yield W, f"Kalman gain, process noise {ratio:.3g} times that of the measurement"
 
@@ -280,6 +284,7 @@ class _Inequalities:
     def _of_region(self, M: Array, P: Array, region: SpectralRegion) -> Array:
         """Of the region, for P^-1 M."""
         time, slack = self.time, self.slack
+        twice = M + M.T
         if isinstance(region, Disk):
             radius = float(region.radius) / time
             moved = M - float(region.centre) / time * P
@@ -287,16 +292,17 @@ class _Inequalities:
             return np.block([[corner, moved], [moved.T, corner]])
         if isinstance(region, Cone):
             z = float(region.damping)
-            symmetric = math.sqrt(1 - z * z) * (M + M.T) + slack * P
+            symmetric = math.sqrt(1 - z * z) * twice + slack * P
             skew = z * (M - M.T)
             return np.block([[symmetric, skew], [skew.T, symmetric]])
         low, high = region.real_ends
         if high is not None:
-            return M + M.T + (slack - 2 * float(high) / time) * P
-        return -(M + M.T) + (slack + 2 * float(low or 0) / time) * P
+            return twice + (slack - 2 * float(high) / time) * P
+        return -twice + (slack + 2 * float(low or 0) / time) * P
 
     def _of_noise(self, M: Array, P: Array, Q: Array, limit: NoiseLimit) -> list[Array]:
         """Of the bound on a norm."""
+        time = self.time
         # C (A - W C) is not affine in Q.
         if limit.channel == "measurement":
             return []
@@ -306,13 +312,13 @@ class _Inequalities:
         if limit.norm == "hinf":
             border = np.hstack([P if of_exosystem else Q, C.T])
             if of_exosystem:
-                bound = bound * self.time
+                bound = bound * time
             rest = -bound * np.eye(border.shape[1])
             return [np.block([[M + M.T, border], [border.T, rest]])]
         gramian = M + M.T + C.T @ C
         if of_exosystem:
-            return [gramian, np.array([[np.trace(P) - bound**2 * self.time]])]
-        square = bound**2 * (1 / self.time)
+            return [gramian, np.array([[np.trace(P) - bound**2 * time]])]
+        square = bound**2 * (1 / time)
         m = len(C)
         return [gramian, -np.block([[square / m * np.eye(m), Q.T], [Q, P]])]
 
@@ -325,7 +331,7 @@ def _sparse(matrix: Array) -> SparseSymmetric:
     return SparseSymmetric(len(matrix), entries)
 
 
-def _faster_sampled(plant: Plant) -> Iterator[tuple[Array, str]]:
+def _faster_sampled(plant: Plant) -> Proposals:
     """A / radius has its poles in the unit disk where those of A lie in the disk of the radius."""
     disks = [each for each in plant.regions if isinstance(each, Disk) and not each.centre]
     radius = min((float(disk.radius) for disk in disks), default=1.0)
@@ -335,7 +341,7 @@ def _faster_sampled(plant: Plant) -> Iterator[tuple[Array, str]]:
             yield size * gain, "Kalman gain of A / exp(-rate T)"
 
 
-def _faster(plant: Plant) -> Iterator[tuple[Array, str]]:
+def _faster(plant: Plant) -> Proposals:
     """A + shift I decays where A decays faster than the shift."""
     common = common_interval(plant.regions)
     if common is None or not common[1]:

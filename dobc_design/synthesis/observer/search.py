@@ -161,13 +161,14 @@ def _attempt(exosystem: Exosystem, request: ObserverRequest) -> ObserverDesign:
 def _with_envelope(exosystem: Exosystem, W: Matrix, design: ObserverDesign) -> ObserverDesign:
     """The design of a W in continuous time with a P, where one is proved, and with measures."""
     request = design.request
+    rate = request.rate
     estimates = estimate_observer(exosystem, W)
     measures = decide.proved_measures(exosystem, W, estimates, norms=request.norms)
     # The rate asked for is proved as well, and exact where eigenvalues are hard to estimate.
-    if request.rate is not None:
-        measures["rate"] = max(measures.get("rate", 0.0), shorten(request.rate))
+    if rate is not None:
+        measures["rate"] = max(measures.get("rate", 0.0), shorten(rate))
     design = replace(design, measures=measures)
-    for envelope in propose_envelopes(exosystem, W, request.rate):
+    for envelope in propose_envelopes(exosystem, W, rate):
         bound = decide.envelope_statement(exosystem, W, envelope)
         if bound is not None:
             P = envelope.P
@@ -178,12 +179,14 @@ def _with_envelope(exosystem: Exosystem, W: Matrix, design: ObserverDesign) -> O
 
 def _reached(exosystem: Exosystem, found: ObserverDesign, limit: NoiseLimit) -> NoiseLimit:
     """The limit, or what W reaches where that is more."""
-    value = found.measures.get(f"{limit.norm} {limit.channel}")
-    if limit.norm == "h2" and found.W is not None:
+    channel = limit.channel
+    norm = limit.norm
+    value = found.measures.get(f"{norm} {channel}")
+    if norm == "h2" and found.W is not None:
         # The exact square is also known where measures leave norms out.
-        square = decide.h2_squared(decide.channel(exosystem, found.W, limit.channel))
+        square = decide.h2_squared(decide.channel(exosystem, found.W, channel))
         value = None if square is None else decide.root_above(square)
     if value is None or claimed(value) < limit.bound:
         return limit
     bound = rounded_up(claimed(value), digits=6)
-    return NoiseLimit(channel=limit.channel, norm=limit.norm, bound=bound)
+    return NoiseLimit(channel=channel, norm=norm, bound=bound)

@@ -84,12 +84,13 @@ class Choice:
 
     def _branch(self, node: _Node) -> None:
         """The free agent with the largest gain is pinned, or it is not."""
+        inside = node.inside
         if self._nodes % REPORTED == 0:
             so_far = f"{self._nodes} parts of the choice so far"
             self.progress(f"comparing sets of agents ({so_far})")
-        agent = next(agent for agent in node.support if agent not in node.inside)
-        self._add(node.inside | {agent}, node.outside, node.bound)
-        self._add(node.inside, node.outside | {agent}, node.bound)
+        agent = next(agent for agent in node.support if agent not in inside)
+        self._add(inside | {agent}, node.outside, node.bound)
+        self._add(inside, node.outside | {agent}, node.bound)
 
     @property
     def rivals(self) -> list[Agents]:
@@ -100,19 +101,25 @@ class Choice:
 
     def statement(self) -> Statement:
         """What is proved of all sets of so many agents."""
+        nodes = self._nodes
+        pins = self.pins
         if self.impossible:
-            none = f"no {self.pins} of the allowed agents reach"
-            if self.pins == 1:
+            none = f"no {pins} of the allowed agents reach"
+            if pins == 1:
                 none = "none of the allowed agents alone reaches"
-            how = f"every choice is excluded, {self._nodes} parts of the choice one by one"
+            how = f"every choice is excluded, {nodes} parts of the choice one by one"
             by = "each by a direction that stays too slow or a group without a pin"
-            text = f"{none} this rate: {how}, {by}."
-            return refuted("pins", text, pins=str(self.pins), nodes=str(self._nodes))
+            return refuted(
+                "pins", f"{none} this rate: {how}, {by}.", pins=str(pins), nodes=str(nodes)
+            )
         finished = all(self._is_beaten(node) for _, _, node in self._heap)
-        how = "all choices compared" if finished else f"{self._nodes} parts of the choice looked at"
-        agents = "one agent" if self.pins == 1 else f"at most {self.pins} agents"
-        text = f"No gains on {agents} cost less than {text_below(self.bound, digits=6)} ({how})."
-        return proved("choice", text, bound=number_text(claimed(shorten(self.bound))))
+        how = "all choices compared" if finished else f"{nodes} parts of the choice looked at"
+        agents = "one agent" if pins == 1 else f"at most {pins} agents"
+        return proved(
+            "choice",
+            f"No gains on {agents} cost less than {text_below(self.bound, digits=6)} ({how}).",
+            bound=number_text(claimed(shorten(self.bound))),
+        )
 
     def _try_set(self, agents: AgentSet) -> None:
         """Compare a set with the best one so far."""
@@ -131,8 +138,9 @@ class Choice:
     def _add(self, inside: frozenset[int], outside: frozenset[int], above: Fraction) -> None:
         """Open a node with its exact bound, at least its parent's; or close it: impossible, known,
         or not better."""
+        pins = self.pins
         unmet = [set(group) - outside for group in self.groups if not set(group) & inside]
-        if len(inside) + len(decide.apart(unmet)) > self.pins:
+        if len(inside) + len(decide.apart(unmet)) > pins:
             return
         self._nodes += 1
         node = self._bounded(inside, outside, above)
@@ -140,11 +148,11 @@ class Choice:
             return
         support = node.support
         free = [agent for agent in support if agent not in inside]
-        if len(support) > self.pins:
-            self._try_set(inside | set(free[: self.pins - len(inside)]))
+        if len(support) > pins:
+            self._try_set(inside | set(free[: pins - len(inside)]))
         elif support:
             self._try_set(support)
-        known = len(support) <= self.pins or len(inside) >= self.pins or not free
+        known = len(support) <= pins or len(inside) >= pins or not free
         if known or self._is_beaten(node):
             self._closed.append(node.bound)
         else:
@@ -154,16 +162,17 @@ class Choice:
         self, inside: frozenset[int], outside: frozenset[int], above: Fraction
     ) -> _Node | None:
         """The node with a proved bound of its cost; None if it is proved impossible."""
-        request = self.ground.request
+        ground = self.ground
+        request = ground.request
         left = inside
         if len(inside) < self.pins:
             left = frozenset(request.allowed) - outside
         gains, vectors = self.proposer.relax(left, float(request.rate))
         if gains is None:
-            if decide.obstacle_to(self.ground, left, vectors) is not None:
+            if decide.obstacle_to(ground, left, vectors) is not None:
                 return None
             return _Node(inside=inside, outside=outside, bound=above, support=())
-        own = decide.bound_from(self.ground, vectors, left)
+        own = decide.bound_from(ground, vectors, left)
         kept = [agent for agent in left if gains[agent] > SUPPORT * max(gains)]
         kept.sort(key=lambda agent: (-gains[agent], agent))
         bound = max(above, own.value)

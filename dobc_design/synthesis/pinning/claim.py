@@ -131,8 +131,11 @@ def _check_pins(pins: Any) -> None:
     # True and False are integers of Python.
     is_number = isinstance(pins, int) and not isinstance(pins, bool)
     if not is_number or pins < 1:
-        text = f'must be an integer >= 1 or "{FEWEST}"; got {shown(pins)}.'
-        raise wrong("pins", text, "Leave it out for any number of pinned agents.")
+        raise wrong(
+            "pins",
+            f'must be an integer >= 1 or "{FEWEST}"; got {shown(pins)}.',
+            "Leave it out for any number of pinned agents.",
+        )
 
 
 def _agents(allowed: Any, index: Index) -> Agents:
@@ -155,8 +158,11 @@ def _agent(label: Any, index: Index, *, key: str) -> int:
     if not isinstance(label, bool):
         place = index.get(one_form(label))
     if place is None:
-        text = f"there is no agent {shown(str(label))} in network.agents."
-        raise about(key, text, "Use the label of an agent.")
+        raise about(
+            key,
+            f"there is no agent {shown(str(label))} in network.agents.",
+            "Use the label of an agent.",
+        )
     return place
 
 
@@ -246,13 +252,14 @@ class Alternatives:
     rivals: Sequence[Names]
 
     def sentences(self) -> Iterator[str]:
+        rivals = self.rivals
         for pinned, names in self.others.items():
             alike = f"{name_agents(names)} would cost the same (to six digits)."
             yield f"In place of agent {pinned}, {alike}"
-        if not self.rivals:
+        if not rivals:
             return
-        sets = "; ".join(name_agents(rival) for rival in self.rivals[:SHOWN])
-        left = len(self.rivals) - SHOWN
+        sets = "; ".join(name_agents(rival) for rival in rivals[:SHOWN])
+        left = len(rivals) - SHOWN
         more = f"; and {left} more." if left > 0 else "."
         yield f"As good (to six digits) among the sets that were met: {sets}{more}"
 
@@ -310,9 +317,10 @@ class PinningDesign(Answer):
     def gap(self) -> float | None:
         """(cost - lower bound) / cost, rounded up: nothing that does what was asked is cheaper by
         more than this."""
-        if self.cost is None or self.lower_bound is None or not self.cost:
+        cost = self.cost
+        if cost is None or self.lower_bound is None or not cost:
             return None
-        return float_above((self.cost - self.lower_bound) / self.cost)
+        return float_above((cost - self.lower_bound) / cost)
 
     @property
     def method(self) -> str:
@@ -339,8 +347,9 @@ class PinningDesign(Answer):
         return () if self.alternatives is None else tuple(self.alternatives.sentences())
 
     def _why(self) -> str:
-        if self.whole is not None:
-            return " ".join([self.whole.reason, *self.whole.decisions])
+        whole = self.whole
+        if whole is not None:
+            return " ".join([whole.reason, *whole.decisions])
         if self.obstacle is not None:
             return self.obstacle.text
         if not self.is_proved:

@@ -128,7 +128,7 @@ def bound_from(ground: Ground, vectors: Vectors, allowed: AgentSet) -> Bound:
     # Without numbers nothing is proved, as without vectors.
     rows = list[tuple[str, list[int]]]()
     unit = Fraction(1)
-    if 0 < top < float("inf"):
+    if 0 < top < math.inf:
         # Entries of so many bits at most.
         largest = Fraction(top)
         bits = largest.numerator.bit_length() - largest.denominator.bit_length()
@@ -340,9 +340,13 @@ def _too_few(pins: int, structure: Structure, labels: Names, scope: Scope) -> St
     fails = f"{counted(pins, 'pin')} cannot work{scope.always}, whatever the gains"
     least = f"at least {structure.least} are needed"
     because = f"because each of these groups hears nobody outside{scope.where}"
-    text = f"{fails}: {least}, {because} and needs a pin of its own: {named}."
     every = " | ".join(", ".join(group) for group in words[:WRITTEN])
-    return refuted("pins", text, least=str(structure.least), groups=every)
+    return refuted(
+        "pins",
+        f"{fails}: {least}, {because} and needs a pin of its own: {named}.",
+        least=str(structure.least),
+        groups=every,
+    )
 
 
 def apart(groups: Sequence[AgentSet]) -> list[int]:
@@ -422,8 +426,9 @@ def slow_direction(
 
 def _components(mode: ModeJacobian) -> int:
     """How many components have to be looked at: one stands for all where h acts on all alike."""
-    width = len(mode.gains[0]) if mode.gains else 1
-    for gain in mode.gains:
+    gains = mode.gains
+    width = len(gains[0]) if gains else 1
+    for gain in gains:
         if any(gain[c][c] != gain[0][0] for c in range(width)):
             return width
     return 1
@@ -461,6 +466,7 @@ def too_fast(problem: Problem, limits: Limits, propose: Directions) -> Statement
     """A proof that no gains within the limits let every error decay at their rate (1/s). Whatever
     proves it; None if there is none.  Its kind is "pins" where every set of so many is excluded,
     "max_gain" where gains without caps are not excluded by the same means, else "rate"."""
+    allowed = limits.allowed
     rate = limits.rate
     if rate is None or any(coupling.nonsmooth for coupling in problem.couplings):
         return None
@@ -473,13 +479,13 @@ def too_fast(problem: Problem, limits: Limits, propose: Directions) -> Statement
         direction = slow_direction(jacobians, agents, caps, propose)
         return None if direction is None or direction.limit >= rate else direction
 
-    found = slowest(limits.allowed)
+    found = slowest(allowed)
     if found is None:
         return _too_few_pins(rate, limits, slowest)
     # Caps are to blame if gains without them are not excluded.
-    capped = bool(limits.caps) and slowest(limits.allowed, {}) is None
+    capped = bool(limits.caps) and slowest(allowed, {}) is None
     how = "with the allowed agents held exactly at the target"
-    if capped or len(limits.allowed) == problem.n:
+    if capped or len(allowed) == problem.n:
         how = "with every gain at its cap"
     labels = problem.network.labels
     moved = [labels[i] for i, x in enumerate(found.w) if x]
@@ -505,15 +511,16 @@ def _too_few_pins(
 ) -> Statement | None:
     """A proof that no so many of the allowed agents reach the rate: every set is excluded; None if
     one is not."""
+    allowed = limits.allowed
     pins = limits.pins
     if not isinstance(pins, int):
         return None
-    count = comb(len(limits.allowed), pins)
-    if pins >= len(limits.allowed) or count > MOST_SETS:
+    count = comb(len(allowed), pins)
+    if pins >= len(allowed) or count > MOST_SETS:
         return None
     most = ZERO
     # Fewer pins do no better, so that sets of exactly so many are enough.
-    for chosen in combinations(limits.allowed, pins):
+    for chosen in combinations(allowed, pins):
         found = slowest(chosen)
         if found is None:
             return None
@@ -521,8 +528,12 @@ def _too_few_pins(
     few = f"{counted(pins, 'pinned agent')} cannot give the rate {typed_number(rate)} 1/s"
     excluded = f"all {counted(count, 'choice')} are excluded one by one"
     best = f"the best of them reaches {_above(most)} 1/s at most near the target"
-    text = f"{few}, whatever the gains: {excluded}, and {best}."
-    return refuted("pins", text, sets=str(count), limit=number_text(most))
+    return refuted(
+        "pins",
+        f"{few}, whatever the gains: {excluded}, and {best}.",
+        sets=str(count),
+        limit=number_text(most),
+    )
 
 
 def _above(limit: Fraction) -> str:

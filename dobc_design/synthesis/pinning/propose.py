@@ -21,7 +21,7 @@ from math import comb
 from typing import Any
 
 import numpy as np
-from scipy import sparse
+from scipy.sparse import coo_array, csr_array, diags_array, eye_array
 
 from dobc_design._checks import noun
 from dobc_design.conditions.consensus.claim import ModeJacobian
@@ -129,11 +129,12 @@ class PinningProposer:
     def _fastest_with(self, blocks: Blocks, chosen: AgentSet, left: AgentSet) -> int:
         """The further agent, of those where the slowest direction is heaviest, that allows the
         fastest rate."""
-        others = np.setdiff1d(np.arange(blocks.agents), list(chosen))
-        weight = np.zeros(blocks.agents)
+        count = blocks.agents
+        others = np.setdiff1d(np.arange(count), list(chosen))
+        weight = np.zeros(count)
         weight[others] = slowest_on(blocks, others)
         order = sorted(left, key=lambda agent: (-round(float(weight[agent]), 9), agent))
-        most = 40 if blocks.agents <= 60 else 8
+        most = 40 if count <= 60 else 8
         return max(
             order[:most],
             key=lambda agent: (fastest_rate(blocks, [*chosen, agent]), -agent),
@@ -226,9 +227,9 @@ class PinningProposer:
         """Of every block the lowest eigenvalue on these rows, with caps times ``factor`` on the
         diagonal."""
         held = np.where(chosen & np.isfinite(self.caps), self.caps, 0.0)
-        added = sparse.diags_array(np.repeat(2 * held * factor, blocks.width))
+        added = diags_array(np.repeat(2 * held * factor, blocks.width))
         rows = self._free_rows(blocks, chosen)
-        tables = [sparse.csr_array(table + added) for table in blocks.tables]
+        tables = [csr_array(table + added) for table in blocks.tables]
         return [lowest_on(table, rows) for table in tables]
 
     def _loose(self, blocks: Blocks, chosen: Array) -> Vectors:
@@ -290,8 +291,8 @@ def greedy_set(
         steps = UPDATES
         if shift:
             steps = max(SHIFTED, blocks.agents // PART)
-        added = shift * sparse.eye_array(len(costs))
-        shifted = [sparse.csr_array(table + added) for table in blocks.tables]
+        added = shift * eye_array(len(costs))
+        shifted = [csr_array(table + added) for table in blocks.tables]
         for _ in range(min(room, steps)):
             found.append(_best(shifted, found, left, costs))
             left = left[left != found[-1]]
@@ -348,17 +349,17 @@ def slow_directions(
     rows = np.flatnonzero(np.isfinite(pull))
     if not len(rows) or not np.all(np.isfinite(values)):
         return
-    arcs = sparse.coo_array((values, (listeners, speakers)), shape=(size, size))
-    heard = sparse.csr_array(arcs)[rows][:, rows]
+    arcs = coo_array((values, (listeners, speakers)), shape=(size, size))
+    heard = csr_array(arcs)[rows][:, rows]
     slowest = np.zeros(size)
-    slowest[rows] = _perron(sparse.csr_array(heard - sparse.diags_array(pull[rows])))
+    slowest[rows] = _perron(csr_array(heard - diags_array(pull[rows])))
     yield slowest.tolist()
     alone = np.zeros(size)
     alone[int(np.argmin(pull))] = 1.0
     yield alone.tolist()
 
 
-def _perron(matrix: sparse.csr_array) -> Array:
+def _perron(matrix: csr_array) -> Array:
     """The vector >= 0 of the eigenvalue with the largest real part, of a matrix that is >= 0 off
     its diagonal."""
     size = matrix.shape[0]

@@ -17,7 +17,8 @@ from fractions import Fraction
 from typing import Any
 
 import numpy as np
-from scipy import optimize, sparse
+from scipy import optimize
+from scipy.sparse import csr_array, diags_array, eye_array, hstack, vstack
 
 from dobc_design._checks import noun
 from dobc_design.conditions.consensus.propose import decay_rate
@@ -129,9 +130,10 @@ def box_of(
 def cheapest(box: Box) -> tuple[Box, Array] | None:
     """The best v found, min v = 1, and the box with those agents allowed that need a gain for it;
     None without one."""
-    most = next((count for size, count in PROGRAMS if box.field.size <= size), 0)
-    coarse = replace(box, field=_coarse(box.field))
-    start = coarse.follow(np.ones(box.field.size))
+    field = box.field
+    most = next((count for size, count in PROGRAMS if field.size <= size), 0)
+    coarse = replace(box, field=_coarse(field))
+    start = coarse.follow(np.ones(field.size))
     if start is None:
         return None
     rough = _improved(coarse, start / np.min(start), most)
@@ -186,14 +188,14 @@ def _program(box: Box, v: Array, step: float) -> Array | None:
     n = len(v)
     allowed = np.flatnonzero(box.allowed)
     rows = _rows_in_reach(box, v, step)
-    gains = -sparse.eye_array(n, format="csc")[:, allowed].tocsr()[rows.agents]
+    gains = -eye_array(n, format="csc")[:, allowed].tocsr()[rows.agents]
     # log v stays at or above 0, gains between 0 and their caps
     lowest = np.maximum(-step, -np.log(np.maximum(v, 1.0)))
     low = np.concatenate([lowest, np.zeros(len(allowed))])
     high = np.concatenate([np.full(n, step), box.caps[allowed]])
     answer = optimize.linprog(
         np.concatenate([np.zeros(n), box.costs[allowed]]),
-        A_ub=sparse.hstack([rows.slopes, gains], format="csr"),
+        A_ub=hstack([rows.slopes, gains], format="csr"),
         b_ub=-(rows.values + box.rate),
         bounds=np.column_stack([low, high]),
         method="highs",
@@ -222,7 +224,7 @@ def _rows_in_reach(box: Box, v: Array, step: float) -> _LinearRows:
     least = np.full(len(v), -np.inf)
     np.maximum.at(least, agents, values - moves)
     active = values + moves >= np.maximum(least[agents], -box.rate)
-    slopes = sparse.vstack([part.slopes for part in parts], format="csr")
+    slopes = vstack([part.slopes for part in parts], format="csr")
     return _LinearRows(agents=agents[active], slopes=slopes[active], values=values[active])
 
 
@@ -238,8 +240,8 @@ def _linear_rows(field: Field, v: Array) -> Iterator[_LinearRows]:
             for places in (worst, end):
                 values = table[places, agents]
                 slopes = field.slopes(mode, face, places, v)
-                in_logs = sparse.diags_array(1 / v) @ slopes @ sparse.diags_array(v)
-                own = sparse.csr_array(in_logs - sparse.diags_array(values))
+                in_logs = diags_array(1 / v) @ slopes @ diags_array(v)
+                own = csr_array(in_logs - diags_array(values))
                 yield _LinearRows(agents=agents, slopes=own, values=values)
 
 
@@ -277,13 +279,14 @@ class RegionSearch:
     def reach(self, rate: float) -> Fraction | None:
         """The rho that the region needs at a rate (1/s); None where the observer is too slow for
         it."""
-        if math.isinf(self.decay):
+        decay = self.decay
+        if math.isinf(decay):
             return self.radius
-        part = next((each for each in PARTS if each * self.decay >= rate), None)
+        part = next((each for each in PARTS if each * decay >= rate), None)
         if part is None or self.exosystem is None or self.W is None:
             return None
         if part not in self._bounds:
-            pace = part * self.decay
+            pace = part * decay
             self._bounds[part] = propose_error_bound(self.exosystem, self.W, rate=pace)
         bound = self._bounds[part]
         if bound is None:
@@ -293,15 +296,16 @@ class RegionSearch:
     def rows(self, rate: float, *, coarse: bool = False) -> Field | None:
         """All rows without gains, for the rho of a rate; fewer points of s with ``coarse``.  None
         as in ``reach``."""
+        problem = self.problem
         rho = self.reach(rate)
         if rho is None:
             return None
         size = float(rho)
         if size not in self._fields:
-            rows = field_of(loop_of(self.problem), rho=size)
-            self._fields[size] = replace(rows, gains=np.zeros(self.problem.n))
+            rows = field_of(loop_of(problem), rho=size)
+            self._fields[size] = replace(rows, gains=np.zeros(problem.n))
         found = self._fields[size]
-        if self.problem.is_linear:  # all s say the same
+        if problem.is_linear:  # all s say the same
             return replace(found, grid=found.grid[-1:])
         return _coarse(found) if coarse else found
 
@@ -315,14 +319,15 @@ class RegionSearch:
     ) -> Array | None:
         """The least v >= 1 with the largest gains allowed, or None; ``start``: the answer for a
         lower rate."""
+        n = self.problem.n
         rows = self.rows(rate, coarse=coarse)
         if rows is None:
             return None
         limit = HARD * (1.0 + self._size(rows))
-        gains = np.zeros(self.problem.n)
+        gains = np.zeros(n)
         gains[list(pinned)] = [float(self.caps.get(i, limit)) for i in pinned]
         held = replace(rows, gains=gains)
-        v = least_above(held, alpha=rate, lower=np.ones(self.problem.n), start=start)
+        v = least_above(held, alpha=rate, lower=np.ones(n), start=start)
         if v is None or np.max(v) > LARGEST_V:
             return None
         return v
@@ -393,8 +398,8 @@ def _prices(field: Field, v: Array, agents: Any, rate: float) -> Array:
     tight = np.abs(residual[others]) <= 1e-6 * np.maximum(scale[others], 1e-300)
     others = others[tight]
     if len(others):
-        pull = sparse.csr_array(jacobian[agents][:, others]).T @ prices[agents]
-        block = sparse.csr_array(jacobian[others][:, others]).T
+        pull = csr_array(jacobian[agents][:, others]).T @ prices[agents]
+        block = csr_array(jacobian[others][:, others]).T
         with suppress(RuntimeError):  # exactly singular: no price
             prices[others] = factored(block).solve(-pull)
     return np.maximum(prices * v, 0.0)

@@ -114,8 +114,11 @@ def search_pinning(problem: Problem, request: PinningRequest, progress: Progress
     if proposer is None:
         why = statements.inapplicable or "an entry of J + J is too large."
         must = "coupling must have a derivative at the consensus that floats can hold"
-        text = f"{must}, because gains are designed for the linearisation; {why}"
-        raise refused("coupling.h", text, "Use a smooth coupling, such as tanh(y).")
+        raise refused(
+            "coupling.h",
+            f"{must}, because gains are designed for the linearisation; {why}",
+            "Use a smooth coupling, such as tanh(y).",
+        )
     lambdas = {mode: enclosed_lambda(statements, mode) for mode in statements.lambdas}
     task = Task(
         ground=Ground(problem=problem, request=request, lambdas=lambdas),
@@ -155,10 +158,11 @@ def _attempt(task: Task) -> PinningDesign:
 def _weighted_attempt(task: Task) -> PinningDesign:
     """Decide by V = e'De on the agents that either V would choose; gains for V = e'e stand in,
     without their bounds."""
+    bare = task.bare
     request = task.request
-    obstacle = decide.structural_obstacle(task.bare, request.pins, task.structure)
-    obstacle = obstacle or decide.too_fast(task.bare, request, slow_directions)
-    proposer = make_proposer(task.bare, request, weighted=True)
+    obstacle = decide.structural_obstacle(bare, request.pins, task.structure)
+    obstacle = obstacle or decide.too_fast(bare, request, slow_directions)
+    proposer = make_proposer(bare, request, weighted=True)
     if obstacle is not None or proposer is None:
         return task.fails(obstacle)
     # Its gains stand in where no weights are proved, and its agents are worth a look.
@@ -187,12 +191,13 @@ def _weighted_attempt(task: Task) -> PinningDesign:
 def _promising(task: Task, proposer: PinningProposer, plain: PinningDesign) -> list[Agents]:
     """Sets of agents that are worth a proof by V = e'De: those of V = e'e, and the greedy ones."""
     request = task.request
+    allowed = request.allowed
     most = request.pins if isinstance(request.pins, int) else None
     index = task.bare.network.index
     own = tuple(sorted(index[label] for label in plain.gains))
-    greedy = proposer.greedy(request.allowed, task.structure.groups, task.rate, most)
+    greedy = proposer.greedy(allowed, task.structure.groups, task.rate, most)
     if not greedy:
-        greedy = proposer.cheapest(request.allowed, most or len(request.allowed), task.rate)
+        greedy = proposer.cheapest(allowed, most or len(allowed), task.rate)
     return [own, greedy]
 
 
@@ -263,16 +268,17 @@ def _proved_by_weights(task: Task, gains: Gains) -> PinningDesign | None:
 def _too_fast(task: Task) -> Statement | None:
     """A proof that even gains on all allowed agents, at their caps, do not reach the rate."""
     request = task.request
-    gains, vectors = task.plain.relax(request.allowed, task.rate)
+    allowed = request.allowed
+    gains, vectors = task.plain.relax(allowed, task.rate)
     if gains is not None:
         return None
-    obstacle = decide.obstacle_to(task.ground, request.allowed, vectors)
+    obstacle = decide.obstacle_to(task.ground, allowed, vectors)
     if obstacle is None:
         return None
     mode, v = obstacle
     labels = task.bare.network.labels
     moved = carriers(loop_of(task.bare), v)
-    capped = {labels[i] for i in set(request.allowed) & set(request.caps)}
+    capped = {labels[i] for i in set(allowed) & set(request.caps)}
     if capped & set(moved):
         kind = "max_gain"
         because = "even with every gain at its cap the direction shown decays more slowly"
@@ -291,16 +297,17 @@ def _too_fast(task: Task) -> Statement | None:
 def _chosen(task: Task) -> Chosen:
     """The agents to pin: at most so many, or the fewest."""
     request = task.request
+    pins = request.pins
     slow = task.plain.slow(task.rate)
     needed = max(task.structure.least, decide.pins_needed(task.ground, slow))
-    if not isinstance(request.pins, int):
+    if not isinstance(pins, int):
         return _fewest_chosen(task, needed)
-    if request.pins < needed:
-        few = f"{counted(request.pins, 'pin')} cannot do at this rate: at least {needed} are needed"
+    if pins < needed:
+        few = f"{counted(pins, 'pin')} cannot do at this rate: at least {needed} are needed"
         why = "So many independent directions are slower than that without gains"
         text = f"{few}. {why}, and each pin holds one of them."
         return None, (refuted("pins", text, least=str(needed)),)
-    choice = _choice(task, request.pins, start=_greedy(task, request.pins))
+    choice = _choice(task, pins, start=_greedy(task, pins))
     return choice, (choice.statement(),)
 
 
@@ -340,11 +347,17 @@ def _choice(task: Task, pins: int, *, start: Agents | None = None) -> Choice:
 
 def _fewest(pins: int, needed: int) -> Statement:
     if pins <= needed:
-        text = f"No fewer than {counted(pins, 'pinned agent')} reach this rate."
-        return proved("pins", text, least=str(pins))
+        return proved(
+            "pins",
+            f"No fewer than {counted(pins, 'pinned agent')} reach this rate.",
+            least=str(pins),
+        )
     unknown = "whether fewer do was not decided"
-    text = f"{pins} pinned agents do; {unknown}, but at least {needed} are needed."
-    return undecided("pins", text, least=str(needed))
+    return undecided(
+        "pins",
+        f"{pins} pinned agents do; {unknown}, but at least {needed} are needed.",
+        least=str(needed),
+    )
 
 
 def _designed(
@@ -470,8 +483,9 @@ def _larger_caps(proposer: PinningProposer, request: PinningRequest) -> Fraction
 
 def with_lacking(problem: Problem, request: Asked) -> Asked:
     """The request with its allowed agents, and all of every group that has none of them."""
-    agents = set(request.allowed)
-    for group in decide.structure_of(problem, request.allowed).groups:
-        if not set(request.allowed) & set(group):
+    allowed = request.allowed
+    agents = set(allowed)
+    for group in decide.structure_of(problem, allowed).groups:
+        if not set(allowed) & set(group):
             agents |= set(group)
     return replace(request, allowed=tuple(sorted(agents)))

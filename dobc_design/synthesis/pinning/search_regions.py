@@ -94,8 +94,11 @@ def search_region(problem: Problem, request: PinningRequest, region: Any) -> Pin
 def _file_region(problem: Problem, request: PinningRequest) -> Region:
     """The [region] of the problem, with room for its observer."""
     if problem.region is None:
-        text = "region = True means the [region] of the problem, and there is none."
-        raise refused("region", text, "Give a radius, or a [region].")
+        raise refused(
+            "region",
+            "region = True means the [region] of the problem, and there is none.",
+            "Give a radius, or a [region].",
+        )
     radius = max(*asked_radius(loop_of(problem)), SMALLEST)
     disturbance = problem.region.initial_disturbance or ZERO
     exosystem = problem.joint_exosystem
@@ -104,14 +107,20 @@ def _file_region(problem: Problem, request: PinningRequest) -> Region:
     W = problem.joint_observer.W
     # The observer's error is in the certificate: V = N + kappa E.
     if W is None:
-        text = "is needed, because the [region] has an initial_disturbance."
-        raise wrong("observer.W", text, "Design W first, with design_observer.")
+        raise wrong(
+            "observer.W",
+            "is needed, because the [region] has an initial_disturbance.",
+            "Design W first, with design_observer.",
+        )
     error = propose_error_bound(exosystem, W, rate=float(request.rate))
     if error is None:
         why = "because V = N + kappa E is to reach it"
         got = shown_number(request.rate)
-        text = f"must be below the decay rate of the observer, {why}; got {got}."
-        raise wrong("rate", text, "Ask for less, or for a faster W.")
+        raise wrong(
+            "rate",
+            f"must be below the decay rate of the observer, {why}; got {got}.",
+            "Ask for less, or for a faster W.",
+        )
     rho = None if problem.is_linear else radius_needed(radius, error, disturbance)
     return Region(radius=radius, rho=rho, disturbance=disturbance, error=error, W=W)
 
@@ -177,30 +186,35 @@ def _with_fewest(task: Task, found: PinningDesign) -> PinningDesign:
 def _fewest(task: Task, pins: int) -> Statement:
     least = task.structure.least
     if pins <= max(1, least):
-        text = f"No fewer than {counted(pins, 'pinned agent')} can do."
-        return proved("pins", text, least=str(least))
+        return proved(
+            "pins", f"No fewer than {counted(pins, 'pinned agent')} can do.", least=str(least)
+        )
     fewer = f"at least {least} are needed, and fewer than {pins} were not found"
     return undecided("pins", f"{pins} pinned agents do; {fewer}.", least=str(least))
 
 
 def _unordered(task: Task) -> Statement | None:
     """A proof that no v exists for any radius, whatever the gains: agents that no order serves."""
-    if not acts_by_component(loop_of(task.bare)):
+    bare = task.bare
+    if not acts_by_component(loop_of(bare)):
         return None
     # Which order serves depends on who has a gain, not on how large it is.
-    held = holding(task.bare, dict.fromkeys(task.request.allowed, Fraction(1)))
+    held = holding(bare, dict.fromkeys(task.request.allowed, Fraction(1)))
     stuck = stuck_agents(loop_of(held))
     if not stuck:
         return None
-    labels = task.bare.network.labels
+    labels = bare.network.labels
     names = [labels[i] for i in stuck]
     modes = ""
-    if len(task.bare.network.modes) > 1:
+    if len(bare.network.modes) > 1:
         modes = f" ({', '.join(dict.fromkeys(stuck.values()))})"
     none = "no gains on the allowed agents have a max-separable certificate, of any radius"
     hears = f"in one of the modes hears nobody but these{modes}"
-    text = f"{none}: each of {name_agents(names)} may not be pinned and {hears}."
-    return refuted("ordering", text, agents=", ".join(names[:LISTED]))
+    return refuted(
+        "ordering",
+        f"{none}: each of {name_agents(names)} may not be pinned and {hears}.",
+        agents=", ".join(names[:LISTED]),
+    )
 
 
 def _on(task: Task, agents: AgentSet) -> PinningDesign:

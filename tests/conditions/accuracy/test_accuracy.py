@@ -78,7 +78,9 @@ def in_order(problem: Problem, found: Any) -> np.ndarray:
 
 def followed(k: object, **more: Any) -> Problem:
     """Agent 1 is pinned with k, and agent 2 hears it; both linear."""
-    return linear_problem(2, {"a": [(1, 0, "1")]}, {"1": k}, **more)
+    arc = (1, 0, "1")
+    modes = {"a": [arc]}
+    return linear_problem(2, modes, {"1": k}, **more)
 
 
 def read(text: str) -> Problem:
@@ -121,7 +123,9 @@ def test_the_peak_gains_of_the_paper():
 
 @pytest.mark.parametrize("rate", [1, 3])
 def test_peak_gain_of_a_first_order_lag_is_its_static_gain(rate: int):
-    lag, seen, gain = matrix([[-rate]]), matrix([[2]]), matrix([[5]])
+    lag = matrix([[-rate]])
+    seen = matrix([[2]])
+    gain = matrix([[5]])
     found = peak_gains(lag, seen, [gain], step=Fraction(1, 300), steps=4000)
     assert found is not None
     assert 10 / rate <= found[1] <= 10.001 / rate
@@ -170,9 +174,12 @@ def test_without_a_region_the_box_of_starts_is_chosen():
 
 @pytest.mark.parametrize("name", ["three", "region"])
 def test_agents_with_different_exosystems_count_with_the_worst_peak_gain(name: str):
-    problem = groups.problems()[name].replace(uncertainty=OMEGA | {"measurement": "1/1000"})
+    named = groups.problems()[name]
+    uncertainty = OMEGA | {"measurement": "1/1000"}
+    problem = named.replace(uncertainty=uncertainty)
     assert both(problem, unchanged) == (True, True)
-    assert both(problem, scaled(["peaks", "disturbance"], "0.9999")) == (False, False)
+    smaller_peak = scaled(["peaks", "disturbance"], "0.9999")
+    assert both(problem, smaller_peak) == (False, False)
 
 
 SLOW = [pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3)]
@@ -181,19 +188,22 @@ SLOW = [pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3)]
 @pytest.mark.parametrize("seed", [0, 13, *SLOW])
 def test_bounds_of_agents_with_dynamics_are_never_below_the_exact_gain(seed: int):
     problem, loop = second_order(seed)
-    exact = np.sum(np.abs(responses(loop)[0]) @ loop.limits, axis=0)
+    gains = np.abs(responses(loop)[0])
+    exact = np.sum(gains @ loop.limits, axis=0)
     ends = in_order(problem, claim_of(problem).bounds)
     ratio = ends.T.ravel() / exact
     assert min(ratio) >= 1
     assert max(ratio) <= (10 if problem.q else 4)
     assert both(problem, unchanged) == (True, True)
-    assert both(problem, scaled(["bounds", "1", 0], "0.9999")) == (False, False)
+    smaller_bound = scaled(["bounds", "1", 0], "0.9999")
+    assert both(problem, smaller_bound) == (False, False)
 
 
 def test_agents_with_dynamics_and_couplings_by_component_have_bounds():
     """e_1' = -3 e_1 - e_1 + w, e_2' = -3 e_2 + sin(e_1 - e_2) + w: w = 1/50 leaves 1/200, and near
     (w + 1/200)/4."""
-    agents = Dynamics(A=[[-3, 0], [0, -3]])
+    A = [[-3, 0], [0, -3]]
+    agents = Dynamics(A=A)
     own = {"target": [0, 0], "dynamics": agents, "gains": {"1": 1}}
     problem = Problem(network=followed(1).network, coupling="sin(y)", **own)
     region = {"initial_states": ["-1/5", "1/5"]}
@@ -292,7 +302,8 @@ def test_bounds_of_two_lags_with_an_optional_arc_have_closed_forms():
     assert np.all(found <= 1.0001 * exact)
     assert certify(problem).verdict is PROVED
     assert both(problem, unchanged) == (True, True)
-    assert both(problem, scaled(["stages", 0, "level"], "0.999")) == (False, False)
+    slightly_lower = scaled(["stages", 0, "level"], "0.999")
+    assert both(problem, slightly_lower) == (False, False)
 
 
 @pytest.mark.parametrize("text", [FOLLOWERS, BEHIND_A_LEADER])
@@ -301,7 +312,8 @@ def test_agents_with_optional_arcs_behind_a_leader_have_bounds(text: str):
     assert certify(problem).verdict is PROVED
     assert row(problem).domain == EVERYWHERE
     assert both(problem, unchanged) == (True, True)
-    assert both(problem, scaled(["stages", 0, "level"], "0.9")) == (False, False)
+    lower = scaled(["stages", 0, "level"], "0.9")
+    assert both(problem, lower) == (False, False)
 
 
 MIXED = """
@@ -344,7 +356,9 @@ def scaled(path: list[Any], factor: str) -> Any:
     def change(exact: Any) -> None:
         for key in path[:-1]:
             exact = exact[key]
-        exact[path[-1]] = str(Fraction(exact[path[-1]]) * Fraction(factor))
+        entry = exact[path[-1]]
+        scaled_entry = Fraction(entry) * Fraction(factor)
+        exact[path[-1]] = str(scaled_entry)
 
     return change
 
@@ -359,10 +373,12 @@ def test_larger_inputs_are_not_covered():
     claim = row(LINEAR).claim
     check = Check(id="accuracy", verdict=Verdict.PROVED, domain=EVERYWHERE, reason="", claim=claim)
     assert claim is not None
-    case = Case(loop=loop_of(LINEAR), W=certify(LINEAR).claims.W, domain=EVERYWHERE)
+    W = certify(LINEAR).claims.W
+    case = Case(loop=loop_of(LINEAR), W=W, domain=EVERYWHERE)
     assert confirm(check, case) is None
     louder = LINEAR.replace(uncertainty={"disturbance": "0.1001"})
-    assert "row of agent" in str(confirm(check, replace(case, loop=loop_of(louder))))
+    louder_case = replace(case, loop=loop_of(louder))
+    assert "row of agent" in str(confirm(check, louder_case))
     as_text = replace(check, claim=Values(claim.to_json()))
     assert confirm(as_text, case) is None
 
@@ -377,7 +393,8 @@ def test_boxes_inside_are_found_where_a_newton_step_overshoots():
     """Curved rows with noise: the step for the weights of the inner boxes passes one entry of the
     solution by 1e-6."""
     arcs = [[1, 3, 1], [2, 1, 2], [3, 2, 2]]
-    problem = listening(arcs, "y + y**3/10", n=3, gains={1: 5, 2: 2, 3: 3}, target=0)
+    gains = {1: 5, 2: 2, 3: 3}
+    problem = listening(arcs, "y + y**3/10", n=3, gains=gains, target=0)
     inputs = {
         "disturbance": "0.05",
         "drift": "0.02",
@@ -385,9 +402,12 @@ def test_boxes_inside_are_found_where_a_newton_step_overshoots():
         "weights": "0.05",
         "gains": "0.05",
     }
+    A = [[0, 1], [-1, 0]]
+    exosystem = Exosystem(A=A, C=[[1, 0]])
+    observer = Observer(W=[[2], [0]])
     problem = problem.replace(
-        exosystem=Exosystem(A=[[0, 1], [-1, 0]], C=[[1, 0]]),
-        observer=Observer(W=[[2], [0]]),
+        exosystem=exosystem,
+        observer=observer,
         region={"initial_states": ["-1/2", "1/2"], "initial_disturbance": "1/5"},
         uncertainty=inputs,
     )
@@ -406,7 +426,8 @@ def shown_bounds(problem: Problem, *, steps: int, step: str = "1/200") -> np.nda
 @pytest.mark.parametrize("k", [1, 4])
 def test_the_response_of_one_agent_is_its_static_gain(k: int):
     """e' = -k e + w ends at omega / k."""
-    problem = linear_problem(1, {"a": []}, {"1": k}).replace(uncertainty=OMEGA)
+    alone = linear_problem(1, {"a": []}, {"1": k})
+    problem = alone.replace(uncertainty=OMEGA)
     ((bound,),) = shown_bounds(problem, steps=4000)
     assert 0.1 / k <= bound <= 0.1 / k * 1.0001
 
@@ -416,7 +437,8 @@ def test_the_response_of_two_states_is_that_of_quadrature():
     t)."""
     agents = Dynamics(A=[[0, 5], [0, -1]])
     bare = linear_problem(1, {"a": []}, {"1": 1}, target=[0, 0], dynamics=agents)
-    M = np.array([[-1.0, 5.0], [0.0, -2.0]])
+    entries = [[-1.0, 5.0], [0.0, -2.0]]
+    M = np.array(entries)
     whole, _ = integrate.quad_vec(lambda t: np.sum(np.abs(linalg.expm(M * t)), axis=1), 0, 40)
     exact = 0.1 * whole
     assert exact == pytest.approx([0.35, 0.05])
@@ -430,9 +452,12 @@ def mixed_loop() -> np.ndarray:
     usual = np.array([[1.35, -0.35], [0.45, 1.85]])
     other = np.array([[1.9, 0.15], [-0.4, 1.25]])
     arcs = [(1, 2, 1, usual), (2, 4, 1, other), (3, 1, 1, usual), (3, 4, 1, usual)]
-    arcs += [(4, 1, 0.55, usual), (4, 3, 1.25, usual)]
+    fourth = (4, 1, 0.55, usual)
+    fifth = (4, 3, 1.25, usual)
+    arcs += [fourth, fifth]
     M = np.zeros((4, 2, 4, 2))
-    M[0, :, 0] = -np.array([[2.7, -0.05], [0.25, 1.25]])
+    entries_of_M = [[2.7, -0.05], [0.25, 1.25]]
+    M[0, :, 0] = -np.array(entries_of_M)
     for i, j, w, H in arcs:
         M[i - 1, :, j - 1] += w * H
         M[i - 1, :, i - 1] -= w * H
@@ -461,8 +486,10 @@ def test_where_no_coordinates_are_found_the_response_gives_bounds_that_are_reach
             e = phi @ e + kick @ (0.36 * np.sign(kernel[place]))
         assert 0.97 * end < e[place] < end
     assert both(problem, unchanged) == (True, True)
-    assert both(problem, scaled(["bounds", "2", 1], "0.995")) == (False, False)
-    assert both(problem, scaled(["response", "step"], "0.1")) == (False, False)
+    smaller_bound = scaled(["bounds", "2", 1], "0.995")
+    assert both(problem, smaller_bound) == (False, False)
+    smaller_step = scaled(["response", "step"], "0.1")
+    assert both(problem, smaller_step) == (False, False)
 
 
 SECOND_MODE = "B = [[1, 2, 1], [2, 4, 1], [3, 1, 1], [4, 1, 1]]\n[coupling]"

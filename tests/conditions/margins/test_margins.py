@@ -67,7 +67,8 @@ def chain(h: str = "y", **more: object) -> Problem:
 
 def alone(gain: object = 3, **more: object) -> Problem:
     """One agent, which hears nobody."""
-    return listening([], "y", n=1, gains={1: gain}, **{"target": 0, **more})
+    settings = {"target": 0, **more}
+    return listening([], "y", n=1, gains={1: gain}, **settings)
 
 
 def accepted(problem: Problem, checks: list[Check]) -> tuple[bool, bool]:
@@ -96,9 +97,11 @@ def verdict_of(problem: Problem, claim: Separable, errors: Errors) -> Verdict:
 def test_every_arc_takes_its_worse_end():
     """h = y, v = (1, 2), w = 1, k = 2: rows (1 + d) - 2 (1 - g) and -(1 - d) 1 <= -alpha v."""
     problem = chain()
-    claim = Separable(v=(F(1), F(2)), alpha=F("0.4"), rho=None)
+    v = (F(1), F(2))
+    claim = Separable(v=v, alpha=F("0.4"), rho=None)
     errors = Errors(F(1, 5), F(1, 10))
-    first, second = (row for row, _ in rows(loop_of(problem), claim.v, errors=errors))
+    found_rows = rows(loop_of(problem), claim.v, errors=errors)
+    first, second = (row for row, _ in found_rows)
     assert first.own == 1
     assert first.pull == F(9, 5)
     answer = [(term.weight, term.step) for term in first.terms]
@@ -106,7 +109,9 @@ def test_every_arc_takes_its_worse_end():
     assert answer == expected
     assert second.own == 2
     answer = [(term.weight, term.step) for term in second.terms]
-    expected = [(F(4, 5), -1), (F(2, 5), 0)]
+    first_row = (F(4, 5), -1)
+    second_row = (F(2, 5), 0)
+    expected = [first_row, second_row]
     assert answer == expected
     # min(9/5 - 6/5, 4/5 / 2)
     answer = largest_rate(loop_of(problem), claim.v, rho=None, errors=errors)
@@ -124,8 +129,10 @@ def worst_corner(h: str, v: tuple[F, ...], rho: F) -> F | None:
     """The least rate where all weights are off by 1/5 and gains less by 1/10; None if one corner
     has none."""
     rates = []
-    for ends in product((F(4, 5), F(6, 5)), repeat=3):
-        arcs = [[i, j, w * end] for (i, j, w), end in zip(ARCS, ends, strict=True)]
+    both_ends = (F(4, 5), F(6, 5))
+    for ends in product(both_ends, repeat=3):
+        arcs_and_ends = zip(ARCS, ends, strict=True)
+        arcs = [[i, j, w * end] for (i, j, w), end in arcs_and_ends]
         gains = {1: F(18, 5), 2: F(9, 10)}
         corner = listening(arcs, h, n=3, gains=gains, target=0)
         rates.append(largest_rate(loop_of(corner), v, rho=rho))
@@ -266,7 +273,8 @@ def test_agents_that_do_not_know_tolerate_less():
     check = found(less, "tolerance")
     assert check.verdict is PROVED
     eta = F(check.exact["eta"])
-    answer = changed(less, "tolerance", eta=number_text(eta * F(9, 10)))
+    smaller = number_text(eta * F(9, 10))
+    answer = changed(less, "tolerance", eta=smaller)
     assert answer == (False, False)
     # kappa eta > alpha
     answer = changed(less, "tolerance", eta=number_text(eta * 100))
@@ -275,7 +283,8 @@ def test_agents_that_do_not_know_tolerate_less():
 
 def test_kinks_at_the_target_are_not_decided_by_slopes():
     errors = {"weights": "0.1"}
-    problem = listening([[2, 1]], "y + abs(y)/2", n=2, gains={1: 2}, target=0, uncertainty=errors)
+    arcs = [[2, 1]]
+    problem = listening(arcs, "y + abs(y)/2", n=2, gains={1: 2}, target=0, uncertainty=errors)
     assert found(problem, "tolerance").reason.startswith("does not apply")
 
 
@@ -309,7 +318,8 @@ def test_the_largest_input_has_a_closed_form():
     problem = alone(region=region)
     check = found(problem.replace(actuators={"limit": "6.00001"}), "actuators")
     assert check.verdict is PROVED
-    assert float(F(check.exact["inputs"]["1"])) == pytest.approx(6, rel=1e-5)
+    input_of_the_first = check.exact["inputs"]["1"]
+    assert float(F(input_of_the_first)) == pytest.approx(6, rel=1e-5)
     small = found(problem.replace(actuators={"limit": 3}), "actuators")
     assert small.verdict is UNDECIDED
     assert "from starts with |e_i| <= 1." in small.reason

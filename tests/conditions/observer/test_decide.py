@@ -63,9 +63,9 @@ def test_the_suggested_reduction_generates_the_same_disturbances():
         count += 1
         given = (problem.exosystem.A, problem.exosystem.C)
         suggested = (check.fix.set["exosystem.A"], check.fix.set["exosystem.C"])
+        matrices = (*given, *suggested)
         A, C, A_o, C_o = (
-            sp.Matrix([[sp.Rational(str(x)) for x in row] for row in M])
-            for M in (*given, *suggested)
+            sp.Matrix([[sp.Rational(str(x)) for x in row] for row in M]) for M in matrices
         )
         seen = sp.Matrix.vstack(*(C * A**k for k in range(A.rows)))
         kept = sp.Matrix.vstack(*(C_o * A_o**k for k in range(A.rows)))
@@ -77,7 +77,8 @@ def test_the_suggested_reduction_generates_the_same_disturbances():
 
 def test_the_reduction_keeps_what_the_problem_says_of_states():
     """W becomes T W, so that W = I shows T; |T eps| <= |T| |eps|, to six decimals."""
-    exosystem = Exosystem(A=[[0] * 3] * 3, C=matrix("3 4 0; 1 0 0"))
+    A = [[0] * 3] * 3
+    exosystem = Exosystem(A=A, C=matrix("3 4 0; 1 0 0"))
     region = {"initial_states": [-1, 1], "initial_disturbance": "1/10"}
     given = {"exosystem": exosystem, "target": [0, 0], "region": region}
     columns = []
@@ -85,7 +86,8 @@ def test_the_reduction_keeps_what_the_problem_says_of_states():
         W = []
         for row in range(3):
             W.append([int(row == column == k) for column in range(2)])
-        loop = loop_of(linked([[1, 2]], observer=Observer(W=W), **given))
+        arcs = [[1, 2]]
+        loop = loop_of(linked(arcs, observer=Observer(W=W), **given))
         change = observability_check(exosystem, loop).fix.set
         columns.append([Fraction(str(row[k])) for row in change["observer.W"]])
     # T does not see the third state
@@ -94,7 +96,8 @@ def test_the_reduction_keeps_what_the_problem_says_of_states():
     assert size / 10 <= bound <= size / 10 + 1e-6
     unseen = exosystem_of("0", "0; 0")
     for own in (given["region"], None):
-        problem = linked([[1, 2]], **given | {"exosystem": unseen, "region": own})
+        settings = given | {"exosystem": unseen, "region": own}
+        problem = linked([[1, 2]], **settings)
         change = observability_check(unseen, loop_of(problem)).fix.set
         assert ("region.initial_disturbance" in change) is (own is not None)
 
@@ -114,7 +117,9 @@ def test_rates_are_strict_at_the_edge():
 def test_a_defective_error_on_the_axis_is_refuted():
     """Double integrator with W = 0; and a rotation, where NumPy's real parts are rounding
     errors."""
-    cases = ([[0, 1], [0, 0]], [[0, 1], [-1, 0]])
+    double_integrator = [[0, 1], [0, 0]]
+    oscillator = [[0, 1], [-1, 0]]
+    cases = (double_integrator, oscillator)
     for A in cases:
         exosystem = Exosystem(A=A, C=matrix("1 0"))
         check = hurwitz_check(exosystem, exact_matrix("0; 0"))

@@ -43,8 +43,11 @@ def random_exosystem(seed: int) -> Exosystem:
     m = r.randint(1, 2)
     A = []
     for _ in range(q):
-        A.append([r.randint(-2, 2) * (r.random() < 0.5) for _ in range(q)])
-    C = [[r.randint(-1, 1) * (r.random() < 0.5) for _ in range(q)] for _ in range(m)]
+        row = [r.randint(-2, 2) * (r.random() < 0.5) for _ in range(q)]
+        A.append(row)
+    C = []
+    for _ in range(m):
+        C.append([r.randint(-1, 1) * (r.random() < 0.5) for _ in range(q)])
     return Exosystem(A=A, C=C)
 
 
@@ -101,7 +104,10 @@ def test_a_gain_that_does_not_work_gets_no_pair_that_does(harmonic):
 def test_wherever_lambda_is_negative_the_theorem_is_proved(cycle, pins, factor):
     """The Decision theorem, for margins of Lambda from 1e-7 up and exosystems scaled from 1e-4 to
     1e4."""
-    exosystem = Exosystem(A=[[0, Fraction(factor)], [-Fraction(factor), 0]], C=[[factor, 0]])
+    first = [0, Fraction(factor)]
+    second = [-Fraction(factor), 0]
+    C = [[factor, 0]]
+    exosystem = Exosystem(A=[first, second], C=C)
     problem = cycle(4, pins=pins, exosystem=exosystem)
     certificate = dd.certify(problem)
     assert certificate.check("theorem1").verdict is Verdict.PROVED
@@ -121,7 +127,10 @@ def test_no_exact_equation_is_solved_that_would_take_hours(digits, exact, monkey
     000."""
     asked = []
     monkeypatch.setattr(propose, "solve_lyapunov", lambda F, N: asked.append(F))
-    A = [[Fraction(1, 10**digits + 7 * i + j) for j in range(8)] for i in range(8)]
+    A = []
+    for i in range(8):
+        row = [Fraction(1, 10**digits + 7 * i + j) for j in range(8)]
+        A.append(row)
     for i in range(8):
         A[i][i] -= 20
     exosystem = Exosystem(A=A, C=[[1] * 8])
@@ -152,9 +161,11 @@ def test_the_default_is_half_the_rate_of_the_kalman_gain(name):
     noise = np.eye(exosystem.order)
     A = to_float(exosystem.A)
     C = to_float(exosystem.C)
-    _, _, poles = control.lqe(A, noise, C, noise, np.eye(exosystem.outputs))
+    output_noise = np.eye(exosystem.outputs)
+    _, _, poles = control.lqe(A, noise, C, noise, output_noise)
     found = design_gain(exosystem)
-    assert float(found.rate) == pytest.approx(-np.max(poles.real) / 2, rel=6e-3)
+    expected = -np.max(poles.real) / 2
+    assert float(found.rate) == pytest.approx(expected, rel=6e-3)
     assert reaches(exosystem, found.W, found.rate)
     assert "half that of the Kalman gain" in found.note
     # at most three significant digits, decimal fractions
@@ -181,7 +192,8 @@ def test_badly_scaled_exosystems_get_a_gain(name, factor, what):
     time = Fraction(1) if what == "C" else Fraction(factor)
     output = Fraction(1) if what == "A" else Fraction(factor)
     C = scale(output, STANDARD[name].C)
-    exosystem = Exosystem(A=scale(time, STANDARD[name].A), C=C)
+    A = scale(time, STANDARD[name].A)
+    exosystem = Exosystem(A=A, C=C)
     found = design_gain(exosystem)
     assert reaches(exosystem, found.W, found.rate)
     faster = design_gain(exosystem, rate=time)
@@ -220,12 +232,12 @@ def test_hard_pairs_get_a_gain(exosystem):
 
 @pytest.mark.parametrize("number", ["1e399", "1e200", "1e-200", "1e-399"])
 def test_numbers_at_the_ends_of_the_floats_get_a_gain(number):
-    cases = (
-        Exosystem(A=[[number]], C=[[1]]),
-        Exosystem(A=[[0]], C=[[number]]),
-        Exosystem(A=[[number]], C=[[number]]),
-        Exosystem(A=[[0, number], [f"-{number}", 0]], C=matrix("1 0")),
-    )
+    unstable = Exosystem(A=[[number]], C=[[1]])
+    large_output = Exosystem(A=[[0]], C=[[number]])
+    A = [[0, number], [f"-{number}", 0]]
+    oscillator = Exosystem(A=A, C=matrix("1 0"))
+    large = Exosystem(A=[[number]], C=[[number]])
+    cases = (unstable, large_output, large, oscillator)
     for exosystem in cases:
         found = design_gain(exosystem)
         assert found.W is not None

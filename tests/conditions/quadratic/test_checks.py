@@ -43,8 +43,10 @@ def ring(
     exosystem: Any = None,
     **more: Any,
 ):
-    arcs = [[i, i % n + 1] for i in range(1, n + 1)]
-    states = ((-Fraction(side), Fraction(side)),) * (2 if isinstance(coupling, list) else 1)
+    agents = range(1, n + 1)
+    arcs = [[i, i % n + 1] for i in agents]
+    sides = ((-Fraction(side), Fraction(side)),)
+    states = sides * (2 if isinstance(coupling, list) else 1)
     region = Region(
         initial_states=states,
         initial_disturbance=Fraction(1, 10) if exosystem is not None else None,
@@ -58,13 +60,16 @@ def by_hand(problem: Problem, *, radius: str = "2", tau: str = "1/4", **changes:
     """P_e = I, one tau for all arcs, the level that fits the radius exactly."""
     r = Fraction(radius)
     modes = problem.network.modes.items()
+    P_e = identity(problem.n * problem.m)
+    ranges = enclose_ranges(loop_of(problem), radius=r)
+    multipliers = {mode: (Fraction(tau),) * len(arcs) for mode, arcs in modes}
     given = {
-        "P_e": identity(problem.n * problem.m),
-        "ranges": enclose_ranges(loop_of(problem), radius=r),
+        "P_e": P_e,
+        "ranges": ranges,
         "radius": r,
         "level": r * r / 2,
         "rate": Fraction(1, 10),
-        "multipliers": {mode: (Fraction(tau),) * len(arcs) for mode, arcs in modes},
+        "multipliers": multipliers,
     }
     return Lure(**(given | changes))
 
@@ -136,7 +141,8 @@ def test_with_the_observer_the_disturbance_takes_its_part_of_the_level():
     assert "not inside" in str(refusal(problem, larger))
     exact = dict(check.exact)
     exact.pop("P")
-    assert "lacks P" in str(refusal(problem, replace(check, claim=Values(exact))))
+    changed = replace(check, claim=Values(exact))
+    assert "lacks P" in str(refusal(problem, changed))
     small = [["1/8", "-1/16"], ["-1/16", "1/12"]]
     assert "matrix inequality fails" in str(refusal(problem, check, P=small))
     crooked = [["1", "-1/2"], ["-1/3", "2/3"]]
@@ -181,7 +187,8 @@ def test_a_list_of_expressions_has_one_channel_for_every_gain():
 
 def test_a_claim_comes_back_from_json_as_it_went_in():
     problem, lure = observed()
-    entries = {**lure.P_e.entries, (0, 3): Fraction(-1, 7)}
+    coupled = Fraction(-1, 7)
+    entries = {**lure.P_e.entries, (0, 3): coupled}
     full = replace(lure, P_e=SparseSymmetric(10, entries), rate=Fraction(2, 9))
     for claim in (lure, full):
         values = json.loads(json.dumps(claim.to_json()))

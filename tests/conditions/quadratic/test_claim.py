@@ -34,17 +34,24 @@ def random_metric(size: int, shape: str, seed: int) -> SparseSymmetric:
     if shape == "diagonal":
         entries = {}
         for i in range(size):
-            entries[i, i] = Fraction(r.randint(1, 9), r.randint(1, 5))
+            numerator = r.randint(1, 9)
+            entries[i, i] = Fraction(numerator, r.randint(1, 5))
         return SparseSymmetric(size, entries)
     rows = []
     for _ in range(size):
-        rows.append([Fraction(r.randint(-3, 3)) for _ in range(size)])
-    square = multiply(tuple(map(tuple, rows)), tuple(zip(*rows, strict=True)))
+        row = [Fraction(r.randint(-3, 3)) for _ in range(size)]
+        rows.append(row)
+    rows_exact = tuple(map(tuple, rows))
+    columns = tuple(zip(*rows, strict=True))
+    square = multiply(rows_exact, columns)
     return SparseSymmetric.from_dense(square) + identity(size)
 
 
 def random_taus(r: Random, count: int) -> list[Fraction]:
-    return [Fraction(r.randint(1, 9), r.randint(1, 9)) for _ in range(count)]
+    numbers = []
+    for _ in range(count):
+        numbers.append(Fraction(r.randint(1, 9), r.randint(1, 9)))
+    return numbers
 
 
 def floats(M: SparseSymmetric) -> np.ndarray:
@@ -91,15 +98,24 @@ def test_the_reduced_inequality_is_the_schur_complement_of_the_one_in_theory(see
     P = floats(P_e)
     K = pins(problem)
     T = np.diag([float(t) for t in tau])
-    first = -P @ K - K.T @ P - 2 * C_E.T @ np.diag(low * high) @ T @ C_E + 2 * float(beta) * P
+    decay = -P @ K - K.T @ P
+    product = 2 * C_E.T @ np.diag(low * high) @ T @ C_E
+    first = decay - product + 2 * float(beta) * P
     second = P @ B + C_E.T @ np.diag(low + high) @ T
-    border = P @ np.kron(np.eye(problem.n), np.eye(m))
+    one = np.eye(problem.n)
+    border = P @ np.kron(one, np.eye(m))
     # C = I, so C (-Omega)^-1 C' = S
-    omega = -np.kron(np.eye(problem.n), np.linalg.inv(to_float(S)))
+    S_inverse = np.linalg.inv(to_float(S))
+    omega = -np.kron(np.eye(problem.n), S_inverse)
     none = np.zeros((len(low), border.shape[1]))
-    block = np.block([[first, second, border], [second.T, -2 * T, none], [border.T, none.T, omega]])
+    middle = [second.T, -2 * T, none]
+    bottom = [border.T, none.T, omega]
+    top = [[first, second, border], middle, bottom]
+    block = np.block(top)
     beside = block[:size, size:]
-    schur = first - beside @ np.linalg.solve(block[size:, size:], beside.T)
+    rest = block[size:, size:]
+    eliminated = np.linalg.solve(rest, beside.T)
+    schur = first - beside @ eliminated
     ours = floats(lure_matrix(sectors, "G0", P_e, tau, rate=beta, S=S))
     atol = 1e-9 * np.max(np.abs(schur))
     assert np.allclose(ours, schur, rtol=1e-9, atol=atol)
@@ -116,7 +132,8 @@ def test_the_border_of_the_observer_enters_as_the_paper_has_it():
     assert S[0][0] == Fraction(9, 8)
     with_it = lure_matrix(sectors, "G", identity(3), (ONE,) * 3, S=S)
     without = lure_matrix(sectors, "G", identity(3), (ONE,) * 3)
-    assert with_it + without.negated() == identity(3).scaled(Fraction(9, 8))
+    difference = with_it + without.negated()
+    assert difference == identity(3).scaled(Fraction(9, 8))
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -131,15 +148,16 @@ def test_every_corner_is_the_derivative_for_those_gains_and_the_bounds_lie_above
     beta = Fraction(1, 3)
     wanted = []
     for corner in itertools.product((0, 1), repeat=len(low)):
-        J = B @ np.diag(np.where(corner, high, low)) @ C_E - K
+        slopes = np.where(corner, high, low)
+        felt = B @ np.diag(slopes)
+        J = felt @ C_E - K
         wanted.append(P @ J + J.T @ P + 2 / 3 * P)
     ours = [floats(each) for each in vertex_matrices(sectors, "G0", P_e, rate=beta)]
     assert np.allclose(ours, wanted)
     taus = random_taus(Random(seed), len(low))
-    cases = (
-        interval_matrix(sectors, "G0", P_e, rate=beta),
-        lure_matrix(sectors, "G0", P_e, taus, rate=beta),
-    )
+    by_intervals = interval_matrix(sectors, "G0", P_e, rate=beta)
+    by_multipliers = lure_matrix(sectors, "G0", P_e, taus, rate=beta)
+    cases = (by_intervals, by_multipliers)
     for upper in cases:
         bound = floats(upper)
         least = min(np.linalg.eigvalsh(bound - corner)[0] for corner in wanted)
@@ -148,7 +166,9 @@ def test_every_corner_is_the_derivative_for_those_gains_and_the_bounds_lie_above
 
 def test_a_linear_channel_needs_no_multiplier_and_moves_into_the_linear_part():
     sectors = at_radius(cycle(4, 2, coupling="3*y"))
-    J = 3 * (np.roll(np.eye(4), 1, axis=1) - np.eye(4)) - 2 * np.eye(4)
+    forward = np.roll(np.eye(4), 1, axis=1)
+    pinned = 2 * np.eye(4)
+    J = 3 * (forward - np.eye(4)) - pinned
     multipliers = (Fraction(0),) * 4
     ours = lure_matrix(sectors, "G", identity(4), multipliers)
     assert np.array_equal(floats(ours), J + J.T)
@@ -156,8 +176,9 @@ def test_a_linear_channel_needs_no_multiplier_and_moves_into_the_linear_part():
 
 def test_multipliers_have_to_be_as_many_as_channels_and_positive_and_corners_not_too_many():
     sectors = at_radius(cycle(3, 1))
+    problem = at_radius(cycle(13, 1))
     with pytest.raises(SpecError, match="13 channels with a range"):
-        next(vertex_matrices(at_radius(cycle(13, 1)), "G", identity(13)))
+        next(vertex_matrices(problem, "G", identity(13)))
     with pytest.raises(ShapeError, match="must have 3 entries, one per channel; got 2"):
         lure_matrix(sectors, "G", identity(3), (ONE, ONE))
     multipliers = (ONE, ONE, Fraction(0))

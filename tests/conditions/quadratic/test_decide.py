@@ -32,12 +32,9 @@ MORE = Fraction(101, 100)
 
 def certificate(problem: Problem, radius: Fraction, **changes) -> Lure:
     """P_e = I and the level that fits the radius exactly."""
-    values = {
-        "P_e": identity(problem.n * problem.m),
-        "ranges": enclose_ranges(loop_of(problem), radius=radius),
-        "radius": radius,
-        "level": radius * radius / 2,
-    }
+    P_e = identity(problem.n * problem.m)
+    ranges = enclose_ranges(loop_of(problem), radius=radius)
+    values = {"P_e": P_e, "ranges": ranges, "radius": radius, "level": radius * radius / 2}
     return Lure(**values | changes)
 
 
@@ -48,7 +45,8 @@ def decided(problem: Problem, lure: Lure) -> LureDecision:
 
 def symmetric(*rows: list[int]) -> SparseSymmetric:
     """A matrix of whole numbers."""
-    return SparseSymmetric.from_dense(tuple(tuple(map(Fraction, row)) for row in rows))
+    entries = tuple(tuple(map(Fraction, row)) for row in rows)
+    return SparseSymmetric.from_dense(entries)
 
 
 def with_tau(problem: Problem, radius: Fraction, tau: Fraction, **changes) -> Lure:
@@ -120,7 +118,9 @@ def test_the_region_is_refuted_where_the_level_set_leaves_the_radius_of_one_arc_
     second."""
     arcs = [[1, 2], [2, 3]]
     problem = linked(arcs, coupling="tanh(y)", gains=9)
-    metric = symmetric([1, 0, 0], [0, 100, 0], [0, 0, 100])
+    first = [1, 0, 0]
+    second = [0, 100, 0]
+    metric = symmetric(first, second, [0, 0, 100])
     lure = certificate(problem, Fraction(1), P_e=metric, method="vertices")
     exact = replace(lure, level=Fraction(100, 101))
     assert is_proved(problem, exact)
@@ -148,7 +148,9 @@ def test_a_kink_beyond_the_radius_limits_the_level_although_the_gain_is_one_numb
     above = decided(problem, lure)
     assert above.verdict is Verdict.REFUTED
     assert above.step == "region"
-    assert problem.couplings[0].value(np.array([-200.0]))[0] - 100 > 0
+    far = np.array([-200.0])
+    value = problem.couplings[0].value(far)
+    assert value[0] - 100 > 0
 
 
 def test_the_region_of_a_full_p_is_decided_with_its_inverse():
@@ -179,7 +181,8 @@ def test_gains_that_are_claimed_narrower_than_they_are_leave_the_certificate_und
     ((gain,),) = lure.ranges[0].entries
 
     def claiming(gain: Interval) -> Lure:
-        claimed = GainRange(coupling=0, radius=Fraction(1), entries=((gain,),))
+        entries = ((gain,),)
+        claimed = GainRange(coupling=0, radius=Fraction(1), entries=entries)
         return replace(lure, ranges=(claimed,))
 
     narrow = Interval(gain.lo, gain.hi - Fraction(1, 10**4))
@@ -187,7 +190,9 @@ def test_gains_that_are_claimed_narrower_than_they_are_leave_the_certificate_und
         decision = decided(problem, claiming(each))
         assert decision.verdict is Verdict.UNDECIDED
         assert decision.step == "gains"
-    wide = Interval(gain.lo - Fraction(1, 100), gain.hi + Fraction(1, 100))
+    below = gain.lo - Fraction(1, 100)
+    above = gain.hi + Fraction(1, 100)
+    wide = Interval(below, above)
     assert is_proved(problem, claiming(wide))
 
 
@@ -294,7 +299,8 @@ def test_without_a_pair_nothing_is_covered_but_exact_estimates():
     radius = Fraction("2.88")
     assert is_proved(problem, lure)
     assert covers(loop, lure, radius=radius)
-    assert not covers(loop, lure, radius=radius, disturbance=Fraction(1, 10**6))
+    tiny = Fraction(1, 10**6)
+    assert not covers(loop, lure, radius=radius, disturbance=tiny)
     assert covered_radius(loop, lure, disturbance=Fraction(50)) == 0.0
 
 

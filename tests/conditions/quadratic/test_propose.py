@@ -132,7 +132,8 @@ def test_linear_couplings_are_certified_iff_the_loop_is_stable(seed):
     """Lyapunov's theorem, with eigenvalues as the truth from outside; the domain is all of
     space."""
     problem = random_problem(seed, coupling="y", pin=0.4)
-    columns = [field(problem, "G0", e) for e in np.eye(problem.n)]
+    units = np.eye(problem.n)
+    columns = [field(problem, "G0", e) for e in units]
     J = np.column_stack(columns)
     abscissa = float(np.max(np.linalg.eigvals(J).real))
     assert abs(abscissa) > 1e-6 or abscissa > -1e-12
@@ -157,7 +158,8 @@ def test_two_agents_are_certified_up_to_their_other_equilibrium_and_never_beyond
     lure = found(problem)
     assert 0.75 * truth < lure.radius < truth
     largest = reach(problem, lure)
-    assert 0.75 * truth / math.sqrt(2) < largest < truth / math.sqrt(2)
+    lower = 0.75 * truth / math.sqrt(2)
+    assert lower < largest < truth / math.sqrt(2)
 
 
 def test_an_asked_rate_is_kept_and_can_be_raised_to_its_edge():
@@ -168,14 +170,16 @@ def test_an_asked_rate_is_kept_and_can_be_raised_to_its_edge():
     faster = sped_up(problem, lure)
     assert faster.rate >= lure.rate
     edge = Fraction(str(rate_estimate(loop_of(problem), lure)))
-    assert not is_proved(problem, replace(lure, rate=edge * Fraction(101, 100)))
+    changed = replace(lure, rate=edge * Fraction(101, 100))
+    assert not is_proved(problem, changed)
 
 
 @pytest.mark.slow
 def test_one_certificate_serves_every_mode():
     """Stand-in modes of theory, section 9: circulants, i listens to i + s, agents 1 and 6 pinned, k
     = 5."""
-    steps = {"Ga": (1,), "Gb": (1, 9), "Gc": (1, 3), "Gd": (1, 2, 5)}
+    long_steps = (1, 2, 5)
+    steps = {"Ga": (1,), "Gb": (1, 9), "Gc": (1, 3), "Gd": long_steps}
     arcs = {}
     for name, each in steps.items():
         arcs[name] = [[i, (i - 1 + s) % 10 + 1] for i in range(1, 11) for s in each]
@@ -252,7 +256,8 @@ def test_no_start_on_the_boundary_leaves_and_v_decays_at_the_rate(n, gains, opti
     times = np.linspace(0, 4, 30)
     V = values_along(problem, lure, lure.level, times)
     assert np.allclose(V[:, 0], float(lure.level))
-    bound = float(lure.level) * np.exp(-2 * float(lure.rate) * times)
+    decay = -2 * float(lure.rate) * times
+    bound = float(lure.level) * np.exp(decay)
     assert np.max(V / bound) <= 1 + 1e-6
 
 
@@ -307,7 +312,10 @@ def test_a_component_with_an_irrational_slope_beside_a_curved_one_has_a_radius_a
 )
 def test_the_linear_rate_is_that_of_the_slowest_eigenvalue(coupling, slope):
     """J - K of the directed 4-cycle with one pin, by NumPy."""
-    J = slope * (np.roll(np.eye(4), 1, axis=1) - np.eye(4)) - np.diag([3.0, 0, 0, 0])
+    ring = np.roll(np.eye(4), 1, axis=1)
+    forward = ring - np.eye(4)
+    pins = np.diag([3.0, 0, 0, 0])
+    J = slope * forward - pins
     truth = -float(np.max(np.linalg.eigvals(J).real))
     problem = cycle(4, {1: 3}, coupling=coupling)
     one_pin = loop_of(problem)

@@ -39,7 +39,8 @@ def relied_on(arcs, coupling, **more):
 
 def test_the_secant_gain_of_the_paper_on_two_is_that_of_the_theory():
     """Theory, section 9: [1.432332, 4.194528], widened by 1e-5 of it and a digit."""
-    ((gain,),) = ranges_of(cycle(3, 1))[0].entries
+    ranges = ranges_of(cycle(3, 1))[0]
+    ((gain,),) = ranges.entries
     lowest = Fraction((1 - np.exp(-2)) / 2 + 1)
     highest = Fraction((np.exp(2) - 1) / 2 + 1)
     rounding = Fraction(1, 10**12)
@@ -54,7 +55,9 @@ def test_gains_of_random_points_lie_in_the_range(text):
     """H(y)/y in floats at 2000 points."""
     coupling = make_coupling(text, dimension=1)
     ((gain,),) = gains_on(coupling, TWO)
-    y = np.random.default_rng(0).uniform(-2, 2, 2000)[:, None]
+    rng = np.random.default_rng(0)
+    drawn = rng.uniform(-2, 2, 2000)
+    y = drawn[:, None]
     values = (coupling.value(y) / y).ravel()
     assert float(gain.lo) - 1e-9 <= values.min()
     assert values.max() <= float(gain.hi) + 1e-9
@@ -68,17 +71,21 @@ def test_a_coupling_of_vectors_has_mean_jacobians_in_its_range():
     coupling = make_coupling(["y1 + y2**3", "tanh(y2) - y1/2"], dimension=2)
     entries = gains_on(coupling, TWO)
     nodes, weights = np.polynomial.legendre.leggauss(12)
-    for y in np.random.default_rng(1).uniform(-2, 2, (300, 2)):
+    drawn = np.random.default_rng(1)
+    for y in drawn.uniform(-2, 2, (300, 2)):
         z = (nodes + 1) / 2 * y[1]
         cubed = weights @ (3 * z**2) / 2
         bent = weights @ (1 - np.tanh(z) ** 2) / 2
         mean = np.array([[1.0, cubed], [-0.5, bent]])
         for c, d in np.ndindex(2, 2):
             gain = entries[c][d]
-            assert float(gain.lo) - 1e-6 <= mean[c, d] <= float(gain.hi) + 1e-6
+            lower = float(gain.lo) - 1e-6
+            assert lower <= mean[c, d] <= float(gain.hi) + 1e-6
     assert entries[0][0] == Interval.point(1)
     assert entries[1][0] == Interval.point(Fraction(-1, 2))
-    assert entries[0][1].contains(Interval(Fraction(0), Fraction(4)))  # of a sum, y2^3 / y2
+    first_entry = entries[0][1]
+    expected = Interval(Fraction(0), Fraction(4))
+    assert first_entry.contains(expected)  # of a sum, y2^3 / y2
     product = gains_on(make_coupling(["y1*y2", "y2"], dimension=2), TWO)
     assert product[0][0].contains(Interval(-TWO, TWO))
 
@@ -90,14 +97,17 @@ def test_channels_with_the_true_gains_give_h_back(seed):
     coupling = ["y1 + y2**2*y1/4", "y2/2 - y1"] if vector else "exp(y) - 1"
     problem = random_problem(seed, m=2, coupling=coupling)
     sectors = sectors_of(problem, ranges_of(problem))
-    e = np.random.default_rng(seed).uniform(-0.9, 0.9, problem.n * 2)
+    rng = np.random.default_rng(seed)
+    e = rng.uniform(-0.9, 0.9, problem.n * 2)
     x = e.reshape(-1, 2)
     felt = np.zeros_like(e)
     wanted = np.zeros_like(x)
     weights = {}
     for listener, speaker, weight in problem.network.modes["G0"]:
         weights[listener, speaker] = float(weight)
-        wanted[listener] += float(weight) * problem.coupling.value(x[speaker] - x[listener])
+        difference = x[speaker] - x[listener]
+        pull = problem.coupling.value(difference)
+        wanted[listener] += float(weight) * pull
     for channel in sectors.modes["G0"]:
         y = e[channel.plus] - e[channel.minus]
         other = e[channel.plus ^ 1] - e[channel.minus ^ 1]  # the other component of the same arc

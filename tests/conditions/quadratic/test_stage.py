@@ -30,12 +30,12 @@ def ring(
     n: int, gains: Any, *, side: str | None = "1", coupling: Any = PAPER, s: str | None = None
 ) -> Problem:
     """Agent i listens to agent i + 1; every |e_i| <= side; with ``s`` also the paper's observer."""
-    arcs = [[i, i % n + 1] for i in range(1, n + 1)]
+    agents = range(1, n + 1)
+    arcs = [[i, i % n + 1] for i in agents]
     given: dict[str, Any] = {"coupling": coupling, "gains": gains}
     if side is not None:
-        states = ((-Fraction(side), Fraction(side)),) * (
-            len(coupling) if isinstance(coupling, list) else 1
-        )
+        side_range = ((-Fraction(side), Fraction(side)),)
+        states = side_range * (len(coupling) if isinstance(coupling, list) else 1)
         given["region"] = Region(
             initial_states=states, initial_disturbance=None if s is None else Fraction(s)
         )
@@ -117,9 +117,8 @@ def test_on_request_every_method_is_tried():
     named = ["P_e = I", "a diagonal P_e", "a full P_e", "interval bounds"]
     found = [part.partition(":")[0] for part in methods.split(", ")]
     assert found == named
-    assert float(methods.rpartition("interval bounds: ")[2].rstrip(".")) == pytest.approx(
-        1.4865, rel=1e-3
-    )
+    bound = methods.rpartition("interval bounds: ")[2].rstrip(".")
+    assert float(bound) == pytest.approx(1.4865, rel=1e-3)
 
 
 def test_every_form_is_tried_where_none_covers_and_few_arcs_also_corner_by_corner(monkeypatch):
@@ -137,10 +136,9 @@ def test_every_form_is_tried_where_none_covers_and_few_arcs_also_corner_by_corne
         "the region needs 5.65685: beyond, no quadratic V is found. Largest |e| by method: P_e"
         in check.reason
     )
-    balls = [
-        float(each.strip(" ."))
-        for each in re.findall(r": ([0-9.]+)", check.reason.partition("by method")[2])
-    ]
+    methods = check.reason.partition("by method")[2]
+    numbers = re.findall(r": ([0-9.]+)", methods)
+    balls = [float(each.strip(" .")) for each in numbers]
     assert len(balls) == 4
     assert (
         check.domain.radius
@@ -162,7 +160,8 @@ def test_corners_are_tried_up_to_a_number_of_channels(monkeypatch):
             level=Fraction(1, 2),
             multipliers=taus,
         )
-        found = [each.lure.method for each in quadratic._bounds(asked(problem), lure)]
+        bounds = quadratic._bounds(asked(problem), lure)
+        found = [each.lure.method for each in bounds]
         assert found == ["vertices"] * (n == 2)
 
 
@@ -235,16 +234,17 @@ def test_a_library_that_breaks_down_costs_the_certificate_only(monkeypatch):
 @pytest.mark.parametrize("text", ["exp(y) - 1 + y", "sin(y)", "y + abs(y)/3", "tanh(y)"])
 def test_gains_are_claimed_with_room_on_both_sides(text):
     problem = ring(2, 1, coupling=text)
-    ((tight,),), ((wide,),) = (
-        gains_on(problem.couplings[0], Fraction(2)),
-        enclose_ranges(loop_of(problem), radius=Fraction(2))[0].entries,
-    )
+    tight_gains = gains_on(problem.couplings[0], Fraction(2))
+    wide_gains = enclose_ranges(loop_of(problem), radius=Fraction(2))[0].entries
+    ((tight,),), ((wide,),) = (tight_gains, wide_gains)
     assert wide.lo < tight.lo
     assert tight.hi < wide.hi
-    assert wide.width < tight.width + Fraction(1, 10_000) * (1 + tight.magnitude)
+    tolerance = Fraction(1, 10_000) * (1 + tight.magnitude)
+    assert wide.width < tight.width + tolerance
     linear = ring(2, 1, coupling="3*y/7")
     found = enclose_ranges(loop_of(linear), radius=Fraction(2))
-    assert found[0].entries == gains_on(linear.couplings[0], Fraction(2))
+    expected = gains_on(linear.couplings[0], Fraction(2))
+    assert found[0].entries == expected
 
 
 @pytest.mark.slow

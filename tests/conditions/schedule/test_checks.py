@@ -10,6 +10,7 @@ from checker_files.separable import problems
 from checker_files.settling import GOOD, LINE, SEEN, STRETCHED, bent
 from texts import exact_matrix
 
+from dobc_design.conditions.case import Case
 from dobc_design.conditions.check import check_from_json
 from dobc_design.conditions.domain import NEAR_TARGET
 from dobc_design.conditions.schedule.checks import (
@@ -36,7 +37,8 @@ def test_a_claim_is_read_decided_once_more_and_written_as_it_was(name: str, docu
     assert check.verdict == Verdict.PROVED
     assert check.domain.to_json() == document["domain"]
     assert read_claim(through_json(check), loop_of(problem), W) == claim
-    found = confirm(check, loop_of(problem), W, domain=NEAR_TARGET)
+    case = Case(loop=loop_of(problem), W=W, domain=NEAR_TARGET)
+    found = confirm(check, case)
     assert found is None
 
 
@@ -73,12 +75,8 @@ def test_what_cannot_be_such_a_claim_raises(changes: Document, words: str):
 def test_an_undecided_settling_claims_nothing():
     problem = problems()["line"]
     claim = read_claim(check_from_json(LINE), loop_of(problem), None)
-    open_one = replace(
-        settling_of(loop_of(problem), claim, ""),
-        verdict=Verdict.UNDECIDED,
-        reason="none was found.",
-        claim=None,
-    )
+    settled = settling_of(loop_of(problem), claim, "")
+    open_one = replace(settled, verdict=Verdict.UNDECIDED, reason="none was found.", claim=None)
     check = settling_check(loop_of(problem), None, open_one, domain=NEAR_TARGET)
     assert check.verdict == Verdict.UNDECIDED
     assert check.domain == NEAR_TARGET

@@ -68,7 +68,8 @@ def problem(
 
 
 def chain(**turns: Any) -> Problem:
-    return problem({"A": [[3, 2]], "B": [[2, 1]]}, **turns)
+    modes = {"A": [[3, 2]], "B": [[2, 1]]}
+    return problem(modes, **turns)
 
 
 def in_turn(sequence: str = "", dwell: Any = 1, **more: Any) -> Problem:
@@ -89,7 +90,8 @@ def growth_over_a_round(systems: Any, dwell: float) -> float:
     whole = np.eye(len(systems[0]))
     for M in systems:
         whole = expm(dwell * np.array(M)) @ whole
-    return float(np.abs(np.linalg.eigvals(whole)).max())
+    sizes = np.abs(np.linalg.eigvals(whole))
+    return float(sizes.max())
 
 
 def accepted(result: Any) -> tuple[bool, bool]:
@@ -106,18 +108,17 @@ def schedule_of(found: Any) -> Any:
 
 
 def lengths(own: Problem) -> list[tuple[str, Fraction, Fraction | None, tuple[int, ...], bool]]:
-    return [
-        (each.mode, each.shortest, each.longest, each.successors, each.first)
-        for each in phases_of(own)
-    ]
+    phases = []
+    for each in phases_of(own):
+        phase = (each.mode, each.shortest, each.longest, each.successors, each.first)
+        phases.append(phase)
+    return phases
 
 
 def test_after_a_dwell_any_other_mode_may_follow():
-    assert lengths(LASTING) == [
-        ("A", ONE, None, (1, 2), True),
-        ("B", ONE, None, (0, 2), True),
-        ("C", ONE, None, (0, 1), True),
-    ]
+    in_b = ("B", ONE, None, (0, 2), True)
+    in_c = ("C", ONE, None, (0, 1), True)
+    assert lengths(LASTING) == [("A", ONE, None, (1, 2), True), in_b, in_c]
     brief = problem(guarantee="dwell", dwell=1, longest=2)
     assert {each.longest for each in phases_of(brief)} == {TWO}
 
@@ -138,22 +139,26 @@ def test_after_a_dwell_any_other_mode_may_follow():
 )
 def test_a_sequence_has_one_phase_after_the_other(turns, expected):
     count = len(expected)
-    assert lengths(problem(guarantee="sequence", **turns)) == [
-        (mode, time, time, ((k + 1) % count,), k == 0) for k, (mode, time) in enumerate(expected)
-    ]
+    found = lengths(problem(guarantee="sequence", **turns))
+    wanted = []
+    for k, (mode, time) in enumerate(expected):
+        wanted.append((mode, time, time, ((k + 1) % count,), k == 0))
+    assert found == wanted
 
 
 def test_there_are_no_phases_without_a_guarantee_or_with_one_mode():
     assert phases_of(problem(signal="random", dwell=1)) == ()
     assert phases_of(problem(guarantee="arbitrary", dwell=1)) == ()
-    assert phases_of(problem({"A": [[2, 1]]}, guarantee="dwell", dwell=1)) == ()
+    one_mode = problem({"A": [[2, 1]]}, guarantee="dwell", dwell=1)
+    assert phases_of(one_mode) == ()
     any_mode = loop_of(problem(signal="random", dwell=1))
     assert why_not(any_mode, None, BARE) is not None
 
 
 def test_asking_for_phases_does_not_hash_the_generator_of_a_chain(monkeypatch):
     """It has as many entries as pairs of modes, and every refuted check of a mode asks."""
-    own = problem(guarantee="markov", generator=[[-1, 1, 0], [0, -1, 1], [1, 0, -1]])
+    rates = [[-1, 1, 0], [0, -1, 1], [1, 0, -1]]
+    own = problem(guarantee="markov", generator=rates)
 
     def hashed(_: Any) -> int:
         raise AssertionError
@@ -171,14 +176,18 @@ def test_a_round_that_leaves_the_floats_is_undecided():
 
 def test_a_sequence_that_repeats_a_shorter_one_has_its_phases():
     """Also in the second program; other lengths make another sequence."""
-    for times, dwell, once in ((50, 1, 1), (2, [1, 2, 1, 2], [1, 2])):
+    by_the_number = (50, 1, 1)
+    pairs = [1, 2, 1, 2]
+    in_turns = (2, pairs, [1, 2])
+    for times, dwell, once in (by_the_number, in_turns):
         own = in_turn("AB" * times, dwell)
         shorter = in_turn("AB", once)
         assert lengths(own) == lengths(shorter)
         found = second_loop(own).guarantee.phases
         again = [(each.mode, each.shortest) for each in found]
         assert again == [(each.mode, each.shortest) for each in phases_of(own)]
-    assert len(phases_of(in_turn("ABAB", [1, 2, 1, 1]))) == 4
+    turns = in_turn("ABAB", [1, 2, 1, 1])
+    assert len(phases_of(turns)) == 4
     assert len(phases_of(in_turn("ABA"))) == 3
 
 
@@ -189,12 +198,14 @@ def test_the_work_of_a_sequence_grows_like_its_phases():
         turns = "AA"
         for k in range(count // 2 - 1):
             turns += "BA" if k % 3 else "BB"
-        own = in_turn(turns, "1/10", modes={"A": [[2, 1]], "B": [[3, 2]]})
+        modes = {"A": [[2, 1]], "B": [[3, 2]]}
+        own = in_turn(turns, "1/10", modes=modes)
         assert len(phases_of(own)) == count
         with at_most(10**9):
             claim = propose_cycles.propose(loop_of(own), None, rho=None, error=None)
             account = work._ACCOUNT.get()
-        assert claim.rate > 0 and account is not None
+        assert claim.rate > 0
+        assert account is not None
         return account.granted - account.left
 
     assert steps(100) <= 3.6 * steps(30)
@@ -245,18 +256,18 @@ def test_cycles_that_do_not_reach_every_agent(own: Problem, missed):
 
 
 def test_claims_that_cannot_be_are_refused():
-    one = Weights(times=(ZERO, ONE), v=((ONE,), (ONE,)))
+    box = ((ONE,), (ONE,))
+    one = Weights(times=(ZERO, ONE), v=box)
     good = Cycles(phases=(one,), rate=ONE, rho=ONE)
     for changes in [{"rate": None}, {"phases": ()}, {"rate": ZERO}, {"rho": ZERO}]:
         with pytest.raises(SpecError):
             replace(good, **changes)
-    not_weights = [
-        {"times": (), "v": ()},
-        {"times": (ONE,), "v": ((ONE,),)},
-        {"times": (ZERO, ZERO)},
-        {"v": one.v[:1]},
-        {"v": ((ONE,), (ZERO,))},
-    ]
+    nothing = {"times": (), "v": ()}
+    one_vertex = {"times": (ONE,), "v": ((ONE,),)}
+    touching = {"v": ((ONE,), (ZERO,))}
+    still = {"times": (ZERO, ZERO)}
+    one_weight = {"v": one.v[:1]}
+    not_weights = [nothing, one_vertex, still, one_weight, touching]
     for each in not_weights:
         weights = replace(one, **each)
         with pytest.raises(SpecError):
@@ -278,7 +289,9 @@ def test_three_agents_that_are_never_connected():
 
 
 def test_half_a_ring_at_a_time_holds_by_the_graphs():
-    own = ring({1: 5, 6: 5}, region={"initial_states": [-4, 4]})
+    gains = {1: 5, 6: 5}
+    region = {"initial_states": [-4, 4]}
+    own = ring(gains, region=region)
     loop = loop_of(own)
     claim = Cycles(phases=(), rate=None, rho=Fraction(4))
     assert why_not(loop, None, claim) is None
@@ -293,7 +306,9 @@ def test_half_a_ring_at_a_time_holds_by_the_graphs():
 def test_half_a_ring_at_a_time_has_a_rate_from_far_out():
     """Where exp is steep it is far below that near the target; by the graphs alone there would be
     none."""
-    result = certify(ring({1: 5, 6: 5}, region={"initial_states": [-4, 4]}))
+    gains = {1: 5, 6: 5}
+    region = {"initial_states": [-4, 4]}
+    result = certify(ring(gains, region=region))
     check = schedule_of(result)
     assert check.verdict is Verdict.PROVED, check.reason
     assert 0.05 < check.rate < 0.4818
@@ -306,7 +321,8 @@ def test_half_a_ring_at_a_time_has_a_rate_from_far_out():
 
 @coarse_tables()
 def test_without_pins_nothing_is_proved():
-    check = schedule_of(certify(ring({}, region={"initial_states": [-4, 4]})))
+    unpinned = ring({}, region={"initial_states": [-4, 4]})
+    check = schedule_of(certify(unpinned))
     assert check.verdict is Verdict.UNDECIDED
     assert "no pin reaches agent 1" in check.reason
 
@@ -324,8 +340,10 @@ def test_half_a_ring_at_a_time_settles_nearly_as_soon_as_its_slowest_run(pins, d
     assert "for the signal odd" in settling.reason
     assert settling.time <= 2 * dwell * (rounds + 1)
     for sign in (-4, 4):
-        run = simulate(own, start=[[sign]] * 10, t_final=settling.time, samples=2000)
-        largest = np.abs(run.x[:, :, 0]).max(axis=1)
+        start = [[sign]] * 10
+        run = simulate(own, start=start, t_final=settling.time, samples=2000)
+        sizes = np.abs(run.x[:, :, 0])
+        largest = sizes.max(axis=1)
         bound = settling.envelope(run.times)
         assert np.all(largest <= bound * (1 + 1e-6))
         outside = np.flatnonzero(largest > 0.04)
@@ -337,14 +355,17 @@ def test_half_a_ring_at_a_time_settles_nearly_as_soon_as_its_slowest_run(pins, d
 def test_weights_that_move_take_over_from_a_box_and_both_programs_accept_it():
     """Agent 2 hears the pinned one in every other second; twin: a hundredth of the time sooner."""
     region = {"initial_states": [-1, 1]}
-    own = in_turn(modes={"A": [[2, 1]], "B": []}, n=2, region=region)
+    modes = {"A": [[2, 1]], "B": []}
+    own = in_turn(modes=modes, n=2, region=region)
     result = certify(own, settling="1/10")
     settling = result.settling
     assert settling.claim.kind == "schedule"
     assert "for the signal A for 1 s, B for 1 s" in settling.reason
     document = json.loads(certificate_bytes(result.claims))
     assert accepted_by(document, own) == (True, True)
-    for start in ([[1], [1]], [[1], [-1]]):
+    together = [[1], [1]]
+    apart = [[1], [-1]]
+    for start in (together, apart):
         run = simulate(own, start=start, t_final=settling.time)
         bound = settling.envelope(run.times)
         assert np.all(run.error() <= bound * (1 + 1e-6))
@@ -356,8 +377,10 @@ def test_weights_that_move_take_over_from_a_box_and_both_programs_accept_it():
 
 def test_starts_are_those_of_phases_that_may_be_first():
     times = (ZERO, ONE)
-    flat = Weights(times=times, v=((ONE,) * 3,) * 2)
-    high = Weights(times=times, v=((HALF,) * 3,) * 2)
+    ones = ((ONE,) * 3,) * 2
+    flat = Weights(times=times, v=ones)
+    halves = ((HALF,) * 3,) * 2
+    high = Weights(times=times, v=halves)
     claim = Cycles(phases=(flat, high), rate=ONE, rho=ONE)
     one_first = loop_of(chain(guarantee="sequence", dwell=1))
     lasting = loop_of(chain(guarantee="dwell", dwell=1))
@@ -373,10 +396,13 @@ def test_an_unstable_mode_refutes_only_where_it_may_stay_on():
     """Agent 1 runs away from agent 2 in B, at 4: exp(0.4 - 2) over 2.1 s where B lasts 0.1 s."""
     arcs = {"A": [], "B": [[1, 2]]}
     gains = {1: 1, 2: 1}
-    for turns in ({"guarantee": "dwell", "dwell": 1}, {"signal": "random", "dwell": 1}):
+    after_a_dwell = {"guarantee": "dwell", "dwell": 1}
+    at_random = {"signal": "random", "dwell": 1}
+    for turns in (after_a_dwell, at_random):
         unstable = problem(arcs, n=2, coupling="-5*y", gains=gains, **turns)
         assert certify(unstable).verdict is Verdict.REFUTED
-    brief = certify(in_turn("AB", [2, "1/10"], modes=arcs, n=2, coupling="-5*y", gains=gains))
+    briefly_on_b = in_turn("AB", [2, "1/10"], modes=arcs, n=2, coupling="-5*y", gains=gains)
+    brief = certify(briefly_on_b)
     assert brief.verdict is not Verdict.REFUTED
     assert recheck(brief.claims, brief.problem).holds
 
@@ -415,22 +441,30 @@ def test_double_integrators_that_are_never_connected(
     dynamics = Dynamics(A=matrix("0 1; 0 -3"), B=matrix("0; 1"))
     gains = {1: [[1, 0]]}
     turns = Switching(guarantee="sequence", sequence=["A", "B"], dwell=2)
-    network = Network.from_arcs({"A": [[3, 2]], "B": [[2, 1]]}, arrow="listens_to", agents=3)
+    modes = {"A": [[3, 2]], "B": [[2, 1]]}
+    network = Network.from_arcs(modes, arrow="listens_to", agents=3)
     plant = {"target": [0, 0], "gains": gains, "dynamics": dynamics}
     own = Problem(network=network, coupling=coupling, region=region, switching=turns, **plant)
     with few_chords(tried), few_coordinates(), only(schedule_stage):
         result = certify(own)
     check = schedule_of(result)
     assert result.verdict is check.verdict is Verdict.PROVED
-    alone = np.kron(np.eye(3), [[0, 1], [0, -3]])
+    free_motion = [[0, 1], [0, -3]]
+    alone = np.kron(np.eye(3), free_motion)
     felt = [[0, 0], [1, 0]]
-    laplacians = ([[1, 0, 0], [0, 0, 0], [0, -1, 1]], [[1, 0, 0], [-1, 1, 0], [0, 0, 0]])
-    rate = -np.log(growth_over_a_round([alone - np.kron(L, felt) for L in laplacians], 2)) / 4
+    in_mode_a = [[1, 0, 0], [0, 0, 0], [0, -1, 1]]
+    in_mode_b = [[1, 0, 0], [-1, 1, 0], [0, 0, 0]]
+    laplacians = (in_mode_a, in_mode_b)
+    motions = [alone - np.kron(L, felt) for L in laplacians]
+    growth = np.log(growth_over_a_round(motions, 2))
+    rate = -growth / 4
     assert least * rate <= float(check.rate) <= rate
     assert accepted(result) == (True, True)
     assert result.weights == ()
-    run = simulate(own, start={"x": [[0.05, -0.05]] * 3}, t_final=12)
-    largest = np.abs(run.x).max(axis=(1, 2))
+    moving_apart = {"x": [[0.05, -0.05]] * 3}
+    run = simulate(own, start=moving_apart, t_final=12)
+    errors = np.abs(run.x)
+    largest = errors.max(axis=(1, 2))
     envelope = result.envelope(run)
     assert np.all(largest <= envelope(run.times) + 1e-12)
 
@@ -439,7 +473,8 @@ def test_double_integrators_that_are_never_connected(
 def test_agents_whose_dynamics_couple_components_are_seen_in_coordinates():
     """p' = q + sum of (p_j - p_i), q' = -3 q + sum of (q_j - q_i): by component the pinned agent
     looks unreached."""
-    network = Network.from_arcs({"A": [], "B": [[2, 1]]}, arrow="listens_to", agents=2)
+    modes = {"A": [], "B": [[2, 1]]}
+    network = Network.from_arcs(modes, arrow="listens_to", agents=2)
     turns = Switching(guarantee="sequence", sequence=["A", "B"], dwell=1)
     agents = Dynamics(A=matrix("0 1; 0 -3"))
     own = Problem(
@@ -448,8 +483,11 @@ def test_agents_whose_dynamics_couple_components_are_seen_in_coordinates():
     result = certify(own)
     check = schedule_of(result)
     assert result.verdict is check.verdict is Verdict.PROVED
-    alone = np.kron(np.eye(2), [[0, 1], [0, -3]])
-    laplacians = ([[1, 0], [0, 0]], [[1, 0], [-1, 1]])
+    free_motion = [[0, 1], [0, -3]]
+    alone = np.kron(np.eye(2), free_motion)
+    in_mode_a = [[1, 0], [0, 0]]
+    in_mode_b = [[1, 0], [-1, 1]]
+    laplacians = (in_mode_a, in_mode_b)
     systems = [alone - np.kron(L, np.eye(2)) for L in laplacians]
     rate = -np.log(growth_over_a_round(systems, 1)) / 2
     assert 0.9 * rate <= float(check.rate) <= rate
@@ -465,17 +503,20 @@ def test_weights_settle_where_the_map_shrinks_and_end_where_it_grows_or_takes_to
     alone = [Phase(mode="A", shortest=ONE, longest=ONE, successors=(0,), first=True)]
 
     def settled(factor, *, most=100.0, steps=100):
+        start = [np.ones(2)]
         return propose_cycles._settled(
-            alone, lambda p, x: factor * x + 1, [np.ones(2)], most=most, steps=steps
+            alone, lambda p, x: factor * x + 1, start, most=most, steps=steps
         )
 
     (found,) = settled(0.5)
     assert found == pytest.approx([2, 2], rel=1e-2)
-    assert np.all(0.5 * found + 1 <= found * (1 + propose_cycles.SETTLED))
+    next_one = found * (1 + propose_cycles.SETTLED)
+    assert np.all(0.5 * found + 1 <= next_one)
     assert settled(0.5, most=1.5) is None  # too large
     assert settled(1.1) is None  # grows for ever
     assert settled(0.9, steps=2) is None  # not within so many steps
-    stuck = propose_cycles._settled(alone, lambda p, x: None, [np.ones(2)], most=1.0, steps=1)
+    ones = [np.ones(2)]
+    stuck = propose_cycles._settled(alone, lambda p, x: None, ones, most=1.0, steps=1)
     assert stuck is None  # no way on
 
 
@@ -483,7 +524,8 @@ def switched_pair(k: Any, dwell: Any, **more: Any) -> Problem:
     """e_1' = (1 - k) e_1 - e_2 in A and the same for e_2 in B: two agents that repel each other in
     turn."""
     modes = {"A": [[1, 2]], "B": [[2, 1]]}
-    return in_turn("AB", dwell, modes=modes, coupling="-y", n=2, gains={1: k, 2: k}, **more)
+    gains = {1: k, 2: k}
+    return in_turn("AB", dwell, modes=modes, coupling="-y", n=2, gains=gains, **more)
 
 
 @pytest.mark.parametrize("dwell", ["1/10", 1, 3])
@@ -509,13 +551,16 @@ def test_a_sequence_whose_round_expands_is_refuted_in_seconds_by_both_programs()
         "Consensus fails: errors grow by a factor of about 20.09 in every round of the signal A"
     )
     assert verify_twice(found.claims, own).holds
-    at_the_target = switched_pair("1/2", 3, region={"initial_states": [0, 0]})
+    region = {"initial_states": [0, 0]}
+    at_the_target = switched_pair("1/2", 3, region=region)
     assert certify(at_the_target).verdict is not Verdict.REFUTED
 
 
 def test_the_second_program_encloses_an_exponential():
     """Its bound of what the rows miss holds what SciPy gives, and is far below it."""
-    X = [[Fraction(1, 3), Fraction(-2)], [Fraction(5, 2), Fraction(-7, 4)]]
+    first = [Fraction(1, 3), Fraction(-2)]
+    second = [Fraction(5, 2), Fraction(-7, 4)]
+    X = [first, second]
     rows, missed = checker_cycles.exponential(X)
     unit = 2**checker_cycles.BITS
     found = np.array(rows, dtype=object) / unit
@@ -527,13 +572,17 @@ def test_the_second_program_encloses_an_exponential():
 def test_a_false_claim_is_not_halved_all_along():
     """A row that fails everywhere on 1000 segments: without a bound 2^11 parts of each are looked
     at."""
-    own = in_turn("AB", modes={"A": [[2, 1]], "B": [[3, 2]]})
+    modes = {"A": [[2, 1]], "B": [[3, 2]]}
+    own = in_turn("AB", modes=modes)
     rows = moving_rows(loop_of(own), ONE, ["A"])
     # all weights fall, agent 2 is held by 1
-    v = [(Fraction(2000 - k, 2000),) * 3 for k in range(1001)]
+    v = []
+    for k in range(1001):
+        v.append((Fraction(2000 - k, 2000),) * 3)
     times = [Fraction(k, 1000) for k in range(1001)]
     with at_most(10**6):
-        open_ones = rows.open_segments(Box.of(v, v), times, np.zeros(1001))
+        box = Box.of(v, v)
+        open_ones = rows.open_segments(box, times, np.zeros(1001))
         account = work._ACCOUNT.get()
     assert open_ones == list(range(1000))
     assert account.granted - account.left < 30_000

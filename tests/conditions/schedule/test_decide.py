@@ -73,7 +73,10 @@ def test_every_condition_that_fails_is_named(name: str, document: dict, words: s
 def test_boxes_that_cannot_be_are_refused():
     one = exact_matrix("1") * 2
     second = (F(0), F(1))
-    for times in ((), (F(1), F(2)), (F(0), F(0)), (F(1), F(0))):
+    increasing = (F(1), F(2))
+    standing = (F(0), F(0))
+    backwards = (F(1), F(0))
+    for times in ((), increasing, standing, backwards):
         with pytest.raises(SpecError, match="times must rise from 0"):
             Tube(times=times, upper=one, lower=one)
     with pytest.raises(SpecError, match="one box for each time"):
@@ -103,14 +106,16 @@ def alone(k: int, *, steps: int, room: float) -> Tube:
     for each in range(steps + 1):
         times.append(F(each, steps))
         shrunk = (1 + F(k, steps)) ** -each
-        boxes.append((shrunk * (1 + F(room) * each),))
+        wider = shrunk * (1 + F(room) * each)
+        boxes.append((wider,))
     return Tube(times=tuple(times), upper=tuple(boxes), lower=tuple(boxes))
 
 
 def test_the_tube_of_one_agent_is_as_close_to_its_run_as_its_steps_are_short_and_never_below():
     """e = exp(-k t); chords with slope -k times their lower end lie above it by (k h / 2) k t."""
     k = 3
-    loop = loop_of(listening([], "y", n=1, gains={1: k}, target=0))
+    one_agent = listening([], "y", n=1, gains={1: k}, target=0)
+    loop = loop_of(one_agent)
     for steps, gap in ((50, 0.05), (200, 0.013)):
         tube = alone(k, steps=steps, room=1e-9)
         tighter = alone(k, steps=steps, room=-1e-9)
@@ -118,7 +123,9 @@ def test_the_tube_of_one_agent_is_as_close_to_its_run_as_its_steps_are_short_and
         assert open_segments(loop, tighter, disturbance=F(0)) != []
         widths = [float(width) for (width,) in tube.upper]
         exact = [math.exp(-k * t) for t in tube.times]
-        excess = [width / run - 1 for width, run in zip(widths, exact, strict=True)]
+        excess = []
+        for width, run in zip(widths, exact, strict=True):
+            excess.append(width / run - 1)
         assert min(excess) >= 0
         assert max(excess) <= k * gap * 2
 
@@ -126,11 +133,14 @@ def test_the_tube_of_one_agent_is_as_close_to_its_run_as_its_steps_are_short_and
 def test_a_certificate_alone_settles_at_the_logarithm_of_closed_form():
     """e' = -2 e for two equal agents: |e| <= tol from ln(1/tol)/2 on, and not a billionth
     before."""
-    loop = loop_of(listening([[2, 1]], "y", n=2, gains={1: 2, 2: 2}, target=0))
+    chain = listening([[2, 1]], "y", n=2, gains={1: 2, 2: 2}, target=0)
+    loop = loop_of(chain)
     exactly = math.log(100) / 2
+    tube = Tube.start(loop, F(1), None)
+    certificate = Separable(v=(F(1), F(1)), alpha=F(2), rho=None)
     later = Descent(
-        tube=Tube.start(loop, F(1), None),
-        certificate=Separable(v=(F(1), F(1)), alpha=F(2), rho=None),
+        tube=tube,
+        certificate=certificate,
         level=F(1),
         height=F(1),
         radius=F(1),
@@ -156,10 +166,13 @@ class Runs:
         """The errors at these times, the first one now: (runs, n, times)."""
 
         def slope(t: float, flat: np.ndarray) -> np.ndarray:
-            return field(self.problem, mode, flat.reshape(self.e.shape)).ravel()
+            errors = flat.reshape(self.e.shape)
+            change = field(self.problem, mode, errors)
+            return change.ravel()
 
         span = (times[0], times[-1])
-        run = solve_ivp(slope, span, self.e.ravel(), t_eval=times, rtol=1e-9, atol=1e-12)
+        start = self.e.ravel()
+        run = solve_ivp(slope, span, start, t_eval=times, rtol=1e-9, atol=1e-12)
         return run.y.reshape(*self.e.shape, len(times))
 
 
@@ -179,10 +192,15 @@ def excess(problem: dd.Problem, tube: Tube, *, runs: int = 60) -> float:
         mode = names[number % len(names)]
         found = Runs(problem=problem, e=e).through(mode, at)
         for k, share in enumerate((at - start) / (end - start)):
-            top = (1 - share) * upper[number] + share * upper[number + 1]
-            low = (1 - share) * lower[number] + share * lower[number + 1]
+            here = (1 - share) * upper[number]
+            there = share * upper[number + 1]
+            top = here + there
+            low_here = (1 - share) * lower[number]
+            low_there = share * lower[number + 1]
+            low = low_here + low_there
             above = float(np.max(found[:, :, k] / top))
-            below = float(np.max(-found[:, :, k] / low))
+            reached = -found[:, :, k] / low
+            below = float(np.max(reached))
             worst = max(worst, above, below)
         e = found[:, :, -1]
     return worst - 1
@@ -206,7 +224,9 @@ def test_no_run_leaves_a_tube_that_is_proved_and_some_leave_one_that_is_refused(
     with search():
         tube = settling_alone(problem, radius="9/10", tolerance=tolerance).claim.tube
         first, *others = tube.upper
-        narrower = [tuple(x * F(9, 10) for x in box) for box in others]
+        narrower = []
+        for box in others:
+            narrower.append(tuple(x * F(9, 10) for x in box))
         tight = replace(tube, upper=(first, *narrower))
         assert open_segments(loop_of(problem), tight, disturbance=F(0)) != []
     assert len(tube.times) > 2
@@ -226,7 +246,10 @@ def test_the_envelope_is_the_larger_face_and_then_the_certificate():
     assert np.allclose(bounds, wanted, rtol=1e-12)
     assert np.all(bounds >= wanted * (1 - 1e-15))
     assert settling.envelope(settling.time) <= 0.1 < settling.envelope(0.777)
-    assert [(stage.kind, stage.start, stage.bound) for stage in settling.stages] == [
-        ("moving box", 0, 1),
-        ("max-separable", F(1, 10), F(763, 1000)),
-    ]
+    stages = []
+    for stage in settling.stages:
+        stages.append((stage.kind, stage.start, stage.bound))
+    moving = ("moving box", 0, 1)
+    still = ("max-separable", F(1, 10), F(763, 1000))
+    expected = [moving, still]
+    assert stages == expected

@@ -58,7 +58,8 @@ def test_the_check_stands_in_the_certificate_and_both_programs_accept_it():
 
 
 def test_a_settling_time_changes_no_verdict():
-    without, beside = dd.certify(listening_pair(reach=1)), certified()
+    without = dd.certify(listening_pair(reach=1))
+    beside = certified()
     assert "settling" not in {check.id for check in without.checks}
     assert without.settling is None
     for name in ("verdict", "rate", "covered_by"):
@@ -67,17 +68,19 @@ def test_a_settling_time_changes_no_verdict():
 
 def test_the_envelope_comes_back_from_the_certificate_and_simulated_starts_stay_below_it():
     settling = certified().settling
-    assert (settling.radius, settling.tolerance) == (F(1), F(1, 100))
+    assert settling.radius == F(1)
+    assert settling.tolerance == F(1, 100)
     times = np.linspace(0, settling.time, 50)
     bounds = settling.envelope(times)
-    assert bounds[0] >= 1 and bounds[-1] <= 0.01
+    assert bounds[0] >= 1
+    assert bounds[-1] <= 0.01
     assert np.all(np.diff(bounds) <= 0)
     assert certified().regions.tolerance == 0.01
     for start in ([1, -1], [1, 1], [-1, 0.3]):
-        run = dd.simulate(
-            certified().problem, start={"x": [[x] for x in start]}, t_final=settling.time
-        )
-        assert np.all(run.error() <= settling.envelope(run.times) + 1e-7)
+        initial = {"x": [[x] for x in start]}
+        run = dd.simulate(certified().problem, start=initial, t_final=settling.time)
+        allowed = settling.envelope(run.times) + 1e-7
+        assert np.all(run.error() <= allowed)
 
 
 def test_a_claim_that_cannot_be_read_says_so():
@@ -104,8 +107,10 @@ def asked_beside(problem: dd.Problem, *checks: Check, tolerance: Fraction | None
 
 
 def test_starts_are_the_region_or_as_much_of_it_as_is_proved():
-    problem, none = listening_pair(reach=2), listening_pair(reach=None)
-    assert asked_beside(problem, box(2.0), tolerance=F(1, 9)).radius == 2
+    problem = listening_pair(reach=2)
+    none = listening_pair(reach=None)
+    ball = asked_beside(problem, box(2.0), tolerance=F(1, 9))
+    assert ball.radius == 2
     assert asked_beside(problem, box(1.5)).tolerance == F(3, 200)
     assert asked_beside(problem).radius == 2
     assert asked_beside(none, box(1.5)).radius == F(3, 2)
@@ -121,10 +126,10 @@ def test_without_starts_or_without_a_certificate_it_is_left_out():
 
 def line(coupling: str | list[str], **more: object) -> dd.Problem:
     """Agent 1 is pinned with 5, agent 2 hears it."""
-    network = dd.Network.from_arcs([[2, 1]], arrow="listens_to", agents=2)
-    return dd.Problem(
-        network=network, coupling=coupling, gains={1: 5}, region={"initial_states": [-1, 1]}, **more
-    )
+    arcs = [[2, 1]]
+    network = dd.Network.from_arcs(arcs, arrow="listens_to", agents=2)
+    region = {"initial_states": [-1, 1]}
+    return dd.Problem(network=network, coupling=coupling, gains={1: 5}, region=region, **more)
 
 
 def test_couplings_that_do_not_act_by_component_leave_it_undecided():
@@ -140,31 +145,39 @@ def test_couplings_that_do_not_act_by_component_leave_it_undecided():
 def test_agents_with_different_exosystems_settle_and_both_programs_accept_it():
     """e_i' = -2 e_i + eps_i, eps_i' = -b_i eps_i: the slower group's error decides; twin: one
     percent sooner."""
-    groups = [
-        dd.Group(agents=[agent], exosystem=exosystem_of("0", "1"), observer=dd.Observer(W=[[b]]))
-        for agent, b in ((1, 4), (2, 1))
-    ]
-    network, region = (
-        dd.Network.from_arcs([], arrow="listens_to", agents=2),
-        {"initial_states": [-1, 1]},
-    )
+    agents = ((1, 4), (2, 1))
+    groups = []
+    for agent, b in agents:
+        groups.append(
+            dd.Group(
+                agents=[agent], exosystem=exosystem_of("0", "1"), observer=dd.Observer(W=[[b]])
+            )
+        )
+    network = dd.Network.from_arcs([], arrow="listens_to", agents=2)
+    region = {"initial_states": [-1, 1]}
     region["initial_disturbance"] = 1
     problem = dd.Problem(network=network, coupling="y", gains=2, groups=groups, region=region)
     certificate = dd.certify(problem, settling="1/100")
     found = dd.verify(certificate, problem)
-    assert found.holds and "settling" in found.confirmed
+    assert found.holds
+    assert "settling" in found.confirmed
     # With e(0) = eps(0) = 1 agent 2 has e = exp(-t) exactly: no time before ln 100 is true.
     assert np.log(100) <= certificate.settling.time <= 3 * np.log(100)
     own = certificate.check("settling").exact["time"]
-    twin = dd.verify(changed(certificate, time=str(F(own) * F(99, 100))), problem)
-    assert not twin.holds and "settling" in twin.lone_checker
-    last = dict(certificate.check("settling").exact["last"]) | {"kind": "quadratic"}
+    too_early = str(F(own) * F(99, 100))
+    hurried = changed(certificate, time=too_early)
+    twin = dd.verify(hurried, problem)
+    assert not twin.holds
+    assert "settling" in twin.lone_checker
+    quadratic = certificate.check("settling").exact["last"]
+    last = dict(quadratic) | {"kind": "quadratic"}
     assert not dd.verify(changed(certificate, last=last), problem).holds
 
 
 @few_chords()
 def test_everything_with_a_region_includes_it_at_a_hundredth_of_the_radius():
-    assert dd.certify(line("y"), everything=True).check("settling").exact["tolerance"] == "1/100"
+    certificate = dd.certify(line("y"), everything=True)
+    assert certificate.check("settling").exact["tolerance"] == "1/100"
 
 
 @pytest.fixture(scope="module")
@@ -177,32 +190,46 @@ def test_example_1_holds_a_settling_time_that_the_lone_checker_decides():
     """R = 4, |eps_i| <= 1/2; Example 2 is among the evidence."""
     certificate = dd.certify("paper-fixed", settling="1/1000")
     assert dd.verify(certificate, "paper-fixed").holds
-    tube = json.loads(json.dumps(certificate.check("settling").to_json()))["exact"]["tube"]
+    text = json.dumps(certificate.check("settling").to_json())
+    settling = json.loads(text)["exact"]
+    tube = settling["tube"]
     middle = len(tube["times"]) // 2
-    tube["upper"][middle][4] = str(F(tube["upper"][middle][4]) * F(9, 10))
+    entry = F(tube["upper"][middle][4])
+    smaller = entry * F(9, 10)
+    tube["upper"][middle][4] = str(smaller)
     twin = dd.verify(changed(certificate, tube=tube), "paper-fixed")
-    assert not twin.holds and "settling" in twin.lone_checker
+    assert not twin.holds
+    assert "settling" in twin.lone_checker
 
 
 @pytest.mark.slow
 def test_example_1_settles_hardly_later_than_its_slowest_run(fixed):
     """Found: 19.81 s; the slowest simulated run takes 18.9 s, one rate for the box 43.7 s."""
     assert fixed.verdict is Verdict.PROVED
-    assert (fixed.radius, fixed.disturbance, fixed.tolerance) == (4, F(1, 2), F(1, 1000))
+    assert fixed.radius == 4
+    assert fixed.disturbance == F(1, 2)
+    assert fixed.tolerance == F(1, 1000)
     assert 18.9 < fixed.time <= 20.5
     assert fixed.single_time == pytest.approx(43.7, abs=0.5)
 
 
 @pytest.mark.slow
 def test_example_1_is_proved_again_and_fails_earlier_or_in_smaller_boxes(fixed):
-    problem, claim = dd.load_problem("paper-fixed"), fixed.claim
-    W, tube = observer_gain(loop_of(problem)), claim.tube
+    problem = dd.load_problem("paper-fixed")
+    claim = fixed.claim
+    W = observer_gain(loop_of(problem))
+    tube = claim.tube
     assert why_not(loop_of(problem), W, claim) is None
-    early = replace(claim, time=tube.ends + (claim.time - tube.ends) * F(999, 1000))
+    descending = claim.time - tube.ends
+    hurried = descending * F(999, 1000)
+    early = replace(claim, time=tube.ends + hurried)
     assert "by the time claimed" in why_not(loop_of(problem), W, early)
-    for k in range(1, len(tube.times), len(tube.times) // 5):
+    fifth = len(tube.times) // 5
+    for k in range(1, len(tube.times), fifth):
         box = tuple(x * F(19, 20) for x in tube.upper[k])
-        smaller = replace(tube, upper=(*tube.upper[:k], box, *tube.upper[k + 1 :]))
+        behind = tube.upper[k + 1 :]
+        upper = (*tube.upper[:k], box, *behind)
+        smaller = replace(tube, upper=upper)
         assert "a row does not hold" in why_not(loop_of(problem), W, replace(claim, tube=smaller))
 
 
@@ -233,8 +260,10 @@ def test_example_2_settles_three_times_sooner_than_one_rate_says_and_no_run_cros
 @pytest.mark.slow
 def test_all_pinned_alike_settle_as_their_gain_says():
     """V = 1 and alpha = k = 5: |e| <= R exp(-5 t), so ln(2000)/5 s."""
-    settling = settling_alone(cycle(4, gains=5), radius=2, tolerance="1/1000")
-    assert settling.time == pytest.approx(np.log(2000) / 5, abs=1e-3)
+    at_first = cycle(4, gains=5)
+    settling = settling_alone(at_first, radius=2, tolerance="1/1000")
+    exactly = np.log(2000) / 5
+    assert settling.time == pytest.approx(exactly, abs=1e-3)
 
 
 @few_chords()
@@ -243,7 +272,9 @@ def test_a_linear_problem_settles_for_every_radius():
     settling = settling_alone(pair("y"), radius=100)
     assert settling.verdict is Verdict.PROVED
     times = np.linspace(0, settling.time, 200)
-    slowest = 100 * np.exp(-times) + 25 * (np.exp(-times) - np.exp(-5 * times))
+    slow = 100 * np.exp(-times)
+    fast = np.exp(-times) - np.exp(-5 * times)
+    slowest = slow + 25 * fast
     assert np.all(slowest <= settling.envelope(times) * (1 + INTEGRATION))
     assert settling.time >= np.log(125_000)
 
@@ -251,10 +282,12 @@ def test_a_linear_problem_settles_for_every_radius():
 @rough_settling()
 def test_starts_that_no_certificate_holds_leave_the_answer_undecided():
     """Sin, one pin: from |e| <= 4 other equilibria may be reached."""
-    settling = settling_alone(cycle(3, h="sin(y)"), radius=4, tolerance=2)
+    turning = cycle(3, h="sin(y)")
+    settling = settling_alone(turning, radius=4, tolerance=2)
     assert settling.verdict is Verdict.UNDECIDED
     assert "no moving box was found from |e|_inf <= 4" in settling.reason
-    assert settling.time is None and settling.stages == ()
+    assert settling.time is None
+    assert settling.stages == ()
     with pytest.raises(SpecError, match="no envelope"):
         settling.envelope(1.0)
 
@@ -300,8 +333,9 @@ def test_without_a_region_the_starts_have_to_be_given():
     ],
 )
 def test_wrong_numbers_are_refused_by_name(numbers, message):
+    options = {"settling": 1, "settling_radius": 1} | numbers
     with pytest.raises(SpecError, match=message):
-        dd.certify(cycle(3), **({"settling": 1, "settling_radius": 1} | numbers))
+        dd.certify(cycle(3), **options)
 
 
 def test_the_envelope_has_no_other_times_than_those_from_zero_on():

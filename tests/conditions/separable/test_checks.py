@@ -159,7 +159,8 @@ def test_agents_that_hear_only_each_other_in_turn_are_shown():
     assert stuck_check(loop_of(CUBIC), None, domain=NEAR_TARGET) is None
     assert not stuck_agents(loop_of(CUBIC))
     # One agent removed: it is then heard from outside.
-    cases = (("2",), ("1", "2", "3"), ("2", "4"), None)
+    too_many = ("1", "2", "3")
+    cases = (("2",), too_many, ("2", "4"), None)
     for labels in cases:
         witness = replace(check.witness, labels=labels)
         assert confirmed(replace(check, witness=witness), CROSSED) is not None
@@ -263,7 +264,9 @@ def test_a_sampling_period_is_for_an_estimate_that_is_not_held():
     T = e = 1.0
     held = []
     for t in np.arange(30.0):
-        disturbance = (np.cos(2 * t) - np.cos(2 * (t + T))) / 2
+        before = np.cos(2 * t)
+        after = np.cos(2 * (t + T))
+        disturbance = (before - after) / 2
         e += T * -e + disturbance - T * np.sin(2 * t)
         held.append(abs(e))
     assert max(held[-10:]) > 0.5
@@ -280,7 +283,9 @@ def test_rows_in_coordinates_say_nothing_about_delays_and_sampling():
     assert confirmed(turned, LINEAR) is None
     plain = proved(CLAIM, problem=LINEAR)
     bound = DelayBound(delay=F("0.9115"), rate=F(1, 5))
-    for check in (delayed(LINEAR, CLAIM, bound, plain), sampled(LINEAR, CLAIM, plain)):
+    late = delayed(LINEAR, CLAIM, bound, plain)
+    in_samples = sampled(LINEAR, CLAIM, plain)
+    for check in (late, in_samples):
         assert confirmed(check, LINEAR, beside=plain) is None
         wrong = confirmed(check, LINEAR, beside=turned)
         assert "needs a proved max-separable check" in wrong
@@ -298,7 +303,9 @@ def test_many_agents_travel_as_doubles_that_mean_exactly_what_they_are():
     assert isinstance(vector_to_json((F(1, 3), *v)), list)  # 1/3 is no double
     with pytest.raises(ValueError, match="expected 1000 numbers"):
         vector_from_json(packed, 1000)
-    bad = base64.b64encode(np.array([1.0, np.nan]).tobytes()).decode()
+    values = np.array([1.0, np.nan])
+    encoded = base64.b64encode(values.tobytes())
+    bad = encoded.decode()
     for text in (bad, bad[:-4], "not base64!", 5, None):
         with pytest.raises((ValueError, TypeError)):
             vector_from_json({"float64": text}, 2)

@@ -31,7 +31,8 @@ PROVED, UNDECIDED = Verdict.PROVED, Verdict.UNDECIDED
 
 def forced(*f: str) -> Dynamics:
     """p'' = f + input."""
-    return Dynamics(f=list(f), B=[[0], [1]])
+    B = [[0], [1]]
+    return Dynamics(f=list(f), B=B)
 
 
 PENDULUM = forced("x2", "-sin(x1) - 4*x2")
@@ -44,12 +45,17 @@ def agents(
     has k = 1."""
     arcs = []
     for i in range(n):
-        arcs += [[i + 1, (i + 1) % n + 1], [i + 1, (i - 1) % n + 1]]
+        next_agent = (i + 1) % n + 1
+        forward = [i + 1, next_agent]
+        backward = [i + 1, (i - 1) % n + 1]
+        arcs += [forward, backward]
+    gains = {i: [[1, 0]] for i in range(1, n + 1, pins)}
+    dynamics = Dynamics(A=[[0, 1], [0, -F(c)]], B=[[0], [1]])
     parts = {
         "network": Network.from_arcs(arcs, arrow="listens_to", agents=n),
         "coupling": h,
-        "gains": {i: [[1, 0]] for i in range(1, n + 1, pins)},
-        "dynamics": Dynamics(A=[[0, 1], [0, -F(c)]], B=[[0], [1]]),
+        "gains": gains,
+        "dynamics": dynamics,
     }
     if reach is not None:
         parts["region"] = {"initial_states": [f"-{reach}", f"{reach}"]}
@@ -58,7 +64,8 @@ def agents(
 
 def pair(c: object = 3, h: str = "y1", k: object = 1, **given) -> Problem:
     """The example of the cases for the second program: 2 hears 1, 1 has k."""
-    network = Network.from_arcs([[2, 1]], arrow="listens_to", agents=2)
+    arcs = [[2, 1]]
+    network = Network.from_arcs(arcs, arrow="listens_to", agents=2)
     gains = {1: [[k, 0]]}
     return agents(c=c, h=h, network=network, gains=gains, reach=None, **given)
 
@@ -97,8 +104,12 @@ def random_nodes(r: np.random.Generator, m: int, curved: bool) -> Problem:
     own = {"f": f} if curved else {"A": slopes(m)}
     arcs = [[1, 2], [2, 3, "3/2"], [3, 1, 2], [1, 3]]
     network = Network.from_arcs(arcs, arrow="listens_to", agents=3)
-    gains = {1: [r.integers(0, 4, m).tolist()]}
-    dynamics = Dynamics(B=[[0]] * (m - 1) + [[1]], **own)
+    drawn = r.integers(0, 4, m)
+    gain = [drawn.tolist()]
+    gains = {1: gain}
+    zeros = [[0]] * (m - 1)
+    B = [*zeros, [1]]
+    dynamics = Dynamics(B=B, **own)
     return Problem(
         network=network,
         coupling="tanh(y1) + y2",
@@ -115,7 +126,9 @@ def slopes(m: int) -> list[list[int]]:
 
 def random_turn(r: np.random.Generator, m: int) -> tuple[tuple[Fraction, ...], ...]:
     """Quarters next to the identity."""
-    quarters = 4 * np.eye(m, dtype=int) + r.integers(-1, 2, (m, m))
+    diagonal = 4 * np.eye(m, dtype=int)
+    noise = r.integers(-1, 2, (m, m))
+    quarters = diagonal + noise
     return tuple(tuple(F(x, 4) for x in row) for row in quarters.tolist())
 
 
@@ -152,7 +165,8 @@ def test_rows_are_those_of_the_worst_matrix_at_all_corners_of_the_gains(seed):
     curved = seed % 3 == 0
     loop = loop_of(random_nodes(r, m, curved))
     turn = random_turn(r, m)
-    v = tuple(F(int(x), 8) for x in r.integers(4, 20, 3 * m))
+    drawn = r.integers(4, 20, 3 * m)
+    v = tuple(F(int(x), 8) for x in drawn)
     ranges = enclosed_ranges(loop, turn, v, F(1, 2))
     ends = {}
     for each in ranges:
@@ -170,7 +184,8 @@ def test_rows_are_those_of_the_worst_matrix_at_all_corners_of_the_gains(seed):
 
 def test_rows_of_many_weights_at_once_are_those_of_one_at_a_time():
     arcs = [[2, 1], [3, 2]]
-    network = Network.from_arcs(arcs, arrow="listens_to", agents=3, optional=[[1, 3]])
+    optional = [[1, 3]]
+    network = Network.from_arcs(arcs, arrow="listens_to", agents=3, optional=optional)
     problem = agents(network=network, gains={1: [[1, 0]]}, dynamics=PENDULUM)
     known = Agents.of(loop_of(problem), most=3)
     r = np.random.default_rng(1)
@@ -198,7 +213,9 @@ def test_a_claim_is_proved_for_what_it_says_and_not_for_a_little_more():
     ranges = enclosed_ranges(loop, T, V, rho)
     claim = Separable(T=T, v=V, alpha=F(1, 14), rho=rho, ranges=ranges)
     assert verify_composite(loop, None, claim).verdict is PROVED
-    cases = ({"alpha": F(1, 12)}, {"rho": F(1, 10)}, {"rho": None})
+    slow = {"alpha": F(1, 12)}
+    small = {"rho": F(1, 10)}
+    cases = (slow, small, {"rho": None})
     for change in cases:
         more = replace(claim, **change)
         assert verify_composite(loop, None, more).verdict is not PROVED
@@ -265,7 +282,9 @@ def test_the_largest_box_is_found_where_the_region_is_too_wide():
 
 @pytest.mark.evidence
 def test_no_run_from_the_boundary_leaves_a_proved_set():
-    exosystem = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
+    A = [[0, 2], [-2, 0]]
+    C = [[1, 0]]
+    exosystem = Exosystem(A=A, C=C)
     region = {"initial_states": [-1, 1], "initial_disturbance": "1/10"}
     problem = agents(region=region, exosystem=exosystem)
     certificate = certify(problem)
@@ -281,7 +300,8 @@ def pendulums(_, flat: np.ndarray) -> np.ndarray:
     p, speed = flat.reshape(4, 2).T
     after = np.tanh(np.roll(p, 1) - p)
     before = np.tanh(np.roll(p, -1) - p)
-    push = after + before - np.array([1, 0, 0, 1]) * p
+    constant = np.array([1, 0, 0, 1])
+    push = after + before - constant * p
     arrays = [speed, push - np.sin(p) - 4 * speed]
     return np.stack(arrays, axis=1).ravel()
 
@@ -302,7 +322,9 @@ def test_pendulums_shrink_in_the_norm_of_the_certificate():
         start = z @ np.linalg.inv(turn).T
         run = solve_ivp(pendulums, (0, 2), start.ravel(), rtol=1e-9, atol=1e-12, t_eval=times)
         for time, e in zip(run.t, run.y.T, strict=True):
-            largest = np.max(np.abs(e.reshape(4, 2) @ turn.T) / v)
+            turned = e.reshape(4, 2) @ turn.T
+            scaled = np.abs(turned) / v
+            largest = np.max(scaled)
             assert largest <= rho * np.exp(-alpha * time) * (1 + 1e-7)
 
 
@@ -310,7 +332,8 @@ def test_pendulums_shrink_in_the_norm_of_the_certificate():
 def test_without_a_region_a_box_around_the_target_decides_for_many_agents():
     """One mode, couplings that no common R serves (the gains are on the speed, too): only these
     rows prove it."""
-    gains = {i: [[1, 1]] for i in range(1, 41, 3)}
+    pinned = range(1, 41, 3)
+    gains = {i: [[1, 1]] for i in pinned}
     problem = agents(40, reach=None, gains=gains)
     certificate = certify(problem)
     assert certificate.covered_by == "max-separable"
@@ -322,7 +345,8 @@ def test_without_a_region_a_box_around_the_target_decides_for_many_agents():
 @only(separable_stage)
 def test_an_optional_arc_counts_only_where_it_pulls_outward(gain, rate):
     """Without the arc agent 2 has z_2' = -z_2 + (1 - k/2) z_1: 8 - 7 > 0, and with k = 1 4 - 7."""
-    loose = Network.from_arcs([], optional=[[2, 1]], arrow="listens_to", agents=2)
+    optional = [[2, 1]]
+    loose = Network.from_arcs([], optional=optional, arrow="listens_to", agents=2)
     gains = {1: [[1, 0]], 2: [[gain, 0]]}
     problem = agents(c=3, h="y1", network=loose, gains=gains, reach=None)
     loop = loop_of(problem)
@@ -335,9 +359,12 @@ def test_an_optional_arc_counts_only_where_it_pulls_outward(gain, rate):
 
 
 def test_coordinates_have_a_largest_entry_1_and_none_are_those_of_a_singular_matrix():
-    found = _rounded(np.array([[2.0, 0.0], [1.0, 4.0]]))
+    rows = [[2.0, 0.0], [1.0, 4.0]]
+    found = _rounded(np.array(rows))
     expected = ((1, 0), (F(1, 4), 1))
     assert found == expected
-    cases = ([[1, 1], [1, 1]], [[0, 0], [1, 2]], [[1, np.nan], [0, 1]], [[1, 0]])
+    zero_row = [[0, 0], [1, 2]]
+    not_a_number = [[1, np.nan], [0, 1]]
+    cases = ([[1, 1], [1, 1]], zero_row, not_a_number, [[1, 0]])
     for singular in cases:
         assert _rounded(np.array(singular, dtype=float)) is None

@@ -124,7 +124,8 @@ def test_one_pin_has_the_rates_of_the_theory(rho: int, v, rate: float):
     assert beyond.verdict == REFUTED
     assert beyond.face == "upper"
     assert rho < beyond.s <= wider
-    other = (*v[:4], v[4] * F(98, 100), *v[5:])
+    smaller = v[4] * F(98, 100)
+    other = (*v[:4], smaller, *v[5:])
     assert verdict(problem, other, alpha, rho) is REFUTED
 
 
@@ -146,7 +147,8 @@ def test_a_claim_is_never_above_what_samples_of_the_field_allow(seed: int):
     v = list(rounded_vectors(proposal))[3]
     alpha = rate_of(problem, v, rho)
     assert proposal.rate * 0.99 < alpha < proposal.rate * 1.001
-    scales = [float(rho) * s for s in (1e-4, *np.linspace(0, 1, 17)[1:])]
+    parts = np.linspace(0, 1, 17)
+    scales = [float(rho) * s for s in (1e-4, *parts[1:])]
     assert largest_sample(problem, v, scales, float(alpha)) <= 1e-9
     found = largest_sample(problem, v, scales, 1.01 * float(alpha))
     assert found > 0
@@ -169,7 +171,8 @@ def test_the_counterexample_of_the_theory_is_refused():
     # The twin: rho (v_1 + v_2) = 1.  h(-s/2)/s is weakest at the largest s: e^(1/2 - 1/50)/2 =
     # 0.808, divided by v_2.
     rate = rate_of(problem, v, F(2, 5))
-    assert float(rate) == pytest.approx(np.exp(0.48) / 3, rel=1e-6)
+    expected = np.exp(0.48) / 3
+    assert float(rate) == pytest.approx(expected, rel=1e-6)
 
 
 def test_a_face_that_only_the_lower_row_sees():
@@ -178,7 +181,9 @@ def test_a_face_that_only_the_lower_row_sees():
     v = fractions(1, 2)
     # s = 1: upper h(-1) = -(1 - 1/e), so 0.316 with v_2 = 2; s -> 0 (lower): 1/2.
     rate = rate_of(problem, v, F(1))
-    assert float(rate) == pytest.approx((1 - np.exp(-1)) / 2, rel=1e-6)
+    decayed = np.exp(-1)
+    expected = (1 - decayed) / 2
+    assert float(rate) == pytest.approx(expected, rel=1e-6)
     above = answer(problem, v, "0.32", 1)
     assert above.verdict == REFUTED
     assert above.face == "upper"
@@ -206,7 +211,9 @@ def test_a_coupling_that_turns_within_one_step_counts_with_its_maximum(lo: str):
         expression = pair(h).coupling.components[0]
         curve = Curve(expression)
         kinds.append(profile(curve, F(8)))
-    terms = (Term(0, F(1), F(3), F(1)), Term(1, F(1), F(3), F(1)))
+    first = Term(0, F(1), F(3), F(1))
+    second = Term(1, F(1), F(3), F(1))
+    terms = (first, second)
     row = Row(terms, F(0), F(1))
     on_face = FaceRow(row, 1, kinds)
     exact = Interval(F(lo), F(6, 5))
@@ -255,7 +262,8 @@ def test_a_coupling_that_turns_at_zero_is_decided_up_to_zero():
     alpha = rate_of(problem, ONES, rho)
     assert 3 - F(1, 10**4) < alpha <= 3
     assert verdict(problem, ONES, alpha, rho) is PROVED
-    found = verdict(problem, ONES, F(3) + F(1, 10**6), rho)
+    faster = F(3) + F(1, 10**6)
+    found = verdict(problem, ONES, faster, rho)
     assert found is REFUTED
 
 
@@ -367,7 +375,8 @@ def test_the_fast_rows_prove_nothing_that_the_exact_ones_do_not(seed: int, dyadi
         for agent in range(problem.n):
             ((row, _),) = rows(loop, v, agents=[agent])
             for face in FACES:
-                found, _ = FaceRow(row, face, kinds).decide(alpha=alpha, rho=rho)
+                row_of_face = FaceRow(row, face, kinds)
+                found, _ = row_of_face.decide(alpha=alpha, rho=rho)
                 if found is not PROVED:
                     failed.add((agent, face))
         left = set(open_rows(arrays, tables, alpha=alpha, rho=rho))
@@ -377,7 +386,10 @@ def test_the_fast_rows_prove_nothing_that_the_exact_ones_do_not(seed: int, dyadi
 
 def held_ring(n: int, *, h: str = "sin(y)") -> tuple[Problem, tuple[F, ...]]:
     """Every third agent pinned, both neighbours heard, v = 1 there and 5/4 elsewhere."""
-    arcs = [[i + 1, (i + d) % n + 1] for i in range(n) for d in (1, -1)]
+    arcs = []
+    for i in range(n):
+        for d in (1, -1):
+            arcs.append([i + 1, (i + d) % n + 1])
     gains = {i + 1: 5 for i in range(0, n, 3)}
     problem = listening(arcs, h, n=n, gains=gains, target=0)
     return problem, tuple(F(1) if i % 3 == 0 else F(5, 4) for i in range(n))
@@ -399,7 +411,8 @@ def test_rows_in_which_a_coupling_falls_are_decided_alike_by_floats(monkeypatch,
     if exact is None:
         assert floats is None
         return
-    assert exact * F(998, 1000) <= floats <= exact * (1 + F(1, 10**5))
+    lower = exact * F(998, 1000)
+    assert lower <= floats <= exact * (1 + F(1, 10**5))
     assert verdict(problem, v, floats, rho) is PROVED
     found = verdict(problem, v, exact * F(101, 100), rho)
     assert found is REFUTED
@@ -424,12 +437,15 @@ def test_what_a_turning_coupling_gives_at_most_contains_samples(h: str):
     for face, low in ((1, s), (-1, s), (1, 0.0)):
 
         def h_on_face(y: np.ndarray, face: int = face) -> np.ndarray:
-            return face * f((face * y).reshape(-1, 1)).reshape(y.shape)
+            mirrored = (face * y).reshape(-1, 1)
+            return face * f(mirrored).reshape(y.shape)
 
         found = turning(kind, table, face)
         places = np.linspace(low or 1e-9, t, 21)
         ends = [h_on_face(x * steps) / x for x in places]
-        right = (np.min(ends, axis=0) - 1e-6, np.max(ends, axis=0) + 1e-6)
+        below = np.min(ends, axis=0) - 1e-6
+        above = np.max(ends, axis=0) + 1e-6
+        right = (below, above)
         most, smooth = found.largest(steps, reaches, right, low, t)
         largest = np.full(len(steps), -np.inf)
         for x, end in zip(places, ends, strict=True):
@@ -439,7 +455,8 @@ def test_what_a_turning_coupling_gives_at_most_contains_samples(h: str):
             assert np.all(truth[smooth] <= end[smooth] + 1e-6)
             largest = np.maximum(largest, truth)
         if low:
-            assert np.all(most - largest <= 0.2 * (1 + np.abs(largest)))
+            allowed = 0.2 * (1 + np.abs(largest))
+            assert np.all(most - largest <= allowed)
 
 
 def test_rows_that_look_beyond_their_tables_are_not_proved():
@@ -468,7 +485,8 @@ def test_a_large_network_is_decided_by_floats_and_gives_the_rate_of_the_exact_ro
     truth = np.tanh(0.5) / 2 / 1.25
     alpha = rate_of(problem, v, F(2))
     assert truth * 0.999 < alpha <= truth
-    found = verdict(problem, v, F(truth) * F(1001, 1000), 2)
+    faster = F(truth) * F(1001, 1000)
+    found = verdict(problem, v, faster, 2)
     assert found is REFUTED
 
 
@@ -478,7 +496,10 @@ def problem_of(seed: int) -> Problem:
     modes = r.randint(1, 3)
     density = r.choice((0.2, 0.35, 0.5))
     network = random_network(r, n=n, modes=modes, density=density)
-    gains = {i: 1 for i in range(1, n + 1) if r.random() < 0.3}
+    gains = {}
+    for i in range(1, n + 1):
+        if r.random() < 0.3:
+            gains[i] = 1
     return Problem(network=network, coupling="y", gains=gains, target=0)
 
 
@@ -488,7 +509,8 @@ def has_common_v(problem: Problem) -> bool:
     tables = [loop_by_hand(problem, mode) for mode in problem.network.modes]
     A = np.vstack(tables)
     b = -np.ones(len(A))
-    found = linprog(np.ones(problem.n), A_ub=A, b_ub=b, bounds=(1, None), method="highs")
+    costs = np.ones(problem.n)
+    found = linprog(costs, A_ub=A, b_ub=b, bounds=(1, None), method="highs")
     assert found.status in (0, 2)
     return found.status == 0
 
@@ -527,7 +549,8 @@ def test_orders_of_modes_that_alternate_of_a_cycle_and_of_matrix_gains():
     assert list(found) == [0, 1, 2, 3, 4]
     for corner, stuck in ((1, []), (2, [0, 1])):
         gain = [[2, corner], [-corner, 2]]
-        problem = listening([[2, 1]], "y", n=2, gains={1: gain}, target=[0, 0])
+        arcs = [[2, 1]]
+        problem = listening(arcs, "y", n=2, gains={1: gain}, target=[0, 0])
         assert list(stuck_agents(loop_of(problem))) == stuck
 
 
@@ -554,7 +577,9 @@ def test_the_papers_own_starts_are_covered_for_arbitrary_switching():
     <= 1/2."""
     assert composite(CLAIM) is PROVED
     assert covers(CLAIM, radius=F(4), disturbance=F(1, 2))
-    reach = float(BOUND.kappa) * 0.5 * np.sqrt(float(BOUND.size))
+    size = float(BOUND.kappa) * 0.5
+    root = np.sqrt(float(BOUND.size))
+    reach = size * root
     assert reach == pytest.approx(0.406, rel=0.01)
 
 
@@ -565,7 +590,8 @@ def test_a_little_more_of_anything_is_refuted():
     found = composite(claim)
     assert found is REFUTED
     assert composite(replace(CLAIM, rho=F("4.4541"))) is REFUTED
-    v = (*V[:2], V[2] * F(99, 100), *V[3:])
+    smaller = V[2] * F(99, 100)
+    v = (*V[:2], smaller, *V[3:])
     assert composite(replace(CLAIM, v=v)) is REFUTED
     assert not covers(CLAIM, radius=F("4.01"), disturbance=F(1, 2))
     assert not covers(CLAIM, radius=F(4), disturbance=F("0.52"))
@@ -574,19 +600,27 @@ def test_a_little_more_of_anything_is_refuted():
 def test_the_row_bound_is_sharp_for_each_row_of_c():
     """c'c <= P for c = (1, 0) iff the Schur complement p11 - p12^2/p22 >= 1; beta = 0.1 leaves room
     elsewhere."""
-    exosystem = Exosystem(A=[[-1, 0], [0, -1]], C=[[1, 0]])
+    A = [[-1, 0], [0, -1]]
+    exosystem = Exosystem(A=A, C=[[1, 0]])
     gain = ((F(0),), (F(0),))
-    cases = ((F(2), True), (F(2) - F(1, 10**30), False))
+    at_the_bound = (F(2), True)
+    just_below = (F(2) - F(1, 10**30), False)
+    cases = (at_the_bound, just_below)
     for p11, holds in cases:
-        P = ((p11, F(1)), (F(1), F(1)))
+        first_row = (p11, F(1))
+        second_row = (F(1), F(1))
+        P = (first_row, second_row)
         bound = ErrorBound(P=P, beta=F(1, 10), kappa=F(11), size=F(3))
         wrong = error_bound_obstacle(exosystem, gain, bound)
         assert (wrong is None) is holds
     # C = I and P = I; with the smaller P only the second row fails.
     C = [[1, 0], [0, 1]]
     exosystem = Exosystem(A=[[-1, 0], [0, -1]], C=C)
-    gain = ((F(0), F(0)), (F(0), F(0)))
-    unit = ((F(1), F(0)), (F(0), F(1)))
+    row = (F(0), F(0))
+    gain = (row, (F(0), F(0)))
+    first_unit = (F(1), F(0))
+    second_unit = (F(0), F(1))
+    unit = (first_unit, second_unit)
     bound = ErrorBound(P=unit, beta=F(1), kappa=F(2), size=F(1))
     assert error_bound_obstacle(exosystem, gain, bound) is None
     small = replace(bound, P=((F(1), F(0)), (F(0), F("0.99"))))

@@ -99,7 +99,8 @@ def test_the_rate_of_saturated_pins_is_that_of_the_weakest_agent(seed: int):
     bare = loop_of(problem)
     loop = pinned_by(bare, pins)
     v = ones(loop)
-    rate = min(min(k, room / rho) for k, room in zip(gains, rooms, strict=True))
+    both = zip(gains, rooms, strict=True)
+    rate = min(min(k, room / rho) for k, room in both)
     assert verdict(loop, v, rate, rho) is PROVED
     assert verdict(loop, v, rate + TINY, rho) is REFUTED
     found = largest_rate(loop, v, rho=rho)
@@ -109,7 +110,8 @@ def test_the_rate_of_saturated_pins_is_that_of_the_weakest_agent(seed: int):
 def test_a_pin_is_a_term_whose_other_node_has_the_weight_zero():
     """h(-s v_i) and nothing else; delays stretch the v_j of nodes that move, and the fixed one
     stays."""
-    problem = listening([[2, 1]], "y", n=2, gains={1: 3}, target=0)
+    arcs = [[2, 1]]
+    problem = listening(arcs, "y", n=2, gains={1: 3}, target=0)
     usual = loop_of(problem)
     loop = pinned_by(usual, {1: "tanh(y)"})
     ((first, _), (second, _)) = rows(loop, fractions(1, 2), stretch=F(3, 2))
@@ -135,7 +137,8 @@ def test_a_linear_function_of_a_pin_says_what_the_gain_says():
     assert rate > F(1, 10)
     found = largest_rate(other, v, rho=F(1))
     assert found == pytest.approx(rate, rel=1e-4)
-    claim = Separable(v=v, alpha=rate * F(9, 10), rho=F(1))
+    alpha = rate * F(9, 10)
+    claim = Separable(v=v, alpha=alpha, rho=F(1))
     assert verify_separable(other, claim).verdict is PROVED
     delay = longest_delay(usual, claim, rate=claim.alpha / 2)
     assert longest_delay(other, claim, rate=claim.alpha / 2) == delay
@@ -149,7 +152,8 @@ def test_pins_that_are_not_odd_are_held_on_the_weaker_face(h: str, weaker: str):
     alone = loop_of(problem)
     loop = pinned_by(alone, {0: h})
     assert verdict(loop, ones(loop), "7/8", 1) is PROVED
-    faster = Separable(v=ones(loop), alpha=F(7, 8) + TINY, rho=F(1))
+    alpha = F(7, 8) + TINY
+    faster = Separable(v=ones(loop), alpha=alpha, rho=F(1))
     refused = verify_separable(loop, faster)
     assert refused.verdict == REFUTED
     assert refused.face == weaker
@@ -165,10 +169,13 @@ def test_no_sample_of_the_field_contradicts_a_rate_of_curved_pins():
     sizes = np.array(v, dtype=float)
     for _ in range(4000):
         e = r.uniform(-1, 1, 3) * sizes * r.uniform()
-        pull = np.array([np.arctan(-3 * e[0]), -e[1], 0.0])
+        slopes = [np.arctan(-3 * e[0]), -e[1], 0.0]
+        pull = np.array(slopes)
         slope = np.tanh(np.roll(e, -1) - e) + pull
         largest = np.argmax(np.abs(e) / sizes)
-        assert np.sign(e[largest]) * slope[largest] <= -rate * abs(e[largest]) + 1e-12
+        found = np.sign(e[largest]) * slope[largest]
+        allowed = -rate * abs(e[largest]) + 1e-12
+        assert found <= allowed
 
 
 def test_errors_of_gains_act_on_curved_pins():
@@ -178,7 +185,8 @@ def test_errors_of_gains_act_on_curved_pins():
     v = ones(loop)
     found = verdict(loop, v, "9/80", 4, gains=F(1, 10))
     assert found is PROVED
-    found = verdict(loop, v, F(9, 80) + TINY, 4, gains=F(1, 10))
+    faster = F(9, 80) + TINY
+    found = verdict(loop, v, faster, 4, gains=F(1, 10))
     assert found is REFUTED
     found = verdict(loop, v, "1/8", 4, weights=F(1, 10))
     assert found is PROVED
@@ -221,8 +229,12 @@ def refusals(loop: Loop) -> dict[str, str | None]:
     statements = state_theorems(loop)
     linear = linearisation_check(statements, None, estimate=0.1)
     away = (Interval(F(1), F(2)),) * loop.n
-    turned = Separable(v=ones(loop), alpha=F(1, 10), rho=None, T=((F(1),),))
+    T = ((F(1),),)
+    turned = Separable(v=ones(loop), alpha=F(1, 10), rho=None, T=T)
     claim = Equilibrium(mode="G", box=away)
+    no_phases = Cycles(phases=(), rate=None, rho=None)
+    cycles = no_cycles(loop, None, no_phases)
+    graphs = not_kept(loop, None, Kept())
     return {
         "consensus": statements.inapplicable,
         "linearisation": None if linear.applies else linear.reason,
@@ -230,8 +242,8 @@ def refusals(loop: Loop) -> dict[str, str | None]:
         "equilibrium": not_an_equilibrium(loop, claim),
         "accuracy": accuracy_obstacle(loop, None),
         "margins": why_not_local(loop),
-        "cycles": no_cycles(loop, None, Cycles(phases=(), rate=None, rho=None)),
-        "graphs": not_kept(loop, None, Kept()),
+        "cycles": cycles,
+        "graphs": graphs,
         "coordinates": obstacle(loop, None, turned=True),
         "rows in coordinates": rows_obstacle(loop, turned),
     }

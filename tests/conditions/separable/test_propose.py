@@ -75,7 +75,8 @@ MODES = [(["Ga"], 0.216), (["Gb"], 0.186), (["Gc"], 0.268), (["Gd"], 0.268), (["
 def test_the_modes_of_example_2_have_the_rates_of_the_theory(modes, rate: float):
     graphs = {name: SWITCHING.network.modes[name] for name in modes}
     network = replace(SWITCHING.network, modes=graphs)
-    gains = {SWITCHING.network.labels[i]: k for i, k in SWITCHING.pinning.gains.items()}
+    pinned = SWITCHING.pinning.gains.items()
+    gains = {SWITCHING.network.labels[i]: k for i, k in pinned}
     problem = Problem(network=network, coupling=PAPER, gains=gains, target=0)
     assert proved_rate(problem, "4") == pytest.approx(rate, rel=0.01)
 
@@ -86,10 +87,12 @@ def test_a_single_linear_mode_has_the_spectral_abscissa_as_rate(seed: int):
     M."""
     r = Random(seed)
     n = r.randint(3, 9)
-    network = random_network(r, n=n, modes=1, density=0.5, weights=(1, "1/2", 3))
+    weights = (1, "1/2", 3)
+    network = random_network(r, n=n, modes=1, density=0.5, weights=weights)
     gains = {1: 5, 2: 1}
     problem = Problem(network=network, coupling="y", gains=gains, target=0)
-    truth = -float(np.max(np.linalg.eigvals(loop_by_hand(problem)).real))
+    eigenvalues = np.linalg.eigvals(loop_by_hand(problem)).real
+    truth = -float(np.max(eigenvalues))
     proposal = propose_separable(loop_of(problem), rho=1.0)
     if proposal is None:
         assert truth < 1e-5
@@ -123,8 +126,12 @@ def test_the_observers_part_is_that_of_the_theory_or_better():
 def test_a_bound_of_several_outputs_and_of_unseen_states_holds():
     """m = 2, and a third state that C does not see."""
     C = [[1, 0, 0], [0, 2, 0]]
-    exosystem = Exosystem(A=[[0, 1, 0], [-1, 0, 0], [0, 0, -2]], C=C)
-    W = ((F(2), F(0)), (F(0), F(1)), (F(0), F(0)))
+    A = [[0, 1, 0], [-1, 0, 0], [0, 0, -2]]
+    exosystem = Exosystem(A=A, C=C)
+    first_row = (F(2), F(0))
+    second_row = (F(0), F(1))
+    third_row = (F(0), F(0))
+    W = (first_row, second_row, third_row)
     bound = propose_error_bound(exosystem, W)
     assert error_bound_obstacle(exosystem, W, bound) is None
 
@@ -144,8 +151,11 @@ def test_a_badly_conditioned_p_keeps_enough_room_for_its_rounding(rate):
     """Three poles next to each other: P has eigenvalues 0.003 and 5.7, and 1e-5 of room is too
     little."""
     C = [[1, 1, 0]]
-    exosystem = Exosystem(A=[[0, 0, 0], [0, 0, "0.24"], [0, "-0.24", 0]], C=C)
-    W = ((F(53, 5),), (F(-9),), (F(69, 10),))
+    A = [[0, 0, 0], [0, 0, "0.24"], [0, "-0.24", 0]]
+    exosystem = Exosystem(A=A, C=C)
+    first_row = (F(53, 5),)
+    third_row = (F(69, 10),)
+    W = (first_row, (F(-9),), third_row)
     bound = propose_error_bound(exosystem, W, rate=rate)
     assert error_bound_obstacle(exosystem, W, bound) is None
 
@@ -168,7 +178,8 @@ def test_a_claim_has_the_rate_that_is_planned():
     """The whole way: P, beta, kappa, rho, v, alpha; for two agents that hear each other."""
     problem = cycle(2, exosystem=SWITCHING.exosystem)
     loop = loop_of(problem)
-    plan = Cover(loop=loop, radius=F(4), disturbance=F(1, 2), W=W).fastest()
+    cover = Cover(loop=loop, radius=F(4), disturbance=F(1, 2), W=W)
+    plan = cover.fastest()
     claim = first_certificate(loop, W, plan)
     assert_holds_starts_of_the_paper(problem, claim)
     assert 0.997 * plan.rate <= claim.alpha <= plan.rate * 1.0001
@@ -187,10 +198,15 @@ def grid_of_agents(h: str) -> Problem:
     """6 x 6 agents that hear their neighbours, every fifth pinned."""
     arcs = []
     for a, b in product(range(6), repeat=2):
-        cases = ((a + 1, b), (a - 1, b), (a, b + 1), (a, b - 1))
+        right = (a + 1, b)
+        left = (a - 1, b)
+        up = (a, b + 1)
+        cases = (right, left, up, (a, b - 1))
         for c, d in cases:
             if c in range(6) and d in range(6):
-                arcs.append([6 * a + b + 1, 6 * c + d + 1])
+                listener = 6 * a + b + 1
+                speaker = 6 * c + d + 1
+                arcs.append([listener, speaker])
     gains = dict.fromkeys(range(1, 37, 5), 3)
     return listening(arcs, h, n=36, gains=gains, target=0)
 

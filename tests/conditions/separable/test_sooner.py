@@ -55,7 +55,9 @@ CHAIN = Problem(
 
 def stiffness() -> np.ndarray:
     """M of the chain: agent 1 has k = 3, the others 2 (x_i - x_(i - 1))."""
-    return np.diag([3.0, 2, 2, 2, 2]) - np.diag([2.0] * 4, -1)
+    diagonal = np.diag([3.0, 2, 2, 2, 2])
+    below = np.diag([2.0] * 4, -1)
+    return diagonal - below
 
 
 @pytest.mark.parametrize("rate", [0.5, 1.0, 1.6])
@@ -63,15 +65,15 @@ def test_the_least_weights_have_the_least_largest_one(rate: float):
     """A linear program: minimise t over 1 <= v <= t, (M - rate I) v >= 0."""
     M = stiffness() - rate * np.eye(5)
     n = 5
-    blocks = [np.hstack([-M, np.zeros((n, 1))]), np.hstack([np.eye(n), -np.ones((n, 1))])]
+    upper = np.hstack([-M, np.zeros((n, 1))])
+    ones = -np.ones((n, 1))
+    lower = np.hstack([np.eye(n), ones])
+    blocks = [upper, lower]
     rows = np.vstack(blocks)
     bounds = [(1, None)] * n + [(0, None)]
-    answer = linprog(
-        np.append(np.zeros(n), 1.0),
-        A_ub=rows,
-        b_ub=np.zeros(2 * n),
-        bounds=bounds,
-    )
+    costs = np.append(np.zeros(n), 1.0)
+    right = np.zeros(2 * n)
+    answer = linprog(costs, A_ub=rows, b_ub=right, bounds=bounds)
     field = field_of(loop_of(CHAIN), rho=1.0)
     v = least_solution(field, alpha=rate, start=np.ones(n))
     assert v is not None
@@ -84,9 +86,8 @@ def test_no_other_rate_of_a_chain_settles_earlier():
     plan = cover.fastest()
     assert plan is not None
     sooner = cover.sooner(plan)
-    grid = (
-        time_to_one_percent(rate, (2 / (2 - rate)) ** 4) for rate in np.linspace(0.01, 1.99, 2000)
-    )
+    rates = np.linspace(0.01, 1.99, 2000)
+    grid = (time_to_one_percent(rate, (2 / (2 - rate)) ** 4) for rate in rates)
     assert sooner.time == pytest.approx(min(grid), rel=2e-3)
     assert sooner.time < 0.75 * plan.time
     assert sooner.rate < plan.rate

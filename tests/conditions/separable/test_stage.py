@@ -190,11 +190,9 @@ def test_claims_keep_a_part_in_hand_for_a_second_program():
     """alpha, the delayed rate and the period all hold with a little more."""
     problem = cycle(gains=5, region=side(2))
     checks = stage(problem)
-    more = [
-        ("max-separable", "alpha", "1.00009"),
-        ("delay", "rate", "1.00009"),
-        ("sampling", "period", "1.0009"),
-    ]
+    alpha = ("max-separable", "alpha", "1.00009")
+    rate = ("delay", "rate", "1.00009")
+    more = [alpha, rate, ("sampling", "period", "1.0009")]
     for id, name, factor in more:
         exact = dict(checks[id].exact)
         exact[name] = str(Fraction(exact[name]) * Fraction(factor))
@@ -219,16 +217,21 @@ def test_where_a_coupling_is_steep_sampling_has_flatter_weights_of_its_own():
     v = np.array(own.v, dtype=float)
     k = np.array([5.0, 0, 0, 0])
     h = problem.coupling.numpy_function()
-    e = np.random.default_rng(0).uniform(-1, 1, (2000, 4))
+    rng = np.random.default_rng(0)
+    e = rng.uniform(-1, 1, (2000, 4))
     e[:1000] = np.sign(e[:1000])
     e *= float(own.rho) * v
-    change = h((np.roll(e, -1, axis=1) - e)[..., None])[..., 0] - k * e
+    differences = np.roll(e, -1, axis=1) - e
+    pulls = h(differences[..., None])[..., 0]
+    change = pulls - k * e
 
     def largest(time: float) -> np.ndarray:
         """N after a held step."""
-        return np.max(np.abs(e + time * change) / v, axis=1)
+        moved = np.abs(e + time * change) / v
+        return np.max(moved, axis=1)
 
-    assert np.all(largest(float(period)) <= float(factor) * largest(0) + 1e-12)
+    allowed = float(factor) * largest(0) + 1e-12
+    assert np.all(largest(float(period)) <= allowed)
     found = np.max(largest(4 * float(period)))
     assert found > float(own.rho)
     calm = cycle(4, gains={1: 5}, region=side(4), h="tanh(y)")
@@ -239,7 +242,10 @@ def ring(n: int, h: str, *, step: int, k: int, reach) -> Problem:
     """Both neighbours are heard, every so many agents one is pinned."""
     arcs = []
     for i in range(n):
-        arcs += [[i + 1, (i + 1) % n + 1], [i + 1, (i - 1) % n + 1]]
+        next_agent = (i + 1) % n + 1
+        forward = [i + 1, next_agent]
+        backward = [i + 1, (i - 1) % n + 1]
+        arcs += [forward, backward]
     gains = dict.fromkeys(range(1, n + 1, step), k)
     return listening(arcs, h, n=n, gains=gains, region=side(reach))
 
@@ -261,12 +267,15 @@ def test_a_chain_whose_fastest_v_is_too_steep_is_proved_with_a_flatter_one():
     5, existence)."""
     arcs = [[i + 1, i] for i in range(1, 5)]
     problem = listening(arcs, "exp(y) - 1 + y", n=5, gains={1: 2}, region=side(1))
-    steep = Cover(loop=loop_of(problem), radius=Fraction(1)).fastest()
+    cover = Cover(loop=loop_of(problem), radius=Fraction(1))
+    steep = cover.fastest()
     assert steep.v.max() > 1e5
     check = stage(problem)["max-separable"]
     assert check.verdict == PROVED
     assert check.domain.radius == 1.0
-    assert max(map(Fraction, check.exact["v"])) < steep.v.max() / 10
+    largest_v = max(map(Fraction, check.exact["v"]))
+    allowed = steep.v.max() / 10
+    assert largest_v < allowed
     assert check.rate > steep.rate / 3
     # a flat v is not flattened
     loop = loop_of(cycle(4, gains=5))

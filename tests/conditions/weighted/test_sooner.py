@@ -34,10 +34,13 @@ def test_the_weights_do_for_their_rate():
     M = stiffness(loop_of(SLOW), mode)
     found = soonest_weights({"G": M}, 1.99, None)
     assert found is not None
-    X = np.diag(found.D) @ (M.toarray() - found.rate * np.eye(6))
+    shift = found.rate * np.eye(6)
+    shifted = M.toarray() - shift
+    X = np.diag(found.D) @ shifted
     answer = np.linalg.eigvalsh(X + X.T)
     assert answer[0] > 0
-    factor = math.sqrt(found.D.max() / found.D.min())
+    largest = found.D.max()
+    factor = math.sqrt(largest / found.D.min())
     assert found.time == pytest.approx(time_to_one_percent(found.rate, factor))
 
 

@@ -42,22 +42,21 @@ def row(problem: Problem) -> Check | None:
 
 def true_rate(problem: Problem) -> float:
     """Mu: the least real part of an eigenvalue of M, by NumPy; slopes at 0 are 2."""
-    return float(np.linalg.eigvals(-loop_by_hand(problem, slope=2.0)).real.min())
+    matrix = -loop_by_hand(problem, slope=2.0)
+    eigenvalues = np.linalg.eigvals(matrix)
+    return float(eigenvalues.real.min())
 
 
 def fastest(problem: Problem) -> Check:
     """The check with the largest rate: no claim has the one that is wanted."""
-    (check,) = weighted_stage(state_theorems(loop_of(problem)), problem.joint_observer.W, rate=1e9)
+    theorems = state_theorems(loop_of(problem))
+    (check,) = weighted_stage(theorems, problem.joint_observer.W, rate=1e9)
     return check
 
 
 def without_observer(problem: Problem, **changes: object) -> Problem:
-    nothing = {
-        "exosystem": None,
-        "observer": None,
-        "region": None,
-        "simulation": Simulation(t_final=1, seed=0, xi0=None),
-    }
+    simulation = Simulation(t_final=1, seed=0, xi0=None)
+    nothing = {"exosystem": None, "observer": None, "region": None, "simulation": simulation}
     return problem.replace(**nothing | changes)
 
 
@@ -68,12 +67,18 @@ def digraph(
     reached."""
     r = Random(f"weighted {seed}")
     n = n or r.randint(2, 25)
-    arcs = {(i, r.randrange(n)): r.randint(1, 40) for i in range(n) for _ in range(r.randint(0, 3))}
+    arcs = {}
+    for i in range(n):
+        for _ in range(r.randint(0, 3)):
+            arcs[i, r.randrange(n)] = r.randint(1, 40)
     if seed % 2:
         arcs |= {(i, (i + 1) % n): r.randint(1, 40) for i in range(n)}
-    listed = [[i + 1, j + 1, Fraction(w, 8)] for (i, j), w in sorted(arcs.items()) if i != j]
+    sorted_arcs = sorted(arcs.items())
+    listed = [[i + 1, j + 1, Fraction(w, 8)] for (i, j), w in sorted_arcs if i != j]
     pins = r.randint(1, max(1, n // 4))
-    gains = {r.randint(1, n): Fraction(r.randint(1, 40), 4) for _ in range(pins)}
+    gains = {}
+    for _ in range(pins):
+        gains[r.randint(1, n)] = Fraction(r.randint(1, 40), 4)
     network = Network.from_arcs(listed, arrow="listens_to", agents=n)
     return Problem(network=network, coupling=h, gains=gains, **more)
 
@@ -81,7 +86,8 @@ def digraph(
 @pytest.mark.parametrize(("gains", "rates"), KNOWN)
 def test_the_rates_of_the_theory(gains, rates):
     for mode, mu in rates.items():
-        arcs = [[i + 1, j + 1, w] for i, j, w in PAPER.network.modes[mode]]
+        mode_arcs = PAPER.network.modes[mode]
+        arcs = [[i + 1, j + 1, w] for i, j, w in mode_arcs]
         network = Network.from_arcs(arcs, arrow="listens_to", agents=10)
         check = fastest(without_observer(PAPER, network=network, gains=gains, switching=None))
         assert 0.9998 * mu < check.rate < 1.00001 * mu
@@ -104,7 +110,7 @@ def fan(second, third):
             [[1, 3, 2], [2, 1, "1/3"], [3, 1, 3]],
             "1/10",
             Verdict.PROVED,
-            "with |e_i| <= 0.001 (max-separable)",
+            "with |e_i| <= 0.001 for every agent (max-separable)",
         ),
         # D = diag(., 1, d) would need 4 * 0.1 > 9 d and 4 * 0.1 d > 9; a common v: v_3 > v_2 > v_3
         (fan(2, 3), fan(3, 2), 1, Verdict.UNDECIDED, "serve the modes m0 and m1 together"),
@@ -113,7 +119,8 @@ def fan(second, third):
 def test_modes_without_common_weights_are_proved_by_a_common_v_or_named(
     m0, m1, gain, verdict, said
 ):
-    network = Network.from_arcs({"m0": m0, "m1": m1}, arrow="listens_to", agents=3)
+    modes = {"m0": m0, "m1": m1}
+    network = Network.from_arcs(modes, arrow="listens_to", agents=3)
     problem = Problem(network=network, coupling="tanh(y)", gains={1: gain})
     certificate = certified(problem)
     assert certificate.check("theorem2-weighted").verdict is Verdict.UNDECIDED
@@ -124,9 +131,8 @@ def test_modes_without_common_weights_are_proved_by_a_common_v_or_named(
 def test_a_chain_of_ten_has_the_rate_of_one_agent():
     """Chain, gain 2, head pinned k = 3: mu = 2, although V = e'e shows 0.0888."""
     arcs = [[i + 1, i] for i in range(1, 10)]
-    chain = Problem(
-        network=Network.from_arcs(arcs, arrow="listens_to", agents=10), coupling="2*y", gains={1: 3}
-    )
+    network = Network.from_arcs(arcs, arrow="listens_to", agents=10)
+    chain = Problem(network=network, coupling="2*y", gains={1: 3})
     assert 1.98 <= fastest(chain).rate < 2
 
 
@@ -139,7 +145,8 @@ def test_a_long_way_from_the_pin_is_proved_though_no_doubles_hold_the_fastest_we
     if ends:
         arcs.append([1, n])
     network = Network.from_arcs({"G": arcs}, arrow="listens_to", agents=n)
-    loop = loop_of(Problem(network=network, coupling="y", gains={1: 2}))
+    problem = Problem(network=network, coupling="y", gains={1: 2})
+    loop = loop_of(problem)
     statements = state_theorems(loop)
     (check,) = weighted_stage(statements, None)
     assert check.verdict is Verdict.PROVED
@@ -174,7 +181,8 @@ def test_a_claim_fails_above_the_true_rate_and_with_a_wrong_number(seed):
     statements, claim, rate = proposal(problem)
     mu = Fraction(true_rate(problem))
     assert claim.holds(statements, None, rate=rate)
-    assert not claim.holds(statements, None, rate=mu * (1 + Fraction(1, 10**6)))
+    slightly_more = Fraction(1, 10**6)
+    assert not claim.holds(statements, None, rate=mu * (1 + slightly_more))
     (mode,) = claim.w
     w = list(claim.w[mode])
     w[0] *= 100
@@ -192,11 +200,16 @@ def test_what_is_accepted_is_definite_for_an_eigenvalue_solver(seed):
     (mode,) = problem.network.modes
     tally = []
     for _ in range(40):
-        D = [x * Fraction(r.randint(97, 103), 100) for x in start.D]
+        D = []
+        for x in start.D:
+            D.append(x * Fraction(r.randint(97, 103), 100))
         rate = best * Fraction(r.randint(5, 100), 100)
-        half = np.diag(np.array(D, float)) @ (M - float(rate) * np.eye(6))
+        root = np.diag(np.array(D, float))
+        shifted = M - float(rate) * np.eye(6)
+        half = root @ shifted
         N = half + half.T
-        w = np.linalg.lstsq(N, np.ones(6), rcond=None)[0]
+        solution = np.linalg.lstsq(N, np.ones(6), rcond=None)
+        w = solution[0]
         least = float(np.linalg.eigvalsh(N).min())
         if min(w) > 0 and abs(least) > 1e-9:
             exact = tuple(Fraction(float(x)) for x in w)
@@ -224,10 +237,15 @@ def test_the_block_condition_of_the_observer_holds():
     corner = -(D @ M + M.T @ D) + 2 * beta * D
     omega = P @ F + F.T @ P + 2 * beta * P
     border = np.kron(D, C)
-    block = np.block([[corner, border], [border.T, np.kron(np.eye(10), omega)]])
+    errors = np.kron(np.eye(10), omega)
+    lower = [border.T, errors]
+    block = np.block([[corner, border], lower])
     # In coordinates in which V is the square of the length, so that entries are of one size.
-    observers = np.kron(np.eye(10), np.linalg.inv(linalg.cholesky(P).T).T)
-    unit = linalg.block_diag(np.diag(np.diag(D) ** -0.5), observers)
+    factor = linalg.cholesky(P).T
+    inverse = np.linalg.inv(factor)
+    observers = np.kron(np.eye(10), inverse.T)
+    scaling = np.diag(np.diag(D) ** -0.5)
+    unit = linalg.block_diag(scaling, observers)
     assert np.linalg.eigvalsh(unit.T @ block @ unit).max() < 0
 
 
@@ -238,11 +256,15 @@ def test_rounded_rows_of_large_networks_agree_with_exact_ones(seed, monkeypatch)
         problem = problem.replace(gains=1)
     statements, claim, rate = proposal(problem)
     (mode,) = statements.jacobians.modes
-    D = Doubles(np.array([float(x) for x in claim.D]))
-    w = Doubles(np.array([float(x) for x in claim.w[mode.name]]))
+    numbers = [float(x) for x in claim.D]
+    D = Doubles(np.array(numbers))
+    weights_of_mode = claim.w[mode.name]
+    numbers_of_w = [float(x) for x in weights_of_mode]
+    w = Doubles(np.array(numbers_of_w))
 
     def hold(weights: Doubles, rate: Fraction) -> bool:
-        return rows_hold(mode, statements.loop, weights, w, rate=rate, sigma=(Fraction(0),))
+        sigma = (Fraction(0),)
+        return rows_hold(mode, statements.loop, weights, w, rate=rate, sigma=sigma)
 
     assert hold(D, rate)
     monkeypatch.setattr(decide, "MANY_AGENTS", 0)

@@ -46,7 +46,8 @@ def peaks(*values: str, steps: int) -> Document:
 
 def accuracy(domain: Any, bounds: list[Any], *stages: Document, **exact: Any) -> Document:
     told = {str(k + 1): bound for k, bound in enumerate(bounds)}
-    return claim("accuracy", domain, None, {"stages": list(stages), "bounds": told} | exact)
+    stages_and_bounds = {"stages": list(stages), "bounds": told}
+    return claim("accuracy", domain, None, stages_and_bounds | exact)
 
 
 LONE = accuracy(GLOBAL, ["2/25"], stage("1", level="2/25", alpha="1"))
@@ -187,13 +188,13 @@ def whole_loops() -> Iterator[Case]:
     mixed = two(**PULLED), followed(WHOLE, steps=1200)
     # e' = -3 e + w + C eps, on which 0.1 (1 + 1.0019) + 0.05 0.501 = 0.22524 acts: 0.07508.
     inputs = {"disturbance": "1/10", "drift": "1/20"}
-    watched = (
-        one(coupling="y", uncertainty=inputs, **WATCHED),
-        followed({"1": ["0.0751"]}, steps=600, **HELD),
-    )
+    problem = one(coupling="y", uncertainty=inputs, **WATCHED)
+    told = followed({"1": ["0.0751"]}, steps=600, **HELD)
+    watched = (problem, told)
     # e' = 2 (w - e).
     twice = one(**TWICE), followed({"1": ["0.1001"]}, steps=800)
-    modes = {"A": [[2, 1]], "B": [[2, 1, 2]]}
+    once = [[2, 1]]
+    modes = {"A": once, "B": [[2, 1, 2]]}
     switching = Network.from_arcs(modes, arrow="listens_to", agents=2)
     double = one(network=switching, coupling="y", gains=1, uncertainty={"disturbance": "1/10"})
     idle = one(coupling="y", uncertainty={"drift": "1/10"})
@@ -238,21 +239,23 @@ def accuracy_cases() -> Iterator[Case]:
     seen = one(coupling="y", uncertainty=ALL, **SEEN), SHARP
     both = two(coupling="tanh(y)", uncertainty=ALL, region=BOX, **WATCHED), BOTH
     steep = two(**STEEP), PASSED_ON
-    plane = stage("1", "1", "1", "1", level="1/4", alpha="1/4") | {"ranges": SLOPES}
-    turned = two(**SLANTED), accuracy(GLOBAL, matrix("1/4 1/4") * 2, plane, T=UNIT)
-    by_component = accuracy(
-        GLOBAL, vector("2/25 2/25"), stage("1", "1", level="2/25", alpha="1/10")
-    )
-    wider = accuracy(GLOBAL, vector("1/5 1/5"), stage("1", "1", level="1/5", alpha="1/10"))
+    by_rows = stage("1", "1", "1", "1", level="1/4", alpha="1/4")
+    plane = by_rows | {"ranges": SLOPES}
+    claimed = accuracy(GLOBAL, matrix("1/4 1/4") * 2, plane, T=UNIT)
+    turned = two(**SLANTED), claimed
+    small_stage = stage("1", "1", level="2/25", alpha="1/10")
+    by_component = accuracy(GLOBAL, vector("2/25 2/25"), small_stage)
+    wide_stage = stage("1", "1", level="1/5", alpha="1/10")
+    wider = accuracy(GLOBAL, vector("1/5 1/5"), wide_stage)
     level, bound = "exact.stages.-1.level", "exact.bounds.1"
     loose = [scaled("1000", level), scaled("1000", bound)]
     loose += [scaled("100", f"exact.peaks.{x}") for x in PEAKS]
     sharp = stated("sqrt(y + 1) - 1", "coupling.h")
-    beyond = [
-        put("1/2", "exact.stages.1.level"),
-        put({"1": "1/2", "2": "3/2"}, "exact.bounds"),
-    ]
-    modes = Network.from_arcs({"A": [[2, 1, 10]], "B": []}, arrow="listens_to", agents=2)
+    lower_level = put({"1": "1/2", "2": "3/2"}, "exact.bounds")
+    beyond = [put("1/2", "exact.stages.1.level"), lower_level]
+    strong = [[2, 1, 10]]
+    arcs = {"A": strong, "B": []}
+    modes = Network.from_arcs(arcs, arrow="listens_to", agents=2)
     noise = {"measurement": "1/50", "weights": "1/100", "gains": "1/100"}
     switching = one(network=modes, coupling="y", gains=3, uncertainty=noise, **WATCHED), SWITCHED
     unsure = {"disturbance": "1/10", "weights": "1/10", "known_to_agents": False}

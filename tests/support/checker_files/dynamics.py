@@ -80,7 +80,8 @@ STRAIGHT = ranges("1 1, 0 0, 0 0; 0 0, 1 1, 0 0; 0 0, 0 0, 0 0")
 
 
 def alike(rate: Any = RATE, id: str = "theorem1-weighted", **exact: Any) -> Document:
-    return claim(id, "global", rate, {"D": D, "w": {"G": V}, "c": "1/2", "R": R} | exact)
+    weights = {"D": D, "w": {"G": V}, "c": "1/2", "R": R}
+    return claim(id, "global", rate, weights | exact)
 
 
 STILL = Dynamics(A=[[0]])
@@ -101,60 +102,81 @@ def problems() -> dict[str, Problem]:
         return Problem(**{"network": LINE, "gains": {1: 1}} | DOUBLE | more)
 
     def alone(a: Any, coupling: Any = "y", gain: Any = None, **more: Any) -> Problem:
-        return line(dynamics=Dynamics(A=[[a]]), coupling=coupling, gains=gain and {1: gain}, **more)
+        dynamics = Dynamics(A=[[a]])
+        return line(dynamics=dynamics, coupling=coupling, gains=gain and {1: gain}, **more)
 
-    watched = {"exosystem": scalar(0), "observer": Observer(W=[[2]])}
+    observer = Observer(W=[[2]])
+    watched = {"exosystem": scalar(0), "observer": observer}
     flat = "-1 0; 0 -1"
     planar = {"dynamics": linear(flat), "coupling": "y", "target": [0, 0]}
     cubic = {"dynamics": Dynamics(f=["x - x**3"]), "coupling": "3*y", "gains": {1: 4}}
     stays: Document = {"stays_in": [-1, 1]}
-    drag = {"dynamics": linear("0 1; 0 -3", "0; 1"), "gains": {1: [[1, 0]]}, "coupling": "y1"}
+    gains = {1: [[1, 0]]}
+    drag = {"dynamics": linear("0 1; 0 -3", "0; 1"), "gains": gains, "coupling": "y1"}
     acts = {"uncertainty": {"disturbance": "1/10"}}
     wide = linear("-1 0 0; 0 -1 0; 0 0 -1", "1 0; 0 1; 0 0")
-    three = {"dynamics": wide, "coupling": ["y1", "y2"], "gains": None, "target": [0, 0, 0]}
+    target = [0, 0, 0]
+    three = {"dynamics": wide, "coupling": ["y1", "y2"], "gains": None, "target": target}
     sines = {"network": BOTH_WAYS, "coupling": "sin(y)", "gains": "1/10", "region": WIDE}
     tanh = {"coupling": "tanh(y1)"}
     made: dict[str, Problem] = {}
     made["line"] = line()
     made["two modes"] = line(network=BOTH)
     backwards = {"optional": [[1, 2, "1/4"]], "arrow": "listens_to", "agents": 2}
-    made["comes and goes"] = line(network=Network.from_arcs([[2, 1]], **backwards))
+    arcs = [[2, 1]]
+    comes_and_goes = Network.from_arcs(arcs, **backwards)
+    made["comes and goes"] = line(network=comes_and_goes)
     doubled = Dynamics(A=[["1/2"]], B=[[2]])
     made["two inputs a unit"] = alone("1/2", "-y", 1).replace(dynamics=doubled)
     made["seen"] = line(**watched)
-    made["seen by both"] = line(exosystem=scalar(0), observer=Observer(W=matrix("1/2 2")))
-    made["seen slowly"] = line(exosystem=scalar(0), observer=Observer(W=[["1/9"]]))
+    seen_by_both = Observer(W=matrix("1/2 2"))
+    made["seen by both"] = line(exosystem=scalar(0), observer=seen_by_both)
+    slow_observer = Observer(W=[["1/9"]])
+    made["seen slowly"] = line(exosystem=scalar(0), observer=slow_observer)
     harmonic = Exosystem(A=matrix("0 2; -2 0"), C=matrix("1 0"))
-    made["harmonic"] = line(exosystem=harmonic, observer=Observer(W=matrix("16/5; 12/5")))
+    harmonic_observer = Observer(W=matrix("16/5; 12/5"))
+    made["harmonic"] = line(exosystem=harmonic, observer=harmonic_observer)
     made["other gains"] = line(gains={1: [[1, 1]]})
     made["integrators"] = line(dynamics=None, target=[0, 0], coupling=["y1 + y2", "y2"])
     made["repelled"] = alone(1, "-y", [[-1]])
     made["held"] = alone("-3/4", "-y", [[-1]])
     made["irrational"] = alone(-9, "exp(1)*y")
     made["pushed"] = alone(-9, "y", [[-1]])
-    made["one falls"] = alone(-9, "y", exceptions={(1, 0): "-y"})
+    falling = {(1, 0): "-y"}
+    made["one falls"] = alone(-9, "y", exceptions=falling)
     made["unstable"] = alone("1/2", "y", 4)
     made["calm"] = alone(-2)
     made["kinked"] = alone(-2, "abs(y)")
     made["planar"] = line(**planar)
     made["turned"] = line(**planar | {"dynamics": linear(flat, "1 1; 0 1")})
     made["pendulum"] = line(dynamics=pendulum("-sin(x1) - x2"))
-    made["bent"] = alone(0, "y", 1).replace(dynamics=Dynamics(f=["-x - x**3"]))
-    made["cubic pull"] = alone(0).replace(dynamics=Dynamics(f=["-x**3"]))
-    made["cubic push"] = alone(0, gain=1).replace(dynamics=Dynamics(f=["x**3"]))
+    straight = alone(0, "y", 1)
+    bent = Dynamics(f=["-x - x**3"])
+    made["bent"] = straight.replace(dynamics=bent)
+    cubic_pull = Dynamics(f=["-x**3"])
+    made["cubic pull"] = alone(0).replace(dynamics=cubic_pull)
+    one_pinned = alone(0, gain=1)
+    cubic_push = Dynamics(f=["x**3"])
+    made["cubic push"] = one_pinned.replace(dynamics=cubic_push)
     made["second"] = line(**sines, dynamics=Dynamics(f=["-x**3"]))
     half = vector("-1/2 1/2")
     made["led"] = line(**cubic, leader=stays | {"initial": half})
     quarter = vector("-1/4 1/4")
-    made["led near"] = line(**cubic, leader=stays | {"initial": quarter}, region=asked(quarter))
-    made["led, unstable"] = alone("1/2", "y", 4, leader={"initial": [-1, 1]})
+    near_leader = stays | {"initial": quarter}
+    made["led near"] = line(**cubic, leader=near_leader, region=asked(quarter))
+    moving_leader = {"initial": [-1, 1]}
+    made["led, unstable"] = alone("1/2", "y", 4, leader=moving_leader)
     made["second, still"] = line(**sines, dynamics=STILL)
     made["second, led"] = line(**sines, dynamics=STILL, leader={"initial": 0})
-    made["pushed off"] = alone(1, leader={"initial": [0, 3]}, region=asked([1, 2]))
+    leader_below = {"initial": [0, 3]}
+    region_above = asked([1, 2])
+    made["pushed off"] = alone(1, leader=leader_below, region=region_above)
     made["pushed elsewhere"] = alone(1, leader={"initial": [3, 4]}, region=asked([1, 2]))
     lone: Document = {"network": BOTH_WAYS, "region": asked([0, 1])}
-    made["apart"] = alone(0, **lone, leader={"initial": [0, 5]})
-    made["apart elsewhere"] = alone(0, **lone, leader={"initial": [-5, 5]}, offsets={1: 3})
+    start_of_leader = {"initial": [0, 5]}
+    made["apart"] = alone(0, **lone, leader=start_of_leader)
+    start_of_leader_below = {"initial": [-5, 5]}
+    made["apart elsewhere"] = alone(0, **lone, leader=start_of_leader_below, offsets={1: 3})
     made["drag"] = line(**drag)
     made["drag, seen"] = line(**drag, **watched)
     made["drag, pushed"] = line(**drag, **acts)
@@ -276,7 +298,8 @@ def dynamics_cases() -> Iterator[Case]:
     slow = changed(good, rate=None)
     yield wrong("repelled", slow, "R < 0", R=[["-1"]])
     yield wrong("held", slow, "R G < 0", R=[["1"]])
-    negative = changed(slow, D=vector("1 1"), w={"G": vector("2 1")}, c="-1/2", R=[["1"]])
+    weights = {"G": vector("2 1")}
+    negative = changed(slow, D=vector("1 1"), w=weights, c="-1/2", R=[["1"]])
     yield fails("irrational", "a slope that is not rational", negative)
     yield wrong("pushed", negative, "a gain that pushes", c="-2")
     yield wrong("one falls", negative, "a slope that falls", c="-2")
@@ -294,7 +317,8 @@ def dynamics_cases() -> Iterator[Case]:
     # <= 10.
     yield holds("cubic pull", "undecided", None)
     yield fails("cubic pull", "refuted", None, whole={"verdict": "refuted"})
-    held = claim("safety", box(10), None, {"rho": "10", "rate": None})
+    rate_of_nothing = {"rho": "10", "rate": None}
+    held = claim("safety", box(10), None, rate_of_nothing)
     yield fails("cubic push", "safe", held)
     yield from _coordinates()
     yield from _held()
@@ -356,7 +380,8 @@ def plane(second: str) -> Document:
     v = vector(f"1 {second} 1")
     stage = {"v": v * 2, "alpha": "1/4", "level": "1/5", "rho": None, "ranges": STRAIGHT}
     ends = [str(Fraction(x) / 5) for x in v]
-    exact = {"stages": [stage], "bounds": {"1": ends, "2": ends}, "T": UNIT_3}
+    bounds = {"1": ends, "2": ends}
+    exact = {"stages": [stage], "bounds": bounds, "T": UNIT_3}
     return claim("accuracy", "global", None, exact)
 
 
@@ -492,7 +517,8 @@ def _led() -> Iterator[Case]:
     yield holds("apart elsewhere", "no common start", None)
     # Slopes at 0 alone: J - K = [[-3, 0], [3, -2]].
     yield fails("led", "at one point", claim("linearisation", "consensus", 0.5, None))
-    even = claim("theorem1-weighted", "consensus", None, {"D": vector("1 1"), "w": {"G": V}})
+    weights = {"D": vector("1 1"), "w": {"G": V}}
+    even = claim("theorem1-weighted", "consensus", None, weights)
     yield fails("led", "at one point", even)
     proved = {"verdict": "proved", "margin": 0.1, "reason": ""}
     yield fails("led", "at one point", cubic(), lemma1=proved)

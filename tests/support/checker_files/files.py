@@ -177,15 +177,18 @@ def collected(cases: Callable[[], Iterator[Case]]) -> Callable[[], list[Case]]:
 
 def misjudged(cases: list[Case]) -> list[str]:
     """The names of the cases that get another exit code."""
-    return [case.name for case in cases if outcome(case.certificate, case.problem) != case.code]
+    found = []
+    for case in cases:
+        if outcome(case.certificate, case.problem) != case.code:
+            found.append(case.name)
+    return found
 
 
 def alone(folder: Path, certificate: bytes, problem: bytes) -> subprocess.CompletedProcess[str]:
     """Run a copy of the checker's folder by another name, without site packages and without the
     package."""
-    shutil.copytree(
-        Path(checker.__file__).parent, folder / "lone", ignore=shutil.ignore_patterns("__pycache__")
-    )
+    package = Path(checker.__file__).parent
+    shutil.copytree(package, folder / "lone", ignore=shutil.ignore_patterns("__pycache__"))
     (folder / "certificate.json").write_bytes(certificate)
     (folder / "problem.json").write_bytes(problem)
     command = [sys.executable, "-I", "-S", "lone", "certificate.json", "problem.json"]
@@ -213,10 +216,12 @@ def problems() -> dict[str, Problem]:
         return Problem(network=network, coupling=coupling, gains=gains, **more)
 
     def observed(W: Any, P: Any = None, exosystem: Exosystem | None = None, **more: Any) -> Problem:
-        return held(exosystem=exosystem or scalar(0), observer=Observer(W=W, P=P), **more)
+        observer = Observer(W=W, P=P)
+        return held(exosystem=exosystem or scalar(0), observer=observer, **more)
 
     def asked(gain: Any, *states: list[int]) -> Problem:
-        return held("y", {1: gain}, line, target=[0, 0], region={"initial_states": list(states)})
+        region = {"initial_states": list(states)}
+        return held("y", {1: gain}, line, target=[0, 0], region=region)
 
     half = {1: "1/2", 2: "1/2"}
     made: dict[str, Problem] = {}
@@ -235,36 +240,45 @@ def problems() -> dict[str, Problem]:
     )
     made["bad W"] = observed([[-1]])
     made["hidden"] = observed([[1]], exosystem=scalar(0, 0))
-    made["faint"] = held(exosystem=Exosystem(A=matrix("0 1 0; 0 0 0; 0 0 1"), C=matrix("0 1 0")))
-    made["calm bad W"] = observed(
-        [[-1]], coupling="tanh(y)", region={"initial_states": [-1, 1], "initial_disturbance": 0}
-    )
+    faint = Exosystem(A=matrix("0 1 0; 0 0 0; 0 0 1"), C=matrix("0 1 0"))
+    made["faint"] = held(exosystem=faint)
+    calm = {"initial_states": [-1, 1], "initial_disturbance": 0}
+    made["calm bad W"] = observed([[-1]], coupling="tanh(y)", region=calm)
     made["loose"] = held("2*y", None)
-    made["far"] = held(gains={2: 1}, network=network([[2, 1], [3, 2]]))
-    made["far, two components"] = asked([[1, 0], [0, 0]], [-1, 1], [-1, 1])
-    made["slanted"] = asked([[1, -1], [-1, 1]], [1, 2], [-2, -1])
+    chain_of_three = network([[2, 1], [3, 2]])
+    made["far"] = held(gains={2: 1}, network=chain_of_three)
+    first_component = [[1, 0], [0, 0]]
+    made["far, two components"] = asked(first_component, [-1, 1], [-1, 1])
+    slanting = [[1, -1], [-1, 1]]
+    beside_it = [-2, -1]
+    made["slanted"] = asked(slanting, [1, 2], beside_it)
     made["beside"] = asked([[1, 0], [0, 0]], [1, 2], [-1, 1])
     made["only 0"] = asked([[1, 0], [0, 0]], [-1, 1], [0, 0])
-    made["empty box"] = held(gains=None, offsets={2: 5}, region={"initial_states": [-1, 1]})
-    made["point box"] = held(gains=None, region={"initial_states": [0, 0]})
+    one_sided = {"initial_states": [-1, 1]}
+    made["empty box"] = held(gains=None, offsets={2: 5}, region=one_sided)
+    one_point = {"initial_states": [0, 0]}
+    made["point box"] = held(gains=None, region=one_point)
     made["unstable"] = held("-y", half)
     made["unstable, elsewhere"] = held("-y", half, region={"initial_states": [0, 1]})
     made["unstable, irrational"] = held("-exp(1)*y", half)
-    made["unstable, large"] = held(gains={1: 1}, network=network([], agents=61))
-    made["repelled, large"] = held(
-        network=network([[i + 1, (i + k) % 61 + 1] for i in range(61) for k in (1, 60)]),
-        exceptions={(0, 1): "-3*y", (1, 0): "-3*y"},
-    )
-    made["not normal"] = held("5*y", {1: "1/2"}, network([[2, 1], [3, 2]]))
+    many = network([], agents=61)
+    made["unstable, large"] = held(gains={1: 1}, network=many)
+    wide_ring = network([[i + 1, (i + k) % 61 + 1] for i in range(61) for k in (1, 60)])
+    repelled = {(0, 1): "-3*y", (1, 0): "-3*y"}
+    made["repelled, large"] = held(network=wide_ring, exceptions=repelled)
+    two_arcs = network([[2, 1], [3, 2]])
+    made["not normal"] = held("5*y", {1: "1/2"}, two_arcs)
     made["kinked"] = held("abs(y)")
     made["regional"] = held("tanh(y)", region={"initial_states": [-1, 1]})
-    made["two modes"] = held(gains={1: 4}, network=network({"A": EACH_OTHER, "B": [[2, 1]]}))
-    made["ring"] = held(
-        gains={1: 1},
-        network=network([[i + 1, (i + k) % 25 + 1] for i in range(25) for k in (1, 24)]),
-    )
-    made["large"] = held("sqrt(2)*y", dict.fromkeys(range(1, 26), 5), network(chain))
-    made["long"] = held("y", dict.fromkeys(range(1, 26), 1), network(chain))
+    one_arc = [[2, 1]]
+    two_modes = network({"A": EACH_OTHER, "B": one_arc})
+    made["two modes"] = held(gains={1: 4}, network=two_modes)
+    ring_arcs = [[i + 1, (i + k) % 25 + 1] for i in range(25) for k in (1, 24)]
+    made["ring"] = held(gains={1: 1}, network=network(ring_arcs))
+    all_held = dict.fromkeys(range(1, 26), 5)
+    made["large"] = held("sqrt(2)*y", all_held, network(chain))
+    all_weakly_held = dict.fromkeys(range(1, 26), 1)
+    made["long"] = held("y", all_weakly_held, network(chain))
     return made
 
 
@@ -326,9 +340,8 @@ def conclude(document: Document, proof: Document | None, *, refuted: bool) -> No
 
 def bare(document: Document) -> Document:
     """Without the optional checks, each of which would fail, or decide, by itself."""
-    return document | {
-        "checks": [each for each in document["checks"] if each["id"] not in OPTIONAL]
-    }
+    kept = [each for each in document["checks"] if each["id"] not in OPTIONAL]
+    return document | {"checks": kept}
 
 
 def bent(
@@ -354,7 +367,9 @@ def bent(
         bend(holder, values)
         titles.append(f"{place}: {', '.join(values)}")
     title = what or " and ".join(titles)
-    return Case(f"{name}: {title}", json.dumps(copied).encode(), _originals()[name][1], code)
+    copied_text = json.dumps(copied).encode()
+    problem_bytes = _originals()[name][1]
+    return Case(f"{name}: {title}", copied_text, problem_bytes, code)
 
 
 def forged(name: str, place: str, what: str = "", *, code: int = FAILS, **changes: Any) -> Case:
@@ -570,13 +585,17 @@ def _forged_pairs() -> Iterator[Case]:
     0."""
     proof: Document = {"verdict": "proved", "margin": 0, "rate": None, "witness": GONE}
     whole = ("", {"verdict": "proved", "covered_by": "theorem1"})
-    for P, Q, S, bound in (("-1", "1", "1/2", "-1/2"), ("1", "-1", "-1/2", "1/2")):
+    first_pair = ("-1", "1", "1/2", "-1/2")
+    second_pair = ("1", "-1", "-1/2", "1/2")
+    for P, Q, S, bound in (first_pair, second_pair):
         pair = {"P": [[P]], "Q": [[Q]]}
         exact = pair | {"S": [[S]], "bound": bound}
         claim = ("theorem1", proof | {"exact": exact})
         yield bent("bad W", claim, ("observer", pair), whole, what=f"P = {P}")
     given = document("given")
-    proofs = [(id, {"witness": GONE} | check_of(given, id)) for id in ("hurwitz", "theorem1")]
+    proofs = []
+    for id in ("hurwitz", "theorem1"):
+        proofs.append((id, {"witness": GONE} | check_of(given, id)))
     overall = ("", {key: given[key] for key in OPEN})
     yield bent("bad W", *proofs, ("observer", given["observer"]), overall, what="a better W")
     yield _asymmetric_pair()
@@ -586,16 +605,18 @@ def _asymmetric_pair() -> Case:
     """P is not symmetric, and everything else is as it would follow from it."""
     problem = problems()["paper"]
     claims = certified(problem).claims
-    assert claims.P is not None and problem.exosystem is not None and problem.observer.W is not None
-    A, C, W = (
-        as_rationals(M) for M in (problem.exosystem.A, problem.exosystem.C, problem.observer.W)
-    )
+    assert claims.P is not None
+    assert problem.exosystem is not None
+    assert problem.observer.W is not None
+    matrices = (problem.exosystem.A, problem.exosystem.C, problem.observer.W)
+    A, C, W = (as_rationals(M) for M in matrices)
     P = as_rationals(claims.P)
     P[0, 1] += sp.Rational(1, 1000)
     half = P * (A - W * C)
     S = C * (-half - half.T).inv() * C.T
     pair = {"P": as_texts(P), "Q": as_texts(P * W)}
-    exact = pair | {"S": as_texts(S), "bound": str(-S[0, 0])}
+    bound = str(-S[0, 0])
+    exact = pair | {"S": as_texts(S), "bound": bound}
     claim = ("theorem1", {"exact": exact, "margin": 0.1, "rate": None})
     whole = ("", {"rate": None, "covered_by": "theorem1"})
     title = "P is not symmetric"
@@ -604,7 +625,8 @@ def _asymmetric_pair() -> Case:
 
 def as_rationals(rows: Any) -> sp.Matrix:
     """Of numbers or of their texts."""
-    return sp.Matrix([[sp.Rational(str(x)) for x in row] for row in rows])
+    entries = [[sp.Rational(str(x)) for x in row] for row in rows]
+    return sp.Matrix(entries)
 
 
 def as_texts(M: sp.Matrix) -> list[list[str]]:
@@ -620,8 +642,10 @@ def _too_large_to_count() -> Case:
     problem["modes"][0]["arcs"] = [[1, 2, "1"]]
     copied = document(name)
     exact = {"unstable_roots": "1", "value": "2"}
-    witness = {"kind": "vector", "labels": ["1"], "values": ["1"] + ["0"] * 60}
-    bend(check_of(copied, "lemma1"), {"exact": exact, "witness": witness, "margin": None})
+    values = ["1"] + ["0"] * 60
+    witness = {"kind": "vector", "labels": ["1"], "values": values}
+    changes = {"exact": exact, "witness": witness, "margin": None}
+    bend(check_of(copied, "lemma1"), changes)
     return about(problem, copied, name="61 rows", code=FAILS)
 
 
@@ -754,7 +778,8 @@ def _bent_problems() -> Iterator[Case]:
     yield _with("good P", "observer.W", None)
     yield _with("plain", "dimension", 0)
     yield _with("plain", "dimension", "1")
-    wide = problem_of("plain") | {"dimension": 101, "target": ["0"] * 101, "gains": []}
+    changes = {"dimension": 101, "target": ["0"] * 101, "gains": []}
+    wide = problem_of("plain") | changes
     yield about(wide, document("plain"), name="101 components", code=UNREADABLE)
     yield _with("plain", "extra", 1)
     yield _with("plain", "version", True)

@@ -87,7 +87,9 @@ def in_turn(*modes: str) -> Document:
 
 
 def _settings() -> dict[str, tuple[Document, Document]]:
-    three = LINK | {"network": network({"A": [[2, 1]], "B": [[3, 2]], "C": []}, agents=3)}
+    in_a = {"A": [[2, 1]], "B": [[3, 2]], "C": []}
+    modes = network(in_a, agents=3)
+    three = LINK | {"network": modes}
     made: dict[str, tuple[Document, Document]] = {}
     made["link"] = LINK, BOTH
     made["link, stays"] = LINK, STAYS
@@ -109,7 +111,10 @@ def _settings() -> dict[str, tuple[Document, Document]]:
     made["sine"] = link("sin(y)"), BOTH
     made["outward"] = LINK | PLANE, BOTH
     made["list"] = LINK | LIST, BOTH
-    made["two modes of three"] = three, drawn([-1, 1, 0], [1, -1, 0], [1, 1, -2])
+    first_rates = [-1, 1, 0]
+    second_rates = [1, -1, 0]
+    rates = drawn(first_rates, second_rates, [1, 1, -2])
+    made["two modes of three"] = three, rates
     made["two sets"] = three, drawn([-1, 1, 0], [1, -1, 0], [0, 0, 0])
     made["pushed"] = PUSHED, BOTH
     made["pushed, stays"] = PUSHED, STAYS

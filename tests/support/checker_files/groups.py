@@ -43,7 +43,8 @@ GROWING = Observer(W=[[-1]])
 
 def _pair(*groups: Group, **more: Any) -> Problem:
     """Two agents; one in no group has no disturbance."""
-    return Problem(**{"network": network(), "coupling": "y", "gains": 1, "groups": groups} | more)
+    settings = {"network": network(), "coupling": "y", "gains": 1, "groups": groups}
+    return Problem(**settings | more)
 
 
 def _one(agent: int, exosystem: Exosystem, observer: Observer | None = None) -> Group:
@@ -56,20 +57,24 @@ def problems() -> dict[str, Problem]:
     given = _one(1, scalar(0), Observer(W=[[2]]))
     slow = _one(2, scalar(-1), SLOW)
     bad = _one(2, scalar(0), GROWING)
-    printed = _one(1, scalar(0), Observer(W=[[2]], P=[[1]]))
+    own_observer = Observer(W=[[2]], P=[[1]])
+    printed = _one(1, scalar(0), own_observer)
     pairs = {"printed": 1, "small P": "1/100", "negative P": -1}
     starts = {"initial_states": [-1, 1]}
     calm = starts | {"initial_disturbance": 0}
     noisy = starts | {"initial_disturbance": "1/10"}
     line = Exosystem(A=[[0]], C=matrix("1; 2"))
     turned = Exosystem(A=matrix("0 0; 0 -1"), C=matrix("1 0; 0 1"))
-    first_two = Group(agents=[1, 2], exosystem=scalar(0), observer=Observer(W=[[2]]))
+    observer = Observer(W=[[2]])
+    first_two = Group(agents=[1, 2], exosystem=scalar(0), observer=observer)
     three = [first_two, _one(3, scalar(-1), SLOW)]
     made: dict[str, Problem] = {}
     made["given"] = _pair(given, slow)
     made["mixed"] = _pair(given, _one(2, RAMP))
     for name, P in pairs.items():
-        made[name] = _pair(printed, _one(2, scalar(-1), Observer(W=[[1]], P=[[P]])))
+        observer_of_second = Observer(W=[[1]], P=[[P]])
+        second = _one(2, scalar(-1), observer_of_second)
+        made[name] = _pair(printed, second)
     made["hidden"] = _pair(given, _one(2, scalar(0, 0)))
     made["bad W"] = _pair(given, bad)
     made["bad W, calm"] = _pair(given, bad, coupling="tanh(y)", region=calm)
@@ -79,15 +84,18 @@ def problems() -> dict[str, Problem]:
     made["plane"] = _pair(_one(1, line), _one(2, turned), coupling=["y1 + y2/2", "y2"], gains=2)
     made["one"] = _pair(given)
     made["one, printed"] = _pair(printed)
+    simulation = {"xi0": ["1/20"]}
+    uncertainty = {"disturbance": "1/100", "weights": "1/100"}
     made["one, limited"] = _pair(
         given,
         coupling="tanh(y)",
         region=noisy,
         actuators={"limit": 9},
-        simulation={"xi0": ["1/20"]},
-        uncertainty={"disturbance": "1/100", "weights": "1/100"},
+        simulation=simulation,
+        uncertainty=uncertainty,
     )
-    made["three"] = linked([[1, 2], [2, 3], [3, 1]], gains=1, groups=three)
+    arcs = [[1, 2], [2, 3], [3, 1]]
+    made["three"] = linked(arcs, gains=1, groups=three)
     return made
 
 
@@ -183,7 +191,8 @@ def _bent_claims() -> Iterator[Case]:
 
 
 def _quadratic(P: list[list[str]]) -> Document:
-    return claim("lure", "global", 0.1, quadratic("1/10", "1", "1", None, None, P=P))
+    form = quadratic("1/10", "1", "1", None, None, P=P)
+    return claim("lure", "global", 0.1, form)
 
 
 def _bent_printed_pairs() -> Iterator[Case]:
@@ -215,7 +224,8 @@ def _undisturbed() -> Iterator[Case]:
     exact = check(document("one, limited"), "actuators")["exact"]
     inputs = exact["inputs"]
     for label, less in (("1", "1/20"), ("2", "1/1000")):  # of |d_1| = 1/20 and d_2 = 0
-        smaller = inputs | {label: str(Fraction(inputs[label]) - Fraction(less))}
+        less_input = Fraction(inputs[label]) - Fraction(less)
+        smaller = inputs | {label: str(less_input)}
         title = f"a smaller input of agent {label}"
         yield bent("one, limited", title, "actuators", exact=exact | {"inputs": smaller})
     for id in ("observability", "hurwitz"):
@@ -236,13 +246,16 @@ def _with_matrices(
     parts = problem_of(name)["exosystem"]["groups"]
     A, C = (sp.diag(*(as_rationals(part[key]) for part in parts)) for key in "AC")
     F = A - W * C
-    S = C * (-(P * F + F.T * P)).inv() * C.T
+    decay = -(P * F + F.T * P)
+    inverse = decay.inv()
+    S = C * inverse * C.T
     pair = {"P": as_texts(P), "Q": as_texts(P * W)}
     copied["observer"] |= {"W": as_texts(W)} | pair
     exact = pair | {"S": as_texts(S)}
     if S[0, 0] * sp.eye(S.rows) == S:
         exact["bound"] = str(-S[0, 0])
-    bend(check(copied, "theorem1"), {"exact": exact, "margin": 0, "rate": None})
+    changes = {"exact": exact, "margin": 0, "rate": None}
+    bend(check(copied, "theorem1"), changes)
     bend(copied, {"rate": None, "covered_by": "theorem1"})
     if routh is not None:
         bend(check(copied, "hurwitz", "1"), {"exact": routh})
@@ -317,7 +330,9 @@ def _bent_problems() -> Iterator[Case]:
     problem["exosystem"]["groups"][0]["agents"] = [1, 0]
     yield _unreadable("three", "agents out of order", problem, turned)
     yield _backwards()
-    for what, parts in (("version 1", {"version": 1}), ("no group", {"exosystem": {"groups": []}})):
+    of_version = ("version 1", {"version": 1})
+    of_group = ("no group", {"exosystem": {"groups": []}})
+    for what, parts in (of_version, of_group):
         yield _unreadable("one", what, problem_of("one") | parts, document("one"))
     problem = problem_of("one")
     problem["exosystem"]["groups"][0]["agents"] = [0, 1]
@@ -337,20 +352,23 @@ def _backwards() -> Case:
     exact = check(claims, "theorem1")["exact"]
     for holder, names in ((claims["observer"], "WPQ"), (exact, "PQS")):
         for name in names:
-            holder[name] = [row[::-1] for row in reversed(holder[name])]
+            turned = reversed(holder[name])
+            holder[name] = [row[::-1] for row in turned]
     return _unreadable("given", "groups out of order", problem, claims)
 
 
 def _alone() -> Case:
     """One group of all agents: a certificate of the plain problem with the group's name on its
     checks."""
-    same = _pair(exosystem=scalar(0), observer=Observer(W=[[2]]))
+    observer = Observer(W=[[2]])
+    same = _pair(exosystem=scalar(0), observer=observer)
     certificate = json.loads(certificate_bytes(consensus_claims(same)))
     for each in certificate["checks"]:
         if each["id"] in ("observability", "detectability", "hurwitz"):
             each["group"] = "1"
     problem = json.loads(canonical_bytes(same))
-    all_agents = problem["exosystem"] | {"agents": [0, 1], "W": [["2"]], "P": None}
+    changes = {"agents": [0, 1], "W": [["2"]], "P": None}
+    all_agents = problem["exosystem"] | changes
     problem["exosystem"] = {"groups": [all_agents]}
     problem["observer"] = {"W": None, "P": None, "rate": None}
     return about(problem, certificate, name="groups: one group of all", code=UNREADABLE)

@@ -43,9 +43,8 @@ RISING = {
 
 def one(**more: Any) -> Problem:
     network = Network.from_arcs([], arrow="listens_to", agents=1)
-    return Problem(
-        **{"network": network, "coupling": "sinh(y)", "gains": {1: 3}, "target": 0} | more
-    )
+    settings = {"network": network, "coupling": "sinh(y)", "gains": {1: 3}, "target": 0}
+    return Problem(**settings | more)
 
 
 @cache
@@ -69,11 +68,8 @@ def _slower(problem: Problem, part: str) -> Document:
     rate = min(Fraction(beside["alpha"]), beta - 1 / (kappa * lightest))
     eta = Fraction(_claimed(problem, "tolerance")["eta"])
     slower = float(rate * Fraction(part))
-    return {
-        "alpha": str(kappa * eta + rate / 2),
-        "rate": float(f"{slower:.6g}"),
-        "factor": None,
-    }
+    alpha = str(kappa * eta + rate / 2)
+    return {"alpha": alpha, "rate": float(f"{slower:.6g}"), "factor": None}
 
 
 def bent(
@@ -135,14 +131,11 @@ def margins_cases() -> Iterator[Case]:
     table = {"weights": "1/10", "gains": "1/10"}
     near = one(uncertainty=table, region=REGION)
     seen = one(uncertainty=table, **SEEN)
-    fast = {"exosystem": scalar(0), "observer": Observer(W=[[4]]), "gains": 3}
+    observer = Observer(W=[[4]])
+    fast = {"exosystem": scalar(0), "observer": observer, "gains": 3}
     loose = {"weights": "1/1000", "known_to_agents": False}
-    unknown = two(
-        uncertainty=loose,
-        coupling="y + y**3/9",
-        **fast,
-        region=REGION | {"initial_disturbance": "1/10"},
-    )
+    region = REGION | {"initial_disturbance": "1/10"}
+    unknown = two(uncertainty=loose, coupling="y + y**3/9", **fast, region=region)
     kinked = one(uncertainty=table, region=REGION, coupling="y + abs(y)/2")
     limited = one(region=REGION, actuators={"limit": 9})
     start = matrix("1/2 1/2")
@@ -162,17 +155,19 @@ def margins_cases() -> Iterator[Case]:
     heavy = one(region=REGION, uncertainty=acts, actuators={"limit": 9})
     straight = heavy.replace(coupling="y")
     drifts = one(**SEEN, **WIDE, uncertainty=acts)
-    blind = two(
-        **fast, coupling="y + y**3/9", uncertainty=acts | {"known_to_agents": False}, **WIDE
-    )
-    ring = Network.from_arcs([[2, 1], [3, 2], [1, 3]], arrow="listens_to", agents=3)
+    acting = acts | {"known_to_agents": False}
+    blind = two(**fast, coupling="y + y**3/9", uncertainty=acting, **WIDE)
+    arcs = [[2, 1], [3, 2], [1, 3]]
+    ring = Network.from_arcs(arcs, arrow="listens_to", agents=3)
+    gains = {1: 3, 2: 2}
     tight = {
         "network": ring,
         "coupling": "y + y**3/9",
-        "gains": {1: 3, 2: 2},
+        "gains": gains,
         "uncertainty": {"weights": "1/100"},
     }
-    own_box = one(**fast | tight, region=WIDE["region"], actuators={"limit": 8, "amplitude": 2})
+    actuators = {"limit": 8, "amplitude": 2}
+    own_box = one(**fast | tight, region=WIDE["region"], actuators=actuators)
     yield bent(own_box, "actuators", code=HOLDS)
     yield bent(own_box, "actuators", v=vector("1 2 1"))
     yield blindfolded(own_box)
@@ -235,4 +230,6 @@ def margins_cases() -> Iterator[Case]:
 
 def two(**more: Any) -> Problem:
     """The second agent hears the first."""
-    return one(**more | {"network": Network.from_arcs([[2, 1]], arrow="listens_to", agents=2)})
+    arcs = [[2, 1]]
+    network = Network.from_arcs(arcs, arrow="listens_to", agents=2)
+    return one(**more | {"network": network})

@@ -124,7 +124,9 @@ class Watched:
 
     def failed(self) -> set[tuple[str, int]]:
         """File and place of the checks that have not passed since this was asked last."""
-        failed = self._rejected | {place for place, times in self._open.items() if times}
+        still_open = self._open.items()
+        open_places = {place for place, times in still_open if times}
+        failed = self._rejected | open_places
         self._open.clear()
         self._rejected.clear()
         return failed
@@ -208,8 +210,5 @@ def _parts(condition: ast.expr) -> Iterator[Condition]:
 
 def _returns_false(body: list[ast.stmt]) -> bool:
     only = body[0] if len(body) == 1 else None
-    return (
-        isinstance(only, ast.Return)
-        and isinstance(only.value, ast.Constant)
-        and only.value.value is False
-    )
+    returns = isinstance(only, ast.Return)
+    return returns and isinstance(only.value, ast.Constant) and only.value.value is False

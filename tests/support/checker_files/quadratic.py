@@ -32,13 +32,10 @@ def quadratic(
     rate: str, low: str, high: str, level: Any, radius: Any, size: str = "1", **more: Any
 ) -> Document:
     """P_e = size I of two agents, by vertices."""
-    form = {
-        "method": "vertices",
-        "P_e": [[0, 0, size], [1, 1, size]],
-        "multipliers": {},
-        "rate": rate,
-    }
-    return form | {"level": level, "radius": radius, "ranges": bounds(low, high)} | more
+    P_e = [[0, 0, size], [1, 1, size]]
+    form = {"method": "vertices", "P_e": P_e, "multipliers": {}, "rate": rate}
+    level_and_ranges = {"level": level, "radius": radius, "ranges": bounds(low, high)}
+    return form | level_and_ranges | more
 
 
 # sin on both arcs, k = 3, P_e = I: gains from 1/5 to 1 hold on |y| <= 5/2, that is on |e|^2 <=
@@ -86,7 +83,8 @@ def _bent() -> Iterator[Case]:
     yield wrong("wavy, observed", SEEN, "S", P=[["0.133"]])
     yield wrong("wavy, observed", SEEN, "ball with a disturbance", domain=ball(1.7671, 0.1))
     yield wrong("wavy", WAVY, "refuted", verdict="refuted", says=UNDECIDED)
-    backward = claim("lure", "global", 1, quadratic("1", "1", "1", "1", "-1"))
+    turned = quadratic("1", "1", "1", "1", "-1")
+    backward = claim("lure", "global", 1, turned)
     for radius, code in (("1", HOLDS), ("-1", FAILS)):
         check = changed(backward, radius=radius, domain=ball(1))
         check["exact"]["P"] = [["1"]]
@@ -100,9 +98,8 @@ def _bent() -> Iterator[Case]:
     )
 
     # A coupling that no arc has counts: the problem is not linear.
-    linear = quadratic(
-        "1", "1", "1", None, None, ranges=[{"coupling": 1, "gains": [matrix("1 1")]}]
-    )
+    ranges_of_another = [{"coupling": 1, "gains": [matrix("1 1")]}]
+    linear = quadratic("1", "1", "1", None, None, ranges=ranges_of_another)
     yield fails("unused", "lure everywhere", claim("lure", "global", 1, linear))
     linear |= {"level": "2", "radius": "1"}
     yield holds("unused", "lure in a ball", claim("lure", ball(1.414), 1, linear), **UNDECIDED)

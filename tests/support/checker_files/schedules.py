@@ -77,11 +77,16 @@ def by(*sequence: str) -> Document:
 
 def _settings() -> dict[str, tuple[Document, Document]]:
     """Small problems, and their [switching]."""
-    plane: Document = {"target": [0, 0], "gains": {1: 1, 2: [[1, 2], [-2, 1]]}}
-    one_mode = CHAIN | {"network": network({"A": [[2, 1]]}, agents=2)}
+    turned_gain = [[1, 2], [-2, 1]]
+    gains = {1: 1, 2: turned_gain}
+    plane: Document = {"target": [0, 0], "gains": gains}
+    one = {"A": [[2, 1]]}
+    one_network = network(one, agents=2)
+    one_mode = CHAIN | {"network": one_network}
     random: Document = {"signal": "random", "dwell": 1}
     three = CHAIN | {"network": THREE}
-    falling = chain("-y") | {"exceptions": {(1, 0): "y", (2, 1): "y"}}
+    exceptions = {(1, 0): "y", (2, 1): "y"}
+    falling = chain("-y") | {"exceptions": exceptions}
     made: dict[str, tuple[Document, Document]] = {}
     made["chain"] = CHAIN, TURNS
     made["chain, listed"] = CHAIN, TURNS | {"dwell": [1, 1]}
@@ -93,7 +98,8 @@ def _settings() -> dict[str, tuple[Document, Document]]:
     made["chain, one of two"] = CHAIN, by("A")
     made["one mode"] = one_mode, by("A")
     made["chain, observed"] = CHAIN | WATCHED, TURNS
-    made["chain, bad W"] = CHAIN | WATCHED | {"observer": Observer(W=[[-1]])}, TURNS
+    bad_observer = {"observer": Observer(W=[[-1]])}
+    made["chain, bad W"] = CHAIN | WATCHED | bad_observer, TURNS
     made["pair"] = PAIR, FOR_LONG
     made["pair, linear"] = pair("y"), FOR_LONG
     made["pair, for ever"] = PAIR, DWELL
@@ -115,7 +121,9 @@ def _settings() -> dict[str, tuple[Document, Document]]:
     made["grows, not"] = GROWS | {"gains": "11/10"}, LONG_TURNS
     made["grows, curved"] = GROWS | {"coupling": "-y - y**3"}, LONG_TURNS
     made["outward"] = pair("y") | plane, DWELL
-    made["list"] = pair(["y1 + y2", "y2"]) | {"target": [0, 0]}, DWELL
+    two_components = pair(["y1 + y2", "y2"])
+    target = {"target": [0, 0]}
+    made["list"] = two_components | target, DWELL
     return made
 
 
@@ -148,7 +156,8 @@ def turned(check: Document, T: str = "2", low: str = "1", high: str = "1", **mor
 def _in_coordinates() -> Iterator[Case]:
     """With z = 2 e the same weights hold, a box of e is half as wide, and P is four times as
     large."""
-    seen = OBSERVED | {"exact": OBSERVED["exact"] | {"P": [["4"]], "size": "4"}}
+    error = {"P": [["4"]], "size": "4"}
+    seen = OBSERVED | {"exact": OBSERVED["exact"] | error}
     yield _holds("chain", "in coordinates", turned(CHAINED))
     yield _holds("chain", "in coordinates, in a box", turned(changed(BOXED, rho="18")))
     yield _fails("chain", "in coordinates, the box leaves the region", turned(BOXED))
@@ -363,7 +372,9 @@ def _bent_dwell() -> Iterator[Case]:
     yield _with("pair", CUBIC, 0, 0, 1, "1.99")
     linear = changed(CUBIC, domain=GLOBAL, rho=None)
     yield _holds("pair, linear", "true", linear)
-    for k, i, value in ((1, 1, "1.2499"), (2, 1, "0.7499"), (1, 0, "0.5003")):
+    lower_first = (1, 1, "1.2499")
+    lower_second = (2, 1, "0.7499")
+    for k, i, value in (lower_first, lower_second, (1, 0, "0.5003")):
         check = moved(linear, 0, k, i, value)
         yield _fails("pair, linear", f"time {k}, agent {i}: {value}", check)
     late = phase("0 2", "1 2; 1/2 1")
@@ -471,7 +482,9 @@ def _settled() -> Iterator[Case]:
     each_wrong = forger.each_wrong
     for check in (STAYS, GOES_ON, WIDE):
         yield holds("chain", "true", check)
-    for k, i, value in ((1, 0, "0.499"), (2, 1, "0.624"), (3, 2, "0.812")):
+    first_place = (1, 0, "0.499")
+    second_place = (2, 1, "0.624")
+    for k, i, value in (first_place, second_place, (3, 2, "0.812")):
         yield fails("chain", f"time {k}, agent {i}: {value}", shifted(STAYS, k, i, value))
     for k in (1, 2):
         yield fails("chain", f"time {k}, agent {k}: 0.999", shifted(STAYS, k, k, "0.999"))
@@ -494,7 +507,8 @@ def _settled() -> Iterator[Case]:
     yield from each_wrong("chain", WIDE, times=[vector("0 2"), vector("0 1/2")])
     yield wrong("chain", WIDE, level="1.66")
     start = tube("0", "1 1")
-    at_once = settling(box(1), "9", "9", start, last("schedule", CUBIC["exact"], "1", "2"))
+    last_part = last("schedule", CUBIC["exact"], "1", "2")
+    at_once = settling(box(1), "9", "9", start, last_part)
     yield fails("pair", "at the beginning of a phase that is not known", at_once)
     start = tube("0", "1 1 1")
     near = settling(box(1), "1", "1", start, last("schedule", CURVED["exact"], "1", "1"))

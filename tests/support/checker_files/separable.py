@@ -58,11 +58,11 @@ def claim(id: str, domain: Any, rate: Any, exact: Document | None, **more: Any) 
         "exact": exact,
     }
     check |= more
-    return {
-        key: value
-        for key, value in check.items()
-        if value is not None or key not in ("exact", "witness")
-    }
+    found = {}
+    for key, value in check.items():
+        if value is not None or key not in ("exact", "witness"):
+            found[key] = value
+    return found
 
 
 def weights(v: str, alpha: str, rho: str | None = None, **more: Any) -> Document:
@@ -107,18 +107,20 @@ def _settings() -> dict[str, Document]:
     """Small problems; what is true of them stands beside their claims."""
     cubic = "y + y**3"
     first: Document = {"network": LINE_NET, "gains": {1: 1}}
-    planar: Document = {"network": LINE_NET, "target": [0, 0], "region": asked([[-1, 1], [-1, 1]])}
+    region = asked([[-1, 1], [-1, 1]])
+    planar: Document = {"network": LINE_NET, "target": [0, 0], "region": region}
     crossed = {1: [[2, 1], [-1, 3]], 2: [[2, 1], [-1, 3]]}
     heavy = network([[1, 2, "1e307"], [2, 1, "1e307"]])
-    heavy_line = first | {"network": network([[2, 1, 3]], agents=2)}
+    arc = [[2, 1, 3]]
+    heavy_line = first | {"network": network(arc, agents=2)}
     one_each = network({"A": [[1, 2]], "B": [[2, 1]]})
-    loose = Network.from_arcs([[1, 2]], arrow="listens_to", optional=[[2, 1]])
+    arcs = [[1, 2]]
+    optional = [[2, 1]]
+    loose = Network.from_arcs(arcs, arrow="listens_to", optional=optional)
     blind: Document = {"exosystem": scalar(0, 0), "region": asked(1, "1/2")}
-    harmonic: Document = {
-        "exosystem": Exosystem(A=matrix("0 2; -2 0"), C=matrix("1 0")),
-        "observer": Observer(W=matrix("16/5; 12/5")),
-        "region": asked(1, "1/2"),
-    }
+    exosystem = Exosystem(A=matrix("0 2; -2 0"), C=matrix("1 0"))
+    observer = Observer(W=matrix("16/5; 12/5"))
+    harmonic: Document = {"exosystem": exosystem, "observer": observer, "region": asked(1, "1/2")}
     found: dict[str, Document] = {}
     found["pair"] = given("exp(y) - 1 + y")
     found["heavy"] = given("tanh(y)", network=heavy, gains="1e307")
@@ -131,20 +133,24 @@ def _settings() -> dict[str, Document]:
     found["sine"] = given("sin(y)", **first)
     found["bent"] = given("-abs(y)", gains=5)
     found["pushed away"] = given("-max(y, 0)", gains="1/10")
-    found["below the target"] = given("tanh(y)", target=1, region=asked([-5, 0]))
+    below = asked([-5, 0])
+    found["below the target"] = given("tanh(y)", target=1, region=below)
     found["loose"] = given("2*tanh(y)", gains=None)
     found["half loose"] = given("tanh(y)", network=one_each, gains={1: 1})
     found["matrix"] = given("tanh(y)", gains=crossed, **planar)
     found["linear matrix"] = given("y", gains=crossed, **planar)
     found["cubic"] = given(cubic, region=asked("0.49"))
-    found["two kinds"] = given(cubic, exceptions={(1, 0): "2*y"}, region=asked("0.24"))
-    found["unused"] = given(cubic, exceptions={(0, 1): "y", (1, 0): "y"})
+    another = {(1, 0): "2*y"}
+    found["two kinds"] = given(cubic, exceptions=another, region=asked("0.24"))
+    unused = {(0, 1): "y", (1, 0): "y"}
+    found["unused"] = given(cubic, exceptions=unused)
     found["flat"] = given("y - 9*max(y - 1, 0) + 9*max(-y - 1, 0)", region=asked("1/4"))
     found["list"] = given(["y1 + y2**3", "y2"], **planar)
     found["straight list"] = given(["y1 + y2", "y2"], **planar)
     found["wavy"] = given("sin(y)")
     found["wavy, loose"] = given("sin(y)", network=loose)
-    found["wavy, observed"] = given("sin(y)", **WATCHED | {"region": asked(1, "1/10")})
+    near_region = WATCHED | {"region": asked(1, "1/10")}
+    found["wavy, observed"] = given("sin(y)", **near_region)
     found["tangent"] = given("tan(y)", region=asked(2))
     found["root"] = given("sqrt(1 + y) - 1")
     found["log"] = given("log(1 + y)")
@@ -154,7 +160,8 @@ def _settings() -> dict[str, Document]:
     unseen = WATCHED | {"exosystem": scalar(-1, 0), "observer": Observer(W=[[0]])}
     found["hidden"] = given("exp(y) - 1 + y", **unseen)
     found["unobserved"] = given(cubic, **blind)
-    found["bad W"] = given("y", **WATCHED | {"observer": Observer(W=[[-1]])})
+    bad_observer = {"observer": Observer(W=[[-1]])}
+    found["bad W"] = given("y", **WATCHED | bad_observer)
     found["unstable"] = given("-y", gains="1/2")
     weak: Document = {"network": PAIR_NET, "coupling": "sin(y)", "gains": "1/10"}
     found["second, no region"] = weak
@@ -162,7 +169,9 @@ def _settings() -> dict[str, Document]:
     found["second"] = weak
     found["second, left"] = weak | {"region": asked(["-1.6", 5])}
     found["second, right"] = weak | {"region": asked([-5, "1.6"])}
-    found["second, moved"] = weak | {"target": 10, "region": asked([5, 15])}
+    moved_region = asked([5, 15])
+    moved = {"target": 10, "region": moved_region}
+    found["second, moved"] = weak | moved
     found["second, far"] = weak | {"target": 10}
     found["second, unobserved"] = weak | blind | {"region": asked(5, "1/2")}
     square = asked([[-5, 5], [-5, 5]])
@@ -205,13 +214,16 @@ def certificate(name: str, *checks: Document, **overall: Any) -> bytes:
     document = dict(json.loads(_frames()[name][0]))
     document["checks"] += checks
     first = checks[0] if checks else {}
-    if first.get("verdict") == "proved" and (first["rate"] or 0) > (document["rate"] or 0):
+    is_proved = first.get("verdict") == "proved"
+    if is_proved and (first["rate"] or 0) > (document["rate"] or 0):
         document |= {"verdict": "proved", "rate": first["rate"], "covered_by": first["id"]}
     return json.dumps(document | overall).encode()
 
 
 def case(name: str, code: int, what: str, *checks: Document, **overall: Any) -> Case:
-    return Case(f"{name}: {what}", certificate(name, *checks, **overall), _frames()[name][1], code)
+    claimed = certificate(name, *checks, **overall)
+    problem = _frames()[name][1]
+    return Case(f"{name}: {what}", claimed, problem, code)
 
 
 FORGER = Forger(case, title=lambda check: f"{check['id']} with")
@@ -299,10 +311,14 @@ def second_box(radius: Any = "1e-6", *, shift: Any = 0, components: int = 1) -> 
         half = mpmath.mpf(radius)
         middles = []
         for first in (-root, root):
-            middles += [first + mpmath.mpf(shift), *[mpmath.mpf(0)] * (components - 1)]
+            first_middle = first + mpmath.mpf(shift)
+            others = [mpmath.mpf(0)] * (components - 1)
+            middles += [first_middle, *others]
         sides = []
         for middle in middles:
-            sides.append([mpmath.nstr(middle - half, 30), mpmath.nstr(middle + half, 30)])
+            lower = mpmath.nstr(middle - half, 30)
+            upper = mpmath.nstr(middle + half, 30)
+            sides.append([lower, upper])
         values = [mpmath.nstr(middle, 30) for middle in middles]
     witness = {"kind": "start", "values": values}
     found = claim("equilibrium", "consensus", None, {"mode": "G", "box": sides})
@@ -463,7 +479,8 @@ def _bent_timing() -> Iterator[Case]:
     refuted: Document = {"verdict": "refuted", "rate": None, "domain": GLOBAL}
     yield wrong("line", LATE, "refuted", beside=[LINE], **refuted)
     slow = changed(OBSERVED, beta="5/4", rate=0.25)
-    delay = claim("delay", box(1, 0.5), 1.25, {"delay": "0", "rate": "1.25"})
+    exact = {"delay": "0", "rate": "1.25"}
+    delay = claim("delay", box(1, 0.5), 1.25, exact)
     yield holds("observed", "late", slow, delay)
     yield wrong("observed", delay, "late faster than the observer", own="1.26", beside=[slow])
     yield wrong("line", HELD, period="1.0001", beside=[LINE])
@@ -521,7 +538,8 @@ def _bent_lure() -> Iterator[Case]:
     yield wrong("harmonic", seen, "a ball without level", domain=ball(1, 0.5), says=known)
     covered: Document = {"verdict": "proved", "rate": None, "covered_by": "lure"}
     yield wrong("bad W", everywhere, "P < 0 of lure", P=[["-1"]], says=covered)
-    saddle = changed(everywhere, P_e=[[0, 1, "2"]], ranges=ranges("-1 -1"))
+    P_e = [[0, 1, "2"]]
+    saddle = changed(everywhere, P_e=P_e, ranges=ranges("-1 -1"))
     yield fails("unstable", "P_e is a saddle", saddle, **covered)
     yield wrong("cubic", CUBIC, "negative rate", rate=None, own="-1", says=covered)
     yield wrong("cubic", CUBIC, level=None, radius=None, domain=GLOBAL)
@@ -533,7 +551,8 @@ def _bent_gains() -> Iterator[Case]:
         """With a pair of ends that the last coupling has not."""
         others = check["exact"]["ranges"][:coupling]
         title = f"gains {list(ends)}"
-        return wrong(name, check, title, ranges=others + ranges(" ".join(ends), coupling))
+        all_ranges = others + ranges(" ".join(ends), coupling)
+        return wrong(name, check, title, ranges=all_ranges)
 
     yield gains("cubic", CUBIC, "1", "1.9999")
     yield gains("cubic", CUBIC, "1.0001", "2")
@@ -544,7 +563,8 @@ def _bent_gains() -> Iterator[Case]:
     yield fails("wavy", "a gain that is passed in between", wavy)
     wavy = changed(wavy, ranges=ranges("1/5 1.00001"), rate=1.0, own="1")
     yield holds("wavy", "true", wavy)
-    planar = changed(CUBIC, P_e=[[k, k, "1"] for k in range(4)], rate=None, own="0")
+    P_e = [[k, k, "1"] for k in range(4)]
+    planar = changed(CUBIC, P_e=P_e, rate=None, own="0")
     planar = changed(planar, multipliers={}, method="interval", domain=ball(0.7))
     for off, code in (("0", HOLDS), ("0.1", FAILS)):
         own = ranges(f"0.7 1.00001, {off} {off}; 0 0, 0.7 1.00001")
@@ -590,7 +610,9 @@ def _bent_forms() -> Iterator[Case]:
         yield wrong("cubic", CUBIC, title, method=method, multipliers={}, own=sharp)
     yield wrong("cubic", CUBIC, "P_e", P_e=[[0, 0, "1"], [1, 1, "-1"]])
     form = CUBIC_FORM["P_e"]
-    for entry in ([1, 0, "1/10"], [0, 0, "1"], [0, 1, "0"]):
+    below_the_diagonal = [1, 0, "1/10"]
+    twice = [0, 0, "1"]
+    for entry in (below_the_diagonal, twice, [0, 1, "0"]):
         yield wrong("cubic", CUBIC, f"{[entry]} in P_e", P_e=[*form, entry])
     for place in (-1, 2, True, "0"):
         yield wrong("cubic", CUBIC, f"P_e at {place!r}", P_e=[[place, place, "1"]])
@@ -619,7 +641,8 @@ def _bent_equilibria() -> Iterator[Case]:
     yield wrong("second", good, "proved", verdict="proved", says=UNDECIDED)
     witness = good["witness"]
     sides = good["exact"]["box"]
-    rounded = witness | {"values": [x[:-1] for x in witness["values"]]}
+    values = [x[:-1] for x in witness["values"]]
+    rounded = witness | {"values": values}
     yield wrong("second", good, "not the middle", witness=rounded, says=REFUTED)
     empty = [[high, low] for low, high in sides]
     yield wrong("second", good, "an empty box", box=empty, says=REFUTED)

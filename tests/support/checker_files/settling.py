@@ -54,7 +54,8 @@ def bent(check: Document, **changes: Any) -> Document:
     copied: Document = json.loads(json.dumps(check))
     exact = copied["exact"]
     for key, value in changes.items():
-        parts = (exact["tube"], exact["last"], exact, exact["last"]["certificate"], copied)
+        certificate = exact["last"]["certificate"]
+        parts = (exact["tube"], exact["last"], exact, certificate, copied)
         next(part for part in parts if key in part)[key] = value
     return copied
 
@@ -180,7 +181,8 @@ def _bent_tubes() -> Iterator[Case]:
     yield _fails("bent", "lower", moved(UNEVEN, 1, 1, "0.761", "lower"))
     faces = UNEVEN["exact"]["tube"]
     yield _wrong("bent", UNEVEN, upper=faces["lower"], lower=faces["upper"])
-    apart = bent(moved(MIXED, 1, 1, "0.668", "lower"), level="0.668", time="3")
+    lower_box = moved(MIXED, 1, 1, "0.668", "lower")
+    apart = bent(lower_box, level="0.668", time="3")
     yield _fails("linear matrix", "faces that differ, and mixed components", apart)
     yield _fails("linear matrix", "agent 2", moved(MIXED, 1, 1, "0.666"))
     yield _wrong("line", LINE, times=vector("0 0.49 1"))
@@ -190,7 +192,10 @@ def _bent_tubes() -> Iterator[Case]:
     yield from _each_wrong("line", LINE, times=[vector("0 1 1/2"), [0, 1, 2], None])
     yield _wrong("line", LINE, lower=[*BOXES, BOXES[2]])
     first, _, third = BOXES
-    for upper in (BOXES[:2], [["1"] * 3] * 3, [first, vector("0 1"), third], [first, first, {}]):
+    flat = [["1"] * 3] * 3
+    falling = [first, vector("0 1"), third]
+    no_box = [first, first, {}]
+    for upper in (BOXES[:2], flat, falling, no_box):
         yield _wrong("line", LINE, upper=upper)
     long = bent(LINE, time="99", level="1")
     yield _wrong("line", long, times=[], upper=[], lower=[])

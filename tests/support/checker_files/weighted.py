@@ -38,7 +38,8 @@ RATE = 0.5
 
 
 def weighted(rate: Any = RATE, id: str = "theorem1-weighted", **exact: Any) -> Document:
-    return claim(id, "global", rate, {"D": D, "w": {"G": V}} | exact)
+    weights = {"D": D, "w": {"G": V}}
+    return claim(id, "global", rate, weights | exact)
 
 
 # With A = 0, C = 1, W = 2, P = 1 and rate 1/2: S = 1/(4 - 1) = 1/3, and for s D
@@ -65,9 +66,12 @@ BENT = matrix("1/2 -26/100; -24/100 1/3")
 @cache
 def problems() -> dict[str, Problem]:
     def line(coupling: Any = "y", **more: Any) -> Problem:
-        return Problem(**{"network": LINE, "coupling": coupling, "gains": {1: 1}} | more)
+        settings = {"network": LINE, "coupling": coupling, "gains": {1: 1}}
+        return Problem(**settings | more)
 
-    mixed = {"target": [0, 0], "gains": {1: [[1, "1/2"], ["-1/2", 1]], 2: 1}}
+    gain = [[1, "1/2"], ["-1/2", 1]]
+    gains = {1: gain, 2: 1}
+    mixed = {"target": [0, 0], "gains": gains}
     made: dict[str, Problem] = {}
     made["line"] = line()
     made["two modes"] = line(network=BOTH)
@@ -77,12 +81,16 @@ def problems() -> dict[str, Problem]:
     made["falling"] = line("-y", gains={1: 1, 2: 3})  # M = [[1, 0], [1, 2]]
     made["unstable"] = line("-y", gains={1: 1, 2: "1/2"})  # M = [[1, 0], [1, -1/2]]
     made["kinked"] = line("abs(y)", gains=1)
-    made["slow"] = line(**WATCHED | {"observer": Observer(W=[["1/2"]])})
-    made["bad W"] = line(**WATCHED | {"observer": Observer(W=[[-1]])})
+    slow_observer = {"observer": Observer(W=[["1/2"]])}
+    made["slow"] = line(**WATCHED | slow_observer)
+    bad_observer = {"observer": Observer(W=[[-1]])}
+    made["bad W"] = line(**WATCHED | bad_observer)
     made["harmonic"] = line(**HARMONIC)
     made["irrational"] = line("exp(1)*y")
+    arcs = [[2, 1]]
+    optional = [[1, 2]]
     made["comes and goes"] = line(
-        network=Network.from_arcs([[2, 1]], arrow="listens_to", optional=[[1, 2]], agents=2)
+        network=Network.from_arcs(arcs, arrow="listens_to", optional=optional, agents=2)
     )
     return made
 
@@ -99,7 +107,8 @@ def _made(name: str, code: int, what: str, check: Document) -> Case:
     best = fastest_proof(document, (*topics, *theorems, "max-separable", "lure"))
     counted = "unstable_roots" in json.dumps(document["checks"])
     conclude(document, best, refuted=check["verdict"] == "refuted" or counted)
-    return Case(f"{name}: {what}", json.dumps(document).encode(), canonical_bytes(problem), code)
+    text = json.dumps(document).encode()
+    return Case(f"{name}: {what}", text, canonical_bytes(problem), code)
 
 
 _FORGER = Forger(_made)
@@ -142,7 +151,8 @@ def weighted_cases() -> Iterator[Case]:
 def _several_modes() -> Iterator[Case]:
     # With D = (1/2, 1) N w = (w_1 - w_2, 2 w_2 - w_1), and the arc adds (w_1 - w_2/2, -w_1/2) or
     # nothing.
-    pulled = weighted(None, "theorem2-weighted", D=vector("1/2 1"), w={"G": vector("5 4")})
+    weights = {"G": vector("5 4")}
+    pulled = weighted(None, "theorem2-weighted", D=vector("1/2 1"), w=weights)
     yield holds("comes and goes", "by hand", pulled)
     flat = {"G": vector("1/2 1/2")}
     yield wrong("comes and goes", pulled, "the arc is not always there", w=flat)
@@ -165,7 +175,8 @@ def _observed() -> Iterator[Case]:
     yield wrong("harmonic", slow, "not symmetric", P=BENT)
     yield wrong("bad W", slow, "P < 0", P=[["-1"]])
     yield fails("seen", "no P", weighted(D=vector("1 1/4")))
-    mixed = weighted(None, D=vector("1 1 1 1"), w={"G": vector("1 1 1 1")})
+    weights = {"G": vector("1 1 1 1")}
+    mixed = weighted(None, D=vector("1 1 1 1"), w=weights)
     yield fails("mixed", "a gain mixes components", mixed)
     yield fails("crossed", "a coupling mixes components", mixed)
     even = weighted(D=vector("1 1"), w={"G": vector("1 1")})

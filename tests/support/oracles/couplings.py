@@ -34,7 +34,8 @@ def mp(x: Any) -> Any:
 
 def rational(rows: Any) -> Any:
     """A matrix of flint's rationals."""
-    return flint.fmpq_mat([[fmpq(exact(x)) for x in row] for row in rows])
+    rows_exact = [[fmpq(exact(x)) for x in row] for row in rows]
+    return flint.fmpq_mat(rows_exact)
 
 
 def fmpq(x: Fraction) -> Any:
@@ -43,9 +44,10 @@ def fmpq(x: Fraction) -> Any:
 
 def diagonal(values: Any) -> Any:
     values = list(values)
-    return flint.fmpq_mat(
-        [[x if i == j else flint.fmpq(0) for j in range(len(values))] for i, x in enumerate(values)]
-    )
+    diagonal_rows = [
+        [x if i == j else flint.fmpq(0) for j in range(len(values))] for i, x in enumerate(values)
+    ]
+    return flint.fmpq_mat(diagonal_rows)
 
 
 def positive(M: Any, *, strict: bool = True) -> bool:
@@ -53,13 +55,16 @@ def positive(M: Any, *, strict: bool = True) -> bool:
     alternate."""
     if M.transpose() != M:
         return False
-    signs = [(-1) ** (M.nrows() - k) * c for k, c in enumerate(M.charpoly().coeffs())]
+    coefficients = enumerate(M.charpoly().coeffs())
+    signs = [(-1) ** (M.nrows() - k) * c for k, c in coefficients]
     return all(c > 0 if strict else c >= 0 for c in signs)
 
 
 def top(M: Any) -> Any:
     """The largest eigenvalue of a symmetric rational matrix, by mpmath."""
-    rows = [[mp(exact(str(x))) for x in row] for row in M.tolist()]
+    rows = []
+    for row in M.tolist():
+        rows.append([mp(exact(str(x))) for x in row])
     if rows:
         return max(mpmath.eigsy(mpmath.matrix(rows), eigvals_only=True))
     return mpmath.mpf(0)
@@ -70,7 +75,8 @@ class Curve:
 
     def __init__(self, text: str) -> None:
         y = sp.Symbol("y", real=True)
-        h = sp.sympify(text, locals=names({"y": y, "y1": y}), rational=True)
+        names_of_y = names({"y": y, "y1": y})
+        h = sp.sympify(text, locals=names_of_y, rational=True)
         fast = sp.lambdify(y, h, "numpy")
         slow = sp.lambdify(y, h, "mpmath", printer=PRINTER)
         self.true = lambda x: mpmath.mpf(slow(mp(x)))
@@ -81,9 +87,10 @@ class Curve:
         """Where h (or h(y)/y) has local extremes on [-reach, reach], as floats."""
         key = (reach, quotient)
         if key not in self._turns:
-            half = np.union1d(
-                np.linspace(0, reach, GRID), reach * np.geomspace(1e-5, 1, GRID // 4)
-            )[1:]
+            uniform = np.linspace(0, reach, GRID)
+            fine = reach * np.geomspace(1e-5, 1, GRID // 4)
+            both = np.union1d(uniform, fine)
+            half = both[1:]
             grid = np.concatenate([-half[::-1], half])
             self._turns[key] = _extremes(
                 (lambda x: self.fast(x) / x) if quotient else self.fast, grid
@@ -93,32 +100,38 @@ class Curve:
     def highest(self, lo: Any, hi: Any, face: int, turns: Any) -> Any:
         """sup of face h(face y) over lo <= y <= hi, for arrays lo and hi; infinite where h is
         undefined."""
-        inner = np.clip((face * turns)[:, None], lo[None], hi[None])
-        values = face * self.fast(face * np.concatenate([lo[None], hi[None], inner]))
-        return np.where(np.isfinite(values), values, np.inf).max(axis=0)
+        turning = (face * turns)[:, None]
+        inner = np.clip(turning, lo[None], hi[None])
+        all_places = [lo[None], hi[None], inner]
+        found = face * np.concatenate(all_places)
+        values = face * self.fast(found)
+        finite = np.where(np.isfinite(values), values, np.inf)
+        return finite.max(axis=0)
 
     def truly_highest(self, lo: Any, hi: Any, face: int, turns: Any) -> Any:
         """The same for one interval in mpmath numbers."""
         inner = []
         for t in turns:
-            inner.append(min(max(mpmath.mpf(face * float(t)), lo), hi))
-        return max(face * self.true(face * y) for y in (lo, hi, *inner))
+            lower = max(mpmath.mpf(face * float(t)), lo)
+            inner.append(min(lower, hi))
+        places = (lo, hi, *inner)
+        return max(face * self.true(face * y) for y in places)
 
     def gains_within(self, lo: Fraction, hi: Fraction, radius: Fraction) -> bool:
         """Whether h(y)/y lies in [lo, hi] at every sample of 0 < |y| <= radius; kinks and extremes
         are among them."""
         reach = float(radius)
-        spots = np.concatenate(
-            [self.turns(reach, quotient=True), self.turns(reach), [-1e-12 * reach, 1e-12 * reach]]
-        )
+        turns = self.turns(reach, quotient=True)
+        near_zero = [-1e-12 * reach, 1e-12 * reach]
+        all_spots = [turns, self.turns(reach), near_zero]
+        spots = np.concatenate(all_spots)
         grid = reach * np.linspace(-1, 1, 41)
         edge = mp(radius)
-        slack = mp(FINE) * (1 + max(abs(mp(lo)), abs(mp(hi))))
-        points = [
-            *(mpmath.mpf(float(y)) for y in (*spots, *grid) if 0 < abs(y) < reach),
-            edge,
-            -edge,
-        ]
+        size = abs(mp(lo))
+        largest = max(size, abs(mp(hi)))
+        slack = mp(FINE) * (1 + largest)
+        candidates = (*spots, *grid)
+        points = [*(mpmath.mpf(float(y)) for y in candidates if 0 < abs(y) < reach), edge, -edge]
         return all(mp(lo) - slack <= self.true(y) / y <= mp(hi) + slack for y in points)
 
 
@@ -135,7 +148,9 @@ def field_part(h: tuple[str, ...]) -> tuple[Any, Any]:
     own = names({f"y{c + 1}": symbol for c, symbol in enumerate(y)})
     parts = [sp.sympify(text, locals=own, rational=True) for text in h]
     values = [sp.lambdify(y, part, "numpy") for part in parts]
-    slopes = [[sp.lambdify(y, sp.diff(part, each), "numpy") for each in y] for part in parts]
+    slopes = []
+    for part in parts:
+        slopes.append([sp.lambdify(y, sp.diff(part, each), "numpy") for each in y])
     return (
         lambda x: np.array([value(*x) + 0 * x[0] for value in values]),
         lambda x: np.array([[slope(*x) + 0 * x[0] for slope in row] for row in slopes]),
@@ -145,9 +160,11 @@ def field_part(h: tuple[str, ...]) -> tuple[Any, Any]:
 @cache
 def is_linear(text: str) -> bool:
     """Whether SymPy's second derivatives vanish; a kink is never linear."""
-    variables = {name: sp.Symbol(name, real=True) for name in ("y", "y1", "y2", "y3")}
+    names_of_y = ("y", "y1", "y2", "y3")
+    variables = {name: sp.Symbol(name, real=True) for name in names_of_y}
     h = sp.sympify(text, locals=names(variables), rational=True)
-    return not h.has(sp.Abs, sp.Min, sp.Max) and all(
+    no_kinks = not h.has(sp.Abs, sp.Min, sp.Max)
+    return no_kinks and all(
         sp.simplify(sp.diff(h, a, b)) == 0 for a in h.free_symbols for b in h.free_symbols
     )
 
@@ -160,10 +177,13 @@ def _extremes(h: Any, grid: Any) -> Any:
     places = places[np.isfinite(values[places])]
     if len(places) > MANY:  # noise of a constant: the lowest and the highest
         order = places[np.argsort(values[places])]
-        places = np.concatenate([order[: MANY // 2], order[-MANY // 2 :]])
+        last = order[-MANY // 2 :]
+        chosen = [order[: MANY // 2], last]
+        places = np.concatenate(chosen)
     lo = grid[places - 1].copy()
     hi = grid[places + 1].copy()
-    sign = np.where(values[places] >= values[places - 1], 1.0, -1.0)
+    rising = values[places] >= values[places - 1]
+    sign = np.where(rising, 1.0, -1.0)
     for _ in range(90):
         a = lo + (hi - lo) / 3
         b = hi - (hi - lo) / 3

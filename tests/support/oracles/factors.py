@@ -57,8 +57,11 @@ def of_phases(exact: dict[str, Any], first: list[int]) -> float:
         if place in first:
             begun = min(begun, float(v[0].min()))
         fine = np.linspace(0, times[-1], 400)
-        moving = np.array([np.interp(fine, times, column) for column in v.T])
-        highest = max(highest, float((moving * np.exp(rate * fine)).max()))
+        interpolated = [np.interp(fine, times, column) for column in v.T]
+        moving = np.array(interpolated)
+        weighted_boxes = moving * np.exp(rate * fine)
+        top = weighted_boxes.max()
+        highest = max(highest, float(top))
     return highest / begun
 
 
@@ -86,9 +89,12 @@ def least_factor(check: dict[str, Any], checks: list[dict[str, Any]]) -> float |
     if id in ("delay", "tolerance"):
         return of_weights(next(each["exact"] for each in checks if each["id"] == "max-separable"))
     if id == "lure":
-        return math.sqrt(of_entries(exact["P_e"], 1 + max(j for _, j, _ in exact["P_e"])))
+        size = 1 + max(j for _, j, _ in exact["P_e"])
+        entries = of_entries(exact["P_e"], size)
+        return math.sqrt(entries)
     if id == "markov" and exact["kind"] == "mean square":
-        return math.sqrt(condition(*map(numbers, exact["P"].values())))
+        matrices = map(numbers, exact["P"].values())
+        return math.sqrt(condition(*matrices))
     if id == "markov" and exact["kind"] == "mean":
         w = np.array([numbers(each) for each in exact["w"].values()])
         return float(w.sum(axis=1).max() / w.min())

@@ -43,9 +43,13 @@ def random_grouped_problem(seed: int) -> Problem:
     drawn = map(make, range(1000 * seed, 1000 * seed + 1000))
     base = next(p for p in drawn if p.n > 1 and (not friendly or len(p.pinning.gains) == p.n))
     labels = list(base.network.labels)
-    own = {label: r.randrange(3 if len(labels) > 2 else 2) for label in labels}
+    own = {}
+    for label in labels:
+        own[label] = r.randrange(3 if len(labels) > 2 else 2)
     own[labels[0]], own[labels[-1]] = 0, 1
-    chosen = {g: [label for label in labels if own[label] == g] for g in sorted(set(own.values()))}
+    chosen = {}
+    for g in sorted(set(own.values())):
+        chosen[g] = [label for label in labels if own[label] == g]
     systems = {g: _exosystem(r, base.m) for g in chosen}
     while friendly and {decide_observable(each.A, each.C).verdict for each in systems.values()} != {
         Verdict.PROVED
@@ -56,7 +60,9 @@ def random_grouped_problem(seed: int) -> Problem:
         observers = dict.fromkeys(chosen, Observer())
     if any(each.P is None for each in observers.values()):
         observers = {g: Observer(W=each.W) for g, each in observers.items()}
-    groups = [Group(agents=chosen[g], exosystem=systems[g], observer=observers[g]) for g in chosen]
+    groups = []
+    for g, agents in chosen.items():
+        groups.append(Group(agents=agents, exosystem=systems[g], observer=observers[g]))
     return with_groups(base, groups, disturbance=r.choice((0, 0.5, 3)))
 
 
@@ -81,20 +87,17 @@ class GroupsOracle(Oracle):
         plain = [_alike(problem, part) for part in given]
         super().__init__(plain[0])
         names = [document["labels"][min(part["agents"])] for part in given]
-        self.parts = {name: Oracle(each) for name, each in zip(names, plain, strict=True)}
+        both = zip(names, plain, strict=True)
+        self.parts = {name: Oracle(each) for name, each in both}
         self.bytes = canonical_bytes(problem)
         self.document = document
         self.members = [part["agents"] for part in given]
         self.systems = [(numbers(part["A"]), numbers(part["C"])) for part in given]
-        self.A, self.C = (
-            diagonal([A for A, _ in self.systems]),
-            diagonal([C for _, C in self.systems]),
-        )
-        self.W = (
-            diagonal([numbers(part["W"]) for part in given])
-            if all(part["W"] for part in given)
-            else None
-        )
+        A_parts = diagonal([A for A, _ in self.systems])
+        C_parts = diagonal([C for _, C in self.systems])
+        self.A, self.C = (A_parts, C_parts)
+        given_all = all(part["W"] for part in given)
+        self.W = diagonal([numbers(part["W"]) for part in given]) if given_all else None
         self.P = (
             diagonal([numbers(part["P"]) for part in given])
             if all(part["P"] for part in given)
@@ -102,10 +105,14 @@ class GroupsOracle(Oracle):
         )
         # What regions are asked about: the rows of all C, with the joint A.
         own, before = {}, 0
-        for g, (agents, (A, _)) in enumerate(zip(self.members, self.systems, strict=True)):
-            own |= dict.fromkeys(agents, (g * self.m, list(range(before, before + len(A)))))
+        groups_and_systems = zip(self.members, self.systems, strict=True)
+        for g, (agents, (A, _)) in enumerate(groups_and_systems):
+            places = list(range(before, before + len(A)))
+            owner = (g * self.m, places)
+            own |= dict.fromkeys(agents, owner)
             before += len(A)
-        joint = {"A": _texts(self.A), "C": _texts(self.C), "own": [own[i] for i in range(self.n)]}
+        owners = [own[i] for i in range(self.n)]
+        joint = {"A": _texts(self.A), "C": _texts(self.C), "own": owners}
         self.document = document | {"exosystem": joint}
 
     def blocks(self, M: Rows, widths: list[int]) -> list[Rows]:
@@ -114,7 +121,9 @@ class GroupsOracle(Oracle):
         row = 0
         column = 0
         for (A, _), width in zip(self.systems, widths, strict=True):
-            found.append([line[column : column + width] for line in M[row : row + len(A)]])
+            rows = M[row : row + len(A)]
+            columns = [line[column : column + width] for line in rows]
+            found.append(columns)
             row = row + len(A)
             column = column + width
         return found
@@ -126,15 +135,21 @@ class GroupsOracle(Oracle):
         own = {i: g for g, agents in enumerate(self.members) for i in agents}
         orders = [len(self.systems[own[i]][0]) for i in range(self.n)]
         whole = zeros(top + sum(orders), top + sum(orders))
-        corner = plus(self.lambda_(mode), times(margin + 2 * rate, eye(top)))
+        shift = times(margin + 2 * rate, eye(top))
+        corner = plus(self.lambda_(mode), shift)
         for i in range(top):
             whole[i][:top] = corner[i]
-        Ps = self.blocks(P, [len(A) for A, _ in self.systems])
+        widths = [len(A) for A, _ in self.systems]
+        Ps = self.blocks(P, widths)
         Qs = self.blocks(Q, [m] * len(self.systems))
         start = top
         for i in range(self.n):
-            (A, C), own_P, own_Q = self.systems[own[i]], Ps[own[i]], Qs[own[i]]
-            half = plus(dot(own_P, A), times(-1, dot(own_Q, C)), times(rate, own_P))
+            system = self.systems[own[i]]
+            P_block = Ps[own[i]]
+            Q_block = Qs[own[i]]
+            (A, C), own_P, own_Q = system, P_block, Q_block
+            injected = times(-1, dot(own_Q, C))
+            half = plus(dot(own_P, A), injected, times(rate, own_P))
             omega = plus(half, turned(half))
             for k in range(orders[i]):
                 whole[start + k][start : start + orders[i]] = omega[k]
@@ -147,7 +162,8 @@ class GroupsOracle(Oracle):
         observer = document["observer"]
         false = []
         orders = [len(A) for A, _ in self.systems]
-        for name, widths in (("W", [self.m] * len(orders)), ("P", orders)):
+        of_gain = ("W", [self.m] * len(orders))
+        for name, widths in (of_gain, ("P", orders)):
             M = [] if observer[name] is None else numbers(observer[name])
             blocks = self.blocks(M, widths) if M else []
             false += [] if not M or diagonal(blocks) == M else [f"{name} is not block diagonal"]
@@ -163,9 +179,8 @@ class GroupsOracle(Oracle):
             return ["group"]
         if group is not None:
             part, own = self._part(group, W)
-            return part._false_in(
-                {key: x for key, x in check.items() if key != "group"}, own, None, None
-            )
+            plain = {key: x for key, x in check.items() if key != "group"}
+            return part._false_in(plain, own, None, None)
         return super()._false_in(check, W, P, Q)
 
     def _part(self, group: str, W: Rows | None) -> tuple[Oracle, Rows | None]:
@@ -181,44 +196,53 @@ class GroupsOracle(Oracle):
             if exact.get("group") not in self.parts:
                 return ["group"]
             part, own = self._part(exact["group"], W)
-            named = check | {"exact": {key: x for key, x in exact.items() if key != "group"}}
+            plain = {key: x for key, x in exact.items() if key != "group"}
+            named = check | {"exact": plain}
             return part._false_refutation(named, own, None, None)
         if "group" in exact:
             return ["group"]
         if not check["id"].endswith("printed") or exact.get("block") in ("P", "Omega0"):
             return super()._false_refutation(check, W, P, Q)
-        if check["rate"] is not None or (check["margin"] is not None and check["margin"] > 0):
+        rate_is_given = check["rate"] is not None
+        if rate_is_given or (check["margin"] is not None and check["margin"] > 0):
             return ["number"]
-        assert P is not None and Q is not None
+        assert P is not None
+        assert Q is not None
         v = [number(text) for text in check["witness"]["values"]]
         m = self.m
         own = {i: g for g, agents in enumerate(self.members) for i in agents}
-        Ps = self.blocks(P, [len(A) for A, _ in self.systems])
+        widths = [len(A) for A, _ in self.systems]
+        Ps = self.blocks(P, widths)
         Qs = self.blocks(Q, [m] * len(self.systems))
         tails = []
         for (A, C), one, other in zip(self.systems, Ps, Qs, strict=True):
-            half = plus(dot(one, A), times(-1, dot(other, C)))
-            tails.append(-sp.Matrix(plus(half, turned(half))).inv() * sp.Matrix(C).T)
+            injected = times(-1, dot(other, C))
+            half = plus(dot(one, A), injected)
+            symmetric = plus(half, turned(half))
+            inverse = sp.Matrix(symmetric).inv()
+            tails.append(-inverse * sp.Matrix(C).T)
         whole = list(v)
         for i in range(self.n):
-            whole += fractions((tails[own[i]] * sp.Matrix(v[i * m : (i + 1) * m])).T)[0]
-        value = form(self.psi(exact["mode"], P, Q, margin=Fraction(0), rate=Fraction(0)), whole)
+            tail = tails[own[i]] * sp.Matrix(v[i * m : (i + 1) * m])
+            whole += fractions(tail.T)[0]
+        matrix = self.psi(exact["mode"], P, Q, margin=Fraction(0), rate=Fraction(0))
+        value = form(matrix, whole)
         if not any(v) or value < -self.slack() or not self._reaches(check, value, v):
             return ["v' Psi v"]
         return self._false_exact(exact, P, Q)
 
     def _fails(self, region: Any) -> bool:
         quiet = region is not None and not Fraction(region["initial_disturbance"] or 0)
-        lasting = (
-            part.W is not None and not part.seen_error_decays(part.W)
-            for part in self.parts.values()
-        )
+        parts = self.parts.values()
+        lasting = (part.W is not None and not part.seen_error_decays(part.W) for part in parts)
         return super()._fails(region) or (not quiet and any(lasting))
 
 
 def diagonal(blocks: list[Rows]) -> Rows:
     """Blocks along the diagonal."""
-    whole = zeros(sum(map(len, blocks)), sum(len(block[0]) for block in blocks))
+    height = sum(map(len, blocks))
+    width = sum(len(block[0]) for block in blocks)
+    whole = zeros(height, width)
     row = column = 0
     for block in blocks:
         for k, line in enumerate(block):
@@ -236,6 +260,9 @@ def _alike(problem: Problem, part: dict[str, Any]) -> Problem:
     """The same network with the exosystem and the observer of one group for every agent."""
     given = dict(problem.__reduce__()[0].keywords)
     settings = problem.simulation
-    given |= {"groups": None, "exosystem": Exosystem(A=part["A"], C=part["C"])}
-    given |= {"observer": Observer(W=part["W"], P=part["P"]), "simulation": {"seed": settings.seed}}
+    exosystem = Exosystem(A=part["A"], C=part["C"])
+    given |= {"groups": None, "exosystem": exosystem}
+    observer = Observer(W=part["W"], P=part["P"])
+    simulation = {"seed": settings.seed}
+    given |= {"observer": observer, "simulation": simulation}
     return Problem(**given)

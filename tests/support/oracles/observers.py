@@ -11,17 +11,18 @@ from typing import Any
 
 import cvxpy as cp
 import numpy as np
-from scipy import linalg
+from scipy import linalg, sparse
 
 from dobc_design.conditions.consensus.claim import reduced
 from dobc_design.conditions.consensus.propose import float_lambda, largest_eigenvalue
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import to_float
 from dobc_design.exact.pencil import Pencil
+from dobc_design.exact.symmetric import Symmetric
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.conic import solve_directly
-from dobc_design.solvers.program import Program, Solution, as_sparse, assemble
+from dobc_design.solvers.program import Program, Solution, assemble
 from dobc_design.synthesis.observer.decide import StateSpace
 
 
@@ -45,11 +46,10 @@ def solve_dense(program: Program, *, solver: str = "CLARABEL") -> Solution:
     unknowns = program.pencils[0].unknowns
     if any(variables[unknown.name].value is None for unknown in unknowns):
         return Solution(status=str(problem.status))
-    numbers = [
-        float(variables[unknown.name].value[i, j])
-        for unknown in unknowns
-        for _, i, j in unknown.places()
-    ]
+    numbers = []
+    for unknown in unknowns:
+        for _, i, j in unknown.places():
+            numbers.append(float(variables[unknown.name].value[i, j]))
     values = assemble(program.pencils[0], numbers)
     return Solution(status=str(problem.status), objective=float(problem.value), values=values)
 
@@ -63,7 +63,8 @@ def dense_problem(program: Program) -> tuple[Any, dict[str, Any]]:
         name = unknown.name
         variables[name] = cp.Variable(shape, symmetric=unknown.symmetric, name=name)
     constraints = [affine(each, variables) << 0 for each in program.pencils]
-    constraints.append(variables["P"] >> np.eye(first.unknowns[0].rows) * float(program.floor))
+    smallest = np.eye(first.unknowns[0].rows) * float(program.floor)
+    constraints.append(variables["P"] >> smallest)
     cost = cp.trace(variables["P"])
     if "Q" in variables:
         cost = cost + cp.sum_squares(variables["Q"])
@@ -72,19 +73,28 @@ def dense_problem(program: Program) -> tuple[Any, dict[str, Any]]:
 
 def affine(pencil: Pencil, variables: dict[str, Any]) -> Any:
     """F(P, Q) of a pencil as an expression of cvxpy."""
-    total = cp.Constant(as_sparse(pencil.constant))
+    total = cp.Constant(_as_sparse(pencil.constant))
     for (name, i, j), coefficient in pencil.coefficients.items():
-        total = total + variables[name][i, j] * as_sparse(coefficient)
+        total = total + variables[name][i, j] * _as_sparse(coefficient)
     return total
 
 
+def _as_sparse(matrix: Symmetric) -> Any:
+    """The nearest floats of an exact matrix."""
+    return sparse.csr_array(to_float(matrix.to_dense()))
+
+
 def _margin(program: Margin, variables: dict[str, Any]) -> Any:
-    P, Q, t = variables["P"], variables.get("Q"), cp.Variable()
-    constraints = [
-        affine(pencil, variables) << t * np.eye(pencil.size) for pencil in program.pencils
-    ]
+    P = variables["P"]
+    Q = variables.get("Q")
+    t = cp.Variable()
+    constraints = []
+    for pencil in program.pencils:
+        constraints.append(affine(pencil, variables) << t * np.eye(pencil.size))
     one = np.eye(P.shape[0])
-    constraints += [P >> one * float(1 + program.floor), P << one * float(program.ratio)]
+    lower = P >> one * float(1 + program.floor)
+    upper = P << one * float(program.ratio)
+    constraints += [lower, upper]
     if Q is not None:
         constraints.append(cp.norm(Q, "fro") <= float(program.radius))
     return cp.Problem(cp.Minimize(t), constraints)
@@ -122,8 +132,13 @@ def sampled_in_floats(exosystem, gain, period):
     A = to_float(exosystem.A)
     C = to_float(exosystem.C)
     q = len(A)
-    block = linalg.expm(np.block([[A, np.eye(q)], [np.zeros((q, 2 * q))]]) * period)
-    return block[:q, :q] - to_float(gain) @ (C @ block[:q, q:] / period)
+    upper_row = [A, np.eye(q)]
+    lower_row = [np.zeros((q, 2 * q))]
+    rows = [upper_row, lower_row]
+    block = linalg.expm(np.block(rows) * period)
+    seen = C @ block[:q, q:] / period
+    injected = to_float(gain) @ seen
+    return block[:q, :q] - injected
 
 
 def control_norm(system: StateSpace, kind) -> float:
@@ -131,7 +146,8 @@ def control_norm(system: StateSpace, kind) -> float:
     no norm."""
     import control
 
-    F, B, C, D = (to_float(x) for x in (system.F, system.B, system.C, system.D))
+    parts = (system.F, system.B, system.C, system.D)
+    F, B, C, D = (to_float(x) for x in parts)
     size = max(B.shape[1], C.shape[0])
     wide = np.zeros((len(F), size))
     tall = np.zeros((size, len(F)))

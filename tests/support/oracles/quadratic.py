@@ -35,7 +35,8 @@ def zeros(size: int) -> Any:
 
 def part(M: Any, rows: Iterable[int], columns: Iterable[int]) -> Any:
     """The rows and columns of a matrix."""
-    return flint.fmpq_mat([[M[i, j] for j in columns] for i in rows])
+    rows_of_block = [[M[i, j] for j in columns] for i in rows]
+    return flint.fmpq_mat(rows_of_block)
 
 
 class Quadratic:
@@ -67,9 +68,8 @@ class Quadratic:
         if level is None or check["domain"]["kind"] != "ball":
             return ["domain"]
         R, s = (Fraction(repr(check["domain"][name])) for name in ("radius", "disturbance"))
-        taken = mp(R) ** 2 * top(self.P_e) + (
-            0 if self.P is None else self.r.n * mp(s) ** 2 * top(self.P)
-        )
+        of_states = mp(R) ** 2 * top(self.P_e)
+        taken = of_states + (0 if self.P is None else self.r.n * mp(s) ** 2 * top(self.P))
         if taken <= mp(level) * (1 + mp(FINE)):
             return []
         return ["the ball"]
@@ -78,9 +78,8 @@ class Quadratic:
         """All of lure but what is said of the domain."""
         if not positive(self.P_e) or self.rate < 0:
             return ["P_e or rate"]
-        if (self.level is None) != (self.radius is None) or (
-            self.level is None and domain != "global"
-        ):
+        one_missing = (self.level is None) != (self.radius is None)
+        if one_missing or (self.level is None and domain != "global"):
             return ["level and radius"]
         if self.level is not None and min(self.level, self.radius) <= 0:
             return ["level and radius"]
@@ -93,7 +92,9 @@ class Quadratic:
         if self.level is not None:
             inverse = self.P_e.inv()
             for z in self.relied():
-                if fmpq(self.level) * (z.transpose() * inverse * z)[0, 0] > fmpq(self.radius**2):
+                spread = (z.transpose() * inverse * z)[0, 0]
+                allowed = fmpq(self.level) * spread
+                if allowed > fmpq(self.radius**2):
                     return ["the level set leaves the gains"]
         if self._grows(self.level or Fraction(1), Fraction(0)):
             return ["V grows"]
@@ -101,7 +102,9 @@ class Quadratic:
 
     def _omega(self) -> Any:
         F = self.r.F
-        return F.transpose() * self.P + self.P * F + 2 * fmpq(self.rate) * self.P
+        lyapunov = F.transpose() * self.P + self.P * F
+        growth = 2 * fmpq(self.rate) * self.P
+        return lyapunov + growth
 
     def relied(self) -> list[Any]:
         """The difference e_jd - e_id of every arc whose coupling is not linear, for the d that it
@@ -112,29 +115,41 @@ class Quadratic:
                 h = self.r.h[i, j]
                 m = self.r.m
                 if isinstance(h, str):
-                    curved = [] if self.r.linear((i, j), 0) else list(range(m))
+                    is_linear = self.r.linear((i, j), 0)
+                    curved = [] if is_linear else list(range(m))
                 else:
-                    own = [text for c, text in enumerate(h) if not self.r.linear((i, j), c)]
-                    curved = [d for d in range(m) if any(f"y{d + 1}" in text for text in own)]
+                    own = []
+                    for c, text in enumerate(h):
+                        if not self.r.linear((i, j), c):
+                            own.append(text)
+                    curved = []
+                    for d in range(m):
+                        if any(f"y{d + 1}" in text for text in own):
+                            curved.append(d)
                 found |= {(i, j, d): self._unit(j, d) - self._unit(i, d) for d in curved}
         return list(found.values())
 
     def _unit(self, i: int, c: int) -> Any:
-        return flint.fmpq_mat([[flint.fmpq(int(k == i * self.r.m + c))] for k in range(self.size)])
+        unit = [[flint.fmpq(int(k == i * self.r.m + c))] for k in range(self.size)]
+        return flint.fmpq_mat(unit)
 
     # gains
 
     def _tables(self) -> dict[int, Any]:
-        return {
-            each["coupling"]: [[tuple(map(exact, pair)) for pair in row] for row in each["gains"]]
-            for each in self.e["ranges"]
-        }
+        found = {}
+        for each in self.e["ranges"]:
+            found[each["coupling"]] = [
+                [tuple(map(exact, pair)) for pair in row] for row in each["gains"]
+            ]
+        return found
 
     def _number_of(self, h: Any) -> int:
-        others = [each for k, each in enumerate(self.r.special) if each not in self.r.special[:k]]
+        numbered = enumerate(self.r.special)
+        others = [each for k, each in numbered if each not in self.r.special[:k]]
         if h == self.r.default:
             return 0
-        return 1 + [each for each in others if each != self.r.default].index(h)
+        other = [each for each in others if each != self.r.default]
+        return 1 + other.index(h)
 
     def _gains_hold(self) -> bool:
         tables = self._tables()
@@ -152,7 +167,8 @@ class Quadratic:
                     if c != d
                 ):
                     return False
-                if not all(curve(h).gains_within(*table[c][c], reach) for c in range(self.r.m)):
+                components = range(self.r.m)
+                if not all(curve(h).gains_within(*table[c][c], reach) for c in components):
                     return False
             elif not self._mean_slopes_hold(tuple(h), table):
                 return False
@@ -163,15 +179,18 @@ class Quadratic:
         of the box."""
         nodes, weights = np.polynomial.legendre.leggauss(24)
         r = np.random.default_rng(0)
-        y = np.clip(r.uniform(-1.3, 1.3, size=(len(h), POINTS)), -1, 1) * float(self.radius or 1)
-        mean = sum(
-            w / 2 * field_part(h)[1](y * (x + 1) / 2) for x, w in zip(nodes, weights, strict=True)
-        )
+        shape = (len(h), POINTS)
+        drawn = r.uniform(-1.3, 1.3, size=shape)
+        scaled = np.clip(drawn, -1, 1)
+        y = scaled * float(self.radius or 1)
+        rule = zip(nodes, weights, strict=True)
+        mean = sum(w / 2 * field_part(h)[1](y * (x + 1) / 2) for x, w in rule)
         lo, hi = (
             np.array([[float(pair[k]) for pair in row] for row in table])[..., None] for k in (0, 1)
         )
         slack = NEAR * (1 + np.abs(lo) + np.abs(hi))
-        return bool(np.all((mean >= lo - slack) & (mean <= hi + slack)))
+        inside = (mean >= lo - slack) & (mean <= hi + slack)
+        return bool(np.all(inside))
 
     # the inequality of one mode
 
@@ -179,7 +198,8 @@ class Quadratic:
         """(b, z, w lo, w hi) in the order arcs, rows, columns."""
         tables = self._tables()
         for i, j, w in self.r.modes[mode]:
-            for c, row in enumerate(tables[self._number_of(self.r.h[i, j])]):
+            number = self._number_of(self.r.h[i, j])
+            for c, row in enumerate(tables[number]):
                 for d, (lo, hi) in enumerate(row):
                     if (lo, hi) != (0, 0):
                         yield (
@@ -194,10 +214,12 @@ class Quadratic:
         channels = list(self._channels(mode))
         base = self._base()
         if method == "vertices":
-            wide = [k for k, (_, _, lo, hi) in enumerate(channels) if lo < hi]
-            choices = (
-                dict(zip(wide, ends, strict=True)) for ends in product((0, 1), repeat=len(wide))
-            )
+            wide = []
+            for k, (_, _, lo, hi) in enumerate(channels):
+                if lo < hi:
+                    wide.append(k)
+            corners = product((0, 1), repeat=len(wide))
+            choices = (dict(zip(wide, ends, strict=True)) for ends in corners)
             return len(wide) <= 12 and all(
                 positive(-self._closed(base, channels, choice)) for choice in choices
             )
@@ -211,19 +233,19 @@ class Quadratic:
                     t = fmpq(tau)
                     D = (hi - lo) / 2
                     Pb = self.P_e * b
-                    M = (
-                        M
-                        + Pb * Pb.transpose() * (1 / (2 * t))
-                        + z * z.transpose() * (2 * t * D * D)
-                    )
+                    squares = Pb * Pb.transpose()
+                    M = M + squares * (1 / (2 * t)) + z * z.transpose() * (2 * t * D * D)
             return positive(-M)
         if method != "interval" or self.e["multipliers"] != {}:
             return False
         sums = [flint.fmpq(0)] * self.size
         for b, z, lo, hi in channels:
-            X = self.P_e * b * z.transpose() + z * (self.P_e * b).transpose()
+            half = self.P_e * b * z.transpose()
+            X = half + z * (self.P_e * b).transpose()
             for a, row in enumerate(X.tolist()):
-                sums[a] += (hi - lo) / 2 * sum((abs(x) for x in row), flint.fmpq(0))
+                half_width = (hi - lo) / 2
+                size = sum((abs(x) for x in row), flint.fmpq(0))
+                sums[a] += half_width * size
         return positive(-(M + diagonal(sums)))
 
     def _base(self) -> Any:
@@ -234,7 +256,8 @@ class Quadratic:
         S = zeros(size)
         for i, k in self.r.gains.items():
             for c, d in product(range(m), repeat=2):
-                K[i * m + c, i * m + d] = fmpq(k[c][d])
+                entry = k[c][d]
+                K[i * m + c, i * m + d] = fmpq(entry)
         if self.P is not None:
             for i, (first, states) in enumerate(self.r.own):
                 C = part(self.r.C, range(first, first + m), states)
@@ -242,11 +265,9 @@ class Quadratic:
                 border = C * N.inv() * C.transpose()
                 for c, d in product(range(m), repeat=2):
                     S[i * m + c, i * m + d] = border[c, d]
-        return (
-            -(self.P_e * K + K.transpose() * self.P_e)
-            + 2 * fmpq(self.rate) * self.P_e
-            + self.P_e * S * self.P_e
-        )
+        lyapunov = -(self.P_e * K + K.transpose() * self.P_e)
+        growth = 2 * fmpq(self.rate) * self.P_e
+        return lyapunov + growth + self.P_e * S * self.P_e
 
     def _closed(self, base: Any, channels: Any, choice: dict[int, int]) -> Any:
         """The base with every channel at its middle gain, or at the chosen end."""
@@ -266,22 +287,30 @@ class Quadratic:
         P_e = in_floats(self.P_e)
         e = rng.normal(size=(self.size, POINTS))
         # few agents away from the target
-        e[:, : POINTS // 2] *= rng.integers(0, 2, size=(self.size, POINTS // 2))
+        shape = (self.size, POINTS // 2)
+        e[:, : POINTS // 2] *= rng.integers(0, 2, size=shape)
         eps = np.zeros((r.n, 0, POINTS))
         value = np.einsum("ap,ab,bp->p", e, P_e, e)
         if self.P is not None:
-            P, F, C = map(in_floats, (self.P, r.F, r.C))
+            parts = (self.P, r.F, r.C)
+            P, F, C = map(in_floats, parts)
             # of every group; what is not an agent's own is 0
-            C = C.reshape(-1, r.m, len(P)).sum(axis=0)
-            eps = rng.normal(size=(r.n, len(P), POINTS)) * rng.choice([0, 0, 1e-3, 1], size=POINTS)
+            blocks = C.reshape(-1, r.m, len(P))
+            C = blocks.sum(axis=0)
+            noise = rng.normal(size=(r.n, len(P), POINTS))
+            sizes = [0, 0, 1e-3, 1]
+            eps = noise * rng.choice(sizes, size=POINTS)
             for i, (_, states) in enumerate(r.own):
                 eps[i, [k for k in range(len(P)) if k not in states]] = 0
             value = value + np.einsum("iap,ab,ibp->p", eps, P, eps)
         ok = value > 0
-        wanted = float(low) + (float(high) - float(low)) * rng.choice(
-            [1e-3, 0.1, 0.3, 0.6, 0.9, 1.0], size=POINTS
-        )
-        scale = np.where(ok, np.sqrt(wanted / np.where(ok, value, 1)), 0)
+        span = float(high) - float(low)
+        shares = [1e-3, 0.1, 0.3, 0.6, 0.9, 1.0]
+        share = rng.choice(shares, size=POINTS)
+        wanted = float(low) + span * share
+        safe = np.where(ok, value, 1)
+        factor = np.sqrt(wanted / safe)
+        scale = np.where(ok, factor, 0)
         e = e * scale
         eps = eps * scale
         for mode in r.modes:
@@ -290,11 +319,12 @@ class Quadratic:
             if self.P is not None:
                 d = d + np.einsum("ca,iap->icp", C, eps)
                 change = 2 * np.einsum("iap,ab,ibp->p", eps, P @ F, eps)
-            terms = 2 * np.einsum("ap,ab,bp->p", e, P_e, d.reshape(self.size, -1))
-            if np.any(
-                change + terms + 2 * float(self.rate) * wanted * ok
-                > NEAR * (np.abs(change) + np.abs(terms))
-            ):
+            flat = d.reshape(self.size, -1)
+            terms = 2 * np.einsum("ap,ab,bp->p", e, P_e, flat)
+            growth = 2 * float(self.rate) * wanted
+            left = change + terms + growth * ok
+            allowed = NEAR * (np.abs(change) + np.abs(terms))
+            if np.any(left > allowed):
                 return True
         return False
 
@@ -304,4 +334,5 @@ def fraction(x: Any) -> Fraction:
 
 
 def in_floats(M: Any) -> Any:
-    return np.array([[float(fraction(x)) for x in row] for row in M.tolist()])
+    rows = [[float(fraction(x)) for x in row] for row in M.tolist()]
+    return np.array(rows)

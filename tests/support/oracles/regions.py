@@ -71,15 +71,14 @@ class Regions:
             mode["name"]: [(i, j, exact(w)) for i, j, w in mode["arcs"]]
             for mode in document["modes"]
         }
-        special = {tuple(item["arc"]): item["h"] for item in document["coupling"]["exceptions"]}
+        listed = document["coupling"]["exceptions"]
+        special = {tuple(item["arc"]): item["h"] for item in listed}
         self.default = document["coupling"]["h"]
         self.special = list(special.values())
-        self.h = {
-            (i, j): special.get((i, j), self.default)
-            for arcs in self.modes.values()
-            for i, j, _ in arcs
-        }
-        self.by_component = all(isinstance(h, str) for h in (self.default, *self.special))
+        modes = self.modes.values()
+        self.h = {(i, j): special.get((i, j), self.default) for arcs in modes for i, j, _ in arcs}
+        couplings = (self.default, *self.special)
+        self.by_component = all(isinstance(h, str) for h in couplings)
         self.gains = {i: [[exact(x) for x in row] for row in k] for i, k in document["gains"]}
         self.K = np.zeros((self.n, self.m, self.m))
         for i, k in self.gains.items():
@@ -92,7 +91,9 @@ class Regions:
         # Of each agent: its first row of C and its own states, where agents have different
         # exosystems.
         order = 0 if self.A is None else self.A.nrows()
-        self.own = (exosystem or {}).get("own", [(0, list(range(order)))] * self.n)
+        all_states = (0, list(range(order)))
+        default_owner = [all_states] * self.n
+        self.own = (exosystem or {}).get("own", default_owner)
 
     def held(self, i: int) -> Fraction:
         """The least of k_cc - sum over d != c of |k_cd|, every entry off by the error of the
@@ -102,7 +103,8 @@ class Regions:
         least = []
         for c, row in enumerate(k):
             beside = sum(map(abs, row)) - abs(row[c])
-            least.append(row[c] - off * abs(row[c]) - beside * (1 + off))
+            size = abs(row[c])
+            least.append(row[c] - off * size - beside * (1 + off))
         return min(least)
 
     def linear(self, arc: tuple[int, int], c: int) -> bool:
@@ -202,7 +204,8 @@ class Regions:
         pairs = [[exact(x) for x in pair] for pair in region["initial_states"]]
         reach = []
         for c, (lo, hi) in enumerate(pairs):
-            reach.append(max(max(abs(lo - g[c]), abs(hi - g[c])) for g in self.goals()))
+            sides = max(max(abs(lo - g[c]), abs(hi - g[c])) for g in self.goals())
+            reach.append(sides)
         R = Fraction(repr(domain["radius"]))
         s = Fraction(repr(domain["disturbance"]))
         if domain["kind"] == "box":
@@ -212,19 +215,21 @@ class Regions:
         return inside and s >= exact(region["initial_disturbance"] or 0)
 
     def goals(self) -> list[list[Fraction]]:
-        goals = [[exact(x) for x in self.document["target"]] for _ in range(self.n)]
+        goals = []
+        for _ in range(self.n):
+            goals.append([exact(x) for x in self.document["target"]])
         for i, offset in self.document["offsets"]:
-            goals[i] = [x + exact(o) for x, o in zip(goals[i], offset, strict=True)]
+            pairs = zip(goals[i], offset, strict=True)
+            goals[i] = [x + exact(o) for x, o in pairs]
         return goals
 
     # rows
 
     def vector(self, v: Any) -> list[Fraction]:
         if isinstance(v, dict):
-            v = [
-                Fraction(float(x))
-                for x in np.frombuffer(base64.b64decode(v["float64"]), dtype="<f8")
-            ]
+            raw = base64.b64decode(v["float64"])
+            numbers = np.frombuffer(raw, dtype="<f8")
+            v = [Fraction(float(x)) for x in numbers]
         values = [exact(x) for x in v]
         if len(values) != self.n or min(values) <= 0:
             raise ValueError("v")
@@ -237,14 +242,15 @@ class Regions:
         share, excess, mode, face, i = self._worst(v, SIZES, rho, alpha, stretch)
         step = 0.02
         for _ in range(3 if excess > -1e-3 else 0):
-            near = np.clip(share * (1 + step * np.linspace(-1, 1, 41)), 1e-6, 1.0)
+            stretched = 1 + step * np.linspace(-1, 1, 41)
+            near = np.clip(share * stretched, 1e-6, 1.0)
             share, excess, mode, face, i = self._worst(v, near, rho, alpha, stretch)
             step /= 15
         if excess < -ROOM:
             return False
-        total, size = self._true_row(
-            v, mp(Fraction(share)) * mp(rho), alpha, mp(stretch), (mode, face, i)
-        )
+        level = mp(Fraction(share)) * mp(rho)
+        where = (mode, face, i)
+        total, size = self._true_row(v, level, alpha, mp(stretch), where)
         return bool(not mpmath.isfinite(total) or total > mp(FINE) * size)
 
     def _worst(
@@ -257,21 +263,24 @@ class Regions:
         found: tuple[Any, ...] = (1.0, -np.inf, "", 1, 0)
         for mode, arcs in self.modes.items():
             for face in (1, -1):
-                total = -np.array([s * float((self.held(i) - alpha) * v[i]) for i in range(self.n)])
+                held = [s * float((self.held(i) - alpha) * v[i]) for i in range(self.n)]
+                total = -np.array(held)
                 size = np.abs(total) + 1e-300
                 for i, j, w in arcs:
                     part = self._arc(i, j, v)
                     low = -s * (u[i] + theta * u[j])
                     high = s * (theta * u[j] - u[i])
-                    values = part[0].highest(
-                        low, high, face, part[0].turns(part[1] * float(rho) * theta)
-                    )
-                    total[i] += float(w) * (values + float(self.errors[0]) * np.abs(values))
+                    turning = part[1] * float(rho) * theta
+                    turns = part[0].turns(turning)
+                    values = part[0].highest(low, high, face, turns)
+                    relative = float(self.errors[0])
+                    total[i] += float(w) * (values + relative * np.abs(values))
                     size[i] += float(w) * np.abs(values)
                 excess = np.where(np.isfinite(total), total / size, np.inf)
                 i, k = np.unravel_index(int(np.argmax(excess)), excess.shape)
                 if excess[i, k] > found[1]:
-                    found = (float(sizes[k]), float(excess[i, k]), mode, face, int(i))
+                    row = float(sizes[k])
+                    found = (row, float(excess[i, k]), mode, face, int(i))
         return found
 
     def _arc(self, i: int, j: int, v: Any) -> tuple[Curve, float]:
@@ -281,11 +290,15 @@ class Regions:
         self, v: Any, s: Any, alpha: Fraction, theta: Any, row: tuple[str, int, int]
     ) -> tuple[Any, Any]:
         mode, face, agent = row
-        total = -mp((self.held(agent) - alpha) * v[agent]) * s
+        pull = self.held(agent) - alpha
+        held = pull * v[agent]
+        total = -mp(held) * s
         size = abs(total)
         for i, j, w in self.modes[mode]:
             if i == agent:
-                lo = -s * (mp(v[i]) + theta * mp(v[j]))
+                far = theta * mp(v[j])
+                reach = mp(v[i]) + far
+                lo = -s * reach
                 hi = s * (theta * mp(v[j]) - mp(v[i]))
                 part, scale = self._arc(i, j, v)
                 near = part.turns(scale * float(s) * float(theta))
@@ -316,8 +329,10 @@ class Regions:
         """What is wrong with P, beta and size."""
         P = rational(e["P"])
         (beta, size) = (exact(e[name]) for name in ("beta", "size"))
-        decay = self.F.transpose() * P + P * self.F + 2 * fmpq(beta) * P
-        held = [diagonal([fmpq(size)] * P.nrows()) - P, -decay]
+        lyapunov = self.F.transpose() * P
+        decay = lyapunov + P * self.F + 2 * fmpq(beta) * P
+        size_matrix = [fmpq(size)] * P.nrows()
+        held = [diagonal(size_matrix) - P, -decay]
         for c in self.C.tolist():
             column = rational([[str(x)] for x in c])
             held.append(P - column * column.transpose())
@@ -334,12 +349,14 @@ class Regions:
         """The rate of V, and why the starts of ``place`` are not all inside; raises where the rows
         do not hold."""
         v = self.vector(e["v"])
-        if (e["rho"] is None) != (place == "global") or (e["rho"] is None and domain != "global"):
+        without_size = (e["rho"] is None) != (place == "global")
+        if without_size or (e["rho"] is None and domain != "global"):
             return Fraction(0), ["rho"]
         rate = self.rate_of(e, v)
         if e["rho"] is not None:
+            level = exact(e["rho"])
             rho, R, s = (
-                exact(e["rho"]),
+                level,
                 *(Fraction(repr(place[name])) for name in ("radius", "disturbance")),
             )
             left = rho - R / min(v)
@@ -360,7 +377,8 @@ class Regions:
         ):
             return ["rate"]
         rho = Fraction(1) if proof["rho"] is None else exact(proof["rho"])
-        if self.false_rows(v, rho=rho, alpha=b, stretch=mpmath.exp(mp(b * T))):
+        growth = mpmath.exp(mp(b * T))
+        if self.false_rows(v, rho=rho, alpha=b, stretch=growth):
             return ["rows"]
         return []
 
@@ -377,9 +395,8 @@ class Regions:
         period = float(T)
         rest = []
         for k in self.K:
-            rest.append(
-                [sum(abs(x) for d, x in enumerate(row) if d != c) for c, row in enumerate(k)]
-            )
+            beside = [sum(abs(x) for d, x in enumerate(row) if d != c) for c, row in enumerate(k)]
+            rest.append(beside)
         for s in float(rho) * FEW_SIZES:
             for arcs in self.modes.values():
                 for face in (1, -1):
@@ -388,15 +405,18 @@ class Regions:
                     for i, j, w in arcs:
                         part, scale = self._arc(i, j, v)
                         turns = part.turns(scale * float(rho))
-                        drive[i] += float(w) * part.highest(
-                            -s * u[j] - ends[i], s * u[j] - ends[i], face, turns
-                        )
+                        lower = -s * u[j] - ends[i]
+                        upper = s * u[j] - ends[i]
+                        felt = part.highest(lower, upper, face, turns)
+                        drive[i] += float(w) * felt
                     for c in range(self.m):
-                        after = ends + period * (drive - self.K[:, c, c][:, None] * ends)
-                        after += (
-                            period * s * u[:, None] * np.array([row[c] for row in rest])[:, None]
-                        )
-                        if np.any(after > s * u[:, None] * (float(f) + ROOM)):
+                        held = self.K[:, c, c][:, None]
+                        after = ends + period * (drive - held * ends)
+                        step = period * s * u[:, None]
+                        shares = np.array([row[c] for row in rest])[:, None]
+                        after += step * shares
+                        allowed = s * u[:, None] * (float(f) + ROOM)
+                        if np.any(after > allowed):
                             return ["a step overshoots"]
         return []
 
@@ -415,7 +435,8 @@ class Regions:
             rho = Fraction(1, 10**9) if base is None else exact(base["rho"] or 1)
             fails = alpha <= 0 or self.false_rows(v, rho=rho, alpha=alpha)
         finally:
-            (weights, gains), self.errors = self.errors, (Fraction(0), Fraction(0))
+            nothing = (Fraction(0), Fraction(0))
+            (weights, gains), self.errors = self.errors, nothing
         if (
             fails
             or not 0 <= weights < 1
@@ -437,7 +458,9 @@ class Regions:
             return ["domain or rate"]
         if self.A is None:
             return [] if 0 < rate <= alpha else ["rate"]
-        eta, beta, kappa = (exact(x) for x in (e.get("eta", "0"), base["beta"], base["kappa"]))
+        margin = e.get("eta", "0")
+        texts = (margin, base["beta"], base["kappa"])
+        eta, beta, kappa = (exact(x) for x in texts)
         if "eta" in e and eta < self._pull(v, rho, base) * weights * (1 - Fraction(1, 10**6)):
             return ["eta"]
         if 0 < rate <= min(alpha - kappa * eta, beta - 1 / (kappa * min(v))):
@@ -451,14 +474,19 @@ class Regions:
         W = floats(self.W)
         roots = np.sqrt(np.einsum("ak,ab,bk->k", W, P, W))
         most = 0.0
-        norm = max(sum(roots[k : k + self.m]) for k in range(0, len(roots), self.m))
+        starts = range(0, len(roots), self.m)
+        norm = max(sum(roots[k : k + self.m]) for k in starts)
         for arcs in self.modes.values():
             for agent in range(self.n):
                 lone = 0.0
                 for i, j, w in arcs:
                     if i == agent:
-                        y = float(rho * (v[i] + v[j])) * np.concatenate([-SIZES, SIZES])
-                        steepest = np.max(np.abs(curve(self.h[i, j]).fast(y) / y))
+                        reach = float(rho * (v[i] + v[j]))
+                        points = np.concatenate([-SIZES, SIZES])
+                        y = reach * points
+                        values = curve(self.h[i, j]).fast(y)
+                        quotients = np.abs(values / y)
+                        steepest = np.max(quotients)
                         lone += float(w * (v[i] + v[j])) * steepest
                 most = max(most, lone)
         return Fraction(float(norm * most))
@@ -475,7 +503,8 @@ class Regions:
         v = self.vector(base["v"])
         rho = exact(e["rho"])
         off = exact(plant.get("gains") or 0)
-        _, wrong = self._holding({**base, "rho": e["rho"]}, check["domain"], domain)
+        claim = {**base, "rho": e["rho"]}
+        _, wrong = self._holding(claim, check["domain"], domain)
         if (
             wrong
             or check["rate"] is not None
@@ -484,7 +513,8 @@ class Regions:
         ):
             return wrong or ["rate, rho or amplitude"]
         for i, label in enumerate(self.document["labels"]):
-            rows = [sum(map(abs, row)) for row in self.gains.get(i, [[0]])]
+            rows_of_gain = self.gains.get(i, [[0]])
+            rows = [sum(map(abs, row)) for row in rows_of_gain]
             size = v[i] * max(rows, default=0) * (1 + off)
             if not isinstance(table["limit"], dict):
                 limit = table["limit"]
@@ -514,9 +544,9 @@ class Regions:
         part = max(Fraction(0), 1 - exact(base["kappa"]) * size)
         if not known:
             return bool(left >= part * rho / exact(base["kappa"]))
-        return bool(
-            left**2 >= part**2 * Fraction(repr(box["disturbance"])) ** 2 * exact(base["size"])
-        )
+        disturbance = Fraction(repr(box["disturbance"]))
+        allowed_square = part**2 * disturbance**2
+        return bool(left**2 >= allowed_square * exact(base["size"]))
 
     def _stuck(self, check: dict[str, Any]) -> list[str]:
         witness = check["witness"]
@@ -531,7 +561,8 @@ class Regions:
 
     def _hears_only(self, group: set[int], agent: int) -> bool:
         """Whether in some mode the agent hears nobody beside the group."""
-        return any(group >= {j for a, j, _ in arcs if a == agent} for arcs in self.modes.values())
+        modes = self.modes.values()
+        return any(group >= {j for a, j, _ in arcs if a == agent} for arcs in modes)
 
     def _equilibrium(self, check: dict[str, Any]) -> list[str]:
         """A root, found by Newton's method from the middle, that lies in the box, which lies in the
@@ -545,24 +576,26 @@ class Regions:
             or any(lo >= hi for lo, hi in box)
         ):
             return ["verdict, rate or box"]
-        if all(lo <= 0 <= hi for lo, hi in box) or len(box) != self.n * self.m:
+        around_zero = all(lo <= 0 <= hi for lo, hi in box)
+        if around_zero or len(box) != self.n * self.m:
             return ["the box holds the target"]
         if self.document["region"] is not None:
-            pairs = [[exact(x) for x in pair] for pair in self.document["region"]["initial_states"]]
+            given = self.document["region"]["initial_states"]
+            pairs = [[exact(x) for x in pair] for pair in given]
             for k, (lo, hi) in enumerate(box):
                 goal = self.goals()[k // self.m][k % self.m]
-                if lo + goal < pairs[k % self.m][0] or hi + goal > pairs[k % self.m][1]:
+                outside_below = lo + goal < pairs[k % self.m][0]
+                if outside_below or hi + goal > pairs[k % self.m][1]:
                     return ["the box leaves the region"]
         middle = np.array([float(sum(pair) / 2) for pair in box])
         found = optimize.fsolve(
             lambda x: self.field(e["mode"], x.reshape(shape)).ravel(), middle, xtol=1e-14
         )
-        rest = np.abs(self.field(e["mode"], found.reshape(shape))).max()
+        values = self.field(e["mode"], found.reshape(shape))
+        rest = np.abs(values).max()
         width = max(float(hi - lo) for lo, hi in box)
-        inside = all(
-            float(lo) - 1e-12 <= x <= float(hi) + 1e-12
-            for x, (lo, hi) in zip(found, box, strict=True)
-        )
+        sides = zip(found, box, strict=True)
+        inside = all(float(lo) - 1e-12 <= x <= float(hi) + 1e-12 for x, (lo, hi) in sides)
         if rest < 1e-9 * (1 + width) and inside:
             return []
         return ["no equilibrium there"]
@@ -579,4 +612,5 @@ class Regions:
 
 
 def floats(rows: Any) -> Any:
-    return np.array([[float(exact(str(x))) for x in row] for row in rows])
+    numbers = [[float(exact(str(x))) for x in row] for row in rows]
+    return np.array(numbers)

@@ -30,14 +30,17 @@ class Tube:
         boxes = [*self.faces[0], *self.faces[1]]
         sizes = {len(box) for box in boxes}
         counts = {len(self.times), *map(len, self.faces)}
-        if sizes != {regions.n} or len(counts) != 1 or not 1 <= len(self.times) <= 2000:
+        other_sizes = sizes != {regions.n}
+        if other_sizes or len(counts) != 1 or not 1 <= len(self.times) <= 2000:
             raise ValueError("times or boxes")
         falls_back = any(b <= a for a, b in pairwise(self.times))
         if self.times[0] != 0 or falls_back or min(map(min, boxes)) <= 0:
             raise ValueError("times or boxes")
         self.size = self.beta = mpmath.mpf(0)
         if regions.A is not None:
-            self.size = mpmath.sqrt(mp(exact(own["size"]))) * mp(s)
+            size = exact(own["size"])
+            root = mpmath.sqrt(mp(size))
+            self.size = root * mp(s)
             self.beta = mp(exact(own["beta"]))
 
     def noise(self, t: Fraction) -> Any:
@@ -46,7 +49,9 @@ class Tube:
     def widths(self) -> list[Fraction]:
         """Of the last box."""
         found = []
-        for pair in zip(self.faces[0][-1], self.faces[1][-1], strict=True):
+        upper = self.faces[0][-1]
+        lower = self.faces[1][-1]
+        for pair in zip(upper, lower, strict=True):
             found.append(max(pair))
         return found
 
@@ -54,22 +59,33 @@ class Tube:
         """Whether some sample of a row pushes a face outward faster than it moves."""
         r = self.regions
         (upper, lower) = (np.array(face, dtype=float) for face in self.faces)
-        held = np.array([float(r.held(i)) for i in range(r.n)])
+        gains = [float(r.held(i)) for i in range(r.n)]
+        held = np.array(gains)
         times = np.array(self.times, dtype=float)
         for k in range(len(times) - 1):
             length = times[k + 1] - times[k]
-            c = float(self.noise(self.times[k])) * np.exp(-float(self.beta) * PARTS * length)
-            for face, own, other in ((1, upper, lower), (-1, lower, upper)):
+            noise = float(self.noise(self.times[k]))
+            decay = np.exp(-float(self.beta) * PARTS * length)
+            c = noise * decay
+            upper_face = (1, upper, lower)
+            lower_face = (-1, lower, upper)
+            for face, own, other in (upper_face, lower_face):
                 speed = self._speeds(k, face)
                 u = _between(own, k)
                 low = _between(other, k)
                 for arcs in r.modes.values():
                     total = c - held[:, None] * u - speed
-                    size = np.abs(c) + held[:, None] * u + np.abs(speed)
+                    pull = held[:, None] * u
+                    sizes = np.abs(c) + pull
+                    size = sizes + np.abs(speed)
                     for i, j, w in arcs:
                         h = curve(r.h[i, j])
-                        turns = h.turns(2.0 * float(max(upper.max(), lower.max())))
-                        value = float(w) * h.highest(-(u[i] + low[j]), u[j] - u[i], face, turns)
+                        reach = max(upper.max(), lower.max())
+                        turns = h.turns(2.0 * float(reach))
+                        lower_end = -(u[i] + low[j])
+                        upper_end = u[j] - u[i]
+                        felt = h.highest(lower_end, upper_end, face, turns)
+                        value = float(w) * felt
                         total[i] += value
                         size[i] += np.abs(value)
                     if not np.all(np.isfinite(total) & (total <= ROOM * size)):
@@ -81,11 +97,14 @@ class Tube:
         own = self.faces[0 if face > 0 else 1]
         length = self.times[k + 1] - self.times[k]
         ends = zip(own[k], own[k + 1], strict=True)
-        return np.array([[float((b - a) / length)] for a, b in ends])
+        speeds = [[float((b - a) / length)] for a, b in ends]
+        return np.array(speeds)
 
 
 def _between(face: Any, k: int) -> Any:
-    return (1 - PARTS) * face[k][:, None] + PARTS * face[k + 1][:, None]
+    before = (1 - PARTS) * face[k][:, None]
+    after = PARTS * face[k + 1][:, None]
+    return before + after
 
 
 def _mixes(gain: list[list[Fraction]]) -> bool:
@@ -98,30 +117,38 @@ def false_settling(regions: Any, check: dict[str, Any]) -> list[str]:
     e = check["exact"]
     domain = check["domain"]
     R, s = (Fraction(repr(domain[name])) for name in ("radius", "disturbance"))
-    if check["rate"] is not None or domain["kind"] != "box" or not isinstance(e["time"], str):
+    rate_is_given = check["rate"] is not None
+    if rate_is_given or domain["kind"] != "box" or not isinstance(e["time"], str):
         return ["rate, domain or time"]
     tube = Tube(regions, e["tube"], s)
     last = e["last"]
     if min(x for face in tube.faces for x in face[0]) < R:
         return ["the first box"]
-    if any(map(_mixes, regions.gains.values())) and tube.faces[0] != tube.faces[1]:
+    gains = regions.gains.values()
+    mixed = any(map(_mixes, gains))
+    if mixed and tube.faces[0] != tube.faces[1]:
         return ["faces"]
     wrong = [] if regions.A is None else regions.false_observer(e["tube"])
     if wrong:
         return wrong
     if tube.false_rows():
         return ["rows"]
-    level, height, stretch = (exact(last[name]) for name in ("level", "height", "stretch"))
+    names = ("level", "height", "stretch")
+    level, height, stretch = (exact(last[name]) for name in names)
     time = exact(e["time"])
     tolerance = exact(e["tolerance"])
     if min(level, height, stretch, tolerance) <= 0:
         return ["a number"]
     part = _separable if last["kind"] == "max-separable" else _quadratic
-    rate, why = part(regions, tube, last["certificate"], (level, height, stretch))
+    bounds = (level, height, stretch)
+    rate, why = part(regions, tube, last["certificate"], bounds)
     if why or rate <= 0 or last["kind"] not in ("max-separable", "quadratic"):
         return [why or "rate or kind"]
-    left = mp(height * level) * mpmath.exp(-mp(rate * (time - tube.times[-1])))
-    if time >= tube.times[-1] and left <= mp(tolerance) * (1 + mp(FINE)):
+    exponent = mp(rate * (time - tube.times[-1]))
+    decay = mpmath.exp(-exponent)
+    left = mp(height * level) * decay
+    late = time >= tube.times[-1]
+    if late and left <= mp(tolerance) * (1 + mp(FINE)):
         return []
     return ["the tolerance"]
 
@@ -132,14 +159,18 @@ def _separable(
     level, height, stretch = sizes
     v = regions.vector(own["v"])
     rate = regions.rate_of(own, v)
-    most = mp(max(x / y for x, y in zip(tube.widths(), v, strict=True)))
+    pairs = zip(tube.widths(), v, strict=True)
+    ratio = max(x / y for x, y in pairs)
+    most = mp(ratio)
     if regions.A is not None:
         for name in ("beta", "size"):
             if exact(own[name]) != exact(tube.own[name]):
                 return rate, "another P"
         if rational(own["P"]) != rational(tube.own["P"]):
             return rate, "another P"
-        most += mp(exact(own["kappa"])) * tube.noise(tube.times[-1])
+        kappa = mp(exact(own["kappa"]))
+        noise = tube.noise(tube.times[-1])
+        most += kappa * noise
     inside = regions.all_linear() if own["rho"] is None else level <= exact(own["rho"])
     if stretch != 1 or height < max(v) or not inside:
         return rate, "stretch, height or rho"
@@ -161,15 +192,23 @@ def _quadratic(
     corner = Fraction(0)
     for a in rows:
         for b in rows:
-            corner += abs(fraction(claim.P_e[a, b])) * wide[a] * wide[b]
+            entry = claim.P_e[a, b]
+            size = abs(fraction(entry))
+            corner += size * wide[a] * wide[b]
     most = mp(corner)
     if claim.P is not None:
-        if not positive(fmpq(stretch**2) * rational(tube.own["P"]) - claim.P, strict=False):
+        P = rational(tube.own["P"])
+        scaled = fmpq(stretch**2) * P
+        if not positive(scaled - claim.P, strict=False):
             return claim.rate, "stretch"
-        most += n * (mp(stretch) * tube.noise(tube.times[-1])) ** 2
+        noise = tube.noise(tube.times[-1])
+        most += n * (mp(stretch) * noise) ** 2
     if claim.radius is not None:
-        spreads = [fraction((z.transpose() * inverse * z)[0, 0]) for z in claim.relied()]
+        spreads = []
+        for z in claim.relied():
+            spreads.append(fraction((z.transpose() * inverse * z)[0, 0]))
         spread = max(spreads, default=Fraction(0))
         if level**2 * spread > claim.radius**2:
             return claim.rate, "the radius"
-    return claim.rate, "" if most <= mp(level) ** 2 * (1 + mp(FINE)) else "the level"
+    allowed = mp(level) ** 2 * (1 + mp(FINE))
+    return claim.rate, "" if most <= allowed else "the level"

@@ -53,14 +53,17 @@ def zeros(rows: int, columns: int) -> Rows:
 def eye(size: int) -> Rows:
     found = []
     for i in range(size):
-        found.append([Fraction(int(i == j)) for j in range(size)])
+        unit = [Fraction(int(i == j)) for j in range(size)]
+        found.append(unit)
     return found
 
 
 def plus(*terms: Rows) -> Rows:
     found = []
     for rows in zip(*terms, strict=True):
-        found.append([sum(xs, Fraction(0)) for xs in zip(*rows, strict=True)])
+        columns = zip(*rows, strict=True)
+        sums = [sum(xs, Fraction(0)) for xs in columns]
+        found.append(sums)
     return found
 
 
@@ -71,9 +74,9 @@ def times(factor: Fraction | int, M: Rows) -> Rows:
 def dot(M: Rows, N: Rows) -> Rows:
     found = []
     for row in M:
-        found.append(
-            [sum((x * N[k][j] for k, x in enumerate(row)), Fraction(0)) for j in range(len(N[0]))]
-        )
+        columns = range(len(N[0]))
+        products = [sum((x * N[k][j] for k, x in enumerate(row)), Fraction(0)) for j in columns]
+        found.append(products)
     return found
 
 
@@ -117,9 +120,11 @@ def form(M: Rows, v: Sequence[Fraction]) -> Fraction:
 
 def solve(M: Rows, right: list[Fraction]) -> list[Fraction] | None:
     """The solution of a square system, None if it is singular."""
-    work = [[*row, b] for row, b in zip(M, right, strict=True)]
+    pairs = zip(M, right, strict=True)
+    work = [[*row, b] for row, b in pairs]
     for k in range(len(work)):
-        pivot = next((i for i in range(k, len(work)) if work[i][k]), None)
+        rows_below = range(k, len(work))
+        pivot = next((i for i in rows_below if work[i][k]), None)
         if pivot is None:
             return None
         work[k], work[pivot] = work[pivot], work[k]
@@ -135,7 +140,9 @@ def hurwitz(A: Rows) -> bool:
     q = len(A)
     if not q:
         return True
-    operator = plus(kron(turned(A), eye(q)), kron(eye(q), turned(A)))
+    left = kron(turned(A), eye(q))
+    right = kron(eye(q), turned(A))
+    operator = plus(left, right)
     solution = solve(operator, [-x for row in eye(q) for x in row])
     return solution is not None and positive_definite(
         [solution[i * q : (i + 1) * q] for i in range(q)]
@@ -157,17 +164,18 @@ class Oracle:
         exosystem = d["exosystem"]
         self.A: Rows | None = None if exosystem is None else numbers(exosystem["A"])
         self.C: Rows | None = None if exosystem is None else numbers(exosystem["C"])
-        self.W: Rows | None = None if d["observer"]["W"] is None else numbers(d["observer"]["W"])
-        self.P: Rows | None = None if d["observer"]["P"] is None else numbers(d["observer"]["P"])
+        without_W = d["observer"]["W"] is None
+        self.W: Rows | None = None if without_W else numbers(d["observer"]["W"])
+        without_P = d["observer"]["P"] is None
+        self.P: Rows | None = None if without_P else numbers(d["observer"]["P"])
         default = d["coupling"]["h"]
-        special = {tuple(item["arc"]): item["h"] for item in d["coupling"]["exceptions"]}
-        self.h = {
-            (i, j): special.get((i, j), default) for arcs in self.modes.values() for i, j, _ in arcs
-        }
+        exceptions = d["coupling"]["exceptions"]
+        special = {tuple(item["arc"]): item["h"] for item in exceptions}
+        modes = self.modes.values()
+        self.h = {(i, j): special.get((i, j), default) for arcs in modes for i, j, _ in arcs}
         texts = [default, *special.values()]
-        self.smooth = not any(
-            word in str(h) for h in texts for word in ("abs", "min", "max", "clip")
-        )
+        has_kinks = any(word in str(h) for h in texts for word in ("abs", "min", "max", "clip"))
+        self.smooth = not has_kinks
         self.linear = self.smooth and all(slope(key(h), self.m)[1] for h in texts)
         self.K = zeros(self.n * self.m, self.n * self.m)
         self.pinned = [i for i, _ in d["gains"]]
@@ -194,7 +202,9 @@ class Oracle:
             place = zeros(self.n, self.n)
             place[i][j] += 1
             place[i][i] -= 1
-            gain = times(Fraction(weight), slope(key(self.h[i, j]), self.m)[0])
+            text = key(self.h[i, j])
+            slopes = slope(text, self.m)
+            gain = times(Fraction(weight), slopes[0])
             total = plus(total, kron(place, gain))
         return total
 
@@ -203,14 +213,20 @@ class Oracle:
 
     def psi(self, mode: str, P: Rows, Q: Rows, *, margin: Fraction, rate: Fraction) -> Rows:
         """The matrix (18), with 2 rate diag(I, I (x) P) and margin diag(I, 0) added."""
-        assert self.A is not None and self.C is not None
-        half = plus(dot(P, self.A), times(-1, dot(Q, self.C)))
+        assert self.A is not None
+        assert self.C is not None
+        free = dot(P, self.A)
+        injected = times(-1, dot(Q, self.C))
+        half = plus(free, injected)
         omega = plus(half, turned(half))
-        corner = plus(self.lambda_(mode), times(margin + 2 * rate, eye(self.n * self.m)))
+        one = eye(self.n * self.m)
+        shift = times(margin + 2 * rate, one)
+        corner = plus(self.lambda_(mode), shift)
         border = kron(eye(self.n), self.C)
-        return block(
-            [[corner, border], [turned(border), kron(eye(self.n), plus(omega, times(2 * rate, P)))]]
-        )
+        shifted = plus(omega, times(2 * rate, P))
+        corner_of_errors = kron(eye(self.n), shifted)
+        lower = [turned(border), corner_of_errors]
+        return block([[corner, border], lower])
 
     def slack(self) -> Fraction:
         return Fraction(0) if self.exact else SLACK
@@ -226,18 +242,21 @@ class Oracle:
         construction."""
         found = {agent}
         for _ in range(self.n):
-            found |= {j for arcs in self.modes.values() for i, j, _ in arcs if i in found}
+            modes = self.modes.values()
+            found |= {j for arcs in modes for i, j, _ in arcs if i in found}
         return found
 
     def error(self, W: Rows) -> Rows:
-        assert self.A is not None and self.C is not None
+        assert self.A is not None
+        assert self.C is not None
         return plus(self.A, times(-1, dot(W, self.C)))
 
     def hidden(self) -> sp.Matrix:
         """A restricted to what C never sees, by SymPy."""
         A = sp.Matrix(self.A)
         C = sp.Matrix(self.C)
-        N = sp.Matrix.vstack(*(C * A**k for k in range(A.rows))).nullspace()
+        seen = sp.Matrix.vstack(*(C * A**k for k in range(A.rows)))
+        N = seen.nullspace()
         if not N:
             return sp.zeros(0, 0)
         N = sp.Matrix.hstack(*N)
@@ -251,22 +270,24 @@ class Oracle:
         polynomial divides."""
         s = sp.Symbol("s")
         whole = sp.Matrix(self.error(W)).charpoly(s).as_expr()
-        rest = sp.Poly(sp.cancel(whole / self.hidden().charpoly(s).as_expr()), s)
+        polynomial = self.hidden().charpoly(s)
+        quotient = whole / polynomial.as_expr()
+        rest = sp.Poly(sp.cancel(quotient), s)
         return right_half_plane(rest) == 0 and not on_axis(rest)
 
     def unstable_roots(self, mode: str) -> int:
         if mode not in self.counted and self.lemma(mode):
             self.counted[mode] = 0  # e'e decreases
         if mode not in self.counted:
-            self.counted[mode] = right_half_plane(
-                sp.Matrix(self.loop(mode)).charpoly(sp.Symbol("s"))
-            )
+            matrix = sp.Matrix(self.loop(mode))
+            characteristic = matrix.charpoly(sp.Symbol("s"))
+            self.counted[mode] = right_half_plane(characteristic)
         return self.counted[mode]
 
     def lemma(self, mode: str) -> bool:
-        return negative_definite(
-            plus(self.lambda_(mode), times(self.slack(), eye(self.n * self.m)))
-        )
+        one = eye(self.n * self.m)
+        slack = times(self.slack(), one)
+        return negative_definite(plus(self.lambda_(mode), slack))
 
     def verdicts(self, W: Rows | None) -> set[str]:
         """What may be said overall: "undecided" always, "proved" or "refuted" where the rules give
@@ -277,11 +298,8 @@ class Oracle:
         heard = self.error_decays(W)
         if held and heard and (region is None or self.linear):
             found.add("proved")
-        one = (
-            len(self.modes) == 1
-            and self.exact
-            and all(hurwitz(self.loop(mode)) for mode in self.modes)
-        )
+        one_mode = len(self.modes) == 1
+        one = one_mode and self.exact and all(hurwitz(self.loop(mode)) for mode in self.modes)
         if one and heard and (region is None or self.linear):
             found.add("proved")
         if self._fails(region):
@@ -292,7 +310,8 @@ class Oracle:
     def _fails(self, region: Any) -> bool:
         goals = {i: numbers([self.document["target"]])[0] for i in range(self.n)}
         for i, offset in self.document["offsets"]:
-            goals[i] = [x + y for x, y in zip(goals[i], numbers([offset])[0], strict=True)]
+            offsets = numbers([offset])[0]
+            goals[i] = [x + y for x, y in zip(goals[i], offsets, strict=True)]
         pairs = [] if region is None else numbers(region["initial_states"])
         for agent in range(self.n):
             alone = self.listened_to_from(agent)
@@ -333,18 +352,16 @@ class Oracle:
         if document["problem_sha256"] != hashlib.sha256(self.bytes).hexdigest():
             false.append("hash")
         observer = document["observer"]
-        W, P, Q = (
-            None if observer[name] is None else numbers(observer[name]) for name in ("W", "P", "Q")
-        )
+        names = ("W", "P", "Q")
+        W, P, Q = (None if observer[name] is None else numbers(observer[name]) for name in names)
         if self.W is not None and W != self.W:
             false.append("W")
         if observer["source"] != (
             None if W is None else "given" if self.W is not None else "designed"
         ):
             false.append("source of W")
-        if (P is None) != (Q is None) or (
-            P is not None and (turned(P) != P or dot(P, W or []) != Q)
-        ):
+        one_of_two = (P is None) != (Q is None)
+        if one_of_two or (P is not None and (turned(P) != P or dot(P, W or []) != Q)):
             false.append("P, Q")
         for check in document["checks"]:
             title = f"{check['id']} {check.get('mode')}"
@@ -362,27 +379,33 @@ class Oracle:
         verdict = document["verdict"]
         checks = document["checks"]
         regions = Regions(self.document, document["observer"]["W"])
-        covering = [
-            c for c in checks if c["id"] in IDS and c["verdict"] == "proved" and regions.covers(c)
-        ]
-        carrying = [
-            c for c in covering if c["id"] == document["covered_by"] and c["id"] in COVERING
-        ]
+        covering = []
+        for c in checks:
+            if c["id"] in IDS and c["verdict"] == "proved" and regions.covers(c):
+                covering.append(c)
+        carrying = []
+        for c in covering:
+            if c["id"] == document["covered_by"] and c["id"] in COVERING:
+                carrying.append(c)
         if verdict == "proved" and carrying:
             if document["rate"] == carrying[0]["rate"]:
                 return []
             return ["rate"]
-        own = [
-            c
-            for c in checks
-            if c["id"] == document["covered_by"] and c["id"].endswith(("weighted", "linearisation"))
-        ]
+        own = []
+        for c in checks:
+            if c["id"] == document["covered_by"] and c["id"].endswith(
+                ("weighted", "linearisation")
+            ):
+                own.append(c)
         if verdict == "proved" and own and (self.document["region"] is None or self.linear):
-            said = (document["rate"], own[0]["verdict"]) == (own[0]["rate"], "proved")
+            found = (document["rate"], own[0]["verdict"])
+            wanted = (own[0]["rate"], "proved")
+            said = found == wanted
             if said and self.error_decays(W):
                 return []
             return ["rate or the check of a proved verdict"]
-        beside = self.document["region"] is not None and any(
+        has_region = self.document["region"] is not None
+        beside = has_region and any(
             c["id"] == "equilibrium" and c["verdict"] == "refuted" for c in checks
         )
         if verdict == "refuted" and beside:
@@ -395,9 +418,10 @@ class Oracle:
             if document["rate"] is None and document["covered_by"] is None:
                 return []
             return ["a rate without proof"]
-        carrying = [
-            c for c in checks if c["id"] == document["covered_by"] and c["verdict"] == "proved"
-        ]
+        carrying = []
+        for c in checks:
+            if c["id"] == document["covered_by"] and c["verdict"] == "proved":
+                carrying.append(c)
         theorem = "lemma1" if self.A is None else f"theorem{min(2, len(self.modes))}"
         if not carrying or document["covered_by"] not in (theorem, f"{theorem}-printed"):
             return ["covered_by"]
@@ -446,7 +470,8 @@ class Oracle:
         if check["margin"] is not None or (check["rate"] is not None and id != "hurwitz"):
             return ["number"]
         if id == "reachability":
-            alone = [self.labels[i] for i in self.unreached([check["mode"]])]
+            unreached = self.unreached([check["mode"]])
+            alone = [self.labels[i] for i in unreached]
             witness = {"kind": "agents", "labels": alone} if alone else None
             true = not alone
             said = exact is None and check.get("witness") == witness
@@ -456,7 +481,8 @@ class Oracle:
             said = set(exact) == {"rank"} and number(exact["rank"]) == rank
         elif id == "detectability":
             if self.hidden().rows:
-                polynomial = sp.Poly(self.hidden().charpoly(s).as_expr(), s)
+                characteristic = self.hidden().charpoly(s)
+                polynomial = sp.Poly(characteristic.as_expr(), s)
             else:
                 polynomial = sp.Poly(1, s)
             true = self.detectable()
@@ -467,7 +493,9 @@ class Oracle:
             true = hurwitz(self.error(W))
             said = True
             if check["rate"] is not None:
-                shifted = plus(self.error(W), times(Fraction(repr(check["rate"])), eye(len(W))))
+                given_rate = Fraction(repr(check["rate"]))
+                shift = times(given_rate, eye(len(W)))
+                shifted = plus(self.error(W), shift)
                 said = check["rate"] > 0 and hurwitz(shifted)
         if true != (check["verdict"] == "proved"):
             return ["verdict"]
@@ -480,18 +508,19 @@ class Oracle:
         if check["margin"] is None or margin < 0 or rate < 0 or check.get("witness") is not None:
             return ["margin, rate or witness of a proof"]
         if check["id"] == "lemma1":
-            shift = times(max(margin, 2 * rate) + self.slack(), eye(self.n * self.m))
-            true = check.get("exact") is None and negative_definite(
-                plus(self.lambda_(check["mode"]), shift)
-            )
+            larger = max(margin, 2 * rate) + self.slack()
+            one = eye(self.n * self.m)
+            shift = times(larger, one)
+            nothing_exact = check.get("exact") is None
+            true = nothing_exact and negative_definite(plus(self.lambda_(check["mode"]), shift))
             return [] if true else ["Lambda < 0"]
         if P is None or Q is None or not positive_definite(P):
             return ["P"]
         for mode in self.modes:
             for extra, pace in ((margin, Fraction(0)), (Fraction(0), rate)):
-                if not negative_definite(
-                    self.psi(mode, P, Q, margin=extra + self.slack(), rate=pace)
-                ):
+                more = extra + self.slack()
+                matrix = self.psi(mode, P, Q, margin=more, rate=pace)
+                if not negative_definite(matrix):
                     return [f"Psi < 0 in {mode}"]
         return self._false_exact(check["exact"], P, Q)
 
@@ -517,16 +546,23 @@ class Oracle:
             return ["D or P"]
         V = []
         for i in range(len(D)):
-            V.append([D[i] if i == j else Fraction(0) for j in range(len(D))])
+            columns = range(len(D))
+            row = [D[i] if i == j else Fraction(0) for j in columns]
+            V.append(row)
         corner = zeros(len(D), self.n * len(P))
         if P:
-            V = block([[V, corner], [turned(corner), kron(eye(self.n), P)]])
+            errors = kron(eye(self.n), P)
+            lower = [turned(corner), errors]
+            V = block([[V, corner], lower])
         for mode in self.modes:
             loop = self.loop(mode)
             if W is not None and self.C is not None:
                 own = kron(eye(self.n), self.error(W))
-                loop = block([[loop, kron(eye(self.n), self.C)], [turned(corner), own]])
-            if not negative_definite(plus(dot(V, loop), turned(dot(V, loop)), times(2 * rate, V))):
+                upper = [loop, kron(eye(self.n), self.C)]
+                loop = block([upper, [turned(corner), own]])
+            transposed = turned(dot(V, loop))
+            growth = times(2 * rate, V)
+            if not negative_definite(plus(dot(V, loop), transposed, growth)):
                 return [f"V' <= -2 rate V in {mode}"]
         return []
 
@@ -544,7 +580,9 @@ class Oracle:
             self.loop(mode),
             *([self.error(W)] if self.A is not None and W is not None else []),
         ]
-        shifted = [plus(x, times(rate, eye(len(x)))) for x in loops]
+        shifted = []
+        for x in loops:
+            shifted.append(plus(x, times(rate, eye(len(x)))))
         decays = (check["rate"] is None or rate > 0) and all(map(hurwitz, shifted))
         if decays and (self.A is None or W is not None):
             return []
@@ -555,7 +593,8 @@ class Oracle:
 
     def _false_exact(self, exact: dict[str, Any], P: Rows, Q: Rows) -> list[str]:
         S = self._schur(P, Q)
-        true = numbers(exact["P"]) == P and numbers(exact["Q"]) == Q and numbers(exact["S"]) == S
+        same_P = numbers(exact["P"]) == P
+        true = same_P and numbers(exact["Q"]) == Q and numbers(exact["S"]) == S
         scalar = times(S[0][0], eye(len(S))) == S
         bound = number(exact["bound"]) if "bound" in exact else None
         if true and bound == (-S[0][0] if scalar else None):
@@ -565,11 +604,16 @@ class Oracle:
     def _schur(self, P: Rows, Q: Rows) -> Rows:
         omega = self._omega(P, Q)
         inverse = sp.Matrix(omega).inv()
-        return fractions(-sp.Matrix(self.C) * inverse * sp.Matrix(self.C).T)
+        seen = -sp.Matrix(self.C) * inverse
+        columns = sp.Matrix(self.C).T
+        return fractions(seen * columns)
 
     def _omega(self, P: Rows, Q: Rows) -> Rows:
-        A, C, P_, Q_ = (sp.Matrix(x) for x in (self.A, self.C, P, Q))
-        return fractions(P_ * A + A.T * P_ - Q_ * C - C.T * Q_.T)
+        parts = (self.A, self.C, P, Q)
+        A, C, P_, Q_ = (sp.Matrix(x) for x in parts)
+        free = P_ * A + A.T * P_ - Q_ * C
+        injected = C.T * Q_.T
+        return fractions(free - injected)
 
     def _false_refutation(
         self, check: dict[str, Any], W: Rows | None, P: Rows | None, Q: Rows | None
@@ -577,23 +621,26 @@ class Oracle:
         id = check["id"]
         exact = check.get("exact") or {}
         mode = check.get("mode")
-        if check["rate"] is not None or (check["margin"] is not None and check["margin"] > 0):
+        rate_is_given = check["rate"] is not None
+        if rate_is_given or (check["margin"] is not None and check["margin"] > 0):
             return ["number"]
         part = exact.get("block")
         if part in ("detectability", "hurwitz"):
             true = self.W is not None and not hurwitz(self.error(self.W))
             if part == "detectability":
                 true = not self.detectable()
-            alone = not id.endswith("printed") and check["margin"] is None and len(exact) == 1
+            not_printed = not id.endswith("printed")
+            alone = not_printed and check["margin"] is None and len(exact) == 1
             return [] if true and alone else ["obstacle"]
         v = [number(text) for text in check["witness"]["values"]]
         if check["witness"]["kind"] != "vector" or not any(v):
             return ["witness"]
         if id == "lemma1" or part == "Lambda":
             mode = mode or exact["mode"]
-            labels = [
-                self.labels[i] for i in range(self.n) if any(v[i * self.m : (i + 1) * self.m])
-            ]
+            labels = []
+            for i in range(self.n):
+                if any(v[i * self.m : (i + 1) * self.m]):
+                    labels.append(self.labels[i])
             if check["witness"].get("labels") != labels:
                 return ["labels"]
             value = form(self.lambda_(mode), v)
@@ -622,8 +669,12 @@ class Oracle:
                 return []
             return [part]
         # With eps_i = (-Omega)^-1 C' e_i the whole Psi takes the value that the Reduction gives.
-        tails = sp.Matrix(self._omega(P, Q)).inv() * -sp.Matrix(self.C).T
-        parts = [sp.Matrix(v[i * self.m : (i + 1) * self.m]) for i in range(self.n)]
+        inverse = sp.Matrix(self._omega(P, Q)).inv()
+        seen = -sp.Matrix(self.C).T
+        tails = inverse * seen
+        parts = []
+        for i in range(self.n):
+            parts.append(sp.Matrix(v[i * self.m : (i + 1) * self.m]))
         whole = [*v, *(x for part in parts for x in fractions((tails * part).T)[0])]
         value = form(self.psi(exact["mode"], P, Q, margin=Fraction(0), rate=Fraction(0)), whole)
         if value < -self.slack() or not self._reaches(check, value, v):
@@ -634,7 +685,9 @@ class Oracle:
         if check["margin"] is None:
             return True
         square = sum((x * x for x in v), Fraction(0))
-        return -Fraction(repr(check["margin"])) * square <= value + self.slack() * square
+        least = -Fraction(repr(check["margin"])) * square
+        allowed = value + self.slack() * square
+        return least <= allowed
 
 
 def moves_within(
@@ -644,14 +697,17 @@ def moves_within(
     end of each c_k."""
     if whole or not free:
         return bool(free)
-    F = np.array(sp.Matrix.hstack(*free).tolist(), dtype=float)
-    limits = [float(hi) for _, hi in box] + [-float(lo) for lo, _ in box]
+    columns = sp.Matrix.hstack(*free).tolist()
+    F = np.array(columns, dtype=float)
+    upper = [float(hi) for _, hi in box]
+    lower = [-float(lo) for lo, _ in box]
+    limits = upper + lower
     ends = []
     for row in F:
         for sign in (1, -1):
-            ends.append(
-                linprog(sign * row, A_ub=np.vstack([F, -F]), b_ub=limits, bounds=(None, None))
-            )
+            both = np.vstack([F, -F])
+            answer = linprog(sign * row, A_ub=both, b_ub=limits, bounds=(None, None))
+            ends.append(answer)
     return any(end.status == 0 and abs(end.fun) > 1e-9 for end in ends)
 
 
@@ -663,7 +719,9 @@ def key(h: Any) -> tuple[str, ...]:
 
 def read(text: str) -> sp.Expr:
     """A polynomial in s as the package writes it: "s^2 - 1/2 s + 4"."""
-    return sp.sympify(re.sub(r"(\d) s", r"\1*s", text).replace("^", "**"), rational=True)
+    spaced = re.sub(r"(\d) s", r"\1*s", text)
+    powers = spaced.replace("^", "**")
+    return sp.sympify(powers, rational=True)
 
 
 @cache
@@ -679,7 +737,9 @@ def slope(h: tuple[str, ...], m: int) -> tuple[Rows, bool, bool]:
     else:
         texts = [sp.sympify(text, locals=names, rational=True) for text in h]
     partials = [[sp.diff(text, symbol) for symbol in y] for text in texts]
-    values = [[entry.subs(dict.fromkeys(y, 0)) for entry in row] for row in partials]
+    values = []
+    for row in partials:
+        values.append([entry.subs(dict.fromkeys(y, 0)) for entry in row])
     linear = not any(sp.expand(entry).free_symbols for row in partials for entry in row)
     rational = all(value.is_Rational for row in values for value in row)
     return [[number_of(value) for value in row] for row in values], linear, rational
@@ -705,7 +765,8 @@ def numbers(rows: Any) -> Rows:
 def fractions(M: sp.Matrix) -> Rows:
     found = []
     for i in range(M.rows):
-        found.append([Fraction(int(x.p), int(x.q)) for x in M.row(i)])
+        row = [Fraction(int(x.p), int(x.q)) for x in M.row(i)]
+        found.append(row)
     return found
 
 
@@ -728,10 +789,13 @@ def on_axis(polynomial: sp.Poly) -> bool:
 def _roots(polynomial: sp.Poly) -> list[tuple[list[Any], int]]:
     found = []
     with mpmath.workdps(60):
-        for factor, multiplicity in sp.factor_list(polynomial.as_expr(), sp.Symbol("s"))[1]:
+        factors = sp.factor_list(polynomial.as_expr(), sp.Symbol("s"))
+        for factor, multiplicity in factors[1]:
             coefficients = []
             for c in sp.Poly(factor, sp.Symbol("s")).all_coeffs():
-                coefficients.append(mpmath.mpf(int(c.p)) / int(c.q))
+                numerator = mpmath.mpf(int(c.p))
+                quotient = numerator / int(c.q)
+                coefficients.append(quotient)
             roots = mpmath.polyroots(coefficients, maxsteps=500, extraprec=400)
             found.append(([mpmath.mpc(root) for root in roots], multiplicity))
     return found

@@ -43,7 +43,9 @@ P = [[1]]
 
 def mixed(first: Exosystem = SINE, other: Exosystem = CONSTANT, **changes: object) -> Problem:
     """Three agents on a ring: 1 and 2 feel the first exosystem, 3 the other."""
-    groups = [Group(agents=[1, 2], exosystem=first), Group(agents=[3], exosystem=other)]
+    first_group = Group(agents=[1, 2], exosystem=first)
+    second_group = Group(agents=[3], exosystem=other)
+    groups = [first_group, second_group]
     return ring(3, **{"groups": groups} | changes)
 
 
@@ -61,9 +63,11 @@ def test_every_group_gets_a_gain_of_its_own_that_meets_the_request():
     constant = found.groups["3"].W
     assert constant == ((Fraction(3, 2),),)
     assert decay(SINE, sine) >= 1.5
-    assert ((*sine[0], 0), (*sine[1], 0), (0, Fraction(3, 2))) == found.W
+    third = (0, Fraction(3, 2))
+    assert ((*sine[0], 0), (*sine[1], 0), third) == found.W
     for key, worst in (("rate", min), ("gain", max)):
-        assert found.measures[key] == worst(each.measures[key] for each in found.groups.values())
+        expected = worst(each.measures[key] for each in found.groups.values())
+        assert found.measures[key] == expected
     assert "Group of agent 3" in str(found)
     assert set(found.to_json()["groups"]) == {"1", "3"}
 

@@ -51,7 +51,8 @@ def test_with_a_disturbance_w_is_designed_too_and_rounded_to_the_digits_asked():
     found = dd.design(problem, digits=2)
     assert is_proved(found)
     assert found.problem.observer.W == found.W
-    cases = (*found.gains.values(), *(x for row in found.W for x in row))
+    gains = found.gains.values()
+    cases = (*gains, *(x for row in found.W for x in row))
     for number in cases:
         assert Fraction(f"{float(number):.2g}") == number
 
@@ -75,7 +76,8 @@ def test_without_a_region_the_design_is_proved_at_the_consensus():
     found = dd.design(ring(region=None), rate="0.1")
     assert is_proved(found)
     assert found.certificate.covered_by == "theorem1-weighted"
-    assert float(found.cost) == pytest.approx(1 / 0.9**3 - 0.9, rel=0.05)
+    expected = 1 / 0.9**3 - 0.9
+    assert float(found.cost) == pytest.approx(expected, rel=0.05)
     assert any("the true rate near the target" in sentence for sentence in found.decisions)
     two = dd.design(ring(region=None), rate="0.3")  # with one pin V = e'e has no such rate
     assert len(two.gains) == 2
@@ -105,7 +107,8 @@ def test_without_a_rate_a_design_is_no_slower_than_the_own_gains_for_no_more_gai
     found = dd.design(problem)
     assert is_proved(found)
     assert found.certificate.rate >= given.rate
-    assert len(found.gains) > 1 and found.cost <= Fraction("1.2")
+    assert len(found.gains) > 1
+    assert found.cost <= Fraction("1.2")
     assert found.request.rate is None
     assert found.given.rate == given.rate
     first = found.decisions[0]
@@ -121,7 +124,8 @@ def test_a_rate_asked_for_overrules_the_own_gains_and_limits_may_not_reach_them(
     assert slow.rate < 0.11 < slow.given.rate
     assert "No rate was asked for" not in slow.decisions[0]
     held = dd.design(problem, pins=1, allowed=[1], max_gain="1/2")
-    assert is_proved(held) and held.rate < 0.11
+    assert is_proved(held)
+    assert held.rate < 0.11
     assert held.decisions[0].endswith(
         "No design with the rate of your own gains was proved within the limits."
     )
@@ -131,15 +135,18 @@ def test_further_pins_cost_what_closed_forms_say_and_are_no_slower():
     """A ring with opposite hard pins, h = y: k = b + 1/(1 - b) - 1 for each, at the rate b."""
     found = dd.design(own_gains(), rate="0.2", further=1)
     (second,) = found.further
-    assert second.pinned == ("1", "3") and second.proved and second.x >= 0.2
-    assert second.y == pytest.approx(2 * (0.2 + 1 / 0.8 - 1), rel=0.02)
+    assert second.pinned == ("1", "3")
+    assert second.proved
+    assert second.x >= 0.2
+    expected = 2 * (0.2 + 1 / 0.8 - 1)
+    assert second.y == pytest.approx(expected, rel=0.02)
     rows = str(found).split("Price of further pins\n")[1].splitlines()
     assert [row.split()[0] for row in rows] == ["pins", "1", "2"]
     assert "<td>1, 3</td>" in found._repr_html_()
-    assert found.to_json()["further"] == [
-        {"pinned": ["1", "3"], "cost": second.y, "rate": second.x}
-    ]
-    assert dd.design(own_gains(), rate="0.2", pins=1, further=1).further == ()
+    further = found.to_json()["further"]
+    assert further == [{"pinned": ["1", "3"], "cost": second.y, "rate": second.x}]
+    design = dd.design(own_gains(), rate="0.2", pins=1, further=1)
+    assert design.further == ()
 
 
 def test_a_larger_rate_with_a_later_time_is_explained_by_its_factor():
@@ -148,7 +155,9 @@ def test_a_larger_rate_with_a_later_time_is_explained_by_its_factor():
     found = dd.design(problem)
     given, own = found.given, found.certificate
     assert own.rate > given.rate
-    assert math.log(100 * own.factor) / own.rate > math.log(100 * given.factor) / given.rate
+    own_time = math.log(100 * own.factor) / own.rate
+    given_time = math.log(100 * given.factor) / given.rate
+    assert own_time > given_time
     first = found.decisions[0]
     assert "s, factor 1.711), this design" in first
     assert "The larger rate has the later time because its factor is larger" in first
@@ -165,7 +174,9 @@ def test_a_design_names_the_conditions_that_it_loses():
 
 def pinned_chain() -> dd.Problem:
     """3 leads 2 leads 1, h = y, all pinned with k = 1."""
-    return linked([[1, 2], [2, 3]], 3, gains={1: 1, 2: 1, 3: 1})
+    arcs = [[1, 2], [2, 3]]
+    gains = {1: 1, 2: 1, 3: 1}
+    return linked(arcs, 3, gains=gains)
 
 
 @pytest.mark.parametrize("pins", [True, False])
@@ -183,7 +194,8 @@ def test_a_number_of_further_pins_is_a_small_integer(further):
 
 def test_a_rate_beyond_the_allowed_agents_is_refuted_with_the_nearest_one():
     """A held leader: the other follows at h'(0) = 1 and no faster, whatever k_1."""
-    found = dd.design(star(2, region=BOX), rate="1.01", allowed=["1"])
+    star_of_two = star(2, region=BOX)
+    found = dd.design(star_of_two, rate="1.01", allowed=["1"])
     assert found.verdict == Verdict.REFUTED
     assert found.binding == "rate"
     answer = linear_rate(star(2), {0: 1e9})
@@ -234,7 +246,9 @@ def test_too_few_pins_for_a_rate_are_refuted_set_by_set():
 def test_a_group_that_is_alone_in_one_mode_only_is_refuted_for_arbitrary_switching(pins):
     """In turn, modes A (3 hears 2) and B (2 hears 1) may converge with a pin on 1; put together
     they need no other."""
-    cases = (({"A": [[3, 2]], "B": [[2, 1]]}, True), ({"A": [[3, 2], [2, 1]]}, False))
+    chain = ({"A": [[3, 2]], "B": [[2, 1]]}, True)
+    both_at_once = ({"A": [[3, 2], [2, 1]]}, False)
+    cases = (chain, both_at_once)
     for modes, several in cases:
         problem = linked(modes, 3)
         structure = structure_of(problem, range(3) if pins else (0,))
@@ -300,16 +314,9 @@ def test_a_design_says_what_was_decided_and_what_each_limit_costs():
     assert "Gains: k = " in text
     assert "Price of the rate" in text
     assert "<script" not in found._repr_html_()
-    assert set(found.to_json()) >= {
-        "verdict",
-        "W",
-        "P",
-        "gains",
-        "rate",
-        "cost",
-        "reason",
-        "problem",
-    }
+    keys = set(found.to_json())
+    expected = {"verdict", "W", "P", "gains", "rate", "cost", "reason", "problem"}
+    assert keys >= expected
 
 
 def test_the_smallest_gains_and_the_price_of_the_rate_are_those_of_closed_forms():
@@ -317,9 +324,9 @@ def test_the_smallest_gains_and_the_price_of_the_rate_are_those_of_closed_forms(
     = b + v_2 - 1."""
     star2 = star(2, region=BOX)
     ring4 = ring(4, coupling="y", region=BOX)
-    known = [(star2, b, b, 1.0) for b in (0.2, 0.8)] + [
-        (ring4, 0.1, 0.1 + 0.9**-3 - 1, 1 + 3 * 0.9**-4)
-    ]
+    stars = [(star2, b, b, 1.0) for b in (0.2, 0.8)]
+    rings = [(ring4, 0.1, 0.1 + 0.9**-3 - 1, 1 + 3 * 0.9**-4)]
+    known = stars + rings
     for problem, rate, total, slope in known:
         zero = Fraction(0)
         search = RegionSearch(problem=problem, W=None, caps={}, radius=1 + zero, disturbance=zero)

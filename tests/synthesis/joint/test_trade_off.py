@@ -17,7 +17,8 @@ def test_the_gain_curve_of_a_linear_ring_is_proved_and_follows_the_closed_form()
     found = dd.trade_off(ring(4, region=BOX), points=3)
     assert len(found.points) >= 2
     for point in found.points:
-        least, most = (b + (1 - b) ** -3 - 1 for b in (point.x, 1.005 * point.x))
+        rates = (point.x, 1.005 * point.x)
+        least, most = (b + (1 - b) ** -3 - 1 for b in rates)
         assert least <= point.y <= 1.01 * most
         assert point.proved
     assert list(found.points) == sorted(found.points, key=lambda point: point.x)
@@ -31,7 +32,9 @@ def test_near_the_consensus_the_chosen_point_lies_on_the_gain_curve():
     found = dd.trade_off(pair, design=chosen, points=3)
     assert len(found.points) == 3
     for point in found.points:
-        assert point.y == pytest.approx(1 / (1 - point.x) - 1 + point.x, rel=0.02)
+        pull = 1 / (1 - point.x)
+        expected = pull - 1 + point.x
+        assert point.y == pytest.approx(expected, rel=0.02)
     assert found.chosen.y == float(chosen.cost or 0)
     assert found.chosen.y == pytest.approx(1 / (1 - found.chosen.x) - 1 + found.chosen.x, rel=0.02)
 

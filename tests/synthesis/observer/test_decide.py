@@ -87,13 +87,18 @@ def test_random_gains_agree_with_floating_point_away_from_the_border(seed):
     q = r.randint(1, 5)
     rows = []
     for _ in range(q):
-        rows.append([Fraction(r.randint(-30, 10), 10) for _ in range(q)])
+        row = [Fraction(r.randint(-30, 10), 10) for _ in range(q)]
+        rows.append(row)
     E = matrix(rows)
     poles = np.linalg.eigvals(to_float(E))
+    disk = Disk(centre=-2, radius="2.5")
+    beyond_the_disk = np.max(np.abs(poles + 2)) - 2.5
+    beyond_the_cone = np.max(poles.real + 0.4 * np.abs(poles))
+    beyond_the_half_plane = np.max(poles.real) + 0.3
     outside = {
-        HalfPlane(left_of="-0.3"): np.max(poles.real) + 0.3,
-        Disk(centre=-2, radius="2.5"): np.max(np.abs(poles + 2)) - 2.5,
-        Cone(damping="0.4"): np.max(poles.real + 0.4 * np.abs(poles)),
+        HalfPlane(left_of="-0.3"): beyond_the_half_plane,
+        disk: beyond_the_disk,
+        Cone(damping="0.4"): beyond_the_cone,
     }
     polynomial = characteristic_polynomial(E)
     for region, distance in outside.items():
@@ -109,7 +114,9 @@ def test_the_sampled_error_is_that_of_scipy():
     expected = sampled_in_floats(exosystem, gain, 0.25)
     answer = [[float(x.midpoint) for x in row] for row in found]
     assert answer == pytest.approx(expected)
-    assert max(x.width for row in found for x in row) < Fraction(1, 2**100)
+    widest = max(x.width for row in found for x in row)
+    allowed = Fraction(1, 2**100)
+    assert widest < allowed
 
 
 @pytest.mark.parametrize(
@@ -160,7 +167,9 @@ def random_system(seed: int) -> StateSpace:
     def draw(rows, columns, shift=0):
         found = []
         for i in range(rows):
-            row = [Fraction(r.randint(-20, 20), 10) for _ in range(columns)]
+            row = []
+            for _ in range(columns):
+                row.append(Fraction(r.randint(-20, 20), 10))
             if shift:
                 row[i] -= shift
             found.append(row)
@@ -183,7 +192,8 @@ def test_random_systems_have_the_norms_of_python_control(seed):
     exact."""
     system = random_system(seed)
     expected = control_norm(system, "inf")
-    floats = map(to_float, (system.F, system.B, system.C, system.D))
+    matrices = (system.F, system.B, system.C, system.D)
+    floats = map(to_float, matrices)
     assert hinf_norm(*floats) == pytest.approx(expected, rel=1e-6)
     assert hinf_below(system, Fraction(expected * (1 + 1e-6)))
     assert not hinf_below(system, Fraction(expected * (1 - 1e-6)))
@@ -206,7 +216,9 @@ def test_the_norms_of_a_constant_are_known(w):
     assert h2_squared(d) == x / 2
     assert h2_squared(e) == 1 / (2 * x)
     assert h2_squared(n) is None
-    cases = ((d, Fraction(1)), (e, 1 / x), (n, x))
+    of_d = (d, Fraction(1))
+    of_e = (e, 1 / x)
+    cases = (of_d, of_e, (n, x))
     for system, norm in cases:
         assert hinf_below(system, norm + TINY)
         assert not hinf_below(system, norm)
@@ -219,9 +231,11 @@ def test_the_norms_of_a_constant_are_known(w):
 
 def test_the_measurement_channel_of_a_harmonic_peaks_where_calculus_says():
     """W = (2, 0) at 2 rad/s: |G|^2 = 4 x^2/(x^2 - 4x + 16), x = w^2, is largest at x = 8: 16/3."""
-    system = channel(exosystems.harmonics(2), matrix([[2], [0]]), "measurement")
+    gain = matrix([[2], [0]])
+    system = channel(exosystems.harmonics(2), gain, "measurement")
     square = Fraction(16, 3)
-    below = Fraction(math.isqrt(int(square * 10**24)), 10**12)
+    root = math.isqrt(int(square * 10**24))
+    below = Fraction(root, 10**12)
     assert not hinf_below(system, below)
     assert hinf_below(system, below + TINY)
 
@@ -234,11 +248,10 @@ def test_statements_say_what_holds_and_what_does_not():
         found = noise_statement(CONSTANT, gain, limit)
         assert found.verdict is Verdict.PROVED
         assert "it is false" not in found.text
-    cases = (
-        h2(channel="disturbance", bound="0.999999999"),
-        NoiseLimit(channel="measurement", bound=2),
-        h2(channel="measurement", bound=1000),
-    )
+    too_tight = h2(channel="disturbance", bound="0.999999999")
+    noise = NoiseLimit(channel="measurement", bound=2)
+    loose = h2(channel="measurement", bound=1000)
+    cases = (too_tight, noise, loose)
     for limit in cases:
         found = noise_statement(CONSTANT, gain, limit)
         assert found.verdict is Verdict.REFUTED
@@ -254,15 +267,18 @@ def test_channels_are_transfer_functions_of_the_simulated_observer():
     C = to_float(exosystem.C)
     W = to_float(gain)
     s = 1.7j
-    resolvent = np.linalg.inv(s * np.eye(2) - (A - W @ C))
+    scaled_identity = s * np.eye(2)
+    resolvent = np.linalg.inv(scaled_identity - (A - W @ C))
+    from_measurement = s * C @ resolvent @ W
     expected = {
-        "measurement": s * C @ resolvent @ W,
+        "measurement": from_measurement,
         "disturbance": C @ resolvent @ W,
         "exosystem": C @ resolvent,
     }
     for name in CHANNELS:
         x = channel(exosystem, gain, name)
-        states = np.linalg.inv(s * np.eye(2) - to_float(x.F)) @ to_float(x.B)
+        shifted = s * np.eye(2) - to_float(x.F)
+        states = np.linalg.inv(shifted) @ to_float(x.B)
         value = to_float(x.C) @ states + to_float(x.D)
         assert value == pytest.approx(expected[name])
     with pytest.raises(SpecError, match="channel must be one of"):

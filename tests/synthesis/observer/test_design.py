@@ -52,9 +52,11 @@ def poles(exosystem, W):
 def distance(region, spectrum) -> float:
     """How far the spectrum lies outside a region; negative inside."""
     if isinstance(region, dd.poles.Disk):
-        return np.max(np.abs(spectrum - float(region.centre))) - float(region.radius)
+        distances = np.abs(spectrum - float(region.centre))
+        return np.max(distances) - float(region.radius)
     if isinstance(region, dd.poles.Cone):
-        return np.max(spectrum.real + float(region.damping) * np.abs(spectrum))
+        sizes = float(region.damping) * np.abs(spectrum)
+        return np.max(spectrum.real + sizes)
     low, high = region.real_ends
     if high is None:
         return float(low) - np.min(spectrum.real)
@@ -65,7 +67,8 @@ def digits_of(W) -> int:
     """Significant decimal digits of the longest entry, counted from the largest; 99 if it is no
     decimal."""
     entries = [x for row in W for x in row if x]
-    top = math.floor(math.log10(max(abs(x) for x in entries)))
+    largest = max(abs(x) for x in entries)
+    top = math.floor(math.log10(largest))
     for digits in range(1, 30):
         unit = Fraction(10) ** (digits - 1 - top)
         if all((x * unit).denominator == 1 for x in entries):
@@ -100,15 +103,17 @@ def test_p_and_q_prove_the_envelope():
     assert transpose(found.P) == found.P
     envelope = next(s for s in found.statements if s.kind == "lyapunov")
     P = to_float(found.P)
-    F = to_float(subtract(exosystem.A, multiply(found.W, exosystem.C)))
-    rate, lower, upper = (
-        float(Fraction(envelope.exact[name])) for name in ("rate", "lower", "upper")
-    )
+    injection = multiply(found.W, exosystem.C)
+    error_matrix = subtract(exosystem.A, injection)
+    F = to_float(error_matrix)
+    names = ("rate", "lower", "upper")
+    rate, lower, upper = (float(Fraction(envelope.exact[name])) for name in names)
     values = np.linalg.eigvalsh(P)
     assert rate > 0
     assert 0 < lower <= values[0] * (1 + 1e-9)
     assert values[-1] <= upper * (1 + 1e-9)
-    growth = np.linalg.eigvalsh(F.T @ P + P @ F + 2 * rate * P)
+    lyapunov = F.T @ P + P @ F
+    growth = np.linalg.eigvalsh(lyapunov + 2 * rate * P)
     assert np.max(growth) <= 1e-9 * upper
 
 
@@ -235,7 +240,8 @@ def test_numbers_beyond_the_floats_get_an_exact_gain():
     exosystem = dd.Exosystem(A=[["1e399"]], C=[[1]])
     found = design(exosystem, rate=1)
     assert found.verdict is Verdict.PROVED
-    assert found.W[0][0] > exosystem.A[0][0] + 1 - Fraction(1, 10**9)
+    least = exosystem.A[0][0] + 1 - Fraction(1, 10**9)
+    assert found.W[0][0] > least
     assert "exact pole placement" in found.source
 
 
@@ -268,7 +274,9 @@ def test_numbers_are_read_as_typed():
     assert request.noise == expected
     region = [Disk(centre=-3, radius=1)]
     request = read_observer_request(rate=2, region=region)
-    expected = (HalfPlane(left_of=-2), Disk(centre=-3, radius=1))
+    half_plane = HalfPlane(left_of=-2)
+    disk = Disk(centre=-3, radius=1)
+    expected = (half_plane, disk)
     assert request.all_regions == expected
     assert read_observer_request().all_regions == (HalfPlane(left_of=0),)
 

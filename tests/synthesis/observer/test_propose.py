@@ -26,6 +26,8 @@ def test_the_peak_of_a_shear_is_that_of_its_formula():
     k = 10.0
     t = np.linspace(0, 8, 20001)
     shear = (k * t) ** 2 / 2 + 1
-    expected = np.max(np.exp(-t) * np.sqrt(shear + np.sqrt(shear**2 - 1)))
-    found = transient_peak(np.array([[-1.0, k], [0.0, -1.0]]))
+    growth = np.sqrt(shear + np.sqrt(shear**2 - 1))
+    expected = np.max(np.exp(-t) * growth)
+    shear_matrix = [[-1.0, k], [0.0, -1.0]]
+    found = transient_peak(np.array(shear_matrix))
     assert found == pytest.approx(expected, rel=1e-3)

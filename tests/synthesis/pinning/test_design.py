@@ -109,14 +109,17 @@ def test_designed_gains_reach_the_rate_and_slightly_smaller_ones_do_not(seed):
     boundary."""
     r = Random(seed)
     problem = digraph(r, r.randint(3, 8))
-    design = design_pinning(problem, rate="1/10", allowed=[1, 2, 3], digits=6)
+    allowed = [1, 2, 3]
+    design = design_pinning(problem, rate="1/10", allowed=allowed, digits=6)
     assert design.verdict is Verdict.PROVED
     assert set(design.gains) <= {"1", "2", "3"}
     rate = Fraction(1, 10)
     assert rate_holds(problem, design.gains, rate)
     smaller = {label: k * Fraction(9999, 10_000) for label, k in design.gains.items()}
     assert not rate_holds(problem, smaller, rate)
-    assert design.problem.pinning.agents == tuple(int(label) - 1 for label in design.gains)
+    agents = design.problem.pinning.agents
+    expected = tuple(int(label) - 1 for label in design.gains)
+    assert agents == expected
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -209,7 +212,8 @@ def test_a_cap_that_binds_is_met_and_has_its_price():
 def test_the_price_of_the_rate_bounds_every_other_rate():
     """cost(b) >= value + price (b - rate): compared with designs for other rates."""
     problem = digraph(Random(2), 6)
-    design = design_pinning(problem, rate="1/5", allowed=[1, 2, 4], digits=9)
+    allowed = [1, 2, 4]
+    design = design_pinning(problem, rate="1/5", allowed=allowed, digits=9)
     for rate in ("1/10", "3/20", "21/100", "1/4"):
         other = design_pinning(problem, rate=rate, allowed=[1, 2, 4], digits=9)
         if other.verdict is Verdict.PROVED:
@@ -301,7 +305,8 @@ def test_the_fewest_pins_are_those_of_exhaustive_search(seed):
         least += 1
     design = design_pinning(problem, rate="3/10", pins="fewest", digits=9)
     assert len(design.gains) == least
-    assert float(design.cost) == pytest.approx(exhaustive(problem, 0.3, least), rel=1e-6)
+    least_cost = exhaustive(problem, 0.3, least)
+    assert float(design.cost) == pytest.approx(least_cost, rel=1e-6)
     found = [s.verdict for s in design.statements if s.kind == "pins"]
     assert found == [Verdict.PROVED]
     if least > 1:

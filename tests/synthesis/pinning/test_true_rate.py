@@ -26,7 +26,8 @@ def by_index(design):
 @pytest.mark.parametrize("beta", ["0.1", "0.185974", "1"])
 def test_one_pin_of_the_ten_ring_takes_the_gain_of_the_characteristic_polynomial(beta):
     """Slope 2: (2 + k - beta) (2 - beta)^9 = 2^10; k = 3 gives 0.185974."""
-    design = dd.design_pinning(ring(10, coupling="2*tanh(y)"), rate=beta, allowed=["1"])
+    problem = ring(10, coupling="2*tanh(y)")
+    design = dd.design_pinning(problem, rate=beta, allowed=["1"])
     closed = 2**10 / (2 - float(beta)) ** 9 - 2 + float(beta)
     assert design.verdict == Verdict.PROVED
     assert design.method == "weighted"
@@ -53,7 +54,8 @@ def test_a_chain_decays_at_the_gain_of_its_head_and_at_no_more_than_2():
 def test_gains_reach_the_rate_tightly_and_cost_no_more_than_for_the_plain_v(seed):
     r = Random(seed)
     problem = digraph(r, r.randint(3, 8), cycle=seed % 2 == 0)
-    allowed = sorted(r.sample(problem.network.labels, r.randint(2, problem.n)))
+    drawn = r.sample(problem.network.labels, r.randint(2, problem.n))
+    allowed = sorted(drawn)
     design, plain = (
         dd.design_pinning(problem, rate="1/10", allowed=allowed, digits=8, conservative=which)
         for which in (False, True)
@@ -78,13 +80,15 @@ def test_at_the_optimum_every_pin_raises_the_rate_alike(seed):
     problem = digraph(Random(seed), 6)
     design = dd.design_pinning(problem, rate="3/10", digits=12)
     gains = by_index(design)
-    M = -loop_by_hand(problem) + np.diag([gains.get(i, 0.0) for i in range(6)])
+    diagonal = [gains.get(i, 0.0) for i in range(6)]
+    M = -loop_by_hand(problem) + np.diag(diagonal)
     gradient = np.ones(6)
     for matrix in (M, M.T):
         values, vectors = np.linalg.eig(matrix)
         gradient *= np.abs(vectors[:, np.argmin(values.real)])
     pinned = gradient[list(gains)]
-    assert pinned == pytest.approx(np.full(len(gains), pinned[0]), rel=1e-3)
+    expected = np.full(len(gains), pinned[0])
+    assert pinned == pytest.approx(expected, rel=1e-3)
     assert np.all(gradient <= pinned[0] * 1.001)
 
 
@@ -103,10 +107,8 @@ def test_the_chosen_agents_are_as_cheap_as_those_of_exhaustive_search(seed):
         assert float(design.cost) == pytest.approx(min(costs), rel=1e-4)
     else:
         assert design.verdict is Verdict.REFUTED
-        assert all(
-            linear_rate(problem, dict.fromkeys(F, 1e9)) < 0.2
-            for F in combinations(range(problem.n), pins)
-        )
+        sets = combinations(range(problem.n), pins)
+        assert all(linear_rate(problem, dict.fromkeys(F, 1e9)) < 0.2 for F in sets)
 
 
 def test_several_modes_share_weights_or_fall_back_to_the_plain_v():
@@ -122,7 +124,8 @@ def test_several_modes_share_weights_or_fall_back_to_the_plain_v():
     assert design.cost < plain.cost
     D = np.diag([float(x) for x in design.weights.D])
     for mode in modes:
-        M = -loop_by_hand(problem, mode) + np.diag([by_index(design).get(i, 0.0) for i in range(5)])
+        diagonal = [by_index(design).get(i, 0.0) for i in range(5)]
+        M = -loop_by_hand(problem, mode) + np.diag(diagonal)
         N = D @ (M - 0.2 * np.eye(5))
         found = np.linalg.eigvalsh(N + N.T).min()
         assert found > 0

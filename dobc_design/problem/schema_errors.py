@@ -52,14 +52,14 @@ def explain(error: ValidationError) -> SpecError:
 
 
 def _causes(items: Iterable[Any]) -> Iterator[Any]:
-    """What pydantic found, once for each cause: all that stands in a table in place of its only key
+    """What pydantic found, once for each cause: all that stands in a table in place of its main key
     is one mistake."""
     told = set()
     for item in items:
         table = _without_places(key_text(item["loc"][:-1]))
         if table not in told:
             yield item
-        if len(known_keys(table)) == 1:
+        if _main_key(table) is not None:
             told.add(table)
 
 
@@ -112,13 +112,20 @@ def _unknown_key(key: str, location: Location) -> SpecError:
     near += get_close_matches(name[:100], known, n=1, cutoff=0.7)
     if near:
         return wrong(key, f'{what}; did you mean "{near[0]}"?', cure)
-    if len(known) == 1:
-        cure = f"Write {EXAMPLES.get(f'{table}.{known[0]}', known[0])}."
-        return wrong(key, f"{what}, which has one key, {known[0]}.", cure)
+    main = _main_key(_without_places(table))
+    if main is not None:
+        cure = f"Write {EXAMPLES.get(f'{table}.{main}', main)}."
+        return wrong(key, f"{what}, where {main} is written.", cure)
     homes = [f"[{home}]" for home in _tables() if home and name in known_keys(home)]
     if homes:
         return wrong(key, f"{what}; it belongs in {' or '.join(homes)}.", cure)
     return wrong(key, f"{what}.", cure)
+
+
+def _main_key(table: str) -> str | None:
+    """What is meant by other keys of a table; None where it may be one of several."""
+    known = known_keys(table)
+    return known[0] if len(known) == 1 or table == "pinning" else None
 
 
 @cache

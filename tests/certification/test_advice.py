@@ -290,14 +290,18 @@ G3 = { 2 = 1 }
 """
 
 
-def test_pins_of_modes_are_arcs_to_an_agent_that_stands_for_the_target():
+def test_pins_of_modes_are_told_where_they_are_written():
     message = message_of(SWITCHING_PINS)
     assert "pinning.gains.G1: G1 is a mode" in message
-    assert "add target to network.agents, pin it alone (gains = { target = 1 })" in message
-    assert (
-        "in G1 agent 1 with weight 1; in G2 agent 2 with weight 1; in G3 agent 2 with weight 1."
-        in message
-    )
+    assert "below [pinning.modes]: G1 = { 1 = 1 }." in message
+    cured = read(SWITCHING_PINS.replace("[pinning.gains]", "[pinning.modes]"))
+    assert cured.pinning.agents == (0, 1)
+    assert certify(cured).verdict is Verdict.PROVED
+
+
+def test_pins_of_modes_are_arcs_to_an_agent_that_stands_for_the_target():
+    """The network of older files, in which an agent that alone is pinned stands for the target, is
+    proved too."""
     head, _, _ = SWITCHING_PINS.partition("[pinning.gains]")
     cured = head.replace("agents = 4", 'agents = ["1", "2", "3", "4", "target"]')
     for mode, agent in (("G1", 1), ("G2", 2), ("G3", 2)):
@@ -305,8 +309,8 @@ def test_pins_of_modes_are_arcs_to_an_agent_that_stands_for_the_target():
     assert certify(read(f"{cured}[pinning]\ngains = {{ target = 1 }}\n")).verdict is Verdict.PROVED
 
 
-def test_pins_of_modes_of_integrators_keep_their_gains_by_a_linear_exception():
-    """The loop of each mode is that of its pins: x_1' = ... - 3 x_1 while the stand-in is at 0."""
+def test_pins_of_modes_of_integrators_have_their_gains_in_their_modes():
+    """The loop of each mode is that of its pins: x_1' = ... - 3 x_1."""
     given = """\
 name = "switch-pins"
 [network]
@@ -317,31 +321,15 @@ a = [[2, 1]]
 b = [[1, 2]]
 [coupling]
 h = "2*tanh(y)"
-[pinning.gains]
+[pinning.modes]
 a = { 1 = 3 }
 b = { 2 = "1/2" }
 """
-    message = message_of(given)
-    assert (
-        'in a agent 1 with weight 3; in b agent 2 with weight 1/2; give these arcs h = "y" in'
-        in message
-    )
-    cured = read(
-        given.partition("[pinning.gains]")[0]
-        .replace("agents = 2", 'agents = ["1", "2", "target"]')
-        .replace("a = [", 'a = [[1, "target", 3], ')
-        .replace("b = [", 'b = [[2, "target", "1/2"], ')
-        + '[[coupling.exceptions]]\narcs = [[1, "target"], [2, "target"]]\nh = "y"\n'
-        + "[pinning]\ngains = { target = 1 }\n"
-    )
-    loops = []
-    for mode in ("a", "b"):
-        loops.append(
-            (consensus_jacobian(loop_of(cured), mode) - pinning_matrix(cured)).toarray()[:2, :2]
-        )
-    wanted = [[[-3, 0], [2, -2]], [[-2, 2], [0, -0.5]]]
-    assert np.allclose(loops, wanted)
-    assert certify(cured).verdict is Verdict.PROVED
+    problem = read(given)
+    wanted = {"a": [[-3, 0], [2, -2]], "b": [[-2, 2], [0, -0.5]]}
+    for mode, matrix in wanted.items():
+        assert np.allclose(consensus_jacobian(loop_of(problem), mode).toarray(), matrix)
+    assert certify(problem).verdict is Verdict.PROVED
 
 
 MOVING = """\

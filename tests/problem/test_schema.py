@@ -29,11 +29,11 @@ TABLES = (
 )
 TABLES += ("uncertainty", "actuators", "dynamics", "leader")
 CONTRACT = {
-    "": {"schema", "name", "notes", "target", "units", *TABLES},
+    "": {"schema", "name", "notes", "target", "units", "goal", *TABLES},
     "network": {"agents", "arrow", "modes"},
     "coupling": {"h", "exceptions"},
     "coupling.exceptions": {"arcs", "h"},
-    "pinning": {"gains"},
+    "pinning": {"gains", "modes"},
     "exosystem": {"A", "C", "groups", *PARTS},
     "exosystem.groups": {"agents", "none", "A", "C", "W", "P", *PARTS},
     "observer": {"W", "P", "rate"},

@@ -247,8 +247,8 @@ def both_forms(problem):
     for mode in jacobians_at_consensus(loop_of(problem)).modes:
         sizes = {"size": problem.n, "dimension": problem.m}
         yield (
-            lemma1(mode, problem.pinning, **sizes),
-            claim.lemma1_in_arrays(mode, problem.pinning, **sizes),
+            lemma1(mode, **sizes),
+            claim.lemma1_in_arrays(mode, **sizes),
         )
 
 

@@ -30,6 +30,7 @@ FILES = (
     "guarantee",
     "loop",
     "claims",
+    "pairs",
     "consensus",
     "curves",
     "separable",

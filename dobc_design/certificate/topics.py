@@ -25,6 +25,7 @@ from dobc_design.conditions.linearisation import decide as linearisation
 from dobc_design.conditions.margins import decide as margins
 from dobc_design.conditions.observer import decide as observer
 from dobc_design.conditions.quadratic import decide as quadratic
+from dobc_design.conditions.reason import gap_obstacle
 from dobc_design.conditions.schedule import checks as schedule
 from dobc_design.conditions.separable import checks as separable
 from dobc_design.conditions.separable import claim as rows
@@ -54,14 +55,18 @@ class Topic:
     """``confirm`` gives None if a proof or refutation holds, else what does not.  ``read`` turns
     the values of a check into the noun of the topic; None where they stay values.  Both raise
     what a malformed claim raises.  ``of_rows``: it is about the loop whose errors rows bound
-    (``loop.pairs``), not about the agents themselves."""
+    (``loop.pairs``), not about the agents themselves.  ``of_gaps``: it knows errors that are
+    distances to where fixed nodes are."""
 
     confirm: Confirm
     read: Read | None = None
     of_rows: bool = True
+    of_gaps: bool = False
 
     def confirmed(self, check: Check, trusted: Trusted) -> str | None:
         """None if a check is confirmed for the loop that its topic is about, else why not."""
+        if not self.of_gaps and (reason := gap_obstacle(trusted.loop)) is not None:
+            return reason
         if self.of_rows:
             loop = trusted.loop
             trusted = replace(trusted, loop=required_rows(loop), W=gain_of_rows(loop, trusted.W))
@@ -123,9 +128,11 @@ def _beside(confirm: Callable[[Check, Case], str | None], *ids: str) -> Confirm:
 
 TOPICS: Mapping[str, Topic] = {
     "observer": Topic(
-        confirm=lambda check, case: observer.confirm(check, case.loop, case.W), of_rows=False
+        confirm=lambda check, case: observer.confirm(check, case.loop, case.W),
+        of_rows=False,
+        of_gaps=True,
     ),
-    "consensus": Topic(confirm=_consensus, read=theorems.read_claim, of_rows=False),
+    "consensus": Topic(confirm=_consensus, read=theorems.read_claim, of_rows=False, of_gaps=True),
     "weighted": Topic(
         confirm=lambda check, case: weighted.confirm(
             check, case.loop, case.W, statements=case.statements
@@ -137,7 +144,9 @@ TOPICS: Mapping[str, Topic] = {
         confirm=lambda check, case: linearisation.confirm(check, case.statements, case.W),
         of_rows=False,
     ),
-    "separable": Topic(confirm=_beside(separable.confirm, MAX_SEPARABLE), read=rows.read_claim),
+    "separable": Topic(
+        confirm=_beside(separable.confirm, MAX_SEPARABLE), read=rows.read_claim, of_gaps=True
+    ),
     "margins": Topic(
         confirm=_beside(margins.confirm, MAX_SEPARABLE, ACCURACY), read=margins.read_claim
     ),

@@ -238,6 +238,8 @@ class _Certification:
         if case is None:
             return agents
         loop = case.loop
+        if loop.gap:
+            return agents
         asked = read_region(loop, case.W, domain=case.domain, everything=everything)
         case = case.and_(safety_stage(asked, report))
         if tolerance is not None or (everything and loop.starts is not None):
@@ -268,7 +270,8 @@ class _Certification:
         first = loop.guarantee.is_given
         own = tuple(regions(case)) if first else ()
         # Cures name gains of integrators, and take the time of further decisions.
-        curable = loop.drift is None and not loop.agrees and out_of_time() is None
+        known = not (loop.agrees or loop.gap)
+        curable = known and loop.drift is None and out_of_time() is None
         if curable and not covering(loop, own):
             checks = with_cures(self.problem, found, progress=self.report, decide=_decide_quietly)
         if first:
@@ -338,15 +341,18 @@ def region_checks(case: Case, *, everything: bool, report: Progress, rate: float
         if loop.slopes_move:
             return _near_a_moving_target(asked, report)
         known = refutation(loop, case.checks, case.W) is not None
-        several = loop.switches or loop.drift is not None
+        several = loop.switches or loop.drift is not None or loop.gap > 0
         if several and not (known or everything or case.domain == EVERYWHERE):
             return _near_the_target(asked, report)
         known = known or case.domain != EVERYWHERE
-    stages = STAGES
+    # The others are about errors from one target.
+    stages = STAGES[:1] if loop.gap else STAGES
     if known and not everything:
         # What the tables of the file ask may still rest on the box that the first stage finds.
         stages = STAGES[:1] if is_asked(asked) else ()
     found = _in_turn(asked, stages, report)
+    if loop.gap:
+        return found
     return found + _ending(TOLERANCE, case, partial(margins_stage, asked, found, report))
 
 
@@ -363,7 +369,7 @@ def _near_the_target(asked: Asked, report: Progress) -> list[Check]:
     dynamics, where no check at the target itself does."""
     asked = replace(asked, radius=NEAR, disturbance=0.0 if asked.W is None else NEAR)
     found = separable_stage(asked, report)
-    if not covering(asked.loop, found):
+    if not covering(asked.loop, found) and not asked.loop.gap:
         found += schedule_stage(asked, report) + markov_stage(asked, report)
     if stated_in(asked.loop).relative:
         found += margins_stage(asked, found, report)

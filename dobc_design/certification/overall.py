@@ -42,7 +42,7 @@ from dobc_design.conditions.stated import (
 from dobc_design.exact.matrix import Matrix, Vector, find_in_nullspace
 from dobc_design.exact.number import number_text
 from dobc_design.exact.polynomial import decide_hurwitz
-from dobc_design.exact.reading import Names
+from dobc_design.exact.reading import Names, some
 from dobc_design.exact.work import out_of_time, time_limit
 from dobc_design.loop.arcs import closed_groups, unreached
 from dobc_design.loop.loop import Loop
@@ -50,6 +50,7 @@ from dobc_design.loop.pairs import rows_of
 from dobc_design.problem.network import Arcs
 from dobc_design.verdict import Verdict
 
+SHOWN = 6  # fixed nodes that a sentence names
 MOST_PHASES = 40  # of a guarantee, of which cycles are examined
 MOST = Fraction(10) ** 300  # what a sentence can show of a number
 #: Whose reason is given where nothing is proved or refuted, the most telling first.
@@ -95,6 +96,8 @@ def decide_overall(loop: Loop, checks: Checks, W: Matrix | None) -> Overall:
 def refutation(loop: Loop, checks: Checks, W: Matrix | None) -> str | None:
     """Why consensus itself fails, where that is proved and none of these checks, decided for the
     gain W, covers what is asked; None where it is not."""
+    if loop.gap:  # the rest is about one target
+        return _apart_reason(loop)
     return _apart_reason(loop) or _adrift_reason(loop) or _refuted_reason(loop, checks, W)
 
 
@@ -399,6 +402,8 @@ def _arrival(loop: Loop, check: Check, *, pace: Check, final: Check | None = Non
         within = f"{float(rounded_up(max(bounds), digits=4)):.6g} {loop.unit}".rstrip()
         return f"All agents end within {within} of {goal} from every start{which}{switching}"
     arrive = "reach the target" if not loop.goals.moves else "follow the leader"
+    if loop.gap:
+        arrive = f"end between the fixed nodes {some(loop.fixed, SHOWN)}"
     return f"All agents {arrive} from every start{which}{switching}{_pace_in_words(loop, pace)}"
 
 

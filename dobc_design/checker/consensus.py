@@ -351,7 +351,7 @@ def schur(case: Case, P: Matrix, b: Fraction) -> Matrix:
 def consensus(case: Case, check: Any) -> None:
     """Decide lemma1, theorem1, theorem2 and the printed pairs."""
     need(not case.kinked, "a coupling has a kink, so the theorems do not apply")
-    need(not case.agrees, "there is no target, so the theorems do not apply")
+    need(not (case.agrees or case.gap), "there is no target, so the theorems do not apply")
     margin = check.margin
     if check.verdict == "proved":
         need(check.witness is None, "it is proved and carries a witness")
@@ -453,7 +453,7 @@ def room(case: Case, mode: str) -> Fraction | None:
 def weighted(case: Case, check: Any) -> Any:
     """V = e'De + sum eps_i'P eps_i decreases at the rate."""
     need(not case.kinked, "a coupling has a kink, so the theorem does not apply")
-    need(not case.agrees, "there is no target, so the theorem does not apply")
+    need(not (case.agrees or case.gap), "there is no target, so the theorem does not apply")
     proved = check.verdict == "proved" and check.witness is None
     need(proved, "it is proved, without a witness, or undecided")
     modest = check.margin is None and (check.rate is None or check.rate > 0)
@@ -580,6 +580,7 @@ def linearisation(case: Case, check: Any) -> None:
     )
     # of several modes eigenvalues say nothing together: there is one mode here
     (X,) = [jacobian(case, mode) for mode in case.modes]
+    need(not case.gap, "there is no single target")
     if case.agrees:
         X = of_differences(X, case.m)
     if check.verdict == "proved":

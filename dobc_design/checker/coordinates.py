@@ -46,6 +46,7 @@ def boxes(case: Case, check: Any) -> Any:
         "rho": maybe(rational),
         "ranges": gains_shape(case.m),
     }
+    need(not case.gap, "coordinates are those of an error from one target")
     claim = read(check.exact, shape | observed(case))
     S = inverse(claim.T)
     need(case.q == 0 or claim.kappa > 0, "kappa is not positive")

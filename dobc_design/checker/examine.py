@@ -44,6 +44,8 @@ REGIONAL: dict[str, Decider] = {
 OF_ANY_COUPLING = ("max-separable", "lure", "equilibrium", "markov", "accuracy", "schedule")
 # of these the claims know arcs to fixed nodes
 OF_FIXED = ("max-separable", "delay", "sampling", "schedule", "settling")
+# of these the claims hold where fixed nodes differ or move
+OF_GAPS = ("max-separable", "delay")
 REFUTABLE = ("max-separable", "equilibrium", "markov", "schedule")
 Finding = tuple[bool, str]  # whether it holds, and what
 Task = tuple[str, partial[None]]
@@ -170,6 +172,7 @@ def regional(agents: Case, check: Any) -> Any:
     need(case.own is None or check.id not in ("equilibrium", "markov"), "nodes are curved")
     known = not case.fixed or check.id in OF_FIXED
     need(known, "pins of single modes are not known to it")
+    need(not case.gap or check.id in OF_GAPS, "it is about one target")
     late = agents.agrees and check.id == "delay"
     need(not late, "a late state and one of now make no pair")
     rests = case.leader is None or check.id not in ("equilibrium", "delay", "sampling")

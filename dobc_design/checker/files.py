@@ -46,10 +46,17 @@ class Problem:
         need(0 < self.n == len(set(self.labels)), "labels have to be different, and at least one")
         need(1 <= self.m <= 100, "the dimension is not between 1 and 100")
         self.dynamics = self.read_dynamics(source.get("dynamics"))
+        #: The fixed nodes: a name, and where each may be.
+        self.fixed = read(source.get("fixed", []), [(text, matrix(self.m, 2))])
+        names = [name for name, _ in self.fixed]
+        need(len({*names, *self.labels}) == len(names) + self.n, "two nodes have one name")
+        ordered = all(lo <= hi for _, place in self.fixed for lo, hi in place)
+        need(ordered, "a fixed node has bounds in the wrong order")
         #: How many inputs an agent has: what couplings, gains and disturbances act on.
         self.inputs = self.m if self.dynamics is None else len(self.dynamics.B[0])
         self.stated = read(source, self.shape())
         self.read_leader()
+        self.read_fixed("fixed" in source)
         modes = self.stated.modes
         different = 0 < len(modes) == len({mode.name for mode in modes})
         need(different, "modes have to be different, and at least one")
@@ -58,10 +65,11 @@ class Problem:
     def shape(self) -> Object:
         """The shape of the file."""
         agent = partial(index, self.n)
+        node = partial(index, self.n + len(self.fixed))
         states = (rational,) * self.m
         sides = matrix(self.m, 2)
-        arcs = [(agent, agent, rational)]
-        exception = {"arc": (agent, agent), "h": self.read_h}
+        arcs = [(agent, node, rational)]
+        exception = {"arc": (agent, node), "h": self.read_h}
         gains = [(agent, matrix(self.inputs, self.m))]
         uncertainty = dict.fromkeys(ERRORS, rational)
         uncertainty["known_to_agents"] = partial(one_of, (bool,))
@@ -76,6 +84,7 @@ class Problem:
             "name": text,
             "notes": [text],
             "goal?": self.read_goal,
+            "fixed?": None,
             "units?": (text,) * self.m,  # for words and figures; no claim depends on them
             "target": states,
             "modes": [{"name": text, "arcs": arcs, "optional?": arcs, "gains?": gains}],
@@ -93,7 +102,7 @@ class Problem:
 
     def read_goal(self, value: Any) -> str:
         """What agents are to reach, if not a target."""
-        need(value == "agreement", "the goal is not known")
+        need(value in ("agreement", "containment"), "the goal is not known")
         return str(value)
 
     def read_h(self, value: Any) -> tuple[str, ...]:
@@ -130,6 +139,26 @@ class Problem:
         need(about_leader, "a leader needs dynamics, and the target has to be 0")
         ordered = all(lo <= hi for lo, hi in leader.initial)
         need(ordered, "a leader starts between bounds in the wrong order")
+
+    def read_fixed(self, given: bool) -> None:
+        """Fixed nodes are between what agents end, or one of them, at rest, is the target."""
+        stated = self.stated
+        goal = stated.goal
+        need(bool(self.fixed) is given, "there is no fixed node")
+        need(goal != "containment" or given, "there is no fixed node to end between")
+        if not given:
+            return
+        alone = goal != "agreement" and self.dynamics is None
+        need(alone, "fixed nodes are known for a target, or to end between, without dynamics")
+        if goal is None:
+            rests = [[x, x] for x in stated.target]
+            need([place for _, place in self.fixed] == [rests], "the target is not the fixed node")
+            return
+        tables = (stated.uncertainty, stated.actuators)
+        need(tables == (None, None), "tables of the plant are about one target")
+        pins = stated.gains or any(mode.gains for mode in stated.modes)
+        pulled = any(stated.target) or stated.offsets or pins
+        need(not pulled, "there is a target beside the fixed nodes")
 
     def read_limit(self, value: Any) -> dict[int, Any]:
         """The limits of the inputs: one for all agents, or one for some."""

@@ -16,6 +16,7 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import suppress
 from fractions import Fraction
 from itertools import chain
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 from .expressions import LONGEST, LONGEST_MADE, Coupling, Expression, read_coupling
@@ -95,6 +96,10 @@ class Loop:
         #: Where the leader may start, by component.
         self.leads = [[ZERO, ZERO]] * self.m if self.leader is None else self.leader.initial
         self.region = stated.region
+        #: How far apart the fixed nodes may be; 0 where there is one target.
+        self.gap = ZERO
+        if stated.goal == "containment":
+            self.between([place for _, place in problem.fixed])
         #: Whether there is no target: nodes are to agree.
         self.agrees = stated.goal == "agreement"
         self.uncertainty = stated.uncertainty
@@ -104,10 +109,26 @@ class Loop:
         self.pins = pins_of(problem, self.node)
         #: Pin less A of every node: what pulls e_i back; absent: 0.
         self.hold = held(self.pins, self.node, self.n)
+        self.fixed = len(problem.fixed)
         self.connect(stated)
         self.pin_modes(stated)
         self.guarantee = Guarantee(stated.switching, list(self.modes))
         self.observe(problem)
+
+    def between(self, places: list[Matrix]) -> None:
+        """Errors are distances to the box of all fixed nodes; from one of no width, a target."""
+        box = []
+        for sides in paired(*places):
+            box.append((min(lo for lo, _ in sides), max(hi for _, hi in sides)))
+        self.gap = max(hi - lo for lo, hi in box)
+        if not self.gap:
+            self.goals = [[lo for lo, _ in box] for _ in self.nodes]
+        elif self.region is not None:
+            starts = []
+            for (lo, hi), (low, high) in paired(self.region.initial_states, box):
+                starts.append([min(lo - low, ZERO), max(hi - high, ZERO)])
+            disturbance = self.region.initial_disturbance
+            self.region = SimpleNamespace(initial_states=starts, initial_disturbance=disturbance)
 
     def connect(self, stated: Any) -> None:
         """The arcs of every mode, with their functions."""
@@ -151,10 +172,10 @@ class Loop:
                 known = own.setdefault(i, [])
                 if h not in known:
                     known.append(h)
-                pins.append(Arc(i, self.n + known.index(h), w, h))
+                pins.append(Arc(i, self.n + self.fixed + known.index(h), w, h))
             self.modes[mode.name][:0] = pins
         #: How many nodes come after those with a label.
-        self.fixed = max(map(len, own.values()), default=0)
+        self.fixed += max(map(len, own.values()), default=0)
         self.collect()
 
     def collect(self) -> None:

@@ -245,11 +245,26 @@ def rows(
         found.setdefault(Row(owns[i], c, tuple(arcs)), i)
 
     curves = tables(case, claim.rho, (owns, tops, bottom))
+    if case.gap:
+        rising(case, claim.rho or ZERO, (owns, tops, bottom))
     for row, i in found.items():
         shown = linear_row(row, errors, local)
         if not shown and claim.rho is not None:
             shown = curved_row(row, bottom, claim.rho, curves, errors)
         need(shown, f"the row of agent {case.labels[i]} is not shown")
+
+
+def rising(loop: Loop, rho: Fraction, weights: tuple[list[int], list[int], int]) -> None:
+    """All couplings rise on |y| <= rho (v_i + v_j) + gap: whatever a node hears from between the
+    fixed nodes, the end of the row is the worst."""
+    owns, tops, bottom = weights
+    reach: dict[Coupling, int] = {}
+    for arc in loop.arcs:
+        reach[arc.coupling] = max(reach.get(arc.coupling, 0), owns[arc.i] + tops[arc.j])
+    for h, most in reach.items():
+        end = enclosed(loop.gap + rho * Fraction(most, bottom))[1]
+        cells = Curve(h, False, -end, end).table
+        need(all(cell.way == 1 for cell in cells), "a coupling falls between the fixed nodes")
 
 
 def tables(

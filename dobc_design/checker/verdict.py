@@ -121,7 +121,7 @@ def covers(case: Case, check: Any) -> bool:
     if case.region is not None:
         return holds_region(case, domain)
     # a box around the target answers the local question: several modes, dynamics, leaders
-    several = case.switches or case.B is not None
+    several = case.switches or case.B is not None or case.gap > 0
     box = several and check.id in ("max-separable", "schedule", "markov")
     ball = check.id == "lure" and case.own is not None and case.leader is not None
     return (safe or box or ball) and is_open(case, domain)
@@ -152,8 +152,8 @@ def refuted(case: Case) -> bool:
     """True if a closed set of nodes, an equilibrium, a residual's own W or an unstable mode shows
     that it fails."""
     found = [check for check in case.checks if check.verdict == "refuted"]
-    if stays_apart(case):
-        return True
+    if stays_apart(case) or case.gap:  # the rest is about one target
+        return stays_apart(case)
     # without a region it is about every neighbourhood of the target, where the equilibrium is not
     if case.region is not None and any(check.id == "equilibrium" for check in found):
         return True

@@ -68,6 +68,13 @@ def pins_obstacle(loop: Loop) -> str | None:
     return f"{APART}it is for pins that are linear, and the same in every mode."
 
 
+def gap_obstacle(loop: Loop) -> str | None:
+    """Why a proof about errors from one target does not apply; None where they are such."""
+    if not loop.gap:
+        return None
+    return f"{APART}it is about one target, and the fixed nodes differ or move."
+
+
 def read_reason(text: str) -> Reason:
     """The parts of a text; ``str`` of them is the text again."""
     told = text.removeprefix(OPEN)

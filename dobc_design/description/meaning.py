@@ -278,11 +278,11 @@ def _about_disturbance(problem: Problem, group: Group) -> Sentences:
 def _about_network(problem: Problem) -> Sentences:
     """Agents without arcs or pins, modes that are empty or equal, weights of other units."""
     modes, labels = problem.network.modes, problem.network.labels
-    linked = np.zeros(problem.n, dtype=bool)
+    linked = np.zeros(len(problem.network.names), dtype=bool)
     for arcs in modes.values():
         linked[arcs.listeners] = True
         linked[arcs.speakers] = True
-    alone = np.flatnonzero(~linked).tolist() if linked.any() else []
+    alone = np.flatnonzero(~linked[: problem.n]).tolist() if linked.any() else []
     if alone:
         yield f"Agents without any arc: {listed([labels[i] for i in alone])}. Is an arc missing?"
     yield from _about_pins(problem, alone)
@@ -313,6 +313,12 @@ def _about_pins(problem: Problem, alone: Sequence[int]) -> Sentences:
     """Agents that no pin reaches; ``alone``: those without any arc, of which it is said."""
     modes, labels = problem.network.modes, problem.network.labels
     loop = loop_of(problem)
+    if problem.fixed:
+        unheard = unreached(loop, [each.present for each in modes.values()])
+        missing = [labels[i] for i in unheard if i not in set(alone)]
+        if missing:
+            yield f"No path of arcs leads from a fixed node to {listed(missing)}. Add an arc there."
+        return
     if not loop.pulls.nodes:  # agents with [dynamics] are held by A, too
         among = agreement_words(loop) or "The group can drift as a whole."
         yield (
@@ -375,7 +381,7 @@ def _about_couplings(problem: Problem) -> Sentences:
 def _opposed(problem: Problem, place: int, repelling: Set[int]) -> str:
     """What a coupling with a minus sign on some of the arcs may be meant for: agents that oppose
     each other."""
-    labels = problem.network.labels
+    labels = problem.network.names
     every = chain.from_iterable(problem.network.modes.values())
     arcs = sorted({(listener, speaker) for listener, speaker, _ in every})
     signed = [(i, j, problem.coupling_place(i, j) in repelling) for i, j in arcs]

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
+from itertools import islice
 from typing import Any
 
 from dobc_design.exact.number import decimal_text
 from dobc_design.exact.reading import Document, Names, counted, named, some
 from dobc_design.loop.arcs import unreached
 from dobc_design.loop.make import loop_of
+from dobc_design.problem.fixed import place_words
 from dobc_design.problem.leader import enclosed, enclosure, not_enclosed
 from dobc_design.problem.network import Arcs, Network
 from dobc_design.problem.problem import Problem, table_words
@@ -32,23 +34,38 @@ def describe(problem: Problem) -> str:
     others = ""
     if problem.exceptions:
         others = f" ({counted(len(problem.exceptions), 'arc')} with another)"
-    target = leader_words(problem) or vector_text(problem.target, problem.units)
     h = "; ".join(problem.coupling.texts)
     units = f", in {problem.unit or ', '.join(problem.units)}" if problem.units else ""
     lines = [
         f"{problem.name}: {size_words(network)}.",
         f"{counted(problem.m, 'state component')} each{units}, {_order_words(problem)}",
-        f"Target: {target}. Coupling: h = {h}{others}.",
+        f"{_goal_words(problem)}. Coupling: h = {h}{others}.",
         *dynamics_lines(problem),
     ]
     for mode, arcs in network.modes.items():
         lines += _mode_lines(problem, mode, arcs)
     gains = problem.pinning.gains.items()
     pins = [f"{network.labels[i]} (k = {gain_text(k)})" for i, k in gains]
-    lines.append(f"Pinned: {some(pins, LISTED) or 'nobody'}.")
+    if problem.goal != "containment":
+        lines.append(f"Pinned: {some(pins, LISTED) or 'nobody'}.")
     lines += [_sentence(name, words) for name, words in table_words(problem)]
     lines += [f"Note: {note}" for note in problem.notes]
     return "\n".join([*lines, *meaning_lines(problem)])
+
+
+def _goal_words(problem: Problem) -> str:
+    """Where agents are to go."""
+    if not problem.fixed:
+        target = leader_words(problem) or vector_text(problem.target, problem.units)
+        return f"Target: {target}"
+    places = [
+        f"{named(label)} {place_words(place, problem.unit)}"
+        for label, place in islice(problem.fixed.items(), LISTED)
+    ]
+    said = some(places, LISTED)
+    if problem.goal == "target":
+        return f"Target: the fixed node {said}"
+    return f"Goal: all agents end between the fixed nodes: {said}"
 
 
 def _order_words(problem: Problem) -> str:
@@ -69,15 +86,16 @@ def _mode_lines(problem: Problem, mode: str, arcs: Arcs) -> Iterator[str]:
     if arcs.optional:
         loose = f", {arcs.optional} of which come and go at any time (the last ones)"
         by = " by the other arcs"
-    reached = f"  Every agent is reached from a pinned agent{by}."
+    source = "a fixed node" if problem.fixed else "a pinned agent"
+    reached = f"  Every agent is reached from {source}{by}."
     missing = some([labels[i] for i in _unreached(problem, arcs)], LISTED)
     if missing:
         held = ""
         if problem.dynamics is not None:
             held = " (nothing but their own dynamics holds them)"
-        reached = f"  NOT REACHED from a pinned agent: {missing}{held}."
+        reached = f"  NOT REACHED from {source}: {missing}{held}."
     yield f'Mode "{mode}": {counted(len(arcs), "arc")}{loose}.'
-    for text in _listening(labels, arcs):
+    for text in _listening(problem.network.names, arcs):
         yield f"  {text}"
     yield reached
 

@@ -169,9 +169,12 @@ class Loop(Grouped):
     and of a node alone, pins less the slopes of the drift; it need not pull towards 0.
     ``groups``: nodes that share an exosystem and an observer, which act on the states.
     ``goal``: "target"; "agreement" where nodes have none, and no pins; "differences" where
-    errors are those between such nodes (``pairs.rows_of``). ``starts``: None where no region is
-    asked for. ``xi0``: where disturbances start in simulations, rows by node. ``unit``: for
-    words and figures, the one that all components of the states share; "" without one.
+    errors are those between such nodes (``pairs.rows_of``); "containment" where errors are the
+    distances to a box in which the fixed nodes rest or move.  ``gap``: its widest side, 0 for all
+    other goals; a state and what it hears may differ by that much without any error. ``starts``:
+    None where no region is asked for. ``xi0``: where disturbances start in simulations, rows by
+    node. ``unit``: for words and figures, the one that all components of the states share; ""
+    without one.
     """
 
     name: str
@@ -186,6 +189,7 @@ class Loop(Grouped):
     drift: Drift | None
     groups: Groups
     goal: str
+    gap: Fraction
     goals: Goals
     starts: Starts | None
     guarantee: Guarantee

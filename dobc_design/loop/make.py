@@ -31,13 +31,15 @@ from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import Names, is_scalar_matrix
 from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.fixed import hull
 from dobc_design.problem.groups import Group, Groups, Observer
 from dobc_design.problem.leader import enclosure, not_enclosed
 from dobc_design.problem.network import Arcs, Places
 from dobc_design.problem.problem import Problem
+from dobc_design.problem.region import Pairs
 
 from .guarantee import guarantee_of
-from .loop import Drift, Goals, Loop, Pins, Starts, pins_of
+from .loop import Drift, Goals, Loop, Pins, Starts, pins_of, zero_goals
 
 
 @noun(eq=False)
@@ -72,7 +74,7 @@ def _made_once(same: _Same) -> Loop:
     loop = Loop(
         name=problem.name,
         labels=problem.network.labels,
-        fixed=(),
+        fixed=problem.network.fixed,
         m=problem.m,
         modes=modes,
         functions=problem.couplings,
@@ -82,6 +84,7 @@ def _made_once(same: _Same) -> Loop:
         drift=None,
         groups=problem.groups,
         goal=problem.goal,
+        gap=Fraction(0),
         goals=_goals(problem, is_curved=False),
         starts=starts,
         guarantee=guarantee_of(problem.switching, tuple(modes)),
@@ -93,7 +96,25 @@ def _made_once(same: _Same) -> Loop:
     dynamics = problem.dynamics
     if dynamics is not None:
         loop = _with_dynamics(loop, problem, dynamics)
+    if problem.goal == "containment":
+        return _between(loop, hull(problem.fixed))
     return _with_pins_of_modes(loop, problem) if problem.pinning.modes else loop
+
+
+def _between(loop: Loop, box: Pairs) -> Loop:
+    """The loop whose errors are distances to a box that no fixed node leaves.  Where it is a point,
+    that is the target."""
+    gap = max(hi - lo for lo, hi in box)
+    if not gap:
+        target = tuple(lo for lo, _ in box)
+        return replace(loop, goal="target", goals=replace(loop.goals, target=target))
+    starts = loop.starts
+    if starts is not None:
+        zero = Fraction(0)
+        sides = zip(starts.states, box, strict=True)
+        apart = tuple((min(lo - a, zero), max(hi - b, zero)) for (lo, hi), (a, b) in sides)
+        starts = Starts(states=apart, disturbance=starts.disturbance)
+    return replace(loop, gap=gap, goals=zero_goals(loop.m), starts=starts)
 
 
 class Functions(NamedTuple):
@@ -139,7 +160,7 @@ def _with_pins_of_modes(loop: Loop, problem: Problem) -> Loop:
             places = own.setdefault(i, [])
             if place not in places:
                 places.append(place)
-            speaker = loop.n + places.index(place)
+            speaker = loop.nodes + places.index(place)
             exceptions[i, speaker] = place
             listeners.append(i)
             speakers.append(speaker)
@@ -155,7 +176,7 @@ def _with_pins_of_modes(loop: Loop, problem: Problem) -> Loop:
     numbers = range(max(map(len, own.values())))
     return replace(
         loop,
-        fixed=tuple(f"target {k + 1}" if k else "target" for k in numbers),
+        fixed=(*loop.fixed, *(f"target {k + 1}" if k else "target" for k in numbers)),
         modes=modes,
         functions=tuple(functions),
         exceptions=MappingProxyType(exceptions),

@@ -62,7 +62,7 @@ _KEYS = (
 )
 _TABLES = ("exosystem", "observer", "offsets", "region", "switching", "simulation")
 _LATER_TABLES = ("uncertainty", "actuators", "dynamics", "leader")
-_LATER = (*_LATER_TABLES, "units", "goal")
+_LATER = (*_LATER_TABLES, "units", "goal", "fixed")
 _ALWAYS = ("observer", "simulation")  # tables that are never null
 
 
@@ -98,6 +98,8 @@ def canonical_document(problem: Problem) -> Document:
         exceptions.append({"arc": list(arc), "h": coupling_text(coupling)})
     offsets = list(problem.offsets.items())
     numbers = {"target": problem.target, "offsets": offsets, **settings_of(problem)}
+    if problem.fixed:
+        numbers["fixed"] = list(problem.fixed.items())
     document = {
         "format": FORMAT,
         **texts_of(problem),
@@ -250,7 +252,8 @@ def _load(data: bytes, name: str) -> Document:
 
 def _version_of(document: Table) -> int:
     """The first version that knows all that the document has."""
-    if "goal" in document or _in_a_mode(document, "gains") or _leaves_agents_undisturbed(document):
+    new = "goal" in document or "fixed" in document
+    if new or _in_a_mode(document, "gains") or _leaves_agents_undisturbed(document):
         return VERSION_OPEN
     if _in_a_mode(document, "optional"):
         return VERSION_OPTIONAL
@@ -288,6 +291,7 @@ class _Reader:
         self.document = _object(document, "problem.json", *_KEYS, *_TABLES, later=_LATER)
         labels = _list(document["labels"], "labels")
         self.labels = [_text(label, "labels") for label in labels]
+        self.nodes = len(self.labels) + len(_list(self.document.get("fixed", []), "fixed"))
 
     def problem(self) -> Problem:
         document = self.document
@@ -298,13 +302,15 @@ class _Reader:
         region = self.table(Region, "region")
         simulation = self.table(Simulation, "simulation")
         coupling = _object(document["coupling"], "coupling", "h", "exceptions")
+        fixed = self.fixed()
         estimates = any(value is not None for value in observer.values())
         return Problem(
             name=_text(document["name"], "name"),
             notes=_list(document["notes"], "notes"),
             units=_list(document["units"], "units") if "units" in document else None,
             goal=self.goal(),
-            network=Network(labels=labels_of(self.labels), modes=self.modes()),
+            network=Network(labels=labels_of(self.labels), modes=self.modes(), fixed=tuple(fixed)),
+            fixed=fixed,
             coupling=coupling["h"],
             exceptions=self.exceptions(coupling["exceptions"]),
             target=_list(document["target"], "target"),
@@ -378,7 +384,8 @@ class _Reader:
             key = f"coupling.exceptions[{position}]"
             table = _object(item, key, "arc", "h")
             ends = _list(table["arc"], f"{key}.arc", length=2)
-            listener, speaker = (self.index(end, f"{key}.arc") for end in ends)
+            listener = self.index(ends[0], f"{key}.arc")
+            speaker = self.index(ends[1], f"{key}.arc", count=self.nodes)
             if (listener, speaker) in result:
                 raise _wrong(f"{key}.arc", "an arc without an exception so far", ends)
             result[listener, speaker] = table["h"]
@@ -390,6 +397,19 @@ class _Reader:
         if goal == GOALS[0]:
             raise _wrong("goal", "left out for a target", goal)
         return None if goal is None else _text(goal, "goal")
+
+    def fixed(self) -> Document:
+        """Where fixed nodes may be, by label."""
+        found: Document = {}
+        rows = _list(self.document.get("fixed", []), "fixed")
+        for position, row in enumerate(rows):
+            label, place = _list(row, f"fixed[{position}]", length=2)
+            if label in found:
+                raise _wrong(f"fixed[{position}]", "a node that is not listed already", label)
+            found[_text(label, f"fixed[{position}]")] = {"between": place}
+        if not rows and "fixed" in self.document:
+            raise _wrong("fixed", "nodes, at least one", rows)
+        return found
 
     def mode_gains(self) -> Document:
         """The pins of single modes, by mode; after ``modes``, which reads the modes themselves."""
@@ -414,8 +434,8 @@ class _Reader:
             result[label] = value
         return result
 
-    def index(self, value: Any, key: str) -> int:
-        if type(value) is not int or not 0 <= value < len(self.labels):
+    def index(self, value: Any, key: str, count: int = 0) -> int:
+        if type(value) is not int or not 0 <= value < (count or len(self.labels)):
             raise _wrong(key, "the index of an agent", value)
         return value
 

@@ -33,10 +33,12 @@ from .canonical import (
     settings_of,
     texts_of,
 )
+from .fixed import resting
 from .groups import Observer, gains_of
 from .load import parse_toml, read_problem_text
 from .network import Arcs
 from .problem import Problem
+from .region import Pairs
 
 INLINE = 10  # labels up to which a table of gains stands in one line
 
@@ -355,6 +357,7 @@ def _gives(text: str, wanted: Problem, *, folder: Path) -> bool:
 
 def problem_text(problem: Problem) -> str:
     """A whole problem file.  Reading it gives an equal Problem."""
+    names = problem.network.names
     labels = list(problem.network.labels)
     # A count in place of labels, as somebody would write it.
     counted = labels == [str(i + 1) for i in range(len(labels))]
@@ -367,10 +370,10 @@ def problem_text(problem: Problem) -> str:
     network = {
         "agents": len(labels) if counted else labels,
         "arrow": "listens_to",
-        "modes": {name: _arcs(arcs, labels) for name, arcs in problem.network.modes.items()},
+        "modes": {name: _arcs(arcs, names) for name, arcs in problem.network.modes.items()},
     }
     document["network"] = _table(network)
-    document["coupling"] = _table(_coupling(problem, labels))
+    document["coupling"] = _table(_coupling(problem, names))
     for name, content in _settings(problem, labels).items():
         document[name] = _table(content)
     return tomlkit.dumps(document)
@@ -407,8 +410,10 @@ def _settings(problem: Problem, labels: Names) -> dict[str, Document]:
         group["agents"] = [labels[i] for i in group["agents"]]
     offsets = {labels[i]: typed_matrix([x])[0] for i, x in problem.offsets.items()}
     mode_gains = {mode: gain_table(k, labels) for mode, k in problem.pinning.modes.items()}
+    fixed = {label: _place(place) for label, place in problem.fixed.items()}
     # In the order of a file: an exosystem and its observer stand before the formation.
     ordered = {
+        "fixed": fixed,
         "pinning": {
             "gains": gain_table(problem.pinning.gains, labels) or None,
             "modes": mode_gains or None,
@@ -420,6 +425,12 @@ def _settings(problem: Problem, labels: Names) -> dict[str, Document]:
     }
     kept = {name: _given(table or {}) for name, table in ordered.items()}
     return {name: table for name, table in kept.items() if table}
+
+
+def _place(place: Pairs) -> Any:
+    """Where a fixed node is, or between what it moves."""
+    value = resting(place)
+    return {"between": typed_matrix(place)} if value is None else typed_matrix([value])[0]
 
 
 def _given(table: Table) -> Document:

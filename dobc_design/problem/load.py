@@ -42,6 +42,7 @@ from .canonical import problem_from_canonical
 from .disturbances import read_exosystem
 from .dynamics import Dynamics
 from .exosystems import Exosystem
+from .fixed import length_of
 from .groups import Observer
 from .network import (
     Arc,
@@ -52,6 +53,7 @@ from .network import (
     check_arrow,
     joined,
     labels_of,
+    one_form,
 )
 from .problem import Problem, dimension_of, is_name
 from .schema import SCHEMA_VERSION, ProblemFile
@@ -273,7 +275,8 @@ def _build(tables: ProblemFile, *, folder: Path | None, name: str) -> Problem:
     def inputs(exosystem: Exosystem | None) -> int:
         if dynamics is not None:
             return dynamics.inputs
-        return dimension_of(exosystem, tables.target, tables.coupling.h)
+        states = tables.target or length_of(tables.fixed)
+        return dimension_of(exosystem, states, tables.coupling.h)
 
     # What can be read is read, so that all mistakes of a file show at once.
     read = errors.tried(_network, tables, folder)
@@ -328,7 +331,8 @@ def _without_arcs(tables: ProblemFile) -> Network | None:
     table = tables.network
     with suppress(SpecError):
         bare = dict.fromkeys(table.modes, ())
-        return Network.from_arcs(bare, arrow="listens_to", agents=table.agents)
+        fixed = tuple(tables.fixed or ())
+        return Network.from_arcs(bare, arrow="listens_to", agents=table.agents, fixed=fixed)
     return None
 
 
@@ -340,7 +344,8 @@ def _network(tables: ProblemFile, folder: Path | None) -> Network:
     labels = errors.tried(labels_of, table.agents)
     if labels is None or errors:
         raise SpecError.several(errors)
-    index = {label: i for i, label in enumerate(labels)}
+    fixed = tuple(map(one_form, tables.fixed or ()))
+    index = {label: i for i, label in enumerate((*labels, *fixed))}
     read = partial(_mode, index=index, arrow=table.arrow, folder=folder)
     modes = {}
     for name, value in errors.few(table.modes.items()):
@@ -349,7 +354,7 @@ def _network(tables: ProblemFile, folder: Path | None) -> Network:
     if errors and not modes:
         raise SpecError.several(errors)
     # With what can be read, so that further mistakes show at once.
-    network = errors.tried(Network, labels=labels, modes=modes)
+    network = errors.tried(Network, labels=labels, modes=modes, fixed=fixed)
     if network is None or errors:
         raise SpecError.several(errors)
     return network
@@ -398,7 +403,8 @@ def _exceptions(
     if not given:
         return {}
     # Numbers in place of pairs: a network may have a million arcs.
-    codes, index = network.arc_codes(), network.index
+    codes = network.arc_codes()
+    index = {label: node for node, label in enumerate(network.names)}
     result: dict[Arc, Coupling] = {}
     errors = Mistakes()
     for position, table in errors.few(enumerate(given)):
@@ -422,9 +428,10 @@ def _exceptions(
 def _check_exception(arc: Arc, network: Network, codes: Set[int], *, taken: bool, key: str) -> None:
     """Refuse an arc that is not there, or is taken: it has an exception.  Raises: SpecError."""
     listener, speaker = arc
-    names = f"{named(network.labels[listener])} listens to {named(network.labels[speaker])}"
-    if listener * network.size + speaker not in codes:
-        turned = speaker * network.size + listener in codes
+    labels = network.names
+    names = f"{named(labels[listener])} listens to {named(labels[speaker])}"
+    if listener * len(labels) + speaker not in codes:
+        turned = speaker * len(labels) + listener in codes
         end = "; it is there the other way round." if turned else "."
         raise about(
             key,

@@ -311,11 +311,12 @@ def check_arrow(arrow: object) -> None:
         )
 
 
-def check_arcs(modes: Modes, labels: Names, *, mode: str) -> None:
+def check_arcs(modes: Modes, labels: Names, *, mode: str, fixed: Names = ()) -> None:
     """Refuse arcs of a mode that leave the graph, self-arcs, duplicates and weights that are not
-    positive, with the first offender."""
+    positive, with the first offender; ``fixed`` nodes are numbered after the agents."""
     arcs = modes[mode]
     n = len(labels)
+    labels = (*labels, *fixed)
 
     def at(place: int) -> str:
         return f"network.modes.{named(mode)}{place_of(arcs, place)}"
@@ -327,8 +328,16 @@ def check_arcs(modes: Modes, labels: Names, *, mode: str) -> None:
             "Give how many come and go.",
         )
     # The order of these checks is the order in which mistakes are told.
+    listening = np.flatnonzero((arcs.listeners >= n) & (arcs.listeners < len(labels)))
+    if len(listening):
+        who = named(labels[int(arcs.listeners[listening[0]])])
+        raise about(
+            at(listening[0]),
+            f"{who} is a fixed node, of [fixed]: it listens to nobody.",
+            f"Turn the arc round, or make {who} an agent.",
+        )
     for ends in (arcs.listeners, arcs.speakers):
-        outside = np.flatnonzero((ends < 0) | (ends >= n))
+        outside = np.flatnonzero((ends < 0) | (ends >= len(labels)))
         if len(outside):
             raise about(
                 at(outside[0]),
@@ -441,16 +450,19 @@ class Network(Shown):
     """Agents by label, and the arcs of every mode.  One mode without optional arcs: fixed topology;
     else switching.
 
-    ``labels``: one text for each agent; ``modes``: the name of a mode -> its ``Arcs``.
+    ``labels``: one text for each agent; ``modes``: the name of a mode -> its ``Arcs``; ``fixed``:
+    the labels of nodes that agents may listen to and that listen to nobody, numbered after them.
     Two networks are equal when labels, modes and arcs are, in the same order.
     """
 
     labels: Texts
     modes: Modes
+    fixed: Texts = ()
 
     def __post_init__(self) -> None:
         # A copy that nobody can change: a Network is hashed, and certificates are about it.
         put(self, modes=MappingProxyType(dict(self.modes)), labels=labels_of(self.labels))
+        put(self, fixed=_fixed_labels(self.fixed, self.labels))
         if not self.modes:
             raise wrong(
                 "network.modes",
@@ -464,7 +476,7 @@ class Network(Shown):
                     f"the name of a mode must be {WANTED}; got {shown(name)}.",
                     "Name it, for example Ga.",
                 )
-            check_arcs(self.modes, self.labels, mode=name)
+            check_arcs(self.modes, self.labels, mode=name, fixed=self.fixed)
 
     def __dir__(self) -> list[str]:
         return [name for name in object.__dir__(self) if name not in INTERNAL]
@@ -472,7 +484,9 @@ class Network(Shown):
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Network):
             return NotImplemented
-        return self.labels == other.labels and list(self.modes.items()) == list(other.modes.items())
+        if self.names != other.names or self.size != other.size:
+            return False
+        return list(self.modes.items()) == list(other.modes.items())
 
     def __hash__(self) -> int:
         return hash((self.labels, tuple(self.modes.items())))
@@ -480,7 +494,7 @@ class Network(Shown):
     def _card(self) -> Card:
         rows = []
         for name, arcs in islice(self.modes.items(), MOST_ROWS):
-            rows.append((name, len(arcs), cut(_listening(self.labels, arcs), 160)))
+            rows.append((name, len(arcs), cut(_listening(self.names, arcs), 160)))
         return Card(
             title="Network",
             text=f"{counted(self.size, 'agent')}: {listed(self.labels)}",
@@ -502,6 +516,11 @@ class Network(Shown):
         return len(self.labels)
 
     @property
+    def names(self) -> Texts:
+        """The labels of all nodes, of the agents first."""
+        return (*self.labels, *self.fixed) if self.fixed else self.labels
+
+    @property
     def index(self) -> dict[str, int]:
         """Label -> index from 0 (built at each call; keep it when you need it often)."""
         return {label: i for i, label in enumerate(self.labels)}
@@ -519,7 +538,8 @@ class Network(Shown):
     @property
     def adjacency(self) -> dict[str, Any]:
         """Mode -> SciPy sparse array (n, n) of float weights: entry (i, j) where agent i listens to
-        agent j, counted from 0.  ``from_sparse(..., arrow="listens_to")`` reads it back.
+        agent j, counted from 0; fixed nodes have a row and a column after those of the agents.
+        ``from_sparse(..., arrow="listens_to")`` reads it back, where there are none.
 
         Example:
             >>> network = dd.Network.from_arcs([[2, 1, 0.5]], arrow="listens_to", agents=2)
@@ -530,7 +550,8 @@ class Network(Shown):
         for name, arcs in self.modes.items():
             places = arcs.listeners, arcs.speakers
             weights = np.array([nearest(w) for _, _, w in arcs])
-            found[name] = sparse.csr_array((weights, places), shape=(self.size, self.size))
+            nodes = len(self.names)
+            found[name] = sparse.csr_array((weights, places), shape=(nodes, nodes))
         return found
 
     def to_networkx(self, mode: str | None = None) -> Any:
@@ -547,11 +568,12 @@ class Network(Shown):
 
         name = next(iter(self.modes)) if mode is None else self.require_mode(mode)
         graph = networkx.DiGraph(name=name)
-        graph.add_nodes_from(self.labels)
+        names = self.names
+        graph.add_nodes_from(names)
         for i, j, weight in self.modes[name]:
             decimal = nearest(weight)
             exact = Fraction(repr(decimal)) == weight
-            graph.add_edge(self.labels[i], self.labels[j], weight=decimal if exact else weight)
+            graph.add_edge(names[i], names[j], weight=decimal if exact else weight)
         return graph
 
     def require_mode(self, mode: str) -> str:
@@ -561,10 +583,11 @@ class Network(Shown):
         return mode
 
     def arc_codes(self) -> set[int]:
-        """listener * n + speaker of every arc of every mode."""
+        """listener * number of nodes + speaker of every arc of every mode."""
         codes = set()
+        nodes = len(self.names)
         for arcs in self.modes.values():
-            codes.update((arcs.listeners * self.size + arcs.speakers).tolist())
+            codes.update((arcs.listeners * nodes + arcs.speakers).tolist())
         return codes
 
     @classmethod
@@ -575,6 +598,7 @@ class Network(Shown):
         arrow: str,
         agents: int | Sequence[Any] | None = None,
         optional: ArcLists | None = None,
+        fixed: Sequence[Any] = (),
         merge: str | None = None,
         drop_loops: bool = False,
     ) -> Network:
@@ -583,9 +607,10 @@ class Network(Shown):
         ``arcs`` is one list (mode "G") or a mapping of mode name to list.  ``arrow`` says what [a,
         b] means: "listens_to" or "sends_to".  ``agents`` is a count (labels 1..n) or the labels;
         without it the labels are taken from the arcs in the order they appear. ``optional``: the
-        same for further arcs, which come and go at any time while their mode is on. ``merge`` "sum"
-        adds the weights of parallel arcs, which are refused otherwise; ``drop_loops`` leaves out
-        arcs from an agent to itself.
+        same for further arcs, which come and go at any time while their mode is on.  ``fixed``:
+        labels of nodes that are no agents: they are listened to and listen to nobody.  ``merge``
+        "sum" adds the weights of parallel arcs, which are refused otherwise; ``drop_loops`` leaves
+        out arcs from an agent to itself.
         Raises: SpecError, naming the arc.
         Example:
             >>> dd.Network.from_arcs([["tail", "head"]], arrow="listens_to").labels
@@ -601,13 +626,14 @@ class Network(Shown):
             raise wrong(
                 "optional", f"{what} (a list without names means G).", "Use the names of arcs."
             )
+        others = tuple(label_text(each, "fixed") for each in fixed)
         if agents is None:  # malformed arcs are reported later
             pairs = chain(*lists.values(), *more.values())
             ends = (end for arc in pairs if is_list(arc) for end in arc[:2])
-            labels = tuple(dict.fromkeys(map(label_text, ends)))
+            labels = tuple(x for x in dict.fromkeys(map(label_text, ends)) if x not in others)
         else:
             labels = labels_of(agents)
-        index = {label: i for i, label in enumerate(labels)}
+        index = {label: i for i, label in enumerate((*labels, *others))}
 
         def read(pairs: list[Any], key: str) -> Arcs:
             found = arcs_from_pairs(pairs, index=index, arrow=arrow, key=key)
@@ -617,7 +643,7 @@ class Network(Shown):
         for name, each in more.items():
             loose = read(each, f"network.modes.{named(name)}.optional")
             modes[name] = joined(modes[name], loose)
-        return cls(labels=labels, modes=modes)
+        return cls(labels=labels, modes=modes, fixed=others)
 
     @classmethod
     def from_networkx(
@@ -736,6 +762,20 @@ def _as_coo(matrix: Any, key: str) -> Any:
         f"must be a SciPy sparse matrix or a NumPy array (n, n); got {type(matrix).__name__}.",
         "Wrap it: numpy.array(matrix).",
     )
+
+
+def _fixed_labels(fixed: Names, labels: Names) -> Texts:
+    """The labels of fixed nodes.  Raises: SpecError for one that is an agent, or no label."""
+    texts = tuple(label_text(each, "fixed") for each in fixed)
+    twice = sorted({*texts} & {*labels}) if texts else []
+    if twice:
+        raise about(
+            f"fixed.{named(twice[0])}",
+            f"{shown(twice[0])} is an agent as well, in network.agents.",
+            "A fixed node listens to nobody: leave it out of network.agents.",
+        )
+    _check_different(texts)
+    return texts
 
 
 def _check_different(labels: Names) -> None:

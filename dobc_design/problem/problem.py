@@ -38,6 +38,7 @@ from dobc_design.exact.reading import (
 
 from .dynamics import Dynamics, check_goal
 from .exosystems import Exosystem
+from .fixed import Fixed, length_of, place_words, read_fixed, resting
 from .groups import (
     Group,
     Grouped,
@@ -79,6 +80,7 @@ INTERNAL = frozenset(
         "leads",
         "require_fixed_arcs",
         "require_integrators",
+        "require_no_fixed",
         "require_no_leader",
         "require_one_exosystem",
     )
@@ -95,7 +97,10 @@ class Problem(Grouped, Shown):
         coupling: h as text in y (by component), or m texts in y1..ym; h(0) = 0 is checked exactly.
         exceptions: {(listener index, speaker index): h}, for arcs with a coupling of their own.
         goal: "target" (None stands for it): all agents reach it; "agreement": they agree on a value
-            that nobody prescribes, without target, pins or leader.
+            that nobody prescribes, without target, pins or leader; "containment": they end between
+            the ``fixed`` nodes.
+        fixed: {label: value}, or {label: {"between": [lo, hi]}} where it moves, for every fixed
+            node of the network.  With the goal "target" there is one, at rest, which is the target.
         target: xbar, a number for all components or m numbers.
         gains: {label: k} with k >= 0 or an m x m matrix; or one number for all agents.
         exosystem: Exosystem or None (no disturbance).
@@ -131,6 +136,7 @@ class Problem(Grouped, Shown):
     coupling: Coupling
     exceptions: Mapping[Arc, Coupling]
     goal: str
+    fixed: Fixed
     target: Vector
     pinning: Pinning
     groups: Groups
@@ -155,6 +161,7 @@ class Problem(Grouped, Shown):
         coupling: str | Names | Coupling,
         exceptions: Mapping[Arc, str | Names | Coupling] | None = None,
         goal: str | None = None,
+        fixed: Table | None = None,
         target: Any = 0,
         gains: Any = None,
         mode_gains: Table | None = None,
@@ -180,7 +187,7 @@ class Problem(Grouped, Shown):
         first = exosystem
         if exosystem is None and groups:
             first = groups[0].exosystem
-        m = dimension_of(first, target, coupling, own)
+        m = dimension_of(first, target or length_of(fixed), coupling, own)
         p = m if own is None else own.inputs
         labels = network.labels
         made = partial(_read_coupling, dimension=m, outputs=p)
@@ -210,6 +217,7 @@ class Problem(Grouped, Shown):
                 states=None if own is None else m,
             ),
             "goal": lambda: read_goal(goal),
+            "fixed": lambda: read_fixed(fixed, names=network.fixed, dimension=m),
             "target": lambda: _read_states(target, key="target", length=m),
             "coupling": lambda: made(coupling, key="coupling.h"),
             "exceptions": lambda: _read_exceptions(exceptions, network, made),
@@ -240,6 +248,8 @@ class Problem(Grouped, Shown):
     def _check_goal(self) -> None:
         """Agents that agree have nobody who tells them where.  Raises: SpecError with all that
         does."""
+        if self.fixed or self.goal == "containment":
+            self._check_fixed()
         if self.goal != "agreement":
             return
         errors = Mistakes()
@@ -247,6 +257,7 @@ class Problem(Grouped, Shown):
             "target": any(self.target),
             "pinning": bool(self.pinning.agents),
             "leader": self.leader is not None,
+            "fixed": bool(self.fixed),
         }
         for key, is_given in known.items():
             with errors:
@@ -257,6 +268,63 @@ class Problem(Grouped, Shown):
                         "Remove it, or the goal; an agent that leads is one that hears nobody.",
                     )
         errors.raise_all()
+
+    def _check_fixed(self) -> None:
+        """What [fixed] and its goal leave out; one node at rest is the target.  Raises:
+        SpecError."""
+        errors = Mistakes()
+        with errors:
+            if not self.fixed:
+                raise wrong(
+                    "goal",
+                    'cannot be "containment" without [fixed], between whose nodes agents end.',
+                    "Add [fixed], for example left = 0 and right = 5, and arcs to them.",
+                )
+        for key in ("dynamics", "leader"):
+            with errors:
+                if getattr(self, key) is not None:
+                    raise wrong(
+                        key, "is not known together with [fixed].", "Remove one of the two."
+                    )
+        value = resting(next(iter(self.fixed.values()), ()))
+        if self.goal == "containment":
+            self._check_containment(errors)
+        elif len(self.fixed) > 1 or value is None:
+            with errors:
+                raise wrong(
+                    "fixed",
+                    "has several nodes, or one that moves: there is no single target to reach.",
+                    'Write goal = "containment", or keep one node at rest.',
+                )
+        else:
+            with errors:
+                if any(self.target) and self.target != value:
+                    raise wrong(
+                        "target",
+                        "is another one than the node in [fixed], which is the target.",
+                        "Remove it.",
+                    )
+            put(self, target=value)
+        errors.raise_all()
+
+    def _check_containment(self, errors: Mistakes) -> None:
+        """Agents that end between fixed nodes have no single target."""
+        known = {
+            "target": any(self.target),
+            "pinning": bool(self.pinning.agents),
+            "formation": bool(self.offsets),
+            "uncertainty": self.uncertainty is not None,
+            "actuators": self.actuators is not None,
+        }
+        for key, is_given in known.items():
+            with errors:
+                if is_given:
+                    raise wrong(
+                        key,
+                        'is not known with goal = "containment": agents end between the nodes in '
+                        "[fixed].",
+                        "Remove it; what a pin does, an arc to a fixed node does.",
+                    )
 
     def _check_dynamics(self) -> None:
         """With [dynamics] goals have to be equilibria; what is not known for them is refused."""
@@ -330,7 +398,9 @@ class Problem(Grouped, Shown):
     def _check_same_agents(self, changes: Table) -> None:
         """What belongs to agents has to be given anew for others.  Raises: SpecError."""
         network = changes.get("network")
-        if not isinstance(network, Network) or network.labels == self.network.labels:
+        if not isinstance(network, Network) or (
+            network.names == self.network.names and network.size == self.n
+        ):
             return
         # One row serves everybody; a row for each agent belongs to these agents.
         starts = max(len(self.simulation.x0 or ()), len(self.simulation.xi0 or ())) > 1
@@ -357,6 +427,7 @@ class Problem(Grouped, Shown):
             "gains": Pinning(gains=self.pinning.gains),
             "mode_gains": self._mode_gains(),
             "exceptions": dict(self.exceptions),
+            "fixed": {label: {"between": place} for label, place in self.fixed.items()},
             "offsets": {labels[i]: offset for i, offset in self.offsets.items()},
             "groups": None,
             "exosystem": None,
@@ -410,7 +481,10 @@ class Problem(Grouped, Shown):
 
     def _facts(self) -> Iterator[tuple[str, Any]]:
         """What is stated, as it is; what it means is computed for ``dobc check``."""
-        yield "target", self.target[0] if self.m == 1 else (self.target,)
+        if self.goal == "target":
+            yield "target", self.target[0] if self.m == 1 else (self.target,)
+        for label, place in self.fixed.items():
+            yield f"fixed {named(label)}", place_words(place, self.unit)
         if self.units:
             yield "units", ", ".join(self.units)
         if self.dynamics is not None:
@@ -527,8 +601,9 @@ class Problem(Grouped, Shown):
             )
 
     def require_fixed_arcs(self, what: str) -> None:
-        """Refuse a problem with optional arcs where ``what`` does not know them.  Raises:
-        SpecError."""
+        """Refuse a problem with optional arcs, or fixed nodes, where ``what`` does not know them.
+        Raises: SpecError."""
+        self.require_no_fixed(what)
         loose = self.network.loose
         if loose is not None:
             key = f"network.modes.{named(loose)}.optional"
@@ -540,7 +615,9 @@ class Problem(Grouped, Shown):
             )
 
     def require_no_leader(self, what: str) -> None:
-        """Refuse a problem with a [leader] where ``what`` does not know it.  Raises: SpecError."""
+        """Refuse a problem with a [leader], or fixed nodes, where ``what`` does not know it.
+        Raises: SpecError."""
+        self.require_no_fixed(what)
         if self.leader is not None:
             raise about(
                 "leader",
@@ -558,6 +635,15 @@ class Problem(Grouped, Shown):
                 "exosystem that all agents share.",
                 "Use certify, verify, design, simulate, falsify or to_c, which know groups; or "
                 "give every agent the same A and C.",
+            )
+
+    def require_no_fixed(self, what: str) -> None:
+        """Refuse a problem with [fixed] where ``what`` does not know it.  Raises: SpecError."""
+        if self.fixed:
+            raise about(
+                "fixed",
+                f"{what} is not available yet for networks with fixed nodes.",
+                "Use check, certify, verify or simulate, which know them.",
             )
 
     @property
@@ -755,7 +841,7 @@ def _read_exceptions(
     value: Any, network: Network, made: Callable[..., Coupling]
 ) -> Mapping[Arc, Coupling]:
     """The couplings of single arcs, by the indices of listener and speaker, in their order."""
-    codes, n = network.arc_codes() if value else set(), network.size
+    codes, n = network.arc_codes() if value else set(), len(network.names)
     result = {}
     errors = Mistakes()
     given = items(value or {}, "coupling.exceptions")

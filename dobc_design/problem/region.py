@@ -20,7 +20,7 @@ from dobc_design.exact.reading import (
 
 from .network import is_label
 
-GOALS = ("target", "agreement")  # the first one by default
+GOALS = ("target", "agreement", "containment")  # the first one by default
 LONGEST_UNIT = 20  # characters
 Pair = tuple[Fraction, Fraction]
 Pairs = tuple[Pair, ...]  # one for each state component
@@ -31,8 +31,10 @@ def read_goal(goal: object) -> str:
     if goal is None:
         return GOALS[0]
     if not isinstance(goal, str) or goal not in GOALS:
-        known = " or ".join(f'"{each}"' for each in GOALS)
-        raise wrong("goal", f"must be {known}; got {shown(goal)}.", 'For example "agreement".')
+        known = ", ".join(f'"{each}"' for each in GOALS)
+        raise wrong(
+            "goal", f"must be one of {known}; got {shown(goal)}.", 'For example "agreement".'
+        )
     return goal
 
 

@@ -124,6 +124,21 @@ Modes = Annotated[
 ]
 Gains = Annotated[Any, WithJsonSchema(_either(_NUMBER, _table_of(_NUMBER, _MATRIX)))]
 GainsOfModes = Annotated[Document, WithJsonSchema(_table_of(_table_of(_NUMBER, _MATRIX)))]
+Fixed = Annotated[
+    Document,
+    WithJsonSchema(
+        _table_of(
+            _NUMBER,
+            _NUMBERS,
+            {
+                "type": "object",
+                "properties": {"between": _either(_INTERVAL, _any_list_of(_INTERVAL))},
+                "required": ["between"],
+                "additionalProperties": False,
+            },
+        )
+    ),
+]
 Goal = Annotated[Any, WithJsonSchema({"enum": list(GOALS)})]
 Kind = Annotated[Any, WithJsonSchema({"enum": list(KINDS)})]
 Flag = Annotated[Any, WithJsonSchema({"type": "boolean"})]
@@ -296,10 +311,15 @@ class ProblemFile(_Table):
         default=(), description="What is assumed or stands in; shown wherever a result is shown."
     )
     goal: Goal = _optional(
-        '"target" (default): all reach it. "agreement": a value that nobody prescribes.'
+        '"target" (default): all reach it. "agreement": a value that nobody prescribes. '
+        '"containment": between the nodes in [fixed].'
     )
     target: NumberOrList = Field(default=0, description="xbar: a number, or m numbers.")
     units: Units = _optional('Of the states, for words and figures: "m/s", or m such texts.')
+    fixed: Fixed | None = Field(
+        default=None,
+        description="Nodes that listen to nobody: label -> value, or { between = [lo, hi] }.",
+    )
     network: NetworkTable
     coupling: CouplingTable
     pinning: PinningTable | None = None

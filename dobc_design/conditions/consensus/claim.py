@@ -36,6 +36,7 @@ from dobc_design.conditions.numbers import (
     matrix_from_json,
     read_rational,
 )
+from dobc_design.conditions.reason import gap_obstacle
 from dobc_design.errors import SpecError
 from dobc_design.exact import symmetric as sparse
 from dobc_design.exact.interval import Interval, IntervalMatrix, UndefinedError
@@ -554,7 +555,7 @@ def state_theorems(loop: Loop) -> Statements:
     """State Lemma 1, Theorem 1 and Theorem 2 for ``problem`` at the consensus."""
     jacobians = None
     reason = _why_inapplicable(loop)
-    if reason is None or loop.agrees:
+    if reason is None or loop.agrees or loop.gap:
         try:
             jacobians = jacobians_at_consensus(loop)
         except UndefinedError as error:
@@ -577,6 +578,8 @@ def _why_inapplicable(loop: Loop) -> str | None:
     """Why slopes at the target decide nothing; None where they may."""
     if loop.agrees:
         return "does not apply: it is about a target, and agents agree without one."
+    if loop.gap:
+        return gap_obstacle(loop)
     if loop.slopes_move:
         return "does not apply: the leader moves, and the slopes of f that it needs change with it."
     # The theorems ask for a derivative on a neighbourhood, not only at the consensus.

@@ -278,8 +278,11 @@ def reachability_check(loop: Loop, mode: str) -> Check:
     if loop.agrees:
         return _roots_check(loop, mode, labels)
     if not labels:
-        return check(verdict=Verdict.PROVED, reason="every agent is reached from a pinned agent.")
+        source = "a pinned agent" if loop.pins.nodes else "a fixed node"
+        return check(verdict=Verdict.PROVED, reason=f"every agent is reached from {source}.")
     reason = "there is no pinned agent"
+    if loop.fixed and not loop.pins.nodes:
+        reason = f"no path of arcs leads from a fixed node to {name_agents(labels)}"
     if loop.pins.nodes:
         reason = f"no pinned agent reaches {name_agents(labels)}"
         if arcs[0].optional:

@@ -26,7 +26,8 @@ def linearisation_check(statements: Statements, W: Matrix | None, *, estimate: f
     proposed rate."""
     check = partial(Check, id=ID, domain=statements.domain)
     undecided = partial(check, verdict=Verdict.UNDECIDED)
-    if statements.inapplicable is not None and statements.jacobians is None:
+    without = statements.jacobians is None or statements.loop.gap > 0
+    if statements.inapplicable is not None and without:
         return undecided(reason=statements.inapplicable, applies=False)
     # Of several modes eigenvalues say nothing: only a common V does.
     if len(statements.lambdas) > 1:

@@ -30,6 +30,7 @@ from dobc_design.conditions.quadratic.sectors import (
     used_couplings,
     widened_gains,
 )
+from dobc_design.conditions.reason import gap_obstacle
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.interval import Interval, IntervalMatrix
 from dobc_design.exact.matrix import Matrix, Vector, identity, inverse, kronecker, multiply, zeros
@@ -113,6 +114,8 @@ def rows_obstacle(loop: Loop, claim: Separable, *, load: Vector = ()) -> str | N
     Raises: ShapeError unless v and T fit."""
     if claim.T is None or len(claim.T) != loop.m or len(claim.v) != loop.n * loop.m:
         raise ShapeError(f"v must have {loop.n * loop.m} entries, T {loop.m} rows.", key="v")
+    if (reason := gap_obstacle(loop)) is not None:
+        return reason
     if claim.rho is None and not loop.is_linear:
         return "without rho every coupling has to be linear."
     if (reason := gains_obstacle(loop, claim.T, claim.v, claim.rho, claim.ranges)) is not None:

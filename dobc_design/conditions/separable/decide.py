@@ -154,12 +154,21 @@ def coupling_profiles(
     loop: Loop, v: Vector | Doubles, *, rho: Fraction | None, stretch: Fraction | int = 1
 ) -> tuple[Profile, ...]:
     """Where each coupling rises and falls, as far out as the rows look.  Raises: UndefinedError
-    naming the interval."""
+    naming the interval, or a coupling that falls between fixed nodes that differ."""
     reach = largest_reach(loop, v, stretch=stretch)
-    return tuple(
-        profile(Curve(coupling.components[0]), _ZERO if rho is None else rho * most)
-        for coupling, most in zip(loop.functions, reach, strict=True)
-    )
+    found = []
+    for coupling, most in zip(loop.functions, reach, strict=True):
+        # A state between the fixed nodes has no error, but is up to ``gap`` from what it hears.
+        radius = loop.gap + (_ZERO if rho is None else rho * most)
+        kind = profile(Curve(coupling.components[0]), radius)
+        # Then only a coupling that rises is largest where the row looks.
+        if loop.gap and most and not kind.is_nondecreasing:
+            raise UndefinedError(
+                f'h = "{coupling.texts[0]}" is not shown to rise on |y| <= {float(radius):.6g}, as '
+                "it has to between fixed nodes that differ or move."
+            )
+        found.append(kind)
+    return tuple(found)
 
 
 def ask(

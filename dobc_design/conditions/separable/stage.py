@@ -61,7 +61,7 @@ def separable_stage(asked: Asked, report: Progress) -> list[Check]:
     loop = asked.loop
     # Coordinates gain nothing where components are alone, and need the gain of the observer.
     apart = (loop.drift is None and first.applies) or (loop.groups and asked.W is None)
-    if apart or _size(first) >= asked.radius:
+    if apart or loop.gap or _size(first) >= asked.radius:
         return by_component
     report("deciding the region (max-separable, in coordinates)")
     claims, cut = _in_coordinates(asked)
@@ -333,7 +333,8 @@ def _timing(asked: Asked, claim: Separable, check: Check, report: Progress) -> l
         return checks.sampling_check(asked.case, claim, check, own=own)
 
     found = [limited("delay", domain, delay)]
-    if loop.drift is None:  # own dynamics are not held between samples
+    # Own dynamics are not held between samples; nor are fixed nodes that move.
+    if loop.drift is None and not loop.gap:
         found.append(limited("sampling", domain, sampling))
     return found
 

@@ -22,6 +22,7 @@ from fractions import Fraction
 from functools import cache
 
 from dobc_design.conditions.numbers import rounded_down
+from dobc_design.conditions.reason import gap_obstacle
 from dobc_design.coupling.enclosures import Profile, slope_bound
 from dobc_design.errors import SpecError
 from dobc_design.exact.floats import Floats
@@ -130,6 +131,8 @@ def _stiffest(
 ) -> Fraction | str:
     """The largest sum_j w L_ij + k_cc, or why there is none: from floats if that is ``enough``,
     else exactly."""
+    if (reason := gap_obstacle(loop)) is not None:
+        return reason
     if loop.drift is not None:
         return "does not apply: dynamics of the agents themselves are not held between samples."
     if not acts_by_component(loop) or (claim.rho is None and not loop.is_linear):

@@ -290,16 +290,16 @@ def _disagreement_in(loop: Loop, cycle: Names, arcs: Sequence[Arcs]) -> str | No
         return None
     if starts is not None and all(lo == hi for lo, hi in starts.states):
         return None
-    when = ""
-    if 0 < len(cycle) < len(loop.modes):
-        when = f"{_while_on(loop, cycle)}, "
-    return f"Agreement fails: {when}{apart_in_words(loop, arcs)}"
+    return f"Agreement fails: {_when(loop, cycle)}{apart_in_words(loop, arcs)}"
 
 
 def _unreached_words(loop: Loop, cycle: Names, arcs: Sequence[Arcs], apart: Sequence[int]) -> str:
     """That no pinned agent reaches the agents ``apart`` by these arcs, those of a cycle of modes or
     of all modes."""
     who = name_agents(tuple(loop.labels[i] for i in apart))
+    if loop.gap:
+        text = f"Containment fails: {_when(loop, cycle)}no path of arcs leads from a fixed node to"
+        return f"{text} {who}. {cure_in_words(loop, arcs)}"
     if not loop.pulls.nodes:
         text = f"The target is not reached: no agent is pinned, so nothing pulls {who} to it."
         sentences = (text, agreement_words(loop), cure_in_words(loop, arcs))
@@ -312,6 +312,11 @@ def _unreached_words(loop: Loop, cycle: Names, arcs: Sequence[Arcs], apart: Sequ
     else:
         pins = f"{_while_on(loop, cycle)}, {pins}, so nothing pulls {them}"
     return f"Consensus fails: {pins} to the target. {cure_in_words(loop, arcs)}"
+
+
+def _when(loop: Loop, cycle: Names) -> str:
+    """When these modes are on, if they are not all."""
+    return f"{_while_on(loop, cycle)}, " if 0 < len(cycle) < len(loop.modes) else ""
 
 
 def _while_on(loop: Loop, cycle: Names) -> str:

@@ -248,9 +248,9 @@ class Problem(Grouped, Shown):
     def _check_goal(self) -> None:
         """Agents that agree have nobody who tells them where.  Raises: SpecError with all that
         does."""
-        if self.fixed or self.goal == "containment":
-            self._check_fixed()
         if self.goal != "agreement":
+            if self.fixed or self.goal == "containment":
+                self._check_fixed()
             return
         errors = Mistakes()
         known = {

@@ -278,12 +278,12 @@ def reachability_check(loop: Loop, mode: str) -> Check:
     if loop.agrees:
         return _roots_check(loop, mode, labels)
     if not labels:
-        source = "a pinned agent" if loop.pins.nodes else "a fixed node"
-        return check(verdict=Verdict.PROVED, reason=f"every agent is reached from {source}.")
+        reason = f"every agent is reached from {source_in_words(loop)}."
+        return check(verdict=Verdict.PROVED, reason=reason)
     reason = "there is no pinned agent"
-    if loop.fixed and not loop.pins.nodes:
-        reason = f"no path of arcs leads from a fixed node to {name_agents(labels)}"
-    if loop.pins.nodes:
+    if loop.fixed:
+        reason = f"no path of arcs leads from {source_in_words(loop)} to {name_agents(labels)}"
+    elif loop.pins.nodes:
         reason = f"no pinned agent reaches {name_agents(labels)}"
         if arcs[0].optional:
             reason += " by arcs that are always there"
@@ -336,9 +336,16 @@ def unheld_groups(
             yield group, free
 
 
+def source_in_words(loop: Loop) -> str:
+    """From what agents have to be reached."""
+    if not loop.fixed:
+        return "a pinned agent"
+    return "a fixed node" if loop.gap else "the target"
+
+
 def cure_in_words(loop: Loop, arcs: Sequence[Arcs]) -> str:
-    """Which agents have to be pinned so that everybody is reached: one of each closed group without
-    a pin."""
+    """Which agents have to be pinned, or listen to a fixed node, so that everybody is reached: one
+    of each closed group without a pin."""
     pinned = set(loop.pins.nodes)
     groups = [group for group in closed_groups(loop, arcs) if not pinned & set(group)]
     named = []
@@ -348,6 +355,8 @@ def cure_in_words(loop: Loop, arcs: Sequence[Arcs]) -> str:
             agents += " or another of that group"
         named.append(agents)
     text = f"Pin agent {', and agent '.join(named)}"
+    if loop.gap:
+        text = f"Let agent {', and agent '.join(named)} listen to a fixed node"
     if len(groups) > SHOWN:
         text += f", and one of each of {len(groups) - SHOWN} more groups"
     return text + "."

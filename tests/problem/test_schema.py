@@ -29,7 +29,7 @@ TABLES = (
 )
 TABLES += ("uncertainty", "actuators", "dynamics", "leader")
 CONTRACT = {
-    "": {"schema", "name", "notes", "target", "units", "goal", *TABLES},
+    "": {"schema", "name", "notes", "target", "units", "goal", "fixed", *TABLES},
     "network": {"agents", "arrow", "modes"},
     "coupling": {"h", "exceptions"},
     "coupling.exceptions": {"arcs", "h"},

@@ -60,7 +60,7 @@ class Certificate(Headed):
     def _loop(self) -> Loop:
         """What the checks are about."""
         loop = loop_of(self.problem)
-        return rows_of(loop) or loop
+        return rows_of(loop, self.claims.W) or loop
 
     @property
     def verdict(self) -> Verdict:

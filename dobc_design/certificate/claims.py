@@ -80,7 +80,7 @@ def claim_of(check: Check, loop: Loop, W: Matrix | None) -> Claim | None:
     if topic.read is None or not isinstance(check.claim, Values):
         return check.claim
     if topic.of_rows:
-        loop, W = required_rows(loop), gain_of_rows(loop, W)
+        loop, W = required_rows(loop, W), gain_of_rows(loop, W)
     return topic.read(check, loop, W)
 
 

@@ -69,7 +69,9 @@ class Topic:
             return reason
         if self.of_rows:
             loop = trusted.loop
-            trusted = replace(trusted, loop=required_rows(loop), W=gain_of_rows(loop, trusted.W))
+            trusted = replace(
+                trusted, loop=required_rows(loop, trusted.W), W=gain_of_rows(loop, trusted.W)
+            )
         return self.confirm(check, trusted)
 
 

@@ -406,7 +406,7 @@ def other_equilibria(problem: Problem, case: Case, *, report: Progress) -> Itera
     so far."""
     loop, checks = case.loop, case.checks
     # Without W there is no loop that could rest.
-    has_loop = case.W is not None or not loop.groups
+    has_loop = (case.W is not None or not loop.groups) and not loop.saturates
     if loop.starts is None or not has_loop or out_of_time() is not None:
         return
     if covering(loop, checks):

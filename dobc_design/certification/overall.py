@@ -80,7 +80,7 @@ def decide_overall(loop: Loop, checks: Checks, W: Matrix | None) -> Overall:
     fails says nothing against the problem."""
     stated = stated_in(loop)
     # A proof that covers what is asked ends the question; whatever else fails is only a method.
-    rows = rows_of(loop) or loop
+    rows = rows_of(loop, W) or loop
     proofs = covering(rows, checks)
     if stated:  # the checks of the tables are about the graphs of the modes, not about every graph
         proofs = [check for check in proofs if check.kind.role != "safety"]
@@ -125,7 +125,9 @@ def _proved(loop: Loop, checks: Checks, best: Check) -> Overall:
     reason = _arrival(loop, best, pace=carrier, final=carrier if carrier.id == ACCURACY else None)
     if carrier is not best:
         reason += f", with {table_words(loop, carrier.id)}"
-    if stated.limit:
+    if loop.saturates:
+        reason += f", with inputs that saturate at {table_words(loop, LIMIT)}"
+    elif stated.limit:
         reason += (
             f", and no {_limited(loop)} exceeds "
             f"{table_words(loop, LIMIT)}{_limited_starts(loop, checks)}"

@@ -17,6 +17,7 @@ from .margins import actuators, tolerance
 from .pairs import rows_of
 from .quadratic import lure
 from .reading import MAX_BYTES, UNTIL, OutOfTime, Refused, need
+from .saturation import allowed, cut, saturates
 from .schedule import settling
 from .separable import delay, equilibrium, sampling
 from .verdict import overall
@@ -166,6 +167,8 @@ def decider(case: Case, id: str) -> Decider:
 def regional(agents: Case, check: Any) -> Any:
     """A claim about a region that is proved or refuted."""
     case = rows_of(agents)
+    if saturates(agents) and check.id != "actuators":
+        case = cut(agents)
     need(check.margin is None, "it has no margin to claim")
     need(case.q == 0 or case.W is not None, "there is no observer gain")
     need(check.id in OF_ANY_COUPLING or case.single, "a coupling is a list, or nodes are curved")
@@ -173,6 +176,11 @@ def regional(agents: Case, check: Any) -> Any:
     known = not case.fixed or check.id in OF_FIXED
     need(known, "pins of single modes are not known to it")
     need(not case.gap or check.id in OF_GAPS, "it is about one target")
+    if saturates(agents):
+        # what is left bounds a pin from below: it says nothing of rest, nor of steps
+        need(check.id not in ("equilibrium", "sampling"), "inputs saturate")
+        counted = type(check.domain) is str or (check.domain.disturbance or 0) <= allowed(agents)
+        need(counted, "what saturation leaves is known for smaller errors of the estimates")
     late = agents.agrees and check.id == "delay"
     need(not late, "a late state and one of now make no pair")
     rests = case.leader is None or check.id not in ("equilibrium", "delay", "sampling")

@@ -94,7 +94,11 @@ class Problem:
             "offsets": [(agent, states)],
             "observer": {"W": None, "P": None, "rate": maybe(rational)},
             "uncertainty?": uncertainty,
-            "actuators?": {"limit": self.read_limit, "amplitude": maybe(rational)},
+            "actuators?": {
+                "limit": self.read_limit,
+                "amplitude": maybe(rational),
+                "saturates?": partial(one_of, (bool,)),
+            },
             "leader?": {"initial": sides, "stays_in?": sides},
             "simulation": an_object,
             "region": maybe(region),

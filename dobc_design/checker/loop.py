@@ -151,7 +151,9 @@ class Loop:
             self.modes[mode.name] = arcs
         #: Whether there is more than one graph.
         self.switches = len(self.modes) > 1 or any(arc.loose for arc in self.arcs)
-        linear = all(each.straight for each in self.functions)
+        saturates = self.actuators is not None and self.actuators.saturates
+        # a pin that saturates is linear near the target only
+        linear = not saturates and all(each.straight for each in self.functions)
         self.domain = "global" if linear else "consensus"  # the local domain
         #: Whether the theorems, which are about slopes at one point, do not apply: there are none
         #: at a kink, nor where a leader takes them along.

@@ -11,8 +11,9 @@ from .claims import Case, need_rate
 from .curves import secants
 from .expressions import Coupling
 from .intervals import enclosed
-from .matrices import ZERO, Matrix, form, is_diagonal, product, root, transpose
+from .matrices import ZERO, form, root, transpose
 from .reading import Object, an_object, need, rational, read, weights
+from .saturation import amplitude, left
 from .separable import Errors, beside, holds_box, observed, pace, read_separable, rows, starts
 
 RATE = "the rate is not between 0 and what follows"
@@ -89,6 +90,9 @@ def actuators(case: Case, check: Any) -> None:
     asked = case.actuators is not None and check.rate is None
     need(asked, "it is not asked for, or has a rate")
     starts(case, check.domain, "box")
+    if case.actuators.saturates:
+        rooms(case, check)
+        return
     acts = case.disturbed
     own_box = acts or "v" in an_object(check.exact)
     shape: Object = {"rho": rational, "inputs": an_object}
@@ -118,6 +122,16 @@ def actuators(case: Case, check: Any) -> None:
         limit = case.actuators.limit.get(i, most)
         # of an agent without a limit any input will do
         need(most <= limit, f"the input of agent {label} may exceed its limit")
+
+
+def rooms(case: Case, check: Any) -> None:
+    """As much is left of each limit for the pin, however far inputs saturate."""
+    claimed = read(check.exact, {"rooms": an_object}).rooms
+    found = dict(left(case))
+    limited = {case.labels[i]: room for i, room in found.items()}
+    need(set(claimed) == set(limited), "there is not one room for each agent with a limit")
+    for label, room in limited.items():
+        need(0 < rational(claimed[label]) <= room, f"less is left of the limit of agent {label}")
 
 
 def of_proof(case: Case, check: Any, rho: Fraction) -> Any:
@@ -164,35 +178,3 @@ def loaded(case: Case, check: Any, claim: Any, acts: bool) -> list[Added]:
     if case.domain != "global":
         rho = claim.rho
     return shrinks(case, SimpleNamespace(**vars(claim) | {"rho": rho}), peaks)
-
-
-def amplitude(case: Case, i: int) -> Fraction:
-    """A bound of every component of d_i: given, or of the sines that xi0 starts; there A^2 has to
-    be diagonal."""
-    if case.actuators.amplitude is not None or not case.q:
-        return Fraction(case.actuators.amplitude or 0)
-    if i not in case.place:
-        return ZERO
-    plant = case.uncertainty
-    # with a drift d leaves the sines that its start gives
-    need(plant is None or plant.drift == 0, "amplitudes drift, and none is given")
-    residual = case.residuals[case.place[i]]
-    given = read(case.xi0 or [], [[rational]])
-    # one row for all agents, or one for each
-    x: Matrix = transpose(given[min(i, len(given) - 1) :][:1])
-    need(len(x) == len(residual.A), "there is no start of the disturbance")
-    square = product(residual.A, residual.A)
-    # A^2 diagonal: every component swings at one frequency
-    need(is_diagonal(square), "d is no sum of sines")
-    z = [row[k] for k, row in enumerate(square)]
-    slopes = product(residual.A, x)
-    sums = [ZERO] * case.m
-    # A^2 = -w on the components of one frequency: each is a sine of size sqrt(x^2 + x'^2 / w)
-    for w in {-entry for entry in z}:
-        for c, row in enumerate(residual.C):
-            part = [[y if z[k] == -w else ZERO for k, y in enumerate(row)]]
-            value = product(part, x)[0][0]
-            slope = product(part, slopes)[0][0]
-            need(w > 0 or w == slope == 0, "the disturbance may grow")
-            sums[c] += root(value**2 + slope**2 / w) if w else abs(value)
-    return max(sums)

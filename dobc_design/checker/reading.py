@@ -86,6 +86,9 @@ def version_of(problem: Object) -> int:
         return 4
     if leaves_agents(problem) or in_a_mode(problem, "gains"):
         return 4
+    actuators = problem.get("actuators")
+    if type(actuators) is dict and "saturates" in actuators:
+        return 4
     if in_a_mode(problem, "optional"):
         return 3
     if "dynamics" in problem:

@@ -38,7 +38,7 @@ class Case:
     @property
     def of_rows(self) -> Case | None:
         """The same for the loop whose errors rows bound; None where it has too many nodes."""
-        rows = rows_of(self.loop)
+        rows = rows_of(self.loop, self.W)
         if rows is None:
             return None
         return replace(self, loop=rows, W=gain_of_rows(self.loop, self.W))

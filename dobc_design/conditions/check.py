@@ -28,6 +28,7 @@ from dobc_design._show.text import (
 from dobc_design.exact.reading import Document, Table
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, spend
 from dobc_design.loop.loop import Loop
+from dobc_design.loop.saturation import allowed_error
 from dobc_design.verdict import Decided, Verdict
 
 from .domain import EVERYWHERE, Around, Domain, domain_from_json
@@ -286,6 +287,9 @@ def read_domain(domain: Domain, loop: Loop, *, kind: type[Around]) -> tuple[Frac
         raise ValueError("the radius must be > 0 and the disturbance >= 0")
     if disturbance and not loop.groups:
         raise ValueError("without an exosystem the disturbance must be 0")
+    allowed = allowed_error(loop)
+    if allowed is not None and claimed(disturbance) > allowed:
+        raise ValueError("what saturation leaves is known for the estimation error of [region]")
     return claimed(radius), claimed(disturbance)
 
 

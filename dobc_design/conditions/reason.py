@@ -75,6 +75,13 @@ def gap_obstacle(loop: Loop) -> str | None:
     return f"{APART}it is about one target, and the fixed nodes differ or move."
 
 
+def saturation_obstacle(loop: Loop) -> str | None:
+    """Why what holds for exact pins only does not apply; None where inputs do not saturate."""
+    if not loop.saturates:
+        return None
+    return f"{APART}inputs saturate, and what is left of a pin is known from below only."
+
+
 def read_reason(text: str) -> Reason:
     """The parts of a text; ``str`` of them is the text again."""
     told = text.removeprefix(OPEN)

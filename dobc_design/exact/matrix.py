@@ -110,6 +110,11 @@ def dot(v: Vector, w: Vector) -> Fraction:
     return sum((x * y for x, y in zip(v, w, strict=True)), Fraction(0))
 
 
+def trace(M: Matrix) -> Fraction:
+    """Return the sum of the diagonal."""
+    return sum((row[i] for i, row in enumerate(M)), Fraction(0))
+
+
 def kronecker(M: Matrix, N: Matrix) -> Matrix:
     """Return the Kronecker product: M (a, b), N (c, d) give (a c, b d)."""
     rows: list[Vector] = []

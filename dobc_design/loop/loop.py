@@ -251,9 +251,15 @@ class Loop(Grouped):
         return () if self.drift is None else self.drift.A
 
     @property
+    def saturates(self) -> bool:
+        """Whether inputs may reach their limits (``saturation``)."""
+        return self.actuators is not None and bool(self.actuators.saturates)
+
+    @property
     def is_linear(self) -> bool:
         """Whether every function is exactly linear, so that J does not depend on e."""
-        return all(function.is_linear for function in self.functions)
+        # Pins are linear near the target only, where inputs saturate.
+        return not self.saturates and all(function.is_linear for function in self.functions)
 
     @property
     def is_grouped(self) -> bool:

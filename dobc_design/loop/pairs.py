@@ -37,6 +37,7 @@ from dobc_design.problem.network import Arc, Arcs, IndexArray
 
 from .arcs import coupling_places
 from .loop import Loop, Starts, pins_of, zero_goals
+from .saturation import saturated
 
 #: Largest |C eps_i - C eps_j|, in parts of the largest |C eps_i|.
 RESIDUALS = Fraction(2)
@@ -45,9 +46,12 @@ FIXED = ("same", "same 2")
 MOST_AGENTS = 300  # of which pairs are looked at
 
 
-def rows_of(loop: Loop) -> Loop | None:
-    """The loop whose errors rows bound: this one, or that of disagreements; None of more agents
-    than have few enough pairs."""
+def rows_of(loop: Loop, W: Matrix | None) -> Loop | None:
+    """The loop whose errors rows bound: this one, that of disagreements, or that with what
+    saturation leaves of the pins, with the observer gain W (q, m); None of more agents than have
+    few enough pairs."""
+    if loop.saturates:
+        return saturated(loop, W)
     return _made_once(loop) if loop.agrees else loop
 
 
@@ -59,9 +63,9 @@ def _made_once(loop: Loop) -> Loop | None:
     return pairs_of(loop) if loop.n <= MOST_AGENTS else None
 
 
-def required_rows(loop: Loop) -> Loop:
+def required_rows(loop: Loop, W: Matrix | None) -> Loop:
     """The same.  Raises: ValueError where there are too many pairs."""
-    rows = rows_of(loop)
+    rows = rows_of(loop, W)
     if rows is None:
         raise ValueError(f"{loop.n} agents have more pairs than are looked at")
     return rows

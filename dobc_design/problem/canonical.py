@@ -255,6 +255,9 @@ def _version_of(document: Table) -> int:
     new = "goal" in document or "fixed" in document
     if new or _in_a_mode(document, "gains") or _leaves_agents_undisturbed(document):
         return VERSION_OPEN
+    actuators = document.get("actuators")
+    if isinstance(actuators, dict) and "saturates" in actuators:
+        return VERSION_OPEN
     if _in_a_mode(document, "optional"):
         return VERSION_OPTIONAL
     return VERSION_DYNAMICS if "dynamics" in document else VERSION

@@ -67,7 +67,7 @@ from .tables import (
     switching_words,
     uncertainty_words,
 )
-from .uncertainty import Actuators, Uncertainty, read_actuators, read_uncertainty
+from .uncertainty import ABSOLUTE, Actuators, Uncertainty, read_actuators, read_uncertainty
 
 #: What is for the package itself; completion and the reference leave it out.
 INTERNAL = frozenset(
@@ -239,6 +239,7 @@ class Problem(Grouped, Shown):
         errors.raise_all()
         self._check_goal()
         self._check_dynamics()
+        self._check_saturation()
         # Arcs name a coupling by its place, so that equal ones are bounded once.
         couplings = dict.fromkeys((self.coupling, *self.exceptions.values()))
         places = {each: place for place, each in enumerate(couplings)}
@@ -325,6 +326,43 @@ class Problem(Grouped, Shown):
                         "[fixed].",
                         "Remove it; what a pin does, an arc to a fixed node does.",
                     )
+
+    def _check_saturation(self) -> None:
+        """What is left of inputs that saturate is known for scalar pins, and for estimates on which
+        nothing acts.  Raises: SpecError with all that is not."""
+        if self.actuators is None or not self.actuators.saturates:
+            return
+        errors = Mistakes()
+        table = self.uncertainty
+        acts = [name for name in ABSOLUTE if getattr(table, name, 0)]
+        if table is not None and not table.known_to_agents:
+            acts.append("known_to_agents")
+        unknown = {
+            "goal": (self.goal != "target", "it is known with pins to one target"),
+            "fixed": (bool(self.fixed), "the target is the only node that pins hear"),
+            "pinning.modes": (bool(self.pinning.modes), "pins are to be the same in every mode"),
+            "pinning.gains": (
+                not all(map(is_scalar_matrix, self.pinning.gains.values())),
+                "pins are to be numbers",
+            ),
+            **{f"uncertainty.{name}": (True, "it acts on the estimates") for name in acts},
+        }
+        for key, (is_given, why) in unknown.items():
+            with errors:
+                if is_given:
+                    raise wrong(
+                        key,
+                        f"is not known together with actuators.saturates: {why}.",
+                        "Remove one of them.",
+                    )
+        with errors:
+            if self.region is None:
+                raise wrong(
+                    "actuators.saturates",
+                    "needs a [region]: whether inputs saturate depends on where agents start.",
+                    "Give region.initial_states.",
+                )
+        errors.raise_all()
 
     def _check_dynamics(self) -> None:
         """With [dynamics] goals have to be equilibria; what is not known for them is refused."""

@@ -300,6 +300,7 @@ class ActuatorsTable(_Table):
 
     limit: Limits = _optional("|u_i| per component: for all agents, or label -> number.")
     amplitude: Number = _optional("Bound on |d_i|; by default from simulation.xi0.")
+    saturates: Flag = _optional("Inputs saturate at the limit, and proofs count what is left.")
 
 
 class ProblemFile(_Table):

@@ -84,17 +84,25 @@ def region_words(region: Region, units: Names) -> str:
     return f"{said}, estimation error at most {decimal_text(region.initial_disturbance)}"
 
 
+_SATURATED = (
+    "; inputs saturate there, and the proof counts it: an input is the pin less the estimate, and "
+    "observers are fed what was applied (couplings that pass through the actuators are another "
+    "model)"
+)
+
+
 def limit_words(table: Actuators, agents: int) -> str:
     """The limits of the inputs that [actuators] states; ``agents``: how many there are."""
     if table.limit is None:
         return "inputs have no limit"
     if not isinstance(table.limit, Mapping):
-        return f"|u_i| is at most {decimal_text(table.limit)} by component, for every agent"
+        said = f"|u_i| is at most {decimal_text(table.limit)} by component, for every agent"
+        return f"{said}{_SATURATED}" if table.saturates else said
     limits = [f"{label}: {decimal_text(limit)}" for label, limit in table.limit.items()]
     said = f"|u_i| by component is at most {some(limits, LISTED)}"
     if len(table.limit) < agents:
         said += "; the inputs of the other agents have no limit"
-    return said
+    return f"{said}{_SATURATED}" if table.saturates else said
 
 
 def amplitude_words(table: Actuators, simulation: Simulation) -> str:

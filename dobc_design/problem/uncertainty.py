@@ -8,7 +8,7 @@ from fractions import Fraction
 from types import MappingProxyType
 from typing import Any
 
-from dobc_design._checks import noun, put
+from dobc_design._checks import later, noun, put
 from dobc_design._show.cards import Card, Shown
 from dobc_design.errors import Mistakes, wrong
 from dobc_design.exact.number import parse_number
@@ -70,14 +70,19 @@ class Actuators(Shown):
 
     limit: bound on every component of u_i, a number for all agents, or label -> number.
     amplitude: bound on every component of d_i, by default that of the runs from simulation.xi0.
+    saturates: whether inputs may reach their limits, so that a proof has to count what is left of
+        them; else it shows that none is reached.
     Raises: SpecError that names every wrong key.
     """
 
     limit: Fraction | Mapping[str, Fraction] | None = None
     amplitude: Fraction | None = None
+    saturates: bool | None = later()
 
     def __post_init__(self) -> None:
         errors = Mistakes()
+        with errors:
+            _read_saturates(self)
         with errors:
             if isinstance(self.limit, Mapping):
                 limits = {}
@@ -106,7 +111,8 @@ class Actuators(Shown):
             facts += [(f"|u| of {label} at most", x) for label, x in self.limit.items()]
         elif self.limit is not None:
             facts.append(("|u_i| at most", self.limit))
-        return Card(title="Actuators", text="", facts=facts)
+        text = "inputs saturate at their limits" if self.saturates else ""
+        return Card(title="Actuators", text=text, facts=facts)
 
 
 def read_uncertainty(value: Any) -> Uncertainty | None:
@@ -135,6 +141,17 @@ def read_actuators(value: Any, labels: Names) -> Actuators | None:
     errors.sort(key=str)
     errors.raise_all()
     return found
+
+
+def _read_saturates(table: Actuators) -> None:
+    """A flag, which says something where there is a limit; false is the same as none."""
+    key = "actuators.saturates"
+    given: object = table.saturates
+    if given is not None and not isinstance(given, bool):
+        raise wrong(key, f"must be true or false; got {shown(given)}.", "For example true.")
+    put(table, saturates=given or None)
+    if given and not table.limit:
+        raise wrong(key, "needs a limit at which inputs saturate.", "Give actuators.limit.")
 
 
 def _known(value: Any, noun: Any) -> Document:

@@ -73,8 +73,7 @@ from dobc_design.exact.number import root_above
 from dobc_design.exact.reading import Document
 from dobc_design.exact.symmetric import Doubles, least
 from dobc_design.loop.loop import Loop
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import group_numbers
+from dobc_design.loop.saturation import ROOTS, largest_disturbance, rooms_of
 
 
 @noun
@@ -118,6 +117,18 @@ class Inputs:
         return values | error_to_json(self.error)
 
 
+@noun
+class LeftRooms:
+    """However far inputs saturate, at least ``rooms[label]`` of the limit of an agent is left for
+    its pin beside the compensation of the disturbance."""
+
+    rooms: Mapping[str, Fraction]
+
+    def to_json(self) -> Document:
+        """The exact values of a proved check."""
+        return fields_to_json(self, "rooms")
+
+
 def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Claim:
     """What a proved check of this topic claims, for this problem."""
     if check.id == "actuators":
@@ -132,8 +143,13 @@ def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Claim:
     return Tolerance(errors=Errors(weights, gains), alpha=alpha, eta=eta, v=v)
 
 
-def _read_inputs(check: Check, loop: Loop) -> Inputs:
+def _read_inputs(check: Check, loop: Loop) -> Inputs | LeftRooms:
     """What a proved check of inputs claims."""
+    if loop.saturates:
+        values = read_object(check.exact, ("rooms",))
+        limited = [label for label in loop.labels if limit_of(loop, label) is not None]
+        found = read_object(values["rooms"], limited)
+        return LeftRooms(rooms={label: read_rational(found[label]) for label in limited})
     has_own_box = stated_in(loop).absolute or "v" in (check.exact or {})
     own = ("v", "alpha", "level", *observed_in(loop)) if has_own_box else ()
     values = read_object(check.exact, ("rho", "inputs", *own))
@@ -148,7 +164,6 @@ def _read_inputs(check: Check, loop: Loop) -> Inputs:
     return Inputs(rho=rho, inputs=inputs, stage=stage, error=error_from_json(values, loop))
 
 
-ROOTS = 10**15  # roots are rounded up to multiples of 1/ROOTS
 _ZERO = Fraction(0)
 _ONE = Fraction(1)
 
@@ -161,10 +176,14 @@ def confirm(check: Check, case: Case) -> str | None:
     reason = not_a_proof(check)
     if reason is None and loop.drift is not None:
         return "errors of gains, and inputs, are not known for agents with [dynamics]"
-    reason = reason or pins_obstacle(loop)
+    saturated = loop.saturates and check.id == "actuators"
+    if not saturated:
+        reason = reason or pins_obstacle(loop)
     if reason is not None:
         return reason
     claim = read_claim(check, loop, W)
+    if isinstance(claim, LeftRooms):
+        return _not_left(check, loop, W, claim)
     base = case.proved(Separable)
     if base is not None and base.T is not None:
         base = None  # in coordinates
@@ -293,54 +312,6 @@ def _not_local(loop: Loop, claim: Tolerance, v: Vector | Doubles) -> str | None:
     return None
 
 
-def largest_disturbance(loop: Loop) -> Vector | None:
-    """For each agent a bound of |d_i(t)|, t >= 0, by component; None where neither [actuators] nor
-    xi0 gives one, as where amplitudes drift."""
-    given = None if loop.actuators is None else loop.actuators.amplitude
-    if given is not None or not loop.groups:
-        return (given or _ZERO,) * loop.n
-    if not loop.xi0 or (loop.uncertainty is not None and loop.uncertainty.drift):
-        return None
-    starts = loop.xi0 if len(loop.xi0) > 1 else loop.xi0 * loop.n
-    known: dict[tuple[int, Vector], Fraction | None] = {}  # agents often start alike
-    found: list[Fraction] = []
-    for pair in zip(group_numbers(loop.groups, loop.labels), starts, strict=True):
-        number, start = pair
-        if pair not in known:
-            is_free = number == len(loop.groups)  # of disturbances
-            known[pair] = _ZERO if is_free else _amplitude(loop.groups[number].exosystem, start)
-        amplitude = known[pair]
-        if amplitude is None:
-            return None
-        found.append(amplitude)
-    return tuple(found)
-
-
-def _amplitude(exosystem: Exosystem, start: Vector) -> Fraction | None:
-    """A bound of every component of C exp(A t) start.  If A^2 is diagonal, xi_i'' = -w_i^2 xi_i:
-    what the components with one w^2 add is a sine, or with w = 0 constant where its slope is 0.
-    None for others."""
-    A = exosystem.A
-    q = exosystem.order
-    squares = multiply(A, A)
-    if any(squares[i][j] for i in range(q) for j in range(q) if i != j):
-        return None
-    slopes = tuple(row[0] for row in multiply(A, tuple((x,) for x in start)))
-    sums = [_ZERO] * exosystem.outputs
-    for square in {-squares[i][i] for i in range(q)}:
-        alike = [i for i in range(q) if squares[i][i] == -square]
-        for row, c in enumerate(exosystem.C):
-            value = sum((c[i] * start[i] for i in alike), _ZERO)
-            slope = sum((c[i] * slopes[i] for i in alike), _ZERO)
-            if square < 0 or (square == 0 and slope):
-                return None
-            if square:
-                sums[row] += root_above(value**2 + slope**2 / square, unit=ROOTS)
-            else:
-                sums[row] += abs(value)
-    return max(sums)
-
-
 def blind(loop: Loop) -> bool:
     """Whether errors of the weights act on the estimates."""
     plant = loop.uncertainty
@@ -396,6 +367,21 @@ def loaded_inputs(
         load = added[agent]
         parts[agent] = Part(per_rho + load.growing, rest + load.by_input)
     return tuple(parts)
+
+
+def _not_left(check: Check, loop: Loop, W: Matrix | None, claim: LeftRooms) -> str | None:
+    """None if as much is left of every limit."""
+    read_domain(check.domain, loop, kind=Box)
+    found = rooms_of(loop, W)
+    if isinstance(found, str):
+        return found
+    if check.rate is not None:
+        return "it claims a rate that this check does not have"
+    for agent, room in found.room.items():
+        label = loop.labels[agent]
+        if not 0 < claim.rooms[label] <= room:
+            return f"less is left of the limit of agent {label}"
+    return None
 
 
 def _not_inputs(check: Check, loop: Loop, base: Separable, claim: Inputs) -> str | None:

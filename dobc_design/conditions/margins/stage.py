@@ -47,10 +47,11 @@ from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.number import root_above
 from dobc_design.loop.arcs import coupling_places
 from dobc_design.loop.loop import Loop
+from dobc_design.loop.saturation import largest_disturbance, rooms_of
 from dobc_design.solvers.program import Array, factored
 from dobc_design.verdict import Verdict
 
-from .decide import Inputs, Part, Tolerance
+from .decide import Inputs, LeftRooms, Part, Tolerance, limit_of
 
 ROUNDS = 100  # of policy iteration
 CLOSE = 1e-9  # relative, of v from round to round
@@ -343,8 +344,10 @@ class _Plan:
 def _actuators(asked: Asked, checks: Sequence[Check]) -> Check:
     loop = asked.loop
     case = _case(asked, checks)
+    if loop.saturates:
+        return _left(asked, case)
     undecided = partial(undecided_check, "actuators", asked.domain)
-    found = decide.largest_disturbance(loop)
+    found = largest_disturbance(loop)
     if found is None:
         why = "simulation.xi0 gives no sum of constants and sines"
         if loop.uncertainty is not None and loop.uncertainty.drift:
@@ -386,6 +389,35 @@ def _actuators(asked: Asked, checks: Sequence[Check]) -> Check:
     if least > 1:
         return undecided(_too_large(asked, plan))
     return _bounded(case, plan)
+
+
+def _left(asked: Asked, case: Case) -> Check:
+    """What saturation leaves of every limit for the pins."""
+    loop = asked.loop
+    undecided = partial(undecided_check, "actuators", asked.domain)
+    found = rooms_of(loop, asked.W)
+    if isinstance(found, str):
+        return undecided(found, applies=False)
+    limits = {agent: limit_of(loop, loop.labels[agent]) or _ZERO for agent in found.room}
+    worst = min(found.room, key=lambda agent: found.room[agent] / limits[agent])
+    told = (
+        f"the disturbance and the errors of its estimates take at most "
+        f"{float(found.compensation[worst]):.6g} of the limit {float(limits[worst]):.6g} of agent "
+        f"{loop.labels[worst]}"
+    )
+    if found.room[worst] <= 0:
+        return undecided(f"{told}: nothing is left for its pin, {NO_ROOM}")
+    share = float(rounded_down(100 * found.room[worst] / limits[worst], digits=4))
+    who = "of no agent is less" if len(limits) > 1 else "that is"
+    rooms = {loop.labels[agent]: room for agent, room in found.room.items()}
+    check = Check(
+        id="actuators",
+        verdict=Verdict.PROVED,
+        domain=Box(asked.radius, asked.disturbance),
+        claim=LeftRooms(rooms=rooms),
+        reason=f"{told}: {share:.4g} % are left for its pin when it saturates; {who}.",
+    )
+    return check.unless(decide.confirm(check, case), case.domain)
 
 
 def _bounded(case: Case, plan: _Plan) -> Check:

@@ -22,7 +22,7 @@ from fractions import Fraction
 from functools import cache
 
 from dobc_design.conditions.numbers import rounded_down
-from dobc_design.conditions.reason import gap_obstacle
+from dobc_design.conditions.reason import gap_obstacle, saturation_obstacle
 from dobc_design.coupling.enclosures import Profile, slope_bound
 from dobc_design.errors import SpecError
 from dobc_design.exact.floats import Floats
@@ -113,6 +113,9 @@ def verify_sampling(loop: Loop, claim: Separable, bound: SamplingBound) -> Separ
     <= factor < 1."""
     if bound.period <= 0:
         raise SpecError("a sampling period must be > 0.", key="period")
+    reason = saturation_obstacle(loop)
+    if reason is not None:
+        return undecided(reason)
     if bound.factor >= 1 or bound.factor < 1 - bound.period * claim.alpha:
         return refuted("the factor must be < 1 and at least 1 - T alpha.")
     stiffest = _stiffest(loop, claim, enough=lambda x: not 1 < bound.period * x <= 1 + _NEAR)

@@ -20,7 +20,6 @@ from dobc_design.conditions.check import Check, Values
 from dobc_design.conditions.coverage import read_region
 from dobc_design.conditions.domain import NEAR_TARGET, Box
 from dobc_design.conditions.margins import decide, stage
-from dobc_design.conditions.margins.decide import _amplitude, largest_disturbance
 from dobc_design.conditions.margins.stage import margins_stage
 from dobc_design.conditions.separable.claim import Errors, Separable, rows
 from dobc_design.conditions.separable.coordinates import enclosed_ranges
@@ -28,6 +27,7 @@ from dobc_design.conditions.separable.decide import verify_separable
 from dobc_design.conditions.separable.propose_limits import largest_rate
 from dobc_design.exact.number import number_text
 from dobc_design.loop.make import loop_of
+from dobc_design.loop.saturation import _amplitude, largest_disturbance
 from dobc_design.problem.canonical import canonical_bytes
 from dobc_design.problem.exosystems import Exosystem, constant, harmonics, ramp, total
 

@@ -1,0 +1,183 @@
+"""What is left of pins whose inputs saturate at `limit` (the format page, "Saturation").
+
+Of an agent with a limit, |dhat_i| <= dbar_i for all time, the pin is at least k e cut at +-(limit -
+dbar_i): an arc to a node whose error is 0. dbar_i is the amplitude of d_i and a bound of |C eps_i|.
+"""
+
+import copy
+from collections.abc import Iterator
+from fractions import Fraction
+from functools import lru_cache
+
+from .claims import Case
+from .expressions import LONGEST_MADE, read_coupling
+from .loop import Arc, Loop, Residual
+from .matrices import (
+    ZERO,
+    Matrix,
+    form,
+    identity,
+    is_diagonal,
+    is_form,
+    opposite,
+    plus,
+    product,
+    root,
+    solved,
+    transpose,
+)
+from .reading import Refused, need, rational, read
+
+MOST = 8  # states of an exosystem
+MORE = 1 + Fraction(1, 10**6)  # of the errors at the start that are asked for
+UNIT = 10**9
+POWER = 3  # lambda_max(P) <= the root of order 2^POWER of the trace of that power
+
+
+def saturates(loop: Loop) -> bool:
+    """Whether inputs saturate."""
+    return loop.actuators is not None and bool(loop.actuators.saturates)
+
+
+def allowed(loop: Loop) -> Fraction:
+    """The largest |eps_i| at the start that is counted."""
+    return Fraction(loop.region.initial_disturbance or 0) * MORE
+
+
+@lru_cache(maxsize=1)
+def cut(case: Case) -> Case:
+    """The same case with pins that saturate; itself where some limit leaves nothing."""
+    try:
+        rooms = dict(left(case))
+    except Refused:
+        return case
+    cut_off = [i for i in rooms if any(map(any, case.gain(i)))]
+    if min(rooms.values(), default=ZERO) <= 0 or not cut_off:
+        return case
+    rows = copy.copy(case)
+    rows.fixed = 1
+    rows.hold = {i: k for i, k in case.hold.items() if i not in rooms}
+    rows.pins = {i: k for i, k in case.pins.items() if i not in rooms}
+    pins = []
+    for i in cut_off:
+        end = rooms[i]
+        text = f"clip(({case.gain(i)[0][0]})*y, -({end}), {end})"
+        pins.append(Arc(i, case.n, Fraction(1), read_coupling((text,), case.m, LONGEST_MADE)))
+    rows.functions = [*case.functions, *dict.fromkeys(arc.coupling for arc in pins)]
+    rows.modes = {mode: [*pins, *arcs] for mode, arcs in case.modes.items()}
+    rows.collect()
+    return rows
+
+
+def left(case: Case) -> Iterator[tuple[int, Fraction]]:
+    """Every agent with a limit, and what is left of it beside the compensation."""
+    plant = case.uncertainty
+    told = plant is None or (plant.known_to_agents and not case.disturbed)
+    scalar = all(k == identity(case.m, k[0][0]) for k in case.pins.values())
+    known = told and scalar and case.B is None and not case.fixed and not case.agrees
+    need(known and case.region is not None, "what saturation leaves is not known here")
+    # no estimate without an exosystem
+    errors = [error(each, case) for each in gains(case)]
+    for i, limit in case.actuators.limit.items():
+        needed = amplitude(case, i)
+        if i in case.place:
+            needed += errors[case.place[i]]
+        yield i, Fraction((limit - needed) * UNIT // 1, UNIT)
+
+
+def gains(case: Case) -> Iterator[Residual]:
+    """The residuals, each with its block of the gain of the certificate."""
+    row = column = 0
+    for residual in case.residuals:
+        need(case.W is not None or not allowed(case), "there is no observer gain")
+        q = len(residual.A)
+        W = case.W and [each[column : column + case.m] for each in case.W[row : row + q]]
+        yield residual._replace(W=W)
+        row += q
+        column += case.m
+
+
+def error(residual: Residual, case: Case) -> Fraction:
+    """A bound of |C eps_i| for all time: eps'P eps falls where F'P + P F = -N < 0, F = A - W C, and
+    (c eps)^2 <= (c P^-1 c') (eps'P eps)."""
+    most = allowed(case)
+    if not most:
+        return ZERO
+    C = residual.C
+    q = len(residual.A)
+    need(q <= MOST, "the exosystem is too large")
+    seen = product(transpose(C), C)
+    tilt = (trace(seen) or Fraction(1)) / 100
+    N = plus(seen, tilt, identity(q))
+    F = plus(residual.A, -1, product(residual.W or [], C))
+    P = lyapunov(F, N)
+    PF = product(P, F)
+    falls = plus(PF, 1, transpose(PF)) == opposite(N)
+    need(is_form(P) and falls, "errors of the estimates do not decay")
+    inverted = solved(P, identity(q))
+    return root(max(form(c, inverted, c) for c in C) * largest(P)) * most
+
+
+def trace(X: Matrix) -> Fraction:
+    """The sum of the diagonal."""
+    return sum((row[k] for k, row in enumerate(X)), ZERO)
+
+
+def largest(P: Matrix) -> Fraction:
+    """A bound of the largest eigenvalue of P > 0."""
+    size = trace(P)
+    power = [[x / size for x in row] for row in P]
+    for _ in range(POWER):
+        power = product(power, power)
+    part = trace(power)
+    for _ in range(POWER):
+        part = root(part)
+    return size * part
+
+
+def lyapunov(F: Matrix, N: Matrix) -> Matrix:
+    """The P with F'P + P F = -N, by elimination of all of its entries."""
+    q = len(F)
+    places = [(i, j) for i in range(q) for j in range(q)]
+    rows = []
+    for i, j in places:
+        row = [ZERO] * len(places)
+        for r in range(q):
+            row[r * q + j] += F[r][i]
+            row[i * q + r] += F[r][j]
+        rows.append(row)
+    given = [[x] for row in opposite(N) for x in row]
+    entries = [row[0] for row in solved(rows, given)]
+    return [entries[k : k + q] for k in range(0, len(entries), q)]
+
+
+def amplitude(case: Case, i: int) -> Fraction:
+    """A bound of every component of d_i: given, or of the sines that xi0 starts; there A^2 has to
+    be diagonal."""
+    if case.actuators.amplitude is not None or not case.q:
+        return Fraction(case.actuators.amplitude or 0)
+    if i not in case.place:
+        return ZERO
+    plant = case.uncertainty
+    # with a drift d leaves the sines that its start gives
+    need(plant is None or plant.drift == 0, "amplitudes drift, and none is given")
+    residual = case.residuals[case.place[i]]
+    given = read(case.xi0 or [], [[rational]])
+    # one row for all agents, or one for each
+    x: Matrix = transpose(given[min(i, len(given) - 1) :][:1])
+    need(len(x) == len(residual.A), "there is no start of the disturbance")
+    square = product(residual.A, residual.A)
+    # A^2 diagonal: every component swings at one frequency
+    need(is_diagonal(square), "d is no sum of sines")
+    z = [row[k] for k, row in enumerate(square)]
+    slopes = product(residual.A, x)
+    sums = [ZERO] * case.m
+    # A^2 = -w on the components of one frequency: each is a sine of size sqrt(x^2 + x'^2 / w)
+    for w in {-entry for entry in z}:
+        for c, row in enumerate(residual.C):
+            part = [[y if z[k] == -w else ZERO for k, y in enumerate(row)]]
+            value = product(part, x)[0][0]
+            slope = product(part, slopes)[0][0]
+            need(w > 0 or w == slope == 0, "the disturbance may grow")
+            sums[c] += root(value**2 + slope**2 / w) if w else abs(value)
+    return max(sums)

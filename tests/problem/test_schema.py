@@ -55,7 +55,7 @@ CONTRACT = {
         "drift",
         "measurement",
     },
-    "actuators": {"limit", "amplitude"},
+    "actuators": {"limit", "amplitude", "saturates"},
     "dynamics": {"A", "f", "B"},
     "leader": {"initial", "stays_in"},
 }

@@ -32,7 +32,7 @@ from dobc_design.conditions.consensus.decide import Proposal
 from dobc_design.conditions.consensus.network import reachability_check
 from dobc_design.conditions.consensus.propose import Top, decay_rate
 from dobc_design.conditions.coverage import NEAR, Asked, Progress, covering, read_region
-from dobc_design.conditions.domain import EVERYWHERE
+from dobc_design.conditions.domain import EVERYWHERE, Domain
 from dobc_design.conditions.graphs.stage import markov_stage, safety_stage
 from dobc_design.conditions.kinds import LEMMA, ids_in
 from dobc_design.conditions.linearisation.stage import linearisation_stage
@@ -69,6 +69,7 @@ from dobc_design.exact.reading import Texts, counted
 from dobc_design.exact.work import WorkLimitError, out_of_time, read_time_limit, until
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.make import loop_of
+from dobc_design.loop.words import Said, said_of
 from dobc_design.problem.canonical import problem_sha256
 from dobc_design.problem.exosystems import Exosystem, block_diagonal
 from dobc_design.problem.groups import Group, join, name_some
@@ -76,7 +77,7 @@ from dobc_design.problem.load import Source, load_problem
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
-from .cures import Decided, with_cures
+from .cures import Decided, with_arcs, with_cures
 from .overall import decide_overall, refutation
 from .recheck import Recheck, agreed, verify_twice
 
@@ -191,7 +192,8 @@ class _Certification:
         loop = self.loop
         found = decide(loop, self.report, rate=self.options.least_rate)
         case = self._with_stages(found)
-        written = tuple(writable(check, case.domain) for check in case.checks)
+        said = said_of(loop)
+        written = tuple(_written(check, case.domain, said) for check in case.checks)
         checks = with_factors(replace(case, checks=written))
         overall = decide_overall(loop, checks, found.W)
         # With several groups one designed block is enough.
@@ -274,9 +276,17 @@ class _Certification:
         curable = known and loop.drift is None and out_of_time() is None
         if curable and not covering(loop, own):
             checks = with_cures(self.problem, found, progress=self.report, decide=_decide_quietly)
+        if loop.agrees and not covering(case.loop, own):
+            checks = with_arcs(self.problem, checks)
         if first:
             return checks + own
         return checks + tuple(regions(replace(case, checks=checks)))
+
+
+def _written(check: Check, domain: Domain, said: Said) -> Check:
+    """A check as a certificate has it, in the words of its problem."""
+    found = writable(check, domain)
+    return replace(found, reason=said(found.reason))
 
 
 def _decide_quietly(problem: Problem) -> Decided:
@@ -637,7 +647,7 @@ def notes_of(problem: Problem, designs: Sequence[GainDesign | None], how: str) -
     yield from _observer_notes(problem, loop, designs)
     if how:
         yield how
-    if not loop.pulls.nodes:
+    if not loop.pulls.nodes and not loop.agrees:
         yield "No agent is pinned."
     own = loop.joint_observer
     if own.W is not None and own.rate is not None:
@@ -654,11 +664,15 @@ def notes_of(problem: Problem, designs: Sequence[GainDesign | None], how: str) -
             "also while the mode lasts."
         )
     if loop.is_linear:
-        yield "Every coupling is exactly linear: what holds near the target holds everywhere."
+        told = "Every coupling is exactly linear: what holds near the target holds everywhere."
+        yield said_of(loop)(told)
     if loop.exceptions:
         yield f"{counted(len(loop.exceptions), 'arc')} with a coupling of their own."
     if loop.goals.offsets:
-        yield "Agents go to the target plus their formation offset; couplings act on x - offset."
+        goal = "Agents go to the target plus their formation offset"
+        if loop.agrees:
+            goal = "Agents agree on x - offset: they keep their formation, wherever it is"
+        yield f"{goal}; couplings act on x - offset."
     why = out_of_time()
     if why is not None:
         yield (

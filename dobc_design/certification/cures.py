@@ -26,6 +26,7 @@ from dobc_design.conditions.consensus.network import (
     unpinned_witness,
 )
 from dobc_design.conditions.coverage import Progress
+from dobc_design.conditions.kinds import REACHABILITY
 from dobc_design.conditions.numbers import claimed, text_below
 from dobc_design.conditions.observer.decide import detectability_check, hurwitz_check, too_large
 from dobc_design.conditions.observer.propose import GainDesign, design_gain
@@ -35,10 +36,16 @@ from dobc_design.conditions.weighted.stage import weighted_stage
 from dobc_design.exact.matrix import Matrix, Vector, scale
 from dobc_design.exact.reading import Document
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, spend
-from dobc_design.loop.arcs import unreached
+from dobc_design.loop.arcs import closed_groups, unreached
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.make import loop_of
-from dobc_design.problem.changes import changed_problem, gain_table, typed_matrix, typed_number
+from dobc_design.problem.changes import (
+    changed_problem,
+    gain_table,
+    mode_table,
+    typed_matrix,
+    typed_number,
+)
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
@@ -52,6 +59,7 @@ FACTORS = (1.0, 1.01, 1.1, 2.0)  # by which gains are raised until they are prov
 CURE = 100  # steps of work for a proposal, besides what its decision spends
 WORK = 5  # stages' work for a search
 LARGEST_LOOK = 60  # agents up to which one more pin is tried though the present ones do
+MOST_ARCS = 2000  # of a network whose missing arcs are named
 LARGE = 3000  # agents from which a cured problem is not decided as a whole
 CHEAPER = 0.8  # part of the total from which another pin is worth a word
 
@@ -111,6 +119,50 @@ def with_cures(
         cured = fix is not None and (wanted or check.verdict is Verdict.REFUTED)
         checks.append(replace(check, fix=fix) if cured else check)
     return tuple(checks)
+
+
+def with_arcs(problem: Problem, checks: Checks) -> tuple[Check, ...]:
+    """The checks of agents that are to agree: where nobody is heard by all others, with the arcs
+    that change it, in every mode that lacks them."""
+    loop = loop_of(problem)
+    fix = None
+    if sum(map(len, loop.modes.values())) <= MOST_ARCS:
+        fix = _arcs_fix(problem)
+    if fix is None:
+        return tuple(checks)
+    refuted = [each.id == REACHABILITY and each.verdict is Verdict.REFUTED for each in checks]
+    found = zip(checks, refuted, strict=True)
+    return tuple(replace(check, fix=fix) if cured else check for check, cured in found)
+
+
+def _arcs_fix(problem: Problem) -> Fix | None:
+    """By these arcs all closed groups but the first listen to it; None where none is needed, or
+    arcs are optional."""
+    loop = loop_of(problem)
+    labels = loop.labels
+    modes = mode_table(problem.network)
+    added: dict[str, None] = {}
+    for mode, arcs in loop.modes.items():
+        first, *others = closed_groups(loop, [arcs])
+        for group in others:
+            arc = [labels[group[0]], labels[first[0]]]
+            # Optional arcs stand in a list of their own, which may not be rewritten.
+            if not isinstance(modes[mode], list):
+                return None
+            modes[mode].append(arc)
+            added[f"agent {arc[0]} listen to agent {arc[1]}"] = None
+    changes = {"network.arrow": "listens_to", "network.modes": modes}
+    if not added:
+        return None
+    cured = loop_of(changed_problem(problem, changes))
+    if any(len(closed_groups(cured, [arcs])) > 1 for arcs in cured.modes.values()):
+        return None
+    told = list(added)
+    more = f" and {len(told) - SHOWN} more arcs" if len(told) > SHOWN else ""
+    text = (
+        f"Let {', '.join(told[:SHOWN])}{more}: then somebody is heard by all others in every mode."
+    )
+    return Fix(kind="arcs", set=changes, text=text)
 
 
 @noun

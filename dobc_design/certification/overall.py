@@ -47,6 +47,7 @@ from dobc_design.exact.work import out_of_time, time_limit
 from dobc_design.loop.arcs import closed_groups, unreached
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.pairs import rows_of
+from dobc_design.loop.words import said_of
 from dobc_design.problem.network import Arcs
 from dobc_design.verdict import Verdict
 
@@ -78,6 +79,11 @@ def decide_overall(loop: Loop, checks: Checks, W: Matrix | None) -> Overall:
     """Combine checks decided for the gain W.  Of these only verdicts, domains, rates and proved
     instabilities enter, never a text; the rest is exact facts of ``problem``.  A designed W that
     fails says nothing against the problem."""
+    found = _decided(loop, checks, W)
+    return replace(found, why=found.why.turned(said_of(loop)))
+
+
+def _decided(loop: Loop, checks: Checks, W: Matrix | None) -> Overall:
     stated = stated_in(loop)
     # A proof that covers what is asked ends the question; whatever else fails is only a method.
     rows = rows_of(loop, W) or loop

@@ -135,7 +135,8 @@ def holds_region(loop: Loop, domain: Any) -> bool:
     farthest = []
     for c, (side, leads) in enumerate(paired(region.initial_states, loop.leads)):
         if loop.agrees:
-            farthest.append(side[1] - side[0])
+            goals = [goal[c] for goal in loop.goals]
+            farthest.append(side[1] - side[0] + max(goals) - min(goals))
             continue
         ends = [end - start for end in side for start in leads]
         farthest.append(max(abs(end - goal[c]) for goal in loop.goals for end in ends))

@@ -304,6 +304,7 @@ def main_cure(checks: Checks) -> Check | None:
         "theorem1-printed",
         "detectability",
         "hurwitz",
+        "reachability",
     )
     cured = [check for check in checks if check.fix is not None and check.id in order]
     return min(cured, key=lambda check: order.index(check.id), default=None)

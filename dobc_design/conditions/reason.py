@@ -5,7 +5,7 @@ The text is made here, and a text of a stored certificate is taken apart here, n
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 from dobc_design._checks import noun
@@ -41,6 +41,10 @@ class Reason:
         if self.advice:
             return replace(self, advice=f"{self.advice}{words}")
         return replace(self, head=f"{self.head}{words}")
+
+    def turned(self, said: Callable[[str], str]) -> Reason:
+        """The same in other words."""
+        return replace(self, head=said(self.head), advice=said(self.advice))
 
 
 def open_reason(head: str, advice: str = "") -> Reason:

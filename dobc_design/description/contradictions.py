@@ -16,9 +16,12 @@ import numpy as np
 
 from dobc_design._show.cards import listed
 from dobc_design._show.text import significant
+from dobc_design.conditions.coverage import asked_radius
 from dobc_design.exact.matrix import to_float
 from dobc_design.exact.number import nearest
 from dobc_design.loop.make import loop_of
+from dobc_design.loop.pairs import shared_starts
+from dobc_design.loop.words import said_of
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.uncertainty import Actuators
 
@@ -189,19 +192,19 @@ def _about_region(problem: Problem) -> Sentences:
     region = problem.region
     if region is None or not region.initial_disturbance or problem.leader is not None:
         return
-    goals = loop_of(problem).goals.different(range(problem.n))
-    reach = max(
-        max(abs(lo - goal[c]), abs(hi - goal[c]))
-        for goal in goals
-        for c, (lo, hi) in enumerate(region.initial_states)
-    )
+    loop = loop_of(problem)
+    if loop.agrees:
+        reach = max(hi - lo for lo, hi in shared_starts(loop))
+    else:
+        reach = max(asked_radius(loop))
     error = region.initial_disturbance
     if reach and error >= reach:
         yield (
             f"region.initial_disturbance = {significant(error)} is as large as the region itself, "
-            f"which reaches {significant(reach)} from the target: such an estimation error alone "
-            "can push agents out of it. It is the largest |xi(0) - xihat(0)| when the proof "
-            "begins; a smaller one holds once the observers have settled."
+            f"which reaches {significant(reach)} {said_of(loop)('from the target')}: such an "
+            "estimation error alone can push agents out of it. It is the largest "
+            "|xi(0) - xihat(0)| when the proof begins; a smaller one holds once the observers "
+            "have settled."
         )
 
 

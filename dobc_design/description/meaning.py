@@ -20,13 +20,14 @@ from numpy.typing import NDArray
 from dobc_design._show.cards import listed
 from dobc_design._show.text import significant
 from dobc_design.conditions.consensus.agreement import agreement_words
+from dobc_design.conditions.consensus.network import apart_in_words
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.errors import SpecError
 from dobc_design.exact.definite import decide_positive_definite
 from dobc_design.exact.matrix import Vector, identity, to_float
 from dobc_design.exact.number import nearest, to_fmpq_mat
 from dobc_design.exact.observability import observable_reduction
-from dobc_design.loop.arcs import unreached
+from dobc_design.loop.arcs import closed_groups, unreached
 from dobc_design.loop.arrays import require_floats
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.matrices import Array, consensus_jacobian, pull_matrix
@@ -319,12 +320,16 @@ def _about_pins(problem: Problem, alone: Sequence[int]) -> Sentences:
         if missing:
             yield f"No path of arcs leads from a fixed node to {listed(missing)}. Add an arc there."
         return
-    if not loop.pulls.nodes:  # agents with [dynamics] are held by A, too
+    if loop.agrees:
+        together = [each.present for each in modes.values()]
+        if len(closed_groups(loop, together)) > 1:
+            yield f"The agents cannot agree: {apart_in_words(loop, together)}"
+        return
+    if not loop.pulls.nodes and not loop.fixed:  # agents with [dynamics] are held by A, too
         among = agreement_words(loop) or "The group can drift as a whole."
         yield (
             f"No agent is pinned, so nothing pulls the agents to the target. {among} For the "
-            "target give an agent a gain in [pinning]; agreement without a target cannot be "
-            "certified yet."
+            'target give an agent a gain in [pinning]; goal = "agreement" asks whether they agree.'
         )
         return
     apart = set(alone)
@@ -473,10 +478,11 @@ def _about_region(problem: Problem) -> Sentences:
                 f"The region is the single point {low}{component}: region.initial_states is an "
                 "interval [lo, hi]."
             )
-        if problem.leader is None and not lo <= problem.target[c] <= hi:
+        has_target = problem.leader is None and not problem.agrees
+        if has_target and not lo <= problem.target[c] <= hi:
             yield f"The target {goal} is outside region.initial_states [{low}, {high}]{component}."
     away = [labels[i] for i in problem.offsets if not _holds(region, problem.goal_of(i))]
-    if away and problem.leader is None:
+    if away and problem.leader is None and not problem.agrees:
         yield f"The goal (target + offset) of {listed(away)} is outside region.initial_states."
     error, width = region.initial_disturbance, max(hi - lo for lo, hi in region.initial_states)
     if error == 0:
@@ -603,7 +609,7 @@ def _about_simulation(problem: Problem) -> Sentences:
     if problem.groups and run.xi0 is not None and not any(map(any, run.xi0)):
         calm = True
         yield "simulation.xi0 = 0: the simulated runs have no disturbance."
-    if not calm or not starts or problem.leader is not None:
+    if not calm or not starts or problem.leader is not None or problem.agrees:
         return
     if all(starts[i % len(starts)] == problem.goal_of(i) for i in range(problem.n)):
         yield (

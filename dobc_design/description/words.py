@@ -11,10 +11,12 @@ from collections.abc import Iterator, Sequence
 from itertools import islice
 from typing import Any
 
+from dobc_design.conditions.consensus.agreement import roots_words
 from dobc_design.exact.number import decimal_text
 from dobc_design.exact.reading import Document, Names, counted, named, some
 from dobc_design.loop.arcs import unreached
 from dobc_design.loop.make import loop_of
+from dobc_design.loop.words import said_of
 from dobc_design.problem.fixed import place_words
 from dobc_design.problem.leader import enclosed, enclosure, not_enclosed
 from dobc_design.problem.network import Arcs, Network
@@ -46,7 +48,7 @@ def describe(problem: Problem) -> str:
         lines += _mode_lines(problem, mode, arcs)
     gains = problem.pinning.gains.items()
     pins = [f"{network.labels[i]} (k = {gain_text(k)})" for i, k in gains]
-    if problem.goal != "containment":
+    if problem.goal == "target":
         lines.append(f"Pinned: {some(pins, LISTED) or 'nobody'}.")
     lines += [_sentence(name, words) for name, words in table_words(problem)]
     lines += [f"Note: {note}" for note in problem.notes]
@@ -55,6 +57,8 @@ def describe(problem: Problem) -> str:
 
 def _goal_words(problem: Problem) -> str:
     """Where agents are to go."""
+    if problem.agrees:
+        return "Goal: agreement, on a value that nobody prescribes"
     if not problem.fixed:
         target = leader_words(problem) or vector_text(problem.target, problem.units)
         return f"Target: {target}"
@@ -89,7 +93,9 @@ def _mode_lines(problem: Problem, mode: str, arcs: Arcs) -> Iterator[str]:
     source = "a fixed node" if problem.fixed else "a pinned agent"
     reached = f"  Every agent is reached from {source}{by}."
     missing = some([labels[i] for i in _unreached(problem, arcs)], LISTED)
-    if missing:
+    if problem.agrees:
+        reached = f"  {roots_words(loop_of(problem), [arcs])}"
+    elif missing:
         held = ""
         if problem.dynamics is not None:
             held = " (nothing but their own dynamics holds them)"
@@ -198,7 +204,7 @@ def meaning_lines(problem: Problem) -> Iterator[str]:
         yield _sentence(name, words)
     times = time_words(problem)
     if times:
-        yield f"Time scales near the target: {times}."
+        yield said_of(loop_of(problem))(f"Time scales near the target: {times}.")
     yield from caution_lines(problem)
 
 
@@ -236,6 +242,8 @@ def facts(problem: Problem) -> Document:
         found["units"] = list(problem.units)
     if problem.dynamics is not None:
         found["inputs"] = problem.inputs
+    if problem.agrees:
+        found["goal"] = problem.goal
     found["modes"] = modes
     if problem.is_grouped:
         found["groups"] = [list(group.agents) for group in problem.groups]

@@ -18,7 +18,7 @@ here, and a gain W counts as W/2: A - W C is the same.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import lru_cache
@@ -36,7 +36,7 @@ from dobc_design.problem.groups import Group
 from dobc_design.problem.network import Arc, Arcs, IndexArray
 
 from .arcs import coupling_places
-from .loop import Loop, Starts, pins_of, zero_goals
+from .loop import Loop, Pair, Starts, pins_of, zero_goals
 from .saturation import saturated
 
 #: Largest |C eps_i - C eps_j|, in parts of the largest |C eps_i|.
@@ -57,7 +57,7 @@ def rows_of(loop: Loop, W: Matrix | None) -> Loop | None:
 
 @lru_cache(maxsize=16)
 def _made_once(loop: Loop) -> Loop | None:
-    leader = _hears_nobody(loop)
+    leader = silent_agent(loop)
     if leader is not None:
         return _led_by(loop, leader)
     return pairs_of(loop) if loop.n <= MOST_AGENTS else None
@@ -76,7 +76,7 @@ def gain_of_rows(loop: Loop, W: Matrix | None) -> Matrix | None:
     return scale(1 / RESIDUALS, W) if loop.agrees and W is not None else W
 
 
-def _hears_nobody(loop: Loop) -> int | None:
+def silent_agent(loop: Loop) -> int | None:
     """The only agent that hears nobody in any mode; None if there is none, or several."""
     hears = np.zeros(loop.n, dtype=bool)
     for arcs in loop.modes.values():
@@ -109,7 +109,7 @@ def _of_disagreements(loop: Loop) -> Loop:
     """What is the same for all: errors are differences of states."""
     starts = loop.starts
     if starts is not None:
-        apart = tuple((lo - hi, hi - lo) for lo, hi in starts.states)
+        apart = tuple((lo - hi, hi - lo) for lo, hi in shared_starts(loop))
         starts = Starts(states=apart, disturbance=starts.disturbance)
     none = pins_of({})
     return replace(
@@ -122,6 +122,14 @@ def _of_disagreements(loop: Loop) -> Loop:
         starts=starts,
         xi0=None,
     )
+
+
+def shared_starts(loop: Loop) -> Iterator[Pair]:
+    """By component, the interval in which every x_i - offset_i starts."""
+    goals = loop.goals.different(range(loop.n))
+    for c, (lo, hi) in enumerate(loop.starts.states if loop.starts else ()):
+        offsets = [goal[c] for goal in goals]
+        yield lo - max(offsets), hi - min(offsets)
 
 
 def _doubled(group: Group) -> Group:

@@ -36,7 +36,7 @@ from .canonical import (
 from .fixed import resting
 from .groups import Observer, gains_of
 from .load import parse_toml, read_problem_text
-from .network import Arcs
+from .network import Arcs, Network
 from .problem import Problem
 from .region import Pairs
 
@@ -115,7 +115,14 @@ _OF_ALL = (
     "observer.P",
     "observer.rate",
 )
-_OF_NETWORK = ("target", "coupling.h", "coupling.exceptions", "pinning.gains")
+_OF_NETWORK = (
+    "target",
+    "network.arrow",
+    "network.modes",
+    "coupling.h",
+    "coupling.exceptions",
+    "pinning.gains",
+)
 CHANGEABLE = (*_OF_NETWORK, *_OF_ALL, "region.initial_disturbance", "simulation.xi0", GROUP_GAINS)
 
 
@@ -145,6 +152,11 @@ def changed_problem(problem: Problem, changes: Table) -> Problem:
         "coupling": changes.get("coupling.h", problem.coupling),
         "gains": changes.get("pinning.gains", problem.pinning),
     }
+    if "network.modes" in changes:
+        arrow = changes.get("network.arrow", "listens_to")
+        labels = problem.network.labels
+        made = Network.from_arcs(changes["network.modes"], agents=labels, arrow=arrow)
+        given["network"] = made
     if "coupling.exceptions" in changes:
         given["exceptions"] = changes["coupling.exceptions"]
     if problem.is_grouped:
@@ -370,13 +382,18 @@ def problem_text(problem: Problem) -> str:
     network = {
         "agents": len(labels) if counted else labels,
         "arrow": "listens_to",
-        "modes": {name: _arcs(arcs, names) for name, arcs in problem.network.modes.items()},
+        "modes": mode_table(problem.network),
     }
     document["network"] = _table(network)
     document["coupling"] = _table(_coupling(problem, names))
     for name, content in _settings(problem, labels).items():
         document[name] = _table(content)
     return tomlkit.dumps(document)
+
+
+def mode_table(network: Network) -> Document:
+    """The arcs of every mode as they stand in a file with arrow = "listens_to"."""
+    return {name: _arcs(arcs, network.names) for name, arcs in network.modes.items()}
 
 
 def _arcs(arcs: Arcs, labels: Names) -> Any:

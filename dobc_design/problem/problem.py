@@ -249,7 +249,7 @@ class Problem(Grouped, Shown):
     def _check_goal(self) -> None:
         """Agents that agree have nobody who tells them where.  Raises: SpecError with all that
         does."""
-        if self.goal != "agreement":
+        if not self.agrees:
             if self.fixed or self.goal == "containment":
                 self._check_fixed()
             return
@@ -521,6 +521,8 @@ class Problem(Grouped, Shown):
         """What is stated, as it is; what it means is computed for ``dobc check``."""
         if self.goal == "target":
             yield "target", self.target[0] if self.m == 1 else (self.target,)
+        else:
+            yield "goal", self.goal
         for label, place in self.fixed.items():
             yield f"fixed {named(label)}", place_words(place, self.unit)
         if self.units:
@@ -577,6 +579,11 @@ class Problem(Grouped, Shown):
     def n(self) -> int:
         """Number of agents."""
         return self.network.size
+
+    @property
+    def agrees(self) -> bool:
+        """Whether agents are to agree on a value that nobody prescribes."""
+        return self.goal == "agreement"
 
     @property
     def m(self) -> int:

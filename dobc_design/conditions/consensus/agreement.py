@@ -7,12 +7,17 @@ others, directly or through others (a root of the graph), and the estimation err
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from dobc_design.exact.matrix import multiply, subtract
 from dobc_design.exact.observability import decide_detectable
 from dobc_design.exact.polynomial import decide_hurwitz
 from dobc_design.loop.arcs import closed_groups
 from dobc_design.loop.loop import Loop
 from dobc_design.problem.groups import Group, name_some
+from dobc_design.problem.network import Arcs
+
+from .network import apart_in_words
 
 
 def agreement_words(loop: Loop) -> str:
@@ -51,6 +56,16 @@ def agreement_words(loop: Loop) -> str:
         f"The agents do agree with each other{start}, because {heard}, directly or through others; "
         "but on a value that nobody prescribes."
     )
+
+
+def roots_words(loop: Loop, arcs: Sequence[Arcs]) -> str:
+    """Who is heard by all others in these arcs together, as a sentence."""
+    groups = closed_groups(loop, arcs)
+    if len(groups) > 1:
+        return f"NO AGREEMENT here: {apart_in_words(loop, arcs)}"
+    roots = name_some([loop.labels[i] for i in groups[0]])
+    by = " by arcs that are always there," if any(each.optional for each in arcs) else ""
+    return f"Heard by all others,{by} directly or through others: {roots}."
 
 
 def _attract(loop: Loop) -> bool:

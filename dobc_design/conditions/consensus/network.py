@@ -314,11 +314,10 @@ def apart_in_words(loop: Loop, arcs: Sequence[Arcs]) -> str:
     """Two groups that hear nobody outside of themselves, and an arc that joins them."""
     first, second = closed_groups(loop, arcs)[:2]
     one, other = loop.labels[first[0]], loop.labels[second[0]]
+    here, there = (name_agents(list(loop.named(group))) for group in (first, second))
     return (
-        f"{name_agents([loop.labels[i] for i in first])} and "
-        f"{name_agents([loop.labels[i] for i in second])} hear nobody outside of their group, so "
-        f"that each keeps its own value. Let agent {one} listen to agent {other}, or the other way "
-        "round."
+        f"nobody outside of their group is heard by {here}, nor by {there}, so that each group "
+        f"keeps its own value. Let agent {other} listen to agent {one}, or the other way round."
     )
 
 

@@ -1,0 +1,119 @@
+"""Agents that agree on a value that nobody prescribes: what is said of them, and cures."""
+
+import re
+from fractions import Fraction
+from pathlib import Path
+
+import pytest
+
+from dobc_design import Problem, Verdict, certify, verify
+from dobc_design.conditions.check import main_cure
+from dobc_design.description.words import describe
+from dobc_design.loop.make import loop_of
+from dobc_design.loop.pairs import rows_of
+from dobc_design.loop.words import said_of
+from dobc_design.problem.changes import changed_file, changed_problem, problem_text
+from dobc_design.problem.load import read_problem_text
+
+RING = """\
+name = "ring"
+goal = "agreement"
+[network]
+agents = 3
+arrow = "listens_to"
+[network.modes]
+ring = [[1, 2], [2, 3], [3, 1]]
+[coupling]
+h = "tanh(y)"
+[exosystem]
+constant = true
+[region]
+initial_states = [-1, 1]
+initial_disturbance = 0.1
+"""
+FORMATION = """\
+[formation]
+offsets = { 2 = 1, 3 = -1 }
+"""
+APART = """\
+name = "apart"
+goal = "agreement"
+[network]
+agents = 5
+arrow = "sends_to"
+[network.modes]  # who sends to whom
+first = [[2, 1], [1, 2], [3, 4]]
+second = [[1, 2], [2, 3]]
+[coupling]
+h = "2*y"
+"""
+FOLLOWED = RING.replace("[[1, 2], [2, 3], [3, 1]]", "[[1, 2], [3, 2]]")
+
+
+def read(text: str) -> Problem:
+    return read_problem_text(text.encode(), folder=None)
+
+
+def texts_of(problem: Problem) -> list[str]:
+    """All that a certificate says."""
+    certificate = certify(problem, everything=True)
+    checks = [check.reason for check in certificate.checks if check.is_proved]
+    return [certificate.reason, *certificate.claims.notes, *checks, describe(problem)]
+
+
+@pytest.mark.parametrize("text", [RING, RING + FORMATION, FOLLOWED], ids=["ring", "form", "led"])
+def test_where_agents_agree_nothing_says_target_pin_or_goal_of_an_agent(text: str):
+    for told in texts_of(read(text)):
+        assert not re.search(r"\btarget|\bpin|\|e[|_(]", told), told
+
+
+def test_a_problem_with_a_target_says_what_it_said():
+    said = said_of(loop_of(read(RING.replace('goal = "agreement"\n', ""))))
+    told = "every start with |e_i| <= 1 reaches the target: |e|_inf falls."
+    assert said(told) is told
+
+
+def test_errors_are_differences_of_all_or_to_the_agent_that_hears_nobody():
+    told = "max_i |e_i|/v_i near the target, the targets"
+    ring, led, form = (said_of(loop_of(read(x))) for x in (RING, FOLLOWED, RING + FORMATION))
+    assert ring(told) == "max |x_i - x_j|/v_ij near agreement, the targets"
+    assert led(told) == "max |x_i - x_2|/v_i near agreement, the targets"
+    assert form(told) == "max |e_i - e_j|/v_ij near agreement, the targets"
+
+
+def test_offsets_of_a_formation_widen_the_differences_from_which_agents_start():
+    """x_i - offset_i starts in [-1 - 1, 1 + 1] for somebody: differences are up to 4, not 2."""
+    rows = rows_of(loop_of(read(RING + FORMATION)))
+    assert rows is not None
+    assert rows.starts is not None
+    assert rows.starts.states == ((Fraction(-4), Fraction(4)),)
+    certificate = certify(read(RING + FORMATION))
+    assert certificate.check("max-separable").domain.radius == 4
+    assert verify(certificate, read(RING + FORMATION)).holds
+    # what covers the region without offsets does not cover it with them
+    smaller = certify(read(RING)).check("max-separable")
+    assert smaller.domain.radius == 2
+
+
+def test_two_closed_groups_refute_and_the_arcs_that_join_them_are_a_cure_that_is_proved(
+    tmp_path: Path,
+):
+    problem = read(APART)
+    certificate = certify(problem)
+    assert certificate.verdict is Verdict.REFUTED
+    assert "is heard by agents 1 and 2, nor by agent 5" in certificate.reason
+    assert verify(certificate, problem).holds
+    cure = main_cure(certificate.checks)
+    assert cure is not None
+    assert cure.fix is not None
+    assert "agent 3 listen to agent 1" in cure.fix.text
+    cured = certify(changed_problem(problem, cure.fix.set))
+    assert cured.verdict is Verdict.PROVED
+    # The file turns from "sends_to" to "listens_to" as a whole, and comments stay.
+    text = changed_file(problem, cure.fix.set, text=APART, folder=tmp_path)
+    assert "# who sends to whom" in text
+    assert read(text).network == cured.problem.network
+
+
+def test_the_file_of_a_problem_that_agrees_keeps_its_goal():
+    assert read(problem_text(read(RING))).agrees

@@ -416,7 +416,9 @@ def _quadratic(loop: Loop, W: Matrix | None, radii: list[float], slowest: float)
     exceeds ``slowest``. Linear couplings need no radius and have one.  Nothing for networks beyond
     MOST_ROWS or MOST_BLOCK."""
     arcs = max(len(each) for each in loop.modes.values())
-    if loop.size > MOST_ROWS or loop.size + arcs * loop.m > MOST_BLOCK:
+    large = loop.size > MOST_ROWS or loop.size + arcs * loop.m > MOST_BLOCK
+    # They know pins as gains, the same in every mode.
+    if large or loop.fixed:
         return
 
     def holds(lure: Lure) -> bool:

@@ -166,7 +166,8 @@ def graph_facts(problem: Problem, mode: str) -> GraphFacts:
     _, numbers = connected_components(hearing, directed=True, connection="strong")
     components = sorted(part.tolist() for _, part in split_by(numbers.astype(np.int64)))
     loop = loop_of(problem)
-    closed = set(closed_groups(loop, [arcs]))
+    own = [loop.modes[mode]]  # with its pins
+    closed = set(closed_groups(loop, own))
     surplus: dict[int, Fraction] = defaultdict(Fraction)  # weight heard less weight sent
     for listener, speaker, weight in arcs:
         surplus[listener] += weight
@@ -178,7 +179,7 @@ def graph_facts(problem: Problem, mode: str) -> GraphFacts:
     return GraphFacts(
         mode=mode,
         arcs=len(arcs),
-        unreached=named(unreached(loop, [arcs], pins=loop.pins)),
+        unreached=named(unreached(loop, own, pins=loop.pins)),
         components=tuple(map(named, components)),
         sources=tuple(named(part) for part in components if tuple(part) in closed),
         balanced=not any(surplus.values()),

@@ -40,6 +40,7 @@ from dobc_design.coupling.enclosures import Curve, profile
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.number import root_above, root_below
 from dobc_design.exact.reading import Document
+from dobc_design.loop.arcs import tied
 from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
 
@@ -390,7 +391,7 @@ def _agents(loop: Loop, check: Check) -> tuple[AgentBound, ...]:
     room = claim.rho - error_share(claim, claimed(domain.disturbance), unit=_UNIT)
     radius = float(domain.radius)
     # Goals of several components, or that move with a leader, are no single number.
-    pinned = set(loop.pulls.nodes)
+    pinned = tied(loop) | set(loop.pulls.nodes)
     has_goals = loop.m == 1 and not loop.goals.moves
     found: list[AgentBound] = []
     for agent, (label, weight) in enumerate(zip(loop.labels, claim.v, strict=True)):

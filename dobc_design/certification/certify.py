@@ -647,7 +647,7 @@ def notes_of(problem: Problem, designs: Sequence[GainDesign | None], how: str) -
     yield from _observer_notes(problem, loop, designs)
     if how:
         yield how
-    if not loop.pulls.nodes and not loop.agrees:
+    if not loop.is_pulled and not loop.agrees:
         yield "No agent is pinned."
     own = loop.joint_observer
     if own.W is not None and own.rate is not None:
@@ -666,8 +666,8 @@ def notes_of(problem: Problem, designs: Sequence[GainDesign | None], how: str) -
     if loop.is_linear:
         told = "Every coupling is exactly linear: what holds near the target holds everywhere."
         yield said_of(loop)(told)
-    if loop.exceptions:
-        yield f"{counted(len(loop.exceptions), 'arc')} with a coupling of their own."
+    if problem.exceptions:
+        yield f"{counted(len(problem.exceptions), 'arc')} with a coupling of their own."
     if loop.goals.offsets:
         goal = "Agents go to the target plus their formation offset"
         if loop.agrees:

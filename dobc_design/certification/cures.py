@@ -36,7 +36,7 @@ from dobc_design.conditions.weighted.stage import weighted_stage
 from dobc_design.exact.matrix import Matrix, Vector, scale
 from dobc_design.exact.reading import Document
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, spend
-from dobc_design.loop.arcs import closed_groups, unreached
+from dobc_design.loop.arcs import closed_groups, tied, unreached
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.changes import (
@@ -308,11 +308,12 @@ def _has_weights(checks: Iterable[Check]) -> bool:
 def _held_with_weights(problem: Problem, statements: Statements, *, rate: float = 0.0) -> bool:
     """Whether weights of V are proved to do for the network alone: then no pin and no gain is
     missing."""
+    loop = loop_of(problem)
     if why_not(statements) is not None or any(
-        unreached(loop_of(problem), [arcs]) for arcs in problem.network.modes.values()
+        unreached(loop, [arcs]) for arcs in loop.modes.values()
     ):
         return False
-    claim = network_claim(loop_of(problem), rate)
+    claim = network_claim(loop, rate)
     return claim is not None and network_holds(claim, statements, rate=claimed(rate))
 
 
@@ -362,7 +363,11 @@ def _model_parts(problem: Problem) -> list[Fix]:
 def _proved(problem: Problem, proposals: Iterable[PinProposal]) -> Iterator[Accepted]:
     """The proposals for which Lambda < 0 is proved in every mode, or weights of V, with the rounded
     gains that do."""
+    # An agent has a gain in every mode, or gains of single modes: those are kept.
+    taken = tied(loop_of(problem))
     for proposal in proposals:
+        if taken & set(proposal.gains):
+            continue
         # A gain at the boundary may be rounded to the wrong side of it.
         for factor in FACTORS:
             spend(CURE)

@@ -308,7 +308,7 @@ def _unreached_words(loop: Loop, cycle: Names, arcs: Sequence[Arcs], apart: Sequ
     if loop.gap:
         text = f"Containment fails: {_when(loop, cycle)}no path of arcs leads from a fixed node to"
         return f"{text} {who}. {cure_in_words(loop, arcs)}"
-    if not loop.pulls.nodes:
+    if not loop.is_pulled:
         text = f"The target is not reached: no agent is pinned, so nothing pulls {who} to it."
         sentences = (text, agreement_words(loop), cure_in_words(loop, arcs))
         return " ".join(filter(None, sentences))

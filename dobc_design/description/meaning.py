@@ -29,6 +29,7 @@ from dobc_design.exact.number import nearest, to_fmpq_mat
 from dobc_design.exact.observability import observable_reduction
 from dobc_design.loop.arcs import closed_groups, unreached
 from dobc_design.loop.arrays import require_floats
+from dobc_design.loop.loop import Loop
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.matrices import Array, consensus_jacobian, pull_matrix
 from dobc_design.problem.exosystems import Exosystem
@@ -295,7 +296,9 @@ def _about_network(problem: Problem) -> Sentences:
         if known.setdefault(arcs, name) != name:
             yield f"Modes {known[arcs]} and {name} have the same arcs."
     weights = {w for arcs in modes.values() for w in arcs.weights}
-    entries = chain.from_iterable(chain.from_iterable(problem.pinning.gains.values()))
+    pinning = problem.pinning
+    pins = chain(pinning.gains.values(), *(own.values() for own in pinning.modes.values()))
+    entries = chain.from_iterable(chain.from_iterable(pins))
     gains = {abs(x) for x in entries if x}
     for what, numbers in (("weights of the arcs", weights), ("gains", gains)):
         if numbers and max(numbers) > FAR_APART * min(numbers):
@@ -312,8 +315,8 @@ def _about_network(problem: Problem) -> Sentences:
 
 def _about_pins(problem: Problem, alone: Sequence[int]) -> Sentences:
     """Agents that no pin reaches; ``alone``: those without any arc, of which it is said."""
-    modes, labels = problem.network.modes, problem.network.labels
     loop = loop_of(problem)
+    modes, labels = loop.modes, loop.labels
     if problem.fixed:
         unheard = unreached(loop, [each.present for each in modes.values()])
         missing = [labels[i] for i in unheard if i not in set(alone)]
@@ -325,7 +328,7 @@ def _about_pins(problem: Problem, alone: Sequence[int]) -> Sentences:
         if len(closed_groups(loop, together)) > 1:
             yield f"The agents cannot agree: {apart_in_words(loop, together)}"
         return
-    if not loop.pulls.nodes and not loop.fixed:  # agents with [dynamics] are held by A, too
+    if not loop.is_pulled:  # agents with [dynamics] are held by A, too
         among = agreement_words(loop) or "The group can drift as a whole."
         yield (
             f"No agent is pinned, so nothing pulls the agents to the target. {among} For the "
@@ -336,7 +339,7 @@ def _about_pins(problem: Problem, alone: Sequence[int]) -> Sentences:
     unheard = unreached(loop, [each.present for each in modes.values()])
     missing = [labels[i] for i in unheard if i not in apart]
     # Mixed-up directions are the commonest slip: try them the other way round.
-    turned = [Arcs(arcs.speakers, arcs.listeners, arcs.weights) for arcs in modes.values()]
+    turned = [_turned(loop, arcs) for arcs in modes.values()]
     other = (
         'with the other network.arrow ("sends_to" in place of "listens_to", or the reverse) every '
         "agent is reached"
@@ -354,6 +357,16 @@ def _about_pins(problem: Problem, alone: Sequence[int]) -> Sentences:
         if cut and not any(unreached(loop, [arcs]) for arcs in turned):
             where = f"In mode {listed(cut)} not every agent is reached from a pinned one"
             yield f"{where}; {other} in every mode."
+
+
+def _turned(loop: Loop, arcs: Arcs) -> Arcs:
+    """Arcs between nodes the other way round; those to fixed nodes stay."""
+    free = arcs.speakers < loop.n
+    return Arcs(
+        np.where(free, arcs.speakers, arcs.listeners),
+        np.where(free, arcs.listeners, arcs.speakers),
+        arcs.weights,
+    )
 
 
 def _about_couplings(problem: Problem) -> Sentences:

@@ -46,10 +46,8 @@ def describe(problem: Problem) -> str:
     ]
     for mode, arcs in network.modes.items():
         lines += _mode_lines(problem, mode, arcs)
-    gains = problem.pinning.gains.items()
-    pins = [f"{network.labels[i]} (k = {gain_text(k)})" for i, k in gains]
     if problem.goal == "target":
-        lines.append(f"Pinned: {some(pins, LISTED) or 'nobody'}.")
+        lines += [_sentence(name, words) for name, words in pin_words(problem)]
     lines += [_sentence(name, words) for name, words in table_words(problem)]
     lines += [f"Note: {note}" for note in problem.notes]
     return "\n".join([*lines, *meaning_lines(problem)])
@@ -92,7 +90,7 @@ def _mode_lines(problem: Problem, mode: str, arcs: Arcs) -> Iterator[str]:
         by = " by the other arcs"
     source = "a fixed node" if problem.fixed else "a pinned agent"
     reached = f"  Every agent is reached from {source}{by}."
-    missing = some([labels[i] for i in _unreached(problem, arcs)], LISTED)
+    missing = some([labels[i] for i in _unreached(problem, mode)], LISTED)
     if problem.agrees:
         reached = f"  {roots_words(loop_of(problem), [arcs])}"
     elif missing:
@@ -119,6 +117,16 @@ def _listening(labels: Names, arcs: Arcs) -> Iterator[str]:
         yield f"{labels[i]} listens to {', '.join(names[:LISTED])}"
     if len(heard) > LISTED:
         yield "..."
+
+
+def pin_words(problem: Problem) -> Iterator[tuple[str, str]]:
+    """Who is pinned, and how strongly, in every mode and in single ones."""
+    pinning = problem.pinning
+    every = {"pinned": pinning.gains} if pinning.gains or not pinning.modes else {}
+    own = {f'pinned in mode "{mode}"': gains for mode, gains in pinning.modes.items()}
+    for name, gains in (every | own).items():
+        pins = [f"{problem.network.labels[i]} (k = {gain_text(k)})" for i, k in gains.items()]
+        yield name, some(pins, LISTED) or "nobody"
 
 
 def _sentence(name: str, words: str) -> str:
@@ -230,7 +238,7 @@ def facts(problem: Problem) -> Document:
     labels, switching = problem.network.labels, problem.switching
     modes = {}
     for mode, arcs in problem.network.modes.items():
-        missing = [labels[i] for i in _unreached(problem, arcs)]
+        missing = [labels[i] for i in _unreached(problem, mode)]
         modes[mode] = {"arcs": len(arcs), "unreached": missing}
     found = {
         "name": problem.name,
@@ -250,6 +258,9 @@ def facts(problem: Problem) -> Document:
     if problem.undisturbed:
         found["undisturbed"] = list(problem.undisturbed)
     found["pinned"] = [labels[i] for i in problem.pinning.agents]
+    if problem.pinning.modes:
+        own = problem.pinning.modes.items()
+        found["pinned_in_modes"] = {mode: [labels[i] for i in gains] for mode, gains in own}
     found["switching"] = switching and switching_words(switching, tuple(modes))
     found["notes"] = list(problem.notes)
     found["warnings"] = list(warnings(problem))
@@ -257,7 +268,7 @@ def facts(problem: Problem) -> Document:
     return found
 
 
-def _unreached(problem: Problem, arcs: Arcs) -> tuple[int, ...]:
+def _unreached(problem: Problem, mode: str) -> tuple[int, ...]:
     """The agents that no pinned agent reaches in one mode."""
     loop = loop_of(problem)
-    return unreached(loop, [arcs], pins=loop.pins)
+    return unreached(loop, [loop.modes[mode]], pins=loop.pins)

@@ -63,6 +63,7 @@ def to_c(
 
     problem = _loaded(problem)
     problem.require_no_leader("C code")
+    problem.require_same_pins("C code")
     claims = certificate.claims if isinstance(certificate, Certificate) else certificate
     # Its period would be that of another loop.
     if claims is not None and claims.problem_sha256 != problem_sha256(problem):
@@ -91,6 +92,7 @@ def to_fmu(problem: Source, *, period: Any, agent: Any = None, sampled_gain: Any
 
     problem = _loaded(problem)
     problem.require_no_leader("an FMU")
+    problem.require_same_pins("an FMU")
     if agent is None:
         # A pinned agent has everything that the code can do.
         pinned = problem.pinning.agents
@@ -272,6 +274,7 @@ def python_script(problem: Source) -> str:
     for more than 20 000 arcs."""
     problem = _loaded(problem)
     problem.require_no_leader("the Python file")
+    problem.require_same_pins("the Python file")
     loop = loop_of(problem)
     gain = observer_gain(loop)
     arcs = sum(len(each) for each in problem.network.modes.values())

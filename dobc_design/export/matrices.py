@@ -6,7 +6,8 @@ LaTeX.
     Laplacian of the weights, (n, n)      Lambda   J + J' - (K + K') at the consensus, where slopes
     are rational xbar   the target, (m, 1)
 
-With several modes L and Lambda stand once for each, as L_MODE and Lambda_MODE.
+With several modes L and Lambda stand once for each, as L_MODE and Lambda_MODE, and K where modes
+have pins of their own.
 
 The inequality of Lemma 1, Theorem 1 or 2 in SDPA's sparse format: minimise t subject to Psi_mode(P,
 Q) <= t I for every mode, I <= P <= rho I, |Q| <= r.  Unknowns: the upper triangle of P row by row,
@@ -65,10 +66,14 @@ def exact_matrices(
     for name, each in (("W", W), ("P", P), ("Q", Q)):
         if each is not None:
             found[name] = each
-    found["K"] = _gains(problem)
+    own = problem.pinning.modes
+    if not own:
+        found["K"] = _gains(problem)
     found["xbar"] = tuple((x,) for x in problem.target)
     several = len(problem.network.modes) > 1
     for mode, arcs in problem.network.modes.items():
+        if own:
+            found[f"K_{mode}" if several else "K"] = _gains(problem, mode)
         found[f"L_{mode}" if several else "L"] = _laplacian(n, arcs)
     for mode, pencil in state_theorems(loop_of(problem)).lambdas.items():
         # Slopes that are not rational have no exact matrix: nothing stands for it.
@@ -77,11 +82,11 @@ def exact_matrices(
     return found
 
 
-def _gains(problem: Problem) -> Matrix:
-    """K, (n p, n m), the gains of the agents along its diagonal."""
+def _gains(problem: Problem, mode: str | None = None) -> Matrix:
+    """K, (n p, n m), the gains of the agents along its diagonal, with those of one mode."""
     n, m, p = problem.n, problem.m, problem.inputs
     K = [[Fraction(0)] * (n * m) for _ in range(n * p)]
-    for agent, gain in problem.pinning.gains.items():
+    for agent, gain in problem.pinning.of(mode).items():
         for c in range(p):
             K[agent * p + c][agent * m : agent * m + m] = gain[c]
     return tuple(map(tuple, K))

@@ -7,7 +7,7 @@ Paper: (1), (12), (13), (19).  Couplings are those of ``simulation.field``;
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import control
@@ -18,7 +18,14 @@ from dobc_design.loop.arrays import Gain, error_arcs
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation.field import ClosedLoop, Network, applied, make_closed_loop, network_of
+from dobc_design.simulation.field import (
+    Active,
+    ClosedLoop,
+    Network,
+    applied,
+    make_closed_loop,
+    network_of,
+)
 from dobc_design.simulation.signals import Fixed, Scheduled
 from dobc_design.simulation.switches import scheduled_switches
 from dobc_design.simulation.trajectory import Trajectory
@@ -91,14 +98,17 @@ def to_control(
     used = np.unique(switches.modes).tolist()
     networks = {number: network_of(loop, error_arcs(exact, names[number])) for number in used}
 
-    def network_at(time: float) -> Network:
-        return networks[int(switches.at(np.array([time]))[0])]
+    def active_at(time: float) -> Active:
+        return Active(names, switches.at(np.array([time])))
 
-    return _system(problem, loop, network_at)
+    return _system(problem, loop, networks, active_at)
 
 
 def _system(
-    problem: Problem, loop: ClosedLoop, network_at: Callable[[float], Network]
+    problem: Problem,
+    loop: ClosedLoop,
+    networks: Mapping[int, Network],
+    active_at: Callable[[float], Active],
 ) -> ConsensusLoop:
     size = loop.n * (loop.m + 2 * loop.q)
 
@@ -107,8 +117,8 @@ def _system(
         x, xi, z = loop.split(state[:size])
         s = state[size:]
         e = x - loop.goal - (s if len(s) else 0.0)
-        network = network_at(max(0.0, float(time)))
-        slopes = network(_flat(e, s))
+        (mode,) = active_at(max(0.0, float(time))).modes.tolist()
+        slopes = networks[mode](_flat(e, s))
         # The slopes of a leader, if there is one, come after those of the agents.
         felt, s_dot = np.split(slopes, [e.size])
         x_dot = felt.reshape(x.shape)
@@ -128,7 +138,8 @@ def _system(
         s = state[size:]
         dhat = (z + x @ loop.W.T) @ loop.output.T
         e = x - loop.goal - (s if len(s) else 0.0)
-        return _flat(x, dhat, loop.control(e, dhat))
+        u = loop.control(e, dhat, active_at(max(0.0, float(time))))
+        return _flat(x, dhat, u)
 
     name = "".join(c if c.isalnum() else "_" for c in problem.name)
     return ConsensusLoop(loop, update, output, name)

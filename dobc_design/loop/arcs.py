@@ -95,6 +95,14 @@ def unreached(loop: Loop, arcs: Iterable[Arcs], *, pins: Pins | None = None) -> 
     return tuple(np.setdiff1d(np.arange(loop.n), met).tolist())
 
 
+def tied(loop: Loop) -> set[int]:
+    """The nodes that hear a fixed one in some mode."""
+    found = set[int]()
+    for arcs in loop.modes.values() if loop.fixed else ():
+        found |= set(arcs.listeners[arcs.speakers >= loop.n].tolist())
+    return found
+
+
 class _Ends(NamedTuple):
     listeners: IndexArray
     speakers: IndexArray

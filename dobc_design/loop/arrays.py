@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from fractions import Fraction
 from itertools import chain
 from typing import Any
@@ -69,6 +70,8 @@ def _stated(problem: Problem) -> Iterator[tuple[str, Any]]:
         yield f"network.modes.{mode}", distinct_weights(arcs.weights)[1]
     for agent, gain in problem.pinning.gains.items():
         yield f"pinning.gains.{labels[agent]}", gain
+    for mode, gains in problem.pinning.modes.items():
+        yield f"pinning.modes.{mode}", list(gains.values())
     for agent, offset in problem.offsets.items():
         yield f"formation.offsets.{labels[agent]}", offset
 
@@ -159,6 +162,15 @@ class ArcGroup:
     listeners: IndexArray
     speakers: IndexArray
     weights: Array
+
+    def where(self, chosen: BoolArray) -> ArcGroup:
+        """Some of the arcs."""
+        return replace(
+            self,
+            listeners=self.listeners[chosen],
+            speakers=self.speakers[chosen],
+            weights=self.weights[chosen],
+        )
 
 
 ArcGroups = tuple[ArcGroup, ...]  # the arcs of one graph
@@ -318,11 +330,14 @@ def _split(
 
 
 def difference_matrix(group: ArcGroup, size: int) -> sp.csr_array:
-    """Return D (arcs, n) with D e = e_j - e_i for the arc in which i hears j."""
+    """Return D (arcs, n) with D e = e_j - e_i for the arc in which i hears j; e_j = 0 of fixed
+    nodes."""
     arcs = np.tile(np.arange(len(group.weights)), 2)
     entries = np.repeat([1.0, -1.0], len(group.weights))
     columns = np.concatenate([group.speakers, group.listeners])
-    return sp.csr_array((entries, (arcs, columns)), shape=(len(group.weights), size))
+    free = columns < size
+    places = arcs[free], columns[free]
+    return sp.csr_array((entries[free], places), shape=(len(group.weights), size))
 
 
 def gathering_matrix(group: ArcGroup, size: int) -> sp.csr_array:
@@ -331,10 +346,20 @@ def gathering_matrix(group: ArcGroup, size: int) -> sp.csr_array:
     return sp.csr_array((group.weights, (group.listeners, arcs)), shape=(size, len(arcs)))
 
 
-def pinning_matrix(problem: Problem) -> sp.csr_array:
+def between_agents(groups: ArcGroups, n: int) -> ArcGroups:
+    """Arcs without those to fixed nodes."""
+    kept = (group.where(group.speakers < n) for group in groups)
+    return tuple(group for group in kept if len(group.weights))
+
+
+def pinning_matrix(problem: Problem, mode: str | None = None) -> sp.csr_array:
     """Return the block diagonal K (n m, n m), with [dynamics] (n p, n m); K (x) I_m of (9) where
-    gains are numbers."""
-    gains = problem.pinning.gains
+    gains are numbers.  ``mode``: of its own pins, too."""
+    return block_gains(problem.pinning.of(mode), problem)
+
+
+def block_gains(gains: Mapping[int, Matrix], problem: Problem) -> sp.csr_array:
+    """K of these gains, by agent."""
     agents = np.fromiter(gains, dtype=np.int64, count=len(gains))
     blocks = np.array([to_float(k) for k in gains.values()]).reshape(-1, problem.inputs, problem.m)
     return block_sparse(blocks, agents, agents, size=problem.n)

@@ -224,6 +224,11 @@ class Loop(Grouped):
         return self.goal == "agreement"
 
     @property
+    def is_pulled(self) -> bool:
+        """Whether anything but other nodes acts on an error: a pin, a drift, or a fixed node."""
+        return bool(self.pulls.nodes or self.fixed)
+
+    @property
     def switches(self) -> bool:
         """Whether there are several modes, or arcs that come and go."""
         # What may come and go at any time switches among all graphs in between.

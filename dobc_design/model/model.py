@@ -94,7 +94,7 @@ def build_model(
     W = arrays.required_gain(loop, gain)
     groups = arrays.plant_arcs(problem, name)
     felt = felt_inputs(groups, n=problem.n, m=problem.m, p=problem.inputs)
-    equations = _Equations(problem, felt, arrays.disturbance_arrays(loop, gain))
+    equations = _Equations(problem, name, felt, arrays.disturbance_arrays(loop, gain))
     return Model(
         problem=problem,
         mode=name,
@@ -118,7 +118,9 @@ class _Equations:
     ``drift`` what moves it, for all agents.  ``plant`` is None for single integrators.
     """
 
-    def __init__(self, problem: Problem, felt: Felt, disturbance: arrays.Disturbance) -> None:
+    def __init__(
+        self, problem: Problem, mode: str, felt: Felt, disturbance: arrays.Disturbance
+    ) -> None:
         plant = arrays.plant_arrays(problem)
         self.problem = problem
         self.loop = loop_of(problem)
@@ -128,7 +130,7 @@ class _Equations:
         self.C = ca.DM(disturbance.C)
         self.F = ca.DM(disturbance.F)
         self.W = disturbance.W
-        self.K = constant(arrays.pinning_matrix(problem))
+        self.K = constant(arrays.pinning_matrix(problem, mode))
         self.goal = ca.DM(arrays.goals(problem).ravel())
         self.u0 = ca.DM(0)
         if plant is not None:  # whose disturbances and inputs are those of [dynamics]

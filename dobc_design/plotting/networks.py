@@ -58,11 +58,11 @@ def network_sheet(
     modes: Mapping[str, Weights],
     *,
     labels: Sequence[str],
-    pinned: Collection[int],
+    pinned: Mapping[str, Collection[int]],
     ax: Axes | None = None,
 ) -> Sheet | Axes:
     """The first six ``modes`` side by side on the same places, below them what the signs mean; with
-    ``ax`` these axes, with the first mode.
+    ``ax`` these axes, with the first mode.  ``pinned``: the agents that are in each mode.
     Raises: SpecError for a network that is too large to be drawn."""
     shown = dict(list(modes.items())[:MOST_MODES])
     pairs = {pair for each in shown.values() for pair in each}
@@ -74,7 +74,10 @@ def network_sheet(
             "Take network.to_networkx(mode) to other programs.",
         )
     places = positions(pairs, len(labels))
-    lost = {mode: _unreached(arcs, pinned, len(labels)) for mode, arcs in shown.items()}
+    has_pins = any(pinned.values())
+    lost = {mode: set[int]() for mode in shown}
+    if has_pins:
+        lost = {mode: _unreached(arcs, pinned[mode], len(labels)) for mode, arcs in shown.items()}
 
     def draw(axes: Axes, mode: str) -> Axes:
         draw_network(
@@ -82,7 +85,7 @@ def network_sheet(
             labels=labels,
             arcs=shown[mode],
             places=places,
-            pinned=pinned,
+            pinned=pinned[mode],
             unreached=lost[mode],
         )
         axes.set_title(f"mode {short(mode)}", loc="left", parse_math=False)
@@ -95,7 +98,7 @@ def network_sheet(
         figure.suptitle(name, x=0.01, ha="left", fontsize=10, parse_math=False)
         for place, mode in enumerate(shown, 1):
             draw(figure.add_subplot(rows, columns, place), mode)
-        signs = _signs(pinned, any(lost.values()))
+        signs = _signs(has_pins, any(lost.values()))
         figure.legend(handles=signs, loc="outside lower left", ncols=2, fontsize=8)
 
     rows = math.ceil(len(shown) / 3)
@@ -105,16 +108,14 @@ def network_sheet(
 
 
 def _unreached(arcs: Iterable[Pair], pinned: Collection[int], n: int) -> set[int]:
-    """The agents that no path of arcs joins to a pinned agent; none where nobody is pinned."""
-    if not pinned:
-        return set()
+    """The agents that no path of arcs joins to a pinned agent."""
     graph = nx.DiGraph([(speaker, listener) for listener, speaker in arcs])
     graph.add_nodes_from(range(n))
     reached = set(pinned).union(*(nx.descendants(graph, agent) for agent in pinned))
     return set(range(n)) - reached
 
 
-def _signs(pinned: Collection[int], lost: bool) -> list[Line2D]:
+def _signs(pinned: bool, lost: bool) -> list[Line2D]:
     """The entries of a legend, of what is drawn."""
 
     def sign(label: str, marker: str, edge: str, face: str) -> Line2D:

@@ -81,6 +81,15 @@ class Pinning(Shown):
         """Indices of the agents with a gain that is not zero in some mode."""
         return tuple(sorted({*self.gains, *chain.from_iterable(self.modes.values())}))
 
+    def of(self, mode: str | None) -> Mapping[int, Matrix]:
+        """The gains in one mode; None: those of all modes."""
+        return {**self.gains, **self.modes.get(mode or "", {})}
+
+    def labelled(self, labels: Names) -> dict[str, dict[str, Matrix]]:
+        """``modes`` as somebody writes them: mode -> label -> gain."""
+        modes = self.modes.items()
+        return {mode: {labels[i]: k for i, k in gains.items()} for mode, gains in modes}
+
     @property
     def is_scalar(self) -> bool:
         """Whether every gain is a multiple of the identity."""
@@ -174,8 +183,10 @@ def read_pinning(
     """Read label -> gain, or one number for all agents; ``mode_gains``: mode -> the same.  Raises:
     SpecError with every wrong gain by its key."""
     always = _read_gains(gains, network, form)
+    if mode_gains is None:
+        mode_gains = always.labelled(network.labels)
     if not mode_gains:
-        return always
+        return Pinning(gains=always.gains)
     modes: dict[str, Mapping[int, Matrix]] = {}
 
     def read(value: Any, key: str) -> Matrix:

@@ -83,6 +83,7 @@ INTERNAL = frozenset(
         "require_no_fixed",
         "require_no_leader",
         "require_one_exosystem",
+        "require_same_pins",
     )
 )
 LARGEST_DIMENSION = 100  # every gain is an m x m matrix
@@ -444,6 +445,7 @@ class Problem(Grouped, Shown):
         starts = max(len(self.simulation.x0 or ()), len(self.simulation.xi0 or ())) > 1
         own = {
             "gains": self.pinning.gains,
+            "mode_gains": self.pinning.modes,
             "exceptions": self.exceptions,
             "simulation": starts,
         }
@@ -463,7 +465,7 @@ class Problem(Grouped, Shown):
         labels = self.network.labels
         found = {
             "gains": Pinning(gains=self.pinning.gains),
-            "mode_gains": self._mode_gains(),
+            "mode_gains": self.pinning.labelled(labels),
             "exceptions": dict(self.exceptions),
             "fixed": {label: {"between": place} for label, place in self.fixed.items()},
             "offsets": {labels[i]: offset for i, offset in self.offsets.items()},
@@ -501,7 +503,7 @@ class Problem(Grouped, Shown):
         network = self.network
         names = network.modes if mode is None else (network.require_mode(mode),)
         modes = {name: {(i, j): w for i, j, w in network.modes[name]} for name in names}
-        pinned = self.pinning.agents
+        pinned = {name: tuple(self.pinning.of(name)) for name in modes}
         return network_sheet(self.name, modes, labels=network.labels, pinned=pinned, ax=ax)
 
     def _card(self) -> Card:
@@ -534,11 +536,11 @@ class Problem(Grouped, Shown):
         few = islice(modes.items(), MOST_ITEMS + 1)
         arcs = [f"{name} ({counted(len(each), 'arc')})" for name, each in few]
         yield "modes", listed(arcs, count=len(modes))
-        pins = []
-        for i, k in islice(self.pinning.gains.items(), MOST_ITEMS + 1):
-            gain = plain(k[0][0]) if is_scalar_matrix(k) else "a matrix"
-            pins.append(f"{self.network.labels[i]} (k = {gain})")
-        yield "pinned", listed(pins, count=len(self.pinning.gains)) or "nobody"
+        pinning = self.pinning
+        if pinning.gains or not pinning.modes:
+            yield "pinned", self._pins(pinning.gains) or "nobody"
+        for mode, gains in islice(pinning.modes.items(), MOST_ITEMS):
+            yield f"pinned in {mode}", self._pins(gains)
         for group in self.groups[:MOST_ITEMS]:
             of = f" of group {group.name}" if self.is_grouped else ""
             for name, value in group._card().facts:
@@ -551,14 +553,22 @@ class Problem(Grouped, Shown):
         if self.notes:
             yield "notes", "  ".join(self.notes)
 
+    def _pins(self, gains: Mapping[int, Any]) -> str:
+        """Some pins with their gains."""
+        pins = []
+        for i, k in islice(gains.items(), MOST_ITEMS + 1):
+            gain = plain(k[0][0]) if is_scalar_matrix(k) else "a matrix"
+            pins.append(f"{self.network.labels[i]} (k = {gain})")
+        return listed(pins, count=len(gains))
+
     def __repr__(self) -> str:
-        pinned = counted(len(self.pinning.gains), "pinned agent")
+        pinned = counted(len(self.pinning.agents), "pinned agent")
         return f"<Problem {self.name}: {self.network!r}, {pinned}>"
 
     @property
     def gains(self) -> dict[str, Any]:
-        """Label of each pinned agent -> its gain k, a Fraction, or rows of an m x m (p x m) matrix;
-        in 1/s.
+        """Label of each agent that is pinned in every mode -> its gain k, a Fraction, or rows of an
+        m x m (p x m) matrix; in 1/s.  Pins of single modes: ``pinning.modes``.
 
         Example:
             >>> dd.load_problem("paper-fixed").gains
@@ -568,12 +578,6 @@ class Problem(Grouped, Shown):
         return {
             labels[i]: k[0][0] if is_scalar_matrix(k) else k for i, k in self.pinning.gains.items()
         }
-
-    def _mode_gains(self) -> Document:
-        """The same of single modes: mode -> label -> gain."""
-        labels = self.network.labels
-        modes = self.pinning.modes.items()
-        return {mode: {labels[i]: k for i, k in gains.items()} for mode, gains in modes}
 
     @property
     def n(self) -> int:
@@ -669,6 +673,16 @@ class Problem(Grouped, Shown):
                 f"{what} is not available yet for a target that moves.",
                 "Use certify, verify, simulate, sweep, analyse, build_model or to_control, which "
                 "know it.",
+            )
+
+    def require_same_pins(self, what: str) -> None:
+        """Refuse pins of single modes where ``what`` does not know them.  Raises: SpecError."""
+        if self.pinning.modes:
+            raise about(
+                "pinning.modes",
+                f"{what} does not know pins of single modes.",
+                "Give these agents a gain in every mode, in pinning.gains; or use certify, verify, "
+                "simulate, falsify, analyse, build_model or to_control, which know them.",
             )
 
     def require_one_exosystem(self) -> None:

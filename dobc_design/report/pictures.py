@@ -75,7 +75,7 @@ def network_pictures(certificate: Certificate) -> tuple[list[Picture], str]:
     """One drawing per mode, at most six, and a sentence that explains them or says why there is
     none."""
     problem = certificate.problem
-    labels, pinned = problem.network.labels, problem.pinning.agents
+    labels = problem.network.labels
     modes = list(problem.network.modes.items())[:MOST_MODES]
     pairs = {
         name: {(listener, speaker): weight for listener, speaker, weight in arcs}
@@ -91,6 +91,7 @@ def network_pictures(certificate: Certificate) -> tuple[list[Picture], str]:
     lost_in = {name: unreached_agents(certificate, name) for name in pairs}
     for place, (name, arcs) in enumerate(pairs.items(), 1):
         lost = lost_in[name]
+        pinned = tuple(problem.pinning.of(name))
         pins = agents_in_words(problem, pinned)
         alt = f"Network of mode {name}: {problem.n} agents, {len(arcs)} arcs, pinned: {pins}"
         if lost:

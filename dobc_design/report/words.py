@@ -423,7 +423,11 @@ def _starts(region: Region, units: Sequence[str]) -> str:
 def _pins(problem: Problem) -> str:
     """Who is pinned with which gain; agents of one gain together."""
     labels = problem.network.labels
-    alike = _shared((_gain(gain), labels[i]) for i, gain in problem.pinning.gains.items())
+    pinning = problem.pinning
+    every = [(_gain(gain), labels[i]) for i, gain in pinning.gains.items()]
+    for mode, gains in pinning.modes.items():
+        every += [(_gain(gain), f"{labels[i]} in {mode}") for i, gain in gains.items()]
+    alike = _shared(every)
     if not alike:
         return "nobody is pinned"
     # With dynamics a gain has the unit that B gives it.
@@ -445,11 +449,14 @@ def agents_table(problem: Problem) -> Table | None:
     too large to list."""
     if problem.n > MOST_LISTED:
         return None
-    labels, gains = problem.network.labels, problem.pinning.gains
+    labels, pinning = problem.network.labels, problem.pinning
     moved = bool(problem.offsets)
 
     def gain(agent: int) -> str:
-        return _gain(gains[agent]) if agent in gains else "–"
+        if agent in pinning.gains:
+            return _gain(pinning.gains[agent])
+        own = [f"{_gain(k[agent])} in {mode}" for mode, k in pinning.modes.items() if agent in k]
+        return ", ".join(own) or "–"
 
     columns = [
         Column("agent", lambda i: labels[i], 1.2),

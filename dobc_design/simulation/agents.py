@@ -14,11 +14,11 @@ import numpy as np
 from numpy.random import Generator, default_rng
 
 from dobc_design._checks import noun
-from dobc_design.loop.arrays import ArcGroups
+from dobc_design.loop.arrays import ArcGroups, between_agents
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import IndexArray
 
-from .field import Links
+from .field import Active, Links
 from .mobile import Nearby
 from .setting import WITHOUT, Setting
 from .starts import Start
@@ -48,11 +48,13 @@ class StressedRuns:
         return self.setting.stress
 
     def groups(self, mode: int) -> ArcGroups:
-        """The arcs of a mode by its index."""
+        """The arcs of a mode by its index, without pins: they are no messages, and their part of
+        the input saturates."""
         if self.nearby is not None:
             return self.nearby.groups(mode)
         # all runs have the same graphs
-        return self.setting.groups_of(self.switches[0], mode)
+        groups = self.setting.groups_of(self.switches[0], mode)
+        return between_agents(groups, self.setting.loop.n)
 
     def streams(self, number: int) -> list[Generator]:
         """One stream of random numbers of each run."""
@@ -81,6 +83,7 @@ class Agents:
         self.loop = setting.loop
         self.stress = runs.stress
         self.estimates = setting.observer != WITHOUT
+        self.names = runs.switches[0].names
         self.failing = runs.stress.failing(setting.problem)  # by the agent's index
         self.stopped: dict[int, Left] = {}
         self.shape = (self.loop.n, self.loop.m)
@@ -115,21 +118,22 @@ class Agents:
                 self.drawn = np.sign(self.drawn)
         return np.asarray(self.stress.noise * self.drawn[k % BLOCK])
 
-    def command(self, e: Array, dhat: Array) -> Array:
-        """The input of agents that work: (19), limited."""
+    def command(self, e: Array, dhat: Array, modes: IndexArray) -> Array:
+        """The input of agents that work: (19), limited; ``modes`` (R,) are on, by index."""
         believed = dhat * self.estimates
-        u = self.loop.control(np.moveaxis(e, 2, 0), np.moveaxis(believed, 2, 0))
+        active = Active(self.names, modes)
+        u = self.loop.control(np.moveaxis(e, 2, 0), np.moveaxis(believed, 2, 0), active)
         u = np.moveaxis(u, 0, 2)
         return u if self.limit is None else np.asarray(np.clip(u, -self.limit, self.limit))
 
-    def control(self, e: Array, dhat: Array, chosen: Chosen = ALL) -> Array:
+    def control(self, e: Array, dhat: Array, modes: IndexArray, chosen: Chosen = ALL) -> Array:
         """The input that is applied in all or the chosen runs."""
-        u = self.command(e, dhat)
+        u = self.command(e, dhat, modes)
         for agent, left in self.stopped.items():
             u[agent] = left.input[:, chosen]
         return u
 
-    def fail(self, instant: float, e: Array, dhat: Array) -> None:
+    def fail(self, instant: float, e: Array, dhat: Array, modes: IndexArray) -> None:
         """Note what is left of the agents whose time has come, in all runs at once."""
         due = []
         for agent, failure in self.failing.items():
@@ -138,7 +142,7 @@ class Agents:
         if not due:
             return
         # what the agents that fail now command last
-        u = self.control(e, dhat)
+        u = self.control(e, dhat, modes)
         for agent in due:
             if self.failing[agent].kind == "freeze":
                 self.stopped[agent] = Left(u[agent].copy(), e[agent].copy())

@@ -21,7 +21,7 @@ from ._arguments import whole
 from .agents import StressedRuns
 from .closed_form import ClosedForm, evolve
 from .columns import COLUMN_NUMBERS, CalmColumns
-from .field import Networks, largest, network_of
+from .field import Active, Networks, largest, network_of
 from .integrate import Integration, Outcome, Progress, Samples, errors, silent
 from .mobile import Modes, Nearby
 from .sampled import Stepper, run_sampled_alone
@@ -140,10 +140,11 @@ def _calm(setting: Setting, start: Start, modes: Modes, progress: Progress) -> O
     xi = evolve(loop.A, start.xi, run.times)
     eps = run.states[:, cut:].reshape(xi.shape) if both else evolve(F, eps0, run.times)
     xihat = np.zeros_like(xi) if setting.observer == WITHOUT else xi - eps
-    return Outcome(run=run, samples=_samples(setting, run.states[:, :cut], xi, xihat))
+    active = Active(modes.switches.names, modes.switches.at(run.times))
+    return Outcome(run=run, samples=_samples(setting, run.states[:, :cut], xi, xihat, active))
 
 
-def _samples(setting: Setting, states: Array, xi: Array, xihat: Array) -> Samples:
+def _samples(setting: Setting, states: Array, xi: Array, xihat: Array, active: Active) -> Samples:
     """What is seen of the errors, flat and those of a leader after them: (T, n m) or more."""
     loop = setting.loop
     e, s = np.split(states, [loop.size], axis=1)
@@ -158,7 +159,7 @@ def _samples(setting: Setting, states: Array, xi: Array, xihat: Array) -> Sample
         xihat=xihat,
         d=xi @ loop.output.T,
         dhat=dhat,
-        u=loop.control(e, dhat),
+        u=loop.control(e, dhat, active),
         leader=s if loop.lead else None,
     )
 

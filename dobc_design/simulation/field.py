@@ -7,10 +7,10 @@ arrays: arcs are worked through in blocks that fit into the processor's cache, s
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import field, replace
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.sparse import block_array, block_diag, csr_array, eye_array, kron
@@ -19,12 +19,15 @@ from dobc_design._checks import noun
 from dobc_design.coupling import tree
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.tree import NumpyAlgebra
+from dobc_design.exact.reading import Texts
 from dobc_design.loop import arrays
 from dobc_design.loop.arrays import ArcGroup, ArcGroups, Gain, Plant
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.matrices import Array, pull_matrix
 from dobc_design.problem.network import BoolArray, IndexArray
 from dobc_design.problem.problem import Problem
+
+from .switches import drawn_graphs
 
 ArrayFunction = Callable[[Array], Array]
 
@@ -237,6 +240,13 @@ class Links:
         return total
 
 
+class Active(NamedTuple):
+    """Mode ``names[modes[k]]`` is on in the k-th row of errors."""
+
+    names: Texts
+    modes: IndexArray
+
+
 @noun(eq=False)
 class ClosedLoop:
     """What does not depend on the mode, as floats; A, C, F, W and ``own`` as in
@@ -245,7 +255,8 @@ class ClosedLoop:
     may be 0.  They are those of the error system (``loop.loop.Loop``), and ``plant`` has those of
     agents with [dynamics]; ``bend`` is f(goal + e) - f(goal) less its slopes at e = 0 for e (n, m,
     R), None where that is 0.  ``lead`` is s' of a leader s (m, R), whose m numbers follow those of
-    e in what is integrated; ``bend`` is of s, too, then."""
+    e in what is integrated; ``bend`` is of s, too, then.  ``pins``: further gains of single modes,
+    (n p, n m)."""
 
     n: int
     m: int
@@ -261,6 +272,7 @@ class ClosedLoop:
     bend: Callable[..., Array] | None = None
     lead: ArrayFunction | None = None
     fixed: int = 0  # nodes after the agents, whose error is 0
+    pins: Mapping[str, csr_array] = field(default_factory=dict)
 
     @property
     def size(self) -> int:
@@ -290,16 +302,21 @@ class ClosedLoop:
         x = x.reshape(self.n, self.m, *many)
         return x, xi.reshape(of_observers), z.reshape(of_observers)
 
-    def control(self, e: Array, dhat: Array) -> Array:
-        """u of (19) for e (..., n, m) and dhat (..., n, p)."""
+    def control(self, e: Array, dhat: Array, active: Active) -> Array:
+        """u of (19) for e (..., n, m) and dhat (..., n, p), one mode for each row of errors."""
         K: csr_array = self.K
         u0: Array | float = 0.0
         if self.plant is not None:
             K = self.plant.K
             u0 = self.plant.u0
         flat = e.reshape(-1, self.size).T
-        pulled = (K @ flat).T.reshape(dhat.shape)
-        return np.asarray(-pulled - dhat + u0)
+        pulled = (K @ flat).T
+        for number in np.unique(active.modes).tolist() if self.pins else ():
+            of_mode = self.pins.get(active.names[number])
+            if of_mode is not None:
+                rows = active.modes == number
+                pulled[rows] += (of_mode @ flat[:, rows]).T
+        return np.asarray(-pulled.reshape(dhat.shape) - dhat + u0)
 
     def moved(self, u: Array, e: Array) -> Array:
         """What inputs u (n, p, R) and errors e (n, m, R) do to x without couplings and disturbance:
@@ -359,7 +376,18 @@ def make_closed_loop(problem: Problem, gain: Gain | None) -> ClosedLoop:
         bend=None if plant is None or own is None else _bend(plant, own),
         lead=lead,
         fixed=len(loop.fixed),
+        pins=_pins_of_modes(problem),
     )
+
+
+def _pins_of_modes(problem: Problem) -> dict[str, csr_array]:
+    """The gains of single modes, by mode and by graph that is drawn of one."""
+    found = {
+        mode: arrays.block_gains(gains, problem) for mode, gains in problem.pinning.modes.items()
+    }
+    graphs = drawn_graphs(problem) if found else {}
+    drawn = {name: found[graph.mode] for name, graph in graphs.items() if graph.mode in found}
+    return found | drawn
 
 
 def _bend(plant: Plant, own: ArrayFunction) -> Callable[..., Array]:
@@ -429,6 +457,7 @@ def network_of(loop: ClosedLoop, groups: ArcGroups, *, runs: int = 1) -> Network
 
 def hears(groups: ArcGroups, n: int) -> csr_array:
     """Mark who may influence whose derivative: neighbours, and every agent itself."""
+    groups = arrays.between_agents(groups, n)
     own = np.arange(n)
     rows = np.concatenate([own, *(group.listeners for group in groups)])
     columns = np.concatenate([own, *(group.speakers for group in groups)])

@@ -350,11 +350,12 @@ class Stepper:
             self.xihat = act(self.Ad, self.xihat) + act(L, innovation)
         e = measured - self.goal
         dhat = act(Cd, self.xihat)
-        agents.fail(instant, e, dhat)
+        modes = agents.heard.modes[:, k]
+        agents.fail(instant, e, dhat, modes)
         felt = np.zeros_like(e)
         for links, runs, held in agents.heard.exchange(k, agents.said(e)):
             felt[..., runs] = links.felt(e[..., runs], held)
-        u = agents.control(e, dhat)
+        u = agents.control(e, dhat, modes)
         return Hold(begin=instant, measured=measured, felt=felt, u=u, dhat=dhat)
 
     def end(self, which: BoolArray, count: int, reason: str) -> None:

@@ -170,6 +170,8 @@ def make_setting(problem: Problem, *, gain: Gain | None, **given: Unpack[Options
     loop = make_closed_loop(problem, gain)
     if observer == FULL_LOOP or stress is not None:
         problem.require_no_leader("a stress, or the full loop as printed,")
+    if isinstance(signal, Mobile):
+        problem.require_same_pins("a graph that follows from positions")
     width = loop.n * (4 * loop.m + 2 * loop.q)
     times, notes = _times(given.get("samples"), horizon, width)
     # without a disturbance there is nothing to compensate

@@ -87,7 +87,7 @@ class StressedColumns:
         x, _, z = self.loop.split(y)
         e, xihat = self.known(x, z, self.noise)
         # first, so that a frozen agent sends what it measured at this instant
-        agents.fail(time, e, act(self.loop.output, xihat))
+        agents.fail(time, e, act(self.loop.output, xihat), modes)
         if agents.stress.exchanges is not None:
             if due:
                 agents.heard.exchange(self.next, agents.said(e))
@@ -103,6 +103,7 @@ class StressedColumns:
         chosen = self.alive[runs]
         noise = self.noise.take(chosen, axis=2)
         links = heard.links[mode]
+        modes = np.full(len(runs), mode)
         # what was heard last; without exchanges everything is heard at once
         held = None
         if agents.stress.exchanges is not None:
@@ -114,7 +115,7 @@ class StressedColumns:
             # without exchanges neighbours are heard as they are now
             arrived = agents.said(e, chosen)[links.speakers] if held is None else held
             felt = links.felt(e, arrived)
-            u = agents.control(e, act(loop.output, xihat), chosen)
+            u = agents.control(e, act(loop.output, xihat), modes, chosen)
             d = act(loop.output, xi)
             if len(force):
                 d = d + force.reshape(d.shape)
@@ -309,7 +310,7 @@ class _Alone:
             noise = np.stack(self.noises, axis=2)[..., last]
         e, xihat = columns.known(x, z, noise)
         dhat = act(C, xihat)
-        u = agents.command(e, dhat)
+        u = agents.command(e, dhat, self.modes.switches.at(times))
         # u was computed as if all agents worked
         for agent, left in agents.stopped.items():
             u[agent][:, times >= agents.failing[agent].time] = left.input

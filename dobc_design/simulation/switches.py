@@ -16,6 +16,7 @@ from dobc_design._checks import noun
 from dobc_design.errors import misshapen, refused, wrong
 from dobc_design.exact.reading import Texts, counted, is_list, shown
 from dobc_design.loop.arrays import ArcGroups, mode_index
+from dobc_design.loop.make import loop_of
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import BoolArray, IndexArray
 from dobc_design.problem.problem import Problem
@@ -141,7 +142,7 @@ def drawn_graphs(problem: Problem) -> dict[str, DrawnGraph]:
     """Graphs of the modes with optional arcs: none of them, each the other way round, and some at
     random."""
     found = {}
-    for mode, arcs in problem.network.modes.items():
+    for mode, arcs in loop_of(problem).modes.items():
         # the same graphs for every run: what they cost is shared
         draws = default_rng(0).random((GRAPHS, arcs.optional)) < 0.5
         if not arcs.optional:

@@ -24,7 +24,7 @@ from dobc_design.conditions import numbers
 from dobc_design.conditions.consensus import pinning
 from dobc_design.conditions.numbers import bisected
 from dobc_design.exact.matrix import Matrix, to_float
-from dobc_design.loop.arcs import closed_groups
+from dobc_design.loop.arcs import closed_groups, tied
 from dobc_design.loop.loop import Loop
 
 from .pinning import (
@@ -205,7 +205,7 @@ def _some_gains(blocks: Blocks, agents: Sequence[int]) -> Any:
 def _candidates(blocks: Blocks, loop: Loop) -> list[int]:
     """Agents in every closed group without a pin; of very many those that carry the slowest
     direction."""
-    unpinned = set(range(loop.n)) - set(loop.pulls.nodes)
+    unpinned = set(range(loop.n)) - set(loop.pulls.nodes) - tied(loop)
     common = set(unpinned)
     for group in groups_without_pin(loop):
         common &= set(group)

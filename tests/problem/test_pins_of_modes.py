@@ -220,7 +220,7 @@ def test_rows_are_those_of_agents_that_agree_with_one_that_hears_nobody():
     head, _, _ = text.partition("[pinning.modes]")
     agreeing = problem(f'goal = "agreement"\n{head}')
     v = (F(1), F(2), F(3), F(5))
-    expected = rows(required_rows(loop_of(agreeing)), v)
+    expected = rows(required_rows(loop_of(agreeing), None), v)
     assert list(rows(loop_of(given), v)) == list(expected)
 
 

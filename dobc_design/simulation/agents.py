@@ -192,14 +192,18 @@ class Agents:
 
 
 def _limit(runs: StressedRuns) -> float | Array | None:
-    """The bound of |u|: one for all agents, or (n, 1, 1), at the worst that of [actuators]."""
+    """The bound of |u|: one for all agents, or (n, 1, 1), where inputs saturate or at the worst
+    that of [actuators]."""
     common = runs.stress.saturation
     problem = runs.setting.problem
-    if common is not None or not runs.stress.worst or problem.actuators is None:
+    table = problem.actuators
+    if table is None or not (table.saturates or (runs.stress.worst and common is None)):
         return common
     # agents without a limit of their own are not limited
-    limits = [problem.actuators.limit_of(label) for label in problem.network.labels]
+    limits = [table.limit_of(label) for label in problem.network.labels]
     found = np.array([np.inf if limit is None else float(limit) for limit in limits])
+    if common is not None:
+        found = np.minimum(found, common)
     return found[:, None, None]
 
 

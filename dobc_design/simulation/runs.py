@@ -99,6 +99,8 @@ def simulate(
         remarks.append("No W was given: it was designed.")
     if stress is None:
         remarks += _left_out(problem)
+    if loop_of(problem).saturates:
+        remarks.append("Inputs saturate at the limits of [actuators].")
     gain = None if observer == WITHOUT else observer_gain(loop_of(problem))
     setting = make_setting(
         problem,
@@ -129,7 +131,8 @@ def _left_out(problem: Problem) -> list[str]:
     allowed = problem.uncertainty
     if allowed is not None and any(getattr(allowed, key) for key in (*RELATIVE, *ABSOLUTE)):
         tables.append("[uncertainty]")
-    if problem.actuators is not None and problem.actuators.limit:
+    actuators = problem.actuators
+    if actuators is not None and actuators.limit and not actuators.saturates:
         tables.append("[actuators]")
     if not tables:
         return []

@@ -79,7 +79,8 @@ class Setting:
     @property
     def is_full(self) -> bool:
         """Whether the full loop is integrated, as printed: asked for, or needed under a stress."""
-        return not self.stress.is_calm or self.observer == FULL_LOOP
+        calm = self.stress.is_calm and not self.exact.saturates
+        return not calm or self.observer == FULL_LOOP
 
     @property
     def is_moving(self) -> bool:

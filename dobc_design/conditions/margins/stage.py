@@ -408,14 +408,14 @@ def _left(asked: Asked, case: Case) -> Check:
     if found.room[worst] <= 0:
         return undecided(f"{told}: nothing is left for its pin, {NO_ROOM}")
     share = float(rounded_down(100 * found.room[worst] / limits[worst], digits=4))
-    who = "of no agent is less" if len(limits) > 1 else "that is"
+    least = "; of no agent less" if len(limits) > 1 else ""
     rooms = {loop.labels[agent]: room for agent, room in found.room.items()}
     check = Check(
         id="actuators",
         verdict=Verdict.PROVED,
         domain=Box(asked.radius, asked.disturbance),
         claim=LeftRooms(rooms=rooms),
-        reason=f"{told}: {share:.4g} % are left for its pin when it saturates; {who}.",
+        reason=f"{told}: {share:.4g} % are left for its pin when it saturates{least}.",
     )
     return check.unless(decide.confirm(check, case), case.domain)
 

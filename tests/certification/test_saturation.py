@@ -1,0 +1,241 @@
+"""Inputs that saturate at their limits (theory, section 14, "Saturation").
+
+Oracles: closed forms, and an integrator of the plant as printed, with its observer, in NumPy.
+"""
+
+import json
+from dataclasses import replace
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import pytest
+from networks import around, network_of
+from scipy.linalg import expm
+
+import dobc_design as dd
+from dobc_design import Verdict
+from dobc_design.certificate.text import certificate_bytes
+from dobc_design.certification.recheck import recheck
+from dobc_design.checker.examine import examine
+from dobc_design.conditions.schedule.claim import Descent, Tube
+from dobc_design.conditions.separable.claim import Separable
+from dobc_design.conditions.separable.decide import verify_separable
+from dobc_design.conditions.separable.propose_limits import largest_rate
+from dobc_design.errors import SpecError
+from dobc_design.loop.make import loop_of
+from dobc_design.loop.pairs import rows_of
+from dobc_design.loop.saturation import Rooms, rooms_of
+from dobc_design.problem.canonical import (
+    canonical_bytes,
+    canonical_document,
+    problem_from_canonical,
+)
+
+F = Fraction
+PROVED, UNDECIDED = Verdict.PROVED, Verdict.UNDECIDED
+PAPER = {"A": [[0, 2], [-2, 0]], "C": [[1, 0]], "W": [["16/5"], ["12/5"]]}
+
+
+def ring(n: int = 4, *, limit: Any = "1/2", gain: Any = 5, **more: Any) -> dd.Problem:
+    """A directed cycle of exp(y) - 1 + y (one agent: alone), all pinned, from |e| <= 4."""
+    given = {
+        "network": network_of(around(n) if n > 1 else [], n),
+        "coupling": "exp(y) - 1 + y",
+        "gains": dict.fromkeys(range(1, n + 1), gain),
+        "actuators": {"limit": limit, "saturates": True},
+        "region": {"initial_states": [-4, 4]},
+    }
+    return dd.Problem(**given | more)
+
+
+def disturbed(limit: Any = 5, s: Any = "1/2", **more: Any) -> dd.Problem:
+    """The cycle of ten with pins at 1 and 6, and the disturbance and gain of the paper."""
+    return ring(
+        10,
+        limit=limit,
+        gains={1: 5, 6: 5},
+        exosystem=dd.Exosystem(PAPER["A"], PAPER["C"]),
+        observer=dd.Observer(W=PAPER["W"]),
+        region={"initial_states": [-4, 4], "initial_disturbance": s},
+        simulation={"xi0": ["3/10", "2/5"]},
+        **more,
+    )
+
+
+def refusals(certificate: Any, problem: dd.Problem) -> list[str]:
+    """What the second checker refuses."""
+    data = certificate if isinstance(certificate, bytes) else certificate_bytes(certificate)
+    return [text for holds, text in examine(data, canonical_bytes(problem)) if not holds]
+
+
+def forged(certificate: dd.Certificate, change: Any) -> bytes:
+    """Its bytes, changed."""
+    document = json.loads(certificate_bytes(certificate.claims))
+    change({check["id"]: check for check in document["checks"]})
+    return json.dumps(document).encode()
+
+
+# --- Known answers
+def test_all_pinned_have_the_rate_of_the_theory_in_every_box():
+    """k = 5, ubar - dbar = 1/2, |e| <= 4: 1/8, and nothing above; |e| <= 1/10: k."""
+    loop = rows_of(loop_of(ring()), None)
+    v = (F(1),) * 4
+    assert largest_rate(loop, v, rho=F(4)) == F(1, 8)
+    assert verify_separable(loop, Separable(v=v, alpha=F(1, 8), rho=F(4))).verdict is PROVED
+    faster = Separable(v=v, alpha=F(1, 8) + F(1, 10**30), rho=F(4))
+    assert verify_separable(loop, faster).verdict is Verdict.REFUTED
+    assert largest_rate(loop, v, rho=F(1, 10)) == pytest.approx(5, rel=1e-4)
+
+
+def test_the_certificate_says_so_and_both_programs_accept_it():
+    problem = ring()
+    certificate = dd.certify(problem)
+    assert certificate.verdict is PROVED
+    assert 0.1249 < certificate.rate <= 0.125
+    assert "with inputs that saturate at the limit of 0.5" in certificate.reason
+    told = next(check for check in certificate.checks if check.id == "actuators")
+    assert told.exact["rooms"] == {str(i): "1/2" for i in range(1, 5)}
+    assert dd.verify(certificate, problem).holds
+    # without saturation the same limit is left open
+    plain = ring(actuators={"limit": "1/2"})
+    assert dd.certify(plain).verdict is UNDECIDED
+
+
+def test_one_agent_alone_settles_when_the_theory_says():
+    """|e| <= 0.01 after 7.8 + ln(10)/5 = 8.260517 s, by a straight line and then the pin; 8.36 s are
+    proved, where the line ends a little above the kink."""
+    problem = ring(1)
+    certificate = dd.certify(problem)
+    end = F("0.11")
+    boxes = ((F(4),), (end,))
+    tube = Tube(times=(F(0), F("7.83")), upper=boxes, lower=boxes)
+    last = Separable(v=(F(1),), alpha=F("4.545"), rho=end)
+    common = {"radius": F(4), "disturbance": F(0), "tolerance": F(1, 100)}
+    for time, holds in (("8.36", True), ("8.26", False)):
+        claim = Descent(tube=tube, certificate=last, level=end, height=F(1), time=F(time), **common)
+        found = next(check for check in certificate.checks if check.id == "actuators")
+        settling = replace(found, id="settling", claim=claim, reason="a tube.")
+        checks = (*certificate.claims.checks, settling)
+        claims = replace(certificate.claims, checks=checks)
+        assert recheck(claims, problem).holds is holds
+        assert (not refusals(claims, problem)) is holds
+
+
+def test_a_run_of_one_agent_falls_in_a_straight_line():
+    """simulate saturates as the proof does: 4 - t/2 down to 1/10, then exp(-5 t)."""
+    run = dd.simulate(ring(1), start=[[4]], t_final=9, samples=[0, 4, 7.8, 8.260517, 9])
+    expected = [4, 2, 0.1, 0.01, 0.1 * np.exp(-6)]
+    assert run.x[:, 0, 0] == pytest.approx(expected, rel=1e-5)
+    assert np.abs(run.u).max() == 0.5
+    assert "Inputs saturate at the limits of [actuators]." in run.notes
+
+
+def test_where_no_input_saturates_in_the_box_the_rate_is_that_of_the_model():
+    """A limit that is never reached changes no certified rate."""
+    with_limit = dd.certify(ring(gains={1: 5}, limit=100))
+    without = dd.certify(ring(gains={1: 5}, actuators=None))
+    assert with_limit.verdict is without.verdict is PROVED
+    assert with_limit.rate == pytest.approx(without.rate, rel=1e-6)
+
+
+# --- Rooms
+def test_a_room_is_the_limit_less_the_amplitude_and_the_largest_estimation_error():
+    """|xi0| = 1/2, so |d| <= 1/2; sup |C exp((A - WC) t)| = 1 at t = 0, found by expm."""
+    loop = loop_of(disturbed())
+    found = rooms_of(loop, loop.observer.W)
+    assert isinstance(found, Rooms)
+    A, C, W = (np.array([[float(F(x)) for x in row] for row in PAPER[k]]) for k in "ACW")
+    peak = max(np.linalg.norm(C @ expm((A - W @ C) * t)) for t in np.linspace(0, 10, 2001))
+    assert peak == pytest.approx(1)
+    for room in found.room.values():
+        assert 5 - 0.5 - 1.01 * 0.5 * peak < room <= 5 - 0.5 - 0.5 * peak
+
+
+def test_a_disturbed_network_is_proved_and_its_runs_stay_below_the_bound():
+    problem = disturbed()
+    certificate = dd.certify(problem)
+    assert certificate.verdict is PROVED
+    assert dd.verify(certificate, problem).holds
+    runs = dd.simulate(problem, runs=20, t_final=20)
+    assert not runs.diverged.any()
+    assert runs.error[:, -1].max() < 0.2
+
+
+def test_no_room_is_undecided_and_says_what_takes_it():
+    """dbar = 1/2 + 1/2 and more: a limit of 1 leaves nothing; 1.01 leaves a little."""
+    certificate = dd.certify(disturbed(limit=1))
+    assert certificate.verdict is UNDECIDED
+    assert "of the limit 1 of agent 1: nothing is left for its pin" in certificate.reason
+    assert "What would help: a larger limit" in certificate.reason
+    assert not refusals(certificate.claims, disturbed(limit=1))
+    found = rooms_of(loop_of(disturbed(limit="1.01")), loop_of(disturbed()).observer.W)
+    assert isinstance(found, Rooms)
+    assert min(found.room.values()) > 0
+
+
+# --- Forgeries
+def test_larger_rooms_and_wider_starts_are_refused_by_both_programs():
+    problem = disturbed()
+    certificate = dd.certify(problem)
+
+    def more_room(checks: Any) -> None:
+        checks["actuators"]["exact"]["rooms"]["1"] = "4.01"
+
+    def wider(checks: Any) -> None:
+        checks["max-separable"]["domain"]["disturbance"] = 0.5001
+
+    def sampled(checks: Any) -> None:
+        values = {"period": "1/1000", "factor": "0.9999"}
+        checks["sampling"] |= {"verdict": "proved", "exact": values}
+        checks["sampling"]["domain"] = checks["max-separable"]["domain"]
+
+    assert not refusals(forged(certificate, lambda checks: None), problem)
+    for change in (more_room, wider, sampled):
+        data = forged(certificate, change)
+        assert not recheck(data, problem).holds
+        assert refusals(data, problem)
+
+
+def test_a_certificate_of_saturation_is_refused_for_the_problem_without():
+    """The loop is another one: rows with pins that are cut prove nothing about a verdict that no
+    input exceeds its limit."""
+    claims = dd.certify(ring()).claims
+    plain = ring(actuators={"limit": "1/2"})
+    assert not recheck(claims, plain).holds
+
+
+# --- What is not known
+@pytest.mark.parametrize(
+    ("changes", "key"),
+    [
+        ({"actuators": {"saturates": True}}, "actuators.saturates needs a limit"),
+        ({"region": None}, "actuators.saturates needs a \\[region\\]"),
+        ({"uncertainty": {"disturbance": 1}}, "uncertainty.disturbance"),
+        ({"uncertainty": {"weights": "0.1", "known_to_agents": False}}, "known_to_agents"),
+        ({"actuators": {"limit": 1, "saturates": "yes"}}, "must be true or false"),
+        ({"goal": "agreement", "gains": None}, "goal is not known together"),
+    ],
+)
+def test_what_saturation_does_not_know_is_refused_by_name(changes: Any, key: str):
+    with pytest.raises(SpecError, match=key):
+        ring(**changes)
+
+
+def test_pins_of_modes_and_matrix_gains_are_refused_by_name():
+    with pytest.raises(SpecError, match=r"pinning\.modes is not known together"):
+        ring(gains={2: 1}, mode_gains={"G": {1: 1}})
+    vector = {"target": [0, 0], "coupling": "y", "gains": {1: [[1, 1], [0, 1]]}}
+    with pytest.raises(SpecError, match=r"pinning\.gains is not known together"):
+        ring(**vector, region={"initial_states": [[-1, 1], [-1, 1]]})
+
+
+def test_the_key_is_written_where_it_is_true_and_needs_version_four():
+    problem = ring()
+    document = canonical_document(problem)
+    assert document["version"] == 4
+    assert document["actuators"]["saturates"] is True
+    assert problem_from_canonical(canonical_bytes(problem)) == problem
+    plain = canonical_document(ring(actuators={"limit": "1/2", "saturates": False}))
+    assert plain["version"] == 1
+    assert "saturates" not in plain["actuators"]

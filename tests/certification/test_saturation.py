@@ -103,7 +103,7 @@ def test_the_certificate_says_so_and_both_programs_accept_it():
 
 
 def test_one_agent_alone_settles_when_the_theory_says():
-    """|e| <= 0.01 after 7.8 + ln(10)/5 = 8.260517 s, by a straight line and then the pin; 8.36 s are
+    """|e| <= 0.01 after 7.8 + ln(10)/5 = 8.260517 s, a straight line and then the pin; 8.36 s are
     proved, where the line ends a little above the kink."""
     problem = ring(1)
     certificate = dd.certify(problem)

@@ -30,6 +30,7 @@ from dobc_design.exact.reading import Texts, shown
 from dobc_design.exact.work import last_call
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.make import loop_of
+from dobc_design.loop.pairs import rows_of
 from dobc_design.problem.canonical import canonical_bytes, problem_sha256
 from dobc_design.problem.groups import blocks_of
 from dobc_design.problem.problem import Problem
@@ -37,8 +38,8 @@ from dobc_design.verdict import Verdict
 
 from .overall import decide_overall, with_verdict
 
-#: Arcs of all modes together, and matrix rows, up to which ``verify`` waits for the lone checker,
-#: plain Python.
+#: Arcs of all modes together (of pairs, where agents agree), and matrix rows, up to which
+#: ``verify`` waits for the lone checker, plain Python.
 LONE_ARCS, LONE_ROWS = 100_000, 50_000
 #: The same, up to which ``certify`` asks it before it writes; and what comes before the checks in
 #: its findings.
@@ -154,12 +155,18 @@ def verify_twice(certificate: Claims | bytes, problem: Problem) -> Recheck:
 
 def _why_not_asked(problem: Problem, data: bytes, document: bytes) -> str | None:
     """Why the lone checker is not asked about these two files; None if it is."""
-    arcs = sum(len(mode) for mode in problem.network.modes.values())
-    if arcs > LONE_ARCS or problem.n * problem.m > LONE_ROWS:
+    loop = loop_of(problem)
+    arcs, size = _work_of(rows_of(loop) or loop)
+    if arcs > LONE_ARCS or size > LONE_ROWS:
         return f"left to you, because it takes long with {arcs} arcs: {HOW}"
     if max(len(data), len(document)) > checker.MAX_BYTES:
         return f"it reads files of at most {checker.MAX_BYTES} bytes, these are larger"
     return None
+
+
+def _work_of(loop: Loop) -> tuple[int, int]:
+    """Arcs of all modes together, and rows."""
+    return sum(map(len, loop.modes.values())), loop.size
 
 
 def _what_follows(*refusals: str) -> str:
@@ -172,8 +179,7 @@ def agreed(claims: Claims, problem: Problem) -> Claims:
     """What both programs confirm of claims just made: what the lone checker refuses becomes
     undecided."""
     loop = loop_of(problem)
-    arcs = sum(len(mode) for mode in loop.modes.values())
-    if arcs > PROMPT_ARCS or loop.size > PROMPT_ARCS:
+    if max(_work_of(rows_of(loop) or loop)) > PROMPT_ARCS:
         return claims
     document, domain = canonical_bytes(problem), state_theorems(loop).domain
     while True:  # what rests on a check that is withdrawn falls in the next round

@@ -71,6 +71,11 @@ def required_rows(loop: Loop, W: Matrix | None) -> Loop:
     return rows
 
 
+def are_pairs(loop: Loop) -> bool:
+    """Whether its nodes are pairs of agents."""
+    return loop.goal == "differences" and len(loop.fixed) > 1
+
+
 def gain_of_rows(loop: Loop, W: Matrix | None) -> Matrix | None:
     """The observer gain as it counts in these rows."""
     return scale(1 / RESIDUALS, W) if loop.agrees and W is not None else W

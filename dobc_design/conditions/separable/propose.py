@@ -34,6 +34,7 @@ from dobc_design.exact.symmetric import Doubles
 from dobc_design.exact.work import spend
 from dobc_design.loop.arcs import coupling_places, split_by
 from dobc_design.loop.loop import Loop
+from dobc_design.loop.pairs import are_pairs
 from dobc_design.solvers.program import Array, factored
 
 from .claim import (
@@ -280,6 +281,7 @@ def _derivatives(
 LARGEST_V = 1e6
 STEPS = 60
 FEW_AGENTS = 2000  # networks of more are large: less accuracy is worth the time
+FEW_PAIRS = 400  # the same of pairs of agents, each of which hears as much as both of them
 # A factorisation is cheap for few agents, and where the network is little more than lines and
 # rings.
 FACTORED_AGENTS = 500
@@ -301,6 +303,11 @@ MISSED_AT_LAST = 0.01
 FALLEN = 0.05  # how far a step may fall where it has to rise
 STEP_ACCURACY = 0.03
 MOST_STEPS = 15
+
+
+def is_large(loop: Loop) -> bool:
+    """Whether less accuracy is worth the time."""
+    return loop.n > (FEW_PAIRS if are_pairs(loop) else FEW_AGENTS)
 
 
 def linear_rate(field: Field) -> float:
@@ -508,7 +515,7 @@ def propose_separable(
         high = field.limit
         if best is None or high <= 0:
             return None
-        if loop.n > FEW_AGENTS:
+        if is_large(loop):
             first = linear_rate(field) / FIRST if near is None else near * (1 - CLOSE_LARGE)
             found = rough_rates(field, first=first)
             if not found:
@@ -598,7 +605,7 @@ class Cover:
             return None
         first = 0.0
         rounds = ROUNDS
-        if self.loop.n > FEW_AGENTS:
+        if is_large(self.loop):
             # One v takes long, so that the first one is for a kappa that is seldom too small.
             first = SHARE * decay_rate(exosystem, self.W)
             rounds = 1
@@ -637,7 +644,7 @@ class Cover:
         shortest = max(longest * math.log(100) / math.log(100 * plan.factor), least * (1 + KEPT))
         if plan.factor < FLAT or longest <= shortest:
             return plan
-        if self.loop.n > FEW_AGENTS:  # another v takes long
+        if is_large(self.loop):  # another v takes long
             met = (replace(plan, v=v, rate=rate) for rate, v in plan.slower if rate >= shortest)
             best = min(met, key=lambda each: each.time, default=plan)
             return best if best.time <= plan.time * EARLIER else plan
@@ -707,7 +714,7 @@ def flatter_plans(loop: Loop, plan: SeparablePlan) -> Iterator[SeparablePlan]:
         ends = [
             each.numpy_function()([[y] * loop.m for y in (-far, far)]) for each in loop.functions
         ]
-    if (float(plan.v.max()) <= STEEP and np.isfinite(ends).all()) or len(plan.v) > FEW_AGENTS:
+    if (float(plan.v.max()) <= STEEP and np.isfinite(ends).all()) or is_large(loop):
         return
     field = field_of(loop, rho=float(plan.rho))
     field = replace(field, grid=field.grid[:: max(1, len(field.grid) // COARSE)])

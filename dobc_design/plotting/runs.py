@@ -76,6 +76,7 @@ class RunSwitches(Switches, Protocol):
 
 class Goals(Protocol):
     """Times (T,) in s; goals (n, m), relative to the states of leaders (T, m) or (runs, T, m);
+    slack (m,), half the width of a band about them in which there is no error, None for 0;
     units of the m state components, none where none are given."""
 
     @property
@@ -84,6 +85,8 @@ class Goals(Protocol):
     def goal(self) -> Array: ...
     @property
     def leader(self) -> Array: ...
+    @property
+    def slack(self) -> Array | None: ...
     @property
     def units(self) -> Sequence[str]: ...
 
@@ -270,6 +273,14 @@ def _goals(ax: Axes, run: Goals, chosen: Sequence[int], component: int) -> Axes:
     times = run.times[rows]
     # One leader for one run, or one for each of the runs whose states are drawn.
     leaders = run.leader[..., component].reshape(-1, len(run.times))
+    slack = 0.0 if run.slack is None else float(run.slack[component])
+    if slack:
+        middle = float(run.goal[0, component])
+        ends = (middle - slack, middle + slack)
+        ax.axhspan(*ends, color=VERMILLION, alpha=0.12, zorder=1.4, label="between the fixed nodes")
+        for end in ends:
+            ax.axhline(end, color=VERMILLION, linewidth=1.1, linestyle=DASHED, zorder=1.5)
+        return _unit_label(ax, run, component)
     for goal in sorted({float(run.goal[agent, component]) for agent in chosen})[:12]:
         if run.leader.any():
             drawn = [ax.plot(times, s[rows] + goal, label="leader")[0] for s in leaders]
@@ -277,6 +288,11 @@ def _goals(ax: Axes, run: Goals, chosen: Sequence[int], component: int) -> Axes:
             drawn = [ax.axhline(goal, label="goal")]
         for line in drawn:
             line.set(color=VERMILLION, linewidth=1.1, linestyle=DASHED, zorder=1.5)
+    return _unit_label(ax, run, component)
+
+
+def _unit_label(ax: Axes, run: Goals, component: int) -> Axes:
+    """The axes with the letter and the unit of a state component."""
     unit = in_units(*run.units[component : component + 1])
     ax.set_ylabel(f"{state_symbol(component, run.goal.shape[1])}\n{unit}", parse_math=False)
     return ax

@@ -365,8 +365,8 @@ class CalmColumns:
         return total.reshape(len(times), self.loop.size, len(runs))
 
     def size(self, y: Array) -> Array:
-        e = y[: self.loop.size]
-        return np.asarray(np.abs(e).max(axis=0, initial=0.0))
+        e = y[: self.loop.size].reshape(self.loop.n, self.loop.m, -1)
+        return np.asarray(self.loop.far(e).max(axis=(0, 1), initial=0.0))
 
     def switched(self, runs: IndexArray, modes: IndexArray) -> None:
         """Nothing is kept from one mode to the next."""

@@ -43,6 +43,7 @@ def run_once(
 ) -> Trajectory:
     """One run, with this seed for its start and its switches."""
     seed = setting.seed if seed is None else seed
+    setting = setting.of_seed(seed)
     # Trial steps overflow far from the target; the integrator rejects them, and nobody needs a
     # warning.
     with np.errstate(all="ignore"):
@@ -88,6 +89,7 @@ def _trajectory(setting: Setting, seed: int, modes: Modes, outcome: Outcome) -> 
         stress=setting.stress_json,
         switches=switches,
         leader=np.zeros(0) if seen.leader is None else seen.leader,
+        slack=np.zeros(0) if setting.loop.slack is None else setting.loop.slack.copy(),
     )
 
 
@@ -181,6 +183,8 @@ def _why_one_by_one(setting: Setting, closed: ClosedForm | None) -> str:
     """Why the runs cannot be made side by side, or ""."""
     if setting.is_moving:
         return "every run has graphs of its own"
+    if setting.loop.moves:
+        return "fixed nodes move"
     if setting.stress.period is not None:
         return ""
     if setting.stress.worst:
@@ -264,6 +268,7 @@ class _Collector:
             disturbances=self.disturbances,
             states=self.states,
             leader=self.leader,
+            slack=setting.loop.slack,
         )
 
     def side_by_side(self, closed: ClosedForm | None) -> None:
@@ -418,7 +423,8 @@ class _Chunk:
         loop = self.setting.loop
         e, s = np.split(e.reshape(-1, len(run)), [loop.size])
         runs = self.chosen[run]
-        collector.error[runs, sample] = np.abs(e).max(axis=0)
+        far = loop.far(e.reshape(loop.n, loop.m, -1))
+        collector.error[runs, sample] = far.max(axis=(0, 1))
         # of the first runs the states are kept, too
         own = runs < len(collector.states)
         kept = (runs[own], sample[own])

@@ -27,6 +27,7 @@ from dobc_design.loop.matrices import Array, pull_matrix
 from dobc_design.problem.network import BoolArray, IndexArray
 from dobc_design.problem.problem import Problem
 
+from .fixed import FixedNodes
 from .switches import drawn_graphs
 
 ArrayFunction = Callable[[Array], Array]
@@ -271,7 +272,10 @@ class ClosedLoop:
     plant: Plant | None = None
     bend: Callable[..., Array] | None = None
     lead: ArrayFunction | None = None
-    fixed: int = 0  # nodes after the agents, whose error is 0
+    fixed: int = 0  # nodes after the agents, whose error is 0 unless ``at`` says where they are
+    slack: Array | None = None  # (m,): errors so small are none, None for 0
+    at: Callable[[float], Array] | None = None  # (fixed, m) at a time in s, less the goal
+    moves: bool = False  # whether that depends on the time
     pins: Mapping[str, csr_array] = field(default_factory=dict)
 
     @property
@@ -293,6 +297,14 @@ class ClosedLoop:
     def owned(self) -> Array:
         """1 where a number of xi is an agent's own, else 0, (n, q)."""
         return np.ones((self.n, self.q)) if self.own is None else self.own.astype(np.float64)
+
+    def far(self, e: Array) -> Array:
+        """|e| (n, m, ...) less what is no error."""
+        far = np.abs(e)
+        if self.slack is None:
+            return far
+        slack = self.slack.reshape(-1, *(1,) * (e.ndim - 2))
+        return np.asarray(np.maximum(far - slack, 0.0))
 
     def split(self, y: Array) -> tuple[Array, Array, Array]:
         """Cut states (n (m + 2 q), R) into x (n, m, R), xi and z (n, q, R); also without R."""
@@ -349,10 +361,14 @@ def largest(y: Array) -> Array:
     return np.asarray(np.abs(y).max(axis=(0, 1)))
 
 
-def make_closed_loop(problem: Problem, gain: Gain | None) -> ClosedLoop:
-    """Read the numbers of the plant and of its errors as floats.  Raises: SpecError without a W, or
-    for a gain that does not fit."""
+def make_closed_loop(
+    problem: Problem, gain: Gain | None, nodes: FixedNodes | None = None
+) -> ClosedLoop:
+    """Read the numbers of the plant and of its errors as floats; ``nodes``: where fixed ones are.
+    Raises: SpecError without a W, or for a gain that does not fit."""
     loop = loop_of(problem)
+    goal = arrays.goals(problem)
+    between = nodes is not None and nodes.at is not None
     plant = arrays.plant_arrays(problem)
     disturbance = arrays.disturbance_arrays(loop, gain)
     own = None
@@ -370,13 +386,16 @@ def make_closed_loop(problem: Problem, gain: Gain | None) -> ClosedLoop:
         F=disturbance.F,
         W=disturbance.W,
         K=pull_matrix(loop),
-        goal=arrays.goals(problem),
+        goal=goal + nodes.middle if between and nodes is not None else goal,
         own=disturbance.own,
         plant=plant,
         bend=None if plant is None or own is None else _bend(plant, own),
         lead=lead,
         fixed=len(loop.fixed),
         pins=_pins_of_modes(problem),
+        slack=nodes.slack if between and nodes is not None else None,
+        at=None if nodes is None else nodes.at,
+        moves=nodes is not None and nodes.moves,
     )
 
 
@@ -418,8 +437,9 @@ class Network:
     groups: ArcGroups
     blocks: tuple[_Block, ...]
 
-    def __call__(self, e: Array) -> Array:
-        """Return h(e) - K e in a new array; not finite where a coupling overflows or is undefined.
+    def __call__(self, e: Array, time: float = 0.0) -> Array:
+        """Return h(e) - K e in a new array; not finite where a coupling overflows or is undefined;
+        ``time`` (s) counts where fixed nodes move.
         Shapes: e (n m,) or (n m, R) with one column for each of R runs; rows agent by agent, then
         those of a leader."""
         loop = self.loop
@@ -428,7 +448,7 @@ class Network:
         # one run of agents with one component is a vector: no axes of length 1 in the blocks
         rows = np.ascontiguousarray(e).reshape((n, -1) if e.size > n else (n,))
         if loop.fixed:
-            rows = np.concatenate([rows, np.zeros((loop.fixed, *rows.shape[1:]))])
+            rows = np.concatenate([rows, self.others(rows, time)])
         total = np.zeros_like(rows)
         for block in self.blocks:
             block.add(total, rows)
@@ -442,6 +462,16 @@ class Network:
             moved = loop.lead(s.reshape(m, -1))
             result = np.concatenate([result, moved.reshape(s.shape)])
         return result
+
+    def others(self, rows: Array, time: float) -> Array:
+        """Where the fixed nodes are, as ``rows`` of agents are given."""
+        loop = self.loop
+        found = np.zeros((loop.fixed, *rows.shape[1:]))
+        if loop.at is not None:
+            # runs of an agent stand component by component
+            runs = max(1, found.size // (loop.fixed * loop.m))
+            found[...] = np.repeat(loop.at(time), runs, axis=1).reshape(found.shape)
+        return found
 
 
 Networks = Callable[[int], Network]  # by the index of a mode

@@ -65,10 +65,11 @@ class Plan(NamedTuple):
     goal: Array
     positions: Callable[[Array], Array]
     segment: Callable[[float, Array], Piece]
+    far: Callable[[Array], Array] = np.abs
 
     def error(self, state: Array) -> float:
         """|e|_inf of a state."""
-        return float(np.abs(self.positions(state) - self.goal).max())
+        return float(self.far(self.positions(state) - self.goal).max())
 
 
 def errors(
@@ -90,7 +91,7 @@ def errors(
         return network_of(loop, modes.groups(mode))
 
     def derivative(mode: int, time: float, state: Array) -> Array:
-        result = network(mode)(state[:rows])
+        result = network(mode)(state[:rows], time)
         if closed is not None:
             result[:cut].reshape(shape)[...] += eps0 @ closed.at(time).T
         if not both:
@@ -105,7 +106,7 @@ def errors(
         pattern = partial(errors_pattern, loop, groups, both=both)
         return Piece(partial(derivative, stay.mode), pattern, stay)
 
-    return Plan(loop.goal, positions, segment)
+    return Plan(loop.goal, positions, segment, loop.far)
 
 
 @dataclass(slots=True, kw_only=True, eq=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import cache
 from typing import Any, Literal, TypedDict, Unpack
 
@@ -28,6 +29,7 @@ from dobc_design.problem.problem import Problem
 from ._arguments import finite_array, positive, seconds, whole
 from .closed_form import ClosedForm, make_closed_form
 from .field import ClosedLoop, make_closed_loop
+from .fixed import fixed_nodes
 from .integrate import STIFF, fastest_decay, observer_decay
 from .mobile import groups_of, motion_switches
 from .signals import Fixed, Mobile, Signal
@@ -75,6 +77,16 @@ class Setting:
     tolerance: float
     stress: Stress
     notes: Texts
+
+    def of_seed(self, seed: int) -> Setting:
+        """The setting of the run with this seed, where fixed nodes move as it says."""
+        if not self.loop.moves or seed == self.seed:
+            return self
+        nodes = fixed_nodes(self.problem, horizon=self.horizon, seed=seed)
+        if nodes is None:
+            return self
+        notes = (*self.notes[:-1], nodes.note)
+        return replace(self, loop=replace(self.loop, at=nodes.at), notes=notes)
 
     @property
     def is_full(self) -> bool:
@@ -168,7 +180,13 @@ def make_setting(problem: Problem, *, gain: Gain | None, **given: Unpack[Options
     require_floats(problem)
     if observer == WITHOUT and gain is None:
         gain = no_gain(exact)
-    loop = make_closed_loop(problem, gain)
+    seed = problem.simulation.seed
+    if given.get("seed") is not None:
+        seed = whole(given["seed"], "seed", least=0)
+    nodes = fixed_nodes(problem, horizon=horizon, seed=seed)
+    if nodes is not None and isinstance(signal, Mobile):
+        problem.require_no_fixed("a mobile signal")
+    loop = make_closed_loop(problem, gain, nodes)
     if observer == FULL_LOOP or stress is not None:
         problem.require_no_leader("a stress, or the full loop as printed,")
     if isinstance(signal, Mobile):
@@ -181,7 +199,8 @@ def make_setting(problem: Problem, *, gain: Gain | None, **given: Unpack[Options
     stress = stress or Stress()
     stress.failing(problem)  # refuses agents that are not there
     starts = make_starts(problem, loop, given.get("start"))
-    seed = given.get("seed")
+    if nodes is not None and nodes.note:
+        notes = [*notes, nodes.note]
     return Setting(
         problem=problem,
         exact=exact,
@@ -190,7 +209,7 @@ def make_setting(problem: Problem, *, gain: Gain | None, **given: Unpack[Options
         signal=signal,
         starts=starts,
         horizon=horizon,
-        seed=problem.simulation.seed if seed is None else whole(seed, "seed", least=0),
+        seed=seed,
         times=times,
         observer=observer,
         tolerance=positive(given.get("tolerance", TOLERANCE), "tolerance", example="1e-9"),

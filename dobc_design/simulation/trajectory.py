@@ -35,6 +35,7 @@ FORMAT, VERSION = "dobc-trajectory", 1
 SAMPLED = ("x", "xi", "xihat", "d", "dhat", "u")  # (T, n, width)
 STORED = ("times", ABOUT, "goal", "switch_times", "switch_modes", "graph_arcs", "graph_sizes")
 LEADER = "leader"  # stored where there is one
+SLACK = "slack"
 
 
 class Sample(NamedTuple):
@@ -67,6 +68,7 @@ class Trajectory(Simulated):
 
     Shapes: times (T,) in s; x (T, n, m); d, dhat, u (T, n, p), the inputs of [dynamics], else p =
     m; xi, xihat (T, n, q); goal (n, m); leader (T, m), 0 without one, to which goals are relative;
+    slack (m,), half the sides of the box of the fixed nodes, whose middle is the goal then;
     mode_index (T,), the active mode as a place in ``switches.names``.  ``mode`` names the mode, or
     the modes and the signal; ``switches`` holds the exact instants.  ``diverged`` says that the run
     could not be carried to its end, ``t_final``: the samples are those before, and ``reason`` says
@@ -97,6 +99,7 @@ class Trajectory(Simulated):
     loop_sha256: str = ""  # of the problem and W; "" where they were not recorded
     switches: Switches = field(default_factory=lambda: one_mode(""))  # default: ``mode`` throughout
     leader: Array = field(default_factory=lambda: np.zeros(0))  # default: 0
+    slack: Array = field(default_factory=lambda: np.zeros(0))  # default: 0
     units: Texts = ()  # of the m state components, where the problem gives them
     mode_index: IndexArray = field(init=False)
 
@@ -107,7 +110,9 @@ class Trajectory(Simulated):
         put(self, mode_index=self.switches.at(self.times))
         if not self.leader.size:
             put(self, leader=np.zeros((len(self.times), self.x.shape[2])))
-        for name in ("times", "goal", "leader", "mode_index", *SAMPLED):
+        if not self.slack.size:
+            put(self, slack=np.zeros(self.x.shape[2]))
+        for name in ("times", "goal", "leader", "slack", "mode_index", *SAMPLED):
             getattr(self, name).setflags(write=False)
 
     def __len__(self) -> int:
@@ -118,8 +123,10 @@ class Trajectory(Simulated):
         return map(Sample, self.times.tolist(), modes, *(getattr(self, name) for name in SAMPLED))
 
     def errors(self) -> Array:
-        """e = x - goal, of a leader x - leader - goal: (T, n, m)."""
-        return self.x - self.goal - self.leader[:, None]
+        """e = x - goal, of a leader x - leader - goal: (T, n, m); between fixed nodes the distance
+        to where they are, with its sign."""
+        e = self.x - self.goal - self.leader[:, None]
+        return e - np.clip(e, -self.slack, self.slack) if self.slack.any() else e
 
     def error(self) -> Array:
         """|e|_inf, the largest distance of any component from its goal, at every sample: (T,)."""
@@ -254,6 +261,8 @@ class Trajectory(Simulated):
         # left out otherwise, as in files of older versions
         if self.leader.any():
             arrays[LEADER] = self.leader
+        if self.slack.any():
+            arrays[SLACK] = self.slack
         arrays["switch_times"] = switches.times
         arrays["switch_modes"] = switches.modes
         arrays["graph_arcs"] = np.concatenate(arcs, axis=1)
@@ -327,6 +336,7 @@ class Ensemble(Simulated):
     leader: Array
     loop_sha256: str = ""  # of the problem and W; "" where they were not recorded
     units: Texts = ()  # of the m state components, where the problem gives them
+    slack: Array | None = None  # as that of a trajectory; None for 0
 
     def __post_init__(self) -> None:
         for array in self._arrays().values():
@@ -427,7 +437,7 @@ def load_trajectory(path: str | PathLike[str]) -> Trajectory:
     place = Path(path)
     cure = "Give a file that Trajectory.save wrote."
     with describing(place, key="path", what="trajectory", cure=cure):
-        arrays = read_arrays(place, (*STORED, *SAMPLED, LEADER), _require_shapes)
+        arrays = read_arrays(place, (*STORED, *SAMPLED, LEADER, SLACK), _require_shapes)
         facts = json.loads(str(arrays.pop(ABOUT)))
         plain = _plain_facts(facts)
         _require_texts(facts, plain)
@@ -440,6 +450,7 @@ def load_trajectory(path: str | PathLike[str]) -> Trajectory:
         return Trajectory(
             **plain,  # what an older file does not have is as by default
             leader=arrays.get(LEADER, np.zeros(0)),
+            slack=arrays.get(SLACK, np.zeros(0)),
             labels=tuple(facts["labels"]),
             notes=tuple(facts["notes"]),
             units=tuple(units),
@@ -471,6 +482,8 @@ def _require_shapes(shapes: Shapes) -> None:
     }
     if LEADER in shapes:
         wanted[LEADER] = (samples, m)
+    if SLACK in shapes:
+        wanted[SLACK] = (m,)
     wanted["graph_arcs"] = (2, *shapes["graph_arcs"][1:2])
     wanted["graph_sizes"] = shapes["graph_sizes"][:1]
     wrong = [name for name, shape in wanted.items() if shapes[name] != shape]

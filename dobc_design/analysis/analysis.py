@@ -162,7 +162,9 @@ def graph_facts(problem: Problem, mode: str) -> GraphFacts:
     Raises: KeyError."""
     arcs, labels, n = problem.network.modes[mode], problem.network.labels, problem.n
     # The matrix of who is heard by whom: strong components do not ask for weights.
-    hearing = sparse.csr_array((np.ones(len(arcs)), (arcs.speakers, arcs.listeners)), shape=(n, n))
+    between = arcs.where(arcs.speakers < n)
+    ends = (between.speakers, between.listeners)
+    hearing = sparse.csr_array((np.ones(len(between)), ends), shape=(n, n))
     _, numbers = connected_components(hearing, directed=True, connection="strong")
     components = sorted(part.tolist() for _, part in split_by(numbers.astype(np.int64)))
     loop = loop_of(problem)
@@ -182,9 +184,9 @@ def graph_facts(problem: Problem, mode: str) -> GraphFacts:
         unreached=named(unreached(loop, own, pins=loop.pins)),
         components=tuple(map(named, components)),
         sources=tuple(named(part) for part in components if tuple(part) in closed),
-        balanced=not any(surplus.values()),
+        balanced=not any(surplus[agent] for agent in range(n)),
         heard=tuple(np.bincount(arcs.listeners, minlength=n).tolist()),
-        hearing=tuple(np.bincount(arcs.speakers, minlength=n).tolist()),
+        hearing=tuple(np.bincount(between.speakers, minlength=n).tolist()),
     )
 
 

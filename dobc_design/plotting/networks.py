@@ -59,10 +59,12 @@ def network_sheet(
     *,
     labels: Sequence[str],
     pinned: Mapping[str, Collection[int]],
+    word: str = "pinned",
     ax: Axes | None = None,
 ) -> Sheet | Axes:
     """The first six ``modes`` side by side on the same places, below them what the signs mean; with
-    ``ax`` these axes, with the first mode.  ``pinned``: the agents that are in each mode.
+    ``ax`` these axes, with the first mode.  ``pinned``: the nodes that are in each mode, or that
+    are what the ``word`` says.
     Raises: SpecError for a network that is too large to be drawn."""
     shown = dict(list(modes.items())[:MOST_MODES])
     pairs = {pair for each in shown.values() for pair in each}
@@ -98,7 +100,7 @@ def network_sheet(
         figure.suptitle(name, x=0.01, ha="left", fontsize=10, parse_math=False)
         for place, mode in enumerate(shown, 1):
             draw(figure.add_subplot(rows, columns, place), mode)
-        signs = _signs(has_pins, any(lost.values()))
+        signs = _signs(has_pins, word, any(lost.values()))
         figure.legend(handles=signs, loc="outside lower left", ncols=2, fontsize=8)
 
     rows = math.ceil(len(shown) / 3)
@@ -115,7 +117,7 @@ def _unreached(arcs: Iterable[Pair], pinned: Collection[int], n: int) -> set[int
     return set(range(n)) - reached
 
 
-def _signs(pinned: bool, lost: bool) -> list[Line2D]:
+def _signs(pinned: bool, word: str, lost: bool) -> list[Line2D]:
     """The entries of a legend, of what is drawn."""
 
     def sign(label: str, marker: str, edge: str, face: str) -> Line2D:
@@ -123,11 +125,13 @@ def _signs(pinned: bool, lost: bool) -> list[Line2D]:
         entry.set(markeredgecolor=edge, markerfacecolor=face)
         return entry
 
-    found = [sign("not pinned" if pinned else "agent", "o", INK, PAPER)]
+    is_pin = word == "pinned"
+    found = [sign("not pinned" if pinned and is_pin else "agent", "o", INK, PAPER)]
     if pinned:
-        found.insert(0, sign("pinned", "s", BLUE, BLUE))
+        found.insert(0, sign(word, "s", BLUE, BLUE))
     if lost:
-        found.append(sign("reached from no pinned agent", "o", VERMILLION, PAPER))
+        source = "pinned agent" if is_pin else word
+        found.append(sign(f"reached from no {source}", "o", VERMILLION, PAPER))
     found.append(sign("points to the agent that listens", "$\\rightarrow$", INK, INK))
     return found
 

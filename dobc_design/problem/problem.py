@@ -84,6 +84,7 @@ INTERNAL = frozenset(
         "require_no_leader",
         "require_one_exosystem",
         "require_same_pins",
+        "sources",
     )
 )
 LARGEST_DIMENSION = 100  # every gain is an m x m matrix
@@ -486,9 +487,9 @@ class Problem(Grouped, Shown):
 
     def plot(self, mode: str | None = None, ax: Any = None) -> Any:
         """The network as a picture: every mode, at most six, or ``mode`` alone.  An arrow points to
-        the agent that listens; pinned agents are blue squares; an agent that no path of arcs joins
-        to a pinned one is dashed.  Up to 24 arcs of a mode have their weights beside them, unless
-        all are 1.  Positions say nothing.
+        the agent that listens; pinned agents and fixed nodes are blue squares; an agent that no
+        path of arcs joins to one is dashed.  Up to 24 arcs of a mode have their weights beside
+        them, unless all are 1.  Positions say nothing.
 
         Returns: a Sheet, which shows itself in Jupyter and saves itself, ``save("network.svg")``;
         with Matplotlib's ``ax`` these axes, with ``mode``, by default the first.
@@ -503,8 +504,17 @@ class Problem(Grouped, Shown):
         network = self.network
         names = network.modes if mode is None else (network.require_mode(mode),)
         modes = {name: {(i, j): w for i, j, w in network.modes[name]} for name in names}
-        pinned = {name: tuple(self.pinning.of(name)) for name in modes}
-        return network_sheet(self.name, modes, labels=network.labels, pinned=pinned, ax=ax)
+        pinned = {name: self.sources(name) for name in modes}
+        word = "fixed node" if self.fixed else "pinned"
+        return network_sheet(
+            self.name, modes, labels=network.names, pinned=pinned, word=word, ax=ax
+        )
+
+    def sources(self, mode: str) -> tuple[int, ...]:
+        """The nodes from which agents have to be reached in a mode: pinned agents, and fixed nodes,
+        which are numbered after all agents."""
+        fixed = range(self.n, self.n + len(self.fixed))
+        return (*self.pinning.of(mode), *fixed)
 
     def _card(self) -> Card:
         facts = [*self.coupling._card().facts, *self._facts()]

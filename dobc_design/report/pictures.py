@@ -25,6 +25,7 @@ from dobc_design._show.text import Fragment, lower, with_unit
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.regions import RegionClaim, Regions
 from dobc_design.conditions.schedule.settling import Settling
+from dobc_design.exact.reading import some
 from dobc_design.falsification.suspect import Falsification
 from dobc_design.plotting import look, networks, runs
 from dobc_design.plotting.look import Sheet
@@ -75,7 +76,7 @@ def network_pictures(certificate: Certificate) -> tuple[list[Picture], str]:
     """One drawing per mode, at most six, and a sentence that explains them or says why there is
     none."""
     problem = certificate.problem
-    labels = problem.network.labels
+    labels = problem.network.names
     modes = list(problem.network.modes.items())[:MOST_MODES]
     pairs = {
         name: {(listener, speaker): weight for listener, speaker, weight in arcs}
@@ -86,14 +87,16 @@ def network_pictures(certificate: Certificate) -> tuple[list[Picture], str]:
     if problem.n > MOST_AGENTS or total > MOST_ARCS:
         return [], f"A network of {problem.n} agents and {total} arcs is too large to be drawn."
     # The modes stand on the same places, so that they can be compared.
-    places = networks.positions({pair for each in pairs.values() for pair in each}, problem.n)
+    places = networks.positions({pair for each in pairs.values() for pair in each}, len(labels))
     drawn = []
     lost_in = {name: unreached_agents(certificate, name) for name in pairs}
     for place, (name, arcs) in enumerate(pairs.items(), 1):
         lost = lost_in[name]
-        pinned = tuple(problem.pinning.of(name))
-        pins = agents_in_words(problem, pinned)
-        alt = f"Network of mode {name}: {problem.n} agents, {len(arcs)} arcs, pinned: {pins}"
+        pinned = problem.sources(name)
+        pins = f"pinned: {agents_in_words(problem, tuple(problem.pinning.of(name)))}"
+        if problem.fixed:
+            pins += f"; fixed nodes: {some(tuple(problem.fixed), MOST_MODES)}"
+        alt = f"Network of mode {name}: {problem.n} agents, {len(arcs)} arcs, {pins}"
         if lost:
             alt += f"; not reached: {agents_in_words(problem, sorted(lost))}"
         draw = partial(
@@ -120,8 +123,9 @@ def network_pictures(certificate: Certificate) -> tuple[list[Picture], str]:
 
 
 def _network_legend(problem: Problem, *, lost: bool) -> str:
-    labels, modes = problem.network.labels, len(problem.network.modes)
-    text = f"{networks.LEGEND} Blue squares are pinned agents, circles are agents without a pin"
+    labels, modes = problem.network.names, len(problem.network.modes)
+    squares = "fixed nodes" if problem.fixed else "pinned agents"
+    text = f"{networks.LEGEND} Blue squares are {squares}, circles are agents without a pin"
     text += "; a dashed orange circle is an agent that no pin reaches." if lost else "."
     alike = networks.drawn_labels(labels)[1]
     if len(labels) > networks.MOST_LABELLED:

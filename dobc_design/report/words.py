@@ -464,7 +464,7 @@ def agents_table(problem: Problem) -> Table | None:
         Column("goal", lambda i: _goal(problem, i), only=EVERY if moved else ("markdown",)),
     ]
     for name, arcs in list(problem.network.modes.items())[:MOST_MODES]:
-        heard = _heard(arcs, labels)
+        heard = _heard(arcs, problem.network.names)
         columns.append(Column(f"listens to in {name}", heard.__getitem__, 2))
     goals = ", goals" if moved else ""
     caption = f"Gain k of the pins{goals}, and whom each agent listens to"
@@ -510,7 +510,7 @@ def _mode_sentence(arcs: Arcs, problem: Problem) -> str:
     count = counted(len(weights), "arc")
     if set(weights.values()) != {1}:
         count += ", with weights"
-    steps = common_offsets(weights, n)
+    steps = None if problem.fixed else common_offsets(weights, n)
     if steps is not None and n > 2 and len(steps) <= MOST_STEPS and len(steps) < n - 1:
         labels = problem.network.labels
         if labels != tuple(map(str, range(1, n + 1))):

@@ -13,6 +13,10 @@ from dobc_design.loop.matrices import Array
 from dobc_design.problem.fixed import hull, resting
 from dobc_design.problem.problem import Problem
 
+MOTION = (
+    "The fixed nodes that move go to and fro between their bounds: as sines in runs with an even "
+    "seed, in jumps with an odd one."
+)
 ROUNDS = 5  # of the first node that moves, in the time of a run; each further one has one more
 
 
@@ -26,7 +30,6 @@ class FixedNodes:
     slack: Array
     at: Callable[[float], Array] | None
     moves: bool
-    note: str
 
 
 def fixed_nodes(problem: Problem, *, horizon: float, seed: int) -> FixedNodes | None:
@@ -50,12 +53,9 @@ def fixed_nodes(problem: Problem, *, horizon: float, seed: int) -> FixedNodes | 
             waves = np.where(waves < 0, -1.0, 1.0)
         return np.asarray(centres + sizes * waves[:, None])
 
-    how = "jump between their bounds" if jumps else "follow sines between their bounds"
-    note = f"The fixed nodes that move {how}, {ROUNDS} rounds or more in the run."
     return FixedNodes(
         middle=middle,
         slack=(high - low) / 2,
         at=at if problem.goal == "containment" else None,
         moves=bool(moving),
-        note=note if moving else "",
     )

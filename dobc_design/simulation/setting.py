@@ -29,7 +29,7 @@ from dobc_design.problem.problem import Problem
 from ._arguments import finite_array, positive, seconds, whole
 from .closed_form import ClosedForm, make_closed_form
 from .field import ClosedLoop, make_closed_loop
-from .fixed import fixed_nodes
+from .fixed import MOTION, fixed_nodes
 from .integrate import STIFF, fastest_decay, observer_decay
 from .mobile import groups_of, motion_switches
 from .signals import Fixed, Mobile, Signal
@@ -85,8 +85,7 @@ class Setting:
         nodes = fixed_nodes(self.problem, horizon=self.horizon, seed=seed)
         if nodes is None:
             return self
-        notes = (*self.notes[:-1], nodes.note)
-        return replace(self, loop=replace(self.loop, at=nodes.at), notes=notes)
+        return replace(self, loop=replace(self.loop, at=nodes.at))
 
     @property
     def is_full(self) -> bool:
@@ -199,8 +198,8 @@ def make_setting(problem: Problem, *, gain: Gain | None, **given: Unpack[Options
     stress = stress or Stress()
     stress.failing(problem)  # refuses agents that are not there
     starts = make_starts(problem, loop, given.get("start"))
-    if nodes is not None and nodes.note:
-        notes = [*notes, nodes.note]
+    if nodes is not None and nodes.moves:
+        notes = [*notes, MOTION]
     return Setting(
         problem=problem,
         exact=exact,

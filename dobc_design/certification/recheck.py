@@ -155,8 +155,7 @@ def verify_twice(certificate: Claims | bytes, problem: Problem) -> Recheck:
 
 def _why_not_asked(problem: Problem, data: bytes, document: bytes) -> str | None:
     """Why the lone checker is not asked about these two files; None if it is."""
-    loop = loop_of(problem)
-    arcs, size = _work_of(rows_of(loop) or loop)
+    arcs, size = _work_of(loop_of(problem))
     if arcs > LONE_ARCS or size > LONE_ROWS:
         return f"left to you, because it takes long with {arcs} arcs: {HOW}"
     if max(len(data), len(document)) > checker.MAX_BYTES:
@@ -165,7 +164,9 @@ def _why_not_asked(problem: Problem, data: bytes, document: bytes) -> str | None
 
 
 def _work_of(loop: Loop) -> tuple[int, int]:
-    """Arcs of all modes together, and rows."""
+    """Arcs of all modes together, and rows; of pairs, where agents agree."""
+    if loop.agrees:
+        loop = rows_of(loop, None) or loop
     return sum(map(len, loop.modes.values())), loop.size
 
 
@@ -179,7 +180,7 @@ def agreed(claims: Claims, problem: Problem) -> Claims:
     """What both programs confirm of claims just made: what the lone checker refuses becomes
     undecided."""
     loop = loop_of(problem)
-    if max(_work_of(rows_of(loop) or loop)) > PROMPT_ARCS:
+    if max(_work_of(loop)) > PROMPT_ARCS:
         return claims
     document, domain = canonical_bytes(problem), state_theorems(loop).domain
     while True:  # what rests on a check that is withdrawn falls in the next round

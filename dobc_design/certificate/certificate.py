@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Headed
 from dobc_design._show.text import latex_text
+from dobc_design.conditions.accuracy.value import Agreed
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.schedule.claim import Cycles, Weights
 from dobc_design.conditions.schedule.settling import Settling
@@ -114,6 +115,21 @@ class Certificate(Headed):
     def regions(self) -> Regions:
         """From which starts consensus is proved, method by method, beside the region asked for."""
         return certified_regions(self._loop, self.claims)
+
+    @property
+    def value(self) -> Agreed | None:
+        """What is proved of the value that the agents agree on; None with a target, and where
+        agreement is not proved.
+
+        Example:
+            >>> network = dd.Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to", agents=2)
+            >>> starts = {"initial_states": [0, 5]}
+            >>> problem = dd.Problem(network=network, coupling="y", goal="agreement", region=starts)
+            >>> value = dd.certify(problem).value
+            >>> value.lo, value.hi, str(value.weights["1"])
+            ((0.0,), (5.0,), '1/2')
+        """
+        return self.claims.value
 
     @property
     def settling(self) -> Settling | None:

@@ -13,6 +13,7 @@ from fractions import Fraction
 
 from dobc_design._checks import noun
 from dobc_design._show.text import visible
+from dobc_design.conditions.accuracy.value import Agreed
 from dobc_design.conditions.check import Check, Checks, Claim, Values
 from dobc_design.conditions.kinds import MAX_SEPARABLE
 from dobc_design.conditions.reason import Reason
@@ -54,7 +55,8 @@ class Claims(Overall):
     2 where it is proved.  Where agents have different exosystems, these are block diagonal, one
     block per group, and "designed" says that at least one block of W is. ``notes`` list what was
     assumed, designed or stood in.  ``options`` are those of `dobc certify` that it was made with,
-    for whoever makes it again; nothing follows from them.
+    for whoever makes it again; nothing follows from them.  ``value``: of agents that agree, what is
+    proved of the value on which they do.
     """
 
     problem_name: str
@@ -67,6 +69,7 @@ class Claims(Overall):
     notes: tuple[str, ...]
     version: str
     options: tuple[str, ...] = ()
+    value: Agreed | None = None
 
 
 def claim_of(check: Check, loop: Loop, W: Matrix | None) -> Claim | None:

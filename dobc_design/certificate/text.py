@@ -16,6 +16,7 @@ from functools import partial
 from typing import Any
 
 from dobc_design._show.text import visible
+from dobc_design.conditions.accuracy.value import value_from_json
 from dobc_design.conditions.check import (
     Check,
     Written,
@@ -34,6 +35,7 @@ from dobc_design.conditions.numbers import (
     VECTOR_BITS,
     fields_to_json,
     has_short_denominator,
+    known_to_json,
     read_rational,
 )
 from dobc_design.conditions.reason import read_reason
@@ -66,6 +68,7 @@ def certificate_document(claims: Claims) -> Document:
         **fields_to_json(claims, "reason", "rate", "factor", "covered_by"),
         "observer": observer | fields_to_json(claims, "P", "Q"),
         **fields_to_json(claims, "notes", "checks"),
+        **known_to_json(claims, "value"),
     }
 
 
@@ -115,7 +118,7 @@ def _claims(document: Document) -> Claims:
         "format version program problem problem_sha256 verdict reason rate covered_by observer "
         "notes checks"
     )
-    require_keys(document, "the certificate", needed=keys.split(), allowed=("factor",))
+    require_keys(document, "the certificate", needed=keys.split(), allowed=("factor", "value"))
     program = document["program"]
     observer = document["observer"]
     checks = document["checks"]
@@ -141,6 +144,7 @@ def _claims(document: Document) -> Claims:
         notes=read_texts(document["notes"], "notes"),
         version=read_text(program["version"], "program.version"),
         options=read_texts(program.get("options", []), "program.options"),
+        value=value_from_json(document["value"]) if "value" in document else None,
     )
 
 

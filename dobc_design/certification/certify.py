@@ -22,7 +22,14 @@ from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.claims import Claims, Overall
 from dobc_design.certificate.factors import with_factors
 from dobc_design.certificate.text import writable
-from dobc_design.conditions.accuracy.stage import accuracy_stage
+from dobc_design.conditions.accuracy.stage import accuracy_stage, propose_peaks
+from dobc_design.conditions.accuracy.value import (
+    Agreed,
+    above,
+    interval_of,
+    shifts_of,
+    weights_of,
+)
 from dobc_design.conditions.case import Case
 from dobc_design.conditions.check import Check, Checks, cut_check, surviving, undecided_check
 from dobc_design.conditions.consensus import decide as consensus
@@ -220,6 +227,7 @@ class _Certification:
             notes=tuple(notes),
             version=__version__,
             options=self.options.as_typed,
+            value=_value(loop, found.W) if overall.verdict is Verdict.PROVED else None,
         )
         # Last of all, because it reads the certificate as it will be written.
         self.report("asking the second checker")
@@ -281,6 +289,23 @@ class _Certification:
         if first:
             return checks + own
         return checks + tuple(regions(replace(case, checks=checks)))
+
+
+def _value(loop: Loop, W: Matrix | None) -> Agreed | None:
+    """What is known of the value on which agents agree, where they do; None if nothing."""
+    peaks, ends = None, None
+    weights = weights_of(loop)
+    with surviving("the value agreed upon"):
+        if loop.agrees and loop.starts is not None and loop.starts.disturbance and W is not None:
+            peaks = propose_peaks(loop, W)
+        ends = interval_of(loop, peaks)
+    if weights is None and ends is None:
+        return None
+    found = Agreed(weights=weights, shifts=shifts_of(loop, W) if weights else ())
+    if ends is None:
+        return found
+    low = tuple(-above(-lo) for lo, _ in ends)
+    return replace(found, lo=low, hi=tuple(above(hi) for _, hi in ends), peaks=peaks)
 
 
 def _written(check: Check, domain: Domain, said: Said) -> Check:

@@ -72,6 +72,7 @@ def with_verdict(claims: Claims, overall: Overall) -> Claims:
         rate=overall.rate,
         factor=overall.factor,
         covered_by=overall.covered_by,
+        value=claims.value if overall.verdict is Verdict.PROVED else None,
     )
 
 

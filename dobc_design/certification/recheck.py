@@ -6,7 +6,7 @@ the problem, the program's version, and the advice."""
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 from dobc_design._checks import noun
@@ -17,6 +17,7 @@ from dobc_design.certificate.files import another_problem
 from dobc_design.certificate.text import certificate_bytes, read_claims
 from dobc_design.certificate.topics import TOPICS, Trusted
 from dobc_design.checker import examine as checker
+from dobc_design.conditions.accuracy.value import wrong_value
 from dobc_design.conditions.check import Check, Checks, withdrawn
 from dobc_design.conditions.consensus import decide as consensus
 from dobc_design.conditions.consensus.claim import Pair, state_theorems
@@ -66,6 +67,8 @@ MALFORMED = (
     IndexError,
     AttributeError,
 )
+#: What the second checker calls the value that agents agree on.
+VALUE = "the value agreed upon"
 #: Whether a claim holds, and which it is or why it fails.
 Finding = tuple[bool, str]
 HOW = "python -I -S dobc_design/checker certificate.json problem.json"
@@ -210,6 +213,8 @@ def agreed(claims: Claims, problem: Problem) -> Claims:
         claims = replace(claims, notes=(*claims.notes, note))
     # No check is refused by now; what is left is about the file or the verdict as a whole.
     lacking = _first_refusal(found)
+    if lacking is not None and lacking.startswith(VALUE):  # the last claim: all others hold
+        return replace(claims, value=None)
     if lacking is None or claims.verdict is Verdict.UNDECIDED:
         return claims
     why = open_reason(_disagrees(claims.verdict, lacking))
@@ -273,11 +278,26 @@ def recheck(certificate: Claims | bytes, problem: Problem) -> Recheck:
             if reason is not None:
                 failures.append(f"{check.title}: {reason}")
         failures += _overall_failures(claims, loop, confirmed)
+        failures += _value_failures(claims, loop)
     return Recheck(
         verdict=claims.verdict,
         confirmed=tuple(check.title for check in confirmed),
         failures=tuple(failures),
     )
+
+
+def _value_failures(claims: Claims, loop: Loop) -> Iterator[str]:
+    """What is wrong with the value that agents agree on."""
+    if claims.value is None:
+        return
+    reason: str | None = "agreement is not proved"
+    if claims.verdict is Verdict.PROVED:
+        try:
+            reason = wrong_value(loop, claims.W, claims.value)
+        except MALFORMED as error:
+            reason = f"it cannot be evaluated ({reason_of(error)[:120]})"
+    if reason is not None:
+        yield f"{VALUE}: {reason}"
 
 
 def _foreign_parts(claims: Claims, problem: Problem) -> list[str]:

@@ -58,6 +58,7 @@ class Case(Loop):
             "observer": {"W": gain, "source": maybe(text), "P": form, "Q": gain},
             "checks": [CHECK],
             "notes": [text],
+            "value?": None,  # judged where it is decided
         }
         # nothing of the problem is taken from here: sizes and names come from the loop
         self.claims = read(document(data, "dobc-certificate"), shape)

@@ -20,6 +20,7 @@ from .reading import MAX_BYTES, UNTIL, OutOfTime, Refused, need
 from .saturation import allowed, cut, saturates
 from .schedule import settling
 from .separable import delay, equilibrium, sampling
+from .value import agreed_value
 from .verdict import overall
 
 __all__ = ["MAX_BYTES", "Refused", "examine"]
@@ -97,6 +98,8 @@ def stages(case: Case) -> list[list[Task]]:
         title = f"{check.id} {check.mode or ''}: {check.verdict}"
         claims.append((title, partial(confirm, case, check)))
     last = [(f"overall verdict: {case.claims.verdict}", partial(overall, case))]
+    if case.claims.value is not None:
+        last.append(("the value agreed upon", partial(agreed_value, case)))
     return [about, gain, claims, last]
 
 

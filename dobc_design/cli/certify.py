@@ -261,6 +261,8 @@ def _document(found: Searched, judged: _Judged, written: _Written) -> Document:
     document["checks"] = [each.to_json() for each in judged.checks]
     # The notes of the report, so that JSON leaves out nothing that people are told.
     document["notes"] = list(shown_notes(certificate))
+    if certificate.value is not None:
+        document["value"] = certificate.value.to_json()
     document["certificate"] = str(written.certificate)
     document["report"] = None if written.report is None else str(written.report)
     document["replaced"] = written.replaced

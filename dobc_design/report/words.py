@@ -345,6 +345,8 @@ def _about_the_model(problem: Problem, messages: str) -> str:
 def shown_notes(certificate: Certificate) -> tuple[str, ...]:
     """What is assumed, and what the proof leaves open that people look for."""
     notes, problem = certificate.claims.notes, certificate.problem
+    if certificate.value is not None:
+        notes = (*notes, certificate.value.in_words(problem.unit))
     if certificate.verdict is not Verdict.PROVED or problem.dynamics is None:
         return notes
     if any(each.id == "delay" for each in certificate.checks):

@@ -218,7 +218,7 @@ def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Accuracy:
     read = {label: _read_bounds(bounds[label], entries) for label in loop.labels}
     peaks = None
     if loop.groups:
-        peaks = Peaks(**_read_steps(values["peaks"], (*INPUTS, "step")))
+        peaks = peaks_from_json(values["peaks"])
     if linear:
         response = Response(**_read_steps(values["response"], ("step",)))
         return Accuracy(stages=(), bounds=read, peaks=peaks, response=response)
@@ -231,6 +231,11 @@ def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Accuracy:
         error=error_from_json(values, loop) if curved else None,
         T=form_from_json(values["T"]) if turned else None,
     )
+
+
+def peaks_from_json(data: Any) -> Peaks:
+    """Peak gains as a certificate has them."""
+    return Peaks(**_read_steps(data, (*INPUTS, "step")))
 
 
 def _read_steps(data: Any, names: tuple[str, ...]) -> Document:
@@ -606,14 +611,14 @@ def confirm(check: Check, case: Case) -> str | None:
         return f"it needs between 1 and {MOST_STAGES} stages"
     wrong = None
     if claim.peaks is not None and W is not None:
-        wrong = _wrong_peaks(loop, W, claim.peaks)
+        wrong = wrong_peaks(loop, W, claim.peaks)
     plant = Plant(loop=loop, peaks=claim.peaks)
     if claim.response is not None:
         return wrong or _wrong_response(check, case, claim, plant, claim.response)
     return wrong or _wrong_starts(check, case, claim) or _wrong_stages(claim, plant)
 
 
-def _wrong_peaks(loop: Loop, W: Matrix, peaks: Peaks) -> str | None:
+def wrong_peaks(loop: Loop, W: Matrix, peaks: Peaks) -> str | None:
     """None if the observer passes on no more than these peak gains say."""
     own = observer_peaks(loop, W, step=peaks.step, steps=peaks.steps)
     if own is None:

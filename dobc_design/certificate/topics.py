@@ -144,6 +144,7 @@ TOPICS: Mapping[str, Topic] = {
     ),
     "linearisation": Topic(
         confirm=lambda check, case: linearisation.confirm(check, case.statements, case.W),
+        read=theorems.read_claim,
         of_rows=False,
     ),
     "separable": Topic(

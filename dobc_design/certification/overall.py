@@ -297,7 +297,11 @@ def _disagreement_in(loop: Loop, cycle: Names, arcs: Sequence[Arcs]) -> str | No
     starts = loop.starts
     if len(closed_groups(loop, arcs)) < 2:
         return None
-    if starts is not None and all(lo == hi for lo, hi in starts.states):
+    wide = [lo < hi for lo, hi in starts.states] if starts is not None else [True]
+    if not any(wide):
+        return None
+    # What agents do by themselves may bring them together.
+    if loop.slopes and (not all(wide) or decide_hurwitz(loop.slopes).is_proved):
         return None
     return f"Agreement fails: {_when(loop, cycle)}{apart_in_words(loop, arcs)}"
 
@@ -343,7 +347,8 @@ def _adrift_reason(loop: Loop) -> str | None:
     """Agents that no pin reaches, in any mode, have e' = A e if they start alike."""
     # A common error obeys e' = A e only where the dynamics of an agent are linear.
     A = loop.slopes
-    if not A or loop.drift_place is not None or not _target_is_interior(loop):
+    # Agents that agree may move on together.
+    if not A or loop.agrees or loop.drift_place is not None or not _target_is_interior(loop):
         return None
     arcs = [each.present for each in loop.modes.values()]
     pinned = set(loop.pins.nodes)
@@ -379,6 +384,8 @@ def _target_is_interior(loop: Loop) -> bool:
     of its starts."""
     # no room is asked for without a region
     rooms = zip(_room(loop, range(loop.n)), loop.goals.starts, strict=False)
+    if loop.agrees:  # anywhere
+        return all(lo < hi for (lo, hi), _ in rooms)
     return all(lo < hi and lo < last and first < hi for (lo, hi), (first, last) in rooms)
 
 

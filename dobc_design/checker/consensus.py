@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 from .claims import Case
 from .intervals import Exact, outward, times
-from .loop import Loop, Residual, reach
+from .loop import Loop, Residual, extend, reach
 from .matrices import (
     ZERO,
     Matrix,
@@ -245,16 +245,20 @@ def closed_sets(loop: Loop, modes: Collection[str], loose: bool) -> list[set[int
     """The smallest sets of nodes that hear nobody outside, in these modes together."""
     hears = loop.edges(modes, True, loose)
     heard_by = loop.edges(modes, False, loose)
-    left = set(loop.nodes)
+    # The first one met of a smallest set is not reached from any before. Whoever is in none is
+    # reached from one of these, which was met later.
+    firsts = heads(loop.nodes, heard_by)
+    return [reach([i], hears) for i in heads(firsts[::-1], heard_by)]
+
+
+def heads(order: Iterable[int], edges: list[list[int]]) -> list[int]:
+    """Those that are not reached from one before them."""
     found = []
-    while left:
-        # whoever is heard by a node of a smallest set, or through others, is in it
-        start = min(left)
-        behind = reach([start], hears)
-        within = behind & reach([start], heard_by)
-        if within == behind:
-            found.append(within)
-        left -= within
+    seen = set[int]()
+    for i in order:
+        if i not in seen:
+            found.append(i)
+            extend(seen, [i], edges)
     return found
 
 

@@ -330,6 +330,8 @@ def grows(loop: Loop, check: Any) -> None:
     power = read(check.exact, {"power": rational}).power
     turns = loop.guarantee.timed
     size = loop.size
+    # differences of agents depend on each other: what grows need not be such
+    need(not loop.differences or loop.fixed == 1, "pairs are not followed here")
     linear = check.witness is None and loop.domain == "global"
     need(linear, "it is about linear couplings, and has no witness")
     need(

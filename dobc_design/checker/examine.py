@@ -44,6 +44,8 @@ REGIONAL: dict[str, Decider] = {
 }
 # of these the claims themselves say for which couplings they hold
 OF_ANY_COUPLING = ("max-separable", "lure", "equilibrium", "markov", "accuracy", "schedule")
+# of these the claims hold for differences of agents as well
+OF_DIFFERENCES = ("max-separable", "sampling", "schedule", "settling")
 # of these the claims know arcs to fixed nodes
 OF_FIXED = ("max-separable", "delay", "sampling", "schedule", "settling")
 # of these the claims hold where fixed nodes differ or move
@@ -184,8 +186,9 @@ def regional(agents: Case, check: Any) -> Any:
         need(check.id not in ("equilibrium", "sampling"), "inputs saturate")
         counted = type(check.domain) is str or (check.domain.disturbance or 0) <= allowed(agents)
         need(counted, "what saturation leaves is known for smaller errors of the estimates")
-    late = agents.agrees and check.id == "delay"
-    need(not late, "a late state and one of now make no pair")
+    # delay: a late state and one of now make no difference that is followed
+    of_agents = not case.differences or check.id in OF_DIFFERENCES
+    need(of_agents, "differences of agents are not known to it")
     rests = case.leader is None or check.id not in ("equilibrium", "delay", "sampling")
     need(rests, "the leader moves on")
     if check.verdict == "proved":

@@ -57,6 +57,7 @@ class Problem:
         self.stated = read(source, self.shape())
         self.read_leader()
         self.read_fixed("fixed" in source)
+        self.read_agreement()
         modes = self.stated.modes
         different = 0 < len(modes) == len({mode.name for mode in modes})
         need(different, "modes have to be different, and at least one")
@@ -163,6 +164,19 @@ class Problem:
         pins = stated.gains or any(mode.gains for mode in stated.modes)
         pulled = any(stated.target) or stated.offsets or pins
         need(not pulled, "there is a target beside the fixed nodes")
+
+    def read_agreement(self) -> None:
+        """Nobody prescribes the value on which agents agree."""
+        stated = self.stated
+        if stated.goal != "agreement":
+            return
+        need(self.n > 1, "agreement needs two agents")
+        pins = [stated.gains, *(mode.gains for mode in stated.modes)]
+        free = not any(pins) and not any(stated.target) and stated.leader is None
+        need(free, "agents that agree have no pins, no target and no leader")
+        linear = self.dynamics is None or self.dynamics.f is None
+        # f(x_i) - f(x_j) is no function of x_i - x_j
+        need(linear, "agents that agree have no f")
 
     def read_limit(self, value: Any) -> dict[int, Any]:
         """The limits of the inputs: one for all agents, or one for some."""

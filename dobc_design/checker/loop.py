@@ -102,6 +102,8 @@ class Loop:
             self.between([place for _, place in problem.fixed])
         #: Whether there is no target: nodes are to agree.
         self.agrees = stated.goal == "agreement"
+        #: Whether nodes are differences of agents (pairs.py).
+        self.differences = False
         self.uncertainty = stated.uncertainty
         self.actuators = stated.actuators
         self.xi0 = stated.simulation.get("xi0")  # the starts of the disturbance, not read yet
@@ -304,13 +306,19 @@ class Loop:
 
 def reach(starts: Collection[int], edges: list[list[int]]) -> set[int]:
     """Everybody who is reached along the edges."""
-    found = set(starts)
+    found = set[int]()
+    extend(found, starts, edges)
+    return found
+
+
+def extend(found: set[int], starts: Collection[int], edges: list[list[int]]) -> None:
+    """Add everybody who is reached, and was not found before."""
+    found |= set(starts)
     stack = list(starts)
     while stack:
         fresh = set(edges[stack.pop()]) - found
         found |= fresh
         stack += fresh
-    return found
 
 
 # --- From problem.json

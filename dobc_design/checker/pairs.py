@@ -5,21 +5,20 @@ the nodes are the pairs (i, j), i != j, in the order of i, then j, with the erro
 hears l by w h, (i, j) hears (l, j) by w h and (j, i) hears (j, l) by w h*, h*(y) = -h(-y); for l =
 j these are the fixed nodes n (n - 1) and n (n - 1) + 1. With one function, a linear one, the lesser
 weight by which both of a pair always hear the same agent is taken off both, and is the weight of an
-arc to the first fixed node. C counts twice and W half, because there are two residuals.
+arc to the first fixed node, unless weights are uncertain. C counts twice and W half, because there
+are two residuals.
 """
 
 import copy
 import re
 from collections import defaultdict
 from fractions import Fraction
-from types import SimpleNamespace
 from typing import Any
 
 from .claims import Case
 from .expressions import LONGEST_MADE, Coupling, read_coupling
-from .intervals import Exact
 from .loop import Arc, Loop
-from .matrices import ZERO, diagonal
+from .matrices import ZERO, diagonal, opposite
 from .reading import need
 
 MOST = 300  # agents, of which pairs are looked at
@@ -31,11 +30,7 @@ def rows_of(case: Case) -> Case:
         return case
     rows = copy.copy(case)
     rows.agrees = False
-    none = [ZERO] * case.m
-    if case.region is not None:
-        sides = [[lo - hi, hi - lo] for lo, hi in shared_starts(case)]
-        disturbance = case.region.initial_disturbance
-        rows.region = SimpleNamespace(initial_states=sides, initial_disturbance=disturbance)
+    rows.differences = True
     leader = silent(case)
     if leader is None:
         need(case.n <= MOST, f"there are more than {MOST} agents, which have too many pairs")
@@ -45,7 +40,10 @@ def rows_of(case: Case) -> Case:
     rows.n = len(rows.labels)
     rows.nodes = range(rows.n)
     rows.size = rows.n * rows.m
-    rows.goals = [none for _ in rows.nodes]
+    # of agents, which nodes no longer are; whatever asks for them fails
+    del rows.goals, rows.place, rows.region
+    if case.drift is not None:  # A x_i - A x_j
+        rows.hold = dict.fromkeys(rows.nodes, opposite(case.drift))
     rows.collect()
     # both residuals of a pair: |C eps_i - C eps_j| <= 2 max |C eps|
     rows.residuals = []
@@ -57,15 +55,6 @@ def rows_of(case: Case) -> Case:
     rows.W = halved_gain(case.W)
     rows.given_W = halved_gain(case.given_W)
     return rows
-
-
-def shared_starts(case: Case) -> list[Exact]:
-    """By component, the interval in which every x_i - offset_i starts."""
-    found = []
-    for c, (lo, hi) in enumerate(case.region.initial_states):
-        offsets = [goal[c] for goal in case.goals]
-        found.append((lo - max(offsets), hi - min(offsets)))
-    return found
 
 
 def halved_gain(W: Any) -> Any:
@@ -101,7 +90,8 @@ def pairs(case: Case, rows: Case) -> None:
     rows.fixed = 2
     star = {h: h if h.straight else mirrored(h, case.m) for h in case.functions}
     rows.functions = [*case.functions, *(star[h] for h in case.functions if star[h] is not h)]
-    sole = len(case.functions) == 1 and case.functions[0].straight
+    exact = case.uncertainty is None or not case.uncertainty.weights
+    sole = exact and len(case.functions) == 1 and case.functions[0].straight
     rows.modes = {}
     for mode, arcs in case.modes.items():
         hears: dict[int, dict[int, Fraction]] = defaultdict(dict)  # who is heard: by whom

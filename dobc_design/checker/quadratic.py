@@ -79,6 +79,8 @@ def read_quadratic(case: Case, exact: Any, rate: Fraction | None = None) -> Any:
     """V decreases at the rate where V <= level (null: everywhere)."""
     m = case.m
     size = case.n * m
+    # its arcs are between agents, each with an estimation error of its own
+    need(not case.fixed, "arcs to fixed nodes are not known to it")
     need(size <= ROWS, f"quadratic certificates are decided up to {ROWS} rows")
     shape: Object = {
         "method": text,

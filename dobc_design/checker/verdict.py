@@ -194,7 +194,10 @@ def starts_around_goals(loop: Loop) -> bool:
     for c, ((lo, hi), (first, last)) in enumerate(sides):
         low = max(lo - goal[c] for goal in loop.goals)
         high = min(hi - goal[c] for goal in loop.goals)
-        if not (low < high and low < last and first < high):
+        if not low < high:
+            return False
+        # agents that agree may do so anywhere
+        if not (loop.agrees or (low < last and first < high)):
             return False
     return True
 
@@ -205,7 +208,12 @@ def stays_apart(loop: Loop) -> bool:
     last = absorbing(loop) if len(loop.modes) <= MODES else []
     all_modes, *cycles = loop.guarantee.allowed()
     if loop.agrees:
-        if loop.region is not None and all(lo == hi for lo, hi in loop.region.initial_states):
+        wide = [True]
+        if loop.region is not None:
+            wide = [lo < hi for lo, hi in loop.region.initial_states]
+        # what agents do by themselves may bring them together
+        kept = loop.drift is None or (all(wide) and not stable(loop.drift))
+        if not (any(wide) and kept):
             return False
         sets = [closed_sets(loop, all_modes, True)]
         sets += [closed_sets(loop, cycle, False) for cycle in [*cycles, *last]]
@@ -233,7 +241,8 @@ def escapes(loop: Loop, modes: Collection[str], loose: bool) -> bool:
 def drifts(loop: Loop) -> bool:
     """A closed set of nodes without a pin, whose common error follows e' = A e, does not come
     to rest."""
-    if loop.drift is None or loop.own is not None or stable(loop.drift):
+    # agents that agree may move on together
+    if loop.agrees or loop.drift is None or loop.own is not None or stable(loop.drift):
         return False
     return len(reach(loop.pinned(loop.modes, True), loop.edges(loop.modes, False, True))) < loop.n
 

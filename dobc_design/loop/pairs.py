@@ -12,7 +12,8 @@ row is the upper one of (j, i).
 Where an agent hears nobody, in no mode, it is the target of all others: n - 1 rows do.
 
 C eps_i - C eps_j is at most twice the largest |C eps_i|, so that an exosystem has the output 2 C
-here, and a gain W counts as W/2: A - W C is the same.
+here, and a gain W counts as W/2: A - W C is the same.  What linear dynamics do, A x_i, they do to
+differences as well; offsets of a formation are taken off the states.
 """
 
 from __future__ import annotations
@@ -102,7 +103,7 @@ def _led_by(loop: Loop, leader: int) -> Loop:
         (int(order[i]), int(order[j])): place for (i, j), place in loop.exceptions.items()
     }
     return replace(
-        _of_disagreements(loop),
+        _of_disagreements(loop, loop.n - 1),
         labels=_without(loop.labels, leader),
         fixed=(loop.labels[leader],),
         modes=modes,
@@ -110,17 +111,19 @@ def _led_by(loop: Loop, leader: int) -> Loop:
     )
 
 
-def _of_disagreements(loop: Loop) -> Loop:
-    """What is the same for all: errors are differences of states."""
+def _of_disagreements(loop: Loop, count: int) -> Loop:
+    """What is the same for all: errors are differences of states, ``count`` of them."""
     starts = loop.starts
     if starts is not None:
         apart = tuple((lo - hi, hi - lo) for lo, hi in shared_starts(loop))
         starts = Starts(states=apart, disturbance=starts.disturbance)
-    none = pins_of({})
+    drift = {}
+    if loop.slopes:
+        drift = dict.fromkeys(range(count), scale(-1, loop.slopes))
     return replace(
         loop,
-        pins=none,
-        pulls=none,
+        pins=pins_of({}),
+        pulls=pins_of(drift),
         groups=tuple(map(_doubled, loop.groups)),
         goal="differences",
         goals=zero_goals(loop.m),
@@ -137,6 +140,11 @@ def shared_starts(loop: Loop) -> Iterator[Pair]:
         yield lo - max(offsets), hi - min(offsets)
 
 
+def are_pairs(loop: Loop) -> bool:
+    """Whether nodes are pairs: then errors depend on each other, and what grows need not occur."""
+    return loop.goal == "differences" and loop.fixed == FIXED
+
+
 def _doubled(group: Group) -> Group:
     """The same estimation error, seen through 2 C."""
     exosystem = Exosystem(A=group.exosystem.A, C=scale(RESIDUALS, group.exosystem.C))
@@ -148,7 +156,7 @@ def _doubled(group: Group) -> Group:
 
 
 def pairs_of(loop: Loop) -> Loop:
-    """The loop of pairs of one without pins and drift."""
+    """The loop of pairs of one without pins."""
     functions, mirrored = _both_ways(loop)
     modes = dict[str, Arcs]()
     exceptions = dict[Arc, int]()
@@ -168,7 +176,7 @@ def pairs_of(loop: Loop) -> Loop:
         for second in _without(loop.labels, i)
     )
     return replace(
-        _of_disagreements(loop),
+        _of_disagreements(loop, loop.n * (loop.n - 1)),
         labels=tuple(labels),
         fixed=FIXED,
         modes=modes,
@@ -268,7 +276,7 @@ class _Shared:
 
     ``numbers`` (arcs,): weights times ``bottom``, integers where denominators are short;
     ``table`` (n, n): of who hears whom, by arcs that are always there, none where functions are
-    not one linear one.
+    not one linear one, or weights are uncertain: both are off by errors of their own.
     """
 
     arcs: Arcs
@@ -304,7 +312,8 @@ def _shared_weights(loop: Loop, arcs: Arcs) -> _Shared:
     if all(w.denominator == 1 and w < 2**40 for w in numbers.tolist()):
         numbers = numbers.astype(np.int64)
     table = None
-    if loop.is_linear and len(loop.functions) == 1:
+    exact = loop.uncertainty is None or not loop.uncertainty.weights
+    if exact and loop.is_linear and len(loop.functions) == 1:
         table = np.zeros((loop.n, loop.n), dtype=numbers.dtype)
         sure = len(arcs) - arcs.optional
         table[arcs.listeners[:sure], arcs.speakers[:sure]] = numbers[:sure]

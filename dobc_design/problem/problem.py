@@ -256,6 +256,16 @@ class Problem(Grouped, Shown):
                 self._check_fixed()
             return
         errors = Mistakes()
+        with errors:
+            if len(self.network.labels) < 2:
+                raise wrong("goal", "needs two agents or more to agree.", "Add agents.")
+            if self.dynamics is not None and self.dynamics.f is not None:
+                # f(x_i) - f(x_j) is no function of x_i - x_j
+                raise wrong(
+                    "dynamics.f",
+                    'is not known with goal = "agreement".',
+                    "Give linear dynamics A, or a target.",
+                )
         known = {
             "target": any(self.target),
             "pinning": bool(self.pinning.agents),

@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 import pytest
 from checker_files.accuracy import accuracy_cases
+from checker_files.agreement import agreement_cases
 from checker_files.dynamics import dynamics_cases
 from checker_files.files import (
     FAILS,
@@ -39,6 +40,7 @@ COUNTS: dict[Callable[[], list[Case]], tuple[int, int, int]] = {
     accuracy_cases: (1, 1, 0),
     margins_cases: (1, 1, 0),
     dynamics_cases: (20, 55, 20),
+    agreement_cases: (29, 50, 7),
 }
 
 
@@ -102,10 +104,11 @@ FEW = {
     "loop": ("self.own is None",),
     "verdict": (
         "loop.own is not None",
-        "loop.drift is None or loop.own is not None or stable(loop.drift)",
+        "loop.agrees or loop.drift is None or loop.own is not None or stable(loop.drift)",
+        "not (any(wide) and kept)",
     ),
-    "consensus": ("product(P, W) == Q", "semidefinite(RG)", "not case.kinked"),
-    "files": ("len(echelon(dynamics.B)[0]) == columns",),
+    "consensus": ("product(P, W) == Q", "semidefinite(RG)", "not case.kinked", "not case.agrees"),
+    "files": ("len(echelon(dynamics.B)[0]) == columns", "self.n > 1", "free", "linear"),
     "examine": ("claims.problem_sha256 == case.problem.sha256",),
     "separable": ("left >= 0", "exact.delay >= 0"),
     "quadratic": ("claim.level > 0",),

@@ -22,6 +22,7 @@ from dobc_design.conditions.numbers import read_rational
 from dobc_design.exact.exponential import expanding_product
 from dobc_design.exact.matrix import Matrix, row_norm
 from dobc_design.loop.loop import Loop
+from dobc_design.loop.pairs import are_pairs
 from dobc_design.verdict import Verdict
 
 POWERS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)  # that are tried
@@ -64,7 +65,7 @@ def _parts(loop: Loop) -> list[tuple[Matrix, Fraction]] | None:
     is_small = 0 < len(phases) <= MOST_PHASES and loop.size <= MOST_ROWS
     if not (loop.is_linear and in_turn and is_small) or loop.loose is not None:
         return None
-    if sum(phase.first for phase in phases) != 1:
+    if sum(phase.first for phase in phases) != 1 or are_pairs(loop):
         return None
     statements = state_theorems(loop)
     modes = {phase.mode for phase in phases}

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 from functools import cache
 
 from checker_files.accuracy import accuracy_cases
+from checker_files.agreement import agreement_cases
 from checker_files.dynamics import dynamics_cases
 from checker_files.files import FAILS, HOLDS, UNREADABLE, Case, cases
 from checker_files.graphs import graphs_cases
@@ -28,10 +29,12 @@ EVERY = (
     cycles_cases,
     graphs_cases,
     dynamics_cases,
+    agreement_cases,
 )
 #: The cases to try first.
 FIRST: dict[str, tuple[Callable[[], list[Case]], ...]] = {}
-FIRST["files"] = (dynamics_cases,)
+FIRST["files"] = dynamics_cases, agreement_cases
+FIRST["pairs"] = (agreement_cases,)
 FIRST["loop"] = (dynamics_cases,)
 FIRST["guarantee"] = cycles_cases, graphs_cases
 FIRST["consensus"] = dynamics_cases, cases
@@ -43,7 +46,7 @@ FIRST["schedule"] = tube_cases, cycles_cases
 FIRST["cycles"] = (cycles_cases,)
 FIRST["graphs"] = (graphs_cases,)
 FIRST["coordinates"] = dynamics_cases, region_cases
-FIRST["verdict"] = dynamics_cases, cases
+FIRST["verdict"] = dynamics_cases, cases, agreement_cases
 FIRST["examine"] = dynamics_cases, cases
 #: Removals that no case can notice, each with the reason.
 EQUIVALENT: dict[str, str] = {}
@@ -77,6 +80,7 @@ EQUIVALENT |= dict.fromkeys(
         "size <= ROWS",
         "len(X) <= 20",
         "case.n <= AGENTS",
+        "case.n <= MOST",
         "m <= MOST",
         "0 < len(turns) <= ROUND and size <= ROWS",
         "grown <= GROWTH",

@@ -18,7 +18,7 @@ from dobc_design.problem.canonical import canonical_bytes
 
 
 @cache
-def _unweighted(problem: Problem) -> Claims:
+def unweighted(problem: Problem) -> Claims:
     """What is claimed of the consensus, without searching for weights of agents."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(certification, "weighted_stage", lambda *given, **options: [])
@@ -41,7 +41,7 @@ class Frames:
         problem = Problem(**self._settings[name][0])
         weighted = any(each.endswith("weighted") for each in self._known)
         document = json.loads(
-            certificate_bytes((consensus_claims if weighted else _unweighted)(problem))
+            certificate_bytes((consensus_claims if weighted else unweighted)(problem))
         )
         document["checks"] = [each for each in document["checks"] if each["id"] in self._known]
         if document["verdict"] == "proved" and document["covered_by"] not in self._known:

@@ -140,11 +140,6 @@ def shared_starts(loop: Loop) -> Iterator[Pair]:
         yield lo - max(offsets), hi - min(offsets)
 
 
-def are_pairs(loop: Loop) -> bool:
-    """Whether nodes are pairs: then errors depend on each other, and what grows need not occur."""
-    return loop.goal == "differences" and loop.fixed == FIXED
-
-
 def _doubled(group: Group) -> Group:
     """The same estimation error, seen through 2 C."""
     exosystem = Exosystem(A=group.exosystem.A, C=scale(RESIDUALS, group.exosystem.C))

@@ -107,7 +107,12 @@ FEW = {
         "loop.agrees or loop.drift is None or loop.own is not None or stable(loop.drift)",
         "not (any(wide) and kept)",
     ),
-    "consensus": ("product(P, W) == Q", "semidefinite(RG)", "not case.kinked", "not case.agrees"),
+    "consensus": (
+        "product(P, W) == Q",
+        "semidefinite(RG)",
+        "not case.kinked",
+        "not (case.agrees or case.gap)",
+    ),
     "files": ("len(echelon(dynamics.B)[0]) == columns", "self.n > 1", "free", "linear"),
     "examine": ("claims.problem_sha256 == case.problem.sha256",),
     "separable": ("left >= 0", "exact.delay >= 0"),
@@ -127,7 +132,7 @@ def test_the_removal_of_a_check_is_noticed(removal: Removal):
 
 #: Slips that accept what is false.
 SLIPS = (
-    ("margins", "z[k] == -w", "z[k] == w", margins_cases),
+    ("saturation", "z[k] == -w", "z[k] == w", margins_cases),
     ("accuracy", "bottom) + self.noise)[1]", "bottom) - self.noise)[1]", accuracy_cases),
     ("accuracy", "coupling, self.v[i] + self", "coupling, self.v[i] - self", accuracy_cases),
 )

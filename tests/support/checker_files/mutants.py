@@ -31,6 +31,7 @@ FILES = (
     "loop",
     "claims",
     "pairs",
+    "saturation",
     "consensus",
     "curves",
     "separable",

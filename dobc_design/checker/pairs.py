@@ -17,6 +17,7 @@ from typing import Any
 
 from .claims import Case
 from .expressions import LONGEST_MADE, Coupling, read_coupling
+from .intervals import Exact
 from .loop import Arc, Loop
 from .matrices import ZERO, diagonal, opposite
 from .reading import need
@@ -55,6 +56,15 @@ def rows_of(case: Case) -> Case:
     rows.W = halved_gain(case.W)
     rows.given_W = halved_gain(case.given_W)
     return rows
+
+
+def shared_starts(case: Case) -> list[Exact]:
+    """By component, the interval in which every x_i - offset_i starts."""
+    found = []
+    for c, (lo, hi) in enumerate(case.region.initial_states):
+        offsets = [goal[c] for goal in case.goals]
+        found.append((lo - max(offsets), hi - min(offsets)))
+    return found
 
 
 def halved_gain(W: Any) -> Any:

@@ -8,13 +8,15 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
+from fractions import Fraction
 from itertools import islice
 from typing import Any
 
 from dobc_design.conditions.consensus.agreement import roots_words
-from dobc_design.exact.number import decimal_text
+from dobc_design.exact.number import decimal_text, number_text
 from dobc_design.exact.reading import Document, Names, counted, named, some
 from dobc_design.loop.arcs import unreached
+from dobc_design.loop.limits import MOST_AGENTS, mean_weights, reached_from
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.words import said_of
 from dobc_design.problem.fixed import place_words
@@ -48,9 +50,34 @@ def describe(problem: Problem) -> str:
         lines += _mode_lines(problem, mode, arcs)
     if problem.goal == "target":
         lines += [_sentence(name, words) for name, words in pin_words(problem)]
+    lines += limit_lines(problem)
     lines += [_sentence(name, words) for name, words in table_words(problem)]
     lines += [f"Note: {note}" for note in problem.notes]
     return "\n".join([*lines, *meaning_lines(problem)])
+
+
+def limit_lines(problem: Problem) -> Iterator[str]:
+    """Where agents between fixed nodes end, or which of these some of them do not hear."""
+    weights = mean_weights(problem)
+    labels, fixed = problem.network.labels, tuple(problem.fixed)
+    for i in range(min(problem.n, LISTED) if weights else 0):
+        yield f"Agent {named(labels[i])} ends at {limit_words(problem, weights[i])}."
+    if weights or problem.goal != "containment" or problem.n > MOST_AGENTS:
+        return
+    for label, reached in reached_from(loop_of(problem)):
+        away = [labels[i] for i in range(problem.n) if i not in reached]
+        if away and len(fixed) > 1:
+            yield f"Not reached from {named(label)}: {some(away, LISTED)}."
+
+
+def limit_words(problem: Problem, weights: Sequence[Fraction]) -> str:
+    """A mean of what the fixed nodes have, with its value."""
+    parts = [f"{number_text(w)} {named(label)}" for label, w in zip(problem.fixed, weights) if w]
+    values = []
+    for c in range(problem.m):
+        known = (place[c][0] for place in problem.fixed.values())
+        values.append(sum((w * x for w, x in zip(weights, known, strict=True)), Fraction(0)))
+    return f"{vector_text(tuple(values), problem.units)} ({' + '.join(parts)})"
 
 
 def _goal_words(problem: Problem) -> str:

@@ -19,7 +19,11 @@ from .pairs import FIXED, silent_agent
 
 _TABLES = tomllib.loads((files("dobc_design.loop") / "words.toml").read_text("utf-8"))
 #: By goal of a loop.
-_TABLE_OF = {"agreement": "agreement", "differences": "agreement"}
+_TABLE_OF = {
+    "agreement": "agreement",
+    "differences": "agreement",
+    "containment": "containment",
+}
 
 Said = Callable[[str], str]
 
@@ -41,7 +45,7 @@ def _compared_with(loop: Loop) -> str:
     """The label of the agent whose state all others are compared with; "" where that is each."""
     if loop.goal == "differences":
         return "" if loop.fixed == FIXED else loop.fixed[0]
-    leader = silent_agent(loop)
+    leader = silent_agent(loop) if loop.agrees else None
     return "" if leader is None else loop.labels[leader]
 
 

@@ -98,14 +98,13 @@ def max_separable_check(
     if claim.error is not None:
         measure += f" + {float(claim.error.kappa):.4g} max_i |eps_i|_P"
     everywhere = ", in every mode" if len(loop.modes) > 1 else ""
-    arrives = "ends between the fixed nodes" if loop.gap else "reaches the target"
     return Check(
         id=MAX_SEPARABLE,
         verdict=Verdict.PROVED,
         domain=domain,
         rate=rate,
         claim=claim,
-        reason=f"{starts} {arrives}: V = {measure} decays at least like "
+        reason=f"{starts} reaches the target: V = {measure} decays at least like "
         f"exp(-{text_below(rate)} t)"
         f"{everywhere} (max-separable Lyapunov function).{remark}",
     )

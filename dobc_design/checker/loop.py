@@ -120,7 +120,7 @@ class Loop:
     def between(self, places: list[Matrix]) -> None:
         """Errors are distances to the box of all fixed nodes; from one of no width, a target."""
         box = []
-        for sides in paired(*places):
+        for sides in zip(*places, strict=True):
             box.append((min(lo for lo, _ in sides), max(hi for _, hi in sides)))
         self.gap = max(hi - lo for lo, hi in box)
         if not self.gap:

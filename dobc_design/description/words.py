@@ -60,8 +60,8 @@ def limit_lines(problem: Problem) -> Iterator[str]:
     """Where agents between fixed nodes end, or which of these some of them do not hear."""
     weights = mean_weights(problem)
     labels, fixed = problem.network.labels, tuple(problem.fixed)
-    for i in range(min(problem.n, LISTED) if weights else 0):
-        yield f"Agent {named(labels[i])} ends at {limit_words(problem, weights[i])}."
+    for label, own in list(zip(labels, weights or (), strict=False))[:LISTED]:
+        yield f"Agent {named(label)} ends at {limit_words(problem, own)}."
     if weights or problem.goal != "containment" or problem.n > MOST_AGENTS:
         return
     for label, reached in reached_from(loop_of(problem)):
@@ -72,7 +72,8 @@ def limit_lines(problem: Problem) -> Iterator[str]:
 
 def limit_words(problem: Problem, weights: Sequence[Fraction]) -> str:
     """A mean of what the fixed nodes have, with its value."""
-    parts = [f"{number_text(w)} {named(label)}" for label, w in zip(problem.fixed, weights) if w]
+    pairs = zip(problem.fixed, weights, strict=True)
+    parts = [f"{number_text(w)} {named(label)}" for label, w in pairs if w]
     values = []
     for c in range(problem.m):
         known = (place[c][0] for place in problem.fixed.values())

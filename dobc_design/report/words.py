@@ -9,6 +9,7 @@ import tomllib
 from collections.abc import Iterable, Iterator, Sequence
 from fractions import Fraction
 from importlib.resources import files
+from itertools import islice
 from typing import Any
 
 from dobc_design._checks import noun
@@ -28,11 +29,13 @@ from dobc_design.conditions.graphs.claim import signals_in_words
 from dobc_design.conditions.kinds import KINDS, REACHABILITY, ids_of
 from dobc_design.conditions.numbers import read_rational, time_to_one_percent
 from dobc_design.description.meaning import disturbance_words, time_words
-from dobc_design.description.words import leader_words
+from dobc_design.description.words import leader_words, limit_words
 from dobc_design.exact.matrix import Matrix, Vector, matrix
 from dobc_design.exact.number import decimal_text, number_text
 from dobc_design.exact.reading import Document, Names, counted, is_scalar_matrix, some
+from dobc_design.loop.limits import mean_weights
 from dobc_design.loop.make import loop_of
+from dobc_design.problem.fixed import place_words
 from dobc_design.problem.network import Arcs
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.region import Region
@@ -363,7 +366,7 @@ def loop_facts(certificate: Certificate) -> Iterator[Fact]:
     # typed with hyphens, shown with minus signs
     h = ", ".join(problem.coupling.texts).replace("-", "−")
     yield "Coupling", f"h(y) = {h}"
-    yield "Target", target_words(problem)
+    yield "Fixed nodes" if problem.fixed else "Target", target_words(problem)
     if problem.region is not None:
         yield "Starts asked for", _starts(problem.region, problem.units)
     # A large W stands among the matrices only.
@@ -460,8 +463,11 @@ def agents_table(problem: Problem) -> Table | None:
         own = [f"{_gain(k[agent])} in {mode}" for mode, k in pinning.modes.items() if agent in k]
         return ", ".join(own) or "–"
 
+    weights = mean_weights(problem)
+    known = () if weights is None else EVERY
     columns = [
         Column("agent", lambda i: labels[i], 1.2),
+        Column("ends at", lambda i: _limit(problem, weights, i), 1.5, only=known),
         Column("k in 1/s" if problem.dynamics is None else "K", gain, 0.8),
         Column("goal", lambda i: _goal(problem, i), only=EVERY if moved else ("markdown",)),
     ]
@@ -471,6 +477,11 @@ def agents_table(problem: Problem) -> Table | None:
     goals = ", goals" if moved else ""
     caption = f"Gain k of the pins{goals}, and whom each agent listens to"
     return table_of(caption, range(problem.n), *columns, cards=True)
+
+
+def _limit(problem: Problem, weights: Matrix | None, i: int) -> str:
+    """Where an agent between fixed nodes ends."""
+    return "" if weights is None else typeset(limit_words(problem, weights[i]))
 
 
 def _heard(arcs: Arcs, labels: Names) -> list[str]:
@@ -651,7 +662,10 @@ def agents_in_words(problem: Problem, agents: Iterable[int]) -> str:
 
 
 def target_words(problem: Problem) -> str:
-    """The target, a vector or a leader."""
+    """The target, a vector or a leader; or the fixed nodes."""
+    if problem.fixed:
+        shown = islice(problem.fixed.items(), MOST_NAMES)
+        return typeset("; ".join(f"{label} {place_words(at, problem.unit)}" for label, at in shown))
     leader = typeset(leader_words(problem)).replace(" x [", " × [").replace("s'", "s′")
     return leader or vector_text(problem.target, problem.units)
 

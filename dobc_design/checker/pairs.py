@@ -13,6 +13,7 @@ import copy
 import re
 from collections import defaultdict
 from fractions import Fraction
+from functools import lru_cache
 from typing import Any
 
 from .claims import Case
@@ -25,6 +26,7 @@ from .reading import need
 MOST = 300  # agents, of which pairs are looked at
 
 
+@lru_cache(maxsize=1)  # every check asks
 def rows_of(case: Case) -> Case:
     """The same case about differences, where agents agree; itself otherwise."""
     if not case.agrees:

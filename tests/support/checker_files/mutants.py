@@ -41,6 +41,7 @@ FILES = (
     "schedule",
     "graphs",
     "accuracy",
+    "value",
     "factors",
     "margins",
     "verdict",

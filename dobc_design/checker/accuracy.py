@@ -185,7 +185,8 @@ class Loads:
         self.plant = loop.uncertainty or EXACT
         self.peaks = peaks
         self.rho = stage.rho
-        self.v, self.bottom = integers(stage.v)
+        v, self.bottom = integers(stage.v)
+        self.v = loop.with_fixed(v)
         self.noise = 2 * self.plant.measurement  # of a difference of two measured states
         self.steepest = cache(self.find_steepest)
         self.secant = cache(self.find_secant)
@@ -214,7 +215,10 @@ class Loads:
         slopes = ZERO
         for arc in heard:
             slopes += arc.w * self.steepest(arc.coupling, self.v[i] + self.v[arc.j])
-        return Fraction(self.noise * (1 + self.plant.weights) * slopes)
+        plant = self.plant
+        # an arc to a node whose error is 0 may be a pin
+        error = max(plant.weights, plant.gains) if self.loop.fixed else plant.weights
+        return Fraction(self.noise * (1 + error) * slopes)
 
     def pulled(self, i: int, heard: list[Arc]) -> Fraction:
         """What the arcs of a mode add to an input, by their weights."""
@@ -256,9 +260,9 @@ def shrinks(loop: Loop, stage: Any, peaks: Any) -> list[Added]:
         if stage.rho is None:
             # for all s >= level: it is hardest there
             most = load * bottom / stage.level
-            holds = linear_row(row, Errors(weights=plant.weights, load=most))
+            holds = linear_row(row, Errors(plant.weights, plant.gains, load=most))
         else:
-            errors = Errors(weights=plant.weights, load=load, start=stage.level)
+            errors = Errors(plant.weights, plant.gains, load, stage.level)
             holds = curved_row(row, bottom, stage.rho, curves, errors)
         need(holds, f"the row of agent {loop.labels[i]} is not shown")
     return added

@@ -48,6 +48,8 @@ OF_ANY_COUPLING = ("max-separable", "lure", "equilibrium", "markov", "accuracy",
 OF_DIFFERENCES = ("max-separable", "sampling", "schedule", "settling")
 # of these the claims know arcs to fixed nodes
 OF_FIXED = ("max-separable", "delay", "sampling", "schedule", "settling")
+# of these where the fixed nodes are the target
+OF_TARGET = (*OF_FIXED, "tolerance", "equilibrium", "safety", "markov", "accuracy")
 # of these the claims hold where fixed nodes differ or move
 OF_GAPS = ("max-separable", "delay")
 REFUTABLE = ("max-separable", "equilibrium", "markov", "schedule")
@@ -178,7 +180,8 @@ def regional(agents: Case, check: Any) -> Any:
     need(case.q == 0 or case.W is not None, "there is no observer gain")
     need(check.id in OF_ANY_COUPLING or case.single, "a coupling is a list, or nodes are curved")
     need(case.own is None or check.id not in ("equilibrium", "markov"), "nodes are curved")
-    known = not case.fixed or check.id in OF_FIXED
+    one = not (agents.agrees or case.gap or saturates(agents))
+    known = not case.fixed or check.id in (OF_TARGET if one else OF_FIXED)
     need(known, "pins of single modes are not known to it")
     need(not case.gap or check.id in OF_GAPS, "it is about one target")
     if saturates(agents):

@@ -93,13 +93,18 @@ def markov(case: Case, check: Any) -> Any:
 
 def lost(loop: Loop, check: Any, last: list[list[str]]) -> None:
     """In the first closed class that does it, some agents are not reached from one with a gain."""
-    sets = ((names, reach(loop.hold, loop.edges(names, False))) for names in last)
+    sets = ((names, pulled(loop, names)) for names in last)
     names, held = next((each for each in sets if len(each[1]) < loop.n), ([], set()))
     apart = bool(names) and same(check.exact, {"modes": names})
     need(apart, "these modes do not keep agents apart")
     labels = [label for i, label in enumerate(loop.labels) if i not in held]
     witness = {"kind": "agents", "labels": labels}
     need(same(check.witness, witness), "the agents are others")
+
+
+def pulled(loop: Loop, names: list[str]) -> set[int]:
+    """The nodes that a pin reaches while these modes are on in turn."""
+    return reach({*loop.hold, *loop.tied(names)}, loop.edges(names, False))
 
 
 def on_average(case: Case, check: Any, chain: Matrix, linear: bool) -> Any:
@@ -146,7 +151,8 @@ def mean(loop: Loop, mode: str, parts: dict[str, Vector], rates: Vector) -> None
         for arc in heard:
             low, high = arc.coupling.slope(0, 0)
             # each slope at the end that makes the row larger
-            rows[arc.j] += arc.w * high * w[i]
+            if arc.j < loop.n:
+                rows[arc.j] += arc.w * high * w[i]
             # an arc that may be away must not be counted on
             if not arc.loose:
                 rows[i] -= arc.w * low * w[i]

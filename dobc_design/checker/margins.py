@@ -64,7 +64,7 @@ def in_region(case: Case, check: Any, exact: Any, errors: Errors) -> Any:
 def pull(case: Case, claim: Any) -> Fraction:
     """max |W|_P max over agents of sum w (v_i + v_j) sup |h(y)/y|: what errors of the weights add
     to eps at most."""
-    v = claim.v
+    v = case.with_fixed(claim.v)
     # outward roots: |W|_P is not underestimated
     roots = [root(form(w, claim.P, w)) for w in transpose(case.W)]
     norm = max(sum(roots[k : k + case.m], ZERO) for k in range(0, len(roots), case.m))

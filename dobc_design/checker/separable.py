@@ -218,6 +218,10 @@ class Errors(NamedTuple):
     load: Fraction = ZERO
     start: Fraction = ZERO
 
+    def of(self, arc: Heard) -> Fraction:
+        """That of the weight of an arc; one to a node whose error is 0 may be a pin."""
+        return self.weights if arc.top else max(self.weights, self.gains)
+
 
 EXACT = Errors()
 
@@ -299,7 +303,7 @@ def linear_row(row: Row, errors: Errors, local: bool = False) -> bool:
         sides = (row.step(arc), -arc.top - row.own)
         most = max(g * y for g in arc.h.slope(0, 0) for y in sides)
         # a supremum may have any sign: either end of the weight may be the worse one
-        weights = (arc.w * (1 - errors.weights), arc.w * (1 + errors.weights))
+        weights = (arc.w * (1 - errors.of(arc)), arc.w * (1 + errors.of(arc)))
         left += max(w * most for w in weights)
     return left <= row.c
 
@@ -319,7 +323,7 @@ def curved_row(row: Row, bottom: int, rho: Fraction, curves: Curves, errors: Err
     for mirrored in (False, True):
         terms = []
         for arc in row.arcs:
-            ends = [arc.w * (1 + sign * errors.weights) / unit for sign in (-1, 1)]
+            ends = [arc.w * (1 + sign * errors.of(arc)) / unit for sign in (-1, 1)]
             # all weights within their errors
             w = hull(*map(enclosed, ends))
             curve = curves[arc.h, mirrored]
@@ -486,6 +490,7 @@ def forces(
     zero = kind(ZERO)
     values = [zero] * len(e)
     slopes: list[dict[int, Floats]] = [{} for _ in e]
+    e = [*e, *[[ZERO, ZERO]] * m * loop.fixed]
 
     def push(row: int, w: Floats, value: Floats) -> None:
         values[row] = added(values[row], times(w, value))
@@ -507,7 +512,8 @@ def forces(
             value, found = part.at(*variables(y))
             push(row, w, value)
             for a, b, slope in zip(own, other, found or [zero] * len(y), strict=True):
-                lean(row, b, w, slope)
+                if arc.j < loop.n:
+                    lean(row, b, w, slope)
                 lean(row, a, w, negative(slope))
     for i, k in loop.hold.items():
         for c, gains in enumerate(k):

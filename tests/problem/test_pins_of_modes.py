@@ -1,6 +1,7 @@
 """Pins of single modes ([pinning.modes]): read, written, told, drawn, simulated, and proved."""
 
 import json
+from dataclasses import replace
 from fractions import Fraction
 from random import Random
 
@@ -22,6 +23,7 @@ from dobc_design import (
     simulate,
 )
 from dobc_design.certificate.text import certificate_bytes
+from dobc_design.certification.recheck import confirm, trust
 from dobc_design.checker.examine import examine
 from dobc_design.conditions.separable.claim import rows
 from dobc_design.description.words import describe, facts
@@ -30,7 +32,11 @@ from dobc_design.export.rocq.matrices import rocq_proof
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.pairs import required_rows
 from dobc_design.plotting import look
-from dobc_design.problem.canonical import canonical_bytes, problem_from_canonical
+from dobc_design.problem.canonical import (
+    canonical_bytes,
+    problem_from_canonical,
+    problem_sha256,
+)
 from dobc_design.problem.changes import changed_problem, problem_text
 from dobc_design.problem.load import read_problem_text
 from dobc_design.problem.pinning import Pinning
@@ -262,3 +268,68 @@ def random_pins(seed: int) -> Problem:
 def test_random_networks_with_pins_of_modes_are_told_alike_by_both_programs(seed: int):
     certificate = agreed(random_pins(seed))
     assert certificate.claims.verdict.value != "refuted"
+
+
+UNCERTAIN = '[uncertainty]\nweights = "1/10"\ngains = "1/5"\n'
+LOADED = f'{UNCERTAIN}disturbance = "1/20"\nmeasurement = "1/100"\n'
+MARKOV = '[switching]\nguarantee = "markov"\ngenerator = [[-1, 1], [1, -1]]\n'
+STRONG = ("G1 = { 1 = 1 }", "G1 = { 1 = 1, 2 = 1 }"), ('2 = "5/2"', '2 = "5/2", 1 = 2')
+APART = (("G2 = { 2", "G2 = { 3"),)
+
+
+@pytest.mark.parametrize(
+    ("id", "changes", "table", "verdict"),
+    [
+        ("tolerance", STRONG, UNCERTAIN, "proved"),
+        ("accuracy", STRONG, LOADED, "proved"),
+        ("tolerance", (*STRONG, ('"tanh(y)"', '"y"')), UNCERTAIN, "proved"),
+        ("accuracy", (*STRONG, ('"tanh(y)"', '"y"')), LOADED, "proved"),
+        ("markov", APART, MARKOV, "proved"),
+        ("markov", (*APART, ('"tanh(y)"', '"y"')), MARKOV, "proved"),
+        ("markov", APART, MARKOV.replace("[1, -1]", "[0, 0]"), "refuted"),
+        (
+            "equilibrium",
+            (*STRONG, ('"tanh(y)"', '"sin(3*y)"'), ("[-1, 1]", "[-4, 4]")),
+            "",
+            "refuted",
+        ),
+    ],
+)
+def test_topics_take_pins_of_modes(id: str, changes, table: str, verdict: str):
+    """Twins among them: pins that the chain visits again and again, and pins that it leaves."""
+    text = TEXT
+    for old, new in changes:
+        text = text.replace(old, new)
+    certificate = agreed(problem(text + table))
+    (check,) = [each for each in certificate.checks if each.id == id]
+    assert check.verdict.value == verdict
+
+
+def test_the_final_bound_of_one_agent_is_that_of_its_weakest_pin():
+    """omega/k: x' = -k x + w, k = 2 or 1, 20 % less: 0.1/0.8."""
+    given = Problem(
+        network=Network.from_arcs({"a": [], "b": []}, agents=1, arrow="listens_to"),
+        coupling="y",
+        mode_gains={"a": {"1": 2}, "b": {"1": 1}},
+        uncertainty={"disturbance": "1/10", "gains": "1/5"},
+    )
+    (check,) = [each for each in agreed(given).checks if each.id == "accuracy"]
+    (bound,) = check.claim.listed.values()
+    assert F(1, 8) <= bound[0] <= F(1, 8) * (1 + F(1, 1000))
+
+
+@pytest.mark.parametrize("id", ["max-separable", "tolerance", "accuracy", "lemma1", "delay"])
+def test_proofs_of_stronger_pins_are_refused_for_weaker_ones(id: str):
+    """The same claims, with the hash of a problem whose pin in G2 is a hundredth."""
+    text = TEXT
+    for old, new in STRONG:
+        text = text.replace(old, new)
+    strong = problem(text + LOADED)
+    weak = problem(text.replace('2 = "5/2", 1 = 2', '2 = "1/40", 1 = "1/50"') + LOADED)
+    claims = agreed(strong).claims
+    (kept, *_) = [each for each in claims.checks if each.id == id and each.mode in (None, "G2")]
+    assert kept.is_proved
+    forged = replace(claims, problem_sha256=problem_sha256(weak))
+    findings = examine(certificate_bytes(forged), canonical_bytes(weak))
+    assert any(what.startswith(id) for holds, what in findings if not holds)
+    assert confirm(kept, trust(claims, loop_of(weak))) is not None

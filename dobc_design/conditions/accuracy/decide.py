@@ -58,7 +58,7 @@ from dobc_design.conditions.numbers import (
 )
 from dobc_design.conditions.observer.decide import error_matrix
 from dobc_design.conditions.quadratic.sectors import GainRange, ranges_from_json
-from dobc_design.conditions.reason import pins_obstacle
+from dobc_design.conditions.reason import fixed_obstacle
 from dobc_design.conditions.separable.checks import obstacle as not_applicable
 from dobc_design.conditions.separable.claim import (
     EXACT,
@@ -302,7 +302,7 @@ def obstacle(loop: Loop, W: Matrix | None, *, turned: bool = False) -> str | Non
             "does not apply: with a disturbance, errors of weights and gains are known for "
             "couplings by component only."
         )
-    reason = pins_obstacle(loop)
+    reason = fixed_obstacle(loop)
     if reason is None and not turned and loop.drift is not None:
         return "does not apply: bounds for agents with [dynamics] are made in coordinates."
     return reason or not_applicable(loop, W, turned=turned)
@@ -457,7 +457,7 @@ class Plant:
         if not plant.known_to_agents:
             unknown = errors.weights * passed * (1 + self.room)
         # of all sums of slopes: neighbours' noise, and their own
-        twice = 2 * noise * (1 + errors.weights)
+        twice = 2 * noise * (1 + (max(errors) if loop.fixed else errors.weights))
         for agent in range(loop.n):
             steepest = {mode: slopes.at_noise(mode, agent) for mode in loop.modes}
             eta = pinned = Fraction(0)

@@ -233,7 +233,8 @@ def _pulls(plant: Plant, reach: float) -> Any:
         columns = np.concatenate([arcs.listeners, arcs.speakers])
         entries = np.concatenate([w, w])
         # an observer has seen all modes: the worst counts
-        total = total.maximum(sparse.csr_array((entries, (rows, columns)), shape=total.shape))
+        table = sparse.csr_array((entries, (rows, columns)), shape=(loop.n, loop.nodes))
+        total = total.maximum(table[:, : loop.n])
     return total
 
 

@@ -25,7 +25,7 @@ from dobc_design.conditions.numbers import (
     has_short_denominator,
     read_rational,
 )
-from dobc_design.conditions.reason import pins_obstacle, saturation_obstacle
+from dobc_design.conditions.reason import fixed_obstacle, saturation_obstacle
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.tree import GradientAlgebra, IntervalAlgebra, evaluate
 from dobc_design.errors import ShapeError, SpecError
@@ -96,6 +96,7 @@ def field_at(loop: Loop, mode: str, point: Vector) -> Box:
     """Enclose f(e) = h(e) - K e at one rational point, (n m,).  Raises: UndefinedError."""
     m = loop.m
     total = [NOTHING] * loop.size
+    point = (*point, *[ZERO] * m * len(loop.fixed))
     for listener, speaker, weight in loop.modes[mode]:
         heard = point[speaker * m : (speaker + 1) * m]
         own = point[listener * m : (listener + 1) * m]
@@ -128,12 +129,14 @@ def slopes_on(loop: Loop, mode: str, box: Box) -> Slopes:
     def add(row: int, column: int, slope: Interval) -> None:
         found[row, column] = found.get((row, column), NOTHING) + slope
 
+    box = (*box, *[NOTHING] * m * len(loop.fixed))
     for listener, speaker, weight in loop.modes[mode]:
         heard = box[speaker * m : (speaker + 1) * m]
         own = box[listener * m : (listener + 1) * m]
         y = tuple(b - a for a, b in zip(own, heard, strict=True))
         for (c, d), slope in _partials(loop.function_of(listener, speaker), y):
-            add(listener * m + c, speaker * m + d, slope * weight)
+            if speaker < loop.n:
+                add(listener * m + c, speaker * m + d, slope * weight)
             add(listener * m + c, listener * m + d, -(slope * weight))
     for agent, gain in loop.pulls.gains.items():
         for c, row in enumerate(gain):
@@ -168,7 +171,7 @@ def why_not(loop: Loop, claim: Equilibrium, *, part: Fraction = ONE) -> str | No
         raise ShapeError(what, key="box")
     if claim.mode not in loop.modes:
         raise SpecError(f"mode must be one of the problem's; got {claim.mode[:60]!r}.", key="mode")
-    reason = saturation_obstacle(loop) or pins_obstacle(loop)
+    reason = saturation_obstacle(loop) or fixed_obstacle(loop)
     if reason is not None:
         return reason
     if not loop.may_stay(claim.mode):

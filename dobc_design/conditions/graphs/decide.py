@@ -15,7 +15,7 @@ from dobc_design.conditions.consensus.decide import linear_part
 from dobc_design.conditions.consensus.network import name_agents
 from dobc_design.conditions.domain import Domain
 from dobc_design.conditions.observer.decide import error_matrix, hurwitz_with_rate
-from dobc_design.conditions.reason import Need, first_missing, pins_obstacle
+from dobc_design.conditions.reason import Need, first_missing, fixed_obstacle
 from dobc_design.conditions.schedule.checks import not_as_claimed
 from dobc_design.conditions.schedule.claim import Cycles
 from dobc_design.conditions.schedule.cycles import first_unreached, holds_observer, rises
@@ -66,7 +66,8 @@ def why_not(loop: Loop, W: Matrix | None, claim: Kept) -> str | None:
 
 def _needs(loop: Loop, W: Matrix | None, claim: Kept) -> Iterator[Need]:
     """What has to hold, in turn: what is cheap first, and what later needs rely on."""
-    yield not loop.fixed, str(pins_obstacle(loop))
+    reason = fixed_obstacle(loop)
+    yield reason is None, str(reason)
     if claim.kind:
         is_drawn = loop.guarantee.generator is not None
         yield is_drawn, 'there is no guarantee = "markov", or only one mode.'
@@ -129,7 +130,8 @@ def _mean(loop: Loop, claim: Kept, generator: Matrix, rate: Fraction) -> Iterato
                 rows = [row + g * x for row, x in zip(rows, other, strict=True)]
         for (i, j, weight), loose in zip(arcs, arcs.uncertain.tolist(), strict=True):
             slope = slopes[loop.place_of(i, j)]
-            rows[j] += weight * slope.hi * w[i]
+            if j < loop.n:
+                rows[j] += weight * slope.hi * w[i]
             if not loose:  # an arc that may be absent takes nothing away for certain
                 rows[i] -= weight * slope.lo * w[i]
         yield max(rows) <= 0, f"a row does not hold in mode {mode}."

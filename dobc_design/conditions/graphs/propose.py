@@ -65,7 +65,8 @@ def _mean_matrix(loop: Loop, generator: Matrix) -> Any:
     for mode, arcs in loop.modes.items():
         table = arc_table(loop, mode)
         entries = to_float((table.weights,))[0][table.weight] * slopes[table.coupling]
-        A = sparse.csr_array((entries, (table.listeners, table.speakers)), shape=(n, n))
+        places = table.listeners, table.speakers
+        A = sparse.csr_array((entries, places), shape=(n, loop.nodes))[:, :n]
         sure = np.where(arcs.uncertain, 0.0, entries)  # what an agent gives away for certain
         away = np.bincount(table.listeners, weights=sure, minlength=n)
         blocks.append((A - sparse.diags_array(away + gains)).T)

@@ -43,7 +43,7 @@ from dobc_design.conditions.numbers import (
     vector_from_json,
     vector_to_json,
 )
-from dobc_design.conditions.reason import pins_obstacle
+from dobc_design.conditions.reason import fixed_obstacle, pins_obstacle
 from dobc_design.conditions.separable.claim import (
     ErrorBound,
     Errors,
@@ -178,7 +178,8 @@ def confirm(check: Check, case: Case) -> str | None:
         return "errors of gains, and inputs, are not known for agents with [dynamics]"
     saturated = loop.saturates and check.id == "actuators"
     if not saturated:
-        reason = reason or pins_obstacle(loop)
+        obstacle = pins_obstacle if check.id == "actuators" else fixed_obstacle
+        reason = reason or obstacle(loop)
     if reason is not None:
         return reason
     claim = read_claim(check, loop, W)
@@ -280,7 +281,7 @@ def observer_pull(loop: Loop, W: Matrix | None, base: Separable) -> Fraction:
 
 def why_not_local(loop: Loop) -> str | None:
     """Why the rows at the target say nothing; None if they do."""
-    reason = pins_obstacle(loop)
+    reason = fixed_obstacle(loop)
     if reason is not None:
         return reason
     if not acts_by_component(loop):

@@ -64,21 +64,25 @@ def common_vector(loop: Loop, errors: Errors) -> Array | None:
     pull it out most.
     Raises: OverflowError beyond the floats."""
     n = loop.n
-    spread = float(errors.weights)
+    spreads = np.repeat([float(errors.weights), float(max(errors))], [n, len(loop.fixed)])
     slopes = np.array([float(each.jacobian_at_zero()[0][0].midpoint) for each in loop.functions])
     gains = np.array(holding_gains(loop, error=errors.gains), dtype=float)
     modes = []
     for arcs in loop.modes.values():
         weights = np.array(arcs.weights, dtype=float) * slopes[coupling_places(loop, arcs)]
-        modes.append(sparse.csr_array((weights, (arcs.listeners, arcs.speakers)), shape=(n, n)))
+        places = arcs.listeners, arcs.speakers
+        modes.append(sparse.csr_array((weights, places), shape=(n, loop.nodes)))
     v = np.ones(n)
     for _ in range(ROUNDS):
         tables = []
         for mode in modes:
-            steps = v[mode.indices] - np.repeat(v, np.diff(mode.indptr))
-            ends = mode.data * np.where(steps > 0, 1 + spread, 1 - spread)
-            table = sparse.csr_array((ends, mode.indices, mode.indptr), shape=(n, n))
-            tables.append(sparse.csr_array(sparse.diags_array(gains + table.sum(axis=1)) - table))
+            heard = np.append(v, np.zeros(len(loop.fixed)))[mode.indices]
+            spread = spreads[mode.indices]
+            outward = heard > np.repeat(v, np.diff(mode.indptr))
+            ends = mode.data * np.where(outward, 1 + spread, 1 - spread)
+            table = sparse.csr_array((ends, mode.indices, mode.indptr), shape=mode.shape)
+            diagonal = sparse.diags_array(gains + table.sum(axis=1))
+            tables.append(sparse.csr_array(diagonal - table[:, :n]))
         worst = np.argmin([table @ v for table in tables], axis=0)
         chosen = [sparse.diags_array((worst == k).astype(float)) for k in range(len(tables))]
         M = sum(own @ table for own, table in zip(chosen, tables, strict=True))

@@ -75,6 +75,7 @@ class Group:
     tops: tuple[Array, Array]
     bottoms: tuple[Array, Array]
     loose: bool = False  # they come and go
+    off: Array | None = None  # relative errors of the weights, which take their worse ends
 
 
 @noun(eq=False)
@@ -87,7 +88,6 @@ class Field:
     modes: tuple[tuple[Group, ...], ...]
     grid: Array
     load: Array | float = 0.0  # what is added to every row
-    off: float = 0.0  # relative error of every weight, which takes its worse end
     extra: Any = None  # (n, n): what grows with v besides, and is added to every row
 
     def rows(self, v: Array, *, alpha: float) -> tuple[Array, Any, Array]:
@@ -122,7 +122,7 @@ class Field:
             together = max(1, AT_ONCE // max(1, len(own)))
             for first in range(0, len(self.grid), together):
                 values, _ = _sup(group, face, self.grid[first : first + together, None], own, other)
-                values = values * self._worse(values)
+                values = values * _worse(group.off, values)
                 for k, value in enumerate(values, start=first):
                     total[k] += np.bincount(
                         group.listeners, weights=group.weights * value, minlength=self.size
@@ -143,10 +143,6 @@ class Field:
     def _with_fixed(self, v: Array) -> Array:
         """The weights of all nodes."""
         return np.append(v, np.zeros(self.fixed)) if self.fixed else v
-
-    def _worse(self, values: Array) -> Array | float:
-        """The ends of weights, as parts of them, at which these sums are largest."""
-        return np.where(values > 0, 1 + self.off, 1 - self.off) if self.off else 1.0
 
     def slopes(self, mode: int, face: int, places: Any, v: Array) -> Any:
         """The derivatives in v, (n, n), of these sums, each agent at its own place (n,) of the
@@ -171,12 +167,18 @@ class Field:
                 j = group.speakers[here]
                 w = group.weights[here]
                 own, other = _derivatives(group, face, s, v[i], weights[j])
-                if self.off:
-                    w = w * self._worse(_sup(group, face, s, v[i], weights[j])[0])
+                if group.off is not None:
+                    values, _ = _sup(group, face, s, v[i], weights[j])
+                    w = w * _worse(group.off[here], values)
                 free = j < self.size
                 parts += [(i, i, w * own), (i[free], j[free], (w * other)[free])]
         i, j, entries = map(np.concatenate, zip(*parts, strict=True))
         return sparse.csr_array(sparse.coo_array((entries, (i, j)), shape=(self.size, self.size)))
+
+
+def _worse(off: Array | None, values: Array) -> Array | float:
+    """The ends of weights, as parts of them, at which these sums are largest."""
+    return 1.0 if off is None else np.where(values > 0, 1 + off, 1 - off)
 
 
 def field_of(loop: Loop, *, rho: float, errors: Errors = EXACT) -> Field:
@@ -187,6 +189,8 @@ def field_of(loop: Loop, *, rho: float, errors: Errors = EXACT) -> Field:
     modes = []
     for arcs in loop.modes.values():
         weights = np.array(arcs.weights, dtype=float)
+        off = np.full(len(arcs), float(errors.weights))
+        off[arcs.speakers >= loop.n] = float(max(errors))  # a pin may be one of them
         groups = []
         # Arcs that come and go are groups of their own, which count where they pull outward.
         for kind, own in split_by(2 * coupling_places(loop, arcs) + arcs.uncertain):
@@ -199,6 +203,7 @@ def field_of(loop: Loop, *, rho: float, errors: Errors = EXACT) -> Field:
                 tops=tops,
                 bottoms=bottoms,
                 loose=kind % 2 > 0,
+                off=off[own] if any(errors) else None,
             )
             groups.append(group)
         modes.append(tuple(groups))
@@ -209,7 +214,6 @@ def field_of(loop: Loop, *, rho: float, errors: Errors = EXACT) -> Field:
         fixed=len(loop.fixed),
         gains=np.array(holding_gains(loop, error=errors.gains), dtype=float),
         modes=tuple(modes),
-        off=float(errors.weights),
         grid=rho * np.concatenate([[NEAREST], np.linspace(0, 1, count)[1:]]),
     )
 

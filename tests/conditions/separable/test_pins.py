@@ -236,11 +236,10 @@ def test_an_agent_with_a_curved_pin_is_held():
 
 
 def refusals(loop: Loop) -> dict[str, str | None]:
-    """What each topic that asks for linear pins of all modes says."""
+    """What each topic says that knows arcs to the target, and to no other fixed node."""
     away = (Interval(F(1), F(2)),) * loop.n
     claim = Equilibrium(mode="G", box=away)
     return {
-        "quadratic": quadratic_obstacle(loop, None),
         "equilibrium": not_an_equilibrium(loop, claim),
         "accuracy": accuracy_obstacle(loop, None),
         "margins": why_not_local(loop),
@@ -248,15 +247,22 @@ def refusals(loop: Loop) -> dict[str, str | None]:
     }
 
 
-def test_topics_that_know_a_pin_by_its_gain_refuse_other_pins():
-    """They say so; of the loop with gains none of them does."""
+def test_topics_that_do_not_know_fixed_nodes_say_so():
+    """Lur'e certificates know a pin by its gain; others know it as an arc to the target."""
     gains = {1: 1, 2: 1, 3: 1}
     problem = cycle(3, h="y", gains=gains)
     usual = loop_of(problem)
-    told = "does not apply: it is for pins that are linear, and the same in every mode."
+    told = (
+        "does not apply: it is for pins that are linear, and the same in every mode. What would "
+        "help: a gain in every mode, in pinning.gains."
+    )
     other = pinned_by(usual, {1: "tanh(y)"})
-    assert set(refusals(other).values()) == {told}
-    assert told not in refusals(usual).values()
+    assert quadratic_obstacle(other, None) == told
+    assert quadratic_obstacle(usual, None) is None
+    assert told not in refusals(other).values()
+    # where agents agree, nodes that are fixed are no target
+    pairs = replace(other, goal="differences")
+    assert set(refusals(pairs).values()) == {told.partition(" What")[0]}
 
 
 def test_topics_at_the_consensus_take_a_curved_pin_by_its_slope_there():

@@ -254,6 +254,7 @@ def to_control(
     from .python_control import to_control as run
 
     problem = _loaded(problem)
+    problem.require_no_saturation("the model of python-control")
     if signal is None and mode is None:
         signal = signal_of(problem)[0]
     if isinstance(signal, Mobile):
@@ -275,6 +276,7 @@ def python_script(problem: Source) -> str:
     problem = _loaded(problem)
     problem.require_no_leader("the Python file")
     problem.require_same_pins("the Python file")
+    problem.require_no_saturation("the Python file")
     loop = loop_of(problem)
     gain = observer_gain(loop)
     arcs = sum(len(each) for each in problem.network.modes.values())

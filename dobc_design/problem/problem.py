@@ -82,6 +82,7 @@ INTERNAL = frozenset(
         "require_integrators",
         "require_no_fixed",
         "require_no_leader",
+        "require_no_saturation",
         "require_one_exosystem",
         "require_same_pins",
         "sources",
@@ -703,6 +704,16 @@ class Problem(Grouped, Shown):
                 f"{what} does not know pins of single modes.",
                 "Give these agents a gain in every mode, in pinning.gains; or use certify, verify, "
                 "simulate, falsify, analyse, build_model or to_control, which know them.",
+            )
+
+    def require_no_saturation(self, what: str) -> None:
+        """Refuse inputs that saturate where ``what`` does not cut them.  Raises: SpecError."""
+        if self.actuators is not None and self.actuators.saturates:
+            raise about(
+                "actuators.saturates",
+                f"{what} does not know inputs that saturate.",
+                "Use certify, verify, design, simulate, to_c or to_fmu, which know them; or leave "
+                "the key out.",
             )
 
     def require_one_exosystem(self) -> None:

@@ -66,11 +66,17 @@ def plant_numbers(certificate: Certificate) -> list[str]:
             proved[check.id] = check
     told = []
     for id, key, what in _LARGEST:
-        values = numbers_of(proved[id], key) if id in proved else {}
+        values: Values = {}
+        shown = what
+        if id in proved and "rooms" in (proved[id].exact or {}):
+            values = _compensation(certificate.problem, proved[id])
+            shown = "largest |d̂|"
+        elif id in proved:
+            values = numbers_of(proved[id], key)
         if values:
             # the agent that needs most decides what is to be bought
             label = max(values, key=values.__getitem__)
-            told.append(f"{what} ≤ {significant_away_from_zero(values[label])} (agent {label})")
+            told.append(f"{shown} ≤ {significant_away_from_zero(values[label])} (agent {label})")
     if "tolerance" in proved:
         exact = proved["tolerance"].exact or {}
         # rounded down: no larger error is proved to be tolerated
@@ -119,6 +125,10 @@ def _told(problem: Problem, check: Check) -> Section:
         if check.id == "accuracy":
             text = FIXED["accuracy"]
             table = _worst(numbers_of(check, "bounds"), "final |eᵢ| ≤", {})
+        elif check.id == "actuators" and "rooms" in (check.exact or {}):
+            taken = _compensation(problem, check)
+            text = FIXED["saturates"]
+            table = _worst(taken, "|d̂ᵢ| ≤", _limits(problem, taken))
         elif check.id == "actuators":
             inputs = numbers_of(check, "inputs")
             limits = _limits(problem, inputs)
@@ -138,6 +148,12 @@ def _limits(problem: Problem, labels: Iterable[str]) -> dict[str, Fraction]:
             if limit is not None:
                 limits[label] = limit
     return limits
+
+
+def _compensation(problem: Problem, check: Check) -> dict[str, Fraction]:
+    """What the compensation of the disturbance may take of the limits of agents."""
+    rooms = numbers_of(check, "rooms")
+    return {label: limit - rooms[label] for label, limit in _limits(problem, rooms).items()}
 
 
 def numbers_of(check: Check, key: str) -> dict[str, Fraction]:

@@ -211,6 +211,7 @@ def design_pinning(
     if region is None:
         found = search_pinning(problem, request, report)
         return _under_guarantee(problem, found)
+    problem.require_no_saturation("a design of gains alone for a region")
     report("looking for gains for the whole region")
     return search_region(problem, request, region)
 

@@ -31,6 +31,8 @@ from dobc_design.problem.canonical import (
     canonical_document,
     problem_from_canonical,
 )
+from dobc_design.report.plant import plant_numbers
+from dobc_design.report.write import render_report
 
 F = Fraction
 PROVED, UNDECIDED = Verdict.PROVED, Verdict.UNDECIDED
@@ -174,6 +176,14 @@ def test_no_room_is_undecided_and_says_what_takes_it():
     assert min(found.room.values()) > 0
 
 
+def test_the_report_says_what_the_compensation_takes_of_the_limit():
+    """|d| <= 1/2 and |C eps| <= 1/2, and a little more for the bound by P."""
+    certificate = dd.certify(disturbed())
+    assert plant_numbers(certificate) == ["largest |d̂| ≤ 1.001 (agent 1)"]
+    text = render_report(certificate)["report.html"].decode("utf-8")
+    assert "the compensation of the disturbance never takes more of a limit than this" in text
+
+
 # --- Forgeries
 def test_larger_rooms_and_wider_starts_are_refused_by_both_programs():
     problem = disturbed()
@@ -228,6 +238,31 @@ def test_pins_of_modes_and_matrix_gains_are_refused_by_name():
     vector = {"target": [0, 0], "coupling": "y", "gains": {1: [[1, 1], [0, 1]]}}
     with pytest.raises(SpecError, match=r"pinning\.gains is not known together"):
         ring(**vector, region={"initial_states": [[-1, 1], [-1, 1]]})
+
+
+@pytest.mark.parametrize(
+    "ask",
+    [
+        dd.falsify,
+        dd.build_model,
+        dd.export.to_control,
+        dd.export.python_script,
+        lambda problem: dd.design_pinning(problem, rate="1/10", region=4),
+    ],
+    ids=["falsify", "build_model", "to_control", "python", "design_pinning"],
+)
+def test_what_does_not_cut_inputs_refuses_them_by_name(ask: Any):
+    with pytest.raises(SpecError, match=r"actuators\.saturates"):
+        ask(ring())
+
+
+def test_a_design_is_proved_with_its_inputs_cut():
+    """Pins and gains are found for the plant that saturates, and certify says so of the file."""
+    problem = ring(3, limit=1, gains=None, coupling="2*y", region={"initial_states": [-1, 1]})
+    found = dd.design(problem)
+    assert found.verdict is PROVED
+    assert "with inputs that saturate at the limit of 1" in found.certificate.reason
+    assert dd.verify(found.certificate, found.certificate.problem).holds
 
 
 def test_the_key_is_written_where_it_is_true_and_needs_version_four():

@@ -196,6 +196,26 @@ def test_limited_actuators_and_lost_packets_are_those_of_the_simulation(tmp_path
 
 @SLOW
 @needs_gcc
+def test_inputs_that_saturate_by_the_file_are_those_of_the_simulation(tmp_path):
+    """dobc_step itself cuts u, agent by agent, and its observer counts on what is left."""
+    limits = {"1": "1.5", "6": 2}
+    problem = load_problem("paper-fixed").replace(
+        actuators={"limit": limits, "saturates": True, "amplitude": 1},
+        region={"initial_states": [0, 5], "initial_disturbance": 0.5},
+    )
+    period = 0.05
+    run = run_of(problem, period=period, seed=7)
+    code = dd.export.to_c(problem, period=str(period))
+    agents = CompiledAgents(code.files, tmp_path, n=10, m=1)
+    x, u, dhat = closed_loop(problem, run, agents, period=period)
+    assert np.abs(run.u[:, 0]).max() == 1.5
+    assert np.abs(u - run.u).max() <= 1e-12
+    assert np.abs(x - run.x).max() <= 1e-12
+    assert np.abs(dhat - run.dhat).max() <= 1e-12
+
+
+@SLOW
+@needs_gcc
 def test_a_number_that_is_off_in_the_fifth_digit_fails_the_self_test(tmp_path):
     files = dict(dd.export.to_c("paper-fixed", period="1/50").files)
     source = files["dobc_agent.c"].decode()

@@ -108,6 +108,22 @@ def test_fmpy_simulates_the_agent_equal_to_the_loop_for_10_s(tmp_path):
 
 @pytest.mark.slow
 @needs_compiler
+def test_fmpy_simulates_an_input_that_saturates_as_the_loop_does(tmp_path):
+    problem = dd.load_problem("paper-fixed").replace(
+        actuators={"limit": "3/2", "saturates": True, "amplitude": 1},
+        region={"initial_states": [0, 5], "initial_disturbance": 0.5},
+    )
+    run, answer, index = simulated(
+        problem, agent="6", period=0.05, seconds=5, path=tmp_path / "agent.fmu"
+    )
+    assert np.abs(run.u).max() == 1.5
+    for name in ("u", "dhat"):
+        difference = answer[name][1:] - getattr(run, name)[:-1, index, 0]
+        assert np.abs(difference).max() <= 1e-6
+
+
+@pytest.mark.slow
+@needs_compiler
 def test_an_agent_with_two_components_follows_the_switches(tmp_path):
     problem = moving()
     signal = dd.signals.Periodic(dwell=0.5, order=("one", "two"))

@@ -193,6 +193,7 @@ def require_own(certificate: Certificate) -> None:
     another problem."""
     certificate.problem.require_integrators("a proof for Rocq")
     certificate.problem.require_same_pins("a proof for Rocq")
+    certificate.problem.require_no_saturation("a proof for Rocq")
     if certificate.claims.problem_sha256 != problem_sha256(certificate.problem):
         raise refused(
             "problem_sha256",

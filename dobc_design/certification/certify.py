@@ -8,7 +8,7 @@ decides exactly.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from functools import partial
@@ -58,6 +58,7 @@ from dobc_design.conditions.observer.propose import (
     propose_pairs,
 )
 from dobc_design.conditions.quadratic.stage import SMALL_ROWS, quadratic_stage
+from dobc_design.conditions.reason import gap_obstacle
 from dobc_design.conditions.schedule.propose import Asked as SettlingStarts
 from dobc_design.conditions.schedule.stage import (
     read_tolerance,
@@ -249,7 +250,8 @@ class _Certification:
             return agents
         loop = case.loop
         if loop.gap:
-            return agents
+            wanted = {"settling": tolerance is not None, "schedule": loop.guarantee.is_given}
+            return agents.and_(_beside_gaps(agents, (id for id in wanted if wanted[id])))
         asked = read_region(loop, case.W, domain=case.domain, everything=everything)
         case = case.and_(safety_stage(asked, report))
         if tolerance is not None or (everything and loop.starts is not None):
@@ -312,6 +314,14 @@ def _written(check: Check, domain: Domain, said: Said) -> Check:
     """A check as a certificate has it, in the words of its problem."""
     found = writable(check, domain)
     return replace(found, reason=said(found.reason))
+
+
+def _beside_gaps(case: Case, ids: Iterable[str]) -> Iterator[Check]:
+    """What is asked for by name and not known where fixed nodes differ or move."""
+    reason = gap_obstacle(case.loop)
+    for id in ids:
+        if reason is not None:
+            yield undecided_check(id, case.domain, reason, applies=False)
 
 
 def _decide_quietly(problem: Problem) -> Decided:

@@ -213,3 +213,91 @@ def test_a_fixed_node_without_a_value_is_refused():
         dd.Problem(network=network, coupling="y")
     with pytest.raises(SpecError, match="the network has no fixed node 'b'"):
         dd.Problem(network=network, coupling="y", fixed={"a": 1, "b": 2})
+
+
+MODES = {"A": [[1, "a"], [2, 1], [2, 3], [3, 2]], "B": [[1, 2], [2, 1], [2, 3], [3, "b"]]}
+
+
+def test_what_is_not_known_of_leaders_that_differ_is_said_by_name():
+    """A guarantee on time, settling times, the theorems: undecided, each with the reason."""
+    problem = contained(
+        MODES,
+        region={"initial_states": [-1, 5]},
+        switching=dd.Switching(guarantee="dwell", dwell=1, longest=2),
+    )
+    certificate = dd.certify(problem, settling="1/10")
+    assert certificate.verdict is Verdict.UNDECIDED
+    reasons = {check.id: check.reason for check in certificate.checks}
+    for id in ("schedule", "settling", "lemma1"):
+        assert "one target, and the fixed nodes differ or move" in reasons[id]
+    assert "An arc from a fixed node to agent" in reasons["max-separable"]
+    assert dd.verify(certificate, problem).holds
+
+
+@pytest.mark.parametrize("id", ["lure", "schedule", "sampling", "tolerance", "accuracy", "markov"])
+def test_a_forged_check_that_knows_one_target_only_is_refused_by_both_programs(id):
+    problem = contained(region={"initial_states": [-1, 5]})
+    true = dd.certify(problem)
+    check = replace(proof(true), id=id)
+    forged = certificate_bytes(replace(true.claims, checks=(*true.claims.checks, check)))
+    assert not dd.verify(forged, problem).holds
+    assert not all(holds for holds, _ in examine(forged, canonical_bytes(problem)))
+
+
+def test_an_optional_arc_between_agents_does_no_harm():
+    problem = contained(
+        [[1, "a"], [1, "b"], [2, "b"]],
+        "tanh(y)",
+        optional=[[1, 2], [2, 1]],
+        region={"initial_states": [-1, 5]},
+    )
+    certificate = dd.certify(problem)
+    assert certificate.verdict is Verdict.PROVED
+    assert dd.verify(certificate, problem).holds
+
+
+def test_a_fixed_node_and_pins_of_single_modes_have_nodes_of_their_own():
+    network = dd.Network.from_arcs(
+        {"A": [[1, "post"], [2, 1]], "B": [[2, 1]]}, arrow="listens_to", fixed=["post"]
+    )
+    problem = dd.Problem(
+        network=network,
+        coupling="tanh(y)",
+        fixed={"post": 1},
+        mode_gains={"B": {1: 2}},
+        region={"initial_states": [0, 2]},
+    )
+    assert loop_of(problem).fixed == ("post", "target")
+    certificate = dd.certify(problem)
+    assert certificate.verdict is Verdict.PROVED
+    assert dd.verify(certificate, problem).holds
+
+
+def test_a_moving_disturbance_is_compensated_between_leaders():
+    """A constant on each agent: the observer's part of the proof is the same."""
+    problem = contained(
+        exosystem=dd.Exosystem(A=[[0]], C=[[1]]),
+        coupling="tanh(y)",
+        region={"initial_states": [-1, 5], "initial_disturbance": "1/10"},
+    )
+    certificate = dd.certify(problem)
+    assert certificate.verdict is Verdict.PROVED
+    assert dd.verify(certificate, problem).holds
+
+
+def test_a_gain_that_fails_refutes_nothing_between_leaders():
+    """The estimation error stays, and a state well inside the leaders may stay there with it."""
+    problem = contained(exosystem=dd.Exosystem(A=[[0]], C=[[1]]), observer=dd.Observer(W=[[0]]))
+    certificate = dd.certify(problem)
+    assert certificate.verdict is Verdict.UNDECIDED
+    assert dd.verify(certificate, problem).holds
+
+
+def test_three_thousand_agents_between_two_leaders_are_proved():
+    n = 3_000
+    arcs = [[i + 1, i, 1] for i in range(1, n)] + [[i, i % 100 + 1, 1] for i in range(101, n + 1)]
+    arcs += [[i, "a" if i % 2 else "b", 1] for i in range(1, n + 1)]
+    certificate = dd.certify(
+        contained(arcs, "tanh(y)", agents=n, region={"initial_states": [-1, 5]})
+    )
+    assert certificate.verdict is Verdict.PROVED

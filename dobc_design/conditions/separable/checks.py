@@ -127,6 +127,8 @@ def stuck_check(loop: Loop, W: Matrix | None, *, domain: Domain) -> Check | None
         return None
     labels = tuple(loop.named(stuck))
     held = "pinned" if loop.m == 1 else "held by a pin in every component"
+    if loop.gap:
+        held = "an agent that hears a fixed node"
     reason = (
         f"no weights v exist because of {name_agents(labels)}: each agent named has a mode in "
         f"which it is not {held} and hears nobody outside this group."
@@ -140,7 +142,8 @@ def stuck_check(loop: Loop, W: Matrix | None, *, domain: Domain) -> Check | None
         )
     if len(labels) <= _SHOWN and loop.n <= _LARGEST and loop.goal != "differences":
         pins = name_agents(tuple(loop.named(pins_that_order(loop))))
-        reason += f" Pinning {pins} would remove this obstacle; larger gains would not."
+        cure = f"An arc from a fixed node to {pins}" if loop.gap else f"Pinning {pins}"
+        reason += f" {cure} would remove this obstacle; larger gains would not."
     witness = Witness(kind="agents", labels=labels)
     return Check(
         id=MAX_SEPARABLE, verdict=Verdict.REFUTED, domain=domain, reason=reason, witness=witness

@@ -172,8 +172,8 @@ def graph_facts(problem: Problem, mode: str) -> GraphFacts:
     closed = set(closed_groups(loop, own))
     surplus: dict[int, Fraction] = defaultdict(Fraction)  # weight heard less weight sent
     for listener, speaker, weight in arcs:
-        surplus[listener] += weight
-        surplus[speaker] -= weight
+        surplus[listener] += abs(weight)
+        surplus[speaker] -= abs(weight)
 
     def named(agents: Sequence[int]) -> Texts:
         return tuple(labels[agent] for agent in agents)

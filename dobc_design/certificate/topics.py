@@ -137,7 +137,7 @@ TOPICS: Mapping[str, Topic] = {
     "consensus": Topic(confirm=_consensus, read=theorems.read_claim, of_rows=False, of_gaps=True),
     "weighted": Topic(
         confirm=lambda check, case: weighted.confirm(
-            check, case.loop, case.W, statements=case.statements
+            check, case.loop, case.W, statements=weighted.weighing(case.statements)
         ),
         read=weighted.read_claim,
         of_rows=False,

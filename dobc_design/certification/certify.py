@@ -69,6 +69,7 @@ from dobc_design.conditions.schedule.stage import (
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.stage import separable_stage
 from dobc_design.conditions.stated import ACCURACY, LIMIT, TOLERANCE, stated_in
+from dobc_design.conditions.weighted.checks import weighing
 from dobc_design.conditions.weighted.stage import weighted_stage
 from dobc_design.errors import DobcError, wrong
 from dobc_design.exact.matrix import Matrix, multiply, to_float
@@ -282,7 +283,7 @@ class _Certification:
         first = loop.guarantee.is_given
         own = tuple(regions(case)) if first else ()
         # Cures name gains of integrators, and take the time of further decisions.
-        known = not (loop.agrees or loop.gap)
+        known = not (loop.agrees or loop.gap or self.problem.signs)
         curable = known and loop.drift is None and out_of_time() is None
         if curable and not covering(loop, own):
             checks = with_cures(self.problem, found, progress=self.report, decide=_decide_quietly)
@@ -452,7 +453,7 @@ def other_equilibria(problem: Problem, case: Case, *, report: Progress) -> Itera
     loop, checks = case.loop, case.checks
     # Without W there is no loop that could rest.
     has_loop = (case.W is not None or not loop.groups) and not loop.saturates
-    if loop.starts is None or not has_loop or out_of_time() is not None:
+    if loop.starts is None or not has_loop or out_of_time() is not None or problem.signs:
         return
     if covering(loop, checks):
         return
@@ -482,7 +483,7 @@ def decide(loop: Loop, report: Progress, *, rate: float = 0.0) -> Decided:
     checks = (*(reachability_check(loop, mode) for mode in loop.modes), *lemmas)
     exosystem = loop.joint_exosystem
     if exosystem is None:
-        checks += tuple(weighted_stage(statements, None, rate=rate))
+        checks += tuple(weighted_stage(weighing(statements), None, rate=rate))
         checks += tuple(linearisation_stage(loop, statements, checks, None))
         return Decided(checks=checks, statements=statements, directions=run.found)
     report("deciding the observer")
@@ -491,7 +492,12 @@ def decide(loop: Loop, report: Progress, *, rate: float = 0.0) -> Decided:
     first = run.observer_checks(gains)
     report("deciding the theorem")
     theorems, pair, how = run.theorem_checks(exosystem, gains, lemmas, first)
-    checks = (*first, *checks, *theorems, *weighted_stage(statements, join(gains), rate=rate))
+    checks = (
+        *first,
+        *checks,
+        *theorems,
+        *weighted_stage(weighing(statements), join(gains), rate=rate),
+    )
     return Decided(
         checks=(*checks, *linearisation_stage(loop, statements, checks, join(gains))),
         statements=statements,

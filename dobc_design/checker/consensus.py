@@ -47,6 +47,7 @@ from .matrices import (
     transpose,
     unstable,
 )
+from .pairs import rows_of
 from .reading import (
     Object,
     an_object,
@@ -60,6 +61,7 @@ from .reading import (
     text,
     weights,
 )
+from .signs import cover
 
 ROOTS_SIZE = 60  # largest matrix whose eigenvalues are counted
 
@@ -82,10 +84,14 @@ def terms(loop: Loop, mode: str) -> Iterator[Term]:
     m = loop.m
     target = loop.n * m
     for i, j, w, coupling, loose in loop.modes[mode]:
-        factor = (ZERO if loose else w, w)
+        ends = [ZERO if loose else w, w]
+        factor = (min(ends), max(ends))
         for (c, d), slope in coupling.slopes.items():
             column = min(j * m + d, target)
             yield Term(i * m + c, column, i * m + d, times(slope, factor))
+            if w < 0:  # |w| h'(-x_j - x_i) is w h'(x_j - x_i) and a pin of 2 |w| h'
+                twice = (-2 * factor[1], -2 * factor[0])
+                yield Term(i * m + c, target, i * m + d, times(slope, twice))
     for i, k in loop.hold.items():
         for c, row in enumerate(k):
             for d, gain in enumerate(row):
@@ -230,11 +236,16 @@ OF_GROUPS = {"observability": observability, "detectability": detectability, "hu
 
 def reachability(loop: Loop, mode: str) -> Fact:
     """Every node has a pin, or hears one that has, directly or through others; without a target:
-    some node is heard by all others."""
+    some node is heard by all others; with signs: no closed set whose signs balance has no pin."""
     if loop.agrees:
         apart = closed_sets(loop, [mode], False)
         members = sorted(i for group in apart for i in group) if len(apart) > 1 else []
         labels = [loop.labels[i] for i in members]
+        return Fact(not labels, None, {"kind": "agents", "labels": labels})
+    if loop.signed:
+        pinned = loop.pinned([mode])
+        sets = [each for each in closed_sets(loop, [mode], False) if not each & set(pinned)]
+        labels = [loop.labels[i] for i in sorted(i for each in sets for i in each)]
         return Fact(not labels, None, {"kind": "agents", "labels": labels})
     reached = reach(loop.pinned([mode]), loop.edges([mode], False))
     rest = [label for i, label in enumerate(loop.labels) if i not in reached]
@@ -242,13 +253,23 @@ def reachability(loop: Loop, mode: str) -> Fact:
 
 
 def closed_sets(loop: Loop, modes: Collection[str], loose: bool) -> list[set[int]]:
-    """The smallest sets of nodes that hear nobody outside, in these modes together."""
-    hears = loop.edges(modes, True, loose)
-    heard_by = loop.edges(modes, False, loose)
+    """The smallest sets of nodes that hear nobody outside, in these modes together; with signs only
+    those that hold no node of the cover together with its opposite."""
+    if loop.signed:
+        hears, heard_by = cover(loop, modes, loose)
+    else:
+        hears = loop.edges(modes, True, loose)
+        heard_by = loop.edges(modes, False, loose)
     # The first one met of a smallest set is not reached from any before. Whoever is in none is
     # reached from one of these, which was met later.
-    firsts = heads(loop.nodes, heard_by)
-    return [reach([i], hears) for i in heads(firsts[::-1], heard_by)]
+    firsts = heads(range(len(hears)), heard_by)
+    found = [reach([i], hears) for i in heads(firsts[::-1], heard_by)]
+    if not loop.signed:
+        return found
+    sets = [{i % loop.n for i in each} for each in found]
+    balanced = [nodes for nodes, each in zip(sets, found, strict=True) if len(nodes) == len(each)]
+    # each of them twice, for x and for -x
+    return [nodes for k, nodes in enumerate(balanced) if nodes not in balanced[:k]]
 
 
 def heads(order: Iterable[int], edges: list[list[int]]) -> list[int]:
@@ -458,6 +479,8 @@ def weighted(case: Case, check: Any) -> Any:
     """V = e'De + sum eps_i'P eps_i decreases at the rate."""
     need(not case.kinked, "a coupling has a kink, so the theorem does not apply")
     need(not (case.agrees or case.gap), "there is no target, so the theorem does not apply")
+    if case.signed:
+        case = rows_of(case)
     proved = check.verdict == "proved" and check.witness is None
     need(proved, "it is proved, without a witness, or undecided")
     modest = check.margin is None and (check.rate is None or check.rate > 0)

@@ -52,6 +52,8 @@ OF_FIXED = ("max-separable", "delay", "sampling", "schedule", "settling")
 OF_TARGET = (*OF_FIXED, "tolerance", "equilibrium", "safety", "markov", "accuracy")
 # of these the claims hold where fixed nodes differ or move
 OF_GAPS = ("max-separable", "delay")
+# of these the claims are rows, which hold whatever the signs
+OF_SIGNS = ("delay", "sampling", "tolerance", "actuators", "safety", "settling", "accuracy")
 REFUTABLE = ("max-separable", "equilibrium", "markov", "schedule")
 Finding = tuple[bool, str]  # whether it holds, and what
 Task = tuple[str, partial[None]]
@@ -192,6 +194,10 @@ def regional(agents: Case, check: Any) -> Any:
     # delay: a late state and one of now make no difference that is followed
     of_agents = not case.differences or check.id in OF_DIFFERENCES
     need(of_agents, "differences of agents are not known to it")
+    rows = check.id == "max-separable" or (
+        check.verdict == "proved" and check.id in (*OF_SIGNS, "schedule")
+    )
+    need(rows or not agents.signed, "signs that fit no two sides are not known to it")
     rests = case.leader is None or check.id not in ("equilibrium", "delay", "sampling")
     need(rests, "the leader moves on")
     if check.verdict == "proved":

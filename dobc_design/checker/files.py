@@ -86,6 +86,7 @@ class Problem:
             "notes": [text],
             "goal?": self.read_goal,
             "fixed?": None,
+            "negative?": self.read_negative,
             "units?": (text,) * self.m,  # for words and figures; no claim depends on them
             "target": states,
             "modes": [{"name": text, "arcs": arcs, "optional?": arcs, "gains?": gains}],
@@ -108,6 +109,11 @@ class Problem:
     def read_goal(self, value: Any) -> str:
         """What agents are to reach, if not a target."""
         need(value in ("agreement", "containment"), "the goal is not known")
+        return str(value)
+
+    def read_negative(self, value: Any) -> str:
+        """What a negative weight means."""
+        need(value == "opposes", "negative weights have another meaning")
         return str(value)
 
     def read_h(self, value: Any) -> tuple[str, ...]:

@@ -38,6 +38,7 @@ from .matrices import (
     transpose,
 )
 from .reading import Refused, need
+from .signs import without_signs
 
 PIECES = 4096  # of a face of a leader's box
 
@@ -114,6 +115,8 @@ class Loop:
         self.fixed = len(problem.fixed)
         self.connect(stated)
         self.pin_modes(stated)
+        #: Whether arcs have signs that fit no two sides: those of negative weight oppose.
+        self.signed = without_signs(self, stated)
         self.guarantee = Guarantee(stated.switching, list(self.modes))
         self.observe(problem)
 

@@ -10,28 +10,34 @@ are two residuals.
 """
 
 import copy
-import re
 from collections import defaultdict
 from fractions import Fraction
 from functools import lru_cache
 from typing import Any
 
 from .claims import Case
-from .expressions import LONGEST_MADE, Coupling, read_coupling
 from .intervals import Exact
 from .loop import Arc, Loop
 from .matrices import ZERO, diagonal, opposite
 from .reading import need
+from .signs import mirrored
 
 MOST = 300  # agents, of which pairs are looked at
 
 
 @lru_cache(maxsize=1)  # every check asks
 def rows_of(case: Case) -> Case:
-    """The same case about differences, where agents agree; itself otherwise."""
-    if not case.agrees:
+    """The same case about differences, where agents agree, or without signs, which rows do not
+    see; itself otherwise."""
+    if not case.agrees and not case.signed:
         return case
     rows = copy.copy(case)
+    if case.signed:
+        rows.modes = {}
+        for mode, arcs in case.modes.items():
+            rows.modes[mode] = [arc._replace(w=abs(arc.w)) for arc in arcs]
+        rows.collect()
+        return rows
     rows.agrees = False
     rows.differences = True
     leader = silent(case)
@@ -134,9 +140,3 @@ def pairs(case: Case, rows: Case) -> None:
                 found.append(Arc(number[i, j], first, w, arc.coupling, arc.loose))
                 found.append(Arc(number[j, i], second, w, star[arc.coupling], arc.loose))
         rows.modes[mode] = found
-
-
-def mirrored(h: Coupling, m: int) -> Coupling:
-    """-h(-y), written with (-y) for y."""
-    texts = tuple(f"-({re.sub('y[0-9]*', lambda y: f'(-{y[0]})', text)})" for text in h.h)
-    return read_coupling(texts, m, 2 * LONGEST_MADE)

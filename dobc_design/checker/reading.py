@@ -82,7 +82,7 @@ def document(data: bytes, kind: str) -> Object:
 def version_of(problem: Object) -> int:
     """The version that a problem file has to have: one that an older checker refuses, where this
     would take it for a problem without the new key."""
-    if "goal" in problem or "fixed" in problem:
+    if any(key in problem for key in ("goal", "fixed", "negative")):
         return 4
     if leaves_agents(problem) or in_a_mode(problem, "gains"):
         return 4

@@ -218,6 +218,9 @@ def stays_apart(loop: Loop) -> bool:
         sets = [closed_sets(loop, all_modes, True)]
         sets += [closed_sets(loop, cycle, False) for cycle in [*cycles, *last]]
         return any(len(each) > 1 for each in sets)
+    if loop.signed:
+        turns = (rests(loop, cycle, False) for cycle in [*cycles, *last])
+        return rests(loop, all_modes, True) or any(turns)
     if escapes(loop, all_modes, True):
         return True
     return any(escapes(loop, cycle, False) for cycle in [*cycles, *last])
@@ -236,6 +239,14 @@ def escapes(loop: Loop, modes: Collection[str], loose: bool) -> bool:
     held = reach(nonsingular, loop.edges(modes, False, loose))
     apart = (i for i in loop.nodes if i not in held)
     return any(leaves_free(loop, reach([i], hears)) for i in apart)
+
+
+def rests(loop: Loop, modes: Collection[str], loose: bool) -> bool:
+    """The same with signs: a closed set whose signs balance can stay at c on one side and -c on the
+    other."""
+    tied = set(loop.tied(modes, loose))
+    sets = closed_sets(loop, modes, loose)
+    return any(leaves_free(loop, each) for each in sets if not each & tied)
 
 
 def drifts(loop: Loop) -> bool:

@@ -98,6 +98,14 @@ def saturation_obstacle(loop: Loop) -> str | None:
     return f"{APART}inputs saturate, and what is left of a pin is known from below only."
 
 
+def signs_obstacle(loop: Loop) -> str | None:
+    """Why a proof that needs to know who opposes whom does not apply to rows, which do not say
+    it."""
+    if not loop.signed:
+        return None
+    return f"{APART}it is for agents that oppose nobody, or oppose each other across two sides."
+
+
 def read_reason(text: str) -> Reason:
     """The parts of a text; ``str`` of them is the text again."""
     told = text.removeprefix(OPEN)

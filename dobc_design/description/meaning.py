@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence, Set
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from itertools import chain
 from typing import Any
@@ -37,7 +37,7 @@ from dobc_design.problem.groups import Group, group_numbers
 from dobc_design.problem.network import Arcs
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.region import Region
-from dobc_design.problem.signs import opposition_advice, turned_text
+from dobc_design.problem.signs import turned_text
 
 LARGEST_ORDER = 40  # of an exosystem that is described part by part
 ZERO = 1e-12  # an eigenvalue below, relative to the largest, may be 0
@@ -384,7 +384,7 @@ def _about_couplings(problem: Problem) -> Sentences:
             large = sum(map(len, problem.network.modes.values())) > MOST_SIGNED
             meant = "A sign?"
             if len(repelling) < len(slopes) and not large:
-                meant = _opposed(problem, place, repelling)
+                meant = _opposed(problem, place)
             yield (
                 f"The coupling {h} repels near 0: h'(0) = {least} < 0 pushes neighbours apart. "
                 f"{meant}"
@@ -396,20 +396,19 @@ def _about_couplings(problem: Problem) -> Sentences:
             )
 
 
-def _opposed(problem: Problem, place: int, repelling: Set[int]) -> str:
+def _opposed(problem: Problem, place: int) -> str:
     """What a coupling with a minus sign on some of the arcs may be meant for: agents that oppose
     each other."""
     labels = problem.network.names
     every = chain.from_iterable(problem.network.modes.values())
     arcs = sorted({(listener, speaker) for listener, speaker, _ in every})
-    signed = [(i, j, problem.coupling_place(i, j) in repelling) for i, j in arcs]
     i, j = next(arc for arc in arcs if problem.coupling_place(*arc) == place)
     texts = [f'"{turned_text(text)}"' for text in problem.couplings[place].texts]
     turned = texts[0] if len(texts) == 1 else f"[{', '.join(texts)}]"
-    advice = opposition_advice(labels, signed, cure=f"write h = {turned} on these arcs")
     return (
-        f"Is that meant? A signed graph, in which {labels[i]} follows -x of {labels[j]}, is "
-        f"another network and not supported yet. {advice}"
+        f"Is that meant? If {labels[i]} is to follow -x of {labels[j]}, as in a signed graph, give "
+        f'these arcs h = {turned} and a negative weight, and write negative = "opposes" in '
+        "[network]."
     )
 
 

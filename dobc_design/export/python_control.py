@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dobc_design.loop.arrays import Gain, error_arcs
-from dobc_design.loop.make import loop_of
+from dobc_design.loop.make import errors_of
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.field import (
@@ -90,7 +90,7 @@ def to_control(
     """
     problem.require_one_exosystem()
     names = tuple(problem.network.modes)
-    exact = loop_of(problem)
+    exact = errors_of(problem)
     loop = make_closed_loop(problem, gain)
     signal = Fixed(mode=mode) if signal is None else signal
     switches = scheduled_switches(signal, names, float(problem.simulation.t_final), seed)

@@ -77,11 +77,16 @@ def split_by(kinds: IndexArray) -> Iterator[tuple[int, IndexArray]]:
 def unreached(loop: Loop, arcs: Iterable[Arcs], *, pins: Pins | None = None) -> tuple[int, ...]:
     """Nodes that nothing which hears the fixed node reaches along the arcs of all given modes,
     without those that come and go; ``pins``: by default what pulls in ``pulls``.  Of nodes that are
-    to agree: those of two or more groups that hear nobody outside."""
+    to agree: those of two or more groups that hear nobody outside.  With signs: those that hear
+    nobody outside either, and whose signs balance."""
     if loop.agrees:
         groups = closed_groups(loop, arcs)
         return tuple(sorted(chain(*groups))) if len(groups) > 1 else ()
     pulled = loop.pulls if pins is None else pins
+    if loop.signed:
+        groups = closed_groups(loop, arcs)
+        free = (group for group in groups if not set(pulled.nodes) & set(group))
+        return tuple(sorted(chain(*free)))
     pinned = np.array(pulled.nodes, dtype=np.int64)
     # All fixed nodes are one, which those with a pin listen to.
     fixed = loop.n
@@ -123,17 +128,30 @@ def _ends(arcs: Iterable[Arcs]) -> _Ends:
 
 def closed_groups(loop: Loop, arcs: Iterable[Arcs]) -> tuple[tuple[int, ...], ...]:
     """The smallest sets of agents that listen to nobody outside, strong components that hear no
-    other and no fixed node; rising."""
+    other and no fixed node; rising.  With signs: of these, the sets whose signs balance."""
+    arcs = tuple(arcs)
     listeners, speakers = _ends(arcs)
+    count = loop.nodes
+    if loop.signed:
+        # The double cover: node i + count carries -x_i.
+        listeners = np.concatenate([listeners, listeners + count])
+        opposes = np.concatenate([each.always.opposes for each in arcs])
+        crossed = np.where(opposes, speakers + count, speakers)
+        speakers = np.concatenate([crossed, (crossed + count) % (2 * count)])
+        count *= 2
     links = np.ones(len(listeners))
-    graph = sp.coo_array((links, (listeners, speakers)), shape=(loop.nodes, loop.nodes))
+    graph = sp.coo_array((links, (listeners, speakers)), shape=(count, count))
     _, labels = connected_components(graph, connection="strong")
     component = labels.astype(np.int64)
     # A component is open if one of its agents hears another component.
     hearer = component[listeners]
     listening = set(hearer[hearer != component[speakers]].tolist())
-    closed = []
+    closed = set()
     for number, members in split_by(component):
-        if number not in listening and members[0] < loop.n:
-            closed.append(tuple(members.tolist()))
+        if number in listening or members[0] % loop.nodes >= loop.n:
+            continue
+        agents = sorted((members % loop.nodes).tolist())
+        # A set that holds an agent together with its opposite can only rest at 0.
+        if not loop.signed or len(set(agents)) == len(agents):
+            closed.add(tuple(agents))
     return tuple(sorted(closed))

@@ -156,12 +156,13 @@ def plant_arrays(problem: Problem) -> Plant | None:
 @noun(eq=False)
 class ArcGroup:
     """The arcs of one mode that share a coupling: ``listeners[a]`` hears ``speakers[a]``, h times
-    ``weights[a]``."""
+    ``weights[a]``; where it ``opposes``, h is of -e_j - e_i."""
 
     coupling: Coupling
     listeners: IndexArray
     speakers: IndexArray
     weights: Array
+    opposes: bool = False
 
     def where(self, chosen: BoolArray) -> ArcGroup:
         """Some of the arcs."""
@@ -274,9 +275,9 @@ def exosystem_arrays(loop: Loop) -> tuple[Array, Array]:
 
 def goals(problem: Problem) -> Array:
     """Return where the agents are to go, xbar + offset_i in row i: (n, m)."""
-    # Only agents with an offset differ from the target.
+    # Only agents with an offset, or on another side, differ from the target.
     result = np.tile(to_float((problem.target,)), (problem.n, 1))
-    for agent in problem.offsets:
+    for agent in range(problem.n) if problem.signs else problem.offsets:
         result[agent] = to_float((problem.goal_of(agent),))[0]
     return result
 
@@ -313,27 +314,30 @@ def _split(
     weights = to_float((different,))[0][which]
     codes = arcs_of_mode.listeners * size + arcs_of_mode.speakers
     # Arcs are grouped by function, so that each is evaluated on one long array.
-    kinds = places_at(places, codes, size=size)
+    kinds = 2 * places_at(places, codes, size=size) + (weights < 0)
     if there is not None:
         kinds = np.where(there, kinds, -1)
     groups = []
-    for place, arcs in split_by(kinds):
-        if place >= 0:
+    for kind, arcs in split_by(kinds):
+        if kind >= 0:
+            place, opposes = divmod(kind, 2)
             group = ArcGroup(
                 coupling=functions[place],
                 listeners=arcs_of_mode.listeners[arcs],
                 speakers=arcs_of_mode.speakers[arcs],
-                weights=weights[arcs],
+                weights=np.abs(weights[arcs]),
+                opposes=bool(opposes),
             )
             groups.append(group)
     return tuple(groups)
 
 
 def difference_matrix(group: ArcGroup, size: int) -> sp.csr_array:
-    """Return D (arcs, n) with D e = e_j - e_i for the arc in which i hears j; e_j = 0 of fixed
-    nodes."""
+    """Return D (arcs, n) with D e = e_j - e_i, or -e_j - e_i, for the arc in which i hears j; e_j =
+    0 of fixed nodes."""
     arcs = np.tile(np.arange(len(group.weights)), 2)
-    entries = np.repeat([1.0, -1.0], len(group.weights))
+    heard = -1.0 if group.opposes else 1.0
+    entries = np.repeat([heard, -1.0], len(group.weights))
     columns = np.concatenate([group.speakers, group.listeners])
     free = columns < size
     places = arcs[free], columns[free]

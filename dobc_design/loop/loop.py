@@ -174,7 +174,8 @@ class Loop(Grouped):
     other goals; a state and what it hears may differ by that much without any error. ``starts``:
     None where no region is asked for. ``xi0``: where disturbances start in simulations, rows by
     node. ``unit``: for words and figures, the one that all components of the states share; ""
-    without one.
+    without one. ``signed``: arcs of negative weight couple by |w| h(-e_j - e_i), which
+    rows do not see: in their loop all weights are positive (``pairs.rows_of``).
     """
 
     name: str
@@ -197,6 +198,7 @@ class Loop(Grouped):
     actuators: Actuators | None
     xi0: tuple[Vector, ...] | None
     unit: str
+    signed: bool = False
 
     @property
     def n(self) -> int:

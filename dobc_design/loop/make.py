@@ -40,6 +40,7 @@ from dobc_design.problem.region import Pairs
 
 from .guarantee import guarantee_of
 from .loop import Drift, Goals, Loop, Pins, Starts, pins_of, zero_goals
+from .signs import turned
 
 
 @noun(eq=False)
@@ -58,8 +59,21 @@ class _Same:
 
 def loop_of(problem: Problem) -> Loop:
     """What proofs about ``problem`` are about; the same Loop for the same problem, so that what is
-    computed about a loop is kept with it."""
+    computed about a loop is kept with it.  Where agents oppose others these are the errors s_i e_i
+    (``loop.signs``)."""
+    return errors_of(problem) if problem.signs is None else _turned_once(_Same(problem=problem))
+
+
+def errors_of(problem: Problem) -> Loop:
+    """The loop of the errors e_i themselves, which runs and models integrate."""
     return _made_once(_Same(problem=problem))
+
+
+@lru_cache(maxsize=16)
+def _turned_once(same: _Same) -> Loop:
+    signs = same.problem.signs
+    loop = errors_of(same.problem)
+    return loop if signs is None else turned(loop, signs)
 
 
 @lru_cache(maxsize=16)
@@ -92,6 +106,7 @@ def _made_once(same: _Same) -> Loop:
         actuators=problem.actuators,
         xi0=problem.simulation.xi0,
         unit=problem.unit,
+        signed=problem.signs is not None,
     )
     dynamics = problem.dynamics
     if dynamics is not None:
@@ -217,9 +232,13 @@ def _goals(problem: Problem, *, is_curved: bool) -> Goals:
         stays_in = enclosure(dynamics, leader)
         if stays_in is None:
             unbounded = not_enclosed(dynamics, leader)
+    offsets = problem.offsets
+    if problem.signs is not None:
+        goals = {i: (problem.goal_of(i),) for i in range(problem.n)}
+        offsets = {i: subtract(goal, (problem.target,))[0] for i, goal in goals.items()}
     return Goals(
         target=problem.target,
-        offsets=problem.offsets,
+        offsets=offsets,
         moves=leader is not None,
         starts=problem.leads,
         stays_in=stays_in,

@@ -46,7 +46,8 @@ def consensus_jacobian(loop: Loop, mode: str) -> sp.csr_array | None:
     weights = different[table.weight]
     # What a node loses is added up by function first.
     own, back = np.unique(table.coupling * n + table.listeners, return_inverse=True)
-    lost = -np.bincount(back, weights=weights, minlength=len(own))
+    # The sign of an arc is that of what is heard.
+    lost = -np.bincount(back, weights=np.abs(weights), minlength=len(own))
     # What a fixed node adds is on the diagonal alone: its error is 0.
     between = table.speakers < n
     kinds = np.concatenate([table.coupling[between], own // n])

@@ -34,7 +34,7 @@ from dobc_design.exact.matrix import Matrix, scale
 from dobc_design.exact.number import common_denominator
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group
-from dobc_design.problem.network import Arc, Arcs, IndexArray
+from dobc_design.problem.network import Arc, Arcs, IndexArray, sized
 
 from .arcs import coupling_places
 from .loop import Loop, Pair, Starts, pins_of, zero_goals
@@ -48,16 +48,19 @@ MOST_AGENTS = 300  # of which pairs are looked at
 
 
 def rows_of(loop: Loop, W: Matrix | None) -> Loop | None:
-    """The loop whose errors rows bound: this one, that of disagreements, or that with what
-    saturation leaves of the pins, with the observer gain W (q, m); None of more agents than have
-    few enough pairs."""
+    """The loop whose errors rows bound: this one, without its signs, that of disagreements, or that
+    with what saturation leaves of the pins, with the observer gain W (q, m); None of more agents
+    than have few enough pairs."""
     if loop.saturates:
         return saturated(loop, W)
-    return _made_once(loop) if loop.agrees else loop
+    return _made_once(loop) if loop.agrees or loop.signed else loop
 
 
 @lru_cache(maxsize=16)
 def _made_once(loop: Loop) -> Loop | None:
+    if loop.signed:
+        # sigma e_j lies in the same interval as e_j, whatever the sign.
+        return replace(loop, modes={name: sized(arcs) for name, arcs in loop.modes.items()})
     leader = silent_agent(loop)
     if leader is not None:
         return _led_by(loop, leader)
@@ -152,7 +155,7 @@ def _doubled(group: Group) -> Group:
 
 def pairs_of(loop: Loop) -> Loop:
     """The loop of pairs of one without pins."""
-    functions, mirrored = _both_ways(loop)
+    functions, mirrored = both_ways(loop)
     modes = dict[str, Arcs]()
     exceptions = dict[Arc, int]()
     for name, arcs in loop.modes.items():
@@ -184,7 +187,7 @@ def _without(labels: Sequence[str], i: int) -> tuple[str, ...]:
     return (*labels[:i], *labels[i + 1 :])
 
 
-def _both_ways(loop: Loop) -> tuple[tuple[Coupling, ...], IndexArray]:
+def both_ways(loop: Loop) -> tuple[tuple[Coupling, ...], IndexArray]:
     """The functions h, then h*(y) = -h(-y) of those that are not linear; the place of each h*."""
     functions = list(loop.functions)
     places = list(range(len(functions)))

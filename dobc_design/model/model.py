@@ -16,7 +16,7 @@ import scipy.sparse as sp
 from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Headed
 from dobc_design.loop import arrays
-from dobc_design.loop.make import loop_of
+from dobc_design.loop.make import errors_of
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.problem import Problem
 
@@ -91,7 +91,7 @@ def build_model(
     """
     problem.require_no_saturation("the model")
     name = arrays.chosen_mode(problem, mode)
-    loop = loop_of(problem)
+    loop = errors_of(problem)
     W = arrays.required_gain(loop, gain)
     groups = arrays.plant_arcs(problem, name)
     felt = felt_inputs(groups, n=problem.n, m=problem.m, p=problem.inputs)
@@ -124,7 +124,7 @@ class _Equations:
     ) -> None:
         plant = arrays.plant_arrays(problem)
         self.problem = problem
-        self.loop = loop_of(problem)
+        self.loop = errors_of(problem)
         self.h = felt.h
         self.plant = plant
         self.A = ca.DM(disturbance.A)

@@ -62,7 +62,7 @@ _KEYS = (
 )
 _TABLES = ("exosystem", "observer", "offsets", "region", "switching", "simulation")
 _LATER_TABLES = ("uncertainty", "actuators", "dynamics", "leader")
-_LATER = (*_LATER_TABLES, "units", "goal", "fixed")
+_LATER = (*_LATER_TABLES, "units", "goal", "fixed", "negative")
 _ALWAYS = ("observer", "simulation")  # tables that are never null
 
 
@@ -110,6 +110,8 @@ def canonical_document(problem: Problem) -> Document:
         "gains": _gains(problem.pinning.gains),
         **converted(numbers, number_text),
     }
+    if problem.network.negative:
+        document["negative"] = problem.network.negative
     return {**document, "version": _version_of(document)}
 
 
@@ -252,7 +254,7 @@ def _load(data: bytes, name: str) -> Document:
 
 def _version_of(document: Table) -> int:
     """The first version that knows all that the document has."""
-    new = "goal" in document or "fixed" in document
+    new = any(key in document for key in ("goal", "fixed", "negative"))
     if new or _in_a_mode(document, "gains") or _leaves_agents_undisturbed(document):
         return VERSION_OPEN
     actuators = document.get("actuators")
@@ -312,7 +314,12 @@ class _Reader:
             notes=_list(document["notes"], "notes"),
             units=_list(document["units"], "units") if "units" in document else None,
             goal=self.goal(),
-            network=Network(labels=labels_of(self.labels), modes=self.modes(), fixed=tuple(fixed)),
+            network=Network(
+                labels=labels_of(self.labels),
+                modes=self.modes(),
+                fixed=tuple(fixed),
+                negative=self.document.get("negative"),
+            ),
             fixed=fixed,
             coupling=coupling["h"],
             exceptions=self.exceptions(coupling["exceptions"]),

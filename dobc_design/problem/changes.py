@@ -384,6 +384,8 @@ def problem_text(problem: Problem) -> str:
         "arrow": "listens_to",
         "modes": mode_table(problem.network),
     }
+    if problem.network.negative:
+        network["negative"] = problem.network.negative
     document["network"] = _table(network)
     document["coupling"] = _table(_coupling(problem, names))
     for name, content in _settings(problem, labels).items():

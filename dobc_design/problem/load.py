@@ -354,7 +354,9 @@ def _network(tables: ProblemFile, folder: Path | None) -> Network:
     if errors and not modes:
         raise SpecError.several(errors)
     # With what can be read, so that further mistakes show at once.
-    network = errors.tried(Network, labels=labels, modes=modes, fixed=fixed)
+    network = errors.tried(
+        Network, labels=labels, modes=modes, fixed=fixed, negative=table.negative
+    )
     if network is None or errors:
         raise SpecError.several(errors)
     return network

@@ -37,7 +37,7 @@ from dobc_design.exact.reading import (
     shown_number,
 )
 
-from .signs import opposition_advice
+from .signs import NEGATIVE
 
 #: What is for the package itself; completion and the reference leave it out.
 INTERNAL = frozenset({"arc_codes", "loose", "require_mode"})
@@ -133,9 +133,10 @@ ArcLists = ArcList | Mapping[str, ArcList]  # of one mode, or by mode
 @dataclass(frozen=True, slots=True, eq=False)
 class Arcs:
     """The arcs of one mode: agent ``listeners[a]`` hears agent ``speakers[a]`` with weight
-    ``weights[a]``.  Shapes: three sequences of equal length; indices count from 0; weights are > 0
-    and multiply h.  The last ``optional`` arcs come and go at any time while the mode is on: what
-    they add is any part, from nothing to all, of w h."""
+    ``weights[a]``.  Shapes: three sequences of equal length; indices count from 0.  Weights > 0
+    multiply h; what negative ones do says ``Network.negative``.  The last ``optional`` arcs come
+    and go at any time while the mode is on: what they add is any part, from nothing to
+    all, of w h."""
 
     listeners: IndexArray
     speakers: IndexArray
@@ -164,6 +165,11 @@ class Arcs:
         """Which arcs come and go, (arcs,)."""
         return np.arange(len(self)) >= len(self) - self.optional
 
+    @property
+    def opposes(self) -> BoolArray:
+        """Which arcs have a negative weight, (arcs,)."""
+        return np.array([weight < 0 for weight in self.weights], dtype=bool)
+
     def __len__(self) -> int:
         return len(self.weights)
 
@@ -186,6 +192,13 @@ class Arcs:
 
 
 Modes = Mapping[str, Arcs]
+
+
+def sized(arcs: Arcs) -> Arcs:
+    """The arcs with |w| in place of w."""
+    place, different = distinct_weights(arcs.weights)
+    sizes = tuple(map(abs, different))
+    return replace(arcs, weights=tuple(map(sizes.__getitem__, place.tolist())))
 
 
 def joined(always: Arcs, optional: Arcs) -> Arcs:
@@ -285,6 +298,13 @@ def summed(arcs: Arcs) -> Arcs:
     total: dict[Arc, Fraction] = {}
     for listener, speaker, weight in arcs:
         ends = listener, speaker
+        # What parallel arcs of both signs do together, no single arc does.
+        if ends in total and (total[ends] < 0) != (weight < 0):
+            raise about(
+                "network.modes",
+                "parallel arcs with weights of both signs are not added up.",
+                "Leave one of them out.",
+            )
         total[ends] = total[ends] + weight if ends in total else weight
     first, second = np.array(list(total), dtype=np.int64).reshape(-1, 2).T.copy()
     return directed(first, second, tuple(total.values()), arrow="listens_to")
@@ -311,9 +331,12 @@ def check_arrow(arrow: object) -> None:
         )
 
 
-def check_arcs(modes: Modes, labels: Names, *, mode: str, fixed: Names = ()) -> None:
-    """Refuse arcs of a mode that leave the graph, self-arcs, duplicates and weights that are not
-    positive, with the first offender; ``fixed`` nodes are numbered after the agents."""
+def check_arcs(
+    modes: Modes, labels: Names, *, mode: str, negative: str | None, fixed: Names = ()
+) -> None:
+    """Refuse arcs of a mode that leave the graph, self-arcs, duplicates, weights that are 0, and
+    negative ones whose meaning is not given, with the first offender; ``fixed`` nodes are numbered
+    after the agents."""
     arcs = modes[mode]
     n = len(labels)
     labels = (*labels, *fixed)
@@ -361,32 +384,28 @@ def check_arcs(modes: Modes, labels: Names, *, mode: str, fixed: Names = ()) -> 
         )
     # most weights are one and the same object
     position = next((i for i, w in enumerate(arcs.weights) if w is not ONE and w <= 0), -1)
+    if negative is not None:
+        position = next((i for i, w in enumerate(arcs.weights) if not w), -1)
     if position < 0:
         return
     if arcs.weights[position]:
-        raise negative_weight(modes, labels, mode=mode, place=position)
+        raise negative_weight(arcs, labels, mode=mode, place=position)
     what = "a weight must be > 0, because it multiplies h;"
     what += f" {_sentence(arcs, position, labels)} with 0."
     raise about(at(position), what, "Leave the arc out.")
 
 
-def negative_weight(modes: Modes, labels: Names, *, mode: str, place: int) -> SpecError:
-    """Says what a negative weight may mean, and how that is written; the signs of all modes
-    count."""
-    every = chain.from_iterable(modes.values())
-    signed = ((listener, speaker, weight < 0) for listener, speaker, weight in every)
-    # Whether the signs balance is a question about all modes together.
-    arcs = modes[mode]
+def negative_weight(arcs: Arcs, labels: Names, *, mode: str, place: int) -> SpecError:
+    """Says that the file has to say what a negative weight means."""
     listener = named(labels[int(arcs.listeners[place])])
     speaker = named(labels[int(arcs.speakers[place])])
-    advice = opposition_advice(labels, signed, cure="leave the minus signs of the weights out")
+    at = f"network.modes.{named(mode)}{place_of(arcs, place)}"
     return about(
-        f"network.modes.{named(mode)}{place_of(arcs, place)}",
-        f"a weight must be > 0, because it multiplies h(x_j - x_i); {listener} listens to "
-        f"{speaker} with {shown_number(arcs.weights[place])}.",
-        f"A signed graph, in which {listener} follows -x of {speaker}, is not supported yet. "
-        f"{advice} If {listener} is to move away from {speaker} instead, give the arc a positive "
-        "weight and, in [[coupling.exceptions]], an h with the other sign.",
+        "network.negative",
+        f"must say what a negative weight w means; at {at} {listener} listens to {speaker} with "
+        f"{shown_number(arcs.weights[place])}.",
+        f'"opposes": {listener} follows -x of {speaker}, |w| h(-x_j - x_i), as in signed graphs. '
+        f'"repels": {listener} moves away from {speaker}, w h(x_j - x_i).',
     )
 
 
@@ -452,12 +471,15 @@ class Network(Shown):
 
     ``labels``: one text for each agent; ``modes``: the name of a mode -> its ``Arcs``; ``fixed``:
     the labels of nodes that agents may listen to and that listen to nobody, numbered after them.
+    ``negative``: what negative weights w mean, None where there are none: "opposes", the listener
+    follows -x of the speaker, |w| h(-x_j - x_i); "repels", it moves away, w h(x_j - x_i).
     Two networks are equal when labels, modes and arcs are, in the same order.
     """
 
     labels: Texts
     modes: Modes
     fixed: Texts = ()
+    negative: str | None = None
 
     def __post_init__(self) -> None:
         # A copy that nobody can change: a Network is hashed, and certificates are about it.
@@ -476,7 +498,20 @@ class Network(Shown):
                     f"the name of a mode must be {WANTED}; got {shown(name)}.",
                     "Name it, for example Ga.",
                 )
-            check_arcs(self.modes, self.labels, mode=name, fixed=self.fixed)
+            check_arcs(self.modes, self.labels, mode=name, negative=self.negative, fixed=self.fixed)
+        if self.negative is None:
+            return
+        if self.negative not in NEGATIVE:
+            raise wrong(
+                "network.negative",
+                f'must be "opposes" or "repels"; got {shown(self.negative)}.',
+                "It says what a negative weight means; without one leave it out.",
+            )
+        # A file may give the key before it has such an arc.
+        if all(w > 0 for arcs in self.modes.values() for w in arcs.weights):
+            put(self, negative=None)
+        elif self.fixed:
+            raise wrong("network.negative", "is not known together with [fixed].", "Remove one.")
 
     def __dir__(self) -> list[str]:
         return [name for name in object.__dir__(self) if name not in INTERNAL]
@@ -485,6 +520,8 @@ class Network(Shown):
         if not isinstance(other, Network):
             return NotImplemented
         if self.names != other.names or self.size != other.size:
+            return False
+        if self.negative != other.negative:
             return False
         return list(self.modes.items()) == list(other.modes.items())
 
@@ -601,6 +638,7 @@ class Network(Shown):
         fixed: Sequence[Any] = (),
         merge: str | None = None,
         drop_loops: bool = False,
+        negative: str | None = None,
     ) -> Network:
         """Build a network from pairs [a, b] or triples [a, b, w] of labels.
 
@@ -610,7 +648,7 @@ class Network(Shown):
         same for further arcs, which come and go at any time while their mode is on.  ``fixed``:
         labels of nodes that are no agents: they are listened to and listen to nobody.  ``merge``
         "sum" adds the weights of parallel arcs, which are refused otherwise; ``drop_loops`` leaves
-        out arcs from an agent to itself.
+        out arcs from an agent to itself.  ``negative``: what negative weights mean (``Network``).
         Raises: SpecError, naming the arc.
         Example:
             >>> dd.Network.from_arcs([["tail", "head"]], arrow="listens_to").labels
@@ -643,17 +681,24 @@ class Network(Shown):
         for name, each in more.items():
             loose = read(each, f"network.modes.{named(name)}.optional")
             modes[name] = joined(modes[name], loose)
-        return cls(labels=labels, modes=modes, fixed=others)
+        return cls(labels=labels, modes=modes, fixed=others, negative=negative)
 
     @classmethod
     def from_networkx(
-        cls, graph: Any, *, arrow: str, merge: str | None = None, drop_loops: bool = False
+        cls,
+        graph: Any,
+        *,
+        arrow: str,
+        merge: str | None = None,
+        drop_loops: bool = False,
+        negative: str | None = None,
     ) -> Network:
         """Build a network from a networkx graph, or from a mapping of mode name to graph.
 
         An edge (a, b) means what ``arrow`` says; an undirected edge gives both arcs; the edge
         attribute 'weight' is w.  All modes must have the same nodes, in any order.
-        ``merge`` "sum" adds the weights of parallel edges, ``drop_loops`` leaves out self-loops.
+        ``merge`` "sum" adds the weights of parallel edges, ``drop_loops`` leaves out self-loops;
+        ``negative``: what negative weights mean (``Network``).
         Raises: SpecError for parallel edges and self-loops otherwise, and for different node sets.
         Example:
             >>> import networkx
@@ -692,7 +737,14 @@ class Network(Shown):
             if not each.is_directed():
                 pairs += [(b, a, w) for a, b, w in pairs]
             arcs[name] = pairs
-        return cls.from_arcs(arcs, arrow=arrow, agents=labels, merge=merge, drop_loops=drop_loops)
+        return cls.from_arcs(
+            arcs,
+            arrow=arrow,
+            agents=labels,
+            merge=merge,
+            drop_loops=drop_loops,
+            negative=negative,
+        )
 
     @classmethod
     def from_sparse(
@@ -702,13 +754,15 @@ class Network(Shown):
         arrow: str,
         labels: Sequence[Any] | None = None,
         drop_loops: bool = False,
+        negative: str | None = None,
     ) -> Network:
         """Build a network from a SciPy sparse matrix or a NumPy array, or a mapping of mode name to
         matrix.
 
         Entry (i, j) is the arc [i, j] under ``arrow`` and its value the weight; entries that are
         stored twice are added, stored zeros are no arcs.  ``labels`` defaults to 1..n;
-        ``drop_loops`` leaves out the diagonal. Shape: (n, n).  Raises: SpecError if it is not
+        ``drop_loops`` leaves out the diagonal; ``negative``: what negative weights mean
+        (``Network``). Shape: (n, n).  Raises: SpecError if it is not
         square, or labels do not fit.
         Example:
             >>> import scipy.sparse
@@ -748,7 +802,8 @@ class Network(Shown):
             first = table.row[keep].astype(np.int64)
             second = table.col[keep].astype(np.int64)
             modes[name] = directed(first, second, weights, arrow=arrow)
-        return cls(labels=labels_of(size) if names is None else names, modes=modes)
+        labels = labels_of(size) if names is None else names
+        return cls(labels=labels, modes=modes, negative=negative)
 
 
 def _as_coo(matrix: Any, key: str) -> Any:

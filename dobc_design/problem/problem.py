@@ -10,7 +10,7 @@ from dataclasses import field, fields
 from fractions import Fraction
 from functools import partial
 from inspect import signature
-from itertools import islice
+from itertools import chain, islice
 from types import MappingProxyType
 from typing import Any
 
@@ -49,9 +49,10 @@ from .groups import (
     read_groups,
 )
 from .leader import Leader, read_leader
-from .network import Arc, Network, Places
+from .network import Arc, Network, Places, sized
 from .pinning import GainForm, Pinning, by_label, read_pinning
 from .region import Pairs, Region, read_goal, read_region, read_units
+from .signs import OPPOSES, REPELS, Signs, repelling, signs_of
 from .simulation import Simulation, read_simulation
 from .switching import Switching, check_switching
 from .tables import (
@@ -81,6 +82,7 @@ INTERNAL = frozenset(
         "require_fixed_arcs",
         "require_integrators",
         "require_no_fixed",
+        "require_no_signs",
         "require_no_leader",
         "require_no_saturation",
         "require_one_exosystem",
@@ -156,6 +158,8 @@ class Problem(Grouped, Shown):
     couplings: tuple[Coupling, ...] = field(init=False, compare=False)
     # the place among them of the coupling of every arc with its own
     exception_places: Places = field(init=False, compare=False)
+    # where some agents oppose others; None where nobody does
+    signs: Signs | None = field(init=False, compare=False)
 
     def __init__(
         self,
@@ -185,6 +189,9 @@ class Problem(Grouped, Shown):
     ) -> None:
         _check_kinds(network=network, exosystem=exosystem, observer=observer, switching=switching)
         _check_groups(groups)
+        if network.negative == REPELS:
+            # Arcs with -h are known to everything below.
+            network, exceptions = _with_repelling(network, coupling, exceptions)
         # Everything below needs to know how many components there are: these two raise at once.
         own = Dynamics(**dynamics) if isinstance(dynamics, Mapping) else dynamics
         first = exosystem
@@ -241,6 +248,7 @@ class Problem(Grouped, Shown):
                 put(self, **{part: read()})
         errors.raise_all()
         self._check_goal()
+        put(self, signs=self._read_signs())
         self._check_dynamics()
         self._check_saturation()
         # Arcs name a coupling by its place, so that equal ones are bounded once.
@@ -376,6 +384,45 @@ class Problem(Grouped, Shown):
                     "Give region.initial_states.",
                 )
         errors.raise_all()
+
+    def _read_signs(self) -> Signs | None:
+        """Who opposes whom.  Raises: SpecError for what is not known for such a network."""
+        network = self.network
+        if network.negative != OPPOSES:
+            return None
+        arcs = chain.from_iterable(network.modes.values())
+        signs = signs_of(self.n, arcs, self.pinning.agents)
+        whole = 'is not known with network.negative = "opposes".'
+        errors = Mistakes()
+
+        def refuse(key: str, is_given: object, what: str, cure: str) -> None:
+            with errors:
+                if is_given:
+                    raise wrong(key, what, cure)
+
+        refuse("dynamics", self.dynamics, whole, "Describe the agents as single integrators.")
+        saturates = self.actuators is not None and self.actuators.saturates
+        refuse("actuators.saturates", saturates, whole, "Remove one of the two.")
+        mobile = self.switching is not None and self.switching.signal == "mobile"
+        refuse("switching.signal", mobile, whole, "List the graphs as modes.")
+        states = () if self.region is None else self.region.initial_states
+        refuse(
+            "region.initial_states",
+            any(lo != -hi for lo, hi in states),
+            "must be the same on both sides of 0, because agents that oppose each other do so "
+            "about 0.",
+            "For example [-5, 5]; what is proved there holds for every part of it.",
+        )
+        if signs.breaks is not None:
+            listener, speaker = (named(network.labels[agent]) for agent in signs.breaks)
+            why = (
+                f"must be 0 or left out: no two sides of agents oppose each other by these signs "
+                f"({listener} listens to {speaker} fits none), so that agents can meet at 0 only."
+            )
+            refuse("target", any(self.target), why, "Remove it, or change that sign.")
+            refuse("formation", self.offsets, why, "Remove it, or change that sign.")
+        errors.raise_all()
+        return signs
 
     def _check_dynamics(self) -> None:
         """With [dynamics] goals have to be equilibria; what is not known for them is refused."""
@@ -662,6 +709,7 @@ class Problem(Grouped, Shown):
         """Refuse a problem with [dynamics], or optional arcs, where ``what`` does not know it.
         Raises: SpecError."""
         self.require_fixed_arcs(what)
+        self.require_no_signs(what)
         if self.dynamics is not None:
             raise about(
                 "dynamics",
@@ -684,10 +732,21 @@ class Problem(Grouped, Shown):
                 "list graphs as modes.",
             )
 
+    def require_no_signs(self, what: str) -> None:
+        """Refuse a problem with agents that oppose others where ``what`` does not know it.  Raises:
+        SpecError."""
+        if self.signs is not None:
+            raise about(
+                "network.negative",
+                f"{what} does not know agents that oppose others.",
+                "Use check, certify, verify, simulate, build_model or to_control, which know them.",
+            )
+
     def require_no_leader(self, what: str) -> None:
-        """Refuse a problem with a [leader], or fixed nodes, where ``what`` does not know it.
-        Raises: SpecError."""
+        """Refuse a problem with a [leader], fixed nodes, or agents that oppose others, where
+        ``what`` does not know it.  Raises: SpecError."""
         self.require_no_fixed(what)
+        self.require_no_signs(what)
         if self.leader is not None:
             raise about(
                 "leader",
@@ -757,11 +816,15 @@ class Problem(Grouped, Shown):
         return self.exceptions.get((listener, speaker), self.coupling)
 
     def goal_of(self, agent: int) -> Vector:
-        """xbar + offset_i, where agent i is to go."""
+        """xbar + offset_i, where agent i is to go; -xbar + offset_i on the side that opposes the
+        first one."""
+        target = self.target
+        if self.signs is not None:
+            target = tuple(self.signs.side(agent) * x for x in target)
         offset = self.offsets.get(agent)
         if offset is None:
-            return self.target
-        return tuple(x + o for x, o in zip(self.target, offset, strict=True))
+            return target
+        return tuple(x + o for x, o in zip(target, offset, strict=True))
 
     def input_at(self, goal: Vector) -> Vector:
         """u0 (p,), the constant input that holds a goal; beside a leader, which no input holds, its
@@ -925,6 +988,25 @@ def _read_coupling(value: Any, *, dimension: int, outputs: int, key: str) -> Cou
         what = f"must take {dimension} components to {outputs};"
         what += f" it takes {value.dimension} to {value.outputs}."
     raise misshapen(key, what, "Make it with the right dimension.")
+
+
+def _with_repelling(
+    network: Network, coupling: Any, exceptions: Mapping[Arc, Any] | None
+) -> tuple[Network, Mapping[Arc, Any]]:
+    """The network with positive weights only, and -h as the coupling of arcs that repel."""
+    signs: dict[Arc, bool] = {}
+    for i, j, weight in chain.from_iterable(network.modes.values()):
+        if signs.setdefault((i, j), weight < 0) != (weight < 0):
+            listener, speaker = (named(network.labels[agent]) for agent in (i, j))
+            raise about(
+                "network.modes",
+                f"{listener} listens to {speaker} with weights of both signs; an arc that repels "
+                "does so in every mode.",
+                "Give it one sign, or leave it out of a mode.",
+            )
+    modes = {name: sized(arcs) for name, arcs in network.modes.items()}
+    arcs = (arc for arc, is_negative in signs.items() if is_negative)
+    return Network(labels=network.labels, modes=modes), repelling(coupling, exceptions, arcs)
 
 
 def _read_exceptions(

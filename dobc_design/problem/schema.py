@@ -16,6 +16,7 @@ from dobc_design.exact.reading import Document
 from .exosystems import KINDS, PARTS
 from .network import ARROWS, LONGEST_LABEL, MOST_AGENTS
 from .region import GOALS, LONGEST_UNIT
+from .signs import NEGATIVE
 from .switching import GUARANTEES, SIGNALS
 
 SCHEMA_VERSION = 1
@@ -108,6 +109,7 @@ Name = Annotated[Any, WithJsonSchema({"type": "string", "minLength": 1, "maxLeng
 Version = Annotated[Any, WithJsonSchema({"type": "integer", "const": SCHEMA_VERSION})]
 Seed = Annotated[Any, WithJsonSchema({"type": "integer", "minimum": 0, "maximum": 2**63 - 1})]
 Arrow = Annotated[Any, WithJsonSchema({"enum": list(ARROWS)})]
+Negative = Annotated[Any, WithJsonSchema({"enum": list(NEGATIVE)})]
 Signal = Annotated[Any, WithJsonSchema({"enum": list(SIGNALS)})]
 Guarantee = Annotated[Any, WithJsonSchema({"enum": list(GUARANTEES)})]
 _COUNT = {"type": "integer", "minimum": 1, "maximum": MOST_AGENTS}
@@ -159,6 +161,9 @@ class NetworkTable(_Table):
         description="What [a, b] means: a hears b, or a is heard by b. There is no default."
     )
     modes: Modes = Field(description="At least one; several mean switching.")
+    negative: Negative = _optional(
+        "What a negative weight w means: |w| h(-x_j - x_i), or w h(x_j - x_i)."
+    )
 
 
 class ExceptionTable(_Table):

@@ -1,63 +1,87 @@
-"""Arcs that people mean to be negative: agents that oppose each other, and the change of signs that
-removes them.
+"""Arcs with a negative weight: what it means, and who opposes whom.
 
-An arc with the sign -1 couples by h(-x_j - x_i).  Where a division of the agents into two sides
-fits all signs (the graph is balanced), x -> -x on one side turns every sign into +1 if h is odd: an
-ordinary problem.  Words only.
+"opposes": |w| h(-x_j - x_i), the sign of a signed graph.  Where a division of the agents into two
+sides fits all signs (the graph is balanced), x -> -x on one side turns every sign into +1.
+"repels": w h(x_j - x_i), which is an arc with -h.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping
+from fractions import Fraction
+from typing import Any
 
-import numpy as np
+from dobc_design._checks import noun
+from dobc_design.coupling.coupling import Coupling
 
-from dobc_design._show.cards import listed
-
-Signed = tuple[int, int, bool]  # listener, speaker, and whether the two oppose each other
-
-
-def two_sides(n: int, arcs: Iterable[Signed]) -> tuple[list[int], list[int]] | None:
-    """Two sides such that agents oppose each other exactly across them; None if the signs do not
-    balance.  The first agent of every connected part is on the first side."""
-    from scipy.sparse import coo_array  # only where signs are mixed
-    from scipy.sparse.csgraph import connected_components
-
-    # Every agent twice, as itself and as its opposite: opposed agents are linked to opposites.
-    begins = []
-    ends = []
-    for listener, speaker, opposed in arcs:
-        begins += [listener, listener + n]
-        ends += [speaker + n, speaker] if opposed else [speaker, speaker + n]
-    links = np.ones(len(begins)), (begins, ends)
-    graph = coo_array(links, shape=(2 * n, 2 * n))
-    part = connected_components(graph, directed=False)[1]
-    if np.any(part[:n] == part[n:]):
-        return None
-    # Parts are numbered as they are met, so that the first agent of each is on the first side.
-    first = part[:n] < part[n:]
-    return np.flatnonzero(first).tolist(), np.flatnonzero(~first).tolist()
+Arc = tuple[int, int]
+Texts = tuple[str, ...]
+OPPOSES, REPELS = NEGATIVE = ("opposes", "repels")
 
 
-def opposition_advice(labels: Sequence[str], arcs: Iterable[Signed], *, cure: str) -> str:
-    """How a signed graph is written today; ``cure``: what makes all its signs positive, as a
-    request."""
-    sides = two_sides(len(labels), arcs)
-    if sides is None:
-        return (
-            "Its signs do not balance: no two sides of agents oppose each other by them, so the "
-            "agents can agree on 0 only. With target 0 and an odd h it can be written with every "
-            "agent twice, as a and as a copy that stands for -x of a: where a opposes b, let a "
-            "listen to the copy of b and the copy of a to b, with positive signs; give every other "
-            "arc and every pin to both."
-        )
-    here, there = (listed([labels[i] for i in side]) for side in sides)
-    return (
-        f"Its signs balance: agents {here} oppose agents {there}. Let x stand for -x on one side, "
-        f"best on the one without pins, and {cure}: with an odd h this is the same network. That "
-        "side then ends at minus the target, and its starts and offsets change sign; with pins on "
-        "both sides the target has to be 0."
-    )
+@noun
+class Signs:
+    """Who opposes whom: ``sides`` has +1 or -1 for every agent so that agents oppose each other
+    exactly across the two sides; None where no division fits, and then ``breaks`` is the first arc
+    (listener, speaker) that fits none which those before it allow."""
+
+    sides: tuple[int, ...] | None
+    breaks: Arc | None = None
+
+    def side(self, agent: int) -> int:
+        """+1 or -1; +1 where no division fits."""
+        return 1 if self.sides is None else self.sides[agent]
+
+
+def signs_of(
+    n: int, arcs: Iterable[tuple[int, int, Fraction]], pinned: Iterable[int] = ()
+) -> Signs:
+    """The sides of n agents whose arcs of negative weight oppose.  In every connected part the
+    first pinned agent, or the first one if none is, has +1."""
+    # A forest of agents, each with its sign relative to the one above it.
+    above = list(range(n))
+    sign = [1] * n
+
+    def top(agent: int) -> tuple[int, int]:
+        path = []
+        while above[agent] != agent:
+            path.append(agent)
+            agent = above[agent]
+        relative = 1
+        for each in reversed(path):
+            relative *= sign[each]
+            above[each], sign[each] = agent, relative
+        return agent, relative
+
+    for listener, speaker, weight in arcs:
+        first, own = top(listener)
+        second, other = top(speaker)
+        between = own * other * (1 if weight > 0 else -1)
+        if first != second:
+            lower, upper = max(first, second), min(first, second)
+            above[lower], sign[lower] = upper, between
+        elif between < 0:
+            return Signs(sides=None, breaks=(listener, speaker))
+    turned: dict[int, int] = {}
+    for agent in pinned:
+        part, own = top(agent)
+        turned.setdefault(part, own)
+    return Signs(sides=tuple(own * turned.get(part, 1) for part, own in map(top, range(n))))
+
+
+def repelling(
+    coupling: Any, exceptions: Mapping[Arc, Any] | None, arcs: Iterable[Arc]
+) -> dict[Arc, Any]:
+    """The exceptions with -h on these arcs; couplings in any form that a problem takes."""
+    found = dict(exceptions or {})
+    for arc in arcs:
+        h = found.get(arc, coupling)
+        texts = h.texts if isinstance(h, Coupling) else h
+        if isinstance(texts, str):
+            texts = (texts,)
+        turned = tuple(map(turned_text, texts))
+        found[arc] = turned[0] if len(turned) == 1 else turned
+    return found
 
 
 def turned_text(text: str) -> str:

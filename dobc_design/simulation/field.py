@@ -22,7 +22,7 @@ from dobc_design.coupling.tree import NumpyAlgebra
 from dobc_design.exact.reading import Texts
 from dobc_design.loop import arrays
 from dobc_design.loop.arrays import ArcGroup, ArcGroups, Gain, Plant
-from dobc_design.loop.make import loop_of
+from dobc_design.loop.make import errors_of
 from dobc_design.loop.matrices import Array, pull_matrix
 from dobc_design.problem.network import BoolArray, IndexArray
 from dobc_design.problem.problem import Problem
@@ -103,6 +103,7 @@ class _Block:
     factor: float | Array | csr_array
     slots: tuple[tuple[int, int], ...] = ()
     counts: IndexArray | None = None
+    opposes: bool = False  # e of the speakers counts with the other sign
 
     def add(self, total: Array, e: Array) -> None:
         """Add what the listeners feel; ``e`` and ``total`` have a row for every agent."""
@@ -110,6 +111,8 @@ class _Block:
         own = e[self.rows]
         # take is faster than an index here
         y = e.take(self.speakers, axis=0)
+        if self.opposes:
+            np.negative(y, out=y)
         # in place: these arrays are as large as the processor's cache allows
         if self.counts is not None:
             y -= np.repeat(own, self.counts, axis=0)
@@ -173,6 +176,7 @@ def _block_of(h: ArrayFunction, arcs: ArcGroup) -> _Block:
         counts=counts,
         speakers=arcs.speakers,
         factor=gather,
+        opposes=arcs.opposes,
     )
 
 
@@ -204,6 +208,7 @@ def _by_slots(h: ArrayFunction, arcs: ArcGroup, lowest: int, counts: IndexArray)
         speakers=arcs.speakers[chosen],
         slots=tuple(pairwise(edges)),
         factor=factor,
+        opposes=arcs.opposes,
     )
 
 
@@ -366,7 +371,7 @@ def make_closed_loop(
 ) -> ClosedLoop:
     """Read the numbers of the plant and of its errors as floats; ``nodes``: where fixed ones are.
     Raises: SpecError without a W, or for a gain that does not fit."""
-    loop = loop_of(problem)
+    loop = errors_of(problem)
     goal = arrays.goals(problem)
     between = nodes is not None and nodes.at is not None
     plant = arrays.plant_arrays(problem)

@@ -22,7 +22,7 @@ from dobc_design.loop.arrays import (
     require_floats,
 )
 from dobc_design.loop.loop import Loop
-from dobc_design.loop.make import loop_of
+from dobc_design.loop.make import errors_of
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.problem import Problem
 
@@ -167,7 +167,7 @@ class Setting:
 
 def make_setting(problem: Problem, *, gain: Gain | None, **given: Unpack[Options]) -> Setting:
     """Check the arguments of ``simulate``.  Raises: SpecError."""
-    exact = loop_of(problem)
+    exact = errors_of(problem)
     stress = _stress(problem, given.get("stress"))
     signal = _signal(problem, given.get("signal"), given.get("mode"))
     observer = given.get("observer", CLOSED_FORM)

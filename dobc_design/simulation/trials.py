@@ -13,7 +13,7 @@ import numpy as np
 from dobc_design._checks import noun
 from dobc_design.exact.reading import Texts
 from dobc_design.loop.arrays import Gain, error_arcs
-from dobc_design.loop.make import loop_of
+from dobc_design.loop.make import errors_of
 from dobc_design.loop.matrices import Array, consensus_jacobian, pull_matrix
 from dobc_design.problem.network import BoolArray, IndexArray
 from dobc_design.problem.problem import Problem
@@ -52,7 +52,7 @@ class Arena:
 def make_arena(problem: Problem, gain: Gain | None) -> Arena:
     """Prepare the loop; ``gain`` (q, m) is W.  Raises: SpecError if there is an exosystem and no
     W."""
-    exact = loop_of(problem)
+    exact = errors_of(problem)
     loop = make_closed_loop(problem, gain)
     names = tuple(problem.network.modes)
 
@@ -142,7 +142,7 @@ def settling_horizon(problem: Problem) -> float:
     horizon = float(problem.simulation.t_final)
     if problem.n * problem.m > LARGEST_SPECTRUM:
         return horizon
-    loop = loop_of(problem)
+    loop = errors_of(problem)
     pulls = pull_matrix(loop).toarray()
     # the mode in which errors last longest
     slowest = np.inf

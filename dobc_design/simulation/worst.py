@@ -13,7 +13,7 @@ from scipy.linalg import block_diag, expm
 
 from dobc_design.exact.number import nearest
 from dobc_design.loop.guarantee import Phase
-from dobc_design.loop.make import loop_of
+from dobc_design.loop.make import errors_of
 from dobc_design.loop.matrices import Array, consensus_jacobian, pull_matrix
 from dobc_design.problem.network import IndexArray
 from dobc_design.problem.problem import Problem
@@ -64,7 +64,7 @@ def worst_signs(
     n = loop.n
     length = horizon / STEPS
     values = np.ones((STEPS, n, len(loop.output), len(seeds)))
-    slopes = consensus_jacobian(loop_of(problem), next(iter(problem.network.modes)))
+    slopes = consensus_jacobian(errors_of(problem), next(iter(problem.network.modes)))
     q = loop.q if observed else 0
     size = n * (loop.m + q)
     if slopes is None or size > LARGEST:
@@ -108,7 +108,7 @@ def worst_signal(problem: Problem) -> Periodic | None:
     longest: 1, 2 and 4 times the shortest, or a mode for ever), the one under which e, linearised,
     decays most slowly.  None without this guarantee, with too many agents or modes, and where a
     coupling has no slope at the target."""
-    loop = loop_of(problem)
+    loop = errors_of(problem)
     phases = loop.guarantee.phases
     own = problem.switching
     most = min(MOST_ROUNDS, MOST_WORK // (problem.n * problem.m) ** 3)

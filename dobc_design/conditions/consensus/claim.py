@@ -40,7 +40,7 @@ from dobc_design.conditions.reason import gap_obstacle
 from dobc_design.errors import SpecError
 from dobc_design.exact import symmetric as sparse
 from dobc_design.exact.interval import Interval, IntervalMatrix, UndefinedError
-from dobc_design.exact.matrix import Matrix, add, multiply, transpose
+from dobc_design.exact.matrix import Matrix, add, multiply, scale, transpose
 from dobc_design.exact.number import common_denominator
 from dobc_design.exact.pencil import Deviation, Pencil, Place, Unknown
 from dobc_design.exact.reading import Document, is_scalar_matrix
@@ -130,15 +130,21 @@ def _mode_jacobian(loop: Loop, name: str, slopes: Sequence[IntervalMatrix]) -> M
         pair, loose = divmod(number, 2)
         coupling, place = divmod(pair, width)
         weight = table.weights[place]
-        scale = Interval(ZERO if loose else weight, weight)
-        gains.append(tuple(tuple(entry * scale for entry in row) for row in slopes[coupling]))
+        ends = (ZERO if loose else weight, weight)
+        size = Interval(min(ends), max(ends))
+        gains.append(tuple(tuple(entry * size for entry in row) for row in slopes[coupling]))
     made = partial(ModeJacobian, name=name, gains=tuple(gains))
     free = arcs.speakers < loop.n
-    if free.all():
+    # |w| h'(0) (-e_j - e_i) is w h'(0) (e_j - e_i) and a pull by 2 |w| h'(0).
+    opposes = arcs.opposes if loop.signed else ~free
+    own = opposes | ~free
+    if not own.any():
         return made(arcs=arcs, kind=kinds, pulls=loop.pulls)
     held = dict(loop.pulls.gains)
-    for node, kind in zip(arcs.listeners[~free].tolist(), kinds[~free].tolist(), strict=True):
-        pull = _point(gains[kind], loop.labels[node])
+    factors = np.where(opposes & free, -2, 1)[own].tolist()
+    found = zip(arcs.listeners[own].tolist(), kinds[own].tolist(), factors, strict=True)
+    for node, kind, factor in found:
+        pull = scale(factor, _point(gains[kind], loop.labels[node]))
         held[node] = add(held[node], pull) if node in held else pull
     return made(arcs=arcs.where(free), kind=kinds[free], pulls=pins_of(held))
 
@@ -148,7 +154,8 @@ def _point(gain: IntervalMatrix, label: str) -> Matrix:
     enclosed, or comes and goes."""
     if not all(entry.is_point for row in gain for entry in row):
         raise UndefinedError(
-            f"agent {label} hears a fixed node by a slope that is not one rational number"
+            f"agent {label} hears a fixed node, or opposes another one, by a slope that is not one "
+            "rational number"
         )
     return tuple(tuple(entry.lo for entry in row) for row in gain)
 

@@ -45,6 +45,7 @@ def float_lambda(loop: Loop, mode: str, *, pins: bool = True, twice: bool = Fals
     # inf, which no estimate survives, and the exact side needs none
     with np.errstate(over="ignore", invalid="ignore"):
         gains = weights * slopes[arcs.coupling]
+        lost = np.abs(weights) * slopes[arcs.coupling]
     pulls = loop.pulls.gains if pins else {}
     held = [[[nearest(x) for x in row] for row in gain] for gain in pulls.values()]
     agents = np.array(list(pulls), dtype=np.int64)
@@ -53,7 +54,7 @@ def float_lambda(loop: Loop, mode: str, *, pins: bool = True, twice: bool = Fals
     rows = np.concatenate([arcs.listeners[free], arcs.listeners, agents])[:, None, None] * m
     columns = np.concatenate([arcs.speakers[free], arcs.listeners, agents])[:, None, None] * m
     blocks = np.concatenate(
-        [gains[free], -gains, -np.array(held, dtype=np.float64).reshape(-1, m, m)]
+        [gains[free], -lost, -np.array(held, dtype=np.float64).reshape(-1, m, m)]
     )
     i = np.broadcast_to(rows + np.arange(m)[:, None], blocks.shape).ravel()
     j = np.broadcast_to(columns + np.arange(m), blocks.shape).ravel()

@@ -25,7 +25,7 @@ from dobc_design.conditions.numbers import (
     has_short_denominator,
     read_rational,
 )
-from dobc_design.conditions.reason import fixed_obstacle, saturation_obstacle
+from dobc_design.conditions.reason import fixed_obstacle, saturation_obstacle, signs_obstacle
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.tree import GradientAlgebra, IntervalAlgebra, evaluate
 from dobc_design.errors import ShapeError, SpecError
@@ -171,7 +171,7 @@ def why_not(loop: Loop, claim: Equilibrium, *, part: Fraction = ONE) -> str | No
         raise ShapeError(what, key="box")
     if claim.mode not in loop.modes:
         raise SpecError(f"mode must be one of the problem's; got {claim.mode[:60]!r}.", key="mode")
-    reason = saturation_obstacle(loop) or fixed_obstacle(loop)
+    reason = saturation_obstacle(loop) or fixed_obstacle(loop) or signs_obstacle(loop)
     if reason is not None:
         return reason
     if not loop.may_stay(claim.mode):

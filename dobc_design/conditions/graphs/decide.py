@@ -15,7 +15,7 @@ from dobc_design.conditions.consensus.decide import linear_part
 from dobc_design.conditions.consensus.network import name_agents
 from dobc_design.conditions.domain import Domain
 from dobc_design.conditions.observer.decide import error_matrix, hurwitz_with_rate
-from dobc_design.conditions.reason import Need, first_missing, fixed_obstacle
+from dobc_design.conditions.reason import Need, first_missing, fixed_obstacle, signs_obstacle
 from dobc_design.conditions.schedule.checks import not_as_claimed
 from dobc_design.conditions.schedule.claim import Cycles
 from dobc_design.conditions.schedule.cycles import first_unreached, holds_observer, rises
@@ -69,6 +69,7 @@ def _needs(loop: Loop, W: Matrix | None, claim: Kept) -> Iterator[Need]:
     reason = fixed_obstacle(loop)
     yield reason is None, str(reason)
     if claim.kind:
+        yield not loop.signed, str(signs_obstacle(loop))
         is_drawn = loop.guarantee.generator is not None
         yield is_drawn, 'there is no guarantee = "markov", or only one mode.'
     fits = acts_by_component(loop) or claim.P is not None
@@ -162,7 +163,7 @@ def _square(loop: Loop, claim: Kept, generator: Matrix, rate: Fraction) -> Itera
 def apart_check(loop: Loop, domain: Domain) -> Check | None:
     """REFUTED, with the agents that hear no pin in modes that the chain never leaves; None if there
     are none."""
-    for modes in absorbing(loop):
+    for modes in () if loop.signed else absorbing(loop):
         arcs = [loop.modes[mode] for mode in modes]
         labels = tuple(loop.labels[i] for i in unreached(loop, arcs))
         if not labels:

@@ -63,7 +63,8 @@ def _parts(loop: Loop) -> list[tuple[Matrix, Fraction]] | None:
     phases = loop.guarantee.phases
     in_turn = all(p.longest == p.shortest and len(p.successors) == 1 for p in phases)
     is_small = 0 < len(phases) <= MOST_PHASES and loop.size <= MOST_ROWS
-    if not (loop.is_linear and in_turn and is_small) or loop.loose is not None:
+    # Rows leave signs out, and with them errors may well decay.
+    if not (loop.is_linear and in_turn and is_small) or loop.loose is not None or loop.signed:
         return None
     if sum(phase.first for phase in phases) != 1 or are_pairs(loop):
         return None

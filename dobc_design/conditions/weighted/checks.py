@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 from dobc_design.conditions.check import Check, Claim, read_object, undecided_check
-from dobc_design.conditions.consensus.claim import Statements
+from dobc_design.conditions.consensus.claim import Statements, state_theorems
 from dobc_design.conditions.numbers import (
     claimed,
     form_from_json,
@@ -16,6 +16,7 @@ from dobc_design.conditions.numbers import (
 from dobc_design.conditions.reason import Reason
 from dobc_design.exact.matrix import Matrix
 from dobc_design.loop.loop import Loop
+from dobc_design.loop.pairs import required_rows
 from dobc_design.verdict import Verdict
 
 from .decide import Weighted, why_not
@@ -76,6 +77,13 @@ def weighted_check(
         claim=claim,
         reason=f"V = {V} with a weight for each agent decreases {statements.where}{pace}.",
     )
+
+
+def weighing(statements: Statements) -> Statements:
+    """What weights are proved for: with signs the rows, since e'D M e with signs is at least that
+    of |e| without."""
+    loop = statements.loop
+    return state_theorems(required_rows(loop, None)) if loop.signed else statements
 
 
 def confirm(check: Check, loop: Loop, W: Matrix | None, *, statements: Statements) -> str | None:

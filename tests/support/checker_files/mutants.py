@@ -26,6 +26,7 @@ FILES = (
     "intervals",
     "expressions",
     "matrices",
+    "signs",
     "files",
     "guarantee",
     "loop",

@@ -84,6 +84,7 @@ from dobc_design.problem.exosystems import Exosystem, block_diagonal
 from dobc_design.problem.groups import Group, join, name_some
 from dobc_design.problem.load import Source, load_problem
 from dobc_design.problem.problem import Problem
+from dobc_design.problem.signs import signs_words
 from dobc_design.verdict import Verdict
 
 from .cures import Decided, with_arcs, with_cures
@@ -685,6 +686,8 @@ def notes_of(problem: Problem, designs: Sequence[GainDesign | None], how: str) -
     usual way."""
     loop = loop_of(problem)
     yield from problem.notes
+    if problem.signs is not None:
+        yield f"{capitalize_first(signs_words(problem.signs, problem.network.labels))}."
     yield from _observer_notes(problem, loop, designs)
     if how:
         yield how

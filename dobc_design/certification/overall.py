@@ -19,6 +19,7 @@ from dobc_design.conditions.consensus.network import (
     apart_in_words,
     cure_in_words,
     name_agents,
+    resting_words,
     unheld_groups,
 )
 from dobc_design.conditions.coverage import asked_ball, asked_radius, covering
@@ -313,6 +314,9 @@ def _unreached_words(loop: Loop, cycle: Names, arcs: Sequence[Arcs], apart: Sequ
     if loop.gap:
         text = f"Containment fails: {_when(loop, cycle)}no path of arcs leads from a fixed node to"
         return f"{text} {who}. {cure_in_words(loop, arcs)}"
+    if loop.signed:
+        why = resting_words([loop.labels[i] for i in apart])
+        return f"Consensus fails: {_when(loop, cycle)}{why}. {cure_in_words(loop, arcs)}"
     if not loop.is_pulled:
         text = f"The target is not reached: no agent is pinned, so nothing pulls {who} to it."
         sentences = (text, agreement_words(loop), cure_in_words(loop, arcs))

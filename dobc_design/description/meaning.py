@@ -295,7 +295,7 @@ def _about_network(problem: Problem) -> Sentences:
     for name, arcs in modes.items():
         if known.setdefault(arcs, name) != name:
             yield f"Modes {known[arcs]} and {name} have the same arcs."
-    weights = {w for arcs in modes.values() for w in arcs.weights}
+    weights = {abs(w) for arcs in modes.values() for w in arcs.weights}
     pinning = problem.pinning
     pins = chain(pinning.gains.values(), *(own.values() for own in pinning.modes.values()))
     entries = chain.from_iterable(chain.from_iterable(pins))
@@ -327,6 +327,8 @@ def _about_pins(problem: Problem, alone: Sequence[int]) -> Sentences:
         together = [each.present for each in modes.values()]
         if len(closed_groups(loop, together)) > 1:
             yield f"The agents cannot agree: {apart_in_words(loop, together)}"
+        return
+    if loop.signed:  # what the lines of the modes say is all
         return
     if not loop.is_pulled:  # agents with [dynamics] are held by A, too
         among = agreement_words(loop) or "The group can drift as a whole."

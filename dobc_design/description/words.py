@@ -12,7 +12,9 @@ from fractions import Fraction
 from itertools import islice
 from typing import Any
 
+from dobc_design._show.text import capitalize_first
 from dobc_design.conditions.consensus.agreement import roots_words
+from dobc_design.conditions.consensus.network import reachability_check
 from dobc_design.exact.number import decimal_text, number_text
 from dobc_design.exact.reading import Document, Names, counted, named, some
 from dobc_design.loop.arcs import unreached
@@ -24,6 +26,7 @@ from dobc_design.problem.leader import enclosed, enclosure, not_enclosed
 from dobc_design.problem.network import Arcs, Network
 from dobc_design.problem.problem import Problem, table_words
 from dobc_design.problem.region import Pair
+from dobc_design.problem.signs import signs_words
 from dobc_design.problem.tables import LISTED, gain_text, switching_words, vector_text
 
 from .contradictions import warnings
@@ -46,6 +49,8 @@ def describe(problem: Problem) -> str:
         f"{_goal_words(problem)}. Coupling: h = {h}{others}.",
         *dynamics_lines(problem),
     ]
+    if problem.signs is not None:
+        lines.append(f"Signs: {signs_words(problem.signs, network.labels)}.")
     for mode, arcs in network.modes.items():
         lines += _mode_lines(problem, mode, arcs)
     if problem.goal == "target":
@@ -121,6 +126,8 @@ def _mode_lines(problem: Problem, mode: str, arcs: Arcs) -> Iterator[str]:
     missing = some([labels[i] for i in _unreached(problem, mode)], LISTED)
     if problem.agrees:
         reached = f"  {roots_words(loop_of(problem), [arcs])}"
+    elif loop_of(problem).signed:
+        reached = f"  {capitalize_first(reachability_check(loop_of(problem), mode).reason)}"
     elif missing:
         held = ""
         if problem.dynamics is not None:
@@ -137,8 +144,11 @@ def _listening(labels: Names, arcs: Arcs) -> Iterator[str]:
     heard = defaultdict(list)
     # Large networks are not gone through: the first agents say what the arrow means.
     for listener, speaker, weight in arcs:
-        of = "" if weight == 1 else f" (weight {decimal_text(weight)})"
-        heard[listener].append(labels[speaker] + of)
+        size = abs(weight)
+        of = "" if size == 1 else f" (weight {decimal_text(size)})"
+        # A negative weight opposes: the listener follows -x.
+        what = labels[speaker] if weight > 0 else f"-x of {labels[speaker]}"
+        heard[listener].append(what + of)
         if len(heard) > LISTED:
             break
     for i, names in list(heard.items())[:LISTED]:

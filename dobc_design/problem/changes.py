@@ -154,8 +154,10 @@ def changed_problem(problem: Problem, changes: Table) -> Problem:
     }
     if "network.modes" in changes:
         arrow = changes.get("network.arrow", "listens_to")
-        labels = problem.network.labels
-        made = Network.from_arcs(changes["network.modes"], agents=labels, arrow=arrow)
+        old = problem.network
+        made = Network.from_arcs(
+            changes["network.modes"], agents=old.labels, arrow=arrow, negative=old.negative
+        )
         given["network"] = made
     if "coupling.exceptions" in changes:
         given["exceptions"] = changes["coupling.exceptions"]

@@ -7,11 +7,12 @@ sides fits all signs (the graph is balanced), x -> -x on one side turns every si
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from fractions import Fraction
 from typing import Any
 
 from dobc_design._checks import noun
+from dobc_design._show.cards import listed
 from dobc_design.coupling.coupling import Coupling
 
 Arc = tuple[int, int]
@@ -67,6 +68,24 @@ def signs_of(
         part, own = top(agent)
         turned.setdefault(part, own)
     return Signs(sides=tuple(own * turned.get(part, 1) for part, own in map(top, range(n))))
+
+
+def signs_words(signs: Signs, labels: Sequence[str]) -> str:
+    """Who opposes whom, in a sentence without its end."""
+    if signs.sides is None:
+        listener, speaker = (labels[agent] for agent in signs.breaks or ())
+        return (
+            f"the signs do not balance ({listener} listens to {speaker} fits no two sides of "
+            "agents that oppose each other), so that agents can meet at 0 only"
+        )
+    one, other = (
+        listed([label for label, own in zip(labels, signs.sides, strict=True) if own == side])
+        for side in (1, -1)
+    )
+    return (
+        f"agents {one} oppose agents {other}, by signs that balance: sentences about agents "
+        f"{other} are about -x of them, which goes where x of the others does"
+    )
 
 
 def repelling(

@@ -3,6 +3,7 @@ message writes it."""
 
 import json
 import re
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from dobc_design.loop.make import loop_of
 from dobc_design.loop.matrices import consensus_jacobian
 from dobc_design.problem.load import read_problem_text
 from dobc_design.problem.problem import Problem
-from dobc_design.problem.signs import turned_text, two_sides
+from dobc_design.problem.signs import signs_of, turned_text
 from dobc_design.report.words import shown_notes
 from dobc_design.verdict import Verdict
 
@@ -80,83 +81,39 @@ def signed_loop() -> np.ndarray:
     return weights - degrees - pinned
 
 
-def test_a_negative_weight_names_the_sides_of_a_signed_graph_and_the_cure_has_its_eigenvalues():
+def test_a_negative_weight_asks_what_it_means_and_opposing_has_the_eigenvalues_of_the_signed_loop():
     """Agents 1 and 2 end at 1, agents 3 and 4 at -1; the signed loop decays at 0.188 1/s."""
     message = message_of(SIGNED)
     assert "2 listens to 3 with -2" in message
-    assert "agents 1, 2 oppose agents 3, 4" in message
-    assert "leave the minus signs of the weights out" in message
-    cured = read(SIGNED.replace("-2", "2").replace("-1", "1"))
+    assert '"opposes": 2 follows -x of 3' in message
+    assert '"repels": 2 moves away from 3' in message
+    opposing = read(SIGNED.replace("[network.modes]", 'negative = "opposes"\n[network.modes]'))
     true = np.sort(np.linalg.eigvals(signed_loop()).real)
-    found = np.linalg.eigvals(closed_loop(cured)).real
+    found = np.linalg.eigvals(closed_loop(opposing)).real
     assert np.allclose(np.sort(found), true)
+    certificate = certify(opposing)
+    assert certificate.verdict is Verdict.PROVED
     assert -true[-1] == pytest.approx(0.188, abs=1e-3)
-    unforced = signed_loop() @ [1, 1, -1, -1]
-    pinned = np.array([1, 0, 0, 0])
-    assert np.allclose(unforced + pinned, 0)
-    assert certify(cured).verdict is Verdict.PROVED
+    assert certificate.rate == pytest.approx(-true[-1], rel=1e-3)
+    assert [opposing.goal_of(agent)[0] for agent in range(4)] == [1, 1, -1, -1]
 
 
 def test_a_sign_in_h_on_some_arcs_is_told_from_a_signed_graph():
     (remark,) = remarks(read(OPPOSED))
     assert "pushes neighbours apart" in remark
-    assert "agents 1, 2 oppose agents 3, 4" in remark
-    assert 'write h = "y" on these arcs' in remark
+    assert 'give these arcs h = "y" and a negative weight, and write negative = "opposes"' in remark
     assert certify(read(OPPOSED)).verdict is Verdict.REFUTED
-    assert certify(read(OPPOSED.replace('h = "-y"', 'h = "y"'))).verdict is Verdict.PROVED
 
 
-def test_the_other_meaning_of_a_negative_weight_works_as_it_is_written():
+def test_the_other_meaning_of_a_negative_weight_is_a_coupling_that_repels():
     """Agent 3 moves away from agent 2, weakly enough to be held."""
     text = SIGNED.replace("-1", "1").replace("[2,3,-2],[3,2,-2]", "[2,3,-0.1],[3,2,2]")
-    assert (
-        "give the arc a positive weight and, in [[coupling.exceptions]], an h with the other sign"
-        in message_of(text)
-    )
-    repelled = text.replace("-0.1", "0.1").replace(
+    repelled = read(text.replace("[network.modes]", 'negative = "repels"\n[network.modes]'))
+    written = text.replace("-0.1", "0.1").replace(
         "[pinning]", '[[coupling.exceptions]]\narcs = [[2, 3]]\nh = "-y"\n[pinning]'
     )
-    assert certify(read(repelled)).verdict is Verdict.PROVED
-
-
-UNBALANCED = """\
-name = "unbalanced"
-[network]
-agents = 3
-arrow = "listens_to"
-[network.modes]
-g = [[1,3,-1],[2,1],[3,2]]
-[coupling]
-h = "y"
-"""
-TWICE = """\
-name = "unbalanced-twice"
-[network]
-agents = ["1", "2", "3", "1'", "2'", "3'"]
-arrow = "listens_to"
-[network.modes]
-g = [["1","3'"],["1'","3"],["2","1"],["2'","1'"],["3","2"],["3'","2'"]]
-[coupling]
-h = "y"
-[pinning]
-gains = { "1" = 1, "1'" = 1 }
-"""
-
-
-def test_signs_that_do_not_balance_are_written_with_every_agent_twice():
-    """One negative arc in a cycle; with a pin of 1 on agent 1 the cover proves it for both signs of
-    every state."""
-    message = message_of(UNBALANCED)
-    assert "do not balance" in message
-    assert "let a listen to the copy of b and the copy of a to b" in message
-    signed_matrix = [[-2, 0, -1], [1, -1, 0], [0, 1, -1]]
-    signed = np.array(signed_matrix)
-    cover = closed_loop(read(TWICE))
-    opposite = -np.eye(3)
-    corners = [np.eye(3), opposite]
-    mirrored = np.vstack(corners)
-    assert np.allclose(cover @ mirrored, mirrored @ signed)
-    assert certify(read(TWICE)).verdict is Verdict.PROVED
+    assert np.allclose(closed_loop(repelled), closed_loop(read(written)))
+    assert certify(repelled).verdict is Verdict.PROVED
 
 
 def test_sides_fit_every_sign_or_there_are_none():
@@ -171,18 +128,20 @@ def test_sides_fit_every_sign_or_there_are_none():
                     pairs.append((i, j))
         arcs = []
         for i, j in pairs:
-            arcs.append((i, j, bool(rng.random() < 0.4)))
+            arcs.append((i, j, Fraction(-1 if rng.random() < 0.4 else 1)))
         fits = any(
-            all(((side >> i & 1) != (side >> j & 1)) == opposed for i, j, opposed in arcs)
+            all(((side >> i & 1) != (side >> j & 1)) == (w < 0) for i, j, w in arcs)
             for side in range(2**n)
         )
-        found = two_sides(n, arcs)
-        assert (found is not None) == fits
-        if found is not None:
+        pins = sorted(rng.choice(n, size=1).tolist())
+        found = signs_of(n, arcs, pins)
+        assert (found.sides is not None) == fits
+        assert (found.breaks is None) == fits
+        if found.sides is not None:
             balanced += 1
-            for i, j, opposed in arcs:
-                apart = (i in found[0]) != (j in found[0])
-                assert apart == opposed
+            assert found.sides[pins[0]] == 1
+            for i, j, weight in arcs:
+                assert found.sides[i] * found.sides[j] == weight
     assert 20 < balanced < 180
 
 

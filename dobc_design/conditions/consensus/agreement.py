@@ -23,7 +23,7 @@ from .network import apart_in_words
 def agreement_words(loop: Loop) -> str:
     """What agents of which none is pinned do among themselves, in a sentence; "" where it is not
     known here."""
-    if loop.is_pulled or loop.drift is not None or loop.n == 1:
+    if loop.is_pulled or loop.drift is not None or loop.n == 1 or loop.signed:
         return ""
     labels = loop.labels
     modes = loop.modes

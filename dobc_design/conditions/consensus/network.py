@@ -279,9 +279,13 @@ def reachability_check(loop: Loop, mode: str) -> Check:
         return _roots_check(loop, mode, labels)
     if not labels:
         reason = f"every agent is reached from {source_in_words(loop)}."
+        if loop.signed:
+            reason = "every group that hears nobody outside has a pin or unbalanced signs."
         return check(verdict=Verdict.PROVED, reason=reason)
     reason = "there is no pinned agent"
-    if loop.fixed:
+    if loop.signed:
+        reason = resting_words(labels)
+    elif loop.fixed:
         reason = f"no path of arcs leads from {source_in_words(loop)} to {name_agents(labels)}"
     elif loop.pins.nodes:
         reason = f"no pinned agent reaches {name_agents(labels)}"
@@ -307,6 +311,14 @@ def _roots_check(loop: Loop, mode: str, labels: tuple[str, ...]) -> Check:
         verdict=Verdict.REFUTED,
         reason=apart_in_words(loop, [loop.modes[mode]]),
         witness=Witness(kind="agents", labels=labels),
+    )
+
+
+def resting_words(labels: Sequence[str]) -> str:
+    """Why agents whose signs balance need not go to 0."""
+    return (
+        f"no pinned agent is heard by {name_agents(labels)}, directly or through others, and their "
+        "signs balance: they can rest at c on one side and at -c on the other"
     )
 
 

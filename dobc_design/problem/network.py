@@ -400,7 +400,7 @@ def negative_weight(arcs: Arcs, labels: Names, *, mode: str, place: int) -> Spec
     listener = named(labels[int(arcs.listeners[place])])
     speaker = named(labels[int(arcs.speakers[place])])
     at = f"network.modes.{named(mode)}{place_of(arcs, place)}"
-    return about(
+    return wrong(
         "network.negative",
         f"must say what a negative weight w means; at {at} {listener} listens to {speaker} with "
         f"{shown_number(arcs.weights[place])}.",

@@ -147,7 +147,7 @@ REFUSED: list[Any] = [
     (
         "net.gml",
         "graph [ node [ id 1 ] node [ id 2 ] edge [ source 1 target 2 weight -1 ] ]",
-        "weight must be > 0",
+        "network.negative must say",
     ),
     (
         "net.net",

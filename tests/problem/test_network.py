@@ -245,7 +245,7 @@ no_matrix(ONE_LABEL, EMPTY, ["a"])
 TWO_SIZES = {"A": EMPTY, "B": sparse.csr_array((3, 3))}
 no_matrix(r"modes\.B.*\(2 x 2\); got shape \(3", TWO_SIZES)
 no_matrix(r"must be a SciPy sparse matrix or a NumPy array \(n, n\); got list", [[0, 1]])
-no_matrix("must be > 0", sparse.csr_array([[0, -1], [0, 0]]))
+no_matrix("network.negative must say", sparse.csr_array([[0, -1], [0, 0]]))
 TRUE = np.array([[False, True], [False, False]])
 no_matrix("not a boolean", sparse.csr_array(TRUE))
 

@@ -88,6 +88,7 @@ INTERNAL = frozenset(
         "require_one_exosystem",
         "require_same_pins",
         "sources",
+        "signs",
     )
 )
 LARGEST_DIMENSION = 100  # every gain is an m x m matrix

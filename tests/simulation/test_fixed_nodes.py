@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from published import FIRST, opinions
 
 import dobc_design as dd
 from dobc_design.errors import SpecError
@@ -47,6 +48,14 @@ def test_a_path_of_three_ends_at_quarters():
     """(3/4, 1/4), (1/2, 1/2), (1/4, 3/4), theory, section 14; exactly."""
     weights = mean_weights(between(PATH, {"a": 0, "b": 1}))
     assert [list(map(float, row)) for row in weights] == [[0.75, 0.25], [0.5, 0.5], [0.25, 0.75]]
+
+
+def test_a_group_of_four_with_stubborn_agents_ends_as_was_published():
+    """Friedkin and Johnsen 1999: 60, 60, 75, 75."""
+    weights = mean_weights(opinions())
+    found = [float(sum(w * x for w, x in zip(row, FIRST, strict=True))) for row in weights]
+    assert [round(x) for x in found] == [60, 60, 75, 75]
+    np.testing.assert_allclose(found, [60.020849, 59.983966, 75, 74.986205], atol=1e-6)
 
 
 @pytest.mark.parametrize("seed", range(10))

@@ -105,6 +105,34 @@ def jointly_connected() -> Problem:
     return Problem(network=network, coupling="y", gains={1: 1}, switching=switching)
 
 
+def path_between_leaders() -> Problem:
+    """Three agents on a path between two leaders, one of which moves."""
+    arcs = [[1, "a"], [1, 2], [2, 1], [2, 3], [3, 2], [3, "b"]]
+    network = Network.from_arcs(arcs, arrow="listens_to", fixed=("a", "b"))
+    fixed = {"a": 0, "b": {"between": [3, 4]}}
+    return Problem(network=network, coupling="y", goal="containment", fixed=fixed)
+
+
+#: The influences that Friedkin and Johnsen measured in a group of four, and its first opinions.
+INFLUENCES = ((220, 120, 360, 300), (147, 215, 344, 294), (0, 0, 1000, 0), (90, 178, 446, 286))
+FIRST = (25, 25, 75, 85)
+
+
+def opinions() -> Problem:
+    """Each agent is drawn to others by w_ij (1 - w_ii), and to its own first opinion, which is a
+    fixed node, by w_ii."""
+    arcs: list[list[Any]] = []
+    for i, row in enumerate(INFLUENCES):
+        own = Fraction(row[i], 1000)
+        arcs.append([i + 1, f"first {i + 1}", own])
+        for j, w in enumerate(row):
+            if j != i and w and own < 1:
+                arcs.append([i + 1, j + 1, (1 - own) * Fraction(w, 1000)])
+    fixed = {f"first {i + 1}": x for i, x in enumerate(FIRST)}
+    network = Network.from_arcs(arcs, arrow="listens_to", agents=4, fixed=tuple(fixed))
+    return Problem(network=network, coupling="y", goal="containment", fixed=fixed)
+
+
 def _published() -> Iterator[Published]:
     # Yu, Chen and Cao, Automatica 46 (2010)
     yield Published(
@@ -162,6 +190,12 @@ def _published() -> Iterator[Published]:
     )
     # Jadbabaie, Lin and Morse, IEEE TAC 48 (2003)
     yield Published("joint connectivity, period 2 s", "agree, no rate", jointly_connected)
+    # arXiv 1312.7447
+    yield Published(
+        "containment, a path between two leaders, one moves", "end between", path_between_leaders
+    )
+    # Friedkin and Johnsen (1999)
+    yield Published("opinions with stubborn agents", "end at 60, 60, 75, 75", opinions)
     # built-in `paper-fixed`
     yield Published("Example 1 of the paper", "agree, no rate", lambda: load_problem("paper-fixed"))
 

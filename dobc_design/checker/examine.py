@@ -49,7 +49,15 @@ OF_DIFFERENCES = ("max-separable", "sampling", "schedule", "settling")
 # of these the claims know arcs to fixed nodes
 OF_FIXED = ("max-separable", "delay", "sampling", "schedule", "settling")
 # of these where the fixed nodes are the target
-OF_TARGET = (*OF_FIXED, "tolerance", "equilibrium", "safety", "markov", "accuracy")
+OF_TARGET = (
+    *OF_FIXED,
+    "tolerance",
+    "actuators",
+    "equilibrium",
+    "safety",
+    "markov",
+    "accuracy",
+)
 # of these the claims hold where fixed nodes differ or move
 OF_GAPS = ("max-separable", "delay")
 # of these the claims are rows, which hold whatever the signs

@@ -278,6 +278,19 @@ class Loop:
         """The largest sum of absolute values in a row of k, 0 without a pin."""
         return Fraction(norm(self.gain(i)))
 
+    def tied_size(self, i: int, error: Fraction) -> Fraction:
+        """The same of the arcs of a node to those whose error is 0, in the worst mode and for this
+        relative error."""
+        found = ZERO
+        for heard in self.heard.values():
+            own = ZERO
+            for arc in heard[i]:
+                if arc.j >= self.n:
+                    need(arc.coupling.straight, "a pin is curved")
+                    own += arc.w * max(map(abs, arc.coupling.slope(0, 0)))
+            found = max(found, own)
+        return (1 + error) * found
+
     def gain(self, i: int) -> Matrix:
         """k of a node, 0 without a pin."""
         return self.hold.get(i) or identity(self.m, 0)

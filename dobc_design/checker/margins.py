@@ -110,9 +110,12 @@ def actuators(case: Case, check: Any) -> None:
     start = estimates(case, check, claim, exact.rho, own_box)
     plant = case.uncertainty
     more = 1 + (plant.gains if plant else 0)
+    error = max(plant.weights, plant.gains) if plant else ZERO
+    noise = plant.measurement if plant else ZERO
     for i, label in enumerate(case.labels):
-        k = more * case.gain_size(i) * claim.v[i]
-        level = exact.rho * (k + added[i].part) + added[i].number
+        tied = case.tied_size(i, error)
+        k = (more * case.gain_size(i) + tied) * claim.v[i]
+        level = exact.rho * (k + added[i].part) + added[i].number + noise * tied
         if case.q:
             # N and E share V: what E has is missing in N, so that only one of them is large
             level += start * max(ZERO, 1 - claim.kappa * k)

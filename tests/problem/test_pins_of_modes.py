@@ -284,6 +284,9 @@ APART = (("G2 = { 2", "G2 = { 3"),)
         ("accuracy", STRONG, LOADED, "proved"),
         ("tolerance", (*STRONG, ('"tanh(y)"', '"y"')), UNCERTAIN, "proved"),
         ("accuracy", (*STRONG, ('"tanh(y)"', '"y"')), LOADED, "proved"),
+        ("actuators", STRONG, "[actuators]\nlimit = 5\namplitude = 1\n", "proved"),
+        ("actuators", STRONG, "[actuators]\nlimit = 2\namplitude = 1\n", "undecided"),
+        ("actuators", STRONG, f"{LOADED}[actuators]\nlimit = 6\namplitude = 1\n", "proved"),
         ("markov", APART, MARKOV, "proved"),
         ("markov", (*APART, ('"tanh(y)"', '"y"')), MARKOV, "proved"),
         ("markov", APART, MARKOV.replace("[1, -1]", "[0, 0]"), "refuted"),
@@ -316,6 +319,25 @@ def test_the_final_bound_of_one_agent_is_that_of_its_weakest_pin():
     (check,) = [each for each in agreed(given).checks if each.id == "accuracy"]
     (bound,) = check.claim.listed.values()
     assert F(1, 8) <= bound[0] <= F(1, 8) * (1 + F(1, 1000))
+
+
+def test_the_largest_input_of_one_agent_is_that_of_its_strongest_pin():
+    """|u| <= k |e| + |d|, k = 2 or 1, |e| <= 3, |d| <= 1/2: 13/2, with noise of 1/4 beside."""
+    given = Problem(
+        network=Network.from_arcs({"a": [], "b": []}, agents=1, arrow="listens_to"),
+        coupling="y",
+        mode_gains={"a": {"1": 2}, "b": {"1": 1}},
+        region={"initial_states": [-3, 3]},
+        actuators={"limit": 8, "amplitude": "1/2"},
+    )
+    (check,) = [each for each in agreed(given).checks if each.id == "actuators"]
+    assert check.is_proved
+    largest = check.claim.inputs["1"]
+    assert F(13, 2) <= largest <= F(13, 2) * (1 + F(1, 1000))
+    noisy = given.replace(uncertainty={"measurement": "1/4"})
+    (check,) = [each for each in agreed(noisy).checks if each.id == "actuators"]
+    assert check.is_proved
+    assert F(7) <= check.claim.inputs["1"] <= 7 * (1 + F(1, 1000))
 
 
 @pytest.mark.parametrize("id", ["max-separable", "tolerance", "accuracy", "lemma1", "delay"])

@@ -74,6 +74,7 @@ from dobc_design.conditions.separable.claim import (
     error_to_json,
     rows,
     stated_errors,
+    tied_sizes,
 )
 from dobc_design.conditions.separable.coordinates import rows_obstacle
 from dobc_design.conditions.separable.decide import (
@@ -458,6 +459,7 @@ class Plant:
             unknown = errors.weights * passed * (1 + self.room)
         # of all sums of slopes: neighbours' noise, and their own
         twice = 2 * noise * (1 + (max(errors) if loop.fixed else errors.weights))
+        tied = tied_sizes(loop) or {}
         for agent in range(loop.n):
             steepest = {mode: slopes.at_noise(mode, agent) for mode in loop.modes}
             eta = pinned = Fraction(0)
@@ -469,7 +471,10 @@ class Plant:
             for mode, steep in steepest.items():
                 row = _row_of(loop, stage, mode, agent, errors)
                 own = b + plant.disturbance + twice * steep
-                yield Load(mode=mode, agent=agent, row=row, constant=own, growing=eta, by_input=b)
+                acts = b + noise * tied.get(agent, Fraction(0))
+                yield Load(
+                    mode=mode, agent=agent, row=row, constant=own, growing=eta, by_input=acts
+                )
 
     def not_shrinking(self, stage: Level) -> str | None:
         """Which row of a stage is not proved for all s in [level, rho], in words; None if all

@@ -55,6 +55,7 @@ from dobc_design.conditions.separable.claim import (
     observed_in,
     rows,
     stated_errors,
+    tied_sizes,
 )
 from dobc_design.conditions.separable.decide import (
     NOT_BY_COMPONENT,
@@ -178,8 +179,8 @@ def confirm(check: Check, case: Case) -> str | None:
         return "errors of gains, and inputs, are not known for agents with [dynamics]"
     saturated = loop.saturates and check.id == "actuators"
     if not saturated:
-        obstacle = pins_obstacle if check.id == "actuators" else fixed_obstacle
-        reason = reason or obstacle(loop)
+        knows = check.id != "actuators" or tied_sizes(loop) is not None
+        reason = reason or (fixed_obstacle(loop) if knows else pins_obstacle(loop))
     if reason is not None:
         return reason
     claim = read_claim(check, loop, W)
@@ -325,10 +326,12 @@ def limit_of(loop: Loop, label: str) -> Fraction | None:
 
 
 def pin_sizes(loop: Loop) -> Vector:
-    """|k_i|_1, the largest row sum of sizes, of each agent, with the errors of gains."""
+    """|k_i|_1, the largest row sum of sizes, of each agent, in its worst mode and with the errors
+    of gains."""
     more = 1 + stated_errors(loop).gains
     sizes = loop.pulls.each(lambda k: more * row_norm(k))
-    return tuple(sizes.get(i, _ZERO) for i in range(loop.n))
+    tied = tied_sizes(loop) or {}
+    return tuple(sizes.get(i, _ZERO) + tied.get(i, _ZERO) for i in range(loop.n))
 
 
 class Part(NamedTuple):

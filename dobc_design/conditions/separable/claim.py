@@ -324,6 +324,23 @@ def held_gains(loop: Loop) -> Vector:
     return _by_agent(loop, lambda k: max(row[c] for c, row in enumerate(k)))
 
 
+def tied_sizes(loop: Loop) -> dict[int, Fraction] | None:
+    """By agent how much its arcs to fixed nodes, which may be pins, add to its input for each
+    |e_i|: the largest sum of w |h'| of a mode, with the stated errors; None where one is curved."""
+    found: dict[int, Fraction] = {}
+    more = 1 + max(stated_errors(loop))
+    for arcs in loop.modes.values() if loop.fixed else ():
+        own: dict[int, Fraction] = {}
+        for i, j, w in arcs.where(arcs.speakers >= loop.n):
+            h = loop.function_of(i, j)
+            if not h.is_linear:
+                return None
+            steepness = max(sum(x.magnitude for x in row) for row in h.jacobian_at_zero())
+            own[i] = own.get(i, _NONE) + more * w * steepness
+        found |= {i: max(size, found.get(i, _NONE)) for i, size in own.items()}
+    return found
+
+
 def _by_agent(loop: Loop, number: Callable[[Matrix], Fraction]) -> Vector:
     """A number of the linear pin of every agent, 0 for agents without one."""
     known = loop.pulls.each(number)

@@ -64,6 +64,12 @@ class Certificate(Headed):
         return rows_of(loop, self.claims.W) or loop
 
     @property
+    def size(self) -> int:
+        """The number of errors that norms are about, of all agents and components; where agents
+        agree, of differences."""
+        return self._loop.size
+
+    @property
     def verdict(self) -> Verdict:
         """The overall verdict."""
         return self.claims.verdict

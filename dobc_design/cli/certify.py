@@ -413,14 +413,18 @@ def _show(judged: _Judged, certificate: Certificate, *, file: str | None) -> Non
     one."""
     from rich.text import Text
 
+    from dobc_design.loop.make import loop_of
+    from dobc_design.loop.words import said_of
     from dobc_design.report.words import shown_notes
 
     problem, checks = certificate.problem, judged.checks
     show([verdict_line(problem.name, judged.verdict, judged.why.told)])
+    if certificate.value is not None:
+        show([Text(certificate.value.in_words(problem.unit))])
     if checks:
         width = make_console().width
         show([Text(""), *_check_parts(_rows(checks), width)], wrapped=True)
-        show([Text(f"\n{COLUMNS}", style="dim")])
+        show([Text(f"\n{said_of(loop_of(problem))(COLUMNS)}", style="dim")])
     # A local statement beside a proof for a region needs no cure where no region is asked for.
     covering = [check for check in checks if check.id == certificate.covered_by]
     regional = any(check.kind.role == "region" for check in covering)
@@ -527,7 +531,10 @@ def _shown(found: Searched, *, wide: bool) -> Iterator[RenderableType]:
     from rich.padding import Padding
     from rich.text import Text
 
+    from dobc_design.loop.make import loop_of
     from dobc_design.report import region_words as told
+    from dobc_design.report.document import turned
+    from dobc_design.report.words import said_here
 
     certificate = found.certificate
     regions = certificate.regions
@@ -537,20 +544,21 @@ def _shown(found: Searched, *, wide: bool) -> Iterator[RenderableType]:
     if not regions.claims:
         yield Text("Nothing is said about starts: no condition applies.")
         return
+    said = said_here(loop_of(certificate.problem))
     norms = "|e|∞ is the largest error of any agent, |e|₂ the Euclidean norm of all errors."
-    yield Text(f"{told.asked_sentence(regions)} {norms}\n")
-    table = told.regions_table(regions, disturbed=False)
+    yield Text(said(f"{told.asked_sentence(regions)} {norms}\n"))
+    table = turned(told.regions_table(regions, disturbed=False), said)
     if wide:
         yield document_table(table, leave_out=["certified"])
     else:
         yield document_table(table, leave_out=["certified", "|e|₂ ≤", "why not further"])
         for claim in regions.claims:  # the last column stands below the table
             yield Text(f"\n{claim.method}", style="bold")
-            yield Padding(Text(told.limit_words(claim)), (0, 0, 0, 2))
+            yield Padding(Text(said(told.limit_words(claim))), (0, 0, 0, 2))
     rest = told.rest_sentence(regions)
     if rest is not None:
         yield Text(f"\n{rest}")
     for sentence in told.timing_sentences(regions):
-        yield Text(f"\n{sentence}")
+        yield Text(f"\n{said(sentence)}")
     yield from settling_parts(certificate.settling)
     yield from search_parts(found.searches)

@@ -304,10 +304,11 @@ def main_cure(checks: Checks) -> Check | None:
         "theorem1-printed",
         "detectability",
         "hurwitz",
-        "reachability",
     )
     cured = [check for check in checks if check.fix is not None and check.id in order]
-    return min(cured, key=lambda check: order.index(check.id), default=None)
+    # Where agents agree no theorem applies, and arcs are all that is missing.
+    arcs = (check for check in checks if check.fix is not None and check.fix.kind == "arcs")
+    return min(cured, key=lambda check: order.index(check.id), default=next(arcs, None))
 
 
 def other_cures(checks: Checks) -> list[Check]:

@@ -50,7 +50,8 @@ def condition_section(found: Findings) -> Blocks:
         # Pages say it in a sentence with the number typeset; text forms as a formula.
         yield Only(IN_TEXT, (Text(f"For {name}:"), Formula(latex)))
         yield on_pages(Formula(latex, f"condition for {name}", typst=bound))
-    for mode, matrix in list(found.lambdas.items())[:MOST_LAMBDAS]:
+    lambdas = {} if problem.agrees else found.lambdas
+    for mode, matrix in list(lambdas.items())[:MOST_LAMBDAS]:
         # Lambda above 12 x 12 is left out without a word: its eigenvalues stand below.
         shown = ShownMatrix(r"\Lambda", f"at the target, mode {mode}", matrix)
         if shown.latex is not None:
@@ -72,6 +73,9 @@ def _about_errors(problem: Problem) -> Blocks:
 
 def _asked(problem: Problem) -> Blocks:
     """What the paper's theorem asks for, and the smaller condition that is decided in its place."""
+    if problem.agrees:
+        yield Text(words.FIXED["agreement"])
+        return
     jacobian = Math("J", "J")
     if not problem.groups:
         yield on_pages(Text("Without a disturbance, Lemma 1 asks in every mode for"))
@@ -104,6 +108,8 @@ def _size(found: Findings) -> Blocks:
     """How large the inequality is as it is printed, what is decided instead, and what a solver says
     of it where one was asked."""
     loop = loop_of(found.problem)
+    if loop.agrees:
+        return
     if len(loop.groups) == 1 and not loop.is_grouped:
         m, q = loop.m, loop.groups[0].exosystem.order
         rows, unknowns = loop.n * (m + q), q * (q + 1) // 2 + q * m

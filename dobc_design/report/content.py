@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 from dobc_design.certificate import text as certificate_text
+from dobc_design.loop.make import loop_of
 from dobc_design.report import pictures, words
 from dobc_design.verdict import Verdict
 
@@ -40,6 +41,7 @@ from .document import (
     in_markdown,
     on_pages,
     section,
+    turned,
 )
 from .findings import Findings
 from .plant import plant_section
@@ -116,7 +118,7 @@ def _next_step(found: Findings) -> Blocks:
 def _regions(found: Findings) -> Blocks:
     regions = found.certificate.regions
     drawn = tuple(pictures.region_pictures(regions))
-    return region_section(found.problem, regions, drawn)
+    return region_section(found.certificate.size, found.problem, regions, drawn)
 
 
 def _settling(found: Findings) -> Blocks:
@@ -144,7 +146,10 @@ def _glossary(found: Findings) -> Blocks:
     # All three, also those that this report does not have: the sign alone explains nothing.
     verdicts = [(words.mark_of(each), words.TEXTS["verdicts"][each.value]) for each in Verdict]
     yield Terms(verdicts)
-    yield on_pages(Terms(tuple(words.TEXTS["words"].items())))
+    told = dict(words.TEXTS["words"])
+    if found.problem.agrees:
+        del told["pin"]
+    yield on_pages(Terms(tuple(told.items())))
 
 
 @section("Signatures", "signatures")
@@ -199,7 +204,7 @@ def report_document(found: Findings) -> Document:
     reason = certificate.claims.why.head
     # that of certificate.json, by which a printed page is known again
     fingerprint = found.prints[1][1]
-    return Document(
+    document = Document(
         kind="Certificate of consensus",
         name=name,
         title=f"{name}: {verdict.value}",
@@ -215,3 +220,6 @@ def report_document(found: Findings) -> Document:
         blocks=_shown(OPEN, found),
         details=_shown(DETAILS, found),
     )
+    # Every part is written for a target; here it becomes what the agents of this problem do.
+    loop = loop_of(found.problem)
+    return turned(document, words.said_here(loop)) if loop.agrees else document

@@ -61,7 +61,7 @@ def eigenvalue_section(found: Findings) -> Blocks:
     head = "eigenvalues in 1/s, the rightmost first"
     table = table_of(
         "Eigenvalues",
-        list(_spectra(analysis))[:MOST_SPECTRA],
+        list(_spectra(analysis, agrees=found.problem.agrees))[:MOST_SPECTRA],
         Column("matrix", lambda row: row[0]),
         Column(head, lambda row: words.eigenvalues(row[1])),
     )
@@ -69,12 +69,13 @@ def eigenvalue_section(found: Findings) -> Blocks:
     yield on_pages(drawn)
 
 
-def _spectra(analysis: Analysis) -> Iterator[tuple[str, Sequence[complex]]]:
+def _spectra(analysis: Analysis, *, agrees: bool) -> Iterator[tuple[str, Sequence[complex]]]:
     """Every matrix by its name, with its eigenvalues."""
     if analysis.spectrum is not None:
         yield "A − WC", analysis.spectrum.eigenvalues
     for mode in analysis.modes:
-        if mode.lambda_eigenvalues is not None:
+        # Lambda is about the distance to a target.
+        if mode.lambda_eigenvalues is not None and not agrees:
             # ascending as they come; the table begins with the rightmost
             yield f"Λ(J), mode {mode.mode}", mode.lambda_eigenvalues[::-1]
         if mode.loop_eigenvalues is not None:

@@ -8,7 +8,7 @@ a column's ``only``.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import KW_ONLY, replace
+from dataclasses import KW_ONLY, fields, is_dataclass, replace
 from fractions import Fraction
 from functools import wraps
 from itertools import chain, compress
@@ -353,6 +353,23 @@ def in_form(document: Document, form: Form) -> Document:
     are resolved."""
     shown, more = (tuple(_chosen(blocks, form)) for blocks in (document.blocks, document.details))
     return replace(document, blocks=shown, details=more)
+
+
+#: What readers do not read, or what is no sentence.
+_AS_IS = ("name", "style", "only", "forms", "latex", "typst", "id", "symbol", "footer")
+
+
+def turned(part: Any, said: Callable[[str], str]) -> Any:
+    """A document, or a part of it, with its sentences turned by ``said``; commands, lines of files
+    and formulas stay."""
+    if isinstance(part, str):
+        return type(part)(said(part))
+    if isinstance(part, (tuple, list)):
+        return tuple(turned(each, said) for each in part)
+    if not is_dataclass(part) or isinstance(part, (type, Code, Math, ShownMatrix)):
+        return part
+    names = [each.name for each in fields(part) if each.name not in _AS_IS]
+    return replace(part, **{name: turned(getattr(part, name), said) for name in names})
 
 
 def _chosen(blocks: Sequence[Block], form: Form) -> Blocks:

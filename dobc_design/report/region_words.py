@@ -58,12 +58,14 @@ _WHAT = {
 
 
 @section("From which starts it is proved", "region", "Region")
-def region_section(problem: Problem, regions: Regions, pictures: Sequence[Picture]) -> Blocks:
-    """From which starts each method proves consensus; nothing where nothing is said about a
-    region."""
+def region_section(
+    size: int, problem: Problem, regions: Regions, pictures: Sequence[Picture]
+) -> Blocks:
+    """From which starts each method proves consensus, ``size`` being the number of errors; nothing
+    where nothing is said about a region."""
     if not regions.tried:
         return
-    norms = FIXED["norms"].format(size=problem.n * problem.m)
+    norms = FIXED["norms"].format(size=size)
     yield Text(asked_sentence(regions))
     yield on_pages(Pictures(pictures))
     yield regions_table(regions, disturbed=bool(problem.groups))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
@@ -46,6 +47,8 @@ MOST_NOTES = 60
 MOST_GRAPHS = 12  # rows
 LONGEST_VECTOR = 12  # entries that are printed
 #: Equations that are the same for all kinds of agents.
+#: The control with its pins, which agents that agree do not have.
+_PINS = re.compile(r"u_i = -(k_i|K_i).*")
 _SHARED = {latex for _, latex, _ in words.TEXTS["loop"]["disturbed"]}
 
 
@@ -108,6 +111,8 @@ def _equations(problem: Problem) -> Iterator[Formula]:
     for name, latex, equation in words.TEXTS["loop"][" ".join(loop) or "plain"]:
         # The template of the PDF has the shared equations once.
         ending = disturbed if latex in _SHARED else kind
+        if problem.agrees and name == "control":
+            ending = f"{disturbed}, agreeing"
         yield Formula(_own(latex, problem), name, equation, name + ending)
 
 
@@ -115,6 +120,8 @@ def _own(latex: str, problem: Problem) -> str:
     """An equation of the loop, with f(x) in place of A x where that is given, and with a leader as
     the target."""
     dynamics = problem.dynamics
+    if problem.agrees:
+        latex = _PINS.sub(r"u_i = -\\hat{d}_i" if problem.groups else "u_i = 0", latex)
     if problem.leader is not None and problem.offsets:
         latex = latex.replace(r"x_i - \bar x_i", "x_i - s - o_i").replace(r"\bar x_i", "o_i")
     elif problem.leader is not None:
@@ -142,7 +149,8 @@ def _functions(problem: Problem) -> Iterator[Formula]:
     coupling = problem.coupling
     h = _column(coupling.latex, alone=coupling.by_component)
     yield Formula(f"h_{{ij}}(y) = {h}", "coupling")
-    yield Formula(_target(problem), "target")
+    if not problem.agrees:
+        yield Formula(_target(problem), "target")
 
 
 def _column(latex: Sequence[str], *, alone: bool) -> str:
@@ -157,7 +165,7 @@ def _plain_functions(problem: Problem) -> Iterator[Fact]:
     yield "coupling", f"{h} = {', '.join(coupling.texts)}"
     if dynamics is not None and dynamics.f is not None:
         yield "own dynamics", f"f(x) = ({', '.join(dynamics.f)})"
-    yield "target", words.target_words(problem)
+    yield ("goal" if problem.agrees else "target"), words.target_words(problem)
 
 
 def _target(problem: Problem) -> str:
@@ -195,6 +203,8 @@ def _letters(problem: Problem) -> Words:
     if problem.dynamics is not None:
         return (*heard, *_letters_of_errors(problem))
     gain = (Math("k_i", "k_i"), " the gain of a pin (a number or a matrix), 0 without one.")
+    if problem.agrees:
+        gain = (Math("x_i", "x_i"), " the states on which agents agree.")
     if not problem.offsets:
         return (*heard, *gain)
     keep = " Agents keep their formation: "
@@ -236,15 +246,24 @@ def network_section(found: Findings) -> Blocks:
     if agents is not None:
         yield agents
     if analysis is not None and analysis.graphs:
-        yield _graphs(analysis)
+        yield _graphs(analysis, agrees=problem.agrees)
 
 
-def _graphs(analysis: Analysis) -> Table:
+def _graphs(analysis: Analysis, *, agrees: bool) -> Table:
     def components(row: tuple[GraphFacts, ModeSpectrum]) -> str:
         graph = row[0]
         return "one" if graph.is_strongly_connected else str(len(graph.components))
 
     rows = list(zip(analysis.graphs, analysis.modes, strict=False))[:MOST_GRAPHS]
+    # Without a target one eigenvalue is 0: that of a common motion.
+    rates = (
+        []
+        if agrees
+        else [
+            Column("λmax(Λ) in 1/s", lambda row: number(row[1].lambda_max), 1.2, style="number"),
+            Column("decay in 1/s", lambda row: number(row[1].decay_rate), 1.2, style="number"),
+        ]
+    )
     return table_of(
         "Facts about the graph of each mode; eigenvalues in floating point, for orientation",
         rows,
@@ -253,7 +272,6 @@ def _graphs(analysis: Analysis) -> Table:
         Column("strong components", components, 1.2),
         Column("balanced", lambda row: "yes" if row[0].balanced else "no"),
         Column("not reached", lambda row: words.names_in_words(row[0].unreached, 6), 1.2),
-        Column("λmax(Λ) in 1/s", lambda row: number(row[1].lambda_max), 1.2, style="number"),
-        Column("decay in 1/s", lambda row: number(row[1].decay_rate), 1.2, style="number"),
+        *rates,
         cards=True,
     )

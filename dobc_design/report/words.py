@@ -34,7 +34,9 @@ from dobc_design.exact.matrix import Matrix, Vector, matrix
 from dobc_design.exact.number import decimal_text, number_text
 from dobc_design.exact.reading import Document, Names, counted, is_scalar_matrix, some
 from dobc_design.loop.limits import mean_weights
+from dobc_design.loop.loop import Loop
 from dobc_design.loop.make import loop_of
+from dobc_design.loop.words import Said, said_of
 from dobc_design.problem.fixed import place_words
 from dobc_design.problem.network import Arcs
 from dobc_design.problem.problem import Problem
@@ -86,6 +88,20 @@ _SIGNS = tuple(
         ("<=", "≤"),
         (">=", "≥"),
         (r"\(x\)", "⊗"),
+    )
+)
+
+
+#: The same where errors are differences.
+_OF_PAIRS = tuple(
+    (re.compile(pattern), sign)
+    for pattern, sign in (
+        (r"\b([ex])_i\b", r"\1ᵢ"),
+        (r"\b([ex])_j\b", r"\1ⱼ"),
+        (r"\b([ex])_l\b", r"\1ₗ"),
+        (r"\bv_ij\b", "vᵢⱼ"),
+        (r"(?<=[ex][ᵢⱼ]) - (?=[ex])", " − "),
+        (r"(?<=[ᵢⱼ]\(t\)) - (?=[ex])", " − "),
     )
 )
 
@@ -211,6 +227,18 @@ def shortened(text: str, longest: int = 1200) -> str:
     return text if len(text) <= longest else text[: longest - 1] + "…"
 
 
+def said_here(loop: Loop) -> Said:
+    """Turns a sentence of a report, which is typeset, into one about what these agents do."""
+    said = said_of(loop)
+
+    def typeset_again(text: str) -> str:
+        for pattern, sign in _OF_PAIRS:
+            text = pattern.sub(sign, text)
+        return text
+
+    return lambda text: typeset_again(said(text))
+
+
 def sentence(text: str) -> str:
     """A reason of a certificate, which is ASCII, as people write it: capital, minus signs, Greek
     letters, indices."""
@@ -272,6 +300,8 @@ def _proved(certificate: Certificate) -> Iterator[str]:
             "The modes may switch at any times and in any order, arbitrarily fast: one V "
             "holds for all modes."
         )
+    if certificate.value is not None:
+        yield certificate.value.in_words(problem.unit)
     if certificate.rate:
         yield f"{_decay(certificate)}. The real decay may be faster."
 
@@ -348,8 +378,6 @@ def _about_the_model(problem: Problem, messages: str) -> str:
 def shown_notes(certificate: Certificate) -> tuple[str, ...]:
     """What is assumed, and what the proof leaves open that people look for."""
     notes, problem = certificate.claims.notes, certificate.problem
-    if certificate.value is not None:
-        notes = (*notes, certificate.value.in_words(problem.unit))
     if certificate.verdict is not Verdict.PROVED or problem.dynamics is None:
         return notes
     if any(each.id == "delay" for each in certificate.checks):
@@ -366,7 +394,8 @@ def loop_facts(certificate: Certificate) -> Iterator[Fact]:
     # typed with hyphens, shown with minus signs
     h = ", ".join(problem.coupling.texts).replace("-", "−")
     yield "Coupling", f"h(y) = {h}"
-    yield "Fixed nodes" if problem.fixed else "Target", target_words(problem)
+    goal = "Fixed nodes" if problem.fixed else "Target"
+    yield ("Goal" if problem.agrees else goal), target_words(problem)
     if problem.region is not None:
         yield "Starts asked for", _starts(problem.region, problem.units)
     # A large W stands among the matrices only.
@@ -374,7 +403,8 @@ def loop_facts(certificate: Certificate) -> Iterator[Fact]:
     if W is not None and len(W) * len(W[0]) <= MOST_NAMES:
         rows = ["; ".join(map(decimal, row)) for row in W]
         yield "Observer gain W", f"({', '.join(rows)})′, {claims.gain_source or 'given'}"
-    yield "Pinning gains", _pins(problem)
+    if not problem.agrees:
+        yield "Pinning gains", _pins(problem)
     times = time_words(problem)
     if times:
         yield "Time scales", times
@@ -471,11 +501,15 @@ def agents_table(problem: Problem) -> Table | None:
         Column("k in 1/s" if problem.dynamics is None else "K", gain, 0.8),
         Column("goal", lambda i: _goal(problem, i), only=EVERY if moved else ("markdown",)),
     ]
+    if problem.agrees:
+        del columns[2:]
     for name, arcs in list(problem.network.modes.items())[:MOST_MODES]:
         heard = _heard(arcs, problem.network.names)
         columns.append(Column(f"listens to in {name}", heard.__getitem__, 2))
     goals = ", goals" if moved else ""
     caption = f"Gain k of the pins{goals}, and whom each agent listens to"
+    if problem.agrees:
+        caption = "Whom each agent listens to"
     return table_of(caption, range(problem.n), *columns, cards=True)
 
 
@@ -541,7 +575,9 @@ def _mode_sentence(arcs: Arcs, problem: Problem) -> str:
 
 def problem_words(problem: Problem) -> str:
     """The size of the problem, its pins, its region and its switching, each in a sentence."""
-    told = [size_sentence(problem), pin_sentence(problem)]
+    told = [size_sentence(problem)]
+    if not problem.agrees:
+        told.append(pin_sentence(problem))
     if problem.region is not None:
         told.append(
             f"The proof has to cover all starts with {_starts(problem.region, problem.units)}."
@@ -666,6 +702,8 @@ def target_words(problem: Problem) -> str:
     if problem.fixed:
         shown = islice(problem.fixed.items(), MOST_NAMES)
         return typeset("; ".join(f"{label} {place_words(at, problem.unit)}" for label, at in shown))
+    if problem.agrees:
+        return "agreement, on a value that nobody prescribes"
     leader = typeset(leader_words(problem)).replace(" x [", " × [").replace("s'", "s′")
     return leader or vector_text(problem.target, problem.units)
 

@@ -1,7 +1,6 @@
 """Agents that agree on a value that nobody prescribes: what is said of them, and cures."""
 
 import re
-from fractions import Fraction
 from pathlib import Path
 
 import pytest
@@ -10,7 +9,6 @@ from dobc_design import Problem, Verdict, certify, verify
 from dobc_design.conditions.check import main_cure
 from dobc_design.description.words import describe
 from dobc_design.loop.make import loop_of
-from dobc_design.loop.pairs import rows_of
 from dobc_design.loop.words import said_of
 from dobc_design.problem.changes import changed_file, changed_problem, problem_text
 from dobc_design.problem.load import read_problem_text
@@ -83,12 +81,10 @@ def test_errors_are_differences_of_all_or_to_the_agent_that_hears_nobody():
 
 def test_offsets_of_a_formation_widen_the_differences_from_which_agents_start():
     """x_i - offset_i starts in [-1 - 1, 1 + 1] for somebody: differences are up to 4, not 2."""
-    rows = rows_of(loop_of(read(RING + FORMATION)))
-    assert rows is not None
-    assert rows.starts is not None
-    assert rows.starts.states == ((Fraction(-4), Fraction(4)),)
     certificate = certify(read(RING + FORMATION))
-    assert certificate.check("max-separable").domain.radius == 4
+    asked = certificate.regions.asked
+    assert asked is not None
+    assert asked.box == certificate.check("max-separable").domain.radius == 4
     assert verify(certificate, read(RING + FORMATION)).holds
     # what covers the region without offsets does not cover it with them
     smaller = certify(read(RING)).check("max-separable")

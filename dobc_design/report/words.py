@@ -493,16 +493,14 @@ def agents_table(problem: Problem) -> Table | None:
         own = [f"{_gain(k[agent])} in {mode}" for mode, k in pinning.modes.items() if agent in k]
         return ", ".join(own) or "–"
 
+    columns = [Column("agent", lambda i: labels[i], 1.2)]
     weights = mean_weights(problem)
-    known = () if weights is None else EVERY
-    columns = [
-        Column("agent", lambda i: labels[i], 1.2),
-        Column("ends at", lambda i: _limit(problem, weights, i), 1.5, only=known),
-        Column("k in 1/s" if problem.dynamics is None else "K", gain, 0.8),
-        Column("goal", lambda i: _goal(problem, i), only=EVERY if moved else ("markdown",)),
-    ]
-    if problem.agrees:
-        del columns[2:]
+    if weights is not None:
+        columns.append(Column("ends at", lambda i: _limit(problem, weights, i), 1.5))
+    if not problem.agrees:
+        shown = EVERY if moved else ("markdown",)
+        columns.append(Column("k in 1/s" if problem.dynamics is None else "K", gain, 0.8))
+        columns.append(Column("goal", lambda i: _goal(problem, i), only=shown))
     for name, arcs in list(problem.network.modes.items())[:MOST_MODES]:
         heard = _heard(arcs, problem.network.names)
         columns.append(Column(f"listens to in {name}", heard.__getitem__, 2))
@@ -513,9 +511,9 @@ def agents_table(problem: Problem) -> Table | None:
     return table_of(caption, range(problem.n), *columns, cards=True)
 
 
-def _limit(problem: Problem, weights: Matrix | None, i: int) -> str:
+def _limit(problem: Problem, weights: Matrix, i: int) -> str:
     """Where an agent between fixed nodes ends."""
-    return "" if weights is None else typeset(limit_words(problem, weights[i]))
+    return typeset(limit_words(problem, weights[i]))
 
 
 def _heard(arcs: Arcs, labels: Names) -> list[str]:

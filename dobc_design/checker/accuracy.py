@@ -277,6 +277,7 @@ def whole_loop(case: Case, check: Any) -> None:
     exact, peaks = with_peaks(case, check, shape)
     need(case.domain == "global", "the couplings are not linear")
     need(not case.switches, "the response of a loop that switches is not followed")
+    need(not case.signed, "rows have left out the signs")
     disturbed_only = plant.measurement == plant.weights == plant.gains == 0
     need(disturbed_only, "noise and errors are not known beside a response")
     (M,) = [jacobian(case, mode) for mode in case.modes]

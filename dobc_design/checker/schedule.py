@@ -69,8 +69,8 @@ def moves(case: Case, tube: Any, box: Any) -> None:
     # an entry of a gain beside the diagonal has any sign: it needs the faces alike
     alike = tube.upper == tube.lower
     need(
-        alike or all(map(is_diagonal, case.hold.values())),
-        "gains mix components, and the faces are not alike",
+        alike or (all(map(is_diagonal, case.hold.values())) and not case.signed),
+        "gains mix components, or agents oppose others, and the faces are not alike",
     )
     if count == 1:
         return
@@ -121,6 +121,7 @@ def takes_over(case: Case, tube: Any, last: Any, box: Any) -> tuple[Fraction, Fr
     need(last.level > 0 and last.height > 0 and last.stretch > 0, "a size is not positive")
     widths = list(map(max, tube.upper[-1], tube.lower[-1]))
     left = noise(case, tube, box, tube.times[-1])
+    need(last.kind != "quadratic" or not case.signed, "rows have left out the signs")
     if last.kind == "quadratic":
         return form_takes_over(case, tube, last, widths, left)
     if last.kind == "schedule":

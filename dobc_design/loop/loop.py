@@ -176,6 +176,7 @@ class Loop(Grouped):
     node. ``unit``: for words and figures, the one that all components of the states share; ""
     without one. ``signed``: arcs of negative weight couple by |w| h(-e_j - e_i), which
     rows do not see: in their loop all weights are positive (``pairs.rows_of``).
+    ``turned``: errors are s_i e_i (``signs``).
     """
 
     name: str
@@ -199,6 +200,7 @@ class Loop(Grouped):
     xi0: tuple[Vector, ...] | None
     unit: str
     signed: bool = False
+    turned: bool = False
 
     @property
     def n(self) -> int:

@@ -235,7 +235,8 @@ def _goals(problem: Problem, *, is_curved: bool) -> Goals:
     offsets = problem.offsets
     if problem.signs is not None:
         goals = {i: (problem.goal_of(i),) for i in range(problem.n)}
-        offsets = {i: subtract(goal, (problem.target,))[0] for i, goal in goals.items()}
+        from_target = {i: subtract(goal, (problem.target,))[0] for i, goal in goals.items()}
+        offsets = {i: offset for i, offset in from_target.items() if any(offset)}
     return Goals(
         target=problem.target,
         offsets=offsets,

@@ -48,4 +48,5 @@ def turned(loop: Loop, signs: Signs) -> Loop:
         exceptions=MappingProxyType(exceptions),
         goals=replace(goals, offsets={i: o for i, o in offsets.items() if any(o)}),
         signed=False,
+        turned=True,
     )

@@ -165,8 +165,10 @@ def test_agents_on_two_sides_agree_up_to_signs_and_end_at_the_target_and_its_neg
     certificate = dd.certify(agreeing)
     assert certificate.verdict is Verdict.PROVED
     assert certificate.rate == pytest.approx(np.sort(np.linalg.eigvals(laplacian(arcs, 4)).real)[1])
-    assert any("agents 1, 2 oppose agents 3, 4" in note for note in certificate.claims.notes)
+    assert any("Agents 1, 2 oppose agents 3, 4" in note for note in certificate.claims.notes)
     assert holds_for_both(certificate, agreeing)
+    # The value of one side is minus that of the other: no formula of one value is claimed.
+    assert certificate.value is None
     ended = dd.simulate(agreeing, t_final=60, start=[3, 1, 1, -2]).x[-1, :, 0]
     assert ended[:2] == pytest.approx([ended[0]] * 2, abs=1e-6)
     assert ended[2:] == pytest.approx([-ended[0]] * 2, abs=1e-6)
@@ -277,7 +279,7 @@ def refusals(problem: dd.Problem, change: Any, claims: bytes) -> list[str]:
 
 
 def test_a_flipped_sign_is_refused_by_the_second_program():
-    """The certificate of unbalanced signs says nothing of balanced ones, nor the other way round."""
+    """What is proved for signs that do not balance says nothing of those that do."""
     problem = signed(PAIRS, 4)
     claims = certificate_bytes(dd.certify(problem).claims)
     assert refusals(problem, lambda document: None, claims) == []

@@ -322,6 +322,8 @@ def response_obstacle(loop: Loop) -> str | None:
             "noise and errors of weights and gains are not known where the response of the "
             "whole loop is followed."
         )
+    if loop.signed:
+        return "the response of the whole loop is followed without signs, or with two sides."
     if loop.size > MOST_ROWS:
         return (
             f"the response of the whole loop is followed for at most {MOST_ROWS} states of agents."

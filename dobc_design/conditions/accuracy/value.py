@@ -148,8 +148,9 @@ def interval_of(loop: Loop, peaks: Peaks | None) -> tuple[tuple[Fraction, Fracti
 
 
 def _is_known(loop: Loop) -> bool:
-    """Whether nothing acts on the agents but couplings and estimation errors."""
-    return loop.agrees and not (loop.drift or loop.uncertainty or loop.actuators)
+    """Whether nothing acts on the agents but couplings and estimation errors, and all agree on one
+    value, not on one and its negative."""
+    return loop.agrees and not (loop.drift or loop.uncertainty or loop.actuators or loop.turned)
 
 
 def _attracts(h: Coupling, reach: Fraction) -> bool:

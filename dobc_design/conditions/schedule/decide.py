@@ -16,7 +16,7 @@ import numpy as np
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import diagonal_of_inverse, differences, verify_lure
 from dobc_design.conditions.quadratic.sectors import relied_differences
-from dobc_design.conditions.reason import Need, first_missing
+from dobc_design.conditions.reason import Need, first_missing, signs_obstacle
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.decide import (
     composite_rate,
@@ -176,10 +176,11 @@ def _observer_holds(loop: Loop, W: Matrix | None, claim: Descent) -> Iterator[Ne
 def _rows_hold(loop: Loop, claim: Descent) -> Iterator[Need]:
     """No run leaves the tube through a face."""
     tube = claim.tube
-    # Where a gain mixes components, what it adds to one face depends on the other.
-    mixing = any(map(_mixes_components, loop.pulls.gains.values()))
+    # Where a gain mixes components, or an agent opposes another, what is added to one face depends
+    # on the other.
+    mixing = loop.signed or any(map(_mixes_components, loop.pulls.gains.values()))
     faces_fit = not mixing or tube.upper == tube.lower
-    yield faces_fit, "with gains that mix components its faces have to be alike."
+    yield faces_fit, "with gains that mix components, or signs, its faces have to be alike."
     if len(tube.times) == 1:
         return
     left = open_segments(loop, tube, disturbance=claim.disturbance)
@@ -241,6 +242,7 @@ def _weights_hold(claim: Descent, own: Separable | Cycles) -> Iterator[Need]:
 def _quadratic_holds(loop: Loop, W: Matrix | None, claim: Descent, own: Lure) -> Iterator[Need]:
     """What a quadratic size asks of a claim."""
     yield own.rate > 0, "its rate must be > 0."
+    yield not loop.signed, str(signs_obstacle(loop))
     decision = verify_lure(loop, own)
     yield decision.is_proved, decision.reason
     error = claim.tube.error

@@ -177,7 +177,11 @@ def _time_scales(problem: Problem) -> tuple[list[Scale], list[Scale]]:
         for mode in list(loop.modes)[:MOST_MODES]:
             J = consensus_jacobian(loop, mode)
             if J is not None:
-                spectra.append(("network", np.linalg.eigvals((J - K).toarray())))
+                matrix = (J - K).toarray()
+                if loop.agrees:  # of x_i - x_n: without the 0 of a common motion
+                    matrix = matrix[: -loop.m] - np.tile(matrix[-loop.m :], (loop.n - 1, 1))
+                    matrix = matrix[:, : -loop.m]
+                spectra.append(("network", np.linalg.eigvals(matrix)))
     for group in loop.groups:
         if group.exosystem.order <= LARGEST_ORDER:
             sines = np.array([part[1] for part in disturbance_parts(group.exosystem)])

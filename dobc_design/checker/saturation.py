@@ -28,7 +28,7 @@ from .matrices import (
 )
 from .reading import Refused, need, rational, read
 
-MOST = 8  # states of an exosystem
+MOST = 12  # states of an exosystem
 MORE = 1 + Fraction(1, 10**6)  # of the errors at the start that are asked for
 UNIT = 10**9
 POWER = 3  # lambda_max(P) <= the root of order 2^POWER of the trace of that power
@@ -74,7 +74,8 @@ def left(case: Case) -> Iterator[tuple[int, Fraction]]:
     plant = case.uncertainty
     told = plant is None or (plant.known_to_agents and not case.disturbed)
     scalar = all(k == identity(case.m, k[0][0]) for k in case.pins.values())
-    known = told and scalar and case.B is None and not case.fixed and not case.agrees
+    plain = not (case.agrees or case.fixed or case.signed or case.gap)
+    known = told and scalar and case.B is None and plain
     need(known and case.region is not None, "what saturation leaves is not known here")
     # no estimate without an exosystem
     errors = [error(each, case) for each in gains(case)]
@@ -136,19 +137,21 @@ def largest(P: Matrix) -> Fraction:
 
 
 def lyapunov(F: Matrix, N: Matrix) -> Matrix:
-    """The P with F'P + P F = -N, by elimination of all of its entries."""
+    """The symmetric P with F'P + P F = -N, by elimination of its entries."""
     q = len(F)
-    places = [(i, j) for i in range(q) for j in range(q)]
+    places = [(i, j) for i in range(q) for j in range(i, q)]
+    number = {}
+    for k, (i, j) in enumerate(places):
+        number[i, j] = number[j, i] = k
     rows = []
     for i, j in places:
         row = [ZERO] * len(places)
         for r in range(q):
-            row[r * q + j] += F[r][i]
-            row[i * q + r] += F[r][j]
+            row[number[r, j]] += F[r][i]
+            row[number[i, r]] += F[r][j]
         rows.append(row)
-    given = [[x] for row in opposite(N) for x in row]
-    entries = [row[0] for row in solved(rows, given)]
-    return [entries[k : k + q] for k in range(0, len(entries), q)]
+    entries = solved(rows, [[-N[i][j]] for i, j in places])
+    return [[entries[number[i, j]][0] for j in range(q)] for i in range(q)]
 
 
 def amplitude(case: Case, i: int) -> Fraction:

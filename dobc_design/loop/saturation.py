@@ -40,7 +40,7 @@ from dobc_design.problem.network import Arcs
 from .loop import Loop, pins_of
 
 ROOTS = 10**15  # roots are rounded up to multiples of 1/ROOTS
-LARGEST_ORDER = 8  # of an exosystem, whose Lyapunov equation is solved exactly
+LARGEST_ORDER = 12  # of an exosystem, whose Lyapunov equation is solved exactly
 TILT = Fraction(1, 100)  # of the norm of C'C, which makes the Lyapunov equation definite
 SQUARINGS = 3  # lambda_max(P) <= the 8th root of tr P^8
 #: Rooms are rounded down, and count for errors of estimates that are a little larger than asked.

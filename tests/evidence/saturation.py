@@ -58,7 +58,7 @@ def saturating(number: int) -> Problem:
     if r.random() < 0.7:
         w = F(r.randint(2, 8), 2)
         given["exosystem"] = Exosystem([[0, w], [-w, 0]], [[1, 0]])
-        given["observer"] = Observer(W=[[F(r.randint(4, 12), 2)], [F(r.randint(-2, 4), 2)]])
+        given["observer"] = Observer(W=[[F(r.randint(4, 12), 2)], [F(r.randint(0, 4), 2)]])
         given["region"]["initial_disturbance"] = s
         given["simulation"] = {"xi0": [F(r.randint(-3, 3), 10), F(r.randint(-3, 3), 10)]}
     return Problem(**given)

@@ -139,7 +139,8 @@ def stuck_check(loop: Loop, W: Matrix | None, *, domain: Domain) -> Check | None
             f"no common weights v exist: these agents are not {held} and hear only each other: "
             f"{told}."
         )
-    if len(labels) <= _SHOWN and loop.n <= _LARGEST:
+    # Of agents with dynamics it may be a component that is not held, of one that is pinned.
+    if loop.drift is None and len(labels) <= _SHOWN and loop.n <= _LARGEST:
         pins = name_agents(tuple(loop.named(pins_that_order(loop))))
         reason += f" Pinning {pins} would remove this obstacle; larger gains would not."
     witness = Witness(kind="agents", labels=labels)

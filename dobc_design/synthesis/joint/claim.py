@@ -18,9 +18,9 @@ from dobc_design.conditions.consensus.network import name_agents
 from dobc_design.conditions.numbers import fields_to_json, time_to_one_percent
 from dobc_design.errors import Mistakes, SpecError
 from dobc_design.exact.matrix import Matrix
-from dobc_design.exact.number import float_above, number_text
+from dobc_design.exact.number import float_above, number_text, typed_number
 from dobc_design.exact.reading import counted
-from dobc_design.problem.changes import typed_matrix, typed_number, value_text
+from dobc_design.problem.changes import typed_matrix, value_text
 from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.observer.claim import Answer, NoiseLimit, ObserverDesign, read_noise
 from dobc_design.synthesis.pinning.claim import (

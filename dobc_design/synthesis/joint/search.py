@@ -23,9 +23,10 @@ from dobc_design.conditions.numbers import bisected, claimed, shorten
 from dobc_design.conditions.observer.decide import too_large
 from dobc_design.conditions.separable.claim import acts_by_component
 from dobc_design.conditions.statement import Statement, undecided
+from dobc_design.exact.number import typed_number
 from dobc_design.exact.reading import counted
 from dobc_design.loop.make import loop_of
-from dobc_design.problem.changes import changed_problem, gain_changes, typed_number
+from dobc_design.problem.changes import changed_problem, gain_changes
 from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.joint import agents

@@ -39,7 +39,10 @@ def design(
     ] = None,
     pins: Annotated[
         str | None,
-        Option(metavar="NUMBER", help="Largest number of pinned agents; default: the fewest."),
+        Option(
+            metavar="NUMBER",
+            help="Most pinned agents; default: the fewest without very large gains.",
+        ),
     ] = None,
     max_gain: Annotated[
         str | None,

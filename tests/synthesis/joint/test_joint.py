@@ -230,8 +230,8 @@ def test_of_all_sets_of_three_agents_the_cheapest_is_pinned():
 
 
 def test_one_pin_is_not_enough_where_a_percent_of_rate_takes_more_than_ten_of_gain():
-    """Ring of 5: k = b + (1 - b)^-4 - 1, so that 1 % of b takes about 4 b / (1 - b) % of k."""
-    problem = ring(5, region=BOX)
+    """Ring of 4: k = b + (1 - b)^-3 - 1, so that 1 % of b takes about 3 b / (1 - b) % of k."""
+    problem = ring(4, region=BOX)
     assert len(dd.design(problem, rate="0.6").gains) == 1
     assert len(dd.design(problem, rate="0.8").gains) == 2
 

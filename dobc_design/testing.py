@@ -1,6 +1,6 @@
 """Assertions about theorem conditions, for unit tests of your own; any test runner will do.
 
-    from .testing import assert_proved
+    from dobc_design.testing import assert_proved
 
     def test_the_fleet_reaches_its_target():
         assert_proved("fleet.toml", rate=0.5)
@@ -12,6 +12,7 @@ would cure it.  What passes is decided exactly, as by ``certify``; nothing is co
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,8 @@ from .conditions.check import Check, Witness
 from .conditions.kinds import KINDS
 from .conditions.numbers import claimed
 from .errors import SpecError
-from .exact.number import Number, number_text, parse_number
+from .exact.number import Number, parse_number
+from .problem.changes import change_lines
 from .problem.load import Source, load_problem
 from .problem.region import Region
 from .verdict import Verdict
@@ -45,6 +47,7 @@ def assert_proved(
         >>> assert_proved("clock-sync").covered_by
         'theorem1-weighted'
     """
+    __tracebackhide__ = True
     stated = load_problem(problem)
     if region is not None:
         stated = stated.replace(region=region)
@@ -65,6 +68,7 @@ def assert_refuted(problem: Source) -> Certificate:
         >>> assert_refuted(problem.replace(gains={})).verdict.value
         'refuted'
     """
+    __tracebackhide__ = True
     certificate = certify(problem)
     if certificate.verdict is not Verdict.REFUTED:
         raise AssertionError(_told(certificate, Verdict.REFUTED))
@@ -91,9 +95,11 @@ def assert_condition(
         >>> assert_condition("paper-fixed", "hurwitz", rate=1).id
         'hurwitz'
     """
+    __tracebackhide__ = True
     if condition not in KINDS:
-        known = ", ".join(KINDS)
-        raise SpecError(f"There is no condition {condition!r}.", key="condition", cure=known)
+        near = ", ".join(get_close_matches(condition, KINDS, n=2))
+        cure = f"Did you mean {near}?" if near else f"They are {', '.join(KINDS)}."
+        raise SpecError(f"There is no condition {condition!r}.", key="condition", cure=cure)
     stated = load_problem(problem)
     certificate = certify(stated)
     same = _checks(certificate, condition)
@@ -131,6 +137,7 @@ def assert_verified(folder: str | Path, problem: Source) -> None:
         >>> paths = certificate.save("clock-sync-certificate")
         >>> assert_verified("clock-sync-certificate", "clock-sync")
     """
+    __tracebackhide__ = True
     data = (Path(folder) / "certificate.json").read_bytes()
     found = verify(data, problem)
     if not found.holds:
@@ -141,14 +148,15 @@ def _require(
     name: str, who: str, proved: float | None, wanted: Number | None, why: Iterable[str]
 ) -> None:
     """Raises: AssertionError unless the proved number reaches a wanted one, exactly."""
+    __tracebackhide__ = True  # so that pytest shows the test, and not these lines
     if wanted is None:
         return
     least = parse_number(wanted, key=name)
     if proved is not None and claimed(proved) >= least:
         return
-    told = f"the proved {name} is {proved}, less than the {number_text(least)} asked."
+    told = f"the proved {name} is {proved}, less than the {float(least):.6g} asked."
     if proved is None:
-        told = f"proved without a {name}; {number_text(least)} is asked."
+        told = f"proved without a {name}; {float(least):.6g} is asked."
     lines = [f"{who}: {told}", *why]
     if name == "rate":
         lines.append("  Cure: dd.design looks for gains with this rate, dd.design_observer for W.")
@@ -176,6 +184,7 @@ def _about(check: Check) -> Iterator[str]:
         yield f"  Witness: {_witness_words(check.witness)}"
     if check.fix is not None:
         yield f"  Cure: {check.fix.text}"
+        yield from (f"    {line}" for line in change_lines(check.fix.set))
 
 
 def _witness_words(witness: Witness) -> str:

@@ -34,18 +34,13 @@ from dobc_design.conditions.weighted.decide import network_holds, why_not
 from dobc_design.conditions.weighted.propose import network_claim
 from dobc_design.conditions.weighted.stage import weighted_stage
 from dobc_design.exact.matrix import Matrix, Vector, scale
+from dobc_design.exact.number import typed_number
 from dobc_design.exact.reading import Document
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, spend
 from dobc_design.loop.arcs import closed_groups, tied, unreached
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.make import loop_of
-from dobc_design.problem.changes import (
-    changed_problem,
-    gain_table,
-    mode_table,
-    typed_matrix,
-    typed_number,
-)
+from dobc_design.problem.changes import changed_problem, gain_table, mode_table, typed_matrix
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 

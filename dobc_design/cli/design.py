@@ -39,7 +39,10 @@ def design(
     ] = None,
     pins: Annotated[
         str | None,
-        Option(metavar="NUMBER", help="Largest number of pinned agents; default: the fewest."),
+        Option(
+            metavar="NUMBER",
+            help="Most pinned agents; default: the fewest without very large gains.",
+        ),
     ] = None,
     max_gain: Annotated[
         str | None,
@@ -169,7 +172,8 @@ def _new_text(found: Design, problem: Problem, source: str, out: Path | None) ->
 def _remarks(found: Design) -> Iterator[tuple[str, str]]:
     """Where W and the gains come from, by path."""
     from dobc_design._show.text import significant_towards_zero
-    from dobc_design.problem.changes import GROUP_GAINS, typed_number
+    from dobc_design.exact.number import typed_number
+    from dobc_design.problem.changes import GROUP_GAINS
 
     observer = found.observer
     if observer is not None:
@@ -231,7 +235,7 @@ def _lines(found: Design, *, file: str, out: Path | None) -> Iterator[str]:
 
 def _option_texts(request: DesignRequest, labels: Sequence[str]) -> list[str]:
     """The options of ``dobc design`` that ask for a request, as far as options can."""
-    from dobc_design.problem.changes import typed_number
+    from dobc_design.exact.number import typed_number
 
     given: dict[str, object] = {}
     if request.rate is not None:

@@ -12,8 +12,9 @@ from typing import Any
 
 from dobc_design._checks import positional
 from dobc_design.coupling.coupling import Coupling
+from dobc_design.exact.number import typed_number
 from dobc_design.exact.reading import Document
-from dobc_design.problem.changes import gain_table, typed_number
+from dobc_design.problem.changes import gain_table
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group, Observer
 from dobc_design.problem.network import Network, labels_of

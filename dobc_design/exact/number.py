@@ -121,6 +121,16 @@ def number_key(value: object) -> str:
     return repr(value)
 
 
+def typed_number(value: Fraction) -> int | float | str:
+    """A rational as somebody would type it: 5, 0.42, "9/16"; reading it gives the number back."""
+    if value.denominator == 1 and abs(value) < 10**15:
+        return int(value)
+    decimal = nearest(value)
+    if math.isfinite(decimal) and Fraction(repr(decimal)) == value:
+        return decimal
+    return number_text(value)
+
+
 def number_text(value: Fraction) -> str:
     """Return "16/5", "3", or a decimal ("1e-300") where a quotient would be too long; reading gives
     it back."""

@@ -9,7 +9,6 @@ what P they have goes. ``toml_writing`` makes the same changes to the text of a 
 from __future__ import annotations
 
 import json
-import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -23,7 +22,7 @@ from tomlkit.exceptions import TOMLKitError
 
 from dobc_design.errors import SpecError, refused
 from dobc_design.exact.matrix import Matrix
-from dobc_design.exact.number import nearest, number_text
+from dobc_design.exact.number import typed_number
 from dobc_design.exact.reading import Document, Names, Table, is_scalar_matrix, shown
 
 from .canonical import (
@@ -41,16 +40,6 @@ from .problem import Problem
 from .region import Pairs
 
 INLINE = 10  # labels up to which a table of gains stands in one line
-
-
-def typed_number(value: Fraction) -> int | float | str:
-    """A rational as somebody would type it: 5, 0.42, "9/16"; reading it gives the number back."""
-    if value.denominator == 1 and abs(value) < 10**15:
-        return int(value)
-    decimal = nearest(value)
-    if math.isfinite(decimal) and Fraction(repr(decimal)) == value:
-        return decimal
-    return number_text(value)
 
 
 def typed_matrix(matrix: Sequence[Sequence[Fraction]]) -> list[list[int | float | str]]:

@@ -19,7 +19,7 @@ from dobc_design._checks import noun, put, require_square
 from dobc_design._show.cards import Shown
 from dobc_design.errors import misshapen, refused, wrong
 from dobc_design.exact.matrix import Matrix
-from dobc_design.exact.number import nearest, parse_number
+from dobc_design.exact.number import nearest, parse_number, typed_number
 from dobc_design.exact.reading import counted, is_list, read_matrix, shown, shown_number
 
 __all__ = [
@@ -182,7 +182,8 @@ def _add_sines(found: dict[Fraction, str], value: Any, *, key: str) -> None:
             cure = "A constant part is added by constant = true, in Python by total(constant(), "
             cure += "harmonics(...))."
             if w < 0:
-                cure = f"Write {shown_number(-w)}: the sign is part of the phase, which is free."
+                # As it stands in a file, where 1/5 is no number.
+                cure = f"Write {typed_number(-w)}: the sign is part of the phase, which is free."
             raise wrong(name, f"must be {limits}; got {shown_number(w)}.", cure)
         # 2 pi f is irrational: the claim is about the rounded frequency, which is written down.
         if in_hz:

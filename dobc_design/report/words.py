@@ -355,7 +355,7 @@ def _norms(domain: Around) -> str:
     what = "|e|₂² is the sum of all squared distances"
     if domain.kind == "box":
         what = "|e|∞ is the largest distance of an agent from its goal"
-    return f"{what} and |εᵢ| the error of its disturbance estimate"
+    return f"{what} and |εᵢ| the distance of its observer from the disturbance’s own state"
 
 
 def _about_the_model(problem: Problem, messages: str) -> str:

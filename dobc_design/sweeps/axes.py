@@ -34,9 +34,8 @@ import numpy as np
 
 from dobc_design._checks import noun
 from dobc_design.errors import Mistakes, SpecError, about, refused
-from dobc_design.exact.number import number_text, parse_number
+from dobc_design.exact.number import number_text, parse_number, typed_number
 from dobc_design.exact.reading import Document, Names, NumberText, Table, Texts, is_list, shown
-from dobc_design.problem.changes import typed_number
 from dobc_design.problem.load import parse_toml
 from dobc_design.problem.network import one_form
 

@@ -43,9 +43,10 @@ def block_lmi(problem: Source, *, margin: Number | None = None, floor: Number = 
 
     ``problem`` is a Problem, a path or a built-in name, with n agents of m states and one exosystem
     of order q.  A solver knows no strict inequality, so the constraints say Psi <= -``margin`` I
-    (1/s) in every mode and P >= ``floor`` I.  Neither loses a pair: if (P, Q) has Psi < 0, so has
-    (a P, a Q) for every a > 1, and by default the margin is half of what the network allows
-    (-lambda_max(J + J' - K - K')).
+    (1/s) in every mode and P >= ``floor`` I.  Neither loses a pair: the larger a
+    is, the closer (a P, a Q) comes to the margin of the network alone, -lambda_max(J + J' - K -
+    K'), and by default half of that is asked.  Constraints of your own should not fix this scale:
+    norm(Q) <= 5 t with P >= t I bounds the gain, norm(Q) <= 5 alone may leave nothing.
     Returns: a BlockLMI with the cvxpy variables P (q, q) and Q (q, m).
     Raises: SpecError where the theorems do not apply (no exosystem, several of them, a coupling
     without a derivative) or a block has more than 600 rows.

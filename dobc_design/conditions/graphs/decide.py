@@ -18,7 +18,7 @@ from dobc_design.conditions.observer.decide import error_matrix, hurwitz_with_ra
 from dobc_design.conditions.reason import Need, first_missing, fixed_obstacle, signs_obstacle
 from dobc_design.conditions.schedule.checks import not_as_claimed
 from dobc_design.conditions.schedule.claim import Cycles
-from dobc_design.conditions.schedule.cycles import first_unreached, holds_observer, rises
+from dobc_design.conditions.schedule.cycles import holds_observer, left_out, rises
 from dobc_design.conditions.separable.claim import acts_by_component, holding_gains
 from dobc_design.exact import matrix as exact
 from dobc_design.exact.definite import decide_positive_definite
@@ -106,9 +106,10 @@ def _box_is_kept(loop: Loop, W: Matrix | None, claim: Kept, box: Cycles) -> Iter
     names = list(loop.modes)
     for each in closed_classes(loop.guarantee.generator or ()):
         modes = [names[p] for p in each]
-        missed = first_unreached(loop, modes)
-        on = f"while modes {' and '.join(modes)} are on in turn"
-        yield missed is None, f"{on}, no pin reaches agent {missed}."
+        missed = left_out(loop, modes)
+        if missed:
+            on = f"while modes {' and '.join(modes)} are on in turn"
+            yield False, f"{on}, no pin reaches {name_agents(missed)}."
 
 
 def _mean(loop: Loop, claim: Kept, generator: Matrix, rate: Fraction) -> Iterator[Need]:

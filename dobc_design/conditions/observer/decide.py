@@ -11,7 +11,7 @@ from dobc_design.conditions.check import Check, Fix, Values, Witness, differs
 from dobc_design.conditions.domain import EVERYWHERE
 from dobc_design.conditions.numbers import claimed, largest_proved, text_below
 from dobc_design.exact.matrix import Matrix, add, identity, multiply, scale, subtract, transpose
-from dobc_design.exact.number import number_text, root_above
+from dobc_design.exact.number import number_text, root_above, typed_number
 from dobc_design.exact.observability import (
     decide_detectable,
     decide_observable,
@@ -20,7 +20,7 @@ from dobc_design.exact.observability import (
 from dobc_design.exact.polynomial import decide_hurwitz
 from dobc_design.exact.reading import Document
 from dobc_design.loop.loop import Loop
-from dobc_design.problem.changes import typed_matrix, typed_number
+from dobc_design.problem.changes import typed_matrix
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import blocks_of
 from dobc_design.verdict import Verdict

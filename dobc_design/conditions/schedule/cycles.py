@@ -13,6 +13,7 @@ from itertools import combinations, pairwise
 
 import numpy as np
 
+from dobc_design.conditions.consensus.network import name_agents
 from dobc_design.conditions.reason import Need, first_missing
 from dobc_design.conditions.separable.claim import acts_by_component, holding_gains
 from dobc_design.conditions.separable.coordinates import gains_obstacle, seen_through, slowest_row
@@ -21,6 +22,7 @@ from dobc_design.coupling.enclosures import Curve, jet, profile
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.number import float_above, float_below
+from dobc_design.exact.reading import Texts
 from dobc_design.loop.arcs import unreached
 from dobc_design.loop.guarantee import Phase
 from dobc_design.loop.loop import Loop, Pins
@@ -143,31 +145,37 @@ def cycles_of(phases: Sequence[Phase]) -> list[tuple[str, ...]]:
     return sorted(cycles)
 
 
-def unreached_cycles(loop: Loop) -> Iterator[tuple[tuple[str, ...], str]]:
-    """Modes of a cycle, or a mode that may stay on for ever, and the label of an agent that they do
-    not reach."""
+def unreached_cycles(loop: Loop) -> Iterator[tuple[Texts, Texts]]:
+    """Modes of a cycle, or a mode that may stay on for ever, and the labels of the agents that they
+    do not reach."""
     for cycle in cycles_of(loop.guarantee.phases):
-        missed = first_unreached(loop, cycle)
-        if missed is not None:
+        missed = left_out(loop, cycle)
+        if missed:
             yield cycle, missed
 
 
 def unreached_in_words(loop: Loop) -> str | None:
-    """An agent that no pin reaches while the modes of a cycle are on, in a sentence; None if there
-    is none."""
-    for cycle, agent in unreached_cycles(loop):
-        return f"while modes {' and '.join(cycle)} are on in turn, no pin reaches agent {agent}."
+    """The agents that no pin reaches while the modes of a cycle are on, in a sentence; None if
+    there are none."""
+    for cycle, agents in unreached_cycles(loop):
+        on = f"modes {' and '.join(cycle)} are on in turn"
+        ends = ""
+        if len(cycle) == 1:
+            on = f"mode {cycle[0]} is on"
+            if len(loop.modes) > 1:
+                ends = " A longest time for it (longest in [switching]) would end that."
+        return f"while {on}, no pin reaches {name_agents(agents)}.{ends}"
     return None
 
 
-def first_unreached(loop: Loop, modes: Sequence[str]) -> str | None:
-    """The label of an agent that no pin which holds reaches in these modes together, by arcs that
-    are always there; None if there is none."""
+def left_out(loop: Loop, modes: Sequence[str]) -> Texts:
+    """The labels of the agents that no pin which holds reaches in these modes together, by arcs
+    that are always there."""
     holding = holding_gains(loop)
     gains = {i: gain for i, gain in loop.pulls.gains.items() if holding[i] > 0}
     arcs = [loop.modes[mode] for mode in modes]
     left = unreached(loop, arcs, pins=Pins(gains=gains))
-    return loop.labels[left[0]] if left else None
+    return tuple(loop.named(left))
 
 
 def _fits(old: Weights, new: Weights, phase: Phase, rate: Fraction) -> bool:

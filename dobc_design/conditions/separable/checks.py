@@ -140,7 +140,9 @@ def stuck_check(loop: Loop, W: Matrix | None, *, domain: Domain) -> Check | None
             f"no common weights v exist: these agents are not {held} and hear only each other: "
             f"{told}."
         )
-    if len(labels) <= _SHOWN and loop.n <= _LARGEST and loop.goal != "differences":
+    # Of agents with dynamics it may be a component that is not held, of one that is pinned.
+    advised = loop.drift is None and loop.goal != "differences"
+    if advised and len(labels) <= _SHOWN and loop.n <= _LARGEST:
         pins = name_agents(tuple(loop.named(pins_that_order(loop))))
         cure = f"An arc from a fixed node to {pins}" if loop.gap else f"Pinning {pins}"
         reason += f" {cure} would remove this obstacle; larger gains would not."

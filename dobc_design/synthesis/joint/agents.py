@@ -28,6 +28,7 @@ from dobc_design.conditions.weighted.propose import GIVEN_UP, proposals, stiffne
 from dobc_design.conditions.weighted.propose_alike import Forms
 from dobc_design.coupling.coupling import make_coupling
 from dobc_design.exact.matrix import Matrix, multiply, scale, to_float, transpose
+from dobc_design.exact.number import typed_number
 from dobc_design.exact.observability import decide_detectable
 from dobc_design.exact.polynomial import (
     characteristic_polynomial,
@@ -36,7 +37,7 @@ from dobc_design.exact.polynomial import (
     shifted,
 )
 from dobc_design.loop.make import loop_of
-from dobc_design.problem.changes import typed_matrix, typed_number
+from dobc_design.problem.changes import typed_matrix
 from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers import conic

@@ -18,9 +18,9 @@ from dobc_design.conditions.consensus.network import name_agents
 from dobc_design.conditions.numbers import fields_to_json, time_to_one_percent
 from dobc_design.errors import Mistakes, SpecError
 from dobc_design.exact.matrix import Matrix
-from dobc_design.exact.number import float_above, number_text
+from dobc_design.exact.number import float_above, number_text, typed_number
 from dobc_design.exact.reading import counted
-from dobc_design.problem.changes import typed_matrix, typed_number, value_text
+from dobc_design.problem.changes import typed_matrix, value_text
 from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.observer.claim import Answer, NoiseLimit, ObserverDesign, read_noise
 from dobc_design.synthesis.pinning.claim import (
@@ -48,6 +48,7 @@ ARGUMENTS = {"structure": "allowed", "detectable": "reduce", "gain": "noise"}
 PIN_HEADS = ("pins", "total gain", "certified rate, 1/s", "pinned")
 NAMED = 8  # allowed agents in a sentence
 SHOWN = 6  # gains in a sentence
+FASTER = 1.5  # times the rate asked of an observer: explained
 FEWER_MAY_DO = "fewer may do under the guarantee, which designs ignore"
 SAVED = "Gain saved elsewhere (1/s) for each 1/s of gain there"
 
@@ -135,14 +136,14 @@ class RegionPrices:
     ``share``: near ``rate`` (1/s), each percent of rate takes so many percent of gain.  ``capped``:
     agents whose gain is at its cap.  ``savings``: what each 1/s of gain on agents without one saves
     elsewhere (1/s), of those that would save most, where that is more than it costs; None where
-    every agent has a gain.  ``barred``: the first of them may not be pinned.
+    every agent has a gain.  ``barred``: those of them that may not be pinned.
     """
 
     rate: float
     share: float
     capped: tuple[str, ...]
     savings: Mapping[str, float] | None
-    barred: bool
+    barred: tuple[str, ...]
 
     def sentences(self, *, pins: bool) -> Iterator[str]:
         """What each limit costs; ``pins``: their number, too."""
@@ -157,7 +158,7 @@ class RegionPrices:
         if self.savings:
             first = next(iter(self.savings))
             each = ", ".join(f"agent {label} {saved:.3g}" for label, saved in self.savings.items())
-            barred = f" (pins there are not allowed on agent {first})" if self.barred else ""
+            barred = f" (not allowed: {name_agents(self.barred)})" if self.barred else ""
             most = f"agent {first} would save most. {SAVED}: {each}{barred}"
             yield f"Price of so few pins: {most}."
         elif self.savings is not None:
@@ -342,6 +343,10 @@ def _decisions(design: Design) -> Iterator[str]:
         yield f"Exosystem: {grounds.reduction}"
     if design.observer is not None:
         yield from _observer_words(design.observer)
+        asked = design.problem.joint_observer.rate
+        if asked and design.observer.measures.get("rate", 0.0) > FASTER * asked:
+            so = "so that it does not hold back the certified rate"
+            yield f"W is faster than observer.rate = {typed_number(asked)} asks, {so}."
     pinned = tuple(design.gains)
     why = _why_so_many(design.problem, grounds, len(pinned))
     yield f"Pinned: {name_agents(pinned)}; {why}."

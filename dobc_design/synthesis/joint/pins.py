@@ -1,6 +1,7 @@
-"""Which agents to pin in a whole design: growing sets, so that the region allows fast rates.
+"""Which agents to pin in a whole design: few, so that the region allows fast rates.
 
-Every group that listens to nobody outside gets a pin; further pins go where the region allows the
+Of few agents all sets of a size are compared, as with an observer that makes no error.  Of many,
+every group that listens to nobody outside gets a pin; further pins go where the region allows the
 largest rate, as the slowest direction of J + J' says of many and the rows of the region of the best
 few.
 """
@@ -10,6 +11,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
+from itertools import combinations
+from math import comb, inf
 
 from dobc_design.conditions.consensus.pinning import fastest_rate, network_blocks
 from dobc_design.loop.make import loop_of
@@ -21,6 +24,8 @@ LOOKED_AT = ((60, 60), (400, 12), (10**9, 3))
 CLOSER = 4  # of these compared by the rows of the region
 EXCHANGES = 120  # quick comparisons spent on exchanges of the first set
 ONE_BY_ONE = 4  # pins more than needed that are tried one by one; then twice as many each time
+COMPARED = 2600  # agents times sets of one size that are all looked at
+CLOSEST, PROGRAMS = 8, 20  # of these compared by so many linear programs
 DECISIVE = 1.02  # rates that are closer than this do not decide
 
 
@@ -52,6 +57,35 @@ class PinSets:
             while len(chosen) < wanted:
                 chosen.append(self._next(chosen))
             yield tuple(sorted(chosen))
+
+    def best(self, least: int, most: int, rate: float | None) -> Iterator[tuple[int, ...]]:
+        """Sets of ``least`` to ``most`` agents, few first: of each size those that reach the
+        ``rate`` (1/s), the cheapest first (None: the fastest first); growing ones where there are
+        too many."""
+        n = self.search.problem.n
+        most = min(most, len(self.allowed))
+        size = max(least, len(self.structure.agents))
+        while size <= most and comb(len(self.allowed), size) * n <= COMPARED:
+            yield from self._ranked(size, rate)
+            size += 1
+        if size <= most:
+            yield from (each for each in self.growing(most) if len(each) >= size)
+
+    def _ranked(self, size: int, rate: float | None) -> list[tuple[int, ...]]:
+        """All sets of a size that reach the rate; the best few are compared more closely."""
+
+        def value(agents: tuple[int, ...], programs: int) -> tuple[float, float, tuple[int, ...]]:
+            if rate is None:
+                worth = -self.search.fastest(agents, coarse=not programs) or inf
+            else:
+                worth = self.search.cost(agents, rate, programs=programs)
+            # What differs by less than the accuracy is alike.
+            return float(f"{worth:.3g}"), -self.quick(frozenset(agents)), agents
+
+        every = sorted(value(agents, 0) for agents in combinations(sorted(self.allowed), size))
+        possible = [agents for worth, _, agents in every if worth < inf]
+        best = sorted(value(agents, PROGRAMS) for agents in possible[:CLOSEST])
+        return [*(agents for _, _, agents in best), *possible[CLOSEST:]]
 
     def _quick(self, agents: frozenset[int]) -> float:
         """The fastest rate near the consensus, by the slowest direction."""

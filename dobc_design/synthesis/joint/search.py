@@ -23,9 +23,10 @@ from dobc_design.conditions.numbers import bisected, claimed, shorten
 from dobc_design.conditions.observer.decide import too_large
 from dobc_design.conditions.separable.claim import acts_by_component
 from dobc_design.conditions.statement import Statement, undecided
+from dobc_design.exact.number import typed_number
 from dobc_design.exact.reading import counted
 from dobc_design.loop.make import loop_of
-from dobc_design.problem.changes import changed_problem, gain_changes, typed_number
+from dobc_design.problem.changes import changed_problem, gain_changes
 from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.joint import agents
@@ -65,7 +66,8 @@ MARGIN = 3  # how much faster than the rate asked the observer is to be
 PADS = (Fraction(1005, 1000), Fraction(102, 100), Fraction(11, 10), Fraction(3, 2))
 # of the largest slope: a rate that every network which can do at all can do
 START = Fraction(1, 10**6)
-COMFORT = 0.75  # of the fastest rate: beyond, one more pin saves very large gains
+# percent of gain for one percent of rate: beyond, one more pin saves very large gains
+STEEP = 10
 # parts of the fastest rate near the consensus, where rows do not apply
 FALLBACKS = (Fraction(1, 2), Fraction(9, 10))
 HALF = Fraction(1, 2)  # of the fastest rate: what is aimed at where none is asked for
@@ -505,12 +507,14 @@ def of_region(ground: Ground) -> Iterator[Proposal]:
         return searches[id(observer)]
 
     most = len(request.allowed) if request.pins is None else request.pins
-    first = search_with(next(ground.every_observer()))
-    sets = PinSets(structure=ground.structure, allowed=request.allowed, search=first)
+    fewest = ground.least
+    # As fast as possible: all pins that are allowed, of which the cheapest gains leave out some.
+    if ground.part > HALF:
+        fewest = min(most, len(request.allowed))
+    sets = PinSets(structure=ground.structure, allowed=request.allowed, search=search_with(None))
+    rate = None if request.rate is None else float(request.rate)
     # Few pins come first: a set is left when no observer makes it do.
-    for pinned in sets.growing(most):
-        if len(pinned) < ground.least:
-            continue
+    for pinned in sets.best(fewest, most, rate):
         ground.progress(f"looking for gains on {counted(len(pinned), 'agent')}")
         observers = ground.every_observer()
         if request.rate is None:
@@ -597,21 +601,24 @@ def _over_region(
         return
     fastest = search.fastest(pinned)
     target = float(ground.part) * fastest if rate is None else rate
-    may_grow = request.pins is None and len(pinned) < len(request.allowed)
-    most = fastest * (COMFORT if may_grow else 1.0)
-    if not 0 < target < most:
+    most = min(request.pins or ground.problem.n, len(request.allowed))
+    may_grow = rate is not None and len(pinned) < most
+    if not 0 < target < fastest:
         return
     # Rounded v and gains may prove a little less than they are meant for.
     for pad in PADS:
         found = search.smallest(pinned, min(target * float(pad), (target + fastest) / 2))
         if found is None:
             return
+        prices = _region_prices(ground, found)
+        if may_grow and prices is not None and prices.share > STEEP:
+            return
         yield Proposal(
             observer=observer,
             gains=typed_gains(found.gains, request),
             pinned=pinned,
             aim=target,
-            region=_region_prices(ground, found),
+            region=prices,
         )
 
 
@@ -630,16 +637,13 @@ def _region_prices(ground: Ground, found: RegionGains) -> RegionPrices | None:
     prices = found.prices.tolist()
     # Prices that differ by less than the solver's accuracy are alike.
     best = sorted(others, key=lambda i: (-round(prices[i], 6), i))[:BUYS]
-    savings = None
-    if others:
-        dear = bool(best) and prices[best[0]] > 1
-        savings = {labels[i]: prices[i] for i in best if dear and prices[i] > 1}
+    dear = [i for i in best if prices[i] > 1]
     return RegionPrices(
         rate=found.rate,
         share=found.rate_price * found.rate / total,
         capped=tuple(capped),
-        savings=savings,
-        barred=bool(best) and best[0] not in ground.request.allowed,
+        savings={labels[i]: prices[i] for i in dear} if others else None,
+        barred=tuple(labels[i] for i in dear if i not in ground.request.allowed),
     )
 
 

@@ -51,7 +51,7 @@ from dobc_design.exact.matrix import (
 from dobc_design.exact.number import float_above, number_text
 from dobc_design.exact.observability import decide_detectable, observable_reduction
 from dobc_design.exact.polynomial import Coefficients, characteristic_polynomial
-from dobc_design.exact.reading import Table, shown_number
+from dobc_design.exact.reading import Table, counted, shown_number
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.changes import value_text
 from dobc_design.problem.exosystems import Exosystem
@@ -419,7 +419,7 @@ def why_impossible(exosystem: Exosystem, request: ObserverRequest) -> Statement 
     if common is None or (common[0] is not None and common[0] >= 0):
         names = " and ".join(str(region) for region in regions)
         return refuted("region", f"no W exists: no point with Re s < 0 lies in {names}.")
-    return _too_quiet(exosystem, request)
+    return _too_quiet(exosystem, request, -(common[1] or ZERO))
 
 
 @noun
@@ -491,11 +491,21 @@ def largest_hidden_rate(polynomial: Coefficients) -> Fraction | None:
     return low or None
 
 
-def _too_quiet(exosystem: Exosystem, request: ObserverRequest) -> Statement | None:
+def _too_quiet(exosystem: Exosystem, request: ObserverRequest, rate: Fraction) -> Statement | None:
     """At an eigenvalue s of A with C v != 0 the estimate follows exactly: C (sI - F)^-1 W C v = C
     v.  So for Re s >= 0 (maximum principle) no W has a disturbance channel of norm below 1, or a
-    measurement channel below |s|."""
+    measurement channel below |s|.  At high frequencies the latter is C W (m, m), and trace(C W) =
+    trace(A) - trace(F) >= trace(A) + q rate (1/s)."""
     A = observable_reduction(exosystem.A, exosystem.C)[0]
+    total = sum((row[i] for i, row in enumerate(A)), len(A) * rate)
+    least = total / len(exosystem.C)  # |C W| >= |trace(C W)| / m
+    for limit in request.noise:
+        if (limit.norm, limit.channel) == ("hinf", "measurement") and limit.bound <= least:
+            must = f"at least {shown_number(least)} 1/s at high frequencies (|C W|)"
+            many = counted(len(A), "eigenvalue")
+            why = f"with {many} of A - W C at Re s <= {shown_number(-rate)}"
+            cure = " Lower observer.rate." if rate else ""
+            return refuted("noise", f"no W makes the {limit}: {why} it is {must}.{cure}")
     polynomial = characteristic_polynomial(A) if A else (Fraction(1),)
     if len(polynomial) < 2 or roots.routh(polynomial).is_proved:
         return None

@@ -43,13 +43,12 @@ from dobc_design.conditions.statement import Statement, refuted
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Vector
-from dobc_design.exact.number import number_text
+from dobc_design.exact.number import number_text, typed_number
 from dobc_design.exact.reading import Names, counted
 from dobc_design.exact.symmetric import SparseSymmetric, Symmetric
 from dobc_design.exact.zmatrix import proves
 from dobc_design.loop.arcs import closed_groups
 from dobc_design.loop.make import loop_of
-from dobc_design.problem.changes import typed_number
 from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.observer.claim import ZERO
 

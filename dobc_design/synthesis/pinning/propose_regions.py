@@ -353,6 +353,19 @@ class RegionSearch:
         )
         return rate
 
+    def cost(self, pinned: AgentSet, rate: float, *, programs: int) -> float:
+        """About the smallest total gain (1/s) for a rate (1/s), after so many linear programs;
+        infinite out of reach."""
+        rows = self.rows(rate, coarse=True)
+        if rows is None:
+            return math.inf
+        box = box_of(rows, pinned, self.caps, rate=rate)
+        with np.errstate(all="ignore"):
+            v = box.follow(np.ones(rows.size))
+            if v is None:
+                return math.inf
+            return box.cost(_improved(box, v / np.min(v), programs))
+
     def _most(self, pinned: AgentSet) -> float:
         """No rate is larger: an agent with the least v has at most its gain, or it hears others."""
         if all(i in self.caps for i in pinned):

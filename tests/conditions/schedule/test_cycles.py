@@ -17,6 +17,7 @@ from dobc_design import Network, Problem, Switching, Verdict, certify, simulate
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.recheck import recheck, verify_twice
 from dobc_design.checker import cycles as checker_cycles
+from dobc_design.conditions.consensus.network import name_agents
 from dobc_design.conditions.domain import EVERYWHERE
 from dobc_design.conditions.schedule import propose_cycles
 from dobc_design.conditions.schedule.claim import Cycles, Weights
@@ -230,13 +231,16 @@ def test_a_guarantee_in_words():
     ("own", "missed"),
     [
         (chain(guarantee="dwell", dwell=1, longest=2), []),
-        (chain(guarantee="dwell", dwell=1), [(("A",), "2"), (("B",), "3")]),
-        (problem(guarantee="dwell", dwell=1, longest=2), [(("A", "C"), "2"), (("B", "C"), "3")]),
+        (chain(guarantee="dwell", dwell=1), [(("A",), ("2", "3")), (("B",), ("3",))]),
+        (
+            problem(guarantee="dwell", dwell=1, longest=2),
+            [(("A", "C"), ("2", "3")), (("B", "C"), ("3",))],
+        ),
         (in_turn(), []),
         (in_turn("ABA"), []),
-        (in_turn("AC"), [(("A", "C"), "2")]),
-        (chain(guarantee="sequence", sequence=["B"], dwell=1), [(("B",), "3")]),
-        (chain(guarantee="sequence", dwell=1, gains={3: 1}), [(("A", "B"), "1")]),
+        (in_turn("AC"), [(("A", "C"), ("2", "3"))]),
+        (chain(guarantee="sequence", sequence=["B"], dwell=1), [(("B",), ("3",))]),
+        (chain(guarantee="sequence", dwell=1, gains={3: 1}), [(("A", "B"), ("1", "2"))]),
     ],
 )
 @few_chords()
@@ -248,9 +252,9 @@ def test_cycles_that_do_not_reach_every_agent(own: Problem, missed):
     assert certificate.verdict is (Verdict.REFUTED if missed else Verdict.PROVED)
     assert recheck(certificate.claims, own).holds
     if missed and own.pinning.agents:
-        _, agent = missed[0]
+        _, agents = missed[0]
         reason = certificate.reason
-        assert f"agent {agent}" in reason
+        assert name_agents(agents) in reason
         by_guarantee = "as the guarantee allows" in reason
         assert by_guarantee == ("in any mode" not in reason)
 
@@ -299,7 +303,7 @@ def test_half_a_ring_at_a_time_holds_by_the_graphs():
     assert not holds_starts(loop, claim, radius=Fraction("4.001"), disturbance=ZERO)
     assert why_not(loop, None, BARE) is not None
     without_pins = loop_of(ring({}))
-    assert "no pin reaches agent 1" in str(why_not(without_pins, None, claim))
+    assert "no pin reaches agents 1, 2" in str(why_not(without_pins, None, claim))
 
 
 @pytest.mark.slow
@@ -324,7 +328,7 @@ def test_without_pins_nothing_is_proved():
     unpinned = ring({}, region={"initial_states": [-4, 4]})
     check = schedule_of(certify(unpinned))
     assert check.verdict is Verdict.UNDECIDED
-    assert "no pin reaches agent 1" in check.reason
+    assert "no pin reaches agents 1, 2" in check.reason
 
 
 @pytest.mark.evidence

@@ -181,9 +181,78 @@ def pinned_chain() -> dd.Problem:
 
 @pytest.mark.parametrize("pins", [True, False])
 def test_where_further_pins_have_a_table_no_price_of_a_small_gain_stands_beside_it(pins):
-    prices = RegionPrices(rate=1.0, share=1.0, capped=(), savings={"7": 2.0}, barred=False)
+    prices = RegionPrices(rate=1.0, share=1.0, capped=(), savings={"7": 2.0}, barred=())
     said = " ".join(prices.sentences(pins=pins))
     assert ("agent 7 would save most" in said) is pins
+
+
+def test_agents_that_would_save_most_and_may_not_be_pinned_are_all_named():
+    savings = {"4": 9.0, "3": 8.0, "2": 7.0}
+    prices = RegionPrices(rate=1.0, share=1.0, capped=(), savings=savings, barred=("4", "3"))
+    said = list(prices.sentences(pins=True))
+    assert said[-1].endswith("agent 2 7 (not allowed: agents 4 and 3).")
+
+
+def line_of_seven(**changes):
+    """Agents in a line.  j of them beside a hard pin decay at 2 - 2 cos(pi / (2j + 1)), between two
+    at 2 - 2 cos(pi / (j + 1)): 4 alone allows 0.198, 2 and 6 allow 0.586, other pairs up to
+    0.382."""
+    arcs = [arc for i in range(1, 7) for arc in ([i, i + 1], [i + 1, i])]
+    return linked(arcs, 7, region=BOX, **changes)
+
+
+@pytest.mark.parametrize("pins", [None, 2])
+def test_the_only_pair_that_reaches_a_rate_is_found_although_one_pin_would_be_elsewhere(pins):
+    found = dd.design(line_of_seven(), rate="0.4", pins=pins)
+    assert is_proved(found)
+    assert list(found.gains) == ["2", "6"]
+
+
+def test_the_nearest_rate_uses_all_pins_that_are_allowed():
+    found = dd.design(line_of_seven(coupling="tanh(y)"), rate="0.58", pins=2)
+    assert found.verdict is Verdict.UNDECIDED
+    assert is_proved(found.nearest)
+    assert list(found.nearest.gains) == ["2", "6"]
+    assert found.nearest.rate > 0.198
+
+
+def test_of_all_sets_of_three_agents_the_cheapest_is_pinned():
+    problem = line_of_seven()
+    found = dd.design(problem, rate="0.6", pins=3)
+    assert is_proved(found)
+    zero = Fraction(0)
+    search = RegionSearch(problem=problem, W=None, caps={}, radius=1 + zero, disturbance=zero)
+    totals = list[float]()
+    for agents in combinations(range(7), 3):
+        gains = search.smallest(agents, 0.6)
+        totals.append(math.inf if gains is None else sum(gains.gains.values()))
+    assert found.cost < min(totals) * 1.02
+
+
+def test_one_pin_is_not_enough_where_a_percent_of_rate_takes_more_than_ten_of_gain():
+    """Ring of 4: k = b + (1 - b)^-3 - 1, so that 1 % of b takes about 3 b / (1 - b) % of k."""
+    problem = ring(4, region=BOX)
+    assert len(dd.design(problem, rate="0.6").gains) == 1
+    assert len(dd.design(problem, rate="0.8").gains) == 2
+
+
+def test_a_bound_on_noise_below_what_the_rate_of_the_file_takes_is_refuted_with_the_cure():
+    """C W = 1 = -F for a constant disturbance at 1 1/s."""
+    observer = dd.Observer(rate=1)
+    problem = ring(2, region=NOISY_BOX, exosystem=CONSTANT, observer=observer)
+    found = dd.design(problem, noise=1)
+    assert found.verdict is Verdict.REFUTED
+    assert found.binding == "noise"
+    assert "at least 1 1/s at high frequencies (|C W|). Lower observer.rate" in found.reason
+    assert is_proved(found.nearest)
+
+
+def test_an_observer_that_is_faster_than_the_file_asks_says_why():
+    observer = dd.Observer(rate="0.1")
+    problem = ring(2, region=NOISY_BOX, exosystem=CONSTANT, observer=observer)
+    found = dd.design(problem, rate="0.3")
+    assert is_proved(found)
+    assert "W is faster than observer.rate = 0.1 asks, so that" in str(found)
 
 
 @pytest.mark.parametrize("further", [-1, True, 21, "two"])

@@ -318,13 +318,15 @@ def reason(exosystem, **asked):
             "region",
         ),
         (HARMONIC, {"noise": "2.000001"}, {"noise": 2}, "noise"),
+        (HARMONIC, {"rate": 2, "noise": "4.000001"}, {"rate": 2, "noise": 4}, "noise"),
+        (HARMONIC, {"region": AROUND, "noise": "4.1"}, {"region": AROUND, "noise": 2}, "noise"),
         (HARMONIC, {"noise": disturbance("1.000001")}, {"noise": disturbance(1)}, "noise"),
     ],
 )
 def test_a_request_is_refuted_beyond_its_border_and_not_before(
     exosystem, possible, impossible, kind
 ):
-    """The borders: the hidden eigenvalue -1; empty intersections; |s| = 2; G(2i) = 1."""
+    """The borders: the hidden eigenvalue -1; empty intersections; |s| = 2; C W = 4; G(2i) = 1."""
     assert reason(exosystem, **possible) is None
     found = reason(exosystem, **impossible)
     assert found.verdict is Verdict.REFUTED

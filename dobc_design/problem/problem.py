@@ -51,7 +51,7 @@ from .groups import (
 from .leader import Leader, read_leader
 from .network import Arc, Network, Places, sized
 from .pinning import GainForm, Pinning, by_label, read_pinning
-from .region import Pairs, Region, read_goal, read_region, read_units
+from .region import GOALS, Pairs, Region, read_goal, read_region, read_units
 from .signs import OPPOSES, REPELS, Signs, repelling, signs_of
 from .simulation import Simulation, read_simulation
 from .switching import Switching, check_switching
@@ -75,6 +75,7 @@ INTERNAL = frozenset(
     (
         "coupling_place",
         "exception_places",
+        "has_target",
         "input_at",
         "joint_exosystem",
         "joint_observer",
@@ -652,6 +653,11 @@ class Problem(Grouped, Shown):
     def n(self) -> int:
         """Number of agents."""
         return self.network.size
+
+    @property
+    def has_target(self) -> bool:
+        """Whether agents are to reach a target, or a leader."""
+        return self.goal == GOALS[0]
 
     @property
     def agrees(self) -> bool:

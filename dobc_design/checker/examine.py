@@ -202,6 +202,8 @@ def regional(agents: Case, check: Any) -> Any:
     # delay: a late state and one of now make no difference that is followed
     of_agents = not case.differences or check.id in OF_DIFFERENCES
     need(of_agents, "differences of agents are not known to it")
+    counted = not case.agrees or check.id == "schedule"
+    need(counted, "of so many agents the pairs are not looked at")
     rows = check.id == "max-separable" or (
         check.verdict == "proved" and check.id in (*OF_SIGNS, "schedule")
     )

@@ -45,7 +45,9 @@ def holds_starts(loop: Loop, claim: Cycles, *, radius: Fraction, disturbance: Fr
 
 def _needs(loop: Loop, W: Matrix | None, claim: Cycles) -> Iterator[Need]:
     """What has to hold, in turn: what is cheap first, and what later needs rely on."""
-    yield bool(loop.guarantee.phases), "there is no guarantee, or only one mode."
+    yield bool(_cycles(loop)), "there is no guarantee of what modes follow."
+    if loop.goal == "roots":
+        yield not claim.phases, "weights of so many pairs are not looked at."
     yield from _fits_the_loop(loop, claim)
     yield from holds_observer(loop, W, claim, claim.rate)
     if claim.phases and claim.rate is not None:
@@ -143,10 +145,17 @@ def cycles_of(phases: Sequence[Phase]) -> list[tuple[str, ...]]:
     return sorted(cycles)
 
 
+def _cycles(loop: Loop) -> list[tuple[str, ...]]:
+    """The same of a loop; one mode alone stays on for ever."""
+    if loop.guarantee.phases:
+        return cycles_of(loop.guarantee.phases)
+    return [tuple(loop.modes)] if len(loop.modes) == 1 else []
+
+
 def unreached_cycles(loop: Loop) -> Iterator[tuple[tuple[str, ...], str]]:
     """Modes of a cycle, or a mode that may stay on for ever, and the label of an agent that they do
     not reach."""
-    for cycle in cycles_of(loop.guarantee.phases):
+    for cycle in _cycles(loop):
         missed = first_unreached(loop, cycle)
         if missed is not None:
             yield cycle, missed
@@ -156,7 +165,10 @@ def unreached_in_words(loop: Loop) -> str | None:
     """An agent that no pin reaches while the modes of a cycle are on, in a sentence; None if there
     is none."""
     for cycle, agent in unreached_cycles(loop):
-        return f"while modes {' and '.join(cycle)} are on in turn, no pin reaches agent {agent}."
+        missed = f"no pin reaches agent {agent}"
+        if loop.goal == "roots":
+            missed = f"no agent is heard by all others, and agent {agent} by nobody outside a group"
+        return f"while modes {' and '.join(cycle)} are on in turn, {missed}."
     return None
 
 

@@ -262,7 +262,7 @@ class Problem(Grouped, Shown):
     def _check_goal(self) -> None:
         """Agents that agree have nobody who tells them where.  Raises: SpecError with all that
         does."""
-        if not self.agrees:
+        if self.goal != "agreement":
             if self.fixed or self.goal == "containment":
                 self._check_fixed()
             return
@@ -662,6 +662,8 @@ class Problem(Grouped, Shown):
     @property
     def agrees(self) -> bool:
         """Whether agents are to agree on a value that nobody prescribes."""
+        if self.signs is not None and self.signs.sides is None:
+            return False  # by signs that do not balance they can meet at 0 only
         return self.goal == "agreement"
 
     @property

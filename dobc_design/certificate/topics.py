@@ -56,12 +56,23 @@ class Topic:
     the values of a check into the noun of the topic; None where they stay values.  Both raise
     what a malformed claim raises.  ``of_rows``: it is about the loop whose errors rows bound
     (``loop.pairs``), not about the agents themselves.  ``of_gaps``: it knows errors that are
-    distances to where fixed nodes are."""
+    distances to where fixed nodes are.  ``of_roots``: it knows agents of which there are too many
+    pairs."""
 
     confirm: Confirm
     read: Read | None = None
     of_rows: bool = True
     of_gaps: bool = False
+    of_roots: bool = False
+
+    def rows(self, loop: Loop, W: Matrix | None) -> Loop:
+        """The loop that it is about.  Raises: ValueError where that has too many nodes."""
+        if not self.of_rows:
+            return loop
+        rows = required_rows(loop, W)
+        if rows.goal == "roots" and not self.of_roots:
+            raise ValueError(f"{loop.n} agents have more pairs than are looked at")
+        return rows
 
     def confirmed(self, check: Check, trusted: Trusted) -> str | None:
         """None if a check is confirmed for the loop that its topic is about, else why not."""
@@ -69,9 +80,8 @@ class Topic:
             return reason
         if self.of_rows:
             loop = trusted.loop
-            trusted = replace(
-                trusted, loop=required_rows(loop, trusted.W), W=gain_of_rows(loop, trusted.W)
-            )
+            rows = self.rows(loop, trusted.W)
+            trusted = replace(trusted, loop=rows, W=gain_of_rows(loop, trusted.W))
         return self.confirm(check, trusted)
 
 
@@ -154,7 +164,7 @@ TOPICS: Mapping[str, Topic] = {
         confirm=_beside(margins.confirm, MAX_SEPARABLE, ACCURACY), read=margins.read_claim
     ),
     "quadratic": Topic(confirm=quadratic.confirm, read=quadratic.read_claim),
-    "schedule": Topic(confirm=schedule.confirm, read=schedule.read_claim),
+    "schedule": Topic(confirm=schedule.confirm, read=schedule.read_claim, of_roots=True),
     "graphs": Topic(confirm=graphs.confirm, read=graphs_claimed.read_claim),
     "accuracy": Topic(confirm=accuracy.confirm, read=accuracy.read_claim),
     "equilibrium": Topic(confirm=equilibrium.confirm, read=equilibrium.read_claim),

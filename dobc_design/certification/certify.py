@@ -251,6 +251,8 @@ class _Certification:
         if case is None:
             return agents
         loop = case.loop
+        if loop.goal == "roots":
+            return agents
         if loop.gap:
             wanted = {"settling": tolerance is not None, "schedule": loop.guarantee.is_given}
             return agents.and_(_beside_gaps(agents, (id for id in wanted if wanted[id])))
@@ -388,17 +390,19 @@ def region_checks(case: Case, *, everything: bool, report: Progress, rate: float
         if loop.slopes_move:
             return _near_a_moving_target(asked, report)
         known = refutation(loop, case.checks, case.W) is not None
-        several = loop.switches or loop.drift is not None or loop.gap > 0
+        several = loop.switches or loop.drift is not None or loop.gap > 0 or loop.is_apart
         if several and not (known or everything or case.domain == EVERYWHERE):
             return _near_the_target(asked, report)
         known = known or case.domain != EVERYWHERE
     # The others are about errors from one target.
     stages = STAGES[:1] if loop.gap else STAGES
+    if loop.goal == "roots":
+        stages = (schedule_stage,)
     if known and not everything:
         # What the tables of the file ask may still rest on the box that the first stage finds.
         stages = STAGES[:1] if is_asked(asked) else ()
     found = _in_turn(asked, stages, report)
-    if loop.gap:
+    if loop.gap or loop.goal == "roots":
         return found
     return found + _ending(TOLERANCE, case, partial(margins_stage, asked, found, report))
 
@@ -415,6 +419,8 @@ def _near_the_target(asked: Asked, report: Progress) -> list[Check]:
     """A small box of starts, which answers the local question for several modes, or for agents with
     dynamics, where no check at the target itself does."""
     asked = replace(asked, radius=NEAR, disturbance=0.0 if asked.W is None else NEAR)
+    if asked.loop.goal == "roots":
+        return schedule_stage(asked, report)
     found = separable_stage(asked, report)
     if not covering(asked.loop, found) and not asked.loop.gap:
         found += schedule_stage(asked, report) + markov_stage(asked, report)

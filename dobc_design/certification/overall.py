@@ -272,7 +272,7 @@ def _apart_in(loop: Loop, cycle: Names) -> str | None:
     arcs = [loop.modes[mode] for mode in cycle]
     if not arcs:
         arcs = [each.present for each in loop.modes.values()]
-    if loop.agrees:
+    if loop.has_roots:
         return _disagreement_in(loop, cycle, arcs)
     # A group listens to nobody outside it, so a common error that no gain there acts on stays.
     apart = unreached(loop, arcs)

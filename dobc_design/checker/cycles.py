@@ -9,7 +9,7 @@ from operator import mul
 from typing import Any, NamedTuple
 
 from .claims import Case
-from .consensus import jacobian
+from .consensus import closed_sets, jacobian
 from .coordinates import RowsOfCoordinates, far, inverse
 from .curves import Curve, Curves, Term, at_once, both_faces, on_pieces
 from .guarantee import Phase
@@ -43,7 +43,8 @@ def schedule(case: Case, check: Any) -> Any:
     keeps(case, exact)
     begun = []
     # a claim about the graphs alone has no phases
-    for turn, each in zip(case.guarantee.phases, exact.phases, strict=False):
+    turns = case.guarantee.phases if exact.phases else []
+    for turn, each in paired(turns, exact.phases):
         if turn.first:
             begun.append(spread(frame(exact), each.v[0]))
     inside(case, check, exact, max(begun, default=ONE))
@@ -79,16 +80,19 @@ def read_cycles(case: Case, value: Any, turned: bool = False) -> Any:
 
 def keeps(case: Case, exact: Any) -> None:
     """V = N + kappa E never rises and, with weights, falls at the rate over each phase."""
-    turns = case.guarantee.phases
     every = [x for each in exact.phases for v in each.v for x in v]
     decays(case, exact, exact.rate or ZERO, min(every, default=ONE))
+    need(not case.agrees or exact.rate is None, "of so many agents the pairs are not looked at")
     if exact.rate is None:
         need(not exact.phases, "it has weights and no rate")
         rises(case, exact.rho)
-        for cycle in case.guarantee.cycles():
+        # one mode alone stays on for ever
+        alone = [tuple(case.modes)] if len(case.modes) == 1 else case.guarantee.cycles()
+        for cycle in alone:
             reached(case, cycle)
         return
 
+    turns = case.guarantee.phases
     need(len(exact.phases) == len(turns), "there are not weights for every phase")
     if exact.T:
         turned = in_coordinates(case, exact)
@@ -215,8 +219,11 @@ def rises(loop: Loop, rho: Fraction | None, strictly: bool = True) -> None:
 
 
 def reached(loop: Loop, modes: Collection[str]) -> None:
-    """Along the arcs of these modes together every agent is reached from one that its gain
-    holds."""
+    """Along the arcs of these modes together every agent is reached from one that its gain holds;
+    where agents agree, from one of them."""
+    if loop.agrees:
+        need(len(closed_sets(loop, modes, False)) == 1, "nobody is heard by all others")
+        return
     pinned = [i for i in loop.nodes if loop.least_gain(i) > 0] + loop.tied(modes)
     found = reach(pinned, loop.edges(modes, False))
     need(len(found) == loop.n, f"modes {', '.join(modes)} do not reach every agent")

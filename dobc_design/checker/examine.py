@@ -17,7 +17,7 @@ from .margins import actuators, tolerance
 from .pairs import rows_of
 from .quadratic import lure
 from .reading import MAX_BYTES, UNTIL, OutOfTime, Refused, need
-from .saturation import allowed, cut, saturates
+from .saturation import allowed, cut, saturates, to_target
 from .schedule import settling
 from .separable import delay, equilibrium, sampling
 from .value import agreed_value
@@ -51,6 +51,7 @@ OF_FIXED = ("max-separable", "delay", "sampling", "schedule", "settling")
 # of these where the fixed nodes are the target
 OF_TARGET = (
     *OF_FIXED,
+    "lure",
     "tolerance",
     "actuators",
     "equilibrium",
@@ -190,8 +191,7 @@ def regional(agents: Case, check: Any) -> Any:
     need(case.q == 0 or case.W is not None, "there is no observer gain")
     need(check.id in OF_ANY_COUPLING or case.single, "a coupling is a list, or nodes are curved")
     need(case.own is None or check.id not in ("equilibrium", "markov"), "nodes are curved")
-    one = not (agents.agrees or case.gap or saturates(agents))
-    known = not case.fixed or check.id in (OF_TARGET if one else OF_FIXED)
+    known = not case.fixed or check.id in (OF_TARGET if to_target(case) else OF_FIXED)
     need(known, "pins of single modes are not known to it")
     need(not case.gap or check.id in OF_GAPS, "it is about one target")
     if saturates(agents):
@@ -202,6 +202,8 @@ def regional(agents: Case, check: Any) -> Any:
     # delay: a late state and one of now make no difference that is followed
     of_agents = not case.differences or check.id in OF_DIFFERENCES
     need(of_agents, "differences of agents are not known to it")
+    counted = not case.agrees or check.id == "schedule"
+    need(counted, "of so many agents the pairs are not looked at")
     rows = check.id == "max-separable" or (
         check.verdict == "proved" and check.id in (*OF_SIGNS, "schedule")
     )

@@ -332,7 +332,7 @@ def extend(found: set[int], starts: Collection[int], edges: list[list[int]]) -> 
     found |= set(starts)
     stack = list(starts)
     while stack:
-        fresh = set(edges[stack.pop()]) - found
+        fresh = {i for i in edges[stack.pop()] if i not in found}
         found |= fresh
         stack += fresh
 

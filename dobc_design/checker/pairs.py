@@ -5,8 +5,8 @@ the nodes are the pairs (i, j), i != j, in the order of i, then j, with the erro
 hears l by w h, (i, j) hears (l, j) by w h and (j, i) hears (j, l) by w h*, h*(y) = -h(-y); for l =
 j these are the fixed nodes n (n - 1) and n (n - 1) + 1. With one function, a linear one, the lesser
 weight by which both of a pair always hear the same agent is taken off both, and is the weight of an
-arc to the first fixed node, unless weights are uncertain. C counts twice and W half, because there
-are two residuals.
+arc to the first fixed node, unless weights are uncertain. Of more than MOST agents nodes are the
+agents, and only graphs are looked at. C counts twice and W half, because there are two residuals.
 """
 
 import copy
@@ -19,7 +19,6 @@ from .claims import Case
 from .intervals import Exact
 from .loop import Arc, Loop
 from .matrices import ZERO, diagonal, opposite
-from .reading import need
 from .signs import mirrored
 
 MOST = 300  # agents, of which pairs are looked at
@@ -38,14 +37,13 @@ def rows_of(case: Case) -> Case:
             rows.modes[mode] = [arc._replace(w=abs(arc.w)) for arc in arcs]
         rows.collect()
         return rows
-    rows.agrees = False
     rows.differences = True
     leader = silent(case)
-    if leader is None:
-        need(case.n <= MOST, f"there are more than {MOST} agents, which have too many pairs")
-        pairs(case, rows)
-    else:
+    rows.agrees = leader is None and case.n > MOST
+    if leader is not None:
         led(case, rows, leader)
+    elif case.n <= MOST:
+        pairs(case, rows)
     rows.n = len(rows.labels)
     rows.nodes = range(rows.n)
     rows.size = rows.n * rows.m

@@ -46,6 +46,7 @@ from .reading import (
     short,
     text,
 )
+from .saturation import to_target
 from .separable import starts
 
 ROWS = 100  # of a quadratic certificate at most
@@ -79,8 +80,8 @@ def read_quadratic(case: Case, exact: Any, rate: Fraction | None = None) -> Any:
     """V decreases at the rate where V <= level (null: everywhere)."""
     m = case.m
     size = case.n * m
-    # its arcs are between agents, each with an estimation error of its own
-    need(not case.fixed, "arcs to fixed nodes are not known to it")
+    # its arcs are between agents, each with an estimation error of its own, or to the target
+    need(not case.fixed or to_target(case), "arcs to fixed nodes are not known to it")
     need(size <= ROWS, f"quadratic certificates are decided up to {ROWS} rows")
     shape: Object = {
         "method": text,
@@ -172,7 +173,7 @@ def relied(loop: Loop) -> set[tuple[int, int]]:
     for arc in loop.arcs:
         for d in range(m):
             if bends(arc.coupling, d):
-                found.add((arc.i * m + d, arc.j * m + d))
+                found.add((arc.i * m + d, min(arc.j * m + d, loop.size)))
     if loop.own is not None:
         for d in range(m):
             if bends(loop.own, d):
@@ -365,7 +366,8 @@ def channels(loop: Loop, mode: str, ranges: Ranges) -> list[Channel]:
             if arc.loose:
                 lo = min(lo, ZERO)
                 hi = max(hi, ZERO)
-            rows = (arc.i * m + c, arc.i * m + d, arc.j * m + d)
+            # nodes whose error is 0 are the target, the row after the last
+            rows = (arc.i * m + c, arc.i * m + d, min(arc.j * m + d, loop.size))
             found.append(channel(rows, lo, hi))
     if loop.own is None:
         return found

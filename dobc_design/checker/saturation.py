@@ -39,6 +39,11 @@ def saturates(loop: Loop) -> bool:
     return loop.actuators is not None and bool(loop.actuators.saturates)
 
 
+def to_target(loop: Loop) -> bool:
+    """Whether fixed nodes, where there are any, are the target, and pins are exact."""
+    return not (loop.differences or loop.gap or saturates(loop))
+
+
 def allowed(loop: Loop) -> Fraction:
     """The largest |eps_i| at the start that is counted."""
     return Fraction(loop.region.initial_disturbance or 0) * MORE

@@ -120,8 +120,8 @@ def covers(case: Case, check: Any) -> bool:
         return bool(domain == "global")
     if case.region is not None:
         return holds_region(case, domain)
-    # a box around the target answers the local question: several modes, dynamics, leaders
-    several = case.switches or case.B is not None or case.gap > 0
+    # a box around the target answers the local question: several modes, dynamics, leaders, pairs
+    several = case.switches or case.B is not None or case.gap > 0 or case.agrees
     box = several and check.id in ("max-separable", "schedule", "markov")
     ball = check.id == "lure" and case.own is not None and case.leader is not None
     return (safe or box or ball) and is_open(case, domain)

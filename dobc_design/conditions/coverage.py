@@ -82,14 +82,14 @@ def is_box_near(loop: Loop, domain: Domain) -> bool:
 
 def _is_near(loop: Loop, check: Check) -> bool:
     """Whether a box around the target is proved: under switching, and for agents with dynamics,
-    that answers the local question, too; so does a ball where the slopes of f move with a
-    leader."""
+    and of disagreements, that answers the local question, too; so does a ball where the slopes of f
+    move with a leader."""
     is_safety = check.kind.role == "safety"
     known = is_safety or check.kind.role == "region"
     if check.kind.topic == "quadratic":
         known = loop.slopes_move
     several = loop.switches or is_safety or loop.drift is not None or loop.gap > 0
-    return several and known and is_box_near(loop, check.domain)
+    return (several or loop.is_apart) and known and is_box_near(loop, check.domain)
 
 
 def asked_radius(loop: Loop) -> tuple[Fraction, ...]:

@@ -69,19 +69,15 @@ def pins_obstacle(loop: Loop) -> str | None:
     None where all pins are such."""
     if not loop.fixed:
         return None
-    head = f"{APART}it is for pins that are linear, and the same in every mode."
-    return f"{head}{HELP}a gain in every mode, in pinning.gains." if _is_target(loop) else head
+    return f"{APART}it is for pins that are linear, and the same in every mode."
 
 
 def fixed_obstacle(loop: Loop) -> str | None:
     """Why a proof that knows arcs to the target does not apply; None where no other nodes are
     fixed."""
-    return None if _is_target(loop) else pins_obstacle(loop)
-
-
-def _is_target(loop: Loop) -> bool:
-    """Whether fixed nodes, where there are any, are the target."""
-    return loop.goal == "target" and not loop.gap and not loop.saturates
+    if loop.goal == "target" and not loop.gap and not loop.saturates:
+        return None
+    return pins_obstacle(loop)
 
 
 def gap_obstacle(loop: Loop) -> str | None:

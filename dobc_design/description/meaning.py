@@ -496,7 +496,7 @@ def _about_region(problem: Problem) -> Sentences:
                 f"The region is the single point {low}{component}: region.initial_states is an "
                 "interval [lo, hi]."
             )
-        has_target = problem.leader is None and not problem.agrees
+        has_target = problem.leader is None and problem.has_target
         if has_target and not lo <= problem.target[c] <= hi:
             yield f"The target {goal} is outside region.initial_states [{low}, {high}]{component}."
     away = [labels[i] for i in problem.offsets if not _holds(region, problem.goal_of(i))]
@@ -627,7 +627,7 @@ def _about_simulation(problem: Problem) -> Sentences:
     if problem.groups and run.xi0 is not None and not any(map(any, run.xi0)):
         calm = True
         yield "simulation.xi0 = 0: the simulated runs have no disturbance."
-    if not calm or not starts or problem.leader is not None or problem.agrees:
+    if not calm or not starts or problem.leader is not None or not problem.has_target:
         return
     if all(starts[i % len(starts)] == problem.goal_of(i) for i in range(problem.n)):
         yield (

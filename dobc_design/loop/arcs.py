@@ -79,7 +79,7 @@ def unreached(loop: Loop, arcs: Iterable[Arcs], *, pins: Pins | None = None) -> 
     without those that come and go; ``pins``: by default what pulls in ``pulls``.  Of nodes that are
     to agree: those of two or more groups that hear nobody outside.  With signs: those that hear
     nobody outside either, and whose signs balance."""
-    if loop.agrees:
+    if loop.has_roots:
         groups = closed_groups(loop, arcs)
         return tuple(sorted(chain(*groups))) if len(groups) > 1 else ()
     pulled = loop.pulls if pins is None else pins

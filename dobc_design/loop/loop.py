@@ -169,7 +169,8 @@ class Loop(Grouped):
     and of a node alone, pins less the slopes of the drift; it need not pull towards 0.
     ``groups``: nodes that share an exosystem and an observer, which act on the states.
     ``goal``: "target"; "agreement" where nodes have none, and no pins; "differences" where
-    errors are those between such nodes (``pairs.rows_of``); "containment" where errors are the
+    errors are those between such nodes (``pairs.rows_of``), "roots" where these are too many to
+    have rows; "containment" where errors are the
     distances to a box in which the fixed nodes rest or move.  ``gap``: its widest side, 0 for all
     other goals; a state and what it hears may differ by that much without any error. ``starts``:
     None where no region is asked for. ``xi0``: where disturbances start in simulations, rows by
@@ -226,6 +227,16 @@ class Loop(Grouped):
     def agrees(self) -> bool:
         """Whether nodes are to agree on a value that nobody prescribes."""
         return self.goal == "agreement"
+
+    @property
+    def has_roots(self) -> bool:
+        """Whether agents that all others hear decide, as pins do elsewhere."""
+        return self.goal in ("agreement", "roots")
+
+    @property
+    def is_apart(self) -> bool:
+        """Whether errors are disagreements: of pairs, with one agent, or of too many agents."""
+        return self.goal in ("differences", "roots")
 
     @property
     def is_pulled(self) -> bool:

@@ -49,22 +49,24 @@ MOST_AGENTS = 300  # of which pairs are looked at
 
 def rows_of(loop: Loop, W: Matrix | None) -> Loop | None:
     """The loop whose errors rows bound: this one, without its signs, that of disagreements, or that
-    with what saturation leaves of the pins, with the observer gain W (q, m); None of more agents
-    than have few enough pairs."""
+    with what saturation leaves of the pins, with the observer gain W (q, m); None where that is not
+    known.  Of more than MOST_AGENTS, with the goal "roots", only the graphs are looked at."""
     if loop.saturates:
         return saturated(loop, W)
     return _made_once(loop) if loop.agrees or loop.signed else loop
 
 
 @lru_cache(maxsize=16)
-def _made_once(loop: Loop) -> Loop | None:
+def _made_once(loop: Loop) -> Loop:
     if loop.signed:
         # sigma e_j lies in the same interval as e_j, whatever the sign.
         return replace(loop, modes={name: sized(arcs) for name, arcs in loop.modes.items()})
     leader = silent_agent(loop)
     if leader is not None:
         return _led_by(loop, leader)
-    return pairs_of(loop) if loop.n <= MOST_AGENTS else None
+    if loop.n > MOST_AGENTS:
+        return replace(_of_disagreements(loop, loop.n), goal="roots")
+    return pairs_of(loop)
 
 
 def required_rows(loop: Loop, W: Matrix | None) -> Loop:

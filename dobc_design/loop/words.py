@@ -22,6 +22,7 @@ _TABLES = tomllib.loads((files("dobc_design.loop") / "words.toml").read_text("ut
 _TABLE_OF = {
     "agreement": "agreement",
     "differences": "agreement",
+    "roots": "agreement",
     "containment": "containment",
 }
 

@@ -51,7 +51,7 @@ from .groups import (
 from .leader import Leader, read_leader
 from .network import Arc, Network, Places, sized
 from .pinning import GainForm, Pinning, by_label, read_pinning
-from .region import Pairs, Region, read_goal, read_region, read_units
+from .region import GOALS, Pairs, Region, read_goal, read_region, read_units
 from .signs import OPPOSES, REPELS, Signs, repelling, signs_of
 from .simulation import Simulation, read_simulation
 from .switching import Switching, check_switching
@@ -75,6 +75,7 @@ INTERNAL = frozenset(
     (
         "coupling_place",
         "exception_places",
+        "has_target",
         "input_at",
         "joint_exosystem",
         "joint_observer",
@@ -261,7 +262,7 @@ class Problem(Grouped, Shown):
     def _check_goal(self) -> None:
         """Agents that agree have nobody who tells them where.  Raises: SpecError with all that
         does."""
-        if not self.agrees:
+        if self.goal != "agreement":
             if self.fixed or self.goal == "containment":
                 self._check_fixed()
             return
@@ -654,8 +655,15 @@ class Problem(Grouped, Shown):
         return self.network.size
 
     @property
+    def has_target(self) -> bool:
+        """Whether agents are to reach a target, or a leader."""
+        return self.goal == GOALS[0]
+
+    @property
     def agrees(self) -> bool:
         """Whether agents are to agree on a value that nobody prescribes."""
+        if self.signs is not None and self.signs.sides is None:
+            return False  # by signs that do not balance they can meet at 0 only
         return self.goal == "agreement"
 
     @property

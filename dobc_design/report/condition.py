@@ -50,7 +50,7 @@ def condition_section(found: Findings) -> Blocks:
         # Pages say it in a sentence with the number typeset; text forms as a formula.
         yield Only(IN_TEXT, (Text(f"For {name}:"), Formula(latex)))
         yield on_pages(Formula(latex, f"condition for {name}", typst=bound))
-    lambdas = {} if problem.agrees else found.lambdas
+    lambdas = found.lambdas if problem.has_target else {}
     for mode, matrix in list(lambdas.items())[:MOST_LAMBDAS]:
         # Lambda above 12 x 12 is left out without a word: its eigenvalues stand below.
         shown = ShownMatrix(r"\Lambda", f"at the target, mode {mode}", matrix)
@@ -75,6 +75,7 @@ def _asked(problem: Problem) -> Blocks:
     """What the paper's theorem asks for, and the smaller condition that is decided in its place."""
     if problem.agrees:
         yield Text(words.FIXED["agreement"])
+    if not problem.has_target:
         return
     jacobian = Math("J", "J")
     if not problem.groups:
@@ -108,7 +109,7 @@ def _size(found: Findings) -> Blocks:
     """How large the inequality is as it is printed, what is decided instead, and what a solver says
     of it where one was asked."""
     loop = loop_of(found.problem)
-    if loop.agrees:
+    if not found.problem.has_target:
         return
     if len(loop.groups) == 1 and not loop.is_grouped:
         m, q = loop.m, loop.groups[0].exosystem.order

@@ -147,7 +147,7 @@ def _glossary(found: Findings) -> Blocks:
     verdicts = [(words.mark_of(each), words.TEXTS["verdicts"][each.value]) for each in Verdict]
     yield Terms(verdicts)
     told = dict(words.TEXTS["words"])
-    if found.problem.agrees:
+    if not found.problem.has_target:
         del told["pin"]
     yield on_pages(Terms(tuple(told.items())))
 
@@ -222,4 +222,4 @@ def report_document(found: Findings) -> Document:
     )
     # Every part is written for a target; here it becomes what the agents of this problem do.
     loop = loop_of(found.problem)
-    return turned(document, words.said_here(loop)) if loop.agrees else document
+    return document if found.problem.has_target else turned(document, words.said_here(loop))

@@ -61,7 +61,7 @@ def eigenvalue_section(found: Findings) -> Blocks:
     head = "eigenvalues in 1/s, the rightmost first"
     table = table_of(
         "Eigenvalues",
-        list(_spectra(analysis, agrees=found.problem.agrees))[:MOST_SPECTRA],
+        list(_spectra(analysis, agrees=not found.problem.has_target))[:MOST_SPECTRA],
         Column("matrix", lambda row: row[0]),
         Column(head, lambda row: words.eigenvalues(row[1])),
     )

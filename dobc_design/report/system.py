@@ -111,7 +111,7 @@ def _equations(problem: Problem) -> Iterator[Formula]:
     for name, latex, equation in words.TEXTS["loop"][" ".join(loop) or "plain"]:
         # The template of the PDF has the shared equations once.
         ending = disturbed if latex in _SHARED else kind
-        if problem.agrees and name == "control":
+        if not problem.has_target and name == "control":
             ending = f"{disturbed}, agreeing"
         yield Formula(_own(latex, problem), name, equation, name + ending)
 
@@ -120,7 +120,7 @@ def _own(latex: str, problem: Problem) -> str:
     """An equation of the loop, with f(x) in place of A x where that is given, and with a leader as
     the target."""
     dynamics = problem.dynamics
-    if problem.agrees:
+    if not problem.has_target:
         latex = _PINS.sub(r"u_i = -\\hat{d}_i" if problem.groups else "u_i = 0", latex)
     if problem.leader is not None and problem.offsets:
         latex = latex.replace(r"x_i - \bar x_i", "x_i - s - o_i").replace(r"\bar x_i", "o_i")
@@ -149,7 +149,7 @@ def _functions(problem: Problem) -> Iterator[Formula]:
     coupling = problem.coupling
     h = _column(coupling.latex, alone=coupling.by_component)
     yield Formula(f"h_{{ij}}(y) = {h}", "coupling")
-    if not problem.agrees:
+    if problem.has_target:
         yield Formula(_target(problem), "target")
 
 
@@ -165,7 +165,7 @@ def _plain_functions(problem: Problem) -> Iterator[Fact]:
     yield "coupling", f"{h} = {', '.join(coupling.texts)}"
     if dynamics is not None and dynamics.f is not None:
         yield "own dynamics", f"f(x) = ({', '.join(dynamics.f)})"
-    yield ("goal" if problem.agrees else "target"), words.target_words(problem)
+    yield ("target" if problem.has_target else "goal"), words.target_words(problem)
 
 
 def _target(problem: Problem) -> str:
@@ -203,8 +203,9 @@ def _letters(problem: Problem) -> Words:
     if problem.dynamics is not None:
         return (*heard, *_letters_of_errors(problem))
     gain = (Math("k_i", "k_i"), " the gain of a pin (a number or a matrix), 0 without one.")
-    if problem.agrees:
-        gain = (Math("x_i", "x_i"), " the states on which agents agree.")
+    if not problem.has_target:
+        what = " the states on which agents agree." if problem.agrees else " the states."
+        gain = (Math("x_i", "x_i"), what)
     if not problem.offsets:
         return (*heard, *gain)
     keep = " Agents keep their formation: "

@@ -403,7 +403,7 @@ def loop_facts(certificate: Certificate) -> Iterator[Fact]:
     if W is not None and len(W) * len(W[0]) <= MOST_NAMES:
         rows = ["; ".join(map(decimal, row)) for row in W]
         yield "Observer gain W", f"({', '.join(rows)})′, {claims.gain_source or 'given'}"
-    if not problem.agrees:
+    if problem.has_target:
         yield "Pinning gains", _pins(problem)
     times = time_words(problem)
     if times:
@@ -497,7 +497,7 @@ def agents_table(problem: Problem) -> Table | None:
     weights = mean_weights(problem)
     if weights is not None:
         columns.append(Column("ends at", lambda i: _limit(problem, weights, i), 1.5))
-    if not problem.agrees:
+    if problem.has_target:
         shown = EVERY if moved else ("markdown",)
         columns.append(Column("k in 1/s" if problem.dynamics is None else "K", gain, 0.8))
         columns.append(Column("goal", lambda i: _goal(problem, i), only=shown))
@@ -506,7 +506,7 @@ def agents_table(problem: Problem) -> Table | None:
         columns.append(Column(f"listens to in {name}", heard.__getitem__, 2))
     goals = ", goals" if moved else ""
     caption = f"Gain k of the pins{goals}, and whom each agent listens to"
-    if problem.agrees:
+    if not problem.has_target:
         caption = "Whom each agent listens to"
     return table_of(caption, range(problem.n), *columns, cards=True)
 
@@ -574,7 +574,7 @@ def _mode_sentence(arcs: Arcs, problem: Problem) -> str:
 def problem_words(problem: Problem) -> str:
     """The size of the problem, its pins, its region and its switching, each in a sentence."""
     told = [size_sentence(problem)]
-    if not problem.agrees:
+    if problem.has_target:
         told.append(pin_sentence(problem))
     if problem.region is not None:
         told.append(

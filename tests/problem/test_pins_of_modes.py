@@ -273,6 +273,7 @@ def test_random_networks_with_pins_of_modes_are_told_alike_by_both_programs(seed
 UNCERTAIN = '[uncertainty]\nweights = "1/10"\ngains = "1/5"\n'
 LOADED = f'{UNCERTAIN}disturbance = "1/20"\nmeasurement = "1/100"\n'
 MARKOV = '[switching]\nguarantee = "markov"\ngenerator = [[-1, 1], [1, -1]]\n'
+OBSERVED = 'initial_disturbance = "1/10"\n[exosystem]\nhz = 1\n'
 STRONG = ("G1 = { 1 = 1 }", "G1 = { 1 = 1, 2 = 1 }"), ('2 = "5/2"', '2 = "5/2", 1 = 2')
 APART = (("G2 = { 2", "G2 = { 3"),)
 
@@ -338,6 +339,19 @@ def test_the_largest_input_of_one_agent_is_that_of_its_strongest_pin():
     (check,) = [each for each in agreed(noisy).checks if each.id == "actuators"]
     assert check.is_proved
     assert F(7) <= check.claim.inputs["1"] <= 7 * (1 + F(1, 1000))
+
+
+def test_a_quadratic_proof_of_stronger_pins_is_refused_for_weaker_ones():
+    """The pin of G2 at a thousandth; the certificate of the other one knows its gain."""
+    strong = problem()
+    weak = problem(TEXT.replace('"5/2"', '"1/400"'))
+    claims = agreed(strong).claims
+    (kept,) = [each for each in claims.checks if each.id == "lure"]
+    assert kept.is_proved
+    forged = replace(claims, problem_sha256=problem_sha256(weak))
+    findings = examine(certificate_bytes(forged), canonical_bytes(weak))
+    assert any(what.startswith("lure") for holds, what in findings if not holds)
+    assert confirm(kept, trust(claims, loop_of(weak))) is not None
 
 
 @pytest.mark.parametrize("id", ["max-separable", "tolerance", "accuracy", "lemma1", "delay"])

@@ -12,6 +12,7 @@ from published import FIRST, opinions
 import dobc_design as dd
 from dobc_design.errors import SpecError
 from dobc_design.loop.limits import mean_weights
+from dobc_design.report.write import render_report
 from dobc_design.verdict import Verdict
 
 PATH = [[1, "a"], [1, 2], [2, 1], [2, 3], [3, 2], [3, "b"]]
@@ -164,3 +165,20 @@ def test_a_stress_is_refused_where_nodes_are_fixed():
     problem = between(PATH, {"a": 0, "b": 4})
     with pytest.raises(SpecError, match="not available yet for networks with fixed nodes"):
         dd.simulate(problem, stress=dd.Stress(saturation=1))
+
+
+def test_the_report_says_where_agents_end_and_speaks_of_no_target():
+    certificate = dd.certify(between(PATH, {"a": 0, "b": 4}))
+    page = render_report(certificate)["report.html"].decode("utf-8")
+    assert "1 (3/4 a + 1/4 b)" in page
+    assert "a rests at 0; b rests at 4" in page
+    for words in ("goes to its goal", "Pinning gains", "the target"):
+        assert words not in page
+
+
+def test_check_says_where_agents_end_or_whom_they_do_not_hear():
+    told = str(dd.describe(between(PATH, {"a": 0, "b": 4})))
+    assert "Goal: all agents end between the fixed nodes: a rests at 0, b rests at 4." in told
+    assert "Agent 1 ends at 1 (3/4 a + 1/4 b)." in told
+    apart = str(dd.describe(between([[1, "a"], [2, 1], [2, "b"]], {"a": 0, "b": 4}, "tanh(y)")))
+    assert "Not reached from b: 1." in apart

@@ -133,6 +133,17 @@ def opinions() -> Problem:
     return Problem(network=network, coupling="y", goal="containment", fixed=fixed)
 
 
+def signed_ring(balanced: bool) -> Problem:
+    """Four agents in a ring, each with its two neighbours; one pair, or two, of antagonists."""
+    signs = (1, -1, 1, -1) if balanced else (1, -1, 1, 1)
+    arcs: list[list[Any]] = []
+    for i, w in enumerate(signs):
+        other = (i + 1) % 4
+        arcs += [[i + 1, other + 1, w], [other + 1, i + 1, w]]
+    network = Network.from_arcs(arcs, arrow="listens_to", agents=4, negative="opposes")
+    return Problem(network=network, coupling="y", goal="agreement")
+
+
 def _published() -> Iterator[Published]:
     # Yu, Chen and Cao, Automatica 46 (2010)
     yield Published(
@@ -196,6 +207,11 @@ def _published() -> Iterator[Published]:
     )
     # Friedkin and Johnsen (1999)
     yield Published("opinions with stubborn agents", "end at 60, 60, 75, 75", opinions)
+    # Altafini, IEEE TAC 58 (2013)
+    yield Published(
+        "antagonists in a ring, signs balance", "agree up to signs", lambda: signed_ring(True)
+    )
+    yield Published("the same, one pair less", "all go to 0", lambda: signed_ring(False))
     # built-in `paper-fixed`
     yield Published("Example 1 of the paper", "agree, no rate", lambda: load_problem("paper-fixed"))
 

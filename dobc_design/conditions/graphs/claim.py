@@ -107,7 +107,7 @@ def _box_from_json(data: object, kind: str, loop: Loop) -> Kept:
 def signals_in_words(loop: Loop, check: Check) -> str:
     """For which signals a proof holds, and in which sense: "for ..."; nothing where there is one
     graph."""
-    if check.id == "schedule":
+    if check.id == "schedule" and loop.guarantee.phases:
         return f"for {loop.guarantee.in_words()}"
     if check.id == "markov":
         kind = str((check.exact or {}).get("kind"))

@@ -40,7 +40,7 @@ from dobc_design.conditions.numbers import (
     text_below,
 )
 from dobc_design.conditions.quadratic import sectors as channels
-from dobc_design.conditions.reason import pins_obstacle, signs_obstacle
+from dobc_design.conditions.reason import fixed_obstacle, signs_obstacle
 from dobc_design.errors import ShapeError
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
 from dobc_design.exact.interval import UndefinedError
@@ -288,7 +288,7 @@ def quadratic_obstacle(loop: Loop, W: Matrix | None) -> str | None:
             "does not apply: there is no observer gain W, and without one the estimation error "
             "is not bounded."
         )
-    if (reason := pins_obstacle(loop) or signs_obstacle(loop)) is not None:
+    if (reason := fixed_obstacle(loop) or signs_obstacle(loop)) is not None:
         return reason
     if loop.slopes_move:
         try:

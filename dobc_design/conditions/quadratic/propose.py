@@ -266,13 +266,14 @@ def _level(P_e: SparseSymmetric, loop: Loop, radius: Fraction) -> Fraction:
     if all(i == j and value == 1 for (i, j), value in P_e.entries.items()):
         return radius * radius / 2
     m = loop.m
-    Y = np.linalg.inv(to_float(P_e.to_dense()))
+    # With a last row and column for the target, whose error is 0.
+    Y = np.pad(np.linalg.inv(to_float(P_e.to_dense())), (0, 1))
     widths = []
     for arcs in loop.modes.values():
         for listener, speaker, _ in arcs:
             for c in range(m):
                 i = listener * m + c
-                j = speaker * m + c
+                j = min(speaker * m + c, loop.size)
                 widths.append(Y[i, i] + Y[j, j] - 2 * Y[i, j])
     return rounded_down(float(radius) ** 2 / float(max(widths)) * (1 - _SHORTFALL), digits=10)
 

@@ -252,7 +252,7 @@ def _template(
                 row=c,
                 column=d,
                 target=i * m + c,
-                plus=j * m + d,
+                plus=min(j * m + d, loop.size),
                 minus=loop.size if alone else i * m + d,
                 curved=curved + 2 * loose,
                 weight=nearest(weight),

@@ -305,7 +305,8 @@ def _channels(
             if low or high:
                 yield Channel(
                     target=listener * m + c,
-                    plus=speaker * m + d,
+                    # Fixed nodes are the target, the row after the last.
+                    plus=min(speaker * m + d, loop.size),
                     # What a node does alone is about its difference to the target.
                     minus=loop.size if alone else listener * m + d,
                     low=low,
@@ -324,7 +325,7 @@ def relied_differences(loop: Loop) -> tuple[tuple[int, int], ...]:
         for listener, speaker, _ in arcs:
             first, last = sorted((listener, speaker))
             for d in used[loop.function_of(listener, speaker)]:
-                found[first * m + d, last * m + d] = None
+                found[first * m + d, min(last * m + d, loop.size)] = None
     if loop.drift_place is not None:
         own = used[loop.functions[loop.drift_place]]
         for i in range(loop.n):

@@ -86,12 +86,15 @@ def cycles_check(claim: Cycles, asked: Region) -> Check:
     domain: Domain = EVERYWHERE
     if claim.rho is not None:
         domain = Box(asked.radius, asked.disturbance)
+    when = "couplings rise, and an agent is heard by all others, directly or through others: "
+    if asked.loop.guarantee.phases:
+        when = f"for {asked.loop.guarantee.in_words()}: "
     check = Check(
         id="schedule",
         verdict=Verdict.PROVED,
         domain=domain,
         rate=rate,
-        reason=f"for {asked.loop.guarantee.in_words()}: every error decays{pace}.",
+        reason=f"{when}every error decays{pace}.",
         claim=claim,
     )
     return check.unless(confirm(check, asked.case), asked.domain)
@@ -114,6 +117,8 @@ def confirm(check: Check, case: Case) -> str | None:
     if isinstance(claim, Cycles):
         wrong = not_as_claimed(check, loop, claim.rate, claim, case.domain)
         return wrong or why_not_cycles(loop, W, claim)
+    if loop.goal == "roots":
+        return "of so many pairs no settling time is looked at"
     if check.rate is not None:
         # Its claim says a time, and nothing of how errors fall before.
         return "a settling time has no rate"

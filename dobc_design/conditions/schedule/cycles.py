@@ -47,7 +47,9 @@ def holds_starts(loop: Loop, claim: Cycles, *, radius: Fraction, disturbance: Fr
 
 def _needs(loop: Loop, W: Matrix | None, claim: Cycles) -> Iterator[Need]:
     """What has to hold, in turn: what is cheap first, and what later needs rely on."""
-    yield bool(loop.guarantee.phases), "there is no guarantee, or only one mode."
+    yield bool(_cycles(loop)), "there is no guarantee of what modes follow."
+    if loop.goal == "roots":
+        yield not claim.phases, "weights of so many pairs are not looked at."
     yield from _fits_the_loop(loop, claim)
     yield from holds_observer(loop, W, claim, claim.rate)
     if claim.phases and claim.rate is not None:
@@ -145,10 +147,17 @@ def cycles_of(phases: Sequence[Phase]) -> list[tuple[str, ...]]:
     return sorted(cycles)
 
 
+def _cycles(loop: Loop) -> Sequence[Texts]:
+    """The same of a loop; one mode alone stays on for ever."""
+    if loop.guarantee.phases:
+        return cycles_of(loop.guarantee.phases)
+    return [tuple(loop.modes)] if len(loop.modes) == 1 else []
+
+
 def unreached_cycles(loop: Loop) -> Iterator[tuple[Texts, Texts]]:
     """Modes of a cycle, or a mode that may stay on for ever, and the labels of the agents that they
     do not reach."""
-    for cycle in cycles_of(loop.guarantee.phases):
+    for cycle in _cycles(loop):
         missed = left_out(loop, cycle)
         if missed:
             yield cycle, missed
@@ -164,7 +173,10 @@ def unreached_in_words(loop: Loop) -> str | None:
             on = f"mode {cycle[0]} is on"
             if len(loop.modes) > 1:
                 ends = " A longest time for it (longest in [switching]) would end that."
-        return f"while {on}, no pin reaches {name_agents(agents)}.{ends}"
+        missed = f"no pin reaches {name_agents(agents)}"
+        if loop.goal == "roots":
+            missed = f"no agent is heard by all others: {name_agents(agents)} are in several groups"
+        return f"while {on}, {missed}.{ends}"
     return None
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import diagonal_of_inverse, differences, verify_lure
 from dobc_design.conditions.quadratic.sectors import relied_differences
-from dobc_design.conditions.reason import Need, first_missing, signs_obstacle
+from dobc_design.conditions.reason import Need, first_missing, fixed_obstacle, signs_obstacle
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.decide import (
     composite_rate,
@@ -243,6 +243,8 @@ def _quadratic_holds(loop: Loop, W: Matrix | None, claim: Descent, own: Lure) ->
     """What a quadratic size asks of a claim."""
     yield own.rate > 0, "its rate must be > 0."
     yield not loop.signed, str(signs_obstacle(loop))
+    obstacle = fixed_obstacle(loop)
+    yield obstacle is None, str(obstacle)
     decision = verify_lure(loop, own)
     yield decision.is_proved, decision.reason
     error = claim.tube.error

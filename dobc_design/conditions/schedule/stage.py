@@ -24,6 +24,7 @@ from dobc_design.conditions.domain import Around
 from dobc_design.conditions.numbers import claimed, decimal_above, rounded_up
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import diagonal_of_inverse
+from dobc_design.conditions.reason import first_missing
 from dobc_design.conditions.schedule import decide, propose, propose_cycles
 from dobc_design.conditions.separable.checks import obstacle
 from dobc_design.conditions.separable.claim import ErrorBound, Separable, acts_by_component
@@ -50,7 +51,7 @@ from .claim import (
     Last,
     Tube,
 )
-from .cycles import holds_starts, unreached_in_words
+from .cycles import holds_starts, rises, unreached_in_words
 from .cycles import why_not as why_not_cycles
 from .propose import Asked
 from .rounds import growth_check
@@ -320,7 +321,9 @@ def settling_stage(
 def schedule_stage(asked: Region, report: Progress) -> list[Check]:
     """The check `schedule`, where [switching] has a guarantee; PROVED or UNDECIDED."""
     loop = asked.loop
-    if not loop.guarantee.phases:
+    # Of one graph the weights of pairs say more, where there are few enough.
+    alone = loop.is_apart and len(loop.modes) == 1
+    if not (loop.guarantee.phases or alone):
         return []
     # What cannot hold is not searched for.
     grows = growth_check(loop, asked.domain)
@@ -350,7 +353,11 @@ def _searched(asked: Region, *, turned: bool) -> Check:
             cut = str(limit)
     if cut is not None:
         return cut_check("schedule", asked.domain, cut)
-    return undecided_check("schedule", asked.domain, _nothing_found(loop, turned=turned))
+    nothing = _nothing_found(loop, turned=turned)
+    if not loop.guarantee.phases:
+        rho = None if loop.is_linear else claimed(asked.radius)
+        nothing = first_missing(rises(loop, rho)) or nothing
+    return undecided_check("schedule", asked.domain, nothing)
 
 
 #: A search of weights for what is asked.
@@ -363,6 +370,8 @@ def _searches(loop: Loop, *, turned: bool) -> tuple[Search, ...]:
         return () if turned else (_bare_cycles,)
     if turned:
         return (_turned_cycles,)
+    if loop.goal == "roots" or not loop.guarantee.phases:
+        return (_bare_cycles,)
     if loop.drift is not None:
         # A couples the components of an agent, so coordinates may help.
         return (_weighted_cycles, _turned_cycles, _bare_cycles)
@@ -383,6 +392,8 @@ def _nothing_found(loop: Loop, *, turned: bool) -> str:
             f"left out, because it takes long with {phases} phases; weights are looked for up "
             f"to {MOST_PHASES}."
         )
+    if not loop.guarantee.phases:
+        return "no proof by the graph is found."
     return f"no weights are found that fall for {loop.guarantee.in_words()}."
 
 

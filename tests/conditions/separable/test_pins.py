@@ -240,6 +240,7 @@ def refusals(loop: Loop) -> dict[str, str | None]:
     away = (Interval(F(1), F(2)),) * loop.n
     claim = Equilibrium(mode="G", box=away)
     return {
+        "quadratic": quadratic_obstacle(loop, None),
         "equilibrium": not_an_equilibrium(loop, claim),
         "accuracy": accuracy_obstacle(loop, None),
         "margins": why_not_local(loop),
@@ -247,22 +248,14 @@ def refusals(loop: Loop) -> dict[str, str | None]:
     }
 
 
-def test_topics_that_do_not_know_fixed_nodes_say_so():
-    """Lur'e certificates know a pin by its gain; others know it as an arc to the target."""
-    gains = {1: 1, 2: 1, 3: 1}
-    problem = cycle(3, h="y", gains=gains)
-    usual = loop_of(problem)
-    told = (
-        "does not apply: it is for pins that are linear, and the same in every mode. What would "
-        "help: a gain in every mode, in pinning.gains."
-    )
-    other = pinned_by(usual, {1: "tanh(y)"})
-    assert quadratic_obstacle(other, None) == told
-    assert quadratic_obstacle(usual, None) is None
-    assert told not in refusals(other).values()
-    # where agents agree, nodes that are fixed are no target
-    pairs = replace(other, goal="differences")
-    assert set(refusals(pairs).values()) == {told.partition(" What")[0]}
+def test_topics_take_arcs_to_the_target_and_to_no_other_fixed_node():
+    """Where agents agree, nodes that are fixed are no target."""
+    problem = cycle(3, h="y", gains={1: 1, 2: 1, 3: 1})
+    target = pinned_by(loop_of(problem), {1: "tanh(y)"})
+    told = "does not apply: it is for pins that are linear, and the same in every mode."
+    assert told not in refusals(target).values()
+    pairs = replace(target, goal="differences")
+    assert set(refusals(pairs).values()) == {told}
 
 
 def test_topics_at_the_consensus_take_a_curved_pin_by_its_slope_there():

@@ -51,6 +51,12 @@ LOOSE = Network.from_arcs(
     arrow="listens_to",
     agents=3,
 )
+AT_TIMES = Network.from_arcs(
+    {"G": [[1, 2], [2, 1], [2, 3], [3, 1]]},
+    optional={"G": [[1, 3]]},
+    arrow="listens_to",
+    agents=3,
+)
 WATCHED: Document = {"exosystem": scalar(0), "observer": Observer(W=[[2]])}  # A - W C = -2
 IN_TURN: Document = {"guarantee": "sequence", "dwell": 3}
 
@@ -84,6 +90,10 @@ def _settings() -> dict[str, Document]:
     made["all, two functions"] = {"network": ALL} | slower
     made["all, loose"] = {"network": LOOSE}
     made["all, heavier"] = {"network": network([[1, 3], [2, 3, 2], [3, 1]])}
+    made["all, a little heavier"] = {"network": network([[1, 3], [2, 3, "3/2"], [3, 1]], agents=3)}
+    made["all, rising"] = {"network": ALL} | wide
+    made["heard at times"] = {"network": AT_TIMES}
+    made["pair, rising"] = pair | {"coupling": RISING} | between(-1, 1)
     made["chain"] = {"network": CHAIN}
     made["chain, tanh"] = {"network": CHAIN} | wide
     made["chain, watched"] = {"network": CHAIN} | WATCHED
@@ -95,6 +105,7 @@ def _settings() -> dict[str, Document]:
     made["unstable, elsewhere"] = pair | {"coupling": "-y"} | between(2, 3)
     made["unstable, one point"] = pair | {"coupling": "-y"} | between(2, 2)
     made["moving"] = pair | {"coupling": "3*y"} | by_itself(1)
+    made["moving, ring"] = {"network": RING, "coupling": "3*y"} | by_itself(1)
     made["moving, led"] = {"network": CHAIN, "coupling": "3*y"} | by_itself(1)
     made["still"] = pair | by_itself(-1)
     made["alone, falling"] = alone | by_itself(-1)
@@ -148,7 +159,7 @@ _each_wrong = _FORGER.each_wrong
 
 
 def rows(
-    rate: Any, v: str, factor: int = 1, domain: Any = GLOBAL, rho: str | None = None, **more: Any
+    rate: Any, v: str, factor: float = 1, domain: Any = GLOBAL, rho: str | None = None, **more: Any
 ) -> Document:
     """A max-separable whose alpha is its rate."""
     exact = weights(v, str(rate), rho, **more)
@@ -226,6 +237,9 @@ def _bent_rows() -> Iterator[Case]:
     yield from _each_wrong("ring", RINGED, v=[vector("1 1 1"), vector("1 1 1 1 1")])
     yield _wrong("ring, rising", CURVED, alpha="1.4324", rate=1.4324)
     yield _wrong("ring, rising", CURVED, domain=box(2.1), rho="2.1")
+    # (2, 1) hears (3, 1), and (1, 2) hears (1, 3)
+    for v in ("1 1 1 1 2 1", "1 2 1 1 1 1"):
+        yield _wrong("ring", RINGED, v=vector(v), factor=2)
     # not the whole region
     yield _wrong("ring, wider", CURVED)
     sines = rows(0.66, ONES, domain=box(1.5), rho="1.5")
@@ -244,13 +258,35 @@ def _bent_rows() -> Iterator[Case]:
 def _bent_shares() -> Iterator[Case]:
     """What both hear of the third is w (x_3 - x_1) - w (x_3 - x_2) = -w (x_1 - x_2)."""
     yield _fails("all", "more than matched", full(3.001))
+    # What is shared counts whatever the weights are.
+    yield _holds("all", "uneven", rows(3, "1 2 2 2 2 2", 2))
     yield _holds("all, uncertain", "apart", full(2), **OPEN)
     yield _fails("all, uncertain", "matched", full(2.001), **OPEN)
     # Agents 1 and 2 hear each other always and agent 3 at times: the latter is not matched.
     for name in ("all, two functions", "all, loose"):
         yield _holds(name, "apart", full(2))
         yield _fails(name, "matched", full(2.001))
+    # 2 tanh(2)/2 = 0.964, and not 3 of them
+    once = rows(0.96, ONES, domain=box(2), rho="2")
+    yield _holds("all, rising", "apart", once)
+    yield _wrong("all, rising", once, "matched", alpha="1.2", rate=1.2)
+    # Pair (1, 2) falls at 2, less v_32 - v_12 while agent 1 hears agent 3, and less v_13 - v_12.
+    at_times = rows(0.8, "1 1 1 6/5 1 6/5", factor=1.2)
+    yield _holds("heard at times", "rows", at_times)
+    low = vector("1/2 1 1/2 6/5 1 6/5")
+    yield _wrong("heard at times", at_times, "an arc is forgotten", v=low, factor=2.4)
+    # h(-s) + h*(-s) = h(-s) - h(s): -(2 s + 2 sinh s), 4 s at least.
+    both = rows(3.99, "1 1", domain=box(2), rho="2")
+    yield _holds("pair, rising", "rows", both)
+    yield _wrong("pair, rising", both, alpha="4.01", rate=4.01)
     # Of the weights 1 and 2 the lesser is shared: pairs (1, 2) and (2, 1) have 1, and 1 is left.
+    large = rows(2, "2 1 2 1 1 1", 2)
+    yield _holds("all, loose", "uneven", large)
+    yield _wrong("all, loose", large, alpha="2.5", rate=2.5)
+    # 1/2 is left of 3/2: v_12 falls at 1, less (v_13 - v_12)/2.
+    half_left = rows(0.5, "1 2 1 1 2 1", 2)
+    yield _holds("all, a little heavier", "rows", half_left)
+    yield _wrong("all, a little heavier", half_left, alpha="0.6", rate=0.6)
     yield _holds("all, heavier", "rows", full(1))
     yield _fails("all, heavier", "too fast", full(1.001))
 
@@ -291,6 +327,10 @@ def _about_a_target(id: str) -> Case:
 def _bent_dynamics() -> Iterator[Case]:
     for rate in (5.001, 6):
         yield _fails("moving", f"at {rate}", rows(rate, "1 1"))
+    # Of the first three pairs -2.25 and more, of the last ones -1.7, -2 and -1.4.
+    uneven = rows(1.4, "6/5 11/10 11/10 1 1 1", 1.2)
+    yield _holds("moving, ring", "rows", uneven)
+    yield _wrong("moving, ring", uneven, alpha="2", rate=2)
     led = rows(0.501, "1 2", 2)
     yield _fails("moving, led", "too fast", led)
     falling = rows(1.001, "1 1")

@@ -46,6 +46,7 @@ SQUARINGS = 3  # lambda_max(P) <= the 8th root of tr P^8
 #: Rooms are rounded down, and count for errors of estimates that are a little larger than asked.
 UNIT = 10**9
 MORE = 1 + Fraction(1, 10**6)
+IN_HAND = 1 + Fraction(1, 10**9)  # for a second program that rounds roots otherwise
 FIXED = ("target of saturated pins",)
 _ZERO = Fraction(0)
 
@@ -79,7 +80,7 @@ def rooms_of(loop: Loop, W: Matrix | None) -> Rooms | str:
         if limit is not None:
             # Agents outside all groups have no disturbance, and no estimate of one.
             error = errors[numbers[agent]] if numbers[agent] < len(errors) else _ZERO
-            needed = disturbances[agent] + error
+            needed = (disturbances[agent] + error) * IN_HAND
             compensation[agent] = needed
             room[agent] = Fraction((limit - needed) * UNIT // 1, UNIT)
     return Rooms(compensation=compensation, room=room)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from networks import around, network_of
+from published import saturating
 from scipy.linalg import expm
 
 import dobc_design as dd
@@ -189,6 +190,40 @@ def test_the_report_says_what_the_compensation_takes_of_the_limit():
     assert plant_numbers(certificate) == ["largest |d̂| ≤ 1.001 (agent 1)"]
     text = render_report(certificate)["report.html"].decode("utf-8")
     assert "the compensation of the disturbance never takes more of a limit than this" in text
+
+
+def test_both_programs_agree_where_all_roots_are_exact():
+    """|d| = 1/2 and |C eps| = 1/2 exactly: one program rounds roots up, the other leaves them."""
+    problem = saturating()
+    certificate = dd.certify(problem)
+    assert certificate.verdict is PROVED
+    assert 0.23 < certificate.rate < 0.25
+    assert not refusals(certificate.claims, problem)
+
+
+def test_one_pinned_agent_of_five_that_all_hear_each_other_holds_them():
+    """Limit 5, of which the compensation takes 2: from |e| <= 70 five agents share the pull of one,
+    so that no rate is above 3/(5 70) = 0.00857 while they move together."""
+    arcs = [(1, 2), (1, 3), (1, 4), (2, 1), (2, 4), (2, 5), (3, 1), (3, 5), (4, 1), (4, 2)]
+    arcs += [(4, 5), (5, 2), (5, 3), (5, 4)]
+    problem = dd.Problem(
+        network=network_of(arcs, 5),
+        target=10,
+        coupling="20*y",
+        gains={1: 1},
+        exosystem=dd.Exosystem([[0]], [[1]]),
+        actuators={"limit": 5, "amplitude": 1, "saturates": True},
+        region={"initial_states": [-60, 40], "initial_disturbance": 1},
+    )
+    certificate = dd.certify(problem)
+    assert certificate.verdict is PROVED
+    assert 0.008 < certificate.rate < 3 / 350
+    assert not refusals(certificate.claims, problem)
+
+
+def test_limits_of_agents_with_dynamics_name_the_run_that_shows_them():
+    with pytest.raises(SpecError, match="dobc stress FILE --saturation"):
+        ring(1, dynamics=dd.Dynamics(A=[[-1]], B=[[1]]))
 
 
 # --- Forgeries

@@ -113,6 +113,20 @@ def path_between_leaders() -> Problem:
     return Problem(network=network, coupling="y", goal="containment", fixed=fixed)
 
 
+def saturating() -> Problem:
+    """Seven agents with constant disturbances and inputs that saturate: |d| and |C eps| take 1/2
+    each of the limit 2, so that 1 is left; from |e| <= 4 nothing is faster than min(2, 1/4)."""
+    return Problem(
+        network=ring(7),
+        coupling="exp(y) - 1 + y",
+        gains=2,
+        exosystem=exosystems.constant(),
+        observer=Observer(W=[[2]]),
+        actuators={"limit": 2, "amplitude": "1/2", "saturates": True},
+        region={"initial_states": [-4, 4], "initial_disturbance": "1/2"},
+    )
+
+
 #: The influences that Friedkin and Johnsen measured in a group of four, and its first opinions.
 INFLUENCES = ((220, 120, 360, 300), (147, 215, 344, 294), (0, 0, 1000, 0), (90, 178, 446, 286))
 FIRST = (25, 25, 75, 85)
@@ -212,6 +226,8 @@ def _published() -> Iterator[Published]:
         "antagonists in a ring, signs balance", "agree up to signs", lambda: signed_ring(True)
     )
     yield Published("the same, one pair less", "all go to 0", lambda: signed_ring(False))
+    # arXiv 1709.00951
+    yield Published("inputs that saturate, constant disturbances", "rate at most 1/4", saturating)
     # built-in `paper-fixed`
     yield Published("Example 1 of the paper", "agree, no rate", lambda: load_problem("paper-fixed"))
 

@@ -165,7 +165,7 @@ TOPICS: Mapping[str, Topic] = {
     ),
     "quadratic": Topic(confirm=quadratic.confirm, read=quadratic.read_claim),
     "schedule": Topic(confirm=schedule.confirm, read=schedule.read_claim, of_roots=True),
-    "graphs": Topic(confirm=graphs.confirm, read=graphs_claimed.read_claim),
+    "graphs": Topic(confirm=graphs.confirm, read=graphs_claimed.read_claim, of_roots=True),
     "accuracy": Topic(confirm=accuracy.confirm, read=accuracy.read_claim),
     "equilibrium": Topic(confirm=equilibrium.confirm, read=equilibrium.read_claim),
 }

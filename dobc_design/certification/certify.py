@@ -102,6 +102,8 @@ STAGES: tuple[Stage, ...] = (
     schedule_stage,
     markov_stage,
 )
+#: Of these where there are too many pairs for rows.
+BY_GRAPHS = STAGES[-2:]
 
 
 @shows_progress
@@ -396,11 +398,11 @@ def region_checks(case: Case, *, everything: bool, report: Progress, rate: float
         known = known or case.domain != EVERYWHERE
     # The others are about errors from one target.
     stages = STAGES[:1] if loop.gap else STAGES
-    if loop.goal == "roots":
-        stages = (schedule_stage,)
     if known and not everything:
         # What the tables of the file ask may still rest on the box that the first stage finds.
         stages = STAGES[:1] if is_asked(asked) else ()
+    if loop.goal == "roots":
+        stages = () if known else BY_GRAPHS
     found = _in_turn(asked, stages, report)
     if loop.gap or loop.goal == "roots":
         return found
@@ -420,7 +422,7 @@ def _near_the_target(asked: Asked, report: Progress) -> list[Check]:
     dynamics, where no check at the target itself does."""
     asked = replace(asked, radius=NEAR, disturbance=0.0 if asked.W is None else NEAR)
     if asked.loop.goal == "roots":
-        return schedule_stage(asked, report)
+        return _in_turn(asked, BY_GRAPHS, report)
     found = separable_stage(asked, report)
     if not covering(asked.loop, found) and not asked.loop.gap:
         found += schedule_stage(asked, report) + markov_stage(asked, report)

@@ -45,7 +45,7 @@ REGIONAL: dict[str, Decider] = {
 # of these the claims themselves say for which couplings they hold
 OF_ANY_COUPLING = ("max-separable", "lure", "equilibrium", "markov", "accuracy", "schedule")
 # of these the claims hold for differences of agents as well
-OF_DIFFERENCES = ("max-separable", "sampling", "schedule", "settling")
+OF_DIFFERENCES = ("max-separable", "sampling", "schedule", "settling", "markov")
 # of these the claims know arcs to fixed nodes
 OF_FIXED = ("max-separable", "delay", "sampling", "schedule", "settling")
 # of these where the fixed nodes are the target
@@ -191,7 +191,11 @@ def regional(agents: Case, check: Any) -> Any:
     need(case.q == 0 or case.W is not None, "there is no observer gain")
     need(check.id in OF_ANY_COUPLING or case.single, "a coupling is a list, or nodes are curved")
     need(case.own is None or check.id not in ("equilibrium", "markov"), "nodes are curved")
-    known = not case.fixed or check.id in (OF_TARGET if to_target(case) else OF_FIXED)
+    known = (
+        not case.fixed
+        or case.differences
+        or check.id in (OF_TARGET if to_target(case) else OF_FIXED)
+    )
     need(known, "pins of single modes are not known to it")
     need(not case.gap or check.id in OF_GAPS, "it is about one target")
     if saturates(agents):
@@ -202,7 +206,7 @@ def regional(agents: Case, check: Any) -> Any:
     # delay: a late state and one of now make no difference that is followed
     of_agents = not case.differences or check.id in OF_DIFFERENCES
     need(of_agents, "differences of agents are not known to it")
-    counted = not case.agrees or check.id == "schedule"
+    counted = not case.agrees or check.id in ("schedule", "markov")
     need(counted, "of so many agents the pairs are not looked at")
     rows = check.id == "max-separable" or (
         check.verdict == "proved" and check.id in (*OF_SIGNS, "schedule")

@@ -73,6 +73,8 @@ def markov(case: Case, check: Any) -> Any:
     some stay as they are in modes that are never left."""
     chain = case.guarantee.chain
     last = absorbing(case)
+    surely = check.verdict == "proved" and an_object(check.exact).get("kind") == "almost sure"
+    need(surely or not case.differences, "means of differences are not known to it")
     if check.verdict == "refuted":
         lost(case, check, last)
         return None

@@ -160,6 +160,44 @@ def test_many_agents_agree_under_graphs_in_turn():
     assert verify(certificate, problem).holds
 
 
+def drawn(generator, modes, *, agents, **more):
+    """The modes drawn by a Markov chain."""
+    signal = Switching(guarantee="markov", signal="markov", generator=generator)
+    return agreeing(modes, agents=agents, switching=signal, **more)
+
+
+LEAVES_BOTH, STAYS_IN_B = [[-1, 1], [1, -1]], [[-1, 1], [0, 0]]
+APART = {"A": [[2, 1]], "B": [[3, 2], [1, 3]]}
+
+
+@pytest.mark.parametrize("coupling", ["y", RISING])
+def test_graphs_drawn_again_and_again_lead_to_agreement_if_their_union_has_a_root(coupling):
+    """Neither graph has a root; the chain visits both for ever (theory, section 11)."""
+    more = {} if coupling == "y" else {"region": REGION}
+    problem = drawn(LEAVES_BOTH, APART, agents=3, coupling=coupling, **more)
+    certificate = certify(problem)
+    assert certificate.covered_by == "markov"
+    assert verify(certificate, problem).holds
+
+
+def test_a_chain_that_stays_in_a_graph_without_a_root_is_refuted():
+    """Nobody else is heard by agents 1 and 2 in mode B, which the chain never leaves."""
+    modes = {"A": [[2, 1], [1, 3]], "B": [[3, 2]]}
+    problem = drawn(STAYS_IN_B, modes, agents=3, coupling="y")
+    certificate = certify(problem)
+    assert certificate.verdict is Verdict.REFUTED
+    assert verify(certificate, problem).holds
+
+
+def test_many_agents_agree_under_graphs_that_are_drawn():
+    (arcs,) = rooted(MANY).values()
+    modes = {"even": [a for a in arcs if a[0] % 2 == 0], "odd": [a for a in arcs if a[0] % 2]}
+    problem = drawn(LEAVES_BOTH, modes, agents=MANY, coupling=RISING, region=REGION)
+    certificate = certify(problem)
+    assert certificate.covered_by == "markov"
+    assert verify(certificate, problem).holds
+
+
 def test_the_work_of_the_second_program_is_counted_in_pairs():
     """Each arc is one of n - 1 pairs twice: once for either side."""
     n = 12

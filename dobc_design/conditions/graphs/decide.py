@@ -66,7 +66,9 @@ def why_not(loop: Loop, W: Matrix | None, claim: Kept) -> str | None:
 
 def _needs(loop: Loop, W: Matrix | None, claim: Kept) -> Iterator[Need]:
     """What has to hold, in turn: what is cheap first, and what later needs rely on."""
-    reason = fixed_obstacle(loop)
+    # Where agents agree, roots of the graphs that recur decide; means and one target do not apply.
+    by_roots = loop.is_apart and claim.kind == SURE and claim.box is not None
+    reason = None if by_roots else fixed_obstacle(loop)
     yield reason is None, str(reason)
     if claim.kind:
         yield not loop.signed, str(signs_obstacle(loop))
@@ -164,7 +166,7 @@ def _square(loop: Loop, claim: Kept, generator: Matrix, rate: Fraction) -> Itera
 def apart_check(loop: Loop, domain: Domain) -> Check | None:
     """REFUTED, with the agents that hear no pin in modes that the chain never leaves; None if there
     are none."""
-    for modes in () if loop.signed else absorbing(loop):
+    for modes in () if loop.signed or loop.is_apart else absorbing(loop):
         arcs = [loop.modes[mode] for mode in modes]
         labels = tuple(loop.labels[i] for i in unreached(loop, arcs))
         if not labels:

@@ -154,7 +154,7 @@ def _pace_in_words(loop: Loop, claim: Kept, loose: list[str]) -> str:
 def _random(asked: Asked) -> Check:
     loop = asked.loop
     signal = "for the Markov signal, whatever its first mode, every error decays"
-    claim = _linear_claim(asked)
+    claim = None if loop.is_apart else _linear_claim(asked)
     if claim is not None:
         pace = f"at least like exp(-{text_below(claim.rate or 0)} t)"
         return _check("markov", asked, claim, f"{signal} {HOW[claim.kind]}, {pace}.")

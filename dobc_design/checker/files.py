@@ -159,7 +159,7 @@ class Problem:
         need(goal != "containment" or given, "there is no fixed node to end between")
         if not given:
             return
-        alone = goal != "agreement" and self.dynamics is None
+        alone = goal != "agreement" and self.dynamics is None and stated.negative is None
         need(alone, "fixed nodes are known for a target, or to end between, without dynamics")
         if goal is None:
             rests = [[x, x] for x in stated.target]

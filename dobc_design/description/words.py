@@ -295,6 +295,8 @@ def facts(problem: Problem) -> Document:
         found["groups"] = [list(group.agents) for group in problem.groups]
     if problem.undisturbed:
         found["undisturbed"] = list(problem.undisturbed)
+    if problem.fixed:
+        found["fixed"] = list(problem.fixed)
     found["pinned"] = [labels[i] for i in problem.pinning.agents]
     if problem.pinning.modes:
         own = problem.pinning.modes.items()

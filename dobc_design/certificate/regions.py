@@ -266,7 +266,7 @@ def _asked(loop: Loop) -> Asked | None:
     square = sum((r * r for r in reach), Fraction(0))
     length = root_above(loop.n * square, unit=_UNIT)
     interval: tuple[float, float] | None = None
-    if loop.m == 1 and not loop.goals.moves:
+    if loop.m == 1 and not loop.goals.moves and not loop.gap:
         low, high = loop.starts.states[0]
         interval = _nearest(low), _nearest(high)
     return Asked(
@@ -390,9 +390,10 @@ def _agents(loop: Loop, check: Check) -> tuple[AgentBound, ...]:
     # What estimation errors may take of V is not there for |e_i| <= room v_i.
     room = claim.rho - error_share(claim, claimed(domain.disturbance), unit=_UNIT)
     radius = float(domain.radius)
-    # Goals of several components, or that move with a leader, are no single number.
+    # Goals of several components, that move with a leader, or between fixed nodes, are no single
+    # number.
     pinned = tied(loop) | set(loop.pulls.nodes)
-    has_goals = loop.m == 1 and not loop.goals.moves
+    has_goals = loop.m == 1 and not loop.goals.moves and not loop.gap
     found: list[AgentBound] = []
     for agent, (label, weight) in enumerate(zip(loop.labels, claim.v, strict=True)):
         goal = _nearest(loop.goals.of(agent)[0]) if has_goals else None

@@ -301,3 +301,12 @@ def test_three_thousand_agents_between_two_leaders_are_proved():
         contained(arcs, "tanh(y)", agents=n, region={"initial_states": [-1, 5]})
     )
     assert certificate.verdict is Verdict.PROVED
+
+
+def test_certified_starts_are_distances_and_no_states():
+    """From [-3, 8] between 0 and 5 the distance is at most 3, which is no state."""
+    problem = contained(coupling="tanh(y)", b=5, region={"initial_states": [-3, 8]})
+    regions = dd.certify(problem).regions
+    assert regions.asked.box == 3
+    assert regions.asked.interval is None
+    assert all(agent.goal is None and agent.bound >= 3 for agent in regions.agents)

@@ -310,3 +310,49 @@ def test_old_problems_keep_their_text():
     assert problem_from_canonical(canonical_bytes(problem)) == problem
     again = read_problem_text(problem_text(problem).encode(), folder=None)
     assert canonical_bytes(again) == canonical_bytes(problem)
+
+
+@pytest.fixture(scope="module")
+def settled() -> tuple[dd.Problem, dict[str, Any]]:
+    """Unbalanced signs with a pin, a region and a settling time, and what its certificate says."""
+    arcs = [[1, 2, -1], [2, 1, -1], [2, 3, 1], [3, 2, 1], [1, 3, 1]]
+    region = {"initial_states": [-1, 1]}
+    problem = signed(arcs, 3, coupling="tanh(y)", gains={1: 2}, region=region)
+    certificate = dd.certify(problem, everything=True, settling="0.01")
+    return problem, json.loads(certificate_bytes(certificate.claims))
+
+
+def forged(found: tuple[dd.Problem, dict[str, Any]], change: Any) -> list[str]:
+    """What the second program says of a changed certificate; the first has to refuse it as well."""
+    problem, claims = found
+    other = json.loads(json.dumps(claims))
+    change({each["id"]: each for each in other["checks"]})
+    data = json.dumps(other).encode()
+    assert not dd.verify(data, problem).holds
+    said = examine(data, canonical_bytes(problem))
+    return [words for holds, words in said if not holds]
+
+
+def test_unlike_faces_of_a_tube_are_refused_where_agents_oppose_others(settled: Any):
+    def change(checks: Any) -> None:
+        tube = checks["settling"]["exact"]["tube"]
+        tube["upper"] = [[f"{x}" for x in face] for face in tube["upper"]]
+        tube["upper"][0][0] = "2"
+
+    assert any("faces are not alike" in words for words in forged(settled, change))
+
+
+def test_a_form_of_rows_without_signs_is_refused_where_agents_oppose_others(settled: Any):
+    def change(checks: Any) -> None:
+        checks["lure"] |= {"verdict": "proved", "rate": 0.1, "exact": {}}
+        checks["lure"]["domain"] = checks["max-separable"]["domain"]
+
+    assert any("fit no two sides" in words for words in forged(settled, change))
+
+
+def test_a_refutation_by_rows_without_signs_is_refused(settled: Any):
+    def change(checks: Any) -> None:
+        checks["reachability"]["verdict"] = "refuted"
+        checks["reachability"]["witness"] = {"kind": "agents", "labels": ["2", "3"]}
+
+    assert any("it is proved here" in words for words in forged(settled, change))

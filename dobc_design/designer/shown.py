@@ -63,9 +63,11 @@ def shown(certificate: Certificate, times: Sequence[float], radius: Fraction) ->
 
 
 def limit_words(problem: Problem) -> str:
-    """The limit of inputs that the file states; "" without one."""
+    """The limit of inputs that the file states; "" without one, and where inputs saturate, which
+    the verdict says."""
     loop = loop_of(problem)
-    return table_words(loop, LIMIT) if stated_in(loop).limit else ""
+    asks = stated_in(loop).limit and not loop.saturates
+    return table_words(loop, LIMIT) if asks else ""
 
 
 def _limit_state(certificate: Certificate) -> Document | None:

@@ -86,7 +86,7 @@ class Agreed:
                 more = ", ..." if len(pi) > SHOWN else ""
                 mean = f"the mean of the starts with the weights {', '.join(some)}{more}"
             moved = ", plus what the estimation error adds" if self.shifts else ""
-            told.append(f"The value they agree on is {mean}{moved}")
+            told.append(f"{'It' if told else 'The value they agree on'} is {mean}{moved}")
         return "".join(f" {each}." for each in told).strip()
 
     def reached(self, x0: ArrayLike, eps0: ArrayLike | None = None) -> NDArray[np.float64]:

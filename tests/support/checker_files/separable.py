@@ -8,7 +8,7 @@ replaced by ours.
 import hashlib
 import json
 from collections.abc import Iterator
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import mpmath
@@ -140,6 +140,12 @@ def _settings() -> dict[str, Document]:
     found["matrix"] = given("tanh(y)", gains=crossed, **planar)
     found["linear matrix"] = given("y", gains=crossed, **planar)
     found["cubic"] = given(cubic, region=asked("0.49"))
+    # An arc of both signs: no two sides fit.
+    turned = {"A": [[2, 1]], "B": [[2, 1, -1]]}
+    signed = partial(Network.from_arcs, arrow="listens_to", agents=2, negative="opposes")
+    found["signed line"] = given("y", gains={1: 1}, network=signed(turned))
+    both_ways = {mode: [[1, 2], *arcs] for mode, arcs in turned.items()}
+    found["signed cubic"] = given(cubic, network=signed(both_ways), region=asked("0.49"))
     another = {(1, 0): "2*y"}
     found["two kinds"] = given(cubic, exceptions=another, region=asked("0.24"))
     unused = {(0, 1): "y", (1, 0): "y"}

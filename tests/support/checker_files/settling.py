@@ -211,8 +211,15 @@ def _bent_tubes() -> Iterator[Case]:
     outside = settling(box(1), "9", "1", tube("0 1/2", "1 1; 1 1"), kept)
     yield _fails("log", "a box that leaves the domain of h", outside)
 
+    # Rows do not see signs, where both faces are alike.
+    yield _holds("signed line", "of both signs", LINE)
+    unlike = moved(LINE, 1, 1, "1.002", "upper")
+    yield _holds("line", "faces that differ", unlike)
+    yield _fails("signed line", "faces that differ, of both signs", unlike)
+
 
 def _bent_lasts() -> Iterator[Case]:
+    yield _fails("signed cubic", "a form of rows without signs", CUBIC)
     yield _wrong("line", LINE, time="5.372")
     yield _wrong("line", LINE, tolerance="0.09999")
     yield _wrong("line", LINE, level="0.4449")

@@ -6,6 +6,7 @@ from collections.abc import Callable
 import pytest
 from checker_files.accuracy import accuracy_cases
 from checker_files.agreement import agreement_cases
+from checker_files.containment import containment_cases
 from checker_files.dynamics import dynamics_cases
 from checker_files.files import (
     FAILS,
@@ -41,6 +42,7 @@ COUNTS: dict[Callable[[], list[Case]], tuple[int, int, int]] = {
     margins_cases: (1, 1, 0),
     dynamics_cases: (20, 55, 20),
     agreement_cases: (29, 50, 7),
+    containment_cases: (6, 9, 15),
 }
 
 

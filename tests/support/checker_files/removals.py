@@ -5,6 +5,7 @@ from functools import cache
 
 from checker_files.accuracy import accuracy_cases
 from checker_files.agreement import agreement_cases
+from checker_files.containment import containment_cases
 from checker_files.dynamics import dynamics_cases
 from checker_files.files import FAILS, HOLDS, UNREADABLE, Case, cases
 from checker_files.graphs import graphs_cases
@@ -30,10 +31,11 @@ EVERY = (
     graphs_cases,
     dynamics_cases,
     agreement_cases,
+    containment_cases,
 )
 #: The cases to try first.
 FIRST: dict[str, tuple[Callable[[], list[Case]], ...]] = {}
-FIRST["files"] = dynamics_cases, agreement_cases
+FIRST["files"] = dynamics_cases, agreement_cases, containment_cases
 FIRST["pairs"] = (agreement_cases,)
 FIRST["loop"] = (dynamics_cases,)
 FIRST["guarantee"] = cycles_cases, graphs_cases
@@ -45,7 +47,7 @@ FIRST["quadratic"] = (quadratic_cases,)
 FIRST["schedule"] = tube_cases, cycles_cases
 FIRST["cycles"] = (cycles_cases,)
 FIRST["graphs"] = (graphs_cases,)
-FIRST["coordinates"] = dynamics_cases, region_cases
+FIRST["coordinates"] = dynamics_cases, region_cases, containment_cases
 FIRST["verdict"] = dynamics_cases, cases, agreement_cases
 FIRST["examine"] = dynamics_cases, cases
 #: Removals that no case can notice, each with the reason.

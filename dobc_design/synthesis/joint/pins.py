@@ -24,6 +24,7 @@ LOOKED_AT = ((60, 60), (400, 12), (10**9, 3))
 CLOSER = 4  # of these compared by the rows of the region
 EXCHANGES = 120  # quick comparisons spent on exchanges of the first set
 ONE_BY_ONE = 4  # pins more than needed that are tried one by one; then twice as many each time
+FEW = 20  # agents of a network in which sets are compared
 COMPARED = 2600  # agents times sets of one size that are all looked at
 CLOSEST, PROGRAMS = 8, 20  # of these compared by so many linear programs
 DECISIVE = 1.02  # rates that are closer than this do not decide
@@ -59,20 +60,21 @@ class PinSets:
             yield tuple(sorted(chosen))
 
     def best(self, least: int, most: int, rate: float | None) -> Iterator[tuple[int, ...]]:
-        """Sets of ``least`` to ``most`` agents, few first: of each size those that reach the
+        """Sets of ``least`` to ``most`` agents, few first: of each size the best that reach the
         ``rate`` (1/s), the cheapest first (None: the fastest first); growing ones where there are
         too many."""
         n = self.search.problem.n
         most = min(most, len(self.allowed))
         size = max(least, len(self.structure.agents))
-        while size <= most and comb(len(self.allowed), size) * n <= COMPARED:
+        while n <= FEW and size <= most and comb(len(self.allowed), size) * n <= COMPARED:
             yield from self._ranked(size, rate)
             size += 1
         if size <= most:
             yield from (each for each in self.growing(most) if len(each) >= size)
 
     def _ranked(self, size: int, rate: float | None) -> list[tuple[int, ...]]:
-        """All sets of a size that reach the rate; the best few are compared more closely."""
+        """The best few of all sets of a size that reach the rate: where these do not do, others
+        hardly do."""
 
         def value(agents: tuple[int, ...], programs: int) -> tuple[float, float, tuple[int, ...]]:
             if rate is None:
@@ -85,7 +87,7 @@ class PinSets:
         every = sorted(value(agents, 0) for agents in combinations(sorted(self.allowed), size))
         possible = [agents for worth, _, agents in every if worth < inf]
         best = sorted(value(agents, PROGRAMS) for agents in possible[:CLOSEST])
-        return [*(agents for _, _, agents in best), *possible[CLOSEST:]]
+        return [agents for _, _, agents in best[:CLOSER]]
 
     def _quick(self, agents: frozenset[int]) -> float:
         """The fastest rate near the consensus, by the slowest direction."""

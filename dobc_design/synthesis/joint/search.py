@@ -54,7 +54,7 @@ from .claim import (
     RegionPrices,
     total_gain,
 )
-from .pins import DECISIVE, PinSets
+from .pins import DECISIVE, FEW, PinSets
 
 NEARLY = 0.98  # of the rate that is aimed at: a proof with less is looked for again
 # of the fastest rate, where the one asked for cannot be had; more takes very large gains
@@ -66,8 +66,9 @@ MARGIN = 3  # how much faster than the rate asked the observer is to be
 PADS = (Fraction(1005, 1000), Fraction(102, 100), Fraction(11, 10), Fraction(3, 2))
 # of the largest slope: a rate that every network which can do at all can do
 START = Fraction(1, 10**6)
-# percent of gain for one percent of rate: beyond, one more pin saves very large gains
-STEEP = 10
+# beyond, one more pin saves very large gains: percent of gain for one percent of rate, and in large
+# networks, where a proof takes long, a part of the fastest rate
+STEEP, COMFORT = 10, 0.75
 # parts of the fastest rate near the consensus, where rows do not apply
 FALLBACKS = (Fraction(1, 2), Fraction(9, 10))
 HALF = Fraction(1, 2)  # of the fastest rate: what is aimed at where none is asked for
@@ -511,7 +512,8 @@ def of_region(ground: Ground) -> Iterator[Proposal]:
     # As fast as possible: all pins that are allowed, of which the cheapest gains leave out some.
     if ground.part > HALF:
         fewest = min(most, len(request.allowed))
-    sets = PinSets(structure=ground.structure, allowed=request.allowed, search=search_with(None))
+    first = None if problem.n <= FEW else next(ground.every_observer())
+    sets = PinSets(structure=ground.structure, allowed=request.allowed, search=search_with(first))
     rate = None if request.rate is None else float(request.rate)
     # Few pins come first: a set is left when no observer makes it do.
     for pinned in sets.best(fewest, most, rate):
@@ -603,7 +605,9 @@ def _over_region(
     target = float(ground.part) * fastest if rate is None else rate
     most = min(request.pins or ground.problem.n, len(request.allowed))
     may_grow = rate is not None and len(pinned) < most
-    if not 0 < target < fastest:
+    is_large = ground.problem.n > FEW
+    comfort = COMFORT if may_grow and is_large else 1.0
+    if not 0 < target < fastest * comfort:
         return
     # Rounded v and gains may prove a little less than they are meant for.
     for pad in PADS:
@@ -611,7 +615,7 @@ def _over_region(
         if found is None:
             return
         prices = _region_prices(ground, found)
-        if may_grow and prices is not None and prices.share > STEEP:
+        if may_grow and not is_large and prices is not None and prices.share > STEEP:
             return
         yield Proposal(
             observer=observer,

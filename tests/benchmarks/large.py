@@ -189,6 +189,41 @@ def size_bars() -> Iterator[dict[str, Any]]:
     }
 
 
+def agreement_bars(size: int = SIZE) -> Iterator[dict[str, Any]]:
+    """`certify` of agents that agree, CPU time: all pairs of 100 in seconds; many with one that
+    hears nobody, and with none, beside as many that a pin on the same agents leads."""
+    pairs, _ = cpu(lambda: certify(agreeing(100, led=False)), repeats=1)
+    yield {"what": "agreement, pairs of 100 agents, CPU in s", "bar": 20, "ratio": pairs}
+    pinned, _ = cpu(lambda: certify(agreeing(size, led=True, pinned=True)), repeats=1)
+    for word, led in (("one root", True), ("by the graph", False)):
+        own, _ = cpu(lambda led=led: certify(agreeing(size, led=led)), repeats=1)
+        yield {
+            "what": f"agreement, {word}, {size} agents vs pinned",
+            "bar": 1.5,
+            "ratio": own / pinned,
+            "note": f"{own:.3g} s / {pinned:.3g} s",
+        }
+
+
+def agreeing(n: int, *, led: bool, pinned: bool = False) -> Problem:
+    """Every agent hears three others, a region; one in ten hears one more that hears
+    nobody, or is pinned instead."""
+    r = Random(n)
+    arcs = {(i, j) for i in range(1, n + 1) for j in r.sample(range(1, n + 1), 3) if i != j}
+    tenth = range(1, n + 1, 10)
+    led = led and not pinned
+    if led:
+        arcs |= {(i, n + 1) for i in tenth}
+    network = Network.from_arcs(sorted(arcs), arrow="listens_to", agents=n + led)
+    return Problem(
+        network=network,
+        coupling="exp(y) - 1 + y",
+        goal=None if pinned else "agreement",
+        gains=dict.fromkeys(tenth, 1) if pinned else None,
+        region=Region(initial_states=[-1, 1], initial_disturbance=None),
+    )
+
+
 def certify_seconds(problem: str, *, report: bool = False) -> float:
     """CPU time of `dobc certify` in a process of its own."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)

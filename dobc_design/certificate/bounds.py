@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 from typing import Any, Protocol
@@ -44,6 +45,7 @@ from dobc_design.exact.symmetric import SparseSymmetric, largest, least
 from dobc_design.loop.guarantee import shortest_period
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.make import loop_of
+from dobc_design.loop.pairs import are_pairs, rows_of
 from dobc_design.problem.canonical import loop_sha256
 from dobc_design.problem.problem import Problem
 
@@ -53,6 +55,8 @@ Array = NDArray[np.float64]
 #: Rows of a full P_e up to which the diagonal of its inverse is computed; beyond, its least
 #: eigenvalue is used.
 MOST_INVERTED = 40
+#: Checks that bound the differences of all pairs of agents.
+OF_PAIRS = ("max-separable", "schedule", "settling")
 #: Starts count as inside a region when they exceed it by rounding only; floats of a run are what
 #: they are.
 ROOM = 1 + Fraction(1, 10**12)
@@ -390,6 +394,13 @@ def certified_bound(problem: Problem, claims: Claims, run: RunLike) -> Certified
         raise refused("certificate", what, cure)
     box, ball, disturbance = map(Fraction, run.start_size())
     starts = Starts(box=box, ball=ball, disturbance=disturbance)
+    if loop.agrees:
+        # Errors of a run are the differences of all pairs, which few checks are about.
+        rows = rows_of(loop, claims.W)
+        if rows is None or not are_pairs(rows):
+            return CertifiedBound(reason="it is not about the differences of all pairs")
+        claims = replace(claims, checks=tuple(c for c in claims.checks if c.id in OF_PAIRS))
+        loop = rows
     bound = bound_from(loop, claims, starts)
     # What rests on a guarantee says nothing about a signal that does not keep it.
     if not keeps_guarantee(loop, json.loads(run.signal or "{}")):

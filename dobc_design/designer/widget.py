@@ -101,6 +101,7 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
     ) -> None:
         base = load_problem(problem)
         base.require_integrators("the Designer")
+        base.require_target("the Designer")
         base.require_same_pins("the Designer")
         _require_drawable(base)
         self._base = base

@@ -121,6 +121,7 @@ def to_sdpa(problem: Source) -> str:
     problem = _loaded(problem)
     problem.require_one_exosystem()
     problem.require_integrators("the matrix inequality in SDPA's format")
+    problem.require_target("the matrix inequality in SDPA's format")
     found = decide(loop_of(problem), lambda stage: None)
     # What is written is the inequality of one of these.
     wanted = ("theorem1", "theorem2") if problem.exosystem is not None else ("lemma1",)

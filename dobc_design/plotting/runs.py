@@ -77,6 +77,7 @@ class RunSwitches(Switches, Protocol):
 class Goals(Protocol):
     """Times (T,) in s; goals (n, m), relative to the states of leaders (T, m) or (runs, T, m);
     slack (m,), half the width of a band about them in which there is no error, None for 0;
+    sides (n,) where agents agree on a value, and have no goals, else empty;
     units of the m state components, none where none are given."""
 
     @property
@@ -87,6 +88,8 @@ class Goals(Protocol):
     def leader(self) -> Array: ...
     @property
     def slack(self) -> Array | None: ...
+    @property
+    def sides(self) -> Array: ...
     @property
     def units(self) -> Sequence[str]: ...
 
@@ -274,6 +277,8 @@ def _goals(ax: Axes, run: Goals, chosen: Sequence[int], component: int) -> Axes:
     # One leader for one run, or one for each of the runs whose states are drawn.
     leaders = run.leader[..., component].reshape(-1, len(run.times))
     slack = 0.0 if run.slack is None else float(run.slack[component])
+    if run.sides.size:
+        return _unit_label(ax, run, component)
     if slack:
         middle = float(run.goal[0, component])
         ends = (middle - slack, middle + slack)

@@ -795,6 +795,15 @@ class Problem(Grouped, Shown):
                 "give every agent the same A and C.",
             )
 
+    def require_target(self, what: str) -> None:
+        """Refuse a problem without a target where ``what`` needs one.  Raises: SpecError."""
+        if self.agrees:
+            raise about(
+                "goal",
+                f"{what} needs a target; these agents agree on a value that nobody prescribes.",
+                "Use check, certify (it designs a missing W), verify or simulate.",
+            )
+
     def require_no_fixed(self, what: str) -> None:
         """Refuse a problem with [fixed] where ``what`` does not know it.  Raises: SpecError."""
         if self.fixed:

@@ -272,6 +272,8 @@ def _late_error(run: Trajectory, stress: Stress) -> float:
         return np.inf
     error = np.abs(run.errors())
     late = error[run.times >= LATE * run.t_final][:, working]
+    if run.sides.size:  # the disagreement of those that work
+        late = late - late.min(axis=1, keepdims=True)
     return float(late.max() / max(float(error[0].max()), TINY))
 
 

@@ -23,6 +23,7 @@ from .closed_form import ClosedForm, evolve
 from .columns import COLUMN_NUMBERS, CalmColumns
 from .field import Active, Networks, largest, network_of
 from .integrate import Integration, Outcome, Progress, Samples, errors, silent
+from .measures import length_of_pairs
 from .mobile import Modes, Nearby
 from .sampled import Stepper, run_sampled_alone
 from .setting import WITHOUT, Setting
@@ -90,6 +91,7 @@ def _trajectory(setting: Setting, seed: int, modes: Modes, outcome: Outcome) -> 
         switches=switches,
         leader=np.zeros(0) if seen.leader is None else seen.leader,
         slack=np.zeros(0) if setting.loop.slack is None else setting.loop.slack.copy(),
+        sides=np.zeros(0) if setting.loop.sides is None else setting.loop.sides,
     )
 
 
@@ -269,6 +271,7 @@ class _Collector:
             states=self.states,
             leader=self.leader,
             slack=setting.loop.slack,
+            sides=np.zeros(0) if setting.loop.sides is None else setting.loop.sides,
         )
 
     def side_by_side(self, closed: ClosedForm | None) -> None:
@@ -351,8 +354,11 @@ class _Chunk:
 
     def put_starts(self) -> None:
         """How large the starts are."""
+        loop = self.setting.loop
         for run, start in zip(self.chosen, self.runs.starts, strict=True):
-            self.collector.lengths[run] = np.linalg.norm(start.errors(self.setting.loop))
+            e = start.errors(loop)
+            length = np.linalg.norm(e) if loop.sides is None else length_of_pairs(e, loop.sides)
+            self.collector.lengths[run] = length
             eps = np.linalg.norm(start.eps, axis=1)
             self.collector.disturbances[run] = eps.max(initial=0.0)
 

@@ -28,6 +28,7 @@ from dobc_design.problem.network import BoolArray, IndexArray
 from dobc_design.problem.problem import Problem
 
 from .fixed import FixedNodes
+from .measures import disagreements
 from .switches import drawn_graphs
 
 ArrayFunction = Callable[[Array], Array]
@@ -279,6 +280,7 @@ class ClosedLoop:
     lead: ArrayFunction | None = None
     fixed: int = 0  # nodes after the agents, whose error is 0 unless ``at`` says where they are
     slack: Array | None = None  # (m,): errors so small are none, None for 0
+    sides: Array | None = None  # (n,) of +-1 where agents agree on one s_i e_i, None with a goal
     at: Callable[[float], Array] | None = None  # (fixed, m) at a time in s, less the goal
     moves: bool = False  # whether that depends on the time
     pins: Mapping[str, csr_array] = field(default_factory=dict)
@@ -304,7 +306,9 @@ class ClosedLoop:
         return np.ones((self.n, self.q)) if self.own is None else self.own.astype(np.float64)
 
     def far(self, e: Array) -> Array:
-        """|e| (n, m, ...) less what is no error."""
+        """|e| (n, m, ...) less what is no error; where agents agree, their disagreements."""
+        if self.sides is not None:
+            return disagreements(e, self.sides, axis=0)
         far = np.abs(e)
         if self.slack is None:
             return far
@@ -361,6 +365,15 @@ def act(matrix: Array, y: Array) -> Array:
     return matrix @ y
 
 
+def _sides(problem: Problem) -> Array | None:
+    if not problem.agrees:
+        return None
+    signs = problem.signs
+    if signs is None:
+        return np.ones(problem.n)
+    return np.array([signs.side(i) for i in range(problem.n)], dtype=np.float64)
+
+
 def largest(y: Array) -> Array:
     """|y|_inf of every run, (R,), for y (n, p, R)."""
     return np.asarray(np.abs(y).max(axis=(0, 1)))
@@ -401,6 +414,7 @@ def make_closed_loop(
         slack=nodes.slack if between and nodes is not None else None,
         at=None if nodes is None else nodes.at,
         moves=nodes is not None and nodes.moves,
+        sides=_sides(problem),
     )
 
 

@@ -22,6 +22,21 @@ SETTLED = 0.01  # part of the error at the start that counts as settled
 LEAST_SAMPLES = 3  # from which a decay is read off
 
 
+def disagreements(e: Array, sides: Array, *, axis: int) -> Array:
+    """How far every s_i e_i is above the least of all agents, which are along ``axis``: the largest
+    of them is the largest disagreement."""
+    shape = [1] * e.ndim
+    shape[axis] = len(sides)
+    turned = e * sides.reshape(shape)
+    return np.asarray(turned - turned.min(axis=axis, keepdims=True))
+
+
+def length_of_pairs(e: Array, sides: Array) -> float:
+    """Euclidean length of all s_i e_i - s_j e_j stacked, of e (n, m)."""
+    apart = e * sides[:, None]
+    return math.sqrt(2 * len(e)) * float(np.linalg.norm(apart - apart.mean(axis=0)))
+
+
 def settling_time(
     times: Array, error: Array, tolerance: float | None, *, diverged: bool
 ) -> float | None:

@@ -36,6 +36,7 @@ SAMPLED = ("x", "xi", "xihat", "d", "dhat", "u")  # (T, n, width)
 STORED = ("times", ABOUT, "goal", "switch_times", "switch_modes", "graph_arcs", "graph_sizes")
 LEADER = "leader"  # stored where there is one
 SLACK = "slack"
+SIDES = "sides"
 
 
 class Sample(NamedTuple):
@@ -69,6 +70,7 @@ class Trajectory(Simulated):
     Shapes: times (T,) in s; x (T, n, m); d, dhat, u (T, n, p), the inputs of [dynamics], else p =
     m; xi, xihat (T, n, q); goal (n, m); leader (T, m), 0 without one, to which goals are relative;
     slack (m,), half the sides of the box of the fixed nodes, whose middle is the goal then;
+    sides (n,), 1 or by signs -1, where agents agree on a value, and errors are disagreements;
     mode_index (T,), the active mode as a place in ``switches.names``.  ``mode`` names the mode, or
     the modes and the signal; ``switches`` holds the exact instants.  ``diverged`` says that the run
     could not be carried to its end, ``t_final``: the samples are those before, and ``reason`` says
@@ -100,6 +102,7 @@ class Trajectory(Simulated):
     switches: Switches = field(default_factory=lambda: one_mode(""))  # default: ``mode`` throughout
     leader: Array = field(default_factory=lambda: np.zeros(0))  # default: 0
     slack: Array = field(default_factory=lambda: np.zeros(0))  # default: 0
+    sides: Array = field(default_factory=lambda: np.zeros(0))  # default: every agent has a goal
     units: Texts = ()  # of the m state components, where the problem gives them
     mode_index: IndexArray = field(init=False)
 
@@ -112,7 +115,7 @@ class Trajectory(Simulated):
             put(self, leader=np.zeros((len(self.times), self.x.shape[2])))
         if not self.slack.size:
             put(self, slack=np.zeros(self.x.shape[2]))
-        for name in ("times", "goal", "leader", "slack", "mode_index", *SAMPLED):
+        for name in ("times", "goal", "leader", "slack", "sides", "mode_index", *SAMPLED):
             getattr(self, name).setflags(write=False)
 
     def __len__(self) -> int:
@@ -124,12 +127,16 @@ class Trajectory(Simulated):
 
     def errors(self) -> Array:
         """e = x - goal, of a leader x - leader - goal: (T, n, m); between fixed nodes the distance
-        to where they are, with its sign."""
+        to where they are, with its sign; where agents agree, how far x - goal is above the least
+        of all agents."""
         e = self.x - self.goal - self.leader[:, None]
+        if self.sides.size:
+            return measures.disagreements(e, self.sides, axis=1)
         return e - np.clip(e, -self.slack, self.slack) if self.slack.any() else e
 
     def error(self) -> Array:
-        """|e|_inf, the largest distance of any component from its goal, at every sample: (T,)."""
+        """|e|_inf, the largest distance of any component from its goal, at every sample: (T,).
+        Where agents agree on a value it is their largest disagreement."""
         return np.asarray(np.abs(self.errors()).max(axis=(1, 2)))
 
     def estimation_error(self) -> Array:
@@ -137,11 +144,14 @@ class Trajectory(Simulated):
         return np.asarray(np.abs(self.d - self.dhat).max(axis=(1, 2)))
 
     def start_size(self) -> tuple[float, float, float]:
-        """Of the start: |e|_inf, the Euclidean |e| of all agents stacked, and the largest |xi_i -
-        xihat_i|."""
+        """Of the start: |e|_inf, the Euclidean |e| of all agents (where they agree, of all their
+        differences) stacked, and the largest |xi_i - xihat_i|."""
         e = self.errors()[0]
         eps = np.linalg.norm(self.xi[0] - self.xihat[0], axis=1)
-        return float(np.abs(e).max()), float(np.linalg.norm(e)), float(eps.max(initial=0.0))
+        length = float(np.linalg.norm(e))
+        if self.sides.size:
+            length = measures.length_of_pairs(e, np.ones(len(e)))
+        return float(np.abs(e).max()), length, float(eps.max(initial=0.0))
 
     @property
     def final_error(self) -> float:
@@ -263,6 +273,8 @@ class Trajectory(Simulated):
             arrays[LEADER] = self.leader
         if self.slack.any():
             arrays[SLACK] = self.slack
+        if self.sides.size:
+            arrays[SIDES] = self.sides
         arrays["switch_times"] = switches.times
         arrays["switch_modes"] = switches.modes
         arrays["graph_arcs"] = np.concatenate(arcs, axis=1)
@@ -337,6 +349,7 @@ class Ensemble(Simulated):
     loop_sha256: str = ""  # of the problem and W; "" where they were not recorded
     units: Texts = ()  # of the m state components, where the problem gives them
     slack: Array | None = None  # as that of a trajectory; None for 0
+    sides: Array = field(default_factory=lambda: np.zeros(0))  # as those of a trajectory
 
     def __post_init__(self) -> None:
         for array in self._arrays().values():
@@ -437,7 +450,7 @@ def load_trajectory(path: str | PathLike[str]) -> Trajectory:
     place = Path(path)
     cure = "Give a file that Trajectory.save wrote."
     with describing(place, key="path", what="trajectory", cure=cure):
-        arrays = read_arrays(place, (*STORED, *SAMPLED, LEADER, SLACK), _require_shapes)
+        arrays = read_arrays(place, (*STORED, *SAMPLED, LEADER, SLACK, SIDES), _require_shapes)
         facts = json.loads(str(arrays.pop(ABOUT)))
         plain = _plain_facts(facts)
         _require_texts(facts, plain)
@@ -451,6 +464,7 @@ def load_trajectory(path: str | PathLike[str]) -> Trajectory:
             **plain,  # what an older file does not have is as by default
             leader=arrays.get(LEADER, np.zeros(0)),
             slack=arrays.get(SLACK, np.zeros(0)),
+            sides=arrays.get(SIDES, np.zeros(0)),
             labels=tuple(facts["labels"]),
             notes=tuple(facts["notes"]),
             units=tuple(units),
@@ -484,6 +498,8 @@ def _require_shapes(shapes: Shapes) -> None:
         wanted[LEADER] = (samples, m)
     if SLACK in shapes:
         wanted[SLACK] = (m,)
+    if SIDES in shapes:
+        wanted[SIDES] = (n,)
     wanted["graph_arcs"] = (2, *shapes["graph_arcs"][1:2])
     wanted["graph_sizes"] = shapes["graph_sizes"][:1]
     wrong = [name for name, shape in wanted.items() if shapes[name] != shape]

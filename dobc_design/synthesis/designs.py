@@ -101,6 +101,7 @@ def _check(problem: Problem, *, coupling: bool, others: bool) -> None:
     problem.require_fixed_arcs("a design")
     problem.require_same_pins("a design of pins")
     problem.require_no_signs("a design")
+    problem.require_target("a design of pins")
     check_yes_or_no(coupling, "coupling", cure="True asks for a coupling, too.")
     if coupling and problem.dynamics is None:
         text = "coupling can be designed for agents with [dynamics] only."

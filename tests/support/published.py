@@ -158,6 +158,59 @@ def signed_ring(balanced: bool) -> Problem:
     return Problem(network=network, coupling="y", goal="agreement")
 
 
+def both_ways(arcs: list[list[Any]]) -> list[list[Any]]:
+    return arcs + [[j, i, *w] for i, j, *w in arcs]
+
+
+def average() -> Problem:
+    """Ten agents on an undirected ring."""
+    arcs = both_ways([[i, i % 10 + 1] for i in range(1, 11)])
+    region = {"initial_states": [0, 1]}
+    return Problem(network=network_of(arcs, 10), coupling="y", goal="agreement", region=region)
+
+
+def jointly_rooted() -> Problem:
+    """Four agents, three graphs of one arc each in turn for 1 s: together a chain from agent 1."""
+    modes = {"a": [[2, 1]], "b": [[3, 2]], "c": [[4, 3]]}
+    switching = Switching(guarantee="sequence", sequence=["a", "b", "c"], dwell=1)
+    network = network_of(modes, 4)
+    return Problem(network=network, coupling="y", goal="agreement", switching=switching)
+
+
+def leaderless() -> Problem:
+    """Five double integrators on a directed ring, each with a constant disturbance at its input."""
+    return Problem(
+        network=ring(5),
+        coupling="y1 + 2*y2",
+        goal="agreement",
+        dynamics=Dynamics(A=[[0, 1], [0, 0]], B=[[0], [1]]),
+        exosystem=exosystems.constant(),
+        observer=Observer(rate=2),
+    )
+
+
+def clocks() -> Problem:
+    """Four clocks on a path, of which nobody is the master, with unknown skews."""
+    arcs = both_ways([[1, 2], [2, 3], [3, 4]])
+    region = {"initial_states": [-1, 1], "initial_disturbance": "1/10"}
+    observed = {"exosystem": exosystems.constant(), "observer": Observer(W=[[2]]), "region": region}
+    return Problem(network=network_of(arcs, 4), coupling="y", goal="agreement", **observed)
+
+
+def sharing() -> Problem:
+    """Loads of three converters in parts of their ratings 1, 2, 3: c_i x_i' = sum (x_j - x_i)."""
+    arcs = [[i, j, Fraction(1, i)] for i in (1, 2, 3) for j in (1, 2, 3) if i != j]
+    region = {"initial_states": [0, 1]}
+    return Problem(network=network_of(arcs, 3), coupling="y", goal="agreement", region=region)
+
+
+def headings() -> Problem:
+    """Five headings within 1.4 rad, less than half a turn; all hear each other."""
+    arcs = [[i, j] for i in range(1, 6) for j in range(1, 6) if i != j]
+    region = {"initial_states": ["-0.7", "0.7"]}
+    return Problem(network=network_of(arcs, 5), coupling="sin(y)", goal="agreement", region=region)
+
+
 def _published() -> Iterator[Published]:
     # Yu, Chen and Cao, Automatica 46 (2010)
     yield Published(
@@ -226,6 +279,18 @@ def _published() -> Iterator[Published]:
         "antagonists in a ring, signs balance", "agree up to signs", lambda: signed_ring(True)
     )
     yield Published("the same, one pair less", "all go to 0", lambda: signed_ring(False))
+    # Olfati-Saber and Murray, IEEE TAC 49 (2004)
+    yield Published("average consensus on a ring of ten", "mean, 0.381966", average)
+    # Moreau, IEEE TAC 50 (2005); Ren and Beard, IEEE TAC 50 (2005)
+    yield Published("graphs with a root together, no leader", "agree, no rate", jointly_rooted)
+    # Yang and Mei (2017)
+    yield Published("leaderless double integrators, disturbances", "agree", leaderless)
+    # Schenato and Fiorentin, Automatica 47 (2011)
+    yield Published("clocks without a master", "agree", clocks)
+    # Nasirian, Moayedi, Davoudi and Lewis, IEEE TPEL 30 (2015)
+    yield Published("DC microgrid, loads shared by rating", "weights 1/6, 1/3, 1/2", sharing)
+    # Jadbabaie, Lin and Morse (2003); Moreau (2005)
+    yield Published("headings within half a turn", "agree", headings)
     # arXiv 1709.00951
     yield Published("inputs that saturate, constant disturbances", "rate at most 1/4", saturating)
     # built-in `paper-fixed`

@@ -470,6 +470,8 @@ def _reached(loop: Loop, checks: Checks) -> Reason | None:
         head = f"no proof reaches the region asked for: {tried[0].reason}"
         return open_reason(head, advice)
     reach = ", ".join(_domain_in_words(check, loop.unit) for check in proved)
+    if loop.agrees:  # starts apart, not starts
+        loop = rows_of(loop, None) or loop
     radius = asked_radius(loop)
     asked = f"|e_i| <= {float(min(max(radius), MOST)):.6g} {loop.unit}".rstrip()
     asked += " for every agent"

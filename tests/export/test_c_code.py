@@ -8,6 +8,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from c_code import EVERY, CompiledAgents, compile_and_test, needs_gcc, planar, write_all
+from published import clocks
 from scipy.linalg import expm
 
 import dobc_design as dd
@@ -45,7 +46,7 @@ def seen(theta: float = 1.0, W: float = 2.0) -> Problem:
 
 
 def problem_named(name: str) -> Problem:
-    made_here = {"planar": planar, "alone": lambda: alone(3)}
+    made_here = {"planar": planar, "alone": lambda: alone(3), "clocks": clocks}
     return made_here[name]() if name in made_here else load_problem(name)
 
 
@@ -130,7 +131,11 @@ PERIODS["microgrid-ieee14"] = 0.01
 @needs_gcc
 @pytest.mark.parametrize(
     ("name", "period"),
-    [("planar", 0.05), *(pytest.param(*each, marks=SLOW) for each in PERIODS.items())],
+    [
+        ("planar", 0.05),
+        ("clocks", 0.1),
+        *(pytest.param(*each, marks=SLOW) for each in PERIODS.items()),
+    ],
 )
 def test_all_agents_in_c_are_the_simulated_loop_to_1e_12_over_10_s(
     name: str, period: float, tmp_path

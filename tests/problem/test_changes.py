@@ -154,7 +154,7 @@ def test_lines_of_a_table_that_say_the_same_stay_with_their_comments():
     assert "3 = 1" not in found
 
 
-@pytest.mark.parametrize("key", ["network.modes", "pinning", "name", "pinning.gains.1", ""])
+@pytest.mark.parametrize("key", ["network.agents", "pinning", "name", "pinning.gains.1", ""])
 def test_keys_that_a_cure_never_sets_are_refused(key):
     with pytest.raises(SpecError, match="is no key that a change may set"):
         changed_problem(load_problem("paper-fixed"), {key: 1})

@@ -30,7 +30,7 @@ TABLES = (
 TABLES += ("uncertainty", "actuators", "dynamics", "leader")
 CONTRACT = {
     "": {"schema", "name", "notes", "target", "units", "goal", "fixed", *TABLES},
-    "network": {"agents", "arrow", "modes"},
+    "network": {"agents", "arrow", "modes", "negative"},
     "coupling": {"h", "exceptions"},
     "coupling.exceptions": {"arcs", "h"},
     "pinning": {"gains", "modes"},

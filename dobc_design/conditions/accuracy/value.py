@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dobc_design._checks import noun
+from dobc_design._show.cards import Card, Shown
 from dobc_design.conditions.check import number_or_none, read_object
 from dobc_design.conditions.numbers import (
     LARGEST,
@@ -53,7 +54,7 @@ MOST_WEIGHTS = 100  # agents of which pi is computed
 
 
 @noun
-class Agreed:
+class Agreed(Shown):
     """What is known of the value that the agents agree on; of formations, of x - offset.
 
     ``lo``, ``hi``: by component the interval in which it lies from every start of the [region],
@@ -67,6 +68,9 @@ class Agreed:
     peaks: Peaks | None = None
     weights: Mapping[str, Fraction] | None = None
     shifts: tuple[Matrix, ...] = ()
+
+    def _card(self) -> Card:
+        return Card(title="Value agreed upon", text=self.in_words("") or "not known")
 
     def to_json(self) -> Document:
         """As a certificate has it."""

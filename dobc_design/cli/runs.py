@@ -268,7 +268,13 @@ def _reasons(result: Trajectory | Ensemble) -> list[Document]:
 
 def _lines(result: Trajectory | Ensemble, document: Document) -> Iterator[str]:
     """What came of the runs, in words."""
+    from dobc_design.simulation.trajectory import Trajectory
+
     yield str(result)
+    if isinstance(result, Trajectory) and result.sides.size:
+        sides = result.sides[:, None]
+        reached = (sides * (result.x[-1] - result.goal)).mean(axis=0)
+        yield f"  {'value at the end':<22} {', '.join(f'{x:.6g}' for x in reached)}"
     for name, title, unit, nothing in MEASURES:
         values = document[name]
         if document["runs"] == 1:

@@ -138,6 +138,7 @@ def margins_cases() -> Iterator[Case]:
     unknown = two(uncertainty=loose, coupling="y + y**3/9", **fast, region=region)
     kinked = one(uncertainty=table, region=REGION, coupling="y + abs(y)/2")
     limited = one(region=REGION, actuators={"limit": 9})
+    saturating = one(region=REGION, actuators={"limit": 9, "amplitude": 1, "saturates": True})
     start = matrix("1/2 1/2")
     sine = one(**SEEN, **WIDE)
     # agent 2 has no gain: its input is the estimate alone
@@ -223,6 +224,11 @@ def margins_cases() -> Iterator[Case]:
     yield bent(limited, "actuators", inputs={"1": "9", "2": "9"})
     yield bent(limited, "actuators", inputs={"1": "2"})
     yield bent(limited, "actuators", inputs={"1": "10"})
+    # 1 of 9 compensates
+    yield bent(saturating, "actuators", rooms={"1": "7.999"}, code=HOLDS)
+    for room in ("8.001", "0", "-1"):
+        yield bent(saturating, "actuators", rooms={"1": room})
+    yield bent(saturating, "actuators", rooms={"1": "7.999", "2": "7.999"})
     yield bent(sine, "actuators", table=[["1"]], inputs={"1": "90"})
     yield bent(one(**SWELLING, **WIDE), "actuators", table=matrix("1 0"), inputs={"1": "9000"})
     yield bent(one(**RISING, **WIDE), "actuators", table=matrix("1 1"), inputs={"1": "9000"})

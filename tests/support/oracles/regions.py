@@ -67,10 +67,15 @@ class Regions:
         self.W = W
         self.n = len(document["labels"])
         self.m = document["dimension"]
+        # with w < 0 the function is h(-e_j - e_i): e_j of either sign is as large
         self.modes = {
-            mode["name"]: [(i, j, exact(w)) for i, j, w in mode["arcs"]]
+            mode["name"]: [(i, j, abs(exact(w))) for i, j, w in mode["arcs"]]
             for mode in document["modes"]
         }
+        arcs = (arc for mode in document["modes"] for arc in mode["arcs"])
+        #: Whether some w are negative.  Sides are not looked for: only rows of boxes with equal
+        #: faces are judged, which are the same with and without sides.
+        self.signed = any(exact(w) < 0 for _, _, w in arcs)
         listed = document["coupling"]["exceptions"]
         special = {tuple(item["arc"]): item["h"] for item in listed}
         self.default = document["coupling"]["h"]
@@ -144,6 +149,8 @@ class Regions:
             return self._tolerance(check, check["exact"]["v"], domain)
         if id == "equilibrium":
             return self._equilibrium(check)
+        if self.signed and (verdict == "refuted" or id == "lure"):
+            return ["signs"]
         if verdict == "refuted":
             if id == "max-separable":
                 return self._stuck(check)

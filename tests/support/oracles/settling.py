@@ -126,8 +126,11 @@ def false_settling(regions: Any, check: dict[str, Any]) -> list[str]:
         return ["the first box"]
     gains = regions.gains.values()
     mixed = any(map(_mixes, gains))
-    if mixed and tube.faces[0] != tube.faces[1]:
+    # what a gain mixes in, and an agent that is opposed, may be on either side
+    if (mixed or regions.signed) and tube.faces[0] != tube.faces[1]:
         return ["faces"]
+    if regions.signed and last["kind"] == "quadratic":
+        return ["signs"]
     wrong = [] if regions.A is None else regions.false_observer(e["tube"])
     if wrong:
         return wrong

@@ -73,12 +73,13 @@ def markov(case: Case, check: Any) -> Any:
     some stay as they are in modes that are never left."""
     chain = case.guarantee.chain
     last = absorbing(case)
-    surely = check.verdict == "proved" and an_object(check.exact).get("kind") == "almost sure"
-    need(surely or not case.differences, "means of differences are not known to it")
+    kind = an_object(check.exact).get("kind")
+    # nor is what is refuted, which has no kind
+    known = kind == "almost sure" or not case.differences
+    need(known, "means of differences are not known to it")
     if check.verdict == "refuted":
         lost(case, check, last)
         return None
-    kind = an_object(check.exact).get("kind")
     need(kind == "mean square" or all(h.single for h in case.functions), "a coupling is a list")
     if kind == "almost sure":
         claim = read(check.exact, {"kind": text, "rho": maybe(rational)} | observed(case))

@@ -45,6 +45,7 @@ APART = network([[2, 1], [1, 2], [4, 3]])
 MODES = network({"A": [[1, 2]], "B": [[2, 3]], "C": [[3, 1]]}, agents=3)
 LOST = network({"A": [[1, 2], [2, 1]], "B": [[1, 3]]}, agents=4)
 GROWING = network({"A": [[2, 1]], "B": [[3, 2]]}, agents=3)
+DRAWN = network({"A": [[2, 1]], "B": []}, agents=2)
 LOOSE = Network.from_arcs(
     {"G": [[1, 2], [2, 1], [3, 1], [3, 2]]},
     optional={"G": [[1, 3], [2, 3]]},
@@ -59,6 +60,11 @@ AT_TIMES = Network.from_arcs(
 )
 WATCHED: Document = {"exosystem": scalar(0), "observer": Observer(W=[[2]])}  # A - W C = -2
 IN_TURN: Document = {"guarantee": "sequence", "dwell": 3}
+
+
+def drawn(*rates: list[int]) -> Switching:
+    """By a Markov chain with this generator."""
+    return Switching(guarantee="markov", generator=list(rates))
 
 
 def by_itself(a: Any) -> Document:
@@ -114,6 +120,8 @@ def _settings() -> dict[str, Document]:
     made["modes"] = {"network": MODES, "switching": turns}
     made["modes, lost"] = {"network": LOST, "switching": turns}
     made["growing, led"] = {"network": GROWING, "coupling": "-y", "switching": turns}
+    made["drawn"] = {"network": DRAWN, "switching": drawn([-1, 1], [1, -1])}
+    made["drawn, lost"] = {"network": DRAWN, "switching": drawn([-1, 1], [0, 0])}
     made["growing, pairs"] = {"network": MODES, "coupling": "-y", "switching": turns}
     return {name: {"coupling": "y", "goal": "agreement"} | own for name, own in made.items()}
 
@@ -346,6 +354,15 @@ def _bent_others() -> Iterator[Case]:
     yield _fails("chain", "safe", LED, SAFE)
     yield _fails("modes, lost", "by graphs", BY_GRAPHS)
     yield _fails("growing, pairs", "grows", GROWS, **REFUTED)
+    surely = claim("markov", GLOBAL, None, {"kind": "almost sure", "rho": None})
+    yield _holds("drawn", "almost surely", surely)
+    yield _fails("drawn, lost", "almost surely", surely)
+    # Both are true: of differences they are not known.
+    apart = claim("markov", GLOBAL, None, {"modes": ["B"]}, verdict="refuted", witness=agents("2"))
+    yield _fails("drawn, lost", "apart", apart, **REFUTED)
+    own = {"A": vector("1"), "B": vector("6/5")}
+    mean = claim("markov", GLOBAL, 0.1, {"kind": "mean", "rate": "1/10", "w": own})
+    yield _fails("drawn", "in the mean", mean)
     quadratic: Document = {
         "method": "vertices",
         "P_e": [[0, 0, "1"], [1, 1, "4"]],

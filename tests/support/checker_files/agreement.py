@@ -13,7 +13,9 @@ from texts import matrix, vector
 
 from checker_files.files import (
     EACH_OTHER,
+    FAILS,
     GONE,
+    HOLDS,
     UNREADABLE,
     Case,
     Document,
@@ -45,6 +47,17 @@ APART = network([[2, 1], [1, 2], [4, 3]])
 MODES = network({"A": [[1, 2]], "B": [[2, 3]], "C": [[3, 1]]}, agents=3)
 LOST = network({"A": [[1, 2], [2, 1]], "B": [[1, 3]]}, agents=4)
 GROWING = network({"A": [[2, 1]], "B": [[3, 2]]}, agents=3)
+#: Of more agents than pairs are looked at; all but 1 and 2 hear agent 1, these two each other.
+MANY = {
+    "A": [[1, 2], *([i, 1] for i in range(2, 151))],
+    "B": [[1, 2], *([i, 1] for i in range(151, 302))],
+}
+#: Nobody hears both 1 and 151.
+TWO_HEARD = {
+    "A": [[i, 1] for i in range(2, 151)],
+    "B": [[i, 151] for i in range(152, 302)],
+}
+ISOLATED = network({"A": [], "B": []}, agents=3)
 DRAWN = network({"A": [[2, 1]], "B": []}, agents=2)
 LOOSE = Network.from_arcs(
     {"G": [[1, 2], [2, 1], [3, 1], [3, 2]]},
@@ -122,6 +135,11 @@ def _settings() -> dict[str, Document]:
     made["growing, led"] = {"network": GROWING, "coupling": "-y", "switching": turns}
     made["drawn"] = {"network": DRAWN, "switching": drawn([-1, 1], [1, -1])}
     made["drawn, lost"] = {"network": DRAWN, "switching": drawn([-1, 1], [0, 0])}
+    made["many"] = {"network": network(MANY, agents=301), "switching": turns}
+    made["many, apart"] = {"network": network(TWO_HEARD, agents=301), "switching": turns}
+    isolated = network({"A": [], "B": []}, agents=301)
+    made["many, falling"] = {"network": isolated, "switching": turns} | by_itself(-1)
+    made["few, falling"] = {"network": ISOLATED, "switching": turns} | by_itself(-1)
     made["growing, pairs"] = {"network": MODES, "coupling": "-y", "switching": turns}
     return {name: {"coupling": "y", "goal": "agreement"} | own for name, own in made.items()}
 
@@ -209,6 +227,35 @@ def agreement_cases() -> Iterator[Case]:
     yield from _bent_dynamics()
     yield from _bent_others()
     yield from _bent_problems()
+    yield from _of_many()
+
+
+def _of_many() -> Iterator[Case]:
+    """Graphs of 301 agents alone are looked at; frames are those of three, but for the agents."""
+    steady = {"times": ["0", "3"], "v": [["1"] * 301, ["1"] * 301]}
+    falls = claim(
+        "schedule", GLOBAL, 0.5, {"rate": "1/2", "rho": None, "phases": [steady, steady]}, factor=1
+    )
+    holds = {"A": ["1", "2", *_labels(151, 302)], "B": _labels(2, 151)}
+    yield _many("many", HOLDS, BY_GRAPHS, holds)
+    fails = {"A": ["1", *_labels(151, 302)], "B": _labels(1, 152)}
+    yield _many("many, apart", FAILS, BY_GRAPHS, fails)
+    # It is true: every agent decays alone.
+    yield _many("many, falling", FAILS, falls, dict.fromkeys("AB", _labels(1, 302)))
+
+
+def _labels(first: int, end: int) -> list[str]:
+    return [str(label) for label in range(first, end)]
+
+
+def _many(name: str, code: int, check: Document, closed: dict[str, list[str]]) -> Case:
+    """``closed``: by mode the agents of smallest sets that hear nobody outside."""
+    made = certificate("few, falling", check)
+    for each in made["checks"]:
+        if each["id"] == "reachability":
+            each["witness"] = agents(*closed[each["mode"]])
+    document = json.loads(canonical_bytes(problem(name)))
+    return about(document, made, name=f"agreement, {name}", code=code)
 
 
 def _good() -> Iterator[Case]:

@@ -82,7 +82,6 @@ EQUIVALENT |= dict.fromkeys(
         "size <= ROWS",
         "len(X) <= 20",
         "case.n <= AGENTS",
-        "case.n <= MOST",
         "m <= MOST",
         "0 < len(turns) <= ROUND and size <= ROWS",
         "grown <= GROWTH",

@@ -336,10 +336,10 @@ def _about_pins(problem: Problem, alone: Sequence[int]) -> Sentences:
         return
     if not loop.is_pulled:  # agents with [dynamics] are held by A, too
         among = agreement_words(loop) or "The group can drift as a whole."
-        yield (
-            f"No agent is pinned, so nothing pulls the agents to the target. {among} For the "
-            'target give an agent a gain in [pinning]; goal = "agreement" asks whether they agree.'
-        )
+        among += " For the target give an agent a gain in [pinning]"
+        if loop.n > 1:
+            among += '; goal = "agreement" asks whether they agree'
+        yield f"No agent is pinned, so nothing pulls the agents to the target. {among}."
         return
     apart = set(alone)
     unheard = unreached(loop, [each.present for each in modes.values()])

@@ -179,6 +179,19 @@ constant = true
 """
 
 
+ALONE = """\
+name = "alone"
+network = { agents = 1, arrow = "listens_to", modes = { G = [] } }
+coupling = { h = "y" }
+exosystem = { constant = true }
+"""
+
+
+def test_an_agent_alone_is_not_advised_to_agree():
+    (remark,) = remarks(read(ALONE))
+    assert remark.endswith("For the target give an agent a gain in [pinning].")
+
+
 def test_agents_without_pins_agree_and_what_is_not_reached_is_the_target():
     certificate = certify(read(LEADERLESS))
     assert certificate.verdict is Verdict.REFUTED

@@ -232,10 +232,9 @@ def agreement_cases() -> Iterator[Case]:
 
 def _of_many() -> Iterator[Case]:
     """Graphs of 301 agents alone are looked at; frames are those of three, but for the agents."""
-    steady = {"times": ["0", "3"], "v": [["1"] * 301, ["1"] * 301]}
-    falls = claim(
-        "schedule", GLOBAL, 0.5, {"rate": "1/2", "rho": None, "phases": [steady, steady]}, factor=1
-    )
+    # exp(-3/10) = 0.7408
+    phase = {"times": ["0", "3"], "v": [["1"] * 301, ["0.74"] * 301]}
+    falls = claim("schedule", GLOBAL, 0.1, {"rate": "1/10", "rho": None, "phases": [phase, phase]})
     holds = {"A": ["1", "2", *_labels(151, 302)], "B": _labels(2, 151)}
     yield _many("many", HOLDS, BY_GRAPHS, holds)
     fails = {"A": ["1", *_labels(151, 302)], "B": _labels(1, 152)}

@@ -113,6 +113,14 @@ def test_agents_that_no_fixed_node_reaches_are_refuted_unless_they_start_inside(
     assert dd.certify(inside).verdict is Verdict.UNDECIDED
 
 
+def test_a_fixed_node_that_is_heard_at_times_leaves_linear_couplings_linear():
+    """Its slope is none, so that Lemma 1 says nothing; both programs give it the same domain."""
+    problem = contained(optional=[[2, "b"]])
+    certificate = dd.certify(problem)
+    assert certificate.verdict is Verdict.PROVED
+    assert dd.verify(certificate, problem).holds
+
+
 def test_leaders_at_one_place_are_a_target():
     problem = contained(a=2, b=2)
     loop = loop_of(problem)

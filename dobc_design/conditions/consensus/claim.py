@@ -561,17 +561,19 @@ class Statements:
 def state_theorems(loop: Loop) -> Statements:
     """State Lemma 1, Theorem 1 and Theorem 2 for ``problem`` at the consensus."""
     jacobians = None
+    domain: Domain = NEAR_TARGET
     reason = _why_inapplicable(loop)
     if reason is None or loop.agrees or loop.gap:
         try:
             jacobians = jacobians_at_consensus(loop)
         except UndefinedError as error:
+            # An arc that comes and goes may have no one slope where nothing is curved.
+            domain = EVERYWHERE if loop.is_linear else NEAR_TARGET
             reason = (
                 "does not apply: the coupling has no bounded derivative at the consensus "
                 f"({error})."
             )
     lambdas: dict[str, Pencil] = {}
-    domain: Domain = NEAR_TARGET
     if jacobians is not None:
         domain = jacobians.domain
         for mode in jacobians.modes:

@@ -312,7 +312,7 @@ def _value(loop: Loop, W: Matrix | None) -> Agreed | None:
     found = Agreed(weights=weights, shifts=shifts_of(loop, W) if weights else ())
     if ends is None:
         return found
-    low = tuple(-above(-lo) for lo, _ in ends)
+    low = tuple(0.0 - above(-lo) for lo, _ in ends)  # 0.0, not -0.0
     return replace(found, lo=low, hi=tuple(above(hi) for _, hi in ends), peaks=peaks)
 
 

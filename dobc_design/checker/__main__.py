@@ -49,9 +49,7 @@ def main(arguments: list[str]) -> int:
             lines = [f"unreadable: {error}"]
         else:
             lines = [("holds  " if holds else "FAILS  ") + what for holds, what in findings]
-            code = 1
-            if all(holds for holds, _ in findings):
-                code = 0
+            code = 0 if all(holds for holds, _ in findings) else 1
             lines.append(LAST[code])
 
     for line in lines:

@@ -127,9 +127,7 @@ def by_stages(case: Case, check: Any) -> None:
 
 def stages_shape(loop: Loop, turned: bool) -> Object:
     """The shape of the form with boxes; ``turned``: in coordinates."""
-    size = loop.n
-    if turned:
-        size = loop.size
+    size = loop.size if turned else loop.n
     stage = {
         "v": partial(weights, size),
         "alpha": rational,
@@ -163,9 +161,7 @@ def shrinks_turned(case: Case, T: Matrix, stage: Any, peaks: Any) -> None:
     weights_known = plant.weights == plant.gains == 0
     need(weights_known, "errors of weights and gains are not known in coordinates")
     b = acting(plant, peaks) / stage.level
-    entering = T
-    if case.B is not None:
-        entering = product(T, case.B)
+    entering = T if case.B is None else product(T, case.B)
     load = [b * sum(map(abs, row)) for row in entering]
     shown(case, SimpleNamespace(**vars(stage), T=T), inverse(T), load * case.n)
 

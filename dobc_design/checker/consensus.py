@@ -225,9 +225,7 @@ def hurwitz(residual: Residual) -> Fact:
     """Every eigenvalue of A - W C has a negative real part."""
     column = routh(characteristic(closed(residual)))
     end = next((k for k, entry in enumerate(column) if entry <= 0), 0)  # it begins with 1
-    exact = None
-    if not end:
-        exact = {"routh": column}
+    exact = None if end else {"routh": column}
     return Fact(end == 0, exact, {"kind": "routh_row", "values": column[: end + 1]})
 
 
@@ -294,14 +292,10 @@ def fact(case: Case, check: Any) -> None:
         need(check.id == "hurwitz", "it has no rate to claim")
         shown = check.rate > 0 and stable(closed(own(case, check.group), check.rate))
         need(shown, "the rate is not shown")
-    here = "proved"
-    if not found.holds:
-        here = "refuted"
+    here = "proved" if found.holds else "refuted"
     need((check.verdict == "proved") == found.holds, f"it is {here} here")
     need(same(check.exact, found.exact), "the exact value is another one here")
-    witness = None
-    if not found.holds:
-        witness = found.witness
+    witness = None if found.holds else found.witness
     need(same(check.witness, witness), "the witness is another one here")
 
 
@@ -309,9 +303,7 @@ def fact(case: Case, check: Any) -> None:
 def own(case: Case, name: str | None) -> Residual:
     """A residual by its name, with its block of the W that is claimed."""
     k = case.names.index(name)
-    W = None
-    if case.W is not None:
-        W = parts(case, case.W, case.m)[k]
+    W = None if case.W is None else parts(case, case.W, case.m)[k]
     return case.residuals[k]._replace(W=W)
 
 
@@ -408,9 +400,7 @@ def proof(case: Case, check: Any) -> None:
     if check.rate is not None:
         claims.append((check.rate, 2 * check.rate))
     for b, shift in claims:
-        S = None
-        if not lemma:
-            S = schur(case, P, b)
+        S = None if lemma else schur(case, P, b)
         shown = all(decreases(case, mode, shift, S) for mode in modes)
         need(shown, "the margin or the rate is not shown")
 
@@ -494,9 +484,7 @@ def weighted(case: Case, check: Any) -> Any:
         shape["P"] = matrix(case.q, case.q)
     claim = read(check.exact, shape)
     need(set(claim.w) == set(case.modes), "there is no vector for each mode")
-    decide = by_diagonal
-    if components_alike:
-        decide = alike
+    decide = alike if components_alike else by_diagonal
     decide(case, claim, check.rate or ZERO)
     return claim
 

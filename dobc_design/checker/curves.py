@@ -70,9 +70,7 @@ class Curve:
             return 0.0  # the reader has found that h(0) = 0
         if y not in self.tops:
             # a point has no slopes to ask for, and is asked often
-            end = y
-            if self.mirrored:
-                end = -y
+            end = -y if self.mirrored else y
             (lo, hi), _ = self.formula.at(((end, end), ()))
             self.tops[y] = -lo if self.mirrored else hi
         return self.tops[y]

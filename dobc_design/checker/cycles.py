@@ -35,9 +35,7 @@ def schedule(case: Case, check: Any) -> Any:
         grows(case, check)
         return None
     exact = read_cycles(case, check.exact, "T" in (check.exact or {}))
-    readable = case.single
-    if exact.T:
-        readable = exact.rate is not None
+    readable = exact.rate is not None if exact.T else case.single
     need(readable, "a coupling is a list, or nodes are curved, or T has no weights")
     claims_rate(check, exact)
     keeps(case, exact)
@@ -62,9 +60,7 @@ def claims_rate(check: Any, exact: Any) -> None:
 def read_cycles(case: Case, value: Any, turned: bool = False) -> Any:
     """Read weights that move from mode to mode, phase by phase; none where the graphs alone are
     claimed.  ``turned``: in coordinates."""
-    size = case.n
-    if turned:
-        size = case.size
+    size = case.size if turned else case.n
     phase = {"times": [rational], "v": [partial(weights, size)]}
     shape: Object = {"rate": maybe(rational), "rho": maybe(rational), "phases": [phase]}
     shape |= observed(case)

@@ -152,9 +152,7 @@ def confirm(case: Case, check: Any) -> None:
     """Decide one claim."""
     open_claim = check.verdict == "undecided"
     about_region = check.id in REGIONAL and not open_claim
-    domain = "global"
-    if check.id not in FACTS:
-        domain = case.domain
+    domain = "global" if check.id in FACTS else case.domain
     need(about_region or check.domain == domain, "the domain is wrong")
     if open_claim:
         claimed = (check.margin, check.rate, check.factor, check.exact, check.witness)
@@ -165,9 +163,7 @@ def confirm(case: Case, check: Any) -> None:
         "the verdict is none of proved, refuted and undecided",
     )
     # by now id, mode and group are known, and the observer is the one of the problem
-    decide: Decider = regional
-    if not about_region:
-        decide = decider(case, check.id)
+    decide = regional if about_region else decider(case, check.id)
     bounded(case, check, decide(case, check))
 
 

@@ -246,9 +246,7 @@ class Expression:
         degree = self.steps[place].degree
         polynomial = degree < math.inf and (n >= 0 or degree == 0)
         # n x^(n-1), and 0 x^0 for n = 0, so that 1/x is not asked at 0
-        lower = 0
-        if n:
-            lower = n - 1
+        lower = n - 1 if n else 0
         raised = of_one(lambda x: power(x, n), lambda x, f: times(like(x, n), power(x, lower)))
         operation = partial(applied, raised)
         return self.append(operation, (place,), degree * n if polynomial else math.inf)

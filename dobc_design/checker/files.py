@@ -118,9 +118,7 @@ class Problem:
 
     def read_h(self, value: Any) -> tuple[str, ...]:
         """One expression, or one per input."""
-        h = (value,)
-        if type(value) is not str:
-            h = tuple(read(value, (text,) * self.inputs))
+        h = (value,) if type(value) is str else tuple(read(value, (text,) * self.inputs))
         need(all(len(each) <= LONGEST for each in h), "an expression of a coupling is too long")
         return h
 
@@ -129,9 +127,7 @@ class Problem:
         if value is None:
             return None
         rows = an_object(value).get("B") or [0]
-        columns = 0
-        if type(rows) is list and type(rows[0]) is list:
-            columns = len(rows[0])
+        columns = len(rows[0]) if type(rows) is list and type(rows[0]) is list else 0
         need(1 <= columns <= self.m, "B has to have 1 to m columns")
         shape = {"A?": matrix(self.m, self.m), "f?": (text,) * self.m, "B": matrix(self.m, columns)}
         dynamics = read(value, shape)
@@ -188,9 +184,7 @@ class Problem:
         """The limits of the inputs: one for all agents, or one for some."""
         if value is None:
             return {}
-        each = value
-        if type(value) is not dict:
-            each = dict.fromkeys(self.labels, value)
+        each = value if type(value) is dict else dict.fromkeys(self.labels, value)
         need(set(each) <= set(self.labels), "there is no such agent")
         return {self.labels.index(label): rational(limit) for label, limit in each.items()}
 
@@ -224,9 +218,7 @@ class Problem:
     def read_group(self, value: Any) -> Any:
         """The agents of one exosystem, and its A, C, W and P."""
         rows = value.get("A")
-        q = 0
-        if type(rows) is list:
-            q = len(rows)
+        q = len(rows) if type(rows) is list else 0
         need(q > 0, "an exosystem has no state")
         shape = {
             "agents": [partial(index, self.n)],
@@ -243,7 +235,5 @@ class Problem:
 
     def columns_of(self, W: Any) -> int:
         """W acts on states or on inputs: on states where it has as many columns."""
-        first = None
-        if type(W) is list and W:
-            first = W[0]
+        first = W[0] if type(W) is list and W else None
         return self.m if type(first) is list and len(first) == self.m else self.inputs

@@ -113,9 +113,7 @@ def pulled(loop: Loop, names: list[str]) -> set[int]:
 def on_average(case: Case, check: Any, chain: Matrix, linear: bool) -> Any:
     """V decays in the mean, of e'w (``linear``) or of e'P e, w or P of the present mode."""
     size = case.size
-    name = "w"
-    if not linear:
-        name = "P"
+    name = "w" if linear else "P"
     shape = partial(weights, case.n) if linear else matrix(size, size)
     exact = read(check.exact, {"kind": text, "rate": rational, name: an_object})
     each = getattr(exact, name)

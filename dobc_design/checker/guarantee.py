@@ -103,9 +103,7 @@ class Guarantee:
         ends = list(accumulate(turn.shortest for turn in self.timed))
         begun = time - time % ends[-1]  # of the round
         place = bisect_right(ends, time - begun)
-        before = ZERO
-        if place:
-            before = ends[place - 1]
+        before = ends[place - 1] if place else ZERO
         return Turn(place, begun + before, begun + ends[place])
 
     def cycles(self) -> Cycles:

@@ -54,9 +54,7 @@ def outward(lo: Real, hi: Real) -> Interval[Real]:
     # Fractions of any size would be exact, and take for ever
     need(all(x == 0 or abs(magnitude(x)) < 2**15 for x in (lo, hi)), OUT_OF_RANGE)
     # single numbers stay exact as long as the format page asks it
-    longest = PRECISION
-    if lo == hi:
-        longest = EXACT_BITS
+    longest = EXACT_BITS if lo == hi else PRECISION
     return shortened(lo, math.floor, longest), shortened(hi, math.ceil, longest)
 
 
@@ -332,9 +330,7 @@ def sine_of(z: int, bits: int) -> int:
     half = half_turn(bits)
     turns = (z + half) // (2 * half)
     z -= turns * 2 * half
-    sign = 1
-    if z < 0:
-        sign = -1
+    sign = -1 if z < 0 else 1
     z = abs(z)
     square = z * z >> bits
     term = z

@@ -400,15 +400,11 @@ def residuals_of(problem: Problem, node: Node) -> list[Residual]:
     alone = len(groups) == 1 and len(groups[0].agents) == problem.n
     found = []
     for group in groups:
-        C = group.C
-        if node.B is not None:
-            C = product(node.B, group.C)
+        C = group.C if node.B is None else product(node.B, group.C)
         W = group.W
         if W is not None and len(W[0]) != problem.m:
             W = product(W, node.left)
-        name = None
-        if not alone:
-            name = problem.labels[group.agents[0]]
+        name = None if alone else problem.labels[group.agents[0]]
         found.append(Residual(group.agents, group.A, C, W, group.P, name))
     return found
 

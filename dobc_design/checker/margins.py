@@ -177,7 +177,5 @@ def loaded(case: Case, check: Any, claim: Any, acts: bool) -> list[Added]:
     peaks = SimpleNamespace(**{name: rational(given.get(name)) for name in NAMES})
     need(claim.alpha > 0 and claim.level > 0, "a number of the box is not positive")
     holds_starts(case, check.domain, claim)
-    rho = None
-    if case.domain != "global":
-        rho = claim.rho
+    rho = None if case.domain == "global" else claim.rho
     return shrinks(case, SimpleNamespace(**vars(claim) | {"rho": rho}), peaks)

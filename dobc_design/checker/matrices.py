@@ -225,9 +225,7 @@ def routh(polynomial: Vector) -> Vector:
     column = upper[:1]
     while lower and column[-1]:
         column.append(lower[0])
-        factor = ZERO
-        if lower[0]:
-            factor = upper[0] / lower[0]
+        factor = upper[0] / lower[0] if lower[0] else ZERO
         pairs = zip_longest(upper[1:], lower[1:], fillvalue=ZERO)
         upper = lower
         lower = [a - factor * b for a, b in pairs]
@@ -272,9 +270,7 @@ def polynomial_text(polynomial: Vector) -> str:
         power = len(polynomial) - 1 - k
         symbol = f"s^{power}" if power > 1 else "s" * power
         size = "" if abs(c) == 1 and symbol else f"{abs(c)} "
-        sign = "+"
-        if c < 0:
-            sign = "-"
+        sign = "-" if c < 0 else "+"
         text += f" {sign} {size}{symbol}".rstrip()
     return text.removeprefix(" + ")
 

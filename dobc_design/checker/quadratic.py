@@ -103,9 +103,7 @@ def read_quadratic(case: Case, exact: Any, rate: Fraction | None = None) -> Any:
         need(is_form(claim.P), "P > 0 is not shown")
 
     everywhere = claim.radius is None
-    reach = None
-    if not everywhere:
-        reach = [claim.radius] * m
+    reach = None if everywhere else [claim.radius] * m
     ranges = read_ranges(case, claim, dict.fromkeys(case.functions, reach))
     costs = noise(case, claim)
     scaled = set(case.modes) if claim.method == "lure" else set()
@@ -199,9 +197,7 @@ def read_ranges(loop: Loop, claim: Any, far: dict[Coupling, Any]) -> Ranges:
     # each once: a second range of a coupling would replace the first, unseen
     need(listed == wanted, "the ranges are not those of the couplings")
     found = {loop.functions[each.coupling]: each.gains for each in claim.ranges}
-    moving = None
-    if loop.leader is not None:
-        moving = loop.own
+    moving = loop.own if loop.leader is not None else None
     for h, gains in found.items():
         need(h is moving or gains_hold(h, gains, far[h]), "the gains are not shown")
     if moving is not None:  # f(s + e) - f(s) for s in the box of the leader

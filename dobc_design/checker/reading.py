@@ -70,9 +70,7 @@ def document(data: bytes, kind: str) -> Object:
     except (ValueError, ArithmeticError, RecursionError):
         raise Refused("the file is no JSON in UTF-8, or nested too deeply") from None
     need(type(value) is dict and value.get("format") == kind, f"the file is no {kind}")
-    known = 1
-    if kind == "dobc-problem":
-        known = version_of(value)
+    known = version_of(value) if kind == "dobc-problem" else 1
     # True == 1, so that the type is asked as well
     right = type(value.get("version")) is int and value["version"] == known
     need(right, f"the version is not {known}")
@@ -106,9 +104,7 @@ def leaves_agents(problem: Object) -> bool:
     """Whether there are groups of agents with exosystems, and agents in none of them."""
     exosystem = problem.get("exosystem")
     labels = problem.get("labels")
-    groups = None
-    if type(exosystem) is dict:
-        groups = exosystem.get("groups")
+    groups = exosystem.get("groups") if type(exosystem) is dict else None
     if type(groups) is not list or type(labels) is not list:
         return False
     lists = [group.get("agents") for group in groups if type(group) is dict]

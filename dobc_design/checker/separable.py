@@ -176,9 +176,7 @@ def holds_box(claim: Any, radius: Fraction, s: Fraction, level: Fraction) -> Non
     # asked by itself: its square would hide the sign
     need(left >= 0, "the box leaves the region")
     # without roots: kappa s sqrt(size) <= left
-    noise = ZERO
-    if s:
-        noise = (claim.kappa * s) ** 2 * claim.size
+    noise = (claim.kappa * s) ** 2 * claim.size if s else ZERO
     need(noise <= left**2, "the disturbance leaves the region")
 
 
@@ -407,9 +405,7 @@ def mean_slope(curve: Curve, rho: float, v: tuple[int, int, int], closely: bool)
     # |y| is at most rho (v_i + v_j)
     farthest = scaled(own + other, bottom)[1]
     rises = all(cell.way == 1 for cell in curve.between(-farthest, farthest))
-    left = -farthest
-    if rises:
-        left = min(scaled(other - own, bottom)[0], 0.0)
+    left = min(scaled(other - own, bottom)[0], 0.0) if rises else -farthest
     slope = 0.0
     mean = ZERO
     for k in range(9):  # k = 0: what holds at x = 0 holds at all

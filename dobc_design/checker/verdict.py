@@ -108,9 +108,7 @@ def is_open(loop: Loop, domain: Any) -> bool:
 def covers(case: Case, check: Any) -> bool:
     """True if what is proved holds from all starts that are asked for (lemma1: in its mode)."""
     domain = check.domain
-    local = ["lemma1"]
-    if case.q:
-        local = [case.theorem, case.theorem + "-printed"]
+    local = (case.theorem, case.theorem + "-printed") if case.q else ("lemma1",)
     if check.id in (*local, case.theorem + "-weighted", "linearisation"):
         return case.region is None or case.domain == "global"
     safe = check.id == "safety" and check.rate is not None

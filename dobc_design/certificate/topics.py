@@ -164,7 +164,9 @@ TOPICS: Mapping[str, Topic] = {
         confirm=_beside(margins.confirm, MAX_SEPARABLE, ACCURACY), read=margins.read_claim
     ),
     "quadratic": Topic(confirm=quadratic.confirm, read=quadratic.read_claim),
-    "schedule": Topic(confirm=schedule.confirm, read=schedule.read_claim, of_roots=True),
+    "schedule": Topic(
+        confirm=schedule.confirm, read=schedule.read_claim, of_gaps=True, of_roots=True
+    ),
     "graphs": Topic(confirm=graphs.confirm, read=graphs_claimed.read_claim, of_roots=True),
     "accuracy": Topic(confirm=accuracy.confirm, read=accuracy.read_claim),
     "equilibrium": Topic(confirm=equilibrium.confirm, read=equilibrium.read_claim),

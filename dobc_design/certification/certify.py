@@ -8,7 +8,7 @@ decides exactly.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from functools import partial
@@ -58,7 +58,6 @@ from dobc_design.conditions.observer.propose import (
     propose_pairs,
 )
 from dobc_design.conditions.quadratic.stage import SMALL_ROWS, quadratic_stage
-from dobc_design.conditions.reason import gap_obstacle
 from dobc_design.conditions.schedule.propose import Asked as SettlingStarts
 from dobc_design.conditions.schedule.stage import (
     read_tolerance,
@@ -102,6 +101,8 @@ STAGES: tuple[Stage, ...] = (
     schedule_stage,
     markov_stage,
 )
+#: Of these where fixed nodes differ or move; the others are about errors from one target.
+OF_GAPS = (separable_stage, schedule_stage)
 #: Of these where there are too many pairs for rows.
 BY_GRAPHS = STAGES[-2:]
 
@@ -255,15 +256,16 @@ class _Certification:
         loop = case.loop
         if loop.goal == "roots":
             return agents
-        if loop.gap:
-            wanted = {"settling": tolerance is not None, "schedule": loop.guarantee.is_given}
-            return agents.and_(_beside_gaps(agents, (id for id in wanted if wanted[id])))
         asked = read_region(loop, case.W, domain=case.domain, everything=everything)
-        case = case.and_(safety_stage(asked, report))
+        # All but weights that move, and boxes, are about one target.
+        if not loop.gap:
+            case = case.and_(safety_stage(asked, report))
         if tolerance is not None or (everything and loop.starts is not None):
             starts = self.options.settling_starts
             settled = settling_stage(case, tolerance=tolerance, starts=starts, report=report)
             case = case.and_([settled])
+        if loop.gap:
+            return replace(agents, checks=case.checks)
         # Inputs may rest on the final box, so they come after it.
         case = case.and_(_ending(ACCURACY, case, partial(accuracy_stage, case, report)))
         inputs = partial(inputs_stage, asked, case.checks, report)
@@ -320,14 +322,6 @@ def _written(check: Check, domain: Domain, said: Said) -> Check:
     """A check as a certificate has it, in the words of its problem."""
     found = writable(check, domain)
     return replace(found, reason=said(found.reason))
-
-
-def _beside_gaps(case: Case, ids: Iterable[str]) -> Iterator[Check]:
-    """What is asked for by name and not known where fixed nodes differ or move."""
-    reason = gap_obstacle(case.loop)
-    for id in ids:
-        if reason is not None:
-            yield undecided_check(id, case.domain, reason, applies=False)
 
 
 def _decide_quietly(problem: Problem) -> Decided:
@@ -396,8 +390,7 @@ def region_checks(case: Case, *, everything: bool, report: Progress, rate: float
         if several and not (known or everything or case.domain == EVERYWHERE):
             return _near_the_target(asked, report)
         known = known or case.domain != EVERYWHERE
-    # The others are about errors from one target.
-    stages = STAGES[:1] if loop.gap else STAGES
+    stages = OF_GAPS if loop.gap else STAGES
     if known and not everything:
         # What the tables of the file ask may still rest on the box that the first stage finds.
         stages = STAGES[:1] if is_asked(asked) else ()
@@ -424,8 +417,10 @@ def _near_the_target(asked: Asked, report: Progress) -> list[Check]:
     if asked.loop.goal == "roots":
         return _in_turn(asked, BY_GRAPHS, report)
     found = separable_stage(asked, report)
-    if not covering(asked.loop, found) and not asked.loop.gap:
-        found += schedule_stage(asked, report) + markov_stage(asked, report)
+    if not covering(asked.loop, found):
+        found += schedule_stage(asked, report)
+        if not asked.loop.gap:
+            found += markov_stage(asked, report)
     if stated_in(asked.loop).relative:
         found += margins_stage(asked, found, report)
     return found

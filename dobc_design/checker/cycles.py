@@ -91,9 +91,13 @@ def keeps(case: Case, exact: Any) -> None:
     turns = case.guarantee.phases
     need(len(exact.phases) == len(turns), "there are not weights for every phase")
     if exact.T:
+        need(not case.gap, "coordinates are those of an error from one target")
         turned = in_coordinates(case, exact)
     else:
-        width = enclosed(2 * (exact.rho or ONE) * max(every))[1]
+        most = (exact.rho or ONE) * max(every)
+        if case.gap:
+            rises(case, most, strictly=False)
+        width = enclosed(2 * most)[1]
         curves: dict[str, Curves] = {}
         for mode in {turn.mode for turn in turns}:
             heard = {arc.coupling for arc in case.modes[mode]}
@@ -201,8 +205,8 @@ def falls(loop: Loop, turn: Phase, each: Any, exact: Any, curves: Curves) -> Non
 
 
 def rises(loop: Loop, rho: Fraction | None, strictly: bool = True) -> None:
-    """Couplings rise on |y| <= 2 rho, ``strictly`` at 0, and no gain pushes outward."""
-    width = enclosed(2 * (rho or ZERO))[1]
+    """Couplings rise on |y| <= 2 rho + gap, ``strictly`` at 0, and no gain pushes outward."""
+    width = enclosed(loop.gap + 2 * (rho or ZERO))[1]
     need(all(loop.least_gain(i) >= 0 for i in loop.nodes), "a gain pushes outward")
     for h in loop.functions:
         curve = Curve(h, False, -width, width)
@@ -335,6 +339,7 @@ def grows(loop: Loop, check: Any) -> None:
     size = loop.size
     # differences of agents depend on each other: what grows need not be such
     need(not loop.differences or loop.fixed == 1, "pairs are not followed here")
+    need(not loop.gap, "it is about one target")
     linear = check.witness is None and loop.domain == "global"
     need(linear, "it is about linear couplings, and has no witness")
     need(

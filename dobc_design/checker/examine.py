@@ -60,7 +60,7 @@ OF_TARGET = (
     "accuracy",
 )
 # of these the claims hold where fixed nodes differ or move
-OF_GAPS = ("max-separable", "delay")
+OF_GAPS = ("max-separable", "delay", "schedule", "settling")
 # of these the claims are rows, which hold whatever the signs
 OF_SIGNS = ("delay", "sampling", "tolerance", "actuators", "safety", "settling", "accuracy")
 REFUTABLE = ("max-separable", "equilibrium", "markov", "schedule")

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from .claims import Case
 from .curves import both_faces
-from .cycles import TIMES, MovingRow, fading, keeps, read_cycles, segment
+from .cycles import TIMES, MovingRow, fading, keeps, read_cycles, rises, segment
 from .intervals import enclosed
 from .loop import Loop
 from .matrices import ONE, ZERO, Vector, identity, is_diagonal, nonnegative, paired, plus, root
@@ -75,7 +75,10 @@ def moves(case: Case, tube: Any, box: Any) -> None:
     if count == 1:
         return
 
-    width = enclosed(2 * max(max(face) for face in tube.upper + tube.lower))[1]
+    most = max(max(face) for face in tube.upper + tube.lower)
+    if case.gap:
+        rises(case, most, strictly=False)
+    width = enclosed(2 * most)[1]
     couplings = {arc.coupling for arc in case.arcs}
     curves = both_faces(couplings, -width, width)
     loads = [noise(case, tube, box, time) for time in times]

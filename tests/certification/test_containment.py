@@ -226,20 +226,71 @@ def test_a_fixed_node_without_a_value_is_refused():
 MODES = {"A": [[1, "a"], [2, 1], [2, 3], [3, 2]], "B": [[1, 2], [2, 1], [2, 3], [3, "b"]]}
 
 
-def test_what_is_not_known_of_leaders_that_differ_is_said_by_name():
-    """A guarantee on time, settling times, the theorems: undecided, each with the reason."""
-    problem = contained(
-        MODES,
-        region={"initial_states": [-1, 5]},
-        switching=dd.Switching(guarantee="dwell", dwell=1, longest=2),
-    )
-    certificate = dd.certify(problem, settling="1/10")
-    assert certificate.verdict is Verdict.UNDECIDED
-    reasons = {check.id: check.reason for check in certificate.checks}
-    for id in ("schedule", "settling", "lemma1"):
-        assert "one target, and the fixed nodes differ or move" in reasons[id]
-    assert "An arc from a fixed node to agent" in reasons["max-separable"]
+IN_TURN = dd.Switching(guarantee="sequence", sequence=["A", "B"], dwell=1)
+
+
+def named(certificate: dd.Certificate, id: str) -> Check:
+    return next(check for check in certificate.checks if check.id == id)
+
+
+def test_graphs_in_turn_bring_agents_between_leaders_at_the_rate_of_one_target():
+    """Mode A: 3 hears 2, mode B: 2 hears 1, which hears both leaders in both: rate 1/2, as with a
+    pin of gain 1 (theory, section 11)."""
+    always = [[1, "a", "1/2"], [1, "b", "1/2"]]
+    modes = {"A": [*always, [3, 2]], "B": [*always, [2, 1]]}
+    problem = contained(modes, b={"between": [3, 5]}, switching=IN_TURN)
+    certificate = dd.certify(problem)
+    assert certificate.covered_by == "schedule"
+    assert 0.48 < certificate.rate <= 0.5
+    assert "one target, and the fixed nodes differ" in named(certificate, "lemma1").reason
     assert dd.verify(certificate, problem).holds
+
+
+@pytest.mark.slow
+def test_agents_settle_between_leaders_that_move_and_no_run_is_later():
+    """Euler's method, leaders that jump between their ends: distances stay below 1/10 from the
+    certified time on."""
+    modes = {"A": [[1, "a"], [2, 1]], "B": [[1, 2], [2, "b"]]}
+    region = {"initial_states": [-1, 5]}
+    problem = contained(modes, "tanh(y)", b={"between": [3, 4]}, region=region, switching=IN_TURN)
+    certificate = dd.certify(problem, settling="1/10")
+    settling = named(certificate, "settling")
+    assert settling.is_proved
+    assert dd.verify(certificate, problem).holds
+    time = float(settling.claim.time)
+    step = 1e-3
+    rng = np.random.default_rng(1)
+    x = np.array([[-1.0, 5], [5, -1]])
+    last = np.zeros(2)
+    for k in range(int((time + 4) / step)):
+        right = 4 if rng.random() < 0.5 else 3
+        mode = modes["AB"[int(k * step) % 2]]
+        change = np.zeros_like(x)
+        for i, j in mode:
+            heard = {"a": 0, "b": right}.get(j)
+            change[i - 1] += np.tanh((x[j - 1] if heard is None else heard) - x[i - 1])
+        x = x + step * change
+        away = np.maximum(np.maximum(x - 4, -x), 0).max(axis=0)
+        last = np.where(away > 0.1, k * step, last)
+    assert 0 < last.max() <= time
+
+
+def test_forged_tubes_for_the_sine_are_refused_by_both_programs():
+    """Distances are the same between leaders at 0 and 1/2, and at -3 and 3, where the sine
+    falls."""
+    modes = {"A": [[1, "a"]], "B": [[1, 2], [2, "b"]]}
+    region = {"initial_states": ["-1/4", "3/4"]}
+    near = contained(modes, "sin(y)", 0, "1/2", region=region, switching=IN_TURN)
+    true = dd.certify(near, settling="1/10")
+    assert named(true, "schedule").is_proved
+    assert named(true, "settling").is_proved
+    far = near.replace(fixed={"a": -3, "b": 3}, region={"initial_states": ["-13/4", "13/4"]})
+    forged = certificate_bytes(replace(true.claims, problem_sha256=problem_sha256(far)))
+    failures = dd.verify(forged, far).failures
+    refused = [text for holds, text in examine(forged, canonical_bytes(far)) if not holds]
+    for id in ("schedule", "settling"):
+        assert any(id in text and "not shown to rise on |y| <= " in text for text in failures)
+        assert f"{id} : proved: a coupling may fall" in refused
 
 
 @pytest.mark.parametrize("id", ["lure", "schedule", "sampling", "tolerance", "accuracy", "markov"])

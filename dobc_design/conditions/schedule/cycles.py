@@ -14,7 +14,7 @@ from itertools import combinations, pairwise
 import numpy as np
 
 from dobc_design.conditions.consensus.network import name_agents
-from dobc_design.conditions.reason import Need, first_missing
+from dobc_design.conditions.reason import Need, first_missing, gap_obstacle
 from dobc_design.conditions.separable.claim import acts_by_component, holding_gains
 from dobc_design.conditions.separable.coordinates import gains_obstacle, seen_through, slowest_row
 from dobc_design.conditions.separable.decide import error_bound_obstacle
@@ -77,12 +77,18 @@ def _weights_fall(loop: Loop, claim: Cycles, rate: Fraction) -> Iterator[Need]:
     """In every phase the rows hold, and its weights shrink until each time at which it may end."""
     phases = loop.guarantee.phases
     if claim.T is not None:
+        obstacle = gap_obstacle(loop)
+        yield obstacle is None, str(obstacle)
         wrong = gains_obstacle(loop, claim.T, claim.tallest, claim.rho, claim.ranges)
         yield wrong is None, str(wrong)
     # Rows of the errors themselves, in tables as wide as the widest phase needs.
     rows: Mapping[str, MovingRows | None] = {}
     if claim.T is None:
-        rows = rows_of_phases(loop, claim.most * (ONE if claim.rho is None else claim.rho))
+        most = claim.most * (claim.rho or ONE)
+        # Only a coupling that rises is largest where rows look, from any place without error.
+        if loop.gap:
+            yield from rises(loop, most, strictly=False)
+        rows = rows_of_phases(loop, most)
     for p, (phase, each) in enumerate(zip(phases, claim.phases, strict=True)):
         where = f"phase {p + 1} (mode {phase.mode})"
         yield phase.shortest in each.times, f"{where}: its shortest time has to be among the times."
@@ -119,8 +125,9 @@ def holds_observer(
 
 
 def rises(loop: Loop, rho: Fraction | None, *, strictly: bool = True) -> Iterator[Need]:
-    """Couplings rise as far out as 2 rho, ``strictly`` at the target; gains hold."""
-    farthest = 2 * (rho or ONE)
+    """Couplings rise as far out as 2 rho, and further between fixed nodes, ``strictly`` at the
+    target; gains hold."""
+    farthest = loop.gap + 2 * (rho or ONE)
     at_target = Interval.point(ZERO)
     rising = True
     try:
@@ -130,8 +137,8 @@ def rises(loop: Loop, rho: Fraction | None, *, strictly: bool = True) -> Iterato
             rising = rising and steep and shape.is_nondecreasing
     except UndefinedError:
         rising = False
-    strict = ", strictly at the target" if strictly else ""
-    yield rising, f"a coupling is not shown to rise as far out as that{strict}."
+    strict = ", strictly at 0" if strictly else ""
+    yield rising, f"a coupling is not shown to rise on |y| <= {float(farthest):.6g}{strict}."
     yield min(holding_gains(loop)) >= 0, "a gain pushes outward."
 
 

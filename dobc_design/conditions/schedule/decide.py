@@ -31,6 +31,7 @@ from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.loop.loop import Loop
 
 from .claim import ONE, ZERO, Cycles, Descent, Last, Tube, shrunk
+from .cycles import rises
 from .cycles import why_not as why_not_cycles
 from .rows import Box, RowsBySize
 
@@ -183,6 +184,8 @@ def _rows_hold(loop: Loop, claim: Descent) -> Iterator[Need]:
     yield faces_fit, "with gains that mix components, or signs, its faces have to be alike."
     if len(tube.times) == 1:
         return
+    if loop.gap:
+        yield from rises(loop, tube.most, strictly=False)
     left = open_segments(loop, tube, disturbance=claim.disturbance)
     cannot = "its rows cannot be decided: a coupling is not defined, or turns too often."
     yield left is not None, cannot

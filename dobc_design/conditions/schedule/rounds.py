@@ -66,6 +66,9 @@ def _parts(loop: Loop) -> list[tuple[Matrix, Fraction]] | None:
     # Rows leave signs out, and with them errors may well decay.
     if not (loop.is_linear and in_turn and is_small) or loop.loose is not None or loop.signed:
         return None
+    # Errors that grow are those from one target.
+    if loop.gap:
+        return None
     if sum(phase.first for phase in phases) != 1 or are_pairs(loop):
         return None
     statements = state_theorems(loop)

@@ -24,7 +24,7 @@ from dobc_design.conditions.domain import Around
 from dobc_design.conditions.numbers import claimed, decimal_above, rounded_up
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import diagonal_of_inverse
-from dobc_design.conditions.reason import first_missing
+from dobc_design.conditions.reason import first_missing, gap_obstacle
 from dobc_design.conditions.schedule import decide, propose, propose_cycles
 from dobc_design.conditions.separable.checks import obstacle
 from dobc_design.conditions.separable.claim import ErrorBound, Separable, acts_by_component
@@ -331,6 +331,8 @@ def schedule_stage(asked: Region, report: Progress) -> list[Check]:
         return [grows]
     turned = not acts_by_component(loop)
     reason = obstacle(loop, asked.W, turned=turned)
+    if reason is None and turned:
+        reason = gap_obstacle(loop)
     if reason is not None:
         return [undecided_check("schedule", asked.domain, reason)]
     report("following the weights from mode to mode")
@@ -354,7 +356,7 @@ def _searched(asked: Region, *, turned: bool) -> Check:
     if cut is not None:
         return cut_check("schedule", asked.domain, cut)
     nothing = _nothing_found(loop, turned=turned)
-    if not loop.guarantee.phases:
+    if loop.gap or not loop.guarantee.phases:
         rho = None if loop.is_linear else claimed(asked.radius)
         nothing = first_missing(rises(loop, rho)) or nothing
     return undecided_check("schedule", asked.domain, nothing)

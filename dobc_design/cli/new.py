@@ -52,6 +52,10 @@ def new(
         bool,
         Option("--drop-loops", help="With --from: leave out arcs from an agent to itself."),
     ] = False,
+    negative: Annotated[
+        str | None,
+        Option(help="With --from: what negative weights mean, opposes or repels."),
+    ] = None,
     out: Annotated[
         Path | None, Option(metavar="FOLDER", help="Folder for the files; default ./NAME.")
     ] = None,
@@ -62,7 +66,12 @@ def new(
     from dobc_design.certificate.files import write_folder
 
     _require_name(name)
-    given = {"--arrow": arrow, "--merge": merge, "--drop-loops": drop_loops}
+    given = {
+        "--arrow": arrow,
+        "--merge": merge,
+        "--drop-loops": drop_loops,
+        "--negative": negative,
+    }
     for option, value in given.items():
         if value and source is None:
             raise refused(
@@ -75,7 +84,9 @@ def new(
         from dobc_design.description.words import size_words
         from dobc_design.importing.files import problem_from_file
 
-        problem = problem_from_file(source, arrow=arrow, merge=merge, drop_loops=drop_loops)
+        problem = problem_from_file(
+            source, arrow=arrow, merge=merge, drop_loops=drop_loops, negative=negative
+        )
         read = f"read {source.name}: {size_words(problem.network)}\n"
     files = scaffold(name, problem, "" if source is None else source.name)
     folder = require_folder(Path(name) if out is None else out)

@@ -41,13 +41,15 @@ def problem_from_file(
     arrow: str | None = None,
     merge: str | None = None,
     drop_loops: bool = False,
+    negative: str | None = None,
 ) -> Problem:
     """Make a problem from a file of another program, by its suffix.
 
     .m MATPOWER case; .json pandapower network (or problem.json); .csv, .edges, .graphml, .gml, .net
     (Pajek), .mtx (Matrix Market) arcs, for which ``arrow`` ("listens_to" or "sends_to") has to say
     what a pair means; .toml a problem file.  Of arcs ``merge`` "sum" adds the weights of parallel
-    ones, ``drop_loops`` leaves out those from an agent to itself.
+    ones, ``drop_loops`` leaves out those from an agent to itself; ``negative`` says what negative
+    weights mean: "opposes", the listener follows -x of the speaker, or "repels", it moves away.
     Returns: a Problem whose notes say what was assumed.  Raises: SpecError.
     """
     path = Path(path)
@@ -55,7 +57,12 @@ def problem_from_file(
     if suffix not in SUFFIXES:
         what = f"{shown(path.name)} must end in one of {', '.join(SUFFIXES)}, which say what kind "
         raise refused(path.name, f"{what}of file it is.", "Rename or convert it.")
-    given = {"arrow": arrow is not None, "merge": merge is not None, "drop_loops": drop_loops}
+    given = {
+        "arrow": arrow is not None,
+        "merge": merge is not None,
+        "drop_loops": drop_loops,
+        "negative": negative is not None,
+    }
     for option, is_given in given.items():
         if is_given and suffix not in READERS:
             what = f"{option} is for files of arcs ({', '.join(READERS)}); {shown(path.name)} says "
@@ -75,7 +82,7 @@ def problem_from_file(
             merge=merge,
             drop_loops=drop_loops,
         )
-        network = Network(labels=labels, modes={"G": arcs})
+        network = Network(labels=labels, modes={"G": arcs}, negative=negative)
         return Problem(name=name, network=network, coupling="y", notes=_notes(path, arcs))
     if suffix == ".toml":
         return load_problem(path)

@@ -405,7 +405,8 @@ def negative_weight(arcs: Arcs, labels: Names, *, mode: str, place: int) -> Spec
         f"must say what a negative weight w means; at {at} {listener} listens to {speaker} with "
         f"{shown_number(arcs.weights[place])}.",
         f'"opposes": {listener} follows -x of {speaker}, |w| h(-x_j - x_i), as in signed graphs. '
-        f'"repels": {listener} moves away from {speaker}, w h(x_j - x_i).',
+        f'"repels": {listener} moves away from {speaker}, w h(x_j - x_i). (dobc new: --negative; '
+        "Python: negative=)",
     )
 
 
@@ -689,6 +690,7 @@ class Network(Shown):
         graph: Any,
         *,
         arrow: str,
+        fixed: Sequence[Any] = (),
         merge: str | None = None,
         drop_loops: bool = False,
         negative: str | None = None,
@@ -696,7 +698,8 @@ class Network(Shown):
         """Build a network from a networkx graph, or from a mapping of mode name to graph.
 
         An edge (a, b) means what ``arrow`` says; an undirected edge gives both arcs; the edge
-        attribute 'weight' is w.  All modes must have the same nodes, in any order.
+        attribute 'weight' is w.  All modes must have the same nodes, in any order; those in
+        ``fixed`` are no agents, they are listened to and listen to nobody.
         ``merge`` "sum" adds the weights of parallel edges, ``drop_loops`` leaves out self-loops;
         ``negative``: what negative weights mean (``Network``).
         Raises: SpecError for parallel edges and self-loops otherwise, and for different node sets.
@@ -737,10 +740,18 @@ class Network(Shown):
             if not each.is_directed():
                 pairs += [(b, a, w) for a, b, w in pairs]
             arcs[name] = pairs
+        agents, others = _agents_and_fixed(labels, fixed)
+        listener = 0 if arrow == "listens_to" else 1
+        for name, each in graphs.items():
+            # A fixed node listens to nobody: of an edge without direction the agent listens.
+            if others and not each.is_directed():
+                kept = (arc for arc in arcs[name] if label_text(arc[listener]) not in others)
+                arcs[name] = list(kept)
         return cls.from_arcs(
             arcs,
             arrow=arrow,
-            agents=labels,
+            agents=agents,
+            fixed=others,
             merge=merge,
             drop_loops=drop_loops,
             negative=negative,
@@ -753,6 +764,7 @@ class Network(Shown):
         *,
         arrow: str,
         labels: Sequence[Any] | None = None,
+        fixed: Sequence[Any] = (),
         drop_loops: bool = False,
         negative: str | None = None,
     ) -> Network:
@@ -760,7 +772,8 @@ class Network(Shown):
         matrix.
 
         Entry (i, j) is the arc [i, j] under ``arrow`` and its value the weight; entries that are
-        stored twice are added, stored zeros are no arcs.  ``labels`` defaults to 1..n;
+        stored twice are added, stored zeros are no arcs.  ``labels`` defaults to 1..n; those in
+        ``fixed`` are no agents, they are listened to and listen to nobody;
         ``drop_loops`` leaves out the diagonal; ``negative``: what negative weights mean
         (``Network``). Shape: (n, n).  Raises: SpecError if it is not
         square, or labels do not fit.
@@ -802,8 +815,25 @@ class Network(Shown):
             first = table.row[keep].astype(np.int64)
             second = table.col[keep].astype(np.int64)
             modes[name] = directed(first, second, weights, arrow=arrow)
-        labels = labels_of(size) if names is None else names
-        return cls(labels=labels, modes=modes, negative=negative)
+        nodes = labels_of(size) if names is None else names
+        agents, others = _agents_and_fixed(nodes, fixed)
+        # Fixed nodes are numbered after the agents.
+        places = {label: place for place, label in enumerate((*agents, *others))}
+        order = np.array([places[label] for label in nodes])
+        for name, each in modes.items():
+            modes[name] = replace(
+                each, listeners=order[each.listeners], speakers=order[each.speakers]
+            )
+        return cls(labels=agents, modes=modes, fixed=others, negative=negative)
+
+
+def _agents_and_fixed(nodes: Texts, fixed: Sequence[Any]) -> tuple[Texts, Texts]:
+    """The nodes that are agents, and the labels of those that are fixed.  Raises: SpecError for one
+    that is no node."""
+    others = tuple(label_text(each, "fixed") for each in fixed)
+    for label in set(others) - set(nodes):
+        raise wrong("fixed", f"names {shown(label)}, which is no node.", "Use labels of nodes.")
+    return tuple(label for label in nodes if label not in others), others
 
 
 def _as_coo(matrix: Any, key: str) -> Any:

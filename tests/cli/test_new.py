@@ -115,6 +115,17 @@ def test_new_from_arcs_says_first_what_was_read_and_adds_parallel_arcs_where_ask
     assert code == 2 and "--merge says how the arcs of --from are read" in err
 
 
+def test_new_asks_what_negative_weights_mean(dobc):
+    Path("pair.csv").write_text("a,b,1\nb,a,-1\n", encoding="utf-8")
+    read = ("new", "pair", "--from", "pair.csv", "--arrow", "listens_to")
+    code, _, err = dobc(*read)
+    assert code == 2 and "dobc new: --negative" in err
+    assert dobc(*read, "--negative", "opposes")[0] == 0
+    assert load_problem("pair/pair.toml").signs is not None
+    code, _, err = dobc("new", "other", "--negative", "repels")
+    assert code == 2 and "--negative says how the arcs of --from are read" in err
+
+
 @pytest.mark.slow
 def test_the_notebook_and_the_test_of_a_new_project_run(dobc, tmp_path):
     dobc("new", "my-swarm")

@@ -67,6 +67,29 @@ def test_the_adjacency_matrix_is_read_back_dense_and_sparse():
         Network.from_sparse([[0, 1], [1, 0]], arrow="listens_to")
 
 
+def test_fixed_nodes_come_back_from_networkx_and_from_an_adjacency_matrix():
+    arcs = [[1, "a"], [2, 1], [2, "b", 3]]
+    network = Network.from_arcs(arcs, arrow="listens_to", fixed=["a", "b"])
+    graph = network.to_networkx()
+    again = Network.from_networkx(graph, arrow="listens_to", fixed=["a", "b"])
+    assert (again.labels, arcs_of(again)) == (network.labels, arcs_of(network))
+    order = [2, 0, 3, 1]  # fixed nodes may stand anywhere
+    labels = [network.names[place] for place in order]
+    matrix = network.adjacency["G"].toarray()[np.ix_(order, order)]
+    again = Network.from_sparse(matrix, arrow="listens_to", labels=labels, fixed=["a", "b"])
+    assert again.labels == ("1", "2")
+    assert arcs_of(again) == arcs_of(network)
+    with pytest.raises(SpecError, match="fixed names 'c', which is no node"):
+        Network.from_networkx(graph, arrow="listens_to", fixed=["c"])
+
+
+@pytest.mark.parametrize("arrow", ["listens_to", "sends_to"])
+def test_of_an_edge_without_direction_a_fixed_node_does_not_listen(arrow):
+    network = Network.from_networkx(nx.path_graph(3), arrow=arrow, fixed=[0])
+    assert network.names == ("1", "2", "0")
+    assert arcs_of(network) == {"G": {(0, 2, 1), (0, 1, 1), (1, 0, 1)}}
+
+
 def test_gains_are_given_by_label():
     problem = dd.load_problem("paper-fixed")
     assert problem.gains == {"1": Fraction(5), "6": Fraction(5)}

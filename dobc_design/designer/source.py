@@ -29,8 +29,7 @@ WIDTH = 100
 
 def python_source(problem: Problem) -> str:
     """A script whose ``problem`` equals this one."""
-    problem.require_fixed_arcs("the Designer")
-    problem.require_no_signs("the Designer")
+    problem.require("a script of the Designer")
     given = problem.__reduce__()[0].keywords  # the arguments of its constructor
     given["gains"] = gain_table(problem.pinning.gains, problem.network.labels)
     said = {name: _plain(value) for name, value in given.items()}

@@ -100,9 +100,7 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
         radius: float | None = None,
     ) -> None:
         base = load_problem(problem)
-        base.require_integrators("the Designer")
-        base.require_target("the Designer")
-        base.require_same_pins("the Designer")
+        base.require("the Designer")
         _require_drawable(base)
         self._base = base
         self._working = threading.Lock()

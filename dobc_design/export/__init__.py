@@ -62,8 +62,7 @@ def to_c(
     from .c_folder import Recorder, c_code
 
     problem = _loaded(problem)
-    problem.require_no_leader("C code")
-    problem.require_same_pins("C code")
+    problem.require("C code")
     claims = certificate.claims if isinstance(certificate, Certificate) else certificate
     # Its period would be that of another loop.
     if claims is not None and claims.problem_sha256 != problem_sha256(problem):
@@ -91,8 +90,7 @@ def to_fmu(problem: Source, *, period: Any, agent: Any = None, sampled_gain: Any
     from .fmu import make_fmu
 
     problem = _loaded(problem)
-    problem.require_no_leader("an FMU")
-    problem.require_same_pins("an FMU")
+    problem.require("an FMU")
     if agent is None:
         # A pinned agent has everything that the code can do.
         pinned = problem.pinning.agents
@@ -119,9 +117,8 @@ def to_sdpa(problem: Source) -> str:
     from .matrices import sdpa_text
 
     problem = _loaded(problem)
-    problem.require_one_exosystem()
-    problem.require_integrators("the matrix inequality in SDPA's format")
-    problem.require_target("the matrix inequality in SDPA's format")
+    problem.require("this")  # one exosystem
+    problem.require("the matrix inequality in SDPA's format")
     found = decide(loop_of(problem), lambda stage: None)
     # What is written is the inequality of one of these.
     wanted = ("theorem1", "theorem2") if problem.exosystem is not None else ("lemma1",)
@@ -203,7 +200,7 @@ def _matrices(source: Source | Certificate) -> tuple[dict[str, Matrix], Problem]
 
 def _loaded(problem: Source) -> Problem:
     problem = arrays.require_floats(load_problem(problem))
-    problem.require_fixed_arcs("an export")
+    problem.require("an export")
     return problem
 
 
@@ -255,7 +252,7 @@ def to_control(
     from .python_control import to_control as run
 
     problem = _loaded(problem)
-    problem.require_no_saturation("the model of python-control")
+    problem.require("the model of python-control")
     if signal is None and mode is None:
         signal = signal_of(problem)[0]
     if isinstance(signal, Mobile):
@@ -275,9 +272,7 @@ def python_script(problem: Source) -> str:
     Python once its functions are named; text of users appears in strings only.  Raises: SpecError
     for more than 20 000 arcs."""
     problem = _loaded(problem)
-    problem.require_no_leader("the Python file")
-    problem.require_same_pins("the Python file")
-    problem.require_no_saturation("the Python file")
+    problem.require("the Python file")
     loop = loop_of(problem)
     gain = observer_gain(loop)
     arcs = sum(len(each) for each in problem.network.modes.values())
@@ -287,7 +282,7 @@ def python_script(problem: Source) -> str:
             f"a Python file holds at most {MOST_ARCS} arcs; the problem has {arcs}.",
             "Use dobc_design.to_control(problem) in Python: it needs no file.",
         )
-    problem.require_one_exosystem()
+    problem.require("this")  # one exosystem
     A, C = arrays.exosystem_arrays(loop)
     W = arrays.required_gain(loop, gain)
     named = {"A": A, "C": C, "W": W, "GOALS": arrays.goals(problem)}

@@ -88,7 +88,7 @@ def to_control(
     place of problem.observer.W.
     Raises: SpecError for an unknown mode, or if there is an exosystem and no W.
     """
-    problem.require_one_exosystem()
+    problem.require("this")  # one exosystem
     names = tuple(problem.network.modes)
     exact = errors_of(problem)
     loop = make_closed_loop(problem, gain)

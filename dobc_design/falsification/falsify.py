@@ -85,10 +85,10 @@ def falsify(
             if value is not None:
                 message = "must be left out with a certificate, which says where to start."
                 raise wrong(name, message, "Or give the problem in place of its certificate.")
-        problem.problem.require_target("a search for starts that do not converge")
+        problem.problem.require("a search for starts that do not converge")
         return search_beside(problem, runs=runs, seed=seed, progress=report)
     problem = load_problem(problem)
-    problem.require_target("a search for starts that do not converge")
+    problem.require("a search for starts that do not converge")
     gain = observer_gain(loop_of(problem))
     if isinstance(certified, Certificate):
         # what was certified holds with this gain

@@ -105,8 +105,7 @@ def search_starts(
 ) -> Falsification:
     """Search with ``gain`` (q, m) in place of observer.W; modes are constant or switch at random.
     Raises: SpecError for a wrong argument."""
-    problem.require_no_leader("the search for starts that fail")
-    problem.require_no_saturation("the search for starts that fail")
+    problem.require("the search for starts that fail")
     question = question.checked()
     seed = question.seed
     if seed is None:

@@ -89,7 +89,7 @@ def build_model(
     Raises: SpecError for an unknown mode, or if there is an exosystem and no W; ShapeError for a
     wrong gain.
     """
-    problem.require_no_saturation("the model")
+    problem.require("the model")
     name = arrays.chosen_mode(problem, mode)
     loop = errors_of(problem)
     W = arrays.required_gain(loop, gain)

@@ -48,6 +48,7 @@ from .groups import (
     group_numbers,
     read_groups,
 )
+from .known import check_together, require
 from .leader import Leader, read_leader
 from .network import Arc, Network, Places, sized
 from .pinning import GainForm, Pinning, by_label, read_pinning
@@ -68,7 +69,7 @@ from .tables import (
     switching_words,
     uncertainty_words,
 )
-from .uncertainty import ABSOLUTE, Actuators, Uncertainty, read_actuators, read_uncertainty
+from .uncertainty import Actuators, Uncertainty, read_actuators, read_uncertainty
 
 #: What is for the package itself; completion and the reference leave it out.
 INTERNAL = frozenset(
@@ -80,14 +81,7 @@ INTERNAL = frozenset(
         "joint_exosystem",
         "joint_observer",
         "leads",
-        "require_fixed_arcs",
-        "require_integrators",
-        "require_no_fixed",
-        "require_no_signs",
-        "require_no_leader",
-        "require_no_saturation",
-        "require_one_exosystem",
-        "require_same_pins",
+        "require",
         "sources",
         "signs",
     )
@@ -249,10 +243,12 @@ class Problem(Grouped, Shown):
             with errors:
                 put(self, **{part: read()})
         errors.raise_all()
+        arcs = chain.from_iterable(network.modes.values())
+        opposes = network.negative == OPPOSES
+        put(self, signs=signs_of(self.n, arcs, self.pinning.agents) if opposes else None)
+        check_together(self)
         self._check_goal()
-        put(self, signs=self._read_signs())
         self._check_dynamics()
-        self._check_saturation()
         # Arcs name a coupling by its place, so that equal ones are bounded once.
         couplings = dict.fromkeys((self.coupling, *self.exceptions.values()))
         places = {each: place for place, each in enumerate(couplings)}
@@ -260,171 +256,25 @@ class Problem(Grouped, Shown):
         put(self, exception_places={arc: places[each] for arc, each in self.exceptions.items()})
 
     def _check_goal(self) -> None:
-        """Agents that agree have nobody who tells them where.  Raises: SpecError with all that
-        does."""
-        if self.goal != "agreement":
-            if self.fixed or self.goal == "containment":
-                self._check_fixed()
+        """Nobody agrees alone; one fixed node at rest is the target.  Raises: SpecError."""
+        if self.goal == "agreement" and self.n < 2:
+            raise wrong("goal", "needs two agents or more to agree.", "Add agents.")
+        if not (self.fixed and self.has_target):
             return
-        errors = Mistakes()
-        with errors:
-            if len(self.network.labels) < 2:
-                raise wrong("goal", "needs two agents or more to agree.", "Add agents.")
-            if self.dynamics is not None and self.dynamics.f is not None:
-                # f(x_i) - f(x_j) is no function of x_i - x_j
-                raise wrong(
-                    "dynamics.f",
-                    'is not known with goal = "agreement".',
-                    "Give linear dynamics A, or a target.",
-                )
-        known = {
-            "target": any(self.target),
-            "pinning": bool(self.pinning.agents),
-            "leader": self.leader is not None,
-            "fixed": bool(self.fixed),
-        }
-        for key, is_given in known.items():
-            with errors:
-                if is_given:
-                    raise wrong(
-                        key,
-                        'has no meaning with goal = "agreement": nobody prescribes the value.',
-                        "Remove it, or the goal; an agent that leads is one that hears nobody.",
-                    )
-        errors.raise_all()
-
-    def _check_fixed(self) -> None:
-        """What [fixed] and its goal leave out; one node at rest is the target.  Raises:
-        SpecError."""
-        errors = Mistakes()
-        with errors:
-            if not self.fixed:
-                raise wrong(
-                    "goal",
-                    'cannot be "containment" without [fixed], between whose nodes agents end.',
-                    "Add [fixed], for example left = 0 and right = 5, and arcs to them.",
-                )
-        for key in ("dynamics", "leader"):
-            with errors:
-                if getattr(self, key) is not None:
-                    raise wrong(
-                        key, "is not known together with [fixed].", "Remove one of the two."
-                    )
-        value = resting(next(iter(self.fixed.values()), ()))
-        if self.goal == "containment":
-            self._check_containment(errors)
-        elif len(self.fixed) > 1 or value is None:
-            with errors:
-                raise wrong(
-                    "fixed",
-                    "has several nodes, or one that moves: there is no single target to reach.",
-                    'Write goal = "containment", or keep one node at rest.',
-                )
-        else:
-            with errors:
-                if any(self.target) and self.target != value:
-                    raise wrong(
-                        "target",
-                        "is another one than the node in [fixed], which is the target.",
-                        "Remove it.",
-                    )
-            put(self, target=value)
-        errors.raise_all()
-
-    def _check_containment(self, errors: Mistakes) -> None:
-        """Agents that end between fixed nodes have no single target."""
-        known = {
-            "target": any(self.target),
-            "pinning": bool(self.pinning.agents),
-            "formation": bool(self.offsets),
-            "uncertainty": self.uncertainty is not None,
-            "actuators": self.actuators is not None,
-        }
-        for key, is_given in known.items():
-            with errors:
-                if is_given:
-                    raise wrong(
-                        key,
-                        'is not known with goal = "containment": agents end between the nodes in '
-                        "[fixed].",
-                        "Remove it; what a pin does, an arc to a fixed node does.",
-                    )
-
-    def _check_saturation(self) -> None:
-        """What is left of inputs that saturate is known for scalar pins, and for estimates on which
-        nothing acts.  Raises: SpecError with all that is not."""
-        if self.actuators is None or not self.actuators.saturates:
-            return
-        errors = Mistakes()
-        table = self.uncertainty
-        acts = [name for name in ABSOLUTE if getattr(table, name, 0)]
-        if table is not None and not table.known_to_agents:
-            acts.append("known_to_agents")
-        unknown = {
-            "goal": (self.goal != "target", "it is known with pins to one target"),
-            "fixed": (bool(self.fixed), "the target is the only node that pins hear"),
-            "pinning.modes": (bool(self.pinning.modes), "pins are to be the same in every mode"),
-            "pinning.gains": (
-                not all(map(is_scalar_matrix, self.pinning.gains.values())),
-                "pins are to be numbers",
-            ),
-            **{f"uncertainty.{name}": (True, "it acts on the estimates") for name in acts},
-        }
-        for key, (is_given, why) in unknown.items():
-            with errors:
-                if is_given:
-                    raise wrong(
-                        key,
-                        f"is not known together with actuators.saturates: {why}.",
-                        "Remove one of them.",
-                    )
-        with errors:
-            if self.region is None:
-                raise wrong(
-                    "actuators.saturates",
-                    "needs a [region]: whether inputs saturate depends on where agents start.",
-                    "Give region.initial_states.",
-                )
-        errors.raise_all()
-
-    def _read_signs(self) -> Signs | None:
-        """Who opposes whom.  Raises: SpecError for what is not known for such a network."""
-        network = self.network
-        if network.negative != OPPOSES:
-            return None
-        arcs = chain.from_iterable(network.modes.values())
-        signs = signs_of(self.n, arcs, self.pinning.agents)
-        whole = 'is not known with network.negative = "opposes".'
-        errors = Mistakes()
-
-        def refuse(key: str, is_given: object, what: str, cure: str) -> None:
-            with errors:
-                if is_given:
-                    raise wrong(key, what, cure)
-
-        refuse("dynamics", self.dynamics, whole, "Describe the agents as single integrators.")
-        saturates = self.actuators is not None and self.actuators.saturates
-        refuse("actuators.saturates", saturates, whole, "Remove one of the two.")
-        mobile = self.switching is not None and self.switching.signal == "mobile"
-        refuse("switching.signal", mobile, whole, "List the graphs as modes.")
-        states = () if self.region is None else self.region.initial_states
-        refuse(
-            "region.initial_states",
-            any(lo != -hi for lo, hi in states),
-            "must be the same on both sides of 0, because agents that oppose each other do so "
-            "about 0.",
-            "For example [-5, 5]; what is proved there holds for every part of it.",
-        )
-        if signs.breaks is not None:
-            listener, speaker = (named(network.labels[agent]) for agent in signs.breaks)
-            why = (
-                f"must be 0 or left out: no two sides of agents oppose each other by these signs "
-                f"({listener} listens to {speaker} fits none), so that agents can meet at 0 only."
+        value = resting(next(iter(self.fixed.values())))
+        if len(self.fixed) > 1 or value is None:
+            raise wrong(
+                "fixed",
+                "has several nodes, or one that moves: there is no single target to reach.",
+                'Write goal = "containment", or keep one node at rest.',
             )
-            refuse("target", any(self.target), why, "Remove it, or change that sign.")
-            refuse("formation", self.offsets, why, "Remove it, or change that sign.")
-        errors.raise_all()
-        return signs
+        if any(self.target) and self.target != value:
+            raise wrong(
+                "target",
+                "is another one than the node in [fixed], which is the target.",
+                "Remove it.",
+            )
+        put(self, target=value)
 
     def _check_dynamics(self) -> None:
         """With [dynamics] goals have to be equilibria; what is not known for them is refused."""
@@ -433,13 +283,6 @@ class Problem(Grouped, Shown):
             return
         if self.actuators is not None:
             raise _limits_of_dynamics(self.actuators)
-        for name in ("weights", "gains", "measurement"):
-            if getattr(self.uncertainty, name, 0):
-                raise wrong(
-                    f"uncertainty.{name}",
-                    "is not known for agents with [dynamics].",
-                    "Remove it, or give 0.",
-                )
         if self.leader is None:
             check_goal(own, self.target, key="target")
         elif any(self.target):
@@ -705,113 +548,19 @@ class Problem(Grouped, Shown):
     def exosystem(self) -> Exosystem | None:
         """The exosystem that all agents have; None without a disturbance.  Raises: SpecError if
         they differ."""
-        self.require_one_exosystem()
+        self.require("this")
         return self.groups[0].exosystem if self.groups else None
 
     @property
     def observer(self) -> Observer:
         """The observer that all agents have.  Raises: SpecError if there are several groups."""
-        self.require_one_exosystem()
+        self.require("this")
         return self.groups[0].observer if self.groups else Observer()
 
-    def require_integrators(self, what: str) -> None:
-        """Refuse a problem with [dynamics], or optional arcs, where ``what`` does not know it.
+    def require(self, what: str) -> None:
+        """Refuse a problem that ``what``, a part of the program, does not know (``known.toml``).
         Raises: SpecError."""
-        self.require_fixed_arcs(what)
-        self.require_no_signs(what)
-        if self.dynamics is not None:
-            raise about(
-                "dynamics",
-                f"{what} is not available yet for agents with dynamics of their own.",
-                "Use certify, verify, design, simulate, falsify, sweep, analyse, to_control or "
-                "to_c, which know it.",
-            )
-
-    def require_fixed_arcs(self, what: str) -> None:
-        """Refuse a problem with optional arcs, or fixed nodes, where ``what`` does not know them.
-        Raises: SpecError."""
-        self.require_no_fixed(what)
-        loose = self.network.loose
-        if loose is not None:
-            key = f"network.modes.{named(loose)}.optional"
-            raise about(
-                key,
-                f"{what} does not know arcs that come and go.",
-                "Use certify, verify, simulate, falsify, sweep or analyse, which know them; or "
-                "list graphs as modes.",
-            )
-
-    def require_no_signs(self, what: str) -> None:
-        """Refuse a problem with agents that oppose others where ``what`` does not know it.  Raises:
-        SpecError."""
-        if self.signs is not None:
-            raise about(
-                "network.negative",
-                f"{what} does not know agents that oppose others.",
-                "Use check, certify, verify, simulate, build_model or to_control, which know them.",
-            )
-
-    def require_no_leader(self, what: str) -> None:
-        """Refuse a problem with a [leader], fixed nodes, or agents that oppose others, where
-        ``what`` does not know it.  Raises: SpecError."""
-        self.require_no_fixed(what)
-        self.require_no_signs(what)
-        if self.leader is not None:
-            raise about(
-                "leader",
-                f"{what} is not available yet for a target that moves.",
-                "Use certify, verify, simulate, sweep, analyse, build_model or to_control, which "
-                "know it.",
-            )
-
-    def require_same_pins(self, what: str) -> None:
-        """Refuse pins of single modes where ``what`` does not know them.  Raises: SpecError."""
-        if self.pinning.modes:
-            raise about(
-                "pinning.modes",
-                f"{what} does not know pins of single modes.",
-                "Give these agents a gain in every mode, in pinning.gains; or use certify, verify, "
-                "simulate, falsify, analyse, build_model or to_control, which know them.",
-            )
-
-    def require_no_saturation(self, what: str) -> None:
-        """Refuse inputs that saturate where ``what`` does not cut them.  Raises: SpecError."""
-        if self.actuators is not None and self.actuators.saturates:
-            raise about(
-                "actuators.saturates",
-                f"{what} does not know inputs that saturate.",
-                "Use certify, verify, design, simulate, to_c or to_fmu, which know them; or leave "
-                "the key out.",
-            )
-
-    def require_one_exosystem(self) -> None:
-        """Refuse a problem with several groups.  Raises: SpecError."""
-        if self.is_grouped:
-            raise about(
-                "exosystem.groups",
-                "this is not available yet for agents with different exosystems; it knows one "
-                "exosystem that all agents share.",
-                "Use certify, verify, design, simulate, falsify or to_c, which know groups; or "
-                "give every agent the same A and C.",
-            )
-
-    def require_target(self, what: str) -> None:
-        """Refuse a problem without a target where ``what`` needs one.  Raises: SpecError."""
-        if self.agrees:
-            raise about(
-                "goal",
-                f"{what} needs a target; these agents agree on a value that nobody prescribes.",
-                "Use check, certify (it designs a missing W), verify or simulate.",
-            )
-
-    def require_no_fixed(self, what: str) -> None:
-        """Refuse a problem with [fixed] where ``what`` does not know it.  Raises: SpecError."""
-        if self.fixed:
-            raise about(
-                "fixed",
-                f"{what} is not available yet for networks with fixed nodes.",
-                "Use check, certify, verify or simulate, which know them.",
-            )
+        require(self, what)
 
     @property
     def leads(self) -> Pairs:

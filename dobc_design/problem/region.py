@@ -50,6 +50,11 @@ class Region(Shown):
     initial_states: Pairs
     initial_disturbance: Fraction | None = None
 
+    @property
+    def is_even(self) -> bool:
+        """Whether the states are the same on both sides of 0."""
+        return all(lo == -hi for lo, hi in self.initial_states)
+
     def _card(self) -> Card:
         pairs = [f"[{shown_number(lo)}, {shown_number(hi)}]" for lo, hi in self.initial_states]
         facts: Facts = [("initial states", listed(pairs))]

@@ -199,7 +199,7 @@ def what_breaks_first(
     tolerance = positive(tolerance, "tolerance", example="0.1")
     report = report_to(progress)
     problem = load_problem(problem)
-    problem.require_no_leader("the search for the stress that breaks a loop")
+    problem.require("the search for the stress that breaks a loop")
     remark = None
     if signal is None:
         signal, remark = signal_of(problem)

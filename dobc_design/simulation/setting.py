@@ -183,13 +183,11 @@ def make_setting(problem: Problem, *, gain: Gain | None, **given: Unpack[Options
     if given.get("seed") is not None:
         seed = whole(given["seed"], "seed", least=0)
     nodes = fixed_nodes(problem, horizon=horizon, seed=seed)
-    if nodes is not None and isinstance(signal, Mobile):
-        problem.require_no_fixed("a mobile signal")
+    if isinstance(signal, Mobile):
+        problem.require("a mobile signal")
     loop = make_closed_loop(problem, gain, nodes)
     if observer == FULL_LOOP or stress is not None:
-        problem.require_no_leader("a stress, or the full loop as printed,")
-    if isinstance(signal, Mobile):
-        problem.require_same_pins("a graph that follows from positions")
+        problem.require("a stress, or the full loop as printed,")
     width = loop.n * (4 * loop.m + 2 * loop.q)
     times, notes = _times(given.get("samples"), horizon, width)
     # without a disturbance there is nothing to compensate

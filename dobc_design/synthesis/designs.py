@@ -98,18 +98,14 @@ def _further(
 def _check(problem: Problem, *, coupling: bool, others: bool) -> None:
     """``coupling`` is for agents with [dynamics], ``others`` (a limit that is asked for) for those
     without."""
-    problem.require_fixed_arcs("a design")
-    problem.require_same_pins("a design of pins")
-    problem.require_no_signs("a design")
-    problem.require_target("a design of pins")
+    problem.require("a design")
+    problem.require("a design of pins")
     check_yes_or_no(coupling, "coupling", cure="True asks for a coupling, too.")
     if coupling and problem.dynamics is None:
         text = "coupling can be designed for agents with [dynamics] only."
         raise SpecError(text, key="coupling")
     if others:
-        problem.require_integrators(
-            "a design with cost, region, noise or conservative, or a trade-off"
-        )
+        problem.require("a design with cost, region, noise or conservative, or a trade-off")
 
 
 def design_observer(
@@ -151,7 +147,7 @@ def design_observer(
         return search_groups(problem, request)
     if request.noise or request.period:
         # With dynamics noise passes through x to dhat in another way, and a sampled C depends on A.
-        problem.require_integrators("the design of an observer with noise or a period")
+        problem.require("the design of an observer with noise or a period")
     return search_groups(problem, replace(request, norms=False))
 
 
@@ -213,7 +209,7 @@ def design_pinning(
     if region is None:
         found = search_pinning(problem, request, report)
         return _under_guarantee(problem, found)
-    problem.require_no_saturation("a design of gains alone for a region")
+    problem.require("a design of gains alone for a region")
     report("looking for gains for the whole region")
     return search_region(problem, request, region)
 

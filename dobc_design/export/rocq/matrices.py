@@ -191,10 +191,7 @@ def _arcs(mode: ModeJacobian, names: Mapping[Matrix, str]) -> list[str]:
 def require_own(certificate: Certificate) -> None:
     """Raise SpecError for agents with [dynamics], pins of single modes, and for a certificate about
     another problem."""
-    certificate.problem.require_integrators("a proof for Rocq")
-    certificate.problem.require_target("a proof for Rocq")
-    certificate.problem.require_same_pins("a proof for Rocq")
-    certificate.problem.require_no_saturation("a proof for Rocq")
+    certificate.problem.require("a proof for Rocq")
     if certificate.claims.problem_sha256 != problem_sha256(certificate.problem):
         raise refused(
             "problem_sha256",

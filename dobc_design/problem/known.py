@@ -1,0 +1,55 @@
+"""What excludes what in a problem, and which part of the program knows what of it.
+
+Both are tables, ``known.toml``: a combination that a proof or a part learns is a line less there.
+It looks at a problem through the paths that these name, and knows no class of it.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from importlib.resources import files
+from typing import Any
+
+from dobc_design.errors import Mistakes, about, wrong
+from dobc_design.exact.reading import named
+
+_TABLES = tomllib.loads((files("dobc_design.problem") / "known.toml").read_text("utf-8"))
+
+
+def _has(problem: Any, path: str, value: str = "") -> bool:
+    """Whether a problem has something at the path of an attribute, or this value there."""
+    found: object = problem
+    for name in path.split("."):
+        found = getattr(found, name, None)
+    if path == "target":
+        return any(problem.target)  # 0 is none
+    return found == value if value else bool(found)
+
+
+def check_together(problem: Any) -> None:
+    """Refuse what does not go together.  Raises: SpecError with all that does not."""
+    labels = problem.network.labels
+    ends = (problem.signs and problem.signs.breaks) or ()
+    names = dict(zip(("listener", "speaker"), (named(labels[i]) for i in ends), strict=False))
+    errors = Mistakes()
+    for about_such, rules in _TABLES["together"].items():
+        if about_such != problem.goal and not _has(problem, about_such):
+            continue
+        for rule in rules:
+            if _has(problem, rule.get("lacks", "")):
+                continue
+            for key in rule["keys"]:
+                with errors:
+                    if _has(problem, rule.get("has", key), rule.get("value", "")):
+                        raise wrong(key, rule["what"].format(**names), rule["cure"])
+    errors.raise_all()
+
+
+def require(problem: Any, what: str) -> None:
+    """Refuse a problem with something that ``what``, a part of the program, does not know.  Raises:
+    SpecError."""
+    for path in _TABLES["unknown"][what]:
+        if _has(problem, path):
+            told = _TABLES["refused"][path]
+            key = told["key"].format(loose=named(problem.network.loose or ""))
+            raise about(key, told["what"].format(what=what), told["cure"])

@@ -181,11 +181,13 @@ def decider(case: Case, id: str) -> Decider:
 def regional(agents: Case, check: Any) -> Any:
     """A claim about a region that is proved or refuted."""
     case = rows_of(agents)
-    if saturates(agents) and check.id != "actuators":
+    rooms = saturates(agents) and check.id == "actuators"
+    if saturates(agents) and not rooms:
         case = cut(agents)
     need(check.margin is None, "it has no margin to claim")
     need(case.q == 0 or case.W is not None, "there is no observer gain")
-    need(check.id in OF_ANY_COUPLING or case.single, "a coupling is a list, or nodes are curved")
+    readable = check.id in OF_ANY_COUPLING or rooms or case.single
+    need(readable, "a coupling is a list, or nodes are curved")
     need(case.own is None or check.id not in ("equilibrium", "markov"), "nodes are curved")
     known = (
         not case.fixed

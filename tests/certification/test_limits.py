@@ -13,6 +13,7 @@ from pathlib import Path
 from random import Random
 
 import pytest
+from networks import linked
 
 import dobc_design as dd
 from dobc_design.coupling.enclosures import Curve, profile
@@ -211,6 +212,20 @@ def test_a_time_limit_leaves_out_the_stages_after_it_and_the_certificate_says_so
     assert dd.verify(certificate, "clock-sync").holds
     with until(None):
         assert out_of_time() is None
+
+
+@pytest.mark.slow
+def test_a_time_limit_that_ends_the_search_for_a_faster_ball_leaves_the_ball(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    def late(*_: object) -> float:
+        raise WorkLimitError("the time limit is over.")
+
+    monkeypatch.setattr("dobc_design.conditions.quadratic.stage.linear_rate", late)
+    region = {"initial_states": ["-1/10", "1/10"]}
+    problem = linked([[2, 1]], 2, gains={1: 1}, region=region)
+    certificate = dd.certify(problem, everything=True)
+    assert certificate.check("lure").verdict is dd.Verdict.PROVED
 
 
 @pytest.mark.parametrize("wrong", ["0", "-1", "nan", "soon", "1e9"])

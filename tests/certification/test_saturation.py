@@ -201,6 +201,20 @@ def test_both_programs_agree_where_all_roots_are_exact():
     assert not refusals(certificate.claims, problem)
 
 
+def test_what_is_left_of_a_limit_does_not_depend_on_couplings():
+    """The couplings mix components; both programs leave all of the limit to the pin."""
+    problem = dd.Problem(
+        network=network_of([], 1),
+        target=[0, 0],
+        coupling=["2*y1 - y2", "y2"],
+        gains={1: 2},
+        actuators={"limit": 2, "saturates": True},
+        region={"initial_states": [[-1, 1], [-1, 1]]},
+    )
+    check = dd.certify(problem).check("actuators")
+    assert check.exact == {"rooms": {"1": "2"}}
+
+
 def test_one_pinned_agent_of_five_that_all_hear_each_other_holds_them():
     """Limit 5, of which the compensation takes 2: from |e| <= 70 five agents share the pull of one,
     so that no rate is above 3/(5 70) = 0.00857 while they move together."""

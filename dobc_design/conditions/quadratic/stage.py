@@ -102,7 +102,8 @@ def quadratic_stage(asked: Asked, report: Progress) -> list[Check]:
     remark = ""
     if best.radius >= asked.ball:
         report("deciding the region (quadratic, its rate)")
-        with at_most(work):
+        # What ends for want of time leaves the proof that is there.
+        with at_most(work), suppress(WorkLimitError):
             best, remark = _timed(asked, best)
     remark += _remark(asked, best, found)
     radius = 0.0 if math.isinf(best.radius) else best.radius

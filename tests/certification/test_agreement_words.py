@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 
 import pytest
+from certified import rough_settling
 
 from dobc_design import Problem, Verdict, certify, verify
 from dobc_design.conditions.check import main_cure
@@ -46,6 +47,13 @@ second = [[1, 2], [2, 3]]
 h = "2*y"
 """
 FOLLOWED = RING.replace("[[1, 2], [2, 3], [3, 1]]", "[[1, 2], [3, 2]]")
+
+
+@pytest.fixture(autouse=True)
+def rough_search():
+    """How soon agents settle is not asked here."""
+    with rough_settling():
+        yield
 
 
 def read(text: str) -> Problem:

@@ -14,10 +14,11 @@ from .factors import bounded
 from .files import Problem
 from .graphs import markov, safety
 from .margins import actuators, tolerance
+from .matrices import paired
 from .pairs import rows_of
 from .quadratic import lure
 from .reading import MAX_BYTES, UNTIL, OutOfTime, Refused, need
-from .saturation import allowed, cut, saturates, to_target
+from .saturation import allowed, cut, saturates
 from .schedule import settling
 from .separable import delay, equilibrium, sampling
 from .value import agreed_value
@@ -42,27 +43,26 @@ REGIONAL: dict[str, Decider] = {
     "settling": settling,
     "accuracy": accuracy,
 }
-# of these the claims themselves say for which couplings they hold
-OF_ANY_COUPLING = ("max-separable", "lure", "equilibrium", "markov", "accuracy", "schedule")
-# of these the claims hold for differences of agents as well
-OF_DIFFERENCES = ("max-separable", "sampling", "schedule", "settling", "markov")
-# of these the claims know arcs to fixed nodes
-OF_FIXED = ("max-separable", "delay", "sampling", "schedule", "settling")
-# of these where the fixed nodes are the target
-OF_TARGET = (
-    *OF_FIXED,
-    "lure",
-    "tolerance",
-    "actuators",
-    "equilibrium",
-    "safety",
-    "markov",
-    "accuracy",
-)
-# of these the claims hold where fixed nodes differ or move
-OF_GAPS = ("max-separable", "delay", "schedule", "settling")
-# of these the claims are rows, which hold whatever the signs
-OF_SIGNS = ("delay", "sampling", "tolerance", "actuators", "safety", "settling", "accuracy")
+# What of these claims knows nodes and arcs beyond integrators that hear each other, by component,
+# and one target.
+KNOWN_TO = {
+    "couplings that are lists": "max-separable lure equilibrium markov accuracy schedule",
+    "nodes that are curved": "max-separable delay sampling tolerance actuators lure schedule "
+    "safety settling accuracy",
+    "leaders that move on": "max-separable tolerance actuators lure schedule markov safety "
+    "settling accuracy",
+    # what is left bounds a pin from below: it says nothing of rest, nor of steps
+    "inputs that saturate": "max-separable delay tolerance actuators lure schedule markov safety "
+    "settling accuracy",
+    "pins that are cut": "max-separable delay schedule settling",
+    "fixed nodes that differ or move": "max-separable delay schedule settling",
+    # delay: a late state and one of now make no difference that is followed
+    "differences of agents": "max-separable sampling schedule settling markov",
+    "agents with too many pairs": "schedule markov",
+    # rows hold whatever the signs
+    "signs that fit no two sides": "max-separable delay sampling tolerance actuators safety "
+    "settling accuracy schedule",
+}
 REFUTABLE = ("max-separable", "equilibrium", "markov", "schedule")
 Finding = tuple[bool, str]  # whether it holds, and what
 Task = tuple[str, partial[None]]
@@ -186,32 +186,25 @@ def regional(agents: Case, check: Any) -> Any:
         case = cut(agents)
     need(check.margin is None, "it has no margin to claim")
     need(case.q == 0 or case.W is not None, "there is no observer gain")
-    readable = check.id in OF_ANY_COUPLING or rooms or case.single
-    need(readable, "a coupling is a list, or nodes are curved")
-    need(case.own is None or check.id not in ("equilibrium", "markov"), "nodes are curved")
-    known = (
-        not case.fixed
-        or case.differences
-        or check.id in (OF_TARGET if to_target(case) else OF_FIXED)
+    such = (
+        not (case.single or rooms),
+        case.own is not None,
+        case.leader is not None,
+        saturates(agents),
+        case.fixed and saturates(case),
+        case.gap,
+        case.differences,
+        case.agrees,
+        agents.signed,
     )
-    need(known, "pins of single modes are not known to it")
-    need(not case.gap or check.id in OF_GAPS, "it is about one target")
+    for (what, ids), is_such in paired(KNOWN_TO.items(), such):
+        need(not is_such or check.id in ids.split(), f"{what} are not known to it")
     if saturates(agents):
-        # what is left bounds a pin from below: it says nothing of rest, nor of steps
-        need(check.id not in ("equilibrium", "sampling"), "inputs saturate")
         counted = type(check.domain) is str or (check.domain.disturbance or 0) <= allowed(agents)
         need(counted, "what saturation leaves is known for smaller errors of the estimates")
-    # delay: a late state and one of now make no difference that is followed
-    of_agents = not case.differences or check.id in OF_DIFFERENCES
-    need(of_agents, "differences of agents are not known to it")
-    counted = not case.agrees or check.id in ("schedule", "markov")
-    need(counted, "of so many agents the pairs are not looked at")
-    rows = check.id == "max-separable" or (
-        check.verdict == "proved" and check.id in (*OF_SIGNS, "schedule")
-    )
+    # of signs, rows alone are refuted
+    rows = check.verdict == "proved" or check.id == "max-separable"
     need(rows or not agents.signed, "signs that fit no two sides are not known to it")
-    rests = case.leader is None or check.id not in ("equilibrium", "delay", "sampling")
-    need(rests, "the leader moves on")
     if check.verdict == "proved":
         need(check.witness is None, "it is proved and carries a witness")
     else:

@@ -199,11 +199,12 @@ def felt_with_error(recorded: Recorded, e: Array, own: Array, u: float) -> Errin
     for mode, hearings in enumerate(recorded.agent.modes):
         here = recorded.modes == mode
         for arc in hearings:
-            heard = recorded.heard[here, arc.neighbour]
+            sign = -1 if arc.weight < 0 else 1
+            heard = sign * recorded.heard[here, arc.neighbour]
             y = heard - e[here]
             difference = Erring(y, own[here] + u * (abs(heard) + abs(y)))
             h = with_errors(problem.couplings[arc.coupling].components, difference, algebra)
-            weight = float(arc.weight)
+            weight = abs(float(arc.weight))
             total[here] += weight * h.value
             size[here] += abs(weight * h.value)
             error[here] += weight * h.error

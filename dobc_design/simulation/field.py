@@ -227,10 +227,15 @@ class Links:
         self.listeners = np.concatenate([none, *(group.listeners for group in groups)])
         self.speakers = np.concatenate([none, *(group.speakers for group in groups)])
         self.codes = self.listeners * n + self.speakers
+        opposed = [np.full(len(group.weights), group.opposes) for group in groups]
+        self.opposed = np.flatnonzero(np.concatenate([none, *opposed]))
 
     def felt(self, own: Array, heard: Array) -> Array:
         """Sum of h(heard - own) over the arcs of each listener; own (n, m, R), heard (arcs, m, R),
         nan if silent."""
+        if len(self.opposed):
+            heard = heard.copy()
+            heard[self.opposed] *= -1
         difference = heard - own[self.listeners]
         # a vanished agent: its arcs are not there
         silent: Any = np.isnan(heard).any(axis=1)

@@ -45,8 +45,28 @@ def seen(theta: float = 1.0, W: float = 2.0) -> Problem:
     )
 
 
+def opposed() -> Problem:
+    """Signs that balance, a coupling that is not odd, and a formation."""
+    arcs = [[1, 2, -1], [2, 1, "-1/2"], [2, 3], [3, 2, 2], [1, 3, "-3/2"]]
+    return Problem(
+        network=dd.Network.from_arcs(arcs, arrow="listens_to", agents=3, negative="opposes"),
+        coupling="exp(y) - 1 + y",
+        gains={1: 2},
+        target=1,
+        offsets={3: "1/4"},
+        exosystem=dd.Exosystem(A=[[0, 1], [-1, 0]], C=[[1, 0]]),
+        observer=dd.Observer(W=[[3], [1]]),
+        simulation={"x0": ["1/2", -1, "1/4"], "xi0": [1, 0]},
+    )
+
+
 def problem_named(name: str) -> Problem:
-    made_here = {"planar": planar, "alone": lambda: alone(3), "clocks": clocks}
+    made_here = {
+        "planar": planar,
+        "alone": lambda: alone(3),
+        "clocks": clocks,
+        "opposed": opposed,
+    }
     return made_here[name]() if name in made_here else load_problem(name)
 
 
@@ -103,7 +123,8 @@ SLOW = pytest.mark.slow
     ],
 )
 @pytest.mark.parametrize(
-    "name", ["planar", *(pytest.param(each, marks=SLOW) for each in ("alone", "paper-fixed"))]
+    "name",
+    ["planar", *(pytest.param(each, marks=SLOW) for each in ("alone", "opposed", "paper-fixed"))],
 )
 def test_the_code_compiles_without_a_warning_and_passes_its_own_vectors(
     name: str, precision: str, level: str, tmp_path
@@ -134,6 +155,7 @@ PERIODS["microgrid-ieee14"] = 0.01
     [
         ("planar", 0.05),
         ("clocks", 0.1),
+        ("opposed", 0.05),
         *(pytest.param(*each, marks=SLOW) for each in PERIODS.items()),
     ],
 )

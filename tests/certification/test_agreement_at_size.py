@@ -46,7 +46,7 @@ def check_of(certificate, id):
     ("coupling", "more"),
     [
         ("y", {}),
-        (RISING, {}),
+        pytest.param(RISING, {}, marks=pytest.mark.slow),
         (RISING, {"region": REGION}),
         (RISING, {"exosystem": Exosystem(A=[[0]], C=[[1]])}),
     ],
@@ -69,7 +69,7 @@ def test_many_agents_with_two_closed_sets_do_not_agree():
     assert verify(certificate, problem).holds
 
 
-@pytest.mark.parametrize("coupling", ["y**3", "sin(2*y)"])
+@pytest.mark.parametrize("coupling", ["y**3", pytest.param("sin(2*y)", marks=pytest.mark.slow)])
 def test_couplings_that_do_not_rise_leave_the_question_open(coupling):
     """y^3 is flat at 0, sin(2 y) falls from pi/4 on."""
     problem = agreeing(rooted(MANY), agents=MANY, coupling=coupling, region=REGION)
@@ -79,7 +79,8 @@ def test_couplings_that_do_not_rise_leave_the_question_open(coupling):
 
 
 @pytest.mark.parametrize(
-    ("modes", "coupling"), [(parted(MANY), RISING), (rooted(MANY), "sin(2*y)")]
+    ("modes", "coupling"),
+    [(parted(MANY), RISING), pytest.param(rooted(MANY), "sin(2*y)", marks=pytest.mark.slow)],
 )
 def test_both_programs_refuse_a_proof_by_the_graph_of_another_problem(modes, coupling):
     """The claim of a network with a root, carried to one without, and to couplings that fall."""
@@ -112,6 +113,7 @@ def test_pairs_of_a_long_cycle_have_a_rate_close_to_the_known_one():
     assert 0.75 * known < certificate.rate <= known
 
 
+@pytest.mark.slow
 def test_curved_couplings_without_a_region_have_a_box_of_differences_beyond_sixty_agents():
     problem = agreeing(rooted(70), agents=70, coupling=RISING)
     certificate = certify(problem)
@@ -150,6 +152,7 @@ def test_a_complete_graph_that_is_on_half_of_the_time_has_half_of_its_rate():
     assert 0.9 * 1.5 < certificate.rate <= 1.5
 
 
+@pytest.mark.slow
 def test_many_agents_agree_under_graphs_in_turn():
     """Arcs of a tree with even and with odd listeners, in turn: neither graph has a root."""
     (arcs,) = rooted(MANY).values()

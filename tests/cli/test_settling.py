@@ -45,6 +45,7 @@ def test_the_answer_and_the_report_hold_the_settling_time_and_searches(file: Pat
     assert kept.exit_code == 0
 
 
+@pytest.mark.slow
 @few_chords()
 def test_the_command_of_a_certificate_proves_the_same_from_the_same_starts(
     file: Path, tmp_path: Path

@@ -56,6 +56,7 @@ def test_the_main_cure_stands_above_the_table_and_cannot_break_out_of_its_place(
     assert not any(line.startswith("# ") for line in lines)
 
 
+@pytest.mark.slow
 def test_on_request_a_solver_is_asked_for_the_inequality_as_printed(
     monkeypatch: pytest.MonkeyPatch,
 ):

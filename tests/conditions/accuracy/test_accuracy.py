@@ -389,6 +389,7 @@ def test_the_bound_is_never_below_the_exact_gain(seed: int):
     assert np.all(bounds(problem) >= gain)
 
 
+@pytest.mark.slow
 def test_boxes_inside_are_found_where_a_newton_step_overshoots():
     """Curved rows with noise: the step for the weights of the inner boxes passes one entry of the
     solution by 1e-6."""
@@ -464,6 +465,7 @@ def mixed_loop() -> np.ndarray:
     return M.reshape(8, 8)
 
 
+@pytest.mark.slow
 def test_where_no_coordinates_are_found_the_response_gives_bounds_that_are_reached():
     """Inputs that are bang-bang along the response come within a few percent of every bound, and
     never above it."""

@@ -192,6 +192,7 @@ def test_a_sequence_that_repeats_a_shorter_one_has_its_phases():
     assert len(phases_of(in_turn("ABA"))) == 3
 
 
+@pytest.mark.slow
 def test_the_work_of_a_sequence_grows_like_its_phases():
     """30 and 100 phases, none of which repeats: at most 3.6 times the steps."""
 

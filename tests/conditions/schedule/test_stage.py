@@ -292,6 +292,7 @@ def test_starts_that_no_certificate_holds_leave_the_answer_undecided():
         settling.envelope(1.0)
 
 
+@pytest.mark.slow
 @few_chords()
 def test_starts_that_are_named_take_the_place_of_the_region_and_both_programs_accept_it():
     """The pair above, from a larger box than its [region]; alone it gives the same time."""

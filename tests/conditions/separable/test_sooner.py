@@ -113,6 +113,7 @@ def test_a_golden_section_closes_in_on_the_minimum():
     assert min(abs(x - 0.3) for x in seen) < 0.01
 
 
+@pytest.mark.slow
 def test_the_fastest_weights_of_eight_drones_are_not_chosen():
     """At 0.987 1/s they reach from 1 to 1e6, and the bound starts at ten million for an error of
     7."""

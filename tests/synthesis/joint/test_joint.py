@@ -131,6 +131,7 @@ def test_a_rate_asked_for_overrules_the_own_gains_and_limits_may_not_reach_them(
     )
 
 
+@pytest.mark.slow
 def test_further_pins_cost_what_closed_forms_say_and_are_no_slower():
     """A ring with opposite hard pins, h = y: k = b + 1/(1 - b) - 1 for each, at the rate b."""
     found = dd.design(own_gains(), rate="0.2", further=1)
@@ -216,6 +217,7 @@ def test_the_nearest_rate_uses_all_pins_that_are_allowed():
     assert found.nearest.rate > 0.198
 
 
+@pytest.mark.slow
 def test_of_all_sets_of_three_agents_the_cheapest_is_pinned():
     problem = line_of_seven()
     found = dd.design(problem, rate="0.6", pins=3)
@@ -229,6 +231,7 @@ def test_of_all_sets_of_three_agents_the_cheapest_is_pinned():
     assert found.cost < min(totals) * 1.02
 
 
+@pytest.mark.slow
 def test_one_pin_is_not_enough_where_a_percent_of_rate_takes_more_than_ten_of_gain():
     """Ring of 4: k = b + (1 - b)^-3 - 1, so that 1 % of b takes about 3 b / (1 - b) % of k."""
     problem = ring(4, region=BOX)

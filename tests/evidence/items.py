@@ -66,7 +66,7 @@ def _items() -> Iterator[Item]:
     yield Item("inputs", margins.inputs, 10_000, 12_000)
     yield Item("stated-broken", stated.not_kept, 60, 0, share=10)
     yield Item("stated-kept", stated.kept_ones, 40, 0, share=10)
-    yield Item("saturated", saturation.saturated_loops, 60, 0, share=4)
+    yield Item("saturated", saturation.saturated_loops, 60, 0, share=20)
     # CI kills writers, and interrupts
     yield Item("kills", robustness.kills, 200, 8000, share=0)
     yield Item("writers", robustness.writers, 200, 8000, share=20)

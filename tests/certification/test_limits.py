@@ -129,7 +129,7 @@ def test_what_hung_ends_with_a_certificate_that_both_programs_confirm(name: str,
 
 @pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="limits of Unix")
-@pytest.mark.parametrize(("text", "code"), [(given(30, region=""), 0), (given(200), 3)])
+@pytest.mark.parametrize(("text", "code"), [(given(20, region=""), 0), (given(200), 3)])
 def test_a_design_for_a_large_exosystem_ends_with_a_proof_or_a_reason(
     text: str, code: int, tmp_path: Path
 ):

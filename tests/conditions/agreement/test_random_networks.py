@@ -1,7 +1,7 @@
 """Agreement of random networks, against oracles that know nothing of the package: networkx for
 roots, numpy for eigenvalues, rows of pairs by hand, and runs of an integrator of our own.
 
-A few of each are tried; ``-m slow`` tries as many as the claims of the handbook rest on.
+A few of each are tried; ``-m evidence`` tries as many as the claims of the handbook rest on.
 """
 
 import json
@@ -30,7 +30,7 @@ RISING = {"y": 1.0, "tanh(y)": 1.0, "exp(y) - 1 + y": 2.0, "atan(2*y)": 2.0, "y 
 def few_or(*, few: int, many: int) -> Any:
     """How many are tried."""
     return pytest.mark.parametrize(
-        "count", [few, pytest.param(many, marks=pytest.mark.slow)], ids=["few", "many"]
+        "count", [few, pytest.param(many, marks=pytest.mark.evidence)], ids=["few", "many"]
     )
 
 

@@ -194,22 +194,15 @@ class Loop:
                 self.heard[name][arc.i].append(arc)
 
     def function_of(self, pull: Matrix) -> tuple[Coupling, Fraction]:
-        """The first linear function of which a pull is a positive multiple, and the factor; a new
-        one where there is none."""
-        for h in self.functions:
-            if h.straight and h is not self.own:
-                slopes = [[h.slope(c, d)[0] for d in range(self.m)] for c in range(self.m)]
-                factor = multiple_or_none(pull, slopes)
-                if factor is not None and factor > 0:
-                    return h, factor
+        """The function of a linear pull, y or one of its own, and the factor of it."""
         w = pull[0][0]
-        if w > 0 and pull == identity(self.m, w):
-            texts: tuple[str, ...] = ("y",)
-        else:
+        texts: tuple[str, ...] = ("y",)
+        if w <= 0 or pull != identity(self.m, w):
             w = Fraction(1)
             texts = tuple(linear_text(row) for row in pull)
         h = read_coupling(texts, self.m, LONGEST_MADE)
-        self.functions.append(h)
+        if h not in self.functions:
+            self.functions.append(h)
         return h, w
 
     def with_fixed(self, weights: Sequence[Any], none: Any = 0) -> list[Any]:
@@ -366,13 +359,6 @@ def pins_of(problem: Problem, node: Node) -> dict[int, Matrix]:
     if node.B is None:
         return gains
     return {i: product(node.B, k) for i, k in gains.items() if any(map(any, k))}
-
-
-def multiple_or_none(M: Matrix, G: Matrix) -> Fraction | None:
-    """The g with M = g G, if G is not 0 and there is one."""
-    pairs = [pair for row, other in paired(M, G) for pair in paired(row, other)]
-    g = next((x / y for x, y in pairs if y), None)
-    return g if g is not None and all(x == g * y for x, y in pairs) else None
 
 
 def linear_text(row: Vector) -> str:

@@ -26,7 +26,7 @@ from dobc_design._checks import noun
 from dobc_design.coupling.coupling import Coupling, make_coupling
 from dobc_design.coupling.expression import LONGEST_MADE
 from dobc_design.exact.interval import Box, Interval
-from dobc_design.exact.matrix import Matrix, multiple_of, multiply, subtract, zeros
+from dobc_design.exact.matrix import Matrix, multiply, subtract, zeros
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import Names, is_scalar_matrix
 from dobc_design.problem.dynamics import Dynamics
@@ -199,17 +199,15 @@ def _with_pins_of_modes(loop: Loop, problem: Problem) -> Loop:
 
 
 def _place_of(pull: Matrix, functions: list[Coupling], loop: Loop) -> tuple[int, Fraction]:
-    """The function that a linear pull is a multiple of, with the factor; a new one where there is
-    none."""
-    for place, function in enumerate(functions):
-        if function.is_linear and place != loop.drift_place:
-            slopes = function.jacobian_at_zero()
-            factor = multiple_of(pull, tuple(tuple(x.lo for x in row) for row in slopes))
-            if factor is not None and factor > 0:
-                return place, factor
-    one = is_scalar_matrix(pull) and pull[0][0] > 0
-    functions.append(_made("y", loop.m) if one else _linear(pull))
-    return len(functions) - 1, pull[0][0] if one else Fraction(1)
+    """The place of the function of a linear pull, y or a new one, and the factor of it."""
+    factor = Fraction(1)
+    function = _linear(pull)
+    if is_scalar_matrix(pull) and pull[0][0] > 0:
+        factor = pull[0][0]
+        function = _made("y", loop.m)
+    if function not in functions:
+        functions.append(function)
+    return functions.index(function), factor
 
 
 def _linear(M: Matrix) -> Coupling:

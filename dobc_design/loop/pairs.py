@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from functools import lru_cache
 from types import MappingProxyType
@@ -28,6 +28,7 @@ from typing import Any
 
 import numpy as np
 
+from dobc_design._checks import noun
 from dobc_design.coupling.coupling import Coupling, make_coupling
 from dobc_design.coupling.expression import LONGEST_MADE
 from dobc_design.exact.matrix import Matrix, scale
@@ -207,7 +208,7 @@ def _mirrored(h: Coupling, m: int) -> Coupling:
     return make_coupling(made, dimension=m, longest=2 * LONGEST_MADE)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@noun(eq=False)
 class _Heard:
     """Which pairs each pair hears in a mode; the places of functions, and which are mirrored."""
 
@@ -220,12 +221,12 @@ def _heard_by_pairs(loop: Loop, arcs: Arcs) -> _Heard:
     """Every arc, by which i hears l, once for each other agent j: (i, j) hears (l, j), and (j, i)
     hears (j, l)."""
     n = loop.n
-    arc = np.repeat(np.arange(len(arcs)), n)
-    other = np.tile(np.arange(n), len(arcs))
-    kept = other != arcs.listeners[arc]
-    arc, other = arc[kept], other[kept]
-    shared = _shared_weights(loop, arcs)
-    left = shared.numbers[arc] - shared.of(arc, other)
+    bottom = common_denominator(arcs.weights, bits=512) or 1
+    numbers = _as_integers(arcs.weights, bottom)
+    table = _matched(loop, arcs, numbers)
+    arc, other = np.nonzero(arcs.listeners[:, None] != np.arange(n))
+    sure = ~arcs.uncertain[arc]
+    left = numbers[arc] - sure * np.minimum(numbers[arc], table[other, arcs.speakers[arc]])
     kept = left != 0
     arc, other, left = arc[kept], other[kept], left[kept]
 
@@ -235,26 +236,25 @@ def _heard_by_pairs(loop: Loop, arcs: Arcs) -> _Heard:
     apart = np.where(meets, (heard + 1) % n, other)
     first = np.where(meets, n * (n - 1), _number(heard, apart, n))
     second = np.where(meets, n * (n - 1) + 1, _number(apart, heard, n))
-    together = shared.together()
-    listeners = [together.pairs, _number(own, other, n), _number(other, own, n)]
-    speakers = [np.full(len(together.pairs), n * (n - 1)), first, second]
-    weights = [together.numbers, left, left]
+    together = _together(table)
+    i, j = np.nonzero(together)
+    listeners = [_number(i, j, n), _number(own, other, n), _number(other, own, n)]
+    speakers = [np.full(len(i), n * (n - 1)), first, second]
     places = coupling_places(loop, arcs)[arc]
-    none = np.zeros(len(together.pairs), dtype=np.int64)
-    loose = np.concatenate([none > 0, arcs.uncertain[arc], arcs.uncertain[arc]])
+    loose = np.concatenate([i < 0, arcs.uncertain[arc], arcs.uncertain[arc]])
     # Optional arcs are the last ones.
     order = np.argsort(loose, kind="stable")
-    numbers = np.concatenate(weights)[order].tolist()
-    known = {x: Fraction(x) / shared.bottom for x in set(numbers)}
+    weights = np.concatenate([together[i, j], left, left])[order].tolist()
+    known = {x: Fraction(x) / bottom for x in set(weights)}
     return _Heard(
         arcs=Arcs(
             listeners=np.concatenate(listeners)[order],
             speakers=np.concatenate(speakers)[order],
-            weights=tuple(map(known.__getitem__, numbers)),
+            weights=tuple(map(known.__getitem__, weights)),
             optional=int(np.count_nonzero(loose)),
         ),
-        places=np.concatenate([none, places, places])[order],
-        mirrored=np.repeat([False, False, True], [len(none), len(arc), len(arc)])[order],
+        places=np.concatenate([0 * i, places, places])[order],
+        mirrored=np.repeat([False, False, True], [len(i), len(arc), len(arc)])[order],
     )
 
 
@@ -263,58 +263,33 @@ def _number(i: Any, j: Any, n: int) -> Any:
     return i * (n - 1) + j - (j > i)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Together:
-    pairs: IndexArray
-    numbers: Any
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Shared:
-    """What both agents of a pair hear of a third one: w (x_l - x_i) - w (x_l - x_j) is -w (x_i -
-    x_j) where the function is linear, an arc to a fixed node of the lesser weight of the two.
-
-    ``numbers`` (arcs,): weights times ``bottom``, integers where denominators are short;
-    ``table`` (n, n): of who hears whom, by arcs that are always there, none where functions are
-    not one linear one, or weights are uncertain: both are off by errors of their own.
-    """
-
-    arcs: Arcs
-    numbers: Any
-    bottom: int
-    table: Any
-
-    def of(self, arc: IndexArray, other: IndexArray) -> Any:
-        """What of the weight of each arc is shared with the agent ``other``."""
-        if self.table is None:
-            return 0
-        theirs = self.table[other, self.arcs.speakers[arc]]
-        return np.where(self.arcs.uncertain[arc], 0, np.minimum(self.numbers[arc], theirs))
-
-    def together(self) -> _Together:
-        """The shared weight of every pair that has some."""
-        if self.table is None:
-            return _Together(np.zeros(0, dtype=np.int64), self.numbers[:0])
-        n = len(self.table)
-        total = np.zeros_like(self.table)
-        for speaker in range(n):
-            listeners = np.flatnonzero(self.table[:, speaker])
-            weights = self.table[listeners, speaker]
-            total[np.ix_(listeners, listeners)] += np.minimum.outer(weights, weights)
-        np.fill_diagonal(total, 0)
-        i, j = np.nonzero(total)
-        return _Together(_number(i, j, n), total[i, j])
-
-
-def _shared_weights(loop: Loop, arcs: Arcs) -> _Shared:
-    bottom = common_denominator(arcs.weights, bits=512) or 1
-    numbers = np.array([w * bottom for w in arcs.weights], dtype=object)
+def _as_integers(weights: Sequence[Fraction], bottom: int) -> Any:
+    """Weights times ``bottom``, which is 1 where denominators are long, and they stay fractions."""
+    numbers = np.array([w * bottom for w in weights], dtype=object)
     if all(w.denominator == 1 and w < 2**40 for w in numbers.tolist()):
-        numbers = numbers.astype(np.int64)
-    table = None
+        return numbers.astype(np.int64)
+    return numbers
+
+
+def _matched(loop: Loop, arcs: Arcs, numbers: Any) -> Any:
+    """The weight, in ``numbers``, by which the agent of each row hears that of each column, where
+    what both agents of a pair hear of a third one may be matched: w (x_l - x_i) - w (x_l - x_j) is
+    -w (x_i - x_j), an arc to a fixed node of the lesser weight of the two.  That is so where there
+    is one function, a linear one, and for arcs that are always there; weights that are uncertain
+    are off by errors of their own."""
+    table = np.zeros((loop.n, loop.n), dtype=numbers.dtype)
     exact = loop.uncertainty is None or not loop.uncertainty.weights
     if exact and loop.is_linear and len(loop.functions) == 1:
-        table = np.zeros((loop.n, loop.n), dtype=numbers.dtype)
-        sure = len(arcs) - arcs.optional
-        table[arcs.listeners[:sure], arcs.speakers[:sure]] = numbers[:sure]
-    return _Shared(arcs, numbers, bottom, table)
+        sure = ~arcs.uncertain
+        table[arcs.listeners[sure], arcs.speakers[sure]] = numbers[sure]
+    return table
+
+
+def _together(table: Any) -> Any:
+    """What both agents of every pair hear of the same others, (n, n)."""
+    total = np.zeros_like(table)
+    for heard in table.T:
+        hears = np.flatnonzero(heard)
+        total[np.ix_(hears, hears)] += np.minimum.outer(heard[hears], heard[hears])
+    np.fill_diagonal(total, 0)
+    return total

@@ -77,6 +77,7 @@ from dobc_design.exact.reading import Texts, counted
 from dobc_design.exact.work import WorkLimitError, out_of_time, read_time_limit, until
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.make import loop_of
+from dobc_design.loop.pairs import are_pairs
 from dobc_design.loop.words import Said, said_of
 from dobc_design.problem.canonical import problem_sha256
 from dobc_design.problem.exosystems import Exosystem, block_diagonal
@@ -393,7 +394,7 @@ def region_checks(case: Case, *, everything: bool, report: Progress, rate: float
     stages = OF_GAPS if loop.gap else STAGES
     if known and not everything:
         # What the tables of the file ask may still rest on the box that the first stage finds.
-        stages = STAGES[:1] if is_asked(asked) else ()
+        stages = STAGES[:1] if is_asked(asked) or (loop.starts and are_pairs(loop)) else ()
     if loop.goal == "roots":
         stages = () if known else BY_GRAPHS
     found = _in_turn(asked, stages, report)

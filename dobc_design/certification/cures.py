@@ -30,6 +30,7 @@ from dobc_design.conditions.kinds import REACHABILITY
 from dobc_design.conditions.numbers import claimed, text_below
 from dobc_design.conditions.observer.decide import detectability_check, hurwitz_check, too_large
 from dobc_design.conditions.observer.propose import GainDesign, design_gain
+from dobc_design.conditions.schedule.cycles import cycles_of
 from dobc_design.conditions.weighted.decide import network_holds, why_not
 from dobc_design.conditions.weighted.propose import network_claim
 from dobc_design.conditions.weighted.stage import weighted_stage
@@ -54,7 +55,8 @@ FACTORS = (1.0, 1.01, 1.1, 2.0)  # by which gains are raised until they are prov
 CURE = 100  # steps of work for a proposal, besides what its decision spends
 WORK = 5  # stages' work for a search
 LARGEST_LOOK = 60  # agents up to which one more pin is tried though the present ones do
-MOST_ARCS = 2000  # of a network whose missing arcs are named
+MOST_ARCS = 2000  # of a network whose missing arcs are named,
+MOST_PHASES = 40  # and phases of a guarantee, of which cycles are examined
 LARGE = 3000  # agents from which a cured problem is not decided as a whole
 CHEAPER = 0.8  # part of the total from which another pin is worth a word
 
@@ -119,10 +121,7 @@ def with_cures(
 def with_arcs(problem: Problem, checks: Checks) -> tuple[Check, ...]:
     """The checks of agents that are to agree: where nobody is heard by all others, with the arcs
     that change it, in every mode that lacks them."""
-    loop = loop_of(problem)
-    fix = None
-    if sum(map(len, loop.modes.values())) <= MOST_ARCS:
-        fix = _arcs_fix(problem)
+    fix = missing_arcs(problem)
     if fix is None:
         return tuple(checks)
     refuted = [each.id == REACHABILITY and each.verdict is Verdict.REFUTED for each in checks]
@@ -130,33 +129,40 @@ def with_arcs(problem: Problem, checks: Checks) -> tuple[Check, ...]:
     return tuple(replace(check, fix=fix) if cured else check for check, cured in found)
 
 
-def _arcs_fix(problem: Problem) -> Fix | None:
-    """By these arcs all closed groups but the first listen to it; None where none is needed, or
-    arcs are optional."""
+def missing_arcs(problem: Problem) -> Fix | None:
+    """The fewest arcs by which somebody is heard by all others in every mode, or in those that are
+    on in turn; None where none is needed, arcs are optional, or there are too many."""
     loop = loop_of(problem)
+    if sum(map(len, loop.modes.values())) > MOST_ARCS:
+        return None
     labels = loop.labels
     modes = mode_table(problem.network)
+    changes: Document = {"network.arrow": "listens_to", "network.modes": modes}
+    cycles: list[tuple[str, ...]] = [(mode,) for mode in loop.modes]
+    if 0 < len(loop.guarantee.phases) <= MOST_PHASES:
+        cycles = cycles_of(loop.guarantee.phases)
     added: dict[str, None] = {}
-    for mode, arcs in loop.modes.items():
-        first, *others = closed_groups(loop, [arcs])
+    for cycle in cycles:
+        # By its arc, each closed group but the first listens to that one.
+        first, *others = closed_groups(loop, [loop.modes[mode] for mode in cycle])
         for group in others:
-            arc = [labels[group[0]], labels[first[0]]]
             # Optional arcs stand in a list of their own, which may not be rewritten.
-            if not isinstance(modes[mode], list):
+            if not isinstance(modes[cycle[0]], list):
                 return None
-            modes[mode].append(arc)
-            added[f"agent {arc[0]} listen to agent {arc[1]}"] = None
-    changes = {"network.arrow": "listens_to", "network.modes": modes}
-    if not added:
-        return None
-    cured = loop_of(changed_problem(problem, changes))
-    if any(len(closed_groups(cured, [arcs])) > 1 for arcs in cured.modes.values()):
+            modes[cycle[0]].append([labels[group[0]], labels[first[0]]])
+            added[f"agent {labels[group[0]]} listen to agent {labels[first[0]]}"] = None
+        if others:
+            loop = loop_of(changed_problem(problem, changes))
+    if not added or any(
+        len(closed_groups(loop, [loop.modes[mode] for mode in cycle])) > 1 for cycle in cycles
+    ):
         return None
     told = list(added)
     more = f" and {len(told) - SHOWN} more arcs" if len(told) > SHOWN else ""
-    text = (
-        f"Let {', '.join(told[:SHOWN])}{more}: then somebody is heard by all others in every mode."
-    )
+    where = ""
+    if len(loop.modes) > 1:
+        where = " in every mode" if len(cycles[0]) == 1 else " while the modes take turns"
+    text = f"Let {', '.join(told[:SHOWN])}{more}: then somebody is heard by all others{where}."
     return Fix(kind="arcs", set=changes, text=text)
 
 
@@ -361,7 +367,7 @@ def _proved(problem: Problem, proposals: Iterable[PinProposal]) -> Iterator[Acce
     # An agent has a gain in every mode, or gains of single modes: those are kept.
     taken = tied(loop_of(problem))
     for proposal in proposals:
-        if taken & set(proposal.gains):
+        if taken & set(proposal.rounded()):
             continue
         # A gain at the boundary may be rounded to the wrong side of it.
         for factor in FACTORS:

@@ -99,7 +99,6 @@ def _check(problem: Problem, *, coupling: bool, others: bool) -> None:
     """``coupling`` is for agents with [dynamics], ``others`` (a limit that is asked for) for those
     without."""
     problem.require("a design")
-    problem.require("a design of pins")
     check_yes_or_no(coupling, "coupling", cure="True asks for a coupling, too.")
     if coupling and problem.dynamics is None:
         text = "coupling can be designed for agents with [dynamics] only."
@@ -191,6 +190,7 @@ def design_pinning(
     """
     problem = load_problem(problem)
     others = conservative or cost is not None or region is not None
+    problem.require("a design of pins")
     _check(problem, coupling=coupling, others=others)
     asked = AskedGains(
         rate=rate,
@@ -255,6 +255,8 @@ def design(
     problem = load_problem(problem)
     others = conservative or noise is not None
     _check(problem, coupling=coupling, others=others)
+    if pins is not None or max_gain is not None or allowed is not None:
+        problem.require("a design of pins")
     asked = AskedDesign(
         rate=rate,
         pins=pins,
@@ -310,6 +312,7 @@ def trade_off(
         'sum of the gains, 1/s'
     """
     problem = load_problem(problem)
+    problem.require("a design of pins")
     _check(problem, coupling=False, others=True)
     asked = AskedDesign(pins=pins, max_gain=max_gain, allowed=allowed, digits=digits)
     request = read_design_request(problem.network.labels, asked)

@@ -172,7 +172,8 @@ class Grounds:
 
     ``structure``: which groups need a pin.  ``limited``: as many pins as were allowed.  ``part``:
     what is aimed at of the fastest rate that the pins allow, where no rate was asked for.
-    ``reduction``: how the exosystem was replaced by its observable part.  ``near``: the design near
+    ``reduction``: how the exosystem was replaced by its observable part; ``arcs``: those that were
+    added.  ``near``: the design near
     the consensus that the gains are from, or ``region``: their multipliers over the region.
     ``everything``: the rate is proved only where every condition is run.  ``weaker``: so many times
     all couplings and gains would keep the rate of agents with [dynamics], by the eigenvalues of the
@@ -184,6 +185,7 @@ class Grounds:
     part: Fraction | None
     reduction: str | None
     everything: bool
+    arcs: str | None = None
     near: PinningDesign | None = None
     region: RegionPrices | None = None
     weaker: float | None = None
@@ -347,10 +349,13 @@ def _decisions(design: Design) -> Iterator[str]:
         if asked and design.observer.measures.get("rate", 0.0) > FASTER * asked:
             so = "so that it does not hold back the certified rate"
             yield f"W is faster than observer.rate = {typed_number(asked)} asks, {so}."
-    pinned = tuple(design.gains)
-    why = _why_so_many(design.problem, grounds, len(pinned))
-    yield f"Pinned: {name_agents(pinned)}; {why}."
-    yield _gains_words(design, design.problem, grounds)
+    if grounds.arcs is not None:
+        yield f"Arcs: {grounds.arcs}"
+    if not design.problem.agrees:
+        pinned = tuple(design.gains)
+        why = _why_so_many(design.problem, grounds, len(pinned))
+        yield f"Pinned: {name_agents(pinned)}; {why}."
+        yield _gains_words(design, design.problem, grounds)
     proof = design.certificate
     covered_by = None if proof is None else proof.covered_by
     how = f"Proved by: {covered_by or 'nothing yet'}."

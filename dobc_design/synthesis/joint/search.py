@@ -17,6 +17,7 @@ from typing import Any
 from dobc_design._checks import noun
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certification.certify import certify
+from dobc_design.certification.cures import missing_arcs
 from dobc_design.conditions.consensus.pinning import network_blocks
 from dobc_design.conditions.coverage import Progress, asked_radius, covering
 from dobc_design.conditions.numbers import bisected, claimed, shorten
@@ -26,6 +27,7 @@ from dobc_design.conditions.statement import Statement, undecided
 from dobc_design.exact.number import typed_number
 from dobc_design.exact.reading import counted
 from dobc_design.loop.make import loop_of
+from dobc_design.loop.saturation import Rooms, rooms_of
 from dobc_design.problem.changes import changed_problem, gain_changes
 from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.problem import Problem
@@ -171,7 +173,8 @@ class Ground:
 class Proposal:
     """W and gains (1/s, rounded) on at most the ``pinned`` agents, meant for the rate ``aim``
     (1/s): from a design ``near`` the consensus, from rows over the ``region``, or for agents with
-    [dynamics], with ``changes`` of the problem."""
+    [dynamics], with ``changes`` of the problem; where agents agree, with the ``arcs`` that were
+    missing, in words."""
 
     observer: ObserverDesign | None
     gains: Gains
@@ -180,6 +183,7 @@ class Proposal:
     near: PinningDesign | None = None
     region: RegionPrices | None = None
     changes: Mapping[str, Any] = field(default_factory=dict)
+    arcs: str | None = None
 
 
 def search_design(problem: Problem, request: DesignRequest, progress: Progress) -> Design:
@@ -208,7 +212,7 @@ def further_pins(
 ) -> Iterator[Design]:
     """Designs with one to ``most`` pins more, for the same rate, where their number was free."""
     request = found.request
-    if request.pins is not None or not found.rate:
+    if request.pins is not None or not found.rate or problem.agrees:
         return
     rate = request.rate or claimed(shorten(found.rate, digits=4))
     count = len(found.gains)
@@ -273,9 +277,12 @@ def attempt(
         least=least,
         headline=headline,
     )
-    obstacle = reduction.obstacle or agents.obstacle(bare, request, ground.structure)
+    obstacle = reduction.obstacle
+    # Agents that agree have no pins.
+    if obstacle is None and not bare.agrees:
+        obstacle = agents.obstacle(bare, request, ground.structure)
     # What no gains reach is known of agents that are integrators.
-    if obstacle is None and bare.dynamics is None:
+    if obstacle is None and not bare.agrees and bare.dynamics is None:
         obstacle = too_fast(bare, request, slow_directions)
     if obstacle is None and large:
         obstacle = undecided("exosystem", f"what an observer has to do is {large}")
@@ -336,9 +343,9 @@ def _certified(ground: Ground, proposal: Proposal) -> Design:
     labels = problem.network.labels
     gains = {labels[i]: k for i, k in sorted(proposal.gains.items())}
     W = None if proposal.observer is None else proposal.observer.W
-    changes: dict[str, Any] = {
-        "pinning.gains": {label: typed_number(k) for label, k in gains.items()}
-    }
+    changes: dict[str, Any] = {}
+    if not problem.agrees:
+        changes["pinning.gains"] = {label: typed_number(k) for label, k in gains.items()}
     changes |= proposal.changes
     if W is not None:
         changes |= gain_changes(problem, W)
@@ -368,6 +375,7 @@ def _certified(ground: Ground, proposal: Proposal) -> Design:
             limited=request.pins is not None and count >= request.pins,
             part=ground.part if request.rate is None and not has_dynamics else None,
             reduction=ground.reduction.words,
+            arcs=proposal.arcs,
             everything=everything,
             near=proposal.near,
             region=proposal.region,
@@ -387,9 +395,10 @@ def _proof(ground: Ground, designed: Problem, aim: float) -> tuple[Certificate, 
     first = certify(designed, rate=least, progress=ground.progress)
     hoped = nearly if request.rate is not None or ground.part > HALF else 0.0
     falls_short = first.verdict is Verdict.PROVED and (_rate_of(first) or 0.0) < hoped
-    if not falls_short or not designed.is_linear or not designed.region:
+    # A proof of every start came first, with a lower rate; there is none where inputs saturate.
+    of_all = designed.is_linear and not loop_of(designed).saturates
+    if not falls_short or not of_all or not designed.region:
         return first, False
-    # A proof of every start came first, with a lower rate.
     return certify(designed, rate=least, everything=True, progress=ground.progress), True
 
 
@@ -480,11 +489,20 @@ def region_search(
 ) -> RegionSearch:
     """The rows of the region asked for, or next to the consensus, of a problem without gains."""
     region = problem.region
+    loop = loop_of(problem)
+    W = None if observer is None else observer.W
+    radius = max(asked_radius(loop), default=SMALL) or SMALL
+    caps = dict(request.caps)
+    rooms = rooms_of(loop, W) if loop.saturates else ""
+    if isinstance(rooms, Rooms):
+        # At the edge of the box a larger gain pulls no harder.
+        for agent, room in rooms.room.items():
+            caps[agent] = min(caps.get(agent, room / radius), room / radius)
     return RegionSearch(
         problem=problem,
-        W=None if observer is None else observer.W,
-        caps=request.caps,
-        radius=max(asked_radius(loop_of(problem)), default=SMALL) or SMALL,
+        W=W,
+        caps=caps,
+        radius=radius,
         disturbance=(region and region.initial_disturbance) or Fraction(0),
     )
 
@@ -494,6 +512,12 @@ def of_region(ground: Ground) -> Iterator[Proposal]:
     consensus."""
     problem = ground.problem
     request = ground.request
+    if problem.agrees:
+        arcs = missing_arcs(problem)
+        changes = {} if arcs is None else arcs.set
+        for observer in ground.every_observer():
+            yield Proposal(observer=observer, gains={}, changes=changes, arcs=arcs and arcs.text)
+        return
     if problem.dynamics is not None:
         yield from of_agents(ground, problem.dynamics)
         return

@@ -24,6 +24,7 @@ from dobc_design.conditions.consensus.claim import (
     jacobians_at_consensus,
     linearisation,
 )
+from dobc_design.conditions.consensus.decide import of_differences
 from dobc_design.conditions.domain import EVERYWHERE, Around
 from dobc_design.conditions.numbers import bisected, rounded_down
 from dobc_design.conditions.statement import Statement, undecided
@@ -204,6 +205,8 @@ def _mode_verdict(
     F = add(identity(size), scale(period, loop))
     if written is not None and problem.dynamics is not None:
         F = _held(problem, problem.dynamics, loop, written)
+    if problem.agrees:
+        F = of_differences(F, problem.m)
     # Definiteness decides many more rows than a characteristic polynomial does.
     if transpose(F) == F:
         return _symmetric_in_unit_disk(F)

@@ -124,6 +124,25 @@ def test_fmpy_simulates_an_input_that_saturates_as_the_loop_does(tmp_path):
 
 @pytest.mark.slow
 @needs_compiler
+def test_fmpy_simulates_an_agent_without_a_pin_that_agrees_with_others(tmp_path):
+    problem = Problem(
+        network=Network.from_arcs([[1, 2], [2, 3], [3, 1], [1, 3]], arrow="listens_to"),
+        coupling="tanh(y)",
+        goal="agreement",
+        exosystem=dd.exosystems.constant(),
+        observer=Observer(W=[[2]]),
+    )
+    run, answer, index = simulated(
+        problem, agent="1", period=0.05, seconds=5, path=tmp_path / "agent.fmu"
+    )
+    for name in ("u", "dhat"):
+        difference = answer[name][1:] - getattr(run, name)[:-1, index, 0]
+        assert np.abs(difference).max() <= 1e-6
+    assert run.error()[-1] < 0.1 * run.error()[0]
+
+
+@pytest.mark.slow
+@needs_compiler
 def test_an_agent_with_two_components_follows_the_switches(tmp_path):
     problem = moving()
     signal = dd.signals.Periodic(dwell=0.5, order=("one", "two"))

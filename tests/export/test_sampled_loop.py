@@ -64,6 +64,14 @@ def test_a_ring_is_decided_as_numpy_estimates_it_on_both_sides_of_its_limit(n: i
     assert sampled_network_statement(problem, above).verdict is Verdict.REFUTED
 
 
+def test_a_ring_that_agrees_is_decided_without_the_motion_of_all_agents_alike():
+    """Eigenvalues 1 - z of -J, z^6 = 1: |1 - T (1 - z)| < 1 but for z = 1 iff T < 1."""
+    one_way = ring(6, both=False, k=0).replace(gains={}, goal="agreement")
+    for period, verdict in ((Fraction(99, 100), Verdict.PROVED), (Fraction(101, 100), "refuted")):
+        found = sampled_network_statement(one_way, period)
+        assert found.verdict is Verdict(verdict)
+
+
 def test_what_nothing_pins_or_is_too_large_stays_open():
     both_ways = ring(4, both=True, k=0)
     one_way = ring(4, both=False, k=0)

@@ -117,7 +117,7 @@ def test_stress_breaks_the_disagreement_of_agents_that_work():
     assert found.sweeps[0].survives is not None
 
 
-@pytest.mark.parametrize("act", [dd.falsify, dd.design, dd.export.to_sdpa])
+@pytest.mark.parametrize("act", [dd.falsify, dd.trade_off, dd.export.to_sdpa])
 def test_what_needs_a_target_says_so(act):
     with pytest.raises(SpecError, match="needs a target; these agents agree"):
         act(agreeing())

@@ -121,10 +121,10 @@ def linear_part(statements: Statements, mode: str) -> Matrix | None:
     if entries is None or not has_short_denominator(entries.values(), MOST_COUNTING // size**2):
         return None
     rows = tuple(tuple(entries.get((i, j), ZERO) for j in range(size)) for i in range(size))
-    return _of_differences(rows, loop.m) if loop.agrees else rows
+    return of_differences(rows, loop.m) if loop.agrees else rows
 
 
-def _of_differences(J: Matrix, m: int) -> Matrix:
+def of_differences(J: Matrix, m: int) -> Matrix:
     """The matrix of x_i - x_n, i < n, where rows of J add up to 0: that of J without its eigenvalue
     0, once for every component."""
     kept = len(J) - m

@@ -513,10 +513,11 @@ def of_region(ground: Ground) -> Iterator[Proposal]:
     problem = ground.problem
     request = ground.request
     if problem.agrees:
-        arcs = missing_arcs(problem)
-        changes = {} if arcs is None else arcs.set
+        found = missing_arcs(problem)
+        changes = found.set if found else {}
+        arcs = found.text if found else None
         for observer in ground.every_observer():
-            yield Proposal(observer=observer, gains={}, changes=changes, arcs=arcs and arcs.text)
+            yield Proposal(observer=observer, gains={}, changes=changes, arcs=arcs)
         return
     if problem.dynamics is not None:
         yield from of_agents(ground, problem.dynamics)

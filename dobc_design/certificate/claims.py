@@ -22,7 +22,6 @@ from dobc_design.errors import CertificateError, reason_of
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.reading import counted
 from dobc_design.loop.loop import Loop
-from dobc_design.loop.pairs import gain_of_rows
 from dobc_design.verdict import Verdict
 
 from .topics import TOPICS
@@ -82,9 +81,7 @@ def claim_of(check: Check, loop: Loop, W: Matrix | None) -> Claim | None:
     topic = TOPICS[check.kind.topic]
     if topic.read is None or not isinstance(check.claim, Values):
         return check.claim
-    if topic.of_rows:
-        loop, W = topic.rows(loop, W), gain_of_rows(loop, W)
-    return topic.read(check, loop, W)
+    return topic.read(check, *topic.about(check.id, loop, W))
 
 
 def box_of(checks: Checks, loop: Loop, W: Matrix | None) -> Separable | None:

@@ -29,7 +29,7 @@ from dobc_design.conditions.reason import gap_obstacle
 from dobc_design.conditions.schedule import checks as schedule
 from dobc_design.conditions.separable import checks as separable
 from dobc_design.conditions.separable import claim as rows
-from dobc_design.conditions.stated import ACCURACY
+from dobc_design.conditions.stated import ACCURACY, LIMIT
 from dobc_design.conditions.weighted import checks as weighted
 from dobc_design.exact.matrix import Matrix
 from dobc_design.loop.loop import Loop
@@ -65,24 +65,23 @@ class Topic:
     of_gaps: bool = False
     of_roots: bool = False
 
-    def rows(self, loop: Loop, W: Matrix | None) -> Loop:
-        """The loop that it is about.  Raises: ValueError where that has too many nodes."""
-        if not self.of_rows:
-            return loop
+    def about(self, id: str, loop: Loop, W: Matrix | None) -> tuple[Loop, Matrix | None]:
+        """The loop that a check is about, and its gain.  Raises: ValueError where it has too many
+        nodes."""
+        # Inputs are those of agents.
+        if not self.of_rows or (loop.agrees and id == LIMIT):
+            return loop, W
         rows = required_rows(loop, W)
         if rows.goal == "roots" and not self.of_roots:
             raise ValueError(f"{loop.n} agents have more pairs than are looked at")
-        return rows
+        return rows, gain_of_rows(loop, W)
 
     def confirmed(self, check: Check, trusted: Trusted) -> str | None:
         """None if a check is confirmed for the loop that its topic is about, else why not."""
         if not self.of_gaps and (reason := gap_obstacle(trusted.loop)) is not None:
             return reason
-        if self.of_rows:
-            loop = trusted.loop
-            rows = self.rows(loop, trusted.W)
-            trusted = replace(trusted, loop=rows, W=gain_of_rows(loop, trusted.W))
-        return self.confirm(check, trusted)
+        loop, W = self.about(check.id, trusted.loop, trusted.W)
+        return self.confirm(check, replace(trusted, loop=loop, W=W))
 
 
 def _consensus(check: Check, trusted: Trusted) -> str | None:
@@ -126,7 +125,8 @@ def _beside(confirm: Callable[[Check, Case], str | None], *ids: str) -> Confirm:
 
     def confirmed(check: Check, trusted: Trusted) -> str | None:
         proofs = []
-        for id in ids:
+        # Of agents that agree no input rests on a proof of their differences.
+        for id in () if trusted.loop.agrees else ids:
             proof = trusted.named(id)
             if proof is None or id == check.id or not proof.is_proved:
                 continue

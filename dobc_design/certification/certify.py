@@ -269,6 +269,8 @@ class _Certification:
             return replace(agents, checks=case.checks)
         # Inputs may rest on the final box, so they come after it.
         case = case.and_(_ending(ACCURACY, case, partial(accuracy_stage, case, report)))
+        if agents.loop.agrees:  # on inputs, which are those of agents
+            asked = replace(asked, loop=agents.loop, W=agents.W)
         inputs = partial(inputs_stage, asked, case.checks, report)
         case = case.and_(_ending(LIMIT, case, inputs))
         case = case.and_(other_equilibria(self.problem, case, report=report))

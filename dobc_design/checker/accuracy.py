@@ -183,7 +183,8 @@ class Loads:
         self.rho = stage.rho
         v, self.bottom = integers(stage.v)
         self.v = loop.with_fixed(v)
-        self.noise = 2 * self.plant.measurement  # of a difference of two measured states
+        # of a difference of two measured states, which that of a pair is
+        self.noise = self.plant.measurement * (1 if loop.differences else 2)
         self.steepest = cache(self.find_steepest)
         self.secant = cache(self.find_secant)
 

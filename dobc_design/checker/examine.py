@@ -57,8 +57,8 @@ KNOWN_TO = {
     "pins that are cut": "max-separable delay schedule settling",
     "fixed nodes that differ or move": "max-separable delay schedule settling",
     # delay: a late state and one of now make no difference that is followed
-    "differences of agents": "max-separable sampling schedule settling markov",
-    "agents with too many pairs": "schedule markov",
+    "differences of agents": "max-separable sampling schedule settling markov tolerance accuracy",
+    "agents with too many pairs": "schedule markov actuators",
     # rows hold whatever the signs
     "signs that fit no two sides": "max-separable delay sampling tolerance actuators safety "
     "settling accuracy schedule",
@@ -180,7 +180,9 @@ def decider(case: Case, id: str) -> Decider:
 
 def regional(agents: Case, check: Any) -> Any:
     """A claim about a region that is proved or refuted."""
-    case = rows_of(agents)
+    # inputs are those of agents
+    own = agents.agrees and check.id == "actuators"
+    case = agents if own else rows_of(agents)
     rooms = saturates(agents) and check.id == "actuators"
     if saturates(agents) and not rooms:
         case = cut(agents)

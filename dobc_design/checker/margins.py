@@ -13,7 +13,7 @@ from .expressions import Coupling
 from .intervals import enclosed
 from .matrices import ZERO, form, root, transpose
 from .reading import Object, an_object, need, rational, read, weights
-from .saturation import amplitude, left
+from .saturation import allowed, amplitude, left
 from .separable import Errors, beside, holds_box, observed, pace, read_separable, rows, starts
 
 RATE = "the rate is not between 0 and what follows"
@@ -31,6 +31,9 @@ def tolerance(case: Case, check: Any) -> Any:
     if plant is not None:
         wide_enough = plant.weights <= exact.weights and plant.gains <= exact.gains
         need(wide_enough, "the problem has larger errors")
+    # else what both of a pair hear counts with one weight
+    apart = not case.differences or case.fixed == 1 or (plant is not None and plant.weights)
+    need(apart or not exact.weights, "weights of pairs are exact, unless the problem has errors")
     told = plant is None or plant.known_to_agents
     need((exact.eta is None) == told, "eta is for observers that do not know the weights")
     errors = Errors(weights=exact.weights, gains=exact.gains)
@@ -72,6 +75,8 @@ def pull(case: Case, claim: Any) -> Fraction:
     for arc in case.arcs:
         width = v[arc.i] + v[arc.j]
         ends[arc.coupling] = max(width, ends.get(arc.coupling, ZERO))
+    if case.differences:  # where W counts half
+        norm *= 2
     rho = claim.rho or Fraction(1)
     slopes = {h: max(secants(h, enclosed(rho * y)[1])) for h, y in ends.items()}
     most = ZERO
@@ -90,7 +95,7 @@ def actuators(case: Case, check: Any) -> None:
     asked = case.actuators is not None and check.rate is None
     need(asked, "it is not asked for, or has a rate")
     starts(case, check.domain, "box")
-    if case.actuators.saturates:
+    if case.actuators.saturates or case.agrees:
         rooms(case, check)
         return
     acts = case.disturbed
@@ -128,9 +133,10 @@ def actuators(case: Case, check: Any) -> None:
 
 
 def rooms(case: Case, check: Any) -> None:
-    """As much is left of each limit for the pin, however far inputs saturate."""
+    """As much is left of each limit for the pin, however far inputs saturate; of agents that agree,
+    which have no pin, for all of the domain."""
     claimed = read(check.exact, {"rooms": an_object}).rooms
-    found = dict(left(case))
+    found = dict(left(case, check.domain.disturbance if case.agrees else allowed(case)))
     limited = {case.labels[i]: room for i, room in found.items()}
     need(set(claimed) == set(limited), "there is not one room for each agent with a limit")
     for label, room in limited.items():

@@ -5,14 +5,16 @@ the nodes are the pairs (i, j), i != j, in the order of i, then j, with the erro
 hears l by w h, (i, j) hears (l, j) by w h and (j, i) hears (j, l) by w h*, h*(y) = -h(-y); for l =
 j these are the fixed nodes n (n - 1) and n (n - 1) + 1. With one function, a linear one, the lesser
 weight by which both of a pair always hear the same agent is taken off both, and is the weight of an
-arc to the first fixed node, unless weights are uncertain. Of more than MOST agents nodes are the
-agents, and only graphs are looked at. C counts twice and W half, because there are two residuals.
+arc to the first fixed node, unless weights or measured states are uncertain. Of more than MOST
+agents nodes are the agents, and only graphs are looked at. C counts twice and W half, because there
+are two residuals.
 """
 
 import copy
 from collections import defaultdict
 from fractions import Fraction
 from functools import lru_cache
+from types import SimpleNamespace
 from typing import Any
 
 from .claims import Case
@@ -58,6 +60,10 @@ def rows_of(case: Case) -> Case:
         C = [[2 * x for x in row] for row in residual.C]
         W = halved_gain(residual.W)
         rows.residuals.append(residual._replace(C=C, W=W))
+    if case.uncertainty is not None:  # so are disturbances, and noise of a difference
+        stated = vars(case.uncertainty)
+        both = {name: 2 * stated[name] for name in ("disturbance", "measurement")}
+        rows.uncertainty = SimpleNamespace(**stated | both)
     rows.C = diagonal([residual.C for residual in rows.residuals]) or [[]] * rows.m
     rows.W = halved_gain(case.W)
     rows.given_W = halved_gain(case.given_W)
@@ -106,7 +112,8 @@ def pairs(case: Case, rows: Case) -> None:
     rows.fixed = 2
     star = {h: h if h.straight else mirrored(h, case.m) for h in case.functions}
     rows.functions = [*case.functions, *(star[h] for h in case.functions if star[h] is not h)]
-    exact = case.uncertainty is None or not case.uncertainty.weights
+    plant = case.uncertainty
+    exact = plant is None or not (plant.weights or plant.measurement)
     sole = exact and len(case.functions) == 1 and case.functions[0].straight
     rows.modes = {}
     for mode, arcs in case.modes.items():

@@ -53,7 +53,7 @@ def allowed(loop: Loop) -> Fraction:
 def cut(case: Case) -> Case:
     """The same case with pins that saturate; itself where some limit leaves nothing."""
     try:
-        rooms = dict(left(case))
+        rooms = dict(left(case, allowed(case)))
     except Refused:
         return case
     cut_off = [i for i in rooms if any(map(any, case.gain(i)))]
@@ -74,16 +74,18 @@ def cut(case: Case) -> Case:
     return rows
 
 
-def left(case: Case) -> Iterator[tuple[int, Fraction]]:
-    """Every agent with a limit, and what is left of it beside the compensation."""
+def left(case: Case, most: Fraction) -> Iterator[tuple[int, Fraction]]:
+    """Every agent with a limit, and what is left of it beside the compensation; ``most``: the
+    largest |eps_i| at the start."""
     plant = case.uncertainty
     told = plant is None or (plant.known_to_agents and not case.disturbed)
     scalar = all(k == identity(case.m, k[0][0]) for k in case.pins.values())
-    plain = not (case.agrees or case.fixed or case.signed or case.gap)
+    plain = not (case.fixed or case.signed or case.gap)
     known = told and scalar and case.B is None and plain
-    need(known and case.region is not None, "what saturation leaves is not known here")
+    stated = case.agrees or case.region is not None
+    need(known and stated, "what saturation leaves is not known here")
     # no estimate without an exosystem
-    errors = [error(each, case) for each in gains(case)]
+    errors = [error(each, most) for each in gains(case, most)]
     for i, limit in case.actuators.limit.items():
         needed = amplitude(case, i)
         if i in case.place:
@@ -91,11 +93,11 @@ def left(case: Case) -> Iterator[tuple[int, Fraction]]:
         yield i, Fraction((limit - needed) * UNIT // 1, UNIT)
 
 
-def gains(case: Case) -> Iterator[Residual]:
+def gains(case: Case, most: Fraction) -> Iterator[Residual]:
     """The residuals, each with its block of the gain of the certificate."""
     row = column = 0
     for residual in case.residuals:
-        need(case.W is not None or not allowed(case), "there is no observer gain")
+        need(case.W is not None or not most, "there is no observer gain")
         q = len(residual.A)
         W = case.W and [each[column : column + case.m] for each in case.W[row : row + q]]
         yield residual._replace(W=W)
@@ -103,10 +105,9 @@ def gains(case: Case) -> Iterator[Residual]:
         column += case.m
 
 
-def error(residual: Residual, case: Case) -> Fraction:
+def error(residual: Residual, most: Fraction) -> Fraction:
     """A bound of |C eps_i| for all time: eps'P eps falls where F'P + P F = -N < 0, F = A - W C, and
     (c eps)^2 <= (c P^-1 c') (eps'P eps)."""
-    most = allowed(case)
     if not most:
         return ZERO
     C = residual.C

@@ -84,7 +84,8 @@ def answered(case: Case, best: Any) -> Any:
             best = check
     # separate checks prove nothing together: errors at the target, and inputs in a box of others
     if asked == ["actuators", "tolerance"] and "v" in best.exact:
-        own_box = "v" in case.proved("actuators").exact
+        exact = case.proved("actuators").exact
+        own_box = "v" in exact or "rooms" in exact
         if own_box:
             return best
         return None

@@ -72,10 +72,11 @@ def pins_obstacle(loop: Loop) -> str | None:
     return f"{APART}it is for pins that are linear, and the same in every mode."
 
 
-def fixed_obstacle(loop: Loop) -> str | None:
+def fixed_obstacle(loop: Loop, *, apart: bool = False) -> str | None:
     """Why a proof that knows arcs to the target does not apply; None where no other nodes are
-    fixed."""
-    if loop.goal == "target" and not loop.gap and not loop.saturates:
+    fixed.  ``apart``: of a proof that holds for differences of agents, too."""
+    is_known = loop.goal == "target" or (apart and loop.goal == "differences")
+    if is_known and not loop.gap and not loop.saturates:
         return None
     return pins_obstacle(loop)
 

@@ -104,7 +104,7 @@ def _first(checks: Sequence[Check], id: str) -> Check | None:
 def _are_apart(checks: Sequence[Check]) -> bool:
     """Whether the tolerance has weights of its own, and the inputs are bounded in the box of
     max-separable."""
-    own = {check.id for check in checks if "v" in (check.exact or {})}
+    own = {check.id for check in checks if {"v", "rooms"} & (check.exact or {}).keys()}
     return TOLERANCE in own and LIMIT not in own
 
 
@@ -130,7 +130,8 @@ def _cure(loop: Loop, checks: Sequence[Check], id: str) -> str:
     if any(check.id == MAX_SEPARABLE and check.verdict is Verdict.REFUTED for check in checks):
         return "pins or arcs by which every agent is reached in every mode"
     found = _first(checks, id)
-    if id == LIMIT and found is not None and found.reason.endswith(NO_ROOM):
+    # Inputs of agents that agree depend neither on a region nor on gains.
+    if id == LIMIT and found is not None and (loop.is_apart or found.reason.endswith(NO_ROOM)):
         return "a larger limit"
     # Smaller bounds would only scale what is proved.
     if id == ACCURACY and loop.is_linear:

@@ -275,10 +275,11 @@ def _matched(loop: Loop, arcs: Arcs, numbers: Any) -> Any:
     """The weight, in ``numbers``, by which the agent of each row hears that of each column, where
     what both agents of a pair hear of a third one may be matched: w (x_l - x_i) - w (x_l - x_j) is
     -w (x_i - x_j), an arc to a fixed node of the lesser weight of the two.  That is so where there
-    is one function, a linear one, and for arcs that are always there; weights that are uncertain
-    are off by errors of their own."""
+    is one function, a linear one, and for arcs that are always there; weights and measured states
+    that are uncertain are off by errors of their own."""
     table = np.zeros((loop.n, loop.n), dtype=numbers.dtype)
-    exact = loop.uncertainty is None or not loop.uncertainty.weights
+    plant = loop.uncertainty
+    exact = plant is None or not (plant.weights or plant.measurement)
     if exact and loop.is_linear and len(loop.functions) == 1:
         sure = ~arcs.uncertain
         table[arcs.listeners[sure], arcs.speakers[sure]] = numbers[sure]

@@ -36,6 +36,7 @@ from dobc_design.exact.number import number_text, root_above
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import group_numbers
 from dobc_design.problem.network import Arcs
+from dobc_design.problem.uncertainty import ABSOLUTE
 
 from .loop import Loop, pins_of
 
@@ -60,16 +61,21 @@ class Rooms:
     room: dict[int, Fraction]
 
 
-def rooms_of(loop: Loop, W: Matrix | None) -> Rooms | str:
+def rooms_of(loop: Loop, W: Matrix | None, *, allowed: Fraction | None = None) -> Rooms | str:
     """What is left of the limits with the observer gain W (q, m), or why no bound of the estimates
-    is known.  Exact, rounded towards the smaller room."""
+    is known.  Exact, rounded towards the smaller room.  ``allowed``: |eps_i(0)|, by default that
+    of the region."""
     table = loop.actuators
+    plant = loop.uncertainty
+    acts = plant is not None and any(getattr(plant, name) for name in ABSOLUTE)
+    if acts or (plant is not None and not plant.known_to_agents):
+        return "what [uncertainty] states acts on the estimates, too."
     if loop.fixed not in ((), FIXED):
         return "what is left of pins to several nodes is not known."
     disturbances = largest_disturbance(loop)
     if table is None or disturbances is None:
         return "no bound of the disturbance is known: give actuators.amplitude."
-    errors = _largest_errors(loop, W)
+    errors = _largest_errors(loop, W, allowed_error(loop) if allowed is None else allowed)
     if errors is None:
         return "no bound of the estimation error is known with this observer."
     compensation = {}
@@ -137,9 +143,10 @@ def saturated(loop: Loop, W: Matrix | None) -> Loop:
     )
 
 
-def _largest_errors(loop: Loop, W: Matrix | None) -> list[Fraction] | None:
+def _largest_errors(
+    loop: Loop, W: Matrix | None, allowed: Fraction | None
+) -> list[Fraction] | None:
     """For each group a bound of every component of C eps_i(t), t >= 0; None where none is known."""
-    allowed = allowed_error(loop)
     if not loop.groups or not allowed:
         return [_ZERO] * len(loop.groups)
     if W is None:

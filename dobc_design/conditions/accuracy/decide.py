@@ -91,6 +91,7 @@ from dobc_design.exact.peaks import MOST_STEPS, peak_gains, peak_gains_by_row
 from dobc_design.exact.reading import Document, Table
 from dobc_design.exact.symmetric import Doubles, least
 from dobc_design.loop.loop import Loop
+from dobc_design.loop.pairs import are_pairs
 from dobc_design.problem.uncertainty import Uncertainty
 from dobc_design.verdict import Verdict
 
@@ -291,7 +292,8 @@ def obstacle(loop: Loop, W: Matrix | None, *, turned: bool = False) -> str | Non
     """Why no final bounds can be shown for the loop with the gain W (q, m); None if they may be.
     ``turned``: in coordinates."""
     if loop.n > MOST_AGENTS:
-        return f"does not apply: final bounds are decided for at most {MOST_AGENTS} agents."
+        nodes = "pairs of " * are_pairs(loop)
+        return f"does not apply: final bounds are decided for at most {MOST_AGENTS} {nodes}agents."
     plant = loop.uncertainty or Uncertainty()
     # Rows in coordinates take what acts as a load; they know nothing of noise in couplings.
     if turned and plant.measurement:
@@ -303,7 +305,7 @@ def obstacle(loop: Loop, W: Matrix | None, *, turned: bool = False) -> str | Non
             "does not apply: with a disturbance, errors of weights and gains are known for "
             "couplings by component only."
         )
-    reason = fixed_obstacle(loop)
+    reason = fixed_obstacle(loop, apart=True)
     if reason is None and not turned and loop.drift is not None:
         return "does not apply: bounds for agents with [dynamics] are made in coordinates."
     return reason or not_applicable(loop, W, turned=turned)
@@ -401,8 +403,11 @@ class Plant:
 
     @property
     def stated(self) -> Uncertainty:
-        """What the problem states."""
-        return self.loop.uncertainty or Uncertainty()
+        """What the problem states; of a difference of agents, what acts on both together."""
+        table = self.loop.uncertainty or Uncertainty()
+        if not self.loop.is_apart:
+            return table
+        return replace(table, disturbance=2 * table.disturbance, measurement=2 * table.measurement)
 
     @property
     def input(self) -> Fraction:
@@ -449,7 +454,9 @@ class Plant:
         peaks = self.peaks
         errors = stated_errors(loop)
         noise = plant.measurement
-        slopes = _Slopes(loop, stage, noise)
+        # Of the difference of two measured states, which a coupling acts on.
+        heard = noise if loop.is_apart else 2 * noise
+        slopes = _Slopes(loop, stage, heard)
         passed = unknown = Fraction(0)
         by_model = Fraction(0)
         if peaks is not None:
@@ -459,8 +466,7 @@ class Plant:
         # Observers with other weights take sum dw h for a disturbance, which W passes on.
         if not plant.known_to_agents:
             unknown = errors.weights * passed * (1 + self.room)
-        # of all sums of slopes: neighbours' noise, and their own
-        twice = 2 * noise * (1 + (max(errors) if loop.fixed else errors.weights))
+        heard *= 1 + (max(errors) if loop.fixed else errors.weights)
         tied = tied_sizes(loop) or {}
         for agent in range(loop.n):
             steepest = {mode: slopes.at_noise(mode, agent) for mode in loop.modes}
@@ -469,10 +475,10 @@ class Plant:
                 eta = unknown * max(slopes.in_box(mode, agent) for mode in loop.modes)
             if agent in loop.pulls.gains:
                 pinned = (1 + errors.gains) * row_norm(loop.pulls.gains[agent])
-            b = by_model + noise * pinned + twice * passed * max(steepest.values())
+            b = by_model + noise * pinned + heard * passed * max(steepest.values())
             for mode, steep in steepest.items():
                 row = _row_of(loop, stage, mode, agent, errors)
-                own = b + plant.disturbance + twice * steep
+                own = b + plant.disturbance + heard * steep
                 acts = b + noise * tied.get(agent, Fraction(0))
                 yield Load(
                     mode=mode, agent=agent, row=row, constant=own, growing=eta, by_input=acts
@@ -538,7 +544,7 @@ class _Slopes:
         """A bound of |h'| as far as noise takes an argument."""
         Y = ZERO
         if self.stage.rho is not None:
-            Y = Interval(Fraction(-1), Fraction(1)) * (self.stage.rho * reach + 2 * self.noise)
+            Y = Interval(Fraction(-1), Fraction(1)) * (self.stage.rho * reach + self.noise)
         return jet(self.curves[coupling].curve, Y).slope.magnitude
 
     def _secant(self, coupling: int, reach: Fraction) -> Fraction:
@@ -579,12 +585,13 @@ def _told(loop: Loop, claim: Accuracy, domain: Domain) -> str:
         rounded = tuple(rounded_up(x, digits=4) for x in bounds)
         agents.setdefault(rounded, []).append(label)
     told = []
+    node = "pair" if are_pairs(loop) else "agent"
     for ends, who in sorted(agents.items()):
         names = ", ".join(who[:_SHOWN])
         if len(who) > _SHOWN:
             names += " and others"
         shown = " and ".join(f"{float(x):.6g}" for x in ends)
-        told.append(f"{shown} (agent{'s' if len(who) > 1 else ''} {names})")
+        told.append(f"{shown} ({node}{'s' if len(who) > 1 else ''} {names})")
     if len(told) > _SHOWN:
         told[1:-1] = ["..."]
     starts = "every start"

@@ -74,6 +74,7 @@ from dobc_design.exact.number import root_above
 from dobc_design.exact.reading import Document
 from dobc_design.exact.symmetric import Doubles, least
 from dobc_design.loop.loop import Loop
+from dobc_design.loop.pairs import RESIDUALS, are_pairs
 from dobc_design.loop.saturation import ROOTS, largest_disturbance, rooms_of
 
 
@@ -121,7 +122,8 @@ class Inputs:
 @noun
 class LeftRooms:
     """However far inputs saturate, at least ``rooms[label]`` of the limit of an agent is left for
-    its pin beside the compensation of the disturbance."""
+    its pin beside the compensation of the disturbance.  Agents that agree have no pins: their
+    inputs never saturate."""
 
     rooms: Mapping[str, Fraction]
 
@@ -146,7 +148,7 @@ def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Claim:
 
 def _read_inputs(check: Check, loop: Loop) -> Inputs | LeftRooms:
     """What a proved check of inputs claims."""
-    if loop.saturates:
+    if loop.saturates or loop.agrees:
         values = read_object(check.exact, ("rooms",))
         limited = [label for label in loop.labels if limit_of(loop, label) is not None]
         found = read_object(values["rooms"], limited)
@@ -177,10 +179,11 @@ def confirm(check: Check, case: Case) -> str | None:
     reason = not_a_proof(check)
     if reason is None and loop.drift is not None:
         return "errors of gains, and inputs, are not known for agents with [dynamics]"
-    saturated = loop.saturates and check.id == "actuators"
-    if not saturated:
+    alone = (loop.saturates or loop.agrees) and check.id == "actuators"
+    if not alone:
         knows = check.id != "actuators" or tied_sizes(loop) is not None
-        reason = reason or (fixed_obstacle(loop) if knows else pins_obstacle(loop))
+        known = fixed_obstacle(loop, apart=check.id == "tolerance")
+        reason = reason or (known if knows else pins_obstacle(loop))
     if reason is not None:
         return reason
     claim = read_claim(check, loop, W)
@@ -200,6 +203,8 @@ def confirm(check: Check, case: Case) -> str | None:
     stated = stated_errors(loop)
     if claim.errors.weights < stated.weights or claim.errors.gains < stated.gains:
         return "the errors of [uncertainty] are larger"
+    if claim.errors.weights and not stated.weights and are_pairs(loop):
+        return "what both agents of a pair hear counts with one weight, unless errors are stated"
     # Observers that know the weights are fed what acts, and their errors decay as before.
     if (claim.eta is None) is not agents_know(loop):
         return "eta belongs to observers that do not know the weights, and to no others"
@@ -268,6 +273,8 @@ def observer_pull(loop: Loop, W: Matrix | None, base: Separable) -> Fraction:
     m = loop.m
     rho = base.rho or _ONE
     norm = max(sum(roots[k : k + m], _ZERO) for k in range(0, len(roots), m))  # of every group
+    if loop.is_apart:
+        norm *= RESIDUALS  # W counts half there
     steepest = []
     for coupling, reach in zip(loop.functions, largest_reach(loop, base.v), strict=True):
         y = rho * reach
@@ -282,7 +289,7 @@ def observer_pull(loop: Loop, W: Matrix | None, base: Separable) -> Fraction:
 
 def why_not_local(loop: Loop) -> str | None:
     """Why the rows at the target say nothing; None if they do."""
-    reason = fixed_obstacle(loop)
+    reason = fixed_obstacle(loop, apart=True)
     if reason is not None:
         return reason
     if not acts_by_component(loop):
@@ -375,8 +382,8 @@ def loaded_inputs(
 
 def _not_left(check: Check, loop: Loop, W: Matrix | None, claim: LeftRooms) -> str | None:
     """None if as much is left of every limit."""
-    read_domain(check.domain, loop, kind=Box)
-    found = rooms_of(loop, W)
+    _, disturbance = read_domain(check.domain, loop, kind=Box)
+    found = rooms_of(loop, W, allowed=None if loop.saturates else disturbance)
     if isinstance(found, str):
         return found
     if check.rate is not None:

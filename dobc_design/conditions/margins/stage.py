@@ -47,6 +47,7 @@ from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.number import root_above
 from dobc_design.loop.arcs import coupling_places
 from dobc_design.loop.loop import Loop
+from dobc_design.loop.pairs import are_pairs
 from dobc_design.loop.saturation import largest_disturbance, rooms_of
 from dobc_design.solvers.program import Array, factored
 from dobc_design.verdict import Verdict
@@ -129,7 +130,9 @@ def _case(asked: Asked, checks: Iterable[Check]) -> Case:
 
 def margins_stage(asked: Asked, checks: Sequence[Check], report: Progress) -> list[Check]:
     """The tolerance beside ``checks``, where there is one."""
-    if asked.loop.drift is not None:
+    # Pairs have no tolerance that the file does not ask for.
+    is_open = are_pairs(asked.loop) and _given(asked) is None
+    if asked.loop.drift is not None or is_open:
         return []
     report("deciding the tolerance")
     # Rows in coordinates say nothing about errors of weights.
@@ -348,7 +351,7 @@ class _Plan:
 def _actuators(asked: Asked, checks: Sequence[Check]) -> Check:
     loop = asked.loop
     case = _case(asked, checks)
-    if loop.saturates:
+    if loop.saturates or loop.agrees:
         return _left(asked, case)
     undecided = partial(undecided_check, "actuators", asked.domain)
     found = largest_disturbance(loop)
@@ -399,9 +402,12 @@ def _left(asked: Asked, case: Case) -> Check:
     """What saturation leaves of every limit for the pins."""
     loop = asked.loop
     undecided = partial(undecided_check, "actuators", asked.domain)
-    found = rooms_of(loop, asked.W)
+    allowed = None if loop.saturates else claimed(asked.disturbance)
+    found = rooms_of(loop, asked.W, allowed=allowed)
     if isinstance(found, str):
         return undecided(found, applies=False)
+    if not found.room:
+        return undecided("no agent has a limit.", applies=False)
     limits = {agent: limit_of(loop, loop.labels[agent]) or _ZERO for agent in found.room}
     worst = min(found.room, key=lambda agent: found.room[agent] / limits[agent])
     told = (
@@ -410,16 +416,17 @@ def _left(asked: Asked, case: Case) -> Check:
         f"{loop.labels[worst]}"
     )
     if found.room[worst] <= 0:
-        return undecided(f"{told}: nothing is left for its pin, {NO_ROOM}")
+        return undecided(f"{told}: nothing is left{' for its pin' * loop.saturates}, {NO_ROOM}")
     share = float(rounded_down(100 * found.room[worst] / limits[worst], digits=4))
     least = "; of no agent less" if len(limits) > 1 else ""
+    pin = " for its pin when it saturates" if loop.saturates else ""
     rooms = {loop.labels[agent]: room for agent, room in found.room.items()}
     check = Check(
         id="actuators",
         verdict=Verdict.PROVED,
         domain=Box(asked.radius, asked.disturbance),
         claim=LeftRooms(rooms=rooms),
-        reason=f"{told}: {share:.4g} % are left for its pin when it saturates{least}.",
+        reason=f"{told}: {share:.4g} % are left{pin}{least}.",
     )
     return check.unless(decide.confirm(check, case), case.domain)
 

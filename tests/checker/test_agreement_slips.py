@@ -21,7 +21,7 @@ SLIPS = (
     ("rows.fixed = 1", "rows.fixed = 2"),
     ("rows.fixed = 2", "rows.fixed = 1"),
     ("h if h.straight else mirrored(h, case.m)", "h"),
-    ("exact = case.uncertainty is None or not", "exact = True or not"),
+    ("exact = plant is None or not", "exact = True or not"),
     ("sole = exact and len(case.functions) == 1 and", "sole = exact and"),
     ("== 1 and case.functions[0].straight", "== 1"),
     (

@@ -5,8 +5,6 @@ Importing the command line takes a good tenth of a second, in which an interrupt
 traceback.
 """
 
-from __future__ import annotations
-
 import gc
 import os
 

@@ -5,8 +5,6 @@ Shape checks look at lengths only, so nested sequences and arrays alike may be g
 not read.
 """
 
-from __future__ import annotations
-
 import copyreg
 from collections.abc import Sized
 from dataclasses import dataclass, field

@@ -6,8 +6,6 @@ are.  HTML and LaTeX are made of the same card.  Text is escaped, mathematics is
 end at 12 x 12, lists and tables are cut. Nothing is computed here.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import fields

@@ -1,8 +1,6 @@
 """``progress=True``: a bar with the time left, on a terminal or in a notebook; nothing
 elsewhere."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from difflib import get_close_matches
 from functools import wraps

@@ -3,8 +3,6 @@
 Only formatting: nothing is computed here beyond rounding for display.
 """
 
-from __future__ import annotations
-
 import html
 import math
 import re

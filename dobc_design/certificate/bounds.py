@@ -6,8 +6,6 @@ Each V of a certificate falls like exp(-rate t) from its largest value over a se
 and 5.  Nothing is decided here.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import replace

@@ -5,8 +5,6 @@ Also how the values of a check become the noun of its topic again, for a trusted
 decided by that.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from fractions import Fraction

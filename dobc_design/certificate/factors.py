@@ -7,8 +7,6 @@ quotient of the two, or its square root. docs/certificate-claims.md, "Factors", 
 every kind of check.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from fractions import Fraction

@@ -7,8 +7,6 @@ renames; a certificate names the hash of its problem, so that such a pair is fou
 SIGTERM wait until all are renamed.
 """
 
-from __future__ import annotations
-
 import errno
 import hashlib
 import json

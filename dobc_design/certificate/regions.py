@@ -5,8 +5,6 @@ Nothing is decided here.  Sizes and rates are rounded down, times and what is as
 shown stays a claim that holds.  Theory, sections 1, 4 and 5.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from contextlib import suppress

@@ -4,8 +4,6 @@ A field that is not known, is missing or stands there twice is refused: what nob
 look like a part of the proof.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import re

@@ -5,8 +5,6 @@ What looks for a proof has no column here: a certificate is confirmed without it
 solvers.  Their order stands in ``certification/certify.py``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 

@@ -4,8 +4,6 @@ Every proposal is put into the problem and what failed is decided again, exactly
 is not offered.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace

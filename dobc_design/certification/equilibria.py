@@ -4,8 +4,6 @@ Rough runs from the region say where to look, ``conditions/equilibrium/`` proves
 found says nothing.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import suppress
 

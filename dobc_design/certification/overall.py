@@ -4,8 +4,6 @@ tables [actuators] and [uncertainty] do, where the file states something there
 every pin in all modes together, an estimation error that reaches the agents and does not decay, or
 an unstable linearisation.  A theorem that does not apply never refutes."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction

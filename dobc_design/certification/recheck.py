@@ -3,8 +3,6 @@ apart: ``recheck`` with the package's exact arithmetic, and the lone checker; th
 itself a failure.  Not checked, because no verdict depends on them: sentences, notes beyond those of
 the problem, the program's version, and the advice."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace

@@ -5,8 +5,6 @@ The packages and their versions are those that this package itself asks for; not
 twice.
 """
 
-from __future__ import annotations
-
 import platform
 import re
 import shlex

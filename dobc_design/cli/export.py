@@ -1,7 +1,5 @@
 """``dobc export``: what each target writes, and what is said about it."""
 
-from __future__ import annotations
-
 import shlex
 from pathlib import Path
 from typing import Annotated

@@ -1,8 +1,6 @@
 """Options in groups: a command takes a small noun for each group, and the command line has its
 fields as options."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import fields, is_dataclass
 from inspect import Parameter, Signature, signature

@@ -3,8 +3,6 @@
 A proof covers what is asked if its set of starts holds the region; the two are compared exactly.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from fractions import Fraction
 

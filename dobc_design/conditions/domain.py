@@ -1,7 +1,5 @@
 """From which starts a check holds: everywhere, near the target, or in a box or ball of errors."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ and flags only.
 What reads a claim and what confirms it are found by the topic, in ``certificate/topics.py``.
 """
 
-from __future__ import annotations
-
 import re
 import tomllib
 from collections.abc import Mapping, Sequence

@@ -11,8 +11,6 @@ cut by ``shorten``, and ``largest_proved`` tries a few below it.  ``text_below``
 are for sentences.
 """
 
-from __future__ import annotations
-
 import math
 from base64 import b64decode, b64encode
 from collections.abc import Callable, Iterable, Mapping

@@ -9,8 +9,6 @@ inputs under all that is stated: in a box of its own, or where errors are all, i
 max-separable, whose rows ``tolerance`` has proved.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
 

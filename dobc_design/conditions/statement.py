@@ -1,8 +1,6 @@
 """One exact statement about a designed observer, decided: what it says, the verdict, the numbers
 that show it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import field
 from functools import partial

@@ -6,8 +6,6 @@ tight by end points where h or g is monotone, else by subdivision.  At kinks slo
 which bound g, too (mean value theorem).
 """
 
-from __future__ import annotations
-
 import heapq
 from collections.abc import Callable
 from dataclasses import dataclass, field

@@ -6,8 +6,6 @@ and a row of what is known about it in tests/support/known_functions.py.  Librar
 may rest on are named by text only.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from fractions import Fraction
 from functools import reduce

@@ -5,8 +5,6 @@ Nothing is decided here: amplitudes and rates are computed in floating point, an
 on them.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from fractions import Fraction

@@ -5,8 +5,6 @@ Words only: what is said here is computed in floating point where that is simple
 rests on it.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterator, Sequence

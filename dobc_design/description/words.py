@@ -4,8 +4,6 @@ reached, what its tables say, and what looks like a slip.
 A Problem never asks for these words, since some of them are computed.
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from fractions import Fraction

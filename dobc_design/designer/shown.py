@@ -4,8 +4,6 @@ proved bound that is drawn against the run.
 Nothing is decided here.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict
 from fractions import Fraction

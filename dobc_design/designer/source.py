@@ -1,8 +1,6 @@
 """A problem as the Python that builds it: numbers as somebody would type them, exact ones as
 text."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import fields
 from fractions import Fraction

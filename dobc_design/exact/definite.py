@@ -7,8 +7,6 @@ its work. "Proved" comes from exact or outward-rounded arithmetic, "refuted" onl
 is multiplied out exactly.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass

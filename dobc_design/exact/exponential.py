@@ -1,8 +1,6 @@
 """Products of exponentials of rational matrices, enclosed by the balls of python-flint, and whether
 they expand."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from fractions import Fraction
 from typing import Final

@@ -4,8 +4,6 @@ A matrix without rows is (); it stands for 0 x anything. Long products and elimi
 python-flint's.
 """
 
-from __future__ import annotations
-
 import math
 import operator
 from collections.abc import Callable, Sequence

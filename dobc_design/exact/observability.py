@@ -5,8 +5,6 @@ Theorem 1 needs detectability; where it fails, the observable part of the exosys
 because d = C xi depends on that part only. No eigenvalue is computed.
 """
 
-from __future__ import annotations
-
 from dobc_design._checks import noun, require_shape, require_square
 from dobc_design._show.cards import Shown
 from dobc_design.verdict import Decided, Verdict

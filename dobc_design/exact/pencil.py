@@ -3,8 +3,6 @@
 Both sides read it: the solver turns it into floats, the verifier puts rational numbers in.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction

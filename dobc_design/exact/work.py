@@ -5,8 +5,6 @@ same input ends at the same place.  A clock enters only where a user asks for on
 Elsewhere nothing is limited.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Iterator

@@ -7,8 +7,6 @@ necessary. Finding v is floating point and may fail; checking it is exact. Time 
 are linear in the entries.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

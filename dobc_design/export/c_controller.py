@@ -10,8 +10,6 @@ with f up to what changes of f(x) - A x in a period; their sampled network is de
 disturbance.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from fractions import Fraction
 from functools import partial

@@ -5,8 +5,6 @@ Test vectors are one agent's samples in the simulated loop: measured states and 
 in; u, v and dhat have to come out, within a bound derived for the precision.
 """
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace

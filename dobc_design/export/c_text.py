@@ -4,8 +4,6 @@ expression trees.
 Text of users appears in strings and comments only, escaped, so that no label can end either.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from fractions import Fraction

@@ -8,8 +8,6 @@ The FMU is a zip file: modelDescription.xml, sources/, binaries/PLATFORM/.  The 
 gives the same bytes, as far as the compiler does.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 import platform

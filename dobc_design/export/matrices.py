@@ -16,8 +16,6 @@ proposes a pair (P, Q); t* >= 0 alone says nothing, because rho and r bound the 
 section 2); where there is a proved pair both are taken from it.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping
 from fractions import Fraction

@@ -5,8 +5,6 @@ Paper: (1), (12), (13), (19).  Couplings are those of ``simulation.field``;
 ``control.input_output_response`` reproduces a simulated trajectory.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Any
 

@@ -7,8 +7,6 @@ values; the sum is doubled.  An error of the estimate is carried from sample to 
 because the recorded states do not answer to it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from fractions import Fraction
 from itertools import accumulate, repeat

@@ -1,7 +1,5 @@
 """Uphill from a start: gradient ascent through the flow of the loop, by CasADi's derivatives."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 

@@ -4,8 +4,6 @@ Every V is positive homogeneous of degree 1 in e (n m, R) and eps (n, q, R), so 
 every start but 0 to the boundary of a certified set.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.random import Generator
 

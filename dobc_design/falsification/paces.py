@@ -1,7 +1,5 @@
 """The switching signals of a search: constant ones, and random ones at quite different paces."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

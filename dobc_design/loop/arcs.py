@@ -1,7 +1,5 @@
 """The arcs of a loop in arrays: of one mode, and which nodes they reach; exact, in linear time."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from itertools import chain
 from typing import NamedTuple

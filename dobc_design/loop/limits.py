@@ -6,8 +6,6 @@ of fixed nodes included, and L_FL what they hear of these.  Exact; without that,
 an agent hears at all, directly or through others.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from fractions import Fraction
 

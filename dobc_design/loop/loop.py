@@ -10,8 +10,6 @@ does by itself (drift), and the residual of the observer.  ``loop_of`` makes it 
 proof looks at how agents, leaders or goals are stated.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from fractions import Fraction
 from types import MappingProxyType

@@ -11,8 +11,6 @@ B C and the gain W B+, whose product with the output is W C again.  With f in pl
 is f(target + e) - f(target).  With a leader s the target is 0, and the errors obey f(s + e) - f(s).
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from fractions import Fraction

@@ -1,7 +1,5 @@
 """Matrices of a loop at the consensus, in floating point: for proposals and pictures, no proof."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import numpy as np

@@ -16,8 +16,6 @@ here, and a gain W counts as W/2: A - W C is the same.  What linear dynamics do,
 differences as well; offsets of a formation are taken off the states.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace

@@ -6,8 +6,6 @@ for all time, at unpinned agents too, the pin pulls at least as clip(k_i e_i) at
 does: it may be stronger, so that the function bounds rows, and says nothing about places of rest.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from fractions import Fraction
 from functools import lru_cache

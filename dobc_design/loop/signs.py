@@ -4,8 +4,6 @@ Where two sides of agents fit all signs, the errors s_i e_i, s_i = +1 or -1, are
 without signs: agents on the second side have h*(y) = -h(-y).  Every proof knows that.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import MappingProxyType
 

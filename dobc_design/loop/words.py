@@ -6,8 +6,6 @@ are turned: a new goal is a new table of ``words.toml``.  Only texts of the pack
 here, never a label, a unit or anything else that a user typed.
 """
 
-from __future__ import annotations
-
 import re
 import tomllib
 from collections.abc import Callable

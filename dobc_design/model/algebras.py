@@ -1,7 +1,5 @@
 """What expressions are evaluated with to become those of CasADi and SymPy."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from typing import Any
 

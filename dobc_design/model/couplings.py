@@ -1,7 +1,5 @@
 """What agents feel of each other, and what f has beside its slopes, as CasADi expressions."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import product
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """The flow of a loop: its error system over a horizon as CasADi functions, with gradients."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import casadi as ca

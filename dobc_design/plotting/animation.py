@@ -4,8 +4,6 @@ Arrows point to the agent that listens.  The page
 holds its data, its script and nothing else; it loads nothing and runs in any browser.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from html import escape

@@ -6,8 +6,6 @@ by people with any colour vision.  Names of users are never read as mathematics.
 imported.
 """
 
-from __future__ import annotations
-
 import io
 import threading
 from collections.abc import Callable, Iterator

@@ -3,8 +3,6 @@
 Positions say nothing.  Names given by users are never read as mathematics.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from fractions import Fraction

@@ -3,8 +3,6 @@
 What is drawn solid is proved.  Names given by users are never read as mathematics.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import partial
 from textwrap import fill

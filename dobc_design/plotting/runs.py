@@ -5,8 +5,6 @@ needs of them is said here.  A certified envelope is handed over as points (t, b
 nothing is certified here.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 

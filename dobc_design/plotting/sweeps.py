@@ -5,8 +5,6 @@ Handed arrays; where several cases fall on one place their median is drawn, and 
 least to most.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Protocol
 

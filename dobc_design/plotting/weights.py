@@ -1,8 +1,6 @@
 """Weights that move under a guarantee, over one round of its phases, and the band of modes beneath
 a picture."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from fractions import Fraction
 from typing import Protocol

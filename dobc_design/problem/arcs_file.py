@@ -4,8 +4,6 @@
 cure.
 """
 
-from __future__ import annotations
-
 import re
 from array import array
 from fractions import Fraction

@@ -3,8 +3,6 @@
 Weights stay the decimal text that they are in the file.  An undirected edge gives both arcs.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from html import unescape

@@ -5,8 +5,6 @@ arc per line. Whatever is not plain, or wrong, is left to ``arcs_text``, which r
 and names the line that it refuses. Nothing is rounded here: labels and weights stay texts.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 

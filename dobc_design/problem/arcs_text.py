@@ -3,8 +3,6 @@ header, and which column is which.  What could be read in two ways is refused: a
 meant would pass unnoticed.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import re

@@ -5,8 +5,6 @@ Arcs are [listener, speaker, weight] with indices from 0; numbers are rationals 
 that came later (``LATER``) stand there only where they were given: other problems keep their hash.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Callable, Mapping

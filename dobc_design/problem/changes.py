@@ -6,8 +6,6 @@ key. "exosystem.groups.W" is the gains of all groups of agents at once, by the n
 what P they have goes. ``toml_writing`` makes the same changes to the text of a file.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence

@@ -4,8 +4,6 @@ Each rests, or moves as it likes between bounds.  One at rest is a target; of se
 that moves, nothing but the interval is known in which they are (theory, section 14).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any

@@ -1,8 +1,6 @@
 """JSON that is no problem: what it is, by the keys that its program writes, and what to do with
 it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -4,8 +4,6 @@ Both are tables, ``known.toml``: a combination that a proof or a part learns is 
 It looks at a problem through the paths that these name, and knows no class of it.
 """
 
-from __future__ import annotations
-
 import tomllib
 from importlib.resources import files
 from typing import Any

@@ -6,8 +6,6 @@ only f(s + e) - f(s) enters, whose slopes are bounded over a box that s never le
 section 13).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from fractions import Fraction
 from functools import lru_cache

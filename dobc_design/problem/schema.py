@@ -5,8 +5,6 @@ They check which keys exist.  Values are read by the nouns; numbers stay as they
 then.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema

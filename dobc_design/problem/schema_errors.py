@@ -2,8 +2,6 @@
 must be, and a line to copy.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Iterator
 from difflib import get_close_matches

@@ -5,8 +5,6 @@ sides fits all signs (the graph is balanced), x -> -x on one side turns every si
 "repels": w h(x_j - x_i), which is an arc with -h.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from fractions import Fraction
 from typing import Any

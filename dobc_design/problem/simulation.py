@@ -1,8 +1,6 @@
 """Settings of simulations, which enter no proof: horizon, seed, and where states and disturbances
 start."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from typing import Any
 

@@ -4,8 +4,6 @@ Formatting only: nothing is computed or decided here, so that a Problem can show
 words.
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from fractions import Fraction

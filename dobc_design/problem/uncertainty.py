@@ -1,8 +1,6 @@
 """What the model leaves out, bounded: [uncertainty], and what the actuators can give:
 [actuators]."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from fractions import Fraction
 from types import MappingProxyType

@@ -1,8 +1,6 @@
 """Checks in the report: what was decided, with which numbers and why, where it stands, how to
 decide it once more."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from typing import Any
 

@@ -5,8 +5,6 @@ Problems are compared as one program writes them: what counts is the meaning of 
 it is written.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace

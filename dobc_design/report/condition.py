@@ -1,7 +1,5 @@
 """The condition that is decided, in the letters of the paper, and the matrices of a certificate."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from dobc_design._show.text import latex_decimal

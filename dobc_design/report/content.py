@@ -5,8 +5,6 @@ takes what was found and gives its section, or nothing where it has nothing to s
 write it and list it.  Handed everything, computes nothing.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 

@@ -4,8 +4,6 @@ They compute nothing but what a drawing needs.  What is drawn solid about a regi
 given by users are never read as mathematics.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Mapping
 

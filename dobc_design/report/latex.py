@@ -6,8 +6,6 @@ and as their code point elsewhere.  Nothing is computed here, and no fragment ne
 packages named in its first line.
 """
 
-from __future__ import annotations
-
 import re
 import unicodedata
 from collections.abc import Sequence

@@ -1,8 +1,6 @@
 """A document as one HTML page, without script and network, for paper, phones and the dark, and as
 Markdown."""
 
-from __future__ import annotations
-
 import re
 from functools import cache
 from typing import Any

@@ -6,8 +6,6 @@ never reads text as markup: everything reaches it as strings in JSON, with place
 may be broken.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence

@@ -1,8 +1,6 @@
 """Model error, noise and input limits: what was assumed, final bounds, largest inputs and the
 tolerance."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping
 from fractions import Fraction
 

@@ -5,8 +5,6 @@ Handed over by whoever has proved or found them; nothing is computed but what a 
 shown.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from fractions import Fraction

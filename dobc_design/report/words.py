@@ -1,8 +1,6 @@
 """The sentences of the report: what a verdict says and what it does not, the network and the pins,
 numbers."""
 
-from __future__ import annotations
-
 import math
 import re
 import tomllib

@@ -1,7 +1,5 @@
 """Arguments of simulations: numbers that were given, or a message that says what they must be."""
 
-from __future__ import annotations
-
 import math
 from functools import partial
 from typing import Any

@@ -5,8 +5,6 @@ equally spaced anchors, made by repeated squaring in extended precision; between
 Taylor polynomial is exact to the last bit.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -5,8 +5,6 @@ step size, so it ends where it would have ended alone, to the tolerance, and one
 leaves the others in peace.  One run by itself: ``integrate.py``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar, Protocol

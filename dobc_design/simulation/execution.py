@@ -4,8 +4,6 @@ that can be, and what they come to as an ensemble.
 Run r of many has the seed ``seed + r``, with its own start and its own switches.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache, partial
 

@@ -5,8 +5,6 @@ h(e) is fast enough for a million agents and for thousands of runs, which are co
 arrays: arcs are worked through in blocks that fit into the processor's cache, slot by slot.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import field, replace
 from itertools import pairwise

@@ -1,8 +1,6 @@
 """Where the fixed nodes of a network are while a run goes on, relative to the middle of the box
 that they never leave."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

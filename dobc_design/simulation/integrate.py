@@ -5,8 +5,6 @@ in words.  A stiff loop is taken over by an implicit method: by an estimate befo
 Hairer's test while it runs.  Many runs side by side: ``columns.py``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache, partial

@@ -4,8 +4,6 @@ Errors are |e|_inf at every sample, of one run (T,) or of many (R, T), nan from 
 ended.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from statistics import median

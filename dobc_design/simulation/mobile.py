@@ -4,8 +4,6 @@ A link that is made at one distance is broken at a larger one, so that an agent 
 make the graph chatter.  Arcs of such graphs have weight 1.
 """
 
-from __future__ import annotations
-
 from functools import partial
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """Files of arrays (.npz): written at once, and read with suspicion, nothing of them unpickled."""
 
-from __future__ import annotations
-
 import io
 import math
 import zipfile

@@ -20,8 +20,6 @@ x is held over a period, an error of order T^2.  That is the model of the observ
 themselves are integrated between samples.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 

@@ -4,8 +4,6 @@ many runs, in terms of e (n m, R) and eps = xi - xihat (n, q, R), a column for e
 Starts are the same for the same seed; none enters a proof.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import re

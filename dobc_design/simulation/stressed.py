@@ -4,8 +4,6 @@ All runs wait for each other where noise is drawn, packets are exchanged or agen
 they are columns of one array.  What agents do: ``agents.py``; sampled loops: ``sampled.py``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from itertools import pairwise

@@ -1,8 +1,6 @@
 """The worst that is allowed, for the linearised loop: signs of a disturbance, and rounds of modes
 under a guarantee."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import reduce

@@ -6,8 +6,6 @@ Newton's method on -log det uses the structure of Y: fractions of a second for a
 that takes a general solver minutes.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import field

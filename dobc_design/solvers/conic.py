@@ -6,8 +6,6 @@ time and nothing else. A solver that breaks (raises, runs out of time, answers w
 is no point) is not asked again.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace

@@ -1,8 +1,6 @@
 """The semidefinite programs of the toolbox, stated for pencils: minimise tr P + |Q|^2, F(P, Q) <=
 0, P >= floor I."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import field

@@ -18,8 +18,6 @@ table, text in quotes, the word none (the key is left out), or text as it stands
 one text, and reading that text gives the value.
 """
 
-from __future__ import annotations
-
 import copy
 import json
 import math

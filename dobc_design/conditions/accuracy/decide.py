@@ -31,8 +31,6 @@ coordinates: e_ic ends below b times the integral of row (i, c) of |exp(M t) (I 
 gain, which some w attains without eps.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction

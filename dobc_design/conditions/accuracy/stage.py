@@ -1,7 +1,5 @@
 """Final bounds of the error: when they are looked for and what is reported (theory, section 12)."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress

@@ -5,8 +5,6 @@ Agents whose couplings attract agree near the consensus iff in every mode somebo
 others, directly or through others (a root of the graph), and the estimation errors decay.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from dobc_design.exact.matrix import multiply, subtract

@@ -14,8 +14,6 @@ denominator of 512 bits holds them all; others become the nearest float with a d
 reaches over their whole enclosure.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import field, replace

@@ -6,8 +6,6 @@ the boundary of what is needed, in floating point; exact arithmetic decides whet
 cures.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence

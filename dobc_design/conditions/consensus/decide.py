@@ -5,8 +5,6 @@ A pair (P, Q) is a proposal; whether Psi < 0 holds for it is decided through the
 section 2): given Omega0 < 0 and S = C (-Omega0)^-1 C', Psi(J) < 0 iff Lambda(J) + I (x) S < 0.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction

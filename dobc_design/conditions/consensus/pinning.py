@@ -13,8 +13,6 @@ the gains are its prices.  Others go to a conic program, or get gains that are n
 All is floating point and on the boundary: round up, then decide exactly.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace

@@ -7,8 +7,6 @@ into itself and Y is invertible, so X holds exactly one zero.  A proved one insi
 for is the start of a motion that never reaches the target.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from fractions import Fraction
 from typing import Any

@@ -4,8 +4,6 @@ proved.
 Points to begin with come from elsewhere, such as the ends of simulated runs.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Sequence
 from fractions import Fraction

@@ -1,8 +1,6 @@
 """Whether what `safety` and `markov` claim (``claim``) holds; it searches for nothing.  All is
 decided over the rationals."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from fractions import Fraction
 

@@ -1,8 +1,6 @@
 """Weights and matrices worth trying for a Markov chain, and the rates that they give, in floating
 point; whether they hold is decided by ``decide`` alone."""
 
-from __future__ import annotations
-
 import math
 from fractions import Fraction
 from typing import Any

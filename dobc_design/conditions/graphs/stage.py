@@ -1,7 +1,5 @@
 """When `safety` and `markov` are tried, and what they report."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from fractions import Fraction

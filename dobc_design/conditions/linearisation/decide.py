@@ -6,8 +6,6 @@ Both Hurwitz: all agents converge from close enough starts, whatever the signs o
 neighbourhood.
 """
 
-from __future__ import annotations
-
 from functools import partial
 
 from dobc_design.conditions.check import Check, differs

@@ -1,7 +1,5 @@
 """The linearisation: when it is tried."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from contextlib import suppress
 

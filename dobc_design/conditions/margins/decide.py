@@ -21,8 +21,6 @@ and inputs in its rows, and to |u_ic| comes what these add by measurements and e
 box of its own may stand there without them, too.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction

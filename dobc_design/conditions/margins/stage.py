@@ -1,8 +1,6 @@
 """The checks tolerance and actuators: when they are tried, how large an error is found, and what
 they report."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace

@@ -1,8 +1,6 @@
 """The exosystem and the observer error (17), decided: observability, detectability, A - WC
 Hurwitz."""
 
-from __future__ import annotations
-
 import math
 from fractions import Fraction
 from functools import partial

@@ -6,8 +6,6 @@ for W is Ackermann's formula over the rationals, that for P an exact Lyapunov eq
 Nothing here is a proof.
 """
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Iterator, Sequence

@@ -13,8 +13,6 @@ they are.  Two other sufficient conditions share the interface: g0 and row sums 
 ("interval"), and all corners of the box of gains ("vertices").
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import field

@@ -6,8 +6,6 @@ exact.  "Refuted" is about the certificate at hand, with a witness where a matri
 says that consensus fails. docs/certificate-claims.md, "Regions", fixes the form.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator
 from fractions import Fraction

@@ -11,8 +11,6 @@ g0 its middle, the inequality times Y on both sides is
 R^2/lambda + n lambda_max(P) s^2/kappa <= 1.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Sequence
 from fractions import Fraction

@@ -7,8 +7,6 @@ channel per entry of Jbar, which lies in the hull of J over the box.  Both hold 
 where h has a kink.  An arc that comes and goes has every gain from 0 to those.
 """
 
-from __future__ import annotations
-
 import heapq
 import math
 import re

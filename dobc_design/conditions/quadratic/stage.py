@@ -5,8 +5,6 @@ Theory, section 4.  ``propose`` proposes P_e = I, a diagonal and a full P_e, che
 ``verify`` decides.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress

@@ -1,8 +1,6 @@
 """The checks `settling` and `schedule` as a certificate holds them, and back
 (docs/certificate-claims.md)."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction

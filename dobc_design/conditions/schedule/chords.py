@@ -4,8 +4,6 @@ On each chord the slopes are those that the rows ask for at its slower end.  Flo
 here is a proof.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ Rows are decided in floats with outward bounds, or in coordinates exactly; expon
 enclosed, all else is rational.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
 from itertools import combinations, pairwise

@@ -5,8 +5,6 @@ The statement and its proof are in ``claim``.  Rows are decided in floats with o
 exponentials are enclosed, all else is rational.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction

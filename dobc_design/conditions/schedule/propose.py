@@ -6,8 +6,6 @@ them make the tube. Floating point; nothing here is a proof, but the certificate
 by what decides them.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace

@@ -8,8 +8,6 @@ eigenvector grow without bound from every neighbourhood of the target, whatever 
 of python-flint enclose every exponential, product and trace.
 """
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import numpy as np

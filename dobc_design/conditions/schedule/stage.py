@@ -5,8 +5,6 @@ Theory, section 11.  Numbers are rounded to the safe side here; whether the clai
 by ``decide`` alone.
 """
 
-from __future__ import annotations
-
 import logging
 import math
 from collections.abc import Callable

@@ -5,8 +5,6 @@ docs/certificate-claims.md, "Regions", fixes the form.  A check is proved for th
 it shows.
 """
 
-from __future__ import annotations
-
 from fractions import Fraction
 from functools import partial
 

@@ -17,8 +17,6 @@ whether one v can serve all modes at all: for nondecreasing couplings an order o
 it, in time linear in the arcs.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction

@@ -13,8 +13,6 @@ decide.  All exact. The gains hold for |e_j - e_i| as far as N <= rho reaches.  
 assumed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from fractions import Fraction
 from functools import cache

@@ -6,8 +6,6 @@ section 1); off the middle of a cell the mean value theorem bounds g.  No floati
 trusted: only + - * and comparisons, rounded outwards.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass

@@ -7,8 +7,6 @@ sparse solve per step); alpha by bisection. The rows are taken in floating point
 once: the largest over modes, faces and a grid of s.
 """
 
-from __future__ import annotations
-
 import logging
 import math
 from collections.abc import Callable, Iterator, Sequence

@@ -4,8 +4,6 @@ Both are searches.  What they find is what ``decide`` and ``timing`` have proved
 rounding that makes it smaller; a check decides it once more.
 """
 
-from __future__ import annotations
-
 import heapq
 import math
 from bisect import bisect_left

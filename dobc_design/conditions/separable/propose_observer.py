@@ -6,8 +6,6 @@ semidefinite program gives the P with the least lambda_max; beta is then searche
 kappa sqrt(lambda_max).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from fractions import Fraction

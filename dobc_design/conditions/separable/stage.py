@@ -1,8 +1,6 @@
 """The max-separable certificate of the region asked for, with what it says about delays and
 sampling (section 5)."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from fractions import Fraction

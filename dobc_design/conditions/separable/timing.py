@@ -14,8 +14,6 @@ give N+ <= (1 - T alpha) N + T max |C eps|/v.  Of an arc that comes and goes wit
 left, for which both hold: L is that of the whole.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from fractions import Fraction

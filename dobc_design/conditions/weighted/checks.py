@@ -1,7 +1,5 @@
 """Checks of weighted Theorems 1 and 2: from a claim to a check of a certificate, and back."""
 
-from __future__ import annotations
-
 from functools import partial
 
 from dobc_design.conditions.check import Check, Claim, read_object, undecided_check

@@ -13,8 +13,6 @@ the weighted theorem for the network alone; and A - WC + rate I is Hurwitz, so t
 eps_i'P eps_i falls for a large enough.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction

@@ -1,7 +1,5 @@
 """Weighted Theorems 1 and 2: when they are tried and what they report."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 

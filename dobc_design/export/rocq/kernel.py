@@ -1,8 +1,6 @@
 """What Coq's kernel says of a file: accepted or not, the theorem, what it assumes.  Nothing here
 decides anything."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 import resource

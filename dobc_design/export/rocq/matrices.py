@@ -6,8 +6,6 @@ Coq's standard library alone. Nothing here is trusted: a wrong number makes a fi
 refuses.  Coq does not see h: h'(0) enter as numbers.
 """
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Callable, Iterable, Mapping
 from fractions import Fraction

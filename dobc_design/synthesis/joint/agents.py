@@ -7,8 +7,6 @@ For a coupling h(y) = B'R y, R comes from the Riccati equation, scaled down as f
 allows, and from a semidefinite program in R^-1.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace

@@ -6,8 +6,6 @@ largest rate, as the slowest direction of J + J' says of many and the rows of th
 few.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache

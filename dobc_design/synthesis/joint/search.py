@@ -6,8 +6,6 @@ observer, then pins (``pins``), gains for the region asked for, or near the cons
 given up first is what the refutation names; how far is read off a design without that limit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import field, replace
 from fractions import Fraction

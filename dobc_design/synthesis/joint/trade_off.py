@@ -1,7 +1,5 @@
 """Trade-offs: one limit of a design in terms of another, as the points of a curve."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from fractions import Fraction

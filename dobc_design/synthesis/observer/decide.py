@@ -12,8 +12,6 @@ symmetric) and Re s < 0 share a real point or nothing, W can put all observable 
 (Ackermann), and the hidden ones are where they are.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import field

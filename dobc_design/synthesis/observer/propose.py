@@ -14,8 +14,6 @@ them, because its output matrix C (A - W C) is not affine; Kalman gains from fas
 for it.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import suppress

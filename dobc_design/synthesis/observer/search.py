@@ -5,8 +5,6 @@ A gain is a proposal until every statement of its request is proved for the rati
 written.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 

@@ -5,8 +5,6 @@ gain, which costs no more than any set of the node. Its bound is a proved one, o
 impossible.
 """
 
-from __future__ import annotations
-
 import heapq
 from collections.abc import Sequence
 from dataclasses import dataclass, field

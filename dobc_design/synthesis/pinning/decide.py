@@ -11,8 +11,6 @@ off its diagonal, so M w >= -r w for a w >= 0, w != 0, shows an eigenvalue >= -r
 Frobenius); where w = 0 on agents whose gain has no limit, for all their gains.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence

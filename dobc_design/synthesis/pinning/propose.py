@@ -12,8 +12,6 @@ agents, so that few G_aa are computed in a step. While the pins do not reach the
 as far as that takes.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from itertools import combinations, product

@@ -7,8 +7,6 @@ rates gains can reach is found by bisection; one linear solve gives what a faste
 which other agent a gain would help most.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from contextlib import suppress

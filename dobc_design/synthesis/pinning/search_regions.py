@@ -3,8 +3,6 @@
 Their max-separable certificate is proved by ``conditions.separable``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from fractions import Fraction

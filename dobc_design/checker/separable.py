@@ -6,7 +6,7 @@ place of rest.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from fractions import Fraction
 from functools import cache, partial
 from itertools import pairwise
@@ -180,6 +180,9 @@ def holds_box(claim: Any, radius: Fraction, s: Fraction, level: Fraction) -> Non
     need(noise <= left**2, "the disturbance leaves the region")
 
 
+NEAR = Fraction(1, 1024)  # part of rho on which slopes are tried for all of h
+
+
 # --- rows: sum of w sup {h(y): -s p <= y <= s q} <= s c for all s in (0, rho], with p = v_i + v_j
 # and q = v_j - v_i
 class Heard(NamedTuple):
@@ -295,15 +298,26 @@ def linear_row(row: Row, errors: Errors, local: bool = False) -> bool:
     does not matter."""
     if not (local or all(arc.h.straight for arc in row.arcs)):
         return False
+    return steepest_row(row, errors, [arc.h.slope(0, 0) for arc in row.arcs])
+
+
+def steepest_row(row: Row, errors: Errors, slopes: Iterable[Any]) -> bool:
+    """The same where y times a slope between two bounds is at least every coupling, exactly."""
     left = errors.load
-    for arc in row.arcs:
+    for arc, both in paired(row.arcs, slopes):
         # a linear function is largest at an end of what y may be
         sides = (row.step(arc), -arc.top - row.own)
-        most = max(g * y for g in arc.h.slope(0, 0) for y in sides)
+        most = max(Fraction(g) * y for g in both for y in sides)
         # a supremum may have any sign: either end of the weight may be the worse one
         weights = (arc.w * (1 - errors.of(arc)), arc.w * (1 + errors.of(arc)))
         left += max(w * most for w in weights)
     return left <= row.c
+
+
+def steepness(term: Term, s: float) -> Floats:
+    """The slopes of a coupling for all smaller s."""
+    low, high = (times((s, s), side)[1] for side in (term.p, term.q))
+    return term.curve.at((-low, max(0.0, high)))[1]
 
 
 def curved_row(row: Row, bottom: int, rho: Fraction, curves: Curves, errors: Errors) -> bool:
@@ -326,7 +340,12 @@ def curved_row(row: Row, bottom: int, rho: Fraction, curves: Curves, errors: Err
             w = hull(*map(enclosed, ends))
             curve = curves[arc.h, mirrored]
             terms.append(Term(curve, w, side(arc.top + row.own), side(row.step(arc))))
-        if not on_pieces(terms, c, load, enclosed(rho)[1], enclosed(errors.start)[0]):
+        start, near = (enclosed(x)[0] for x in (errors.start, rho * NEAR))
+        # there a row may have no room at all, which floating point does not see
+        slopes = [steepness(each, near) for each in terms]
+        if not errors.load and steepest_row(row, errors, slopes):
+            start = near
+        if not on_pieces(terms, c, load, enclosed(rho)[1], start):
             return False
     return True
 

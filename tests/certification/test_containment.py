@@ -275,6 +275,7 @@ def test_agents_settle_between_leaders_that_move_and_no_run_is_later():
     assert 0 < last.max() <= time
 
 
+@pytest.mark.slow
 def test_forged_tubes_for_the_sine_are_refused_by_both_programs():
     """Distances are the same between leaders at 0 and 1/2, and at -3 and 3, where the sine
     falls."""

@@ -27,10 +27,10 @@ from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.recheck import recheck
 from dobc_design.checker import separable
 from dobc_design.checker.consensus import lower_form
-from dobc_design.checker.curves import Curve, supremum
+from dobc_design.checker.curves import Curve, both_faces, supremum
 from dobc_design.checker.expressions import read_coupling
 from dobc_design.checker.intervals import added
-from dobc_design.checker.separable import mean_slope
+from dobc_design.checker.separable import EXACT, Heard, Row, curved_row, mean_slope
 from dobc_design.problem.canonical import canonical_bytes
 
 
@@ -321,3 +321,13 @@ def test_linear_networks_are_proved_where_the_eigenvalues_are_stable_and_never_t
         "linear stable",
         "linear not stable",
     }
+
+
+@pytest.mark.parametrize(("c", "holds"), [(1815, True), (1814, False)])
+def test_a_row_without_room_at_the_target_is_seen_exactly(c, holds):
+    """tanh(0.712 s) + tanh(1.103 s) < 1.815 s for s > 0, and the slopes at 0 are equal."""
+    h = read_coupling(("tanh(y)",), 1, 2000)
+    arcs = (Heard(h, Fraction(1), 1712, False), Heard(h, Fraction(1), 2103, False))
+    curves = both_faces([h], -1.0, 1.0)
+    row = Row(1000, Fraction(c), arcs)
+    assert curved_row(row, 1000, Fraction(1, 5), curves, EXACT) is holds

@@ -7,7 +7,7 @@ from functools import cache
 from typing import Any
 
 from checker_files.files import FAILS, HOLDS, UNREADABLE, Case
-from dobc_design import Exosystem, Network, Observer, Problem, certify
+from dobc_design import Exosystem, Network, Observer, Problem, Switching, certify
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.problem.canonical import canonical_bytes, problem_sha256
 
@@ -77,14 +77,43 @@ def _false() -> Iterator[Case]:
 
 
 def _turned() -> Iterator[Case]:
-    """max-separable in coordinates, T = 1."""
-    problem = between(0, 1)
-    true = document(problem)
-    (check,) = [each for each in true["checks"] if each["id"] == "max-separable"]
-    ranges = [{"coupling": 0, "gains": [[["1", "1"]]]}]
-    turned = check | {"exact": check["exact"] | {"T": [["1"]], "ranges": ranges}}
-    others = [each for each in true["checks"] if each["id"] not in ("max-separable", "delay")]
-    yield of("between: coordinates", true | {"checks": [*others, turned]}, problem, FAILS)
+    """max-separable and schedule in coordinates, T = 1."""
+    for id, problem in {"max-separable": between(0, 1), "schedule": _in_turn(0, 1)}.items():
+        true = document(problem)
+        (check,) = [each for each in true["checks"] if each["id"] == id]
+        ranges = [{"coupling": 0, "gains": [[["1", "1"]]]}]
+        turned = check | {"exact": check["exact"] | {"T": [["1"]], "ranges": ranges}}
+        others = [each for each in true["checks"] if each["id"] not in (id, "delay")]
+        forged = true | {"checks": [*others, turned]}
+        yield of(f"between: {id} in coordinates", forged, problem, FAILS)
+
+
+def _in_turn(a: Any, b: Any, coupling: str = "y", **more: Any) -> Problem:
+    """A network of which neither graph reaches both agents."""
+    arcs = {"A": [[1, "a"]], "B": [[1, 2], [2, "b"]]}
+    switching = Switching(guarantee="sequence", sequence=["A", "B"], dwell=1)
+    return between(a, b, coupling, arcs, switching=switching, **more)
+
+
+def _moving() -> Iterator[Case]:
+    """Weights that move, and boxes."""
+    near = _in_turn(0, "1/2", "sin(y)", region={"initial_states": ["-1/4", "3/4"]})
+    far = _in_turn(-3, 3, "sin(y)", region={"initial_states": ["-13/4", "13/4"]})
+    true = document(near, settling="1/10")
+    yield of("between: sin in turn", true, near, HOLDS)
+    for id in ("schedule", "settling"):
+        others = [each for each in true["checks"] if each["id"] not in ("schedule", "settling")]
+        (check,) = [each for each in true["checks"] if each["id"] == id]
+        forged = true | {"checks": [*others, check]}
+        yield of(f"between: {id} of sin far apart", forged, far, FAILS)
+    (grows,) = [
+        each for each in document(_in_turn(0, 0, "-y"))["checks"] if each["id"] == "schedule"
+    ]
+    apart = _in_turn(0, 1, "-y")
+    true = document(apart)
+    others = [each for each in true["checks"] if each["id"] != "schedule"]
+    forged = true | {"checks": [*others, grows]}
+    yield of("between: errors from one target grow", forged, apart, FAILS)
 
 
 def _unreadable() -> Iterator[Case]:
@@ -126,4 +155,4 @@ def _unreadable() -> Iterator[Case]:
 
 @cache
 def containment_cases() -> list[Case]:
-    return [*_true(), *_false(), *_turned(), *_unreadable()]
+    return [*_true(), *_false(), *_turned(), *_moving(), *_unreadable()]

@@ -131,7 +131,9 @@ def missing_arcs(problem: Problem) -> Fix | None:
     """The fewest arcs by which somebody is heard by all others in every mode, or in those that are
     on in turn; None where none is needed, arcs are optional, or there are too many."""
     loop = loop_of(problem)
-    if sum(map(len, loop.modes.values())) > MOST_ARCS:
+    count = sum(map(len, loop.modes.values()))
+    # Optional arcs stand in a list of their own, which may not be rewritten.
+    if count > MOST_ARCS or any(arcs.optional for arcs in loop.modes.values()):
         return None
     labels = loop.labels
     modes = mode_table(problem.network)
@@ -144,9 +146,6 @@ def missing_arcs(problem: Problem) -> Fix | None:
         # By its arc, each closed group but the first listens to that one.
         first, *others = closed_groups(loop, [loop.modes[mode] for mode in cycle])
         for group in others:
-            # Optional arcs stand in a list of their own, which may not be rewritten.
-            if not isinstance(modes[cycle[0]], list):
-                return None
             modes[cycle[0]].append([labels[group[0]], labels[first[0]]])
             added[f"agent {labels[group[0]]} listen to agent {labels[first[0]]}"] = None
         if others:

@@ -119,5 +119,21 @@ def test_two_closed_groups_refute_and_the_arcs_that_join_them_are_a_cure_that_is
     assert read(text).network == cured.problem.network
 
 
+def test_arcs_that_come_and_go_are_not_rewritten_by_a_cure():
+    modes = "G = []\nH = { arcs = [[2, 1]], optional = [[1, 2]] }"
+    head = 'goal = "agreement"\n[network]\nagents = 2\narrow = "listens_to"\n[network.modes]\n'
+    certificate = certify(read(f'{head}{modes}\n[coupling]\nh = "y"\n'))
+    assert main_cure(certificate.checks) is None
+
+
+def test_eigenvalues_of_differences_are_for_smooth_couplings():
+    """As for a target, in both programs: nothing is withdrawn."""
+    local, _, _ = RING.replace('"tanh(y)"', '"y + y*abs(y)"').partition("[exosystem]")
+    certificate = certify(read(local))
+    assert "abs" in certificate.problem.coupling.nonsmooth
+    assert "linearisation" not in {check.id for check in certificate.checks}
+    assert not any("second checker" in check.reason for check in certificate.checks)
+
+
 def test_the_file_of_a_problem_that_agrees_keeps_its_goal():
     assert read(problem_text(read(RING))).agrees

@@ -17,6 +17,7 @@ from evidence import (
     long_tests,
     margins,
     mutation,
+    other_networks,
     pinning,
     published,
     robustness,
@@ -67,6 +68,10 @@ def _items() -> Iterator[Item]:
     yield Item("stated-broken", stated.not_kept, 60, 0, share=10)
     yield Item("stated-kept", stated.kept_ones, 40, 0, share=10)
     yield Item("saturated", saturation.saturated_loops, 60, 0, share=20)
+    yield Item("values", other_networks.values, 60, 0)
+    yield Item("value-formulas", other_networks.formulas, 200, 0)
+    # the count is networks of each of seven kinds
+    yield Item("other-forgeries", other_networks.forgeries, 15, 0, share=15)
     # CI kills writers, and interrupts
     yield Item("kills", robustness.kills, 200, 8000, share=0)
     yield Item("writers", robustness.writers, 200, 8000, share=20)

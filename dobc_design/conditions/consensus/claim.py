@@ -561,7 +561,9 @@ def state_theorems(loop: Loop) -> Statements:
     jacobians = None
     domain: Domain = NEAR_TARGET
     reason = _why_inapplicable(loop)
-    if reason is None or loop.agrees or loop.gap:
+    smooth = not any(coupling.nonsmooth for coupling in loop.functions)
+    # Eigenvalues of differences ask for the slopes, too.
+    if reason is None or (smooth and (loop.agrees or loop.gap)):
         try:
             jacobians = jacobians_at_consensus(loop)
         except UndefinedError as error:

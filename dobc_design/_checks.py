@@ -67,23 +67,26 @@ def require_square(matrix: Rows, name: str, because: str = "") -> int:
     return rows
 
 
+def _made(cls: type[T] | None, **options: bool) -> Any:
+    def made(cls: type[T]) -> type[T]:
+        shows_itself = cls.__repr__ is not object.__repr__
+        return dataclass(frozen=True, slots=True, repr=not shows_itself, **options)(cls)
+
+    return made if cls is None else made(cls)
+
+
 @dataclass_transform(frozen_default=True, kw_only_default=True, field_specifiers=(field,))
 def noun(cls: type[T] | None = None, *, eq: bool = True) -> Any:
     """Make a class a frozen dataclass with slots, whose fields are given by keyword.  ``eq``:
     whether two with equal fields are equal; else each equals itself only.  A class that shows
     itself (``_show.cards.Shown``) does so in a repr, too."""
-
-    def made(cls: type[T]) -> type[T]:
-        shows_itself = cls.__repr__ is not object.__repr__
-        return dataclass(frozen=True, slots=True, kw_only=True, eq=eq, repr=not shows_itself)(cls)
-
-    return made if cls is None else made(cls)
+    return _made(cls, eq=eq, kw_only=True)
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(field,))
-def positional(cls: type[T]) -> type[T]:
-    """Make a class a frozen dataclass with slots, whose few fields are given in their order."""
-    return dataclass(frozen=True, slots=True)(cls)
+def positional(cls: type[T] | None = None, *, eq: bool = True) -> Any:
+    """The same for a class whose few fields are given in their order."""
+    return _made(cls, eq=eq)
 
 
 def later() -> Any:

@@ -12,12 +12,12 @@ import logging
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from decimal import Decimal
 from fractions import Fraction
 from typing import Any, Protocol
 
-from dobc_design._checks import noun
+from dobc_design._checks import noun, positional
 from dobc_design._show.cards import Card, Headed, Shown, listed
 from dobc_design._show.text import (
     capitalize_first,
@@ -60,7 +60,7 @@ class Claim(Protocol):
         """The exact values as text."""
 
 
-@dataclass(frozen=True, slots=True)
+@positional
 class Values:
     """A claim that consists of named values only, or one that was read from a file, as it stands
     there."""

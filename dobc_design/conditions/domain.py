@@ -2,11 +2,12 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from dobc_design._checks import positional
 
-@dataclass(frozen=True, slots=True)
+
+@positional
 class Word:
     """Starts for which a certificate has one word, the ``value``."""
 
@@ -35,7 +36,7 @@ class Foreign(Word):
     """What a foreign certificate has in place of a domain; no claim holds there."""
 
 
-@dataclass(frozen=True, slots=True)
+@positional
 class Around:
     """Starts around the target, in the norm of the subclass: errors of at most ``radius`` in the
     unit of x, and |eps_i| <= ``disturbance`` (Euclidean) for every agent."""
@@ -54,14 +55,14 @@ class Around:
         return f"{norm} <= {self.radius:.6g} and |eps_i| <= {self.disturbance:.6g}"
 
 
-@dataclass(frozen=True, slots=True)
+@positional
 class Box(Around):
     """|e|_inf <= radius: every component of every error."""
 
     kind: ClassVar[str] = "box"
 
 
-@dataclass(frozen=True, slots=True)
+@positional
 class Ball(Around):
     """|e| <= radius: the Euclidean length of all errors together."""
 

@@ -8,7 +8,7 @@ which bound g, too (mean value theorem).
 
 import heapq
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import field
 from fractions import Fraction
 from functools import lru_cache
 from itertools import groupby, pairwise
@@ -327,7 +327,7 @@ class Cell(NamedTuple):
 Cells = tuple[Cell, ...]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@positional(eq=False)
 class Profile:
     """A coupling with its cells from left to right; ``tops``, ``bottoms``: where h may have an
     inner extremum."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from fractions import Fraction
 from functools import partial
 from itertools import accumulate
@@ -15,6 +15,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from dobc_design._checks import positional
 from dobc_design.errors import ShapeError, SpecError, misstated
 from dobc_design.exact.number import decimal_parts, with_exponent, without_exponent
 
@@ -208,7 +209,7 @@ _MOST_REPAIRS = 12
 _LONGEST_SUGGESTION = 100
 
 
-@dataclass(frozen=True, slots=True, repr=False)
+@positional
 class Expression:
     """A function of y (dimension 1) or of y1..ym; made by ``parse_expression``.  ``text`` is what
     the user typed, ``node`` the tree, ``str()`` the canonical text, which parses back to the same

@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
+from dobc_design._checks import positional
 from dobc_design.exact import interval
 from dobc_design.exact.interval import Box, Interval
 from dobc_design.exact.number import nearest, number_key
@@ -27,7 +27,7 @@ T = TypeVar("T")
 LARGEST_EXPONENT = 64
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@positional(eq=False)
 class Node:
     """An operation of ``Algebra`` by its name, or a variable; two are equal when the whole trees
     below them are.

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dobc_design._checks import noun
+from dobc_design._checks import noun, positional
 
 from .number import from_fmpq_mat, to_fmpq
 from .symmetric import Entries, IntegerSymmetric, SparseSymmetric
@@ -55,7 +55,7 @@ def bad_direction(
     return {i: Fraction(int(x.numerator), int(x.denominator)) for i, x in found.items()}
 
 
-@dataclass(frozen=True, slots=True)
+@positional
 class Square:
     """d (x_pivot + sum of others[i] x_i)^2: one entry of D and one column of L.  ``others`` are the
     entries of the column that are neither 0 nor the 1 at the pivot, by rising index."""

@@ -11,12 +11,12 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from fractions import Fraction
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias, cast
 
-from dobc_design._checks import noun
+from dobc_design._checks import noun, positional
 from dobc_design._show.cards import Told
 from dobc_design.errors import SpecError
 from dobc_design.verdict import Verdict
@@ -190,7 +190,7 @@ class UndefinedError(ArithmeticError):
     """An operation is not defined on a whole interval, or its values are too large to enclose."""
 
 
-@dataclass(frozen=True, slots=True, repr=False)
+@positional
 class Interval(Told):
     """The closed interval from lo to hi; integers are taken as Fractions, by its operators too.
     Raises: SpecError if lo > hi or an end is not an int or Fraction."""

@@ -4,10 +4,9 @@ Both sides read it: the solver turns it into floats, the verifier puts rational 
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 
-from dobc_design._checks import noun
+from dobc_design._checks import noun, positional
 from dobc_design.errors import ShapeError
 
 from .matrix import Matrix
@@ -34,7 +33,7 @@ class Unknown:
                 yield self.name, i, j
 
 
-@dataclass(frozen=True, slots=True)
+@positional
 class Deviation:
     """What one irrational slope adds to v'Fv: 2 t v[row] (v[speaker] - v[listener]), |t| <= size.
     It is J + J' of one entry of one arc: t at (row, speaker), -t at (row, listener), and the

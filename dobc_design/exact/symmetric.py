@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from typing import Any, Final, TypeAlias, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dobc_design._checks import noun, require_square
+from dobc_design._checks import noun, positional, require_square
 from dobc_design._show.cards import Card, Shown, plain
 from dobc_design._show.text import MAX_SHOWN
 from dobc_design.errors import ShapeError, SpecError, misshapen, wrong
@@ -25,7 +25,7 @@ from .number import common_denominator
 Entries: TypeAlias = dict[tuple[int, int], Fraction]  # (row, column) -> value
 
 
-@dataclass(frozen=True, slots=True, repr=False)
+@positional
 class SparseSymmetric(Shown):
     """A symmetric matrix (size, size), by the entries (i, j), i <= j, of its upper triangle; for
     reading only.  Zeros are dropped: equal matrices are equal objects. Raises: ShapeError for an

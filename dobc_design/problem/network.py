@@ -8,7 +8,7 @@ silent error.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from difflib import get_close_matches
 from fractions import Fraction
 from itertools import chain, islice
@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from dobc_design._checks import noun, put
+from dobc_design._checks import noun, positional, put
 from dobc_design._show.cards import MOST_ITEMS, MOST_ROWS, Card, Shown, cut, listed
 from dobc_design.errors import Mistakes, SpecError, about, refused, wrong
 from dobc_design.exact.matrix import Vector
@@ -130,7 +130,7 @@ ArcList = Iterable[Sequence[Any]]  # of pairs [a, b] or triples [a, b, weight] o
 ArcLists = ArcList | Mapping[str, ArcList]  # of one mode, or by mode
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@positional(eq=False)
 class Arcs:
     """The arcs of one mode: agent ``listeners[a]`` hears agent ``speakers[a]`` with weight
     ``weights[a]``.  Shapes: three sequences of equal length; indices count from 0.  Weights > 0

@@ -6,13 +6,12 @@ Graphs that follow from positions: ``mobile.py``.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.random import Generator, default_rng
 
-from dobc_design._checks import noun
+from dobc_design._checks import noun, positional
 from dobc_design.errors import misshapen, refused, wrong
 from dobc_design.exact.reading import Texts, counted, is_list, shown
 from dobc_design.loop.arrays import ArcGroups, mode_index
@@ -278,7 +277,7 @@ class Stay(NamedTuple):
     change: Change | None = None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@positional(eq=False)
 class Planned:
     """Modes that are known beforehand; ``groups`` gives the arcs of a mode by its index."""
 

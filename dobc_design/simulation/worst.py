@@ -2,13 +2,13 @@
 under a guarantee."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from functools import reduce
 from itertools import pairwise, product
 
 import numpy as np
 from scipy.linalg import block_diag, expm
 
+from dobc_design._checks import positional
 from dobc_design.exact.number import nearest
 from dobc_design.loop.guarantee import Phase
 from dobc_design.loop.make import errors_of
@@ -28,7 +28,7 @@ SLOWER = 1e-9  # 1/s by which a longer round has to decay more slowly than a sho
 Turn = tuple[int, float]  # a mode by its place, and how long it lasts in s
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@positional(eq=False)
 class Signs:
     """+1 and -1 by stretch, agent, component and run: ``values`` (STEPS, n, m, R); a stretch takes
     ``length`` s."""

@@ -8,13 +8,14 @@ is no point) is not asked again.
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any, Final, Literal
 
 import numpy as np
 from scipy import sparse
 
+from dobc_design._checks import positional
 from dobc_design.exact.pencil import Pencil, Place, positive
 from dobc_design.exact.symmetric import Symmetric
 from dobc_design.exact.work import seconds_left, spend
@@ -33,7 +34,7 @@ ROW: Final = 5  # steps of work for a row of the cones
 TIME_LIMIT: Final = 20.0  # seconds for one program; those of an observer take milliseconds
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@positional(eq=False)
 class Cone:
     """``right`` - ``rows`` x is the svec of a matrix >= 0, or nonnegative; rows (r, k), right
     (r,)."""

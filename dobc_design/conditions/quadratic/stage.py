@@ -8,10 +8,11 @@ Theory, section 4.  ``propose`` proposes P_e = I, a diagonal and a full P_e, che
 import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 
+from dobc_design._checks import positional
 from dobc_design.conditions.check import (
     Check,
     cut_check,
@@ -63,7 +64,7 @@ KEPT = 0.002  # how much faster than wanted, for digits that are cut
 _LARGEST = Fraction(400)
 
 
-@dataclass(frozen=True, slots=True)
+@positional
 class Found:
     """A certificate and the ball that it covers together with the disturbance asked for."""
 

@@ -13,7 +13,7 @@ ends do not show it.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from fractions import Fraction
 from itertools import pairwise
 from typing import Any
@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dobc_design._checks import noun
+from dobc_design._checks import noun, positional
 from dobc_design.conditions.separable.claim import FACES, holding_gains
 from dobc_design.conditions.separable.large import (
     ArcRows,
@@ -380,7 +380,7 @@ def rows_of_phases(loop: Loop, most: Fraction) -> dict[str, MovingRows | None]:
     return {mode: moving_rows(loop, most, [mode]) for mode in modes}
 
 
-@dataclass(frozen=True, slots=True)
+@positional
 class RowsBySize:
     """Moving rows of a mode, or under "" of all modes, for boxes up to ``most``, in tables as wide
     as boxes need: small boxes would see few cells of a wide one."""

@@ -18,14 +18,13 @@ it, in time linear in the arcs.
 """
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from operator import mul
 from typing import NamedTuple
 
 import numpy as np
 
-from dobc_design._checks import noun
+from dobc_design._checks import noun, positional
 from dobc_design.conditions.check import Check, Claim, read_object
 from dobc_design.conditions.numbers import (
     fields_to_json,
@@ -267,7 +266,7 @@ def stated_errors(loop: Loop) -> Errors:
     return EXACT if table is None else Errors(table.weights, table.gains)
 
 
-@dataclass(frozen=True, slots=True)
+@positional
 class Term:
     """``weight`` times the largest h(y) on -s reach <= y <= s step; ``coupling`` is its place in
     loop.functions."""
@@ -278,7 +277,7 @@ class Term:
     step: Fraction
 
 
-@dataclass(frozen=True, slots=True)
+@positional
 class Row:
     """One row without its agent, divided by s: the sum of its terms is to be at most
     (pull - alpha) own.
@@ -293,7 +292,7 @@ class Row:
     own: Fraction
 
 
-@dataclass(frozen=True, slots=True)
+@positional
 class Place:
     """Where a row stands: the first agent (index) and mode that have it, and how many do."""
 

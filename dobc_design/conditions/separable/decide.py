@@ -15,11 +15,10 @@ E <= rho} is invariant and attracted.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import NamedTuple
 
-from dobc_design._checks import noun
+from dobc_design._checks import noun, positional
 from dobc_design.conditions.numbers import text_below
 from dobc_design.coupling.enclosures import Cell, Curve, Profile, jet, profile, secant
 from dobc_design.coupling.tree import ZERO
@@ -219,7 +218,7 @@ def in_arrays(question: Question) -> Many | None:
     return None if kinds is None else Many(arrays, kinds)
 
 
-@dataclass(frozen=True, slots=True)
+@positional
 class _Batch:
     """Rows of one mode that are decided together: the faces, and the agents (None: all)."""
 
@@ -312,7 +311,7 @@ def _slopes_are_exact(loop: Loop) -> bool:
     return True
 
 
-@dataclass(frozen=True, slots=True)
+@positional
 class FaceRow:
     """A row on one face, with how its couplings rise and fall."""
 

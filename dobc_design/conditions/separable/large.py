@@ -8,7 +8,6 @@ trusted: only + - * and comparisons, rounded outwards.
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -16,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dobc_design._checks import noun
+from dobc_design._checks import noun, positional
 from dobc_design.coupling.enclosures import Curve, Profile, secant, slope_bound
 from dobc_design.coupling.expression import Expression
 from dobc_design.exact.floats import Floats
@@ -340,7 +339,7 @@ class ArcRows:
     pulls: tuple[Fraction, ...]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@positional(eq=False)
 class Kinds:
     """The couplings in floats: a table for the right ends of each, and how it turns on each face,
     if it does."""

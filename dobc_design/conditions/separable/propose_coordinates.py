@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import linalg, sparse
 
+from dobc_design._checks import positional
 from dobc_design.conditions.consensus.propose import decay_rate
 from dobc_design.conditions.numbers import (
     golden_section,
@@ -161,7 +162,7 @@ def _groups(loop: Loop, arcs: Arcs, size: int) -> Iterator[Group]:
         yield Group(place, arcs.listeners[own], speakers[own], weights[own], sure[own])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@positional(eq=False)
 class Rows:
     """The rows of all components in coordinates z = T e, for fixed gains: S = T^-1, T K S of every
     agent (n, m, m), T J S at the corners J of each coupling (corners, m, m), and the ends of what

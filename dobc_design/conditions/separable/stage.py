@@ -2,10 +2,11 @@
 sampling (section 5)."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from itertools import pairwise
 
+from dobc_design._checks import positional
 from dobc_design.conditions.check import (
     Check,
     cut_check,
@@ -157,7 +158,7 @@ def _not_found(asked: Asked) -> str:
     )
 
 
-@dataclass(frozen=True, slots=True)
+@positional
 class Found:
     """A proved claim and the radius of its box; ``fastest``: the plan with the largest rate, if
     that is another one."""
@@ -222,7 +223,7 @@ def largest_claim(asked: Asked) -> Found | None:
     return nearest
 
 
-@dataclass(frozen=True, slots=True)
+@positional
 class _Box:
     """A box of starts to be covered.  ``errors``: weights and gains take their worse ends."""
 

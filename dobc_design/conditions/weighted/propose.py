@@ -20,7 +20,7 @@ import numpy as np
 from scipy import linalg, sparse
 from scipy.sparse import csgraph
 
-from dobc_design._checks import noun
+from dobc_design._checks import noun, positional
 from dobc_design.conditions.consensus.claim import Statements
 from dobc_design.conditions.consensus.propose import DENSE, decay_rate, is_symmetric
 from dobc_design.conditions.numbers import (
@@ -131,7 +131,7 @@ def _perron_pairs(tables: Tables) -> list[Perron]:
     return known if len(known) == len(tables) else []
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@positional(eq=False)
 class Sooner:
     """Weights D > 0 (n m,) that seem to do for a rate (1/s), and the time to one percent that they
     promise."""
@@ -246,7 +246,7 @@ def stiffness(loop: Loop, mode: str) -> Any:
     return None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@positional(eq=False)
 class Perron:
     """Vectors w, u > 0 (n m,) about (M - rate I)^-1 1 and (M - rate I)^-T 1.  With D = diag(u / w)
     and N = D (M - rate I) + (M - rate I)'D they give N w = u ((M w)_i / w_i + (M'u)_i / u_i - 2

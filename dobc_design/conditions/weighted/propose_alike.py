@@ -13,7 +13,7 @@ from itertools import islice
 
 import numpy as np
 
-from dobc_design._checks import noun
+from dobc_design._checks import noun, positional
 from dobc_design.conditions.consensus.propose import DENSE, decay_rate
 from dobc_design.conditions.numbers import bisected, golden_section, shorten, time_to_one_percent
 from dobc_design.exact.matrix import (
@@ -58,7 +58,7 @@ PARTS = (0.9995, 0.99, 0.9, 0.5, 0.1, 0.01, 0.0)  # of the rate that is thought 
 DIGITS = 9
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@positional(eq=False)
 class Forms:
     """The R that may do for a network: symmetric ones with R G symmetric, by a ``basis`` of
     them."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from itertools import islice, pairwise
 from typing import TYPE_CHECKING, Any
@@ -53,7 +53,7 @@ FEWER_MAY_DO = "fewer may do under the guarantee, which designs ignore"
 SAVED = "Gain saved elsewhere (1/s) for each 1/s of gain there"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class DesignRequest(Limits):
     """What W and the gains k_i have to do together, so that everything the problem asks is proved.
     The certified rate has to be at least ``rate``.  ``pins``: None for as few as it takes.
@@ -91,7 +91,7 @@ class DesignRequest(Limits):
             yield "coupling", "a coupling of the design's own"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class AskedDesign(AskedGains):
     """The arguments of ``design`` as they were given, not yet read."""
 

@@ -4,7 +4,6 @@ in words."""
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
 from itertools import islice
@@ -60,7 +59,7 @@ class Limits:
     conservative: bool = False
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@noun
 class PinningRequest(Limits):
     """What gains k_i have to do: every error decays at the ``rate`` (1/s) > 0 near the target, with
     one V for all modes, at the least sum of cost_i k_i.  ``conservative``: with V = e'e, Lambda(K)

@@ -105,6 +105,8 @@ class Loop:
         self.agrees = stated.goal == "agreement"
         #: Whether nodes are differences of agents (pairs.py).
         self.differences = False
+        #: Whether what both agents of a pair hear may count with one weight.
+        self.matched = False
         self.uncertainty = stated.uncertainty
         self.actuators = stated.actuators
         self.xi0 = stated.simulation.get("xi0")  # the starts of the disturbance, not read yet

@@ -31,9 +31,7 @@ def tolerance(case: Case, check: Any) -> Any:
     if plant is not None:
         wide_enough = plant.weights <= exact.weights and plant.gains <= exact.gains
         need(wide_enough, "the problem has larger errors")
-    # else what both of a pair hear counts with one weight
-    apart = not case.differences or case.fixed == 1 or (plant is not None and plant.weights)
-    need(apart or not exact.weights, "weights of pairs are exact, unless the problem has errors")
+    need(not case.matched or exact.weights == 0, "shared weights of pairs are exact")
     told = plant is None or plant.known_to_agents
     need((exact.eta is None) == told, "eta is for observers that do not know the weights")
     errors = Errors(weights=exact.weights, gains=exact.gains)

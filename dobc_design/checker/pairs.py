@@ -115,6 +115,7 @@ def pairs(case: Case, rows: Case) -> None:
     plant = case.uncertainty
     exact = plant is None or not (plant.weights or plant.measurement)
     sole = exact and len(case.functions) == 1 and case.functions[0].straight
+    rows.matched = sole
     rows.modes = {}
     for mode, arcs in case.modes.items():
         hears: dict[int, dict[int, Fraction]] = defaultdict(dict)  # who is heard: by whom

@@ -269,6 +269,13 @@ def _as_integers(weights: Sequence[Fraction], bottom: int) -> Any:
     return numbers
 
 
+def has_matches(loop: Loop) -> bool:
+    """Whether what both agents of a pair hear may count with one weight."""
+    plant = loop.uncertainty
+    exact = plant is None or not (plant.weights or plant.measurement)
+    return exact and loop.is_linear and len(loop.functions) == 1
+
+
 def _matched(loop: Loop, arcs: Arcs, numbers: Any) -> Any:
     """The weight, in ``numbers``, by which the agent of each row hears that of each column, where
     what both agents of a pair hear of a third one may be matched: w (x_l - x_i) - w (x_l - x_j) is
@@ -276,9 +283,7 @@ def _matched(loop: Loop, arcs: Arcs, numbers: Any) -> Any:
     is one function, a linear one, and for arcs that are always there; weights and measured states
     that are uncertain are off by errors of their own."""
     table = np.zeros((loop.n, loop.n), dtype=numbers.dtype)
-    plant = loop.uncertainty
-    exact = plant is None or not (plant.weights or plant.measurement)
-    if exact and loop.is_linear and len(loop.functions) == 1:
+    if has_matches(loop):
         sure = ~arcs.uncertain
         table[arcs.listeners[sure], arcs.speakers[sure]] = numbers[sure]
     return table

@@ -72,7 +72,7 @@ from dobc_design.exact.number import root_above
 from dobc_design.exact.reading import Document
 from dobc_design.exact.symmetric import Doubles, least
 from dobc_design.loop.loop import Loop
-from dobc_design.loop.pairs import RESIDUALS, are_pairs
+from dobc_design.loop.pairs import RESIDUALS, are_pairs, has_matches
 from dobc_design.loop.saturation import ROOTS, largest_disturbance, rooms_of
 
 
@@ -201,7 +201,7 @@ def confirm(check: Check, case: Case) -> str | None:
     stated = stated_errors(loop)
     if claim.errors.weights < stated.weights or claim.errors.gains < stated.gains:
         return "the errors of [uncertainty] are larger"
-    if claim.errors.weights and not stated.weights and are_pairs(loop):
+    if claim.errors.weights and are_pairs(loop) and has_matches(loop):
         return "what both agents of a pair hear counts with one weight, unless errors are stated"
     # Observers that know the weights are fed what acts, and their errors decay as before.
     if (claim.eta is None) is not agents_know(loop):

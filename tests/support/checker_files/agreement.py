@@ -316,6 +316,10 @@ def _bent_shares() -> Iterator[Case]:
     yield _holds("all", "uneven", rows(3, "1 2 2 2 2 2", 2))
     yield _holds("all, uncertain", "apart", full(2), **OPEN)
     yield _fails("all, uncertain", "matched", full(2.001), **OPEN)
+    for dw, code in (("0", HOLDS), ("1/100", FAILS)):
+        errors = {"weights": dw, "gains": "1/100", "alpha": "2", "v": vector(ONES)}
+        off = claim("tolerance", GLOBAL, 2, errors, factor=1)
+        yield case("all", code, f"off by {dw}", full(3), off)
     # Agents 1 and 2 hear each other always and agent 3 at times: the latter is not matched.
     for name in ("all, two functions", "all, loose"):
         yield _holds(name, "apart", full(2))

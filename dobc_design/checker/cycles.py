@@ -225,6 +225,10 @@ def reached(loop: Loop, modes: Collection[str]) -> None:
         need(len(closed_sets(loop, modes, False)) == 1, "nobody is heard by all others")
         return
     pinned = [i for i in loop.nodes if loop.least_gain(i) > 0] + loop.tied(modes)
+    if loop.signed:  # all errors of a set hold each other back, unless its signs balance
+        sets = closed_sets(loop.agents, modes, False)
+        need(all(each & {*pinned} for each in sets), "a set whose signs balance has no pin")
+        return
     found = reach(pinned, loop.edges(modes, False))
     need(len(found) == loop.n, f"modes {', '.join(modes)} do not reach every agent")
 

@@ -78,6 +78,8 @@ class Residual(NamedTuple):
 class Loop:
     """Nodes, arcs, pins and residuals, with the region and the plant that are asked for."""
 
+    agents: "Loop"  # of rows that have left out signs: where these are
+
     def __init__(self, problem: Problem) -> None:
         stated = problem.stated
         self.labels = problem.labels

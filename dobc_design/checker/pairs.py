@@ -34,6 +34,7 @@ def rows_of(case: Case) -> Case:
         return case
     rows = copy.copy(case)
     if case.signed:
+        rows.agents = case
         rows.modes = {}
         for mode, arcs in case.modes.items():
             rows.modes[mode] = [arc._replace(w=abs(arc.w)) for arc in arcs]

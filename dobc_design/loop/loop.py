@@ -174,7 +174,8 @@ class Loop(Grouped):
     None where no region is asked for. ``xi0``: where disturbances start in simulations, rows by
     node. ``unit``: for words and figures, the one that all components of the states share; ""
     without one. ``signed``: arcs of negative weight couple by |w| h(-e_j - e_i), which
-    rows do not see: in their loop all weights are positive (``pairs.rows_of``).
+    rows do not see: in their loop all weights are positive (``pairs.rows_of``), and ``signs`` has
+    the arcs as they were.
     ``turned``: errors are s_i e_i (``signs``).
     """
 
@@ -199,6 +200,7 @@ class Loop(Grouped):
     xi0: tuple[Vector, ...] | None
     unit: str
     signed: bool = False
+    signs: Modes | None = None
     turned: bool = False
 
     @property

@@ -59,7 +59,8 @@ def rows_of(loop: Loop, W: Matrix | None) -> Loop | None:
 def _made_once(loop: Loop) -> Loop:
     if loop.signed:
         # sigma e_j lies in the same interval as e_j, whatever the sign.
-        return replace(loop, modes={name: sized(arcs) for name, arcs in loop.modes.items()})
+        plain = {name: sized(arcs) for name, arcs in loop.modes.items()}
+        return replace(loop, modes=plain, signs=loop.modes)
     leader = silent_agent(loop)
     if leader is not None:
         return _led_by(loop, leader)

@@ -205,6 +205,46 @@ def test_a_coupling_that_is_not_odd_is_mirrored_on_the_second_side():
     assert ended == pytest.approx(mirror * [1, -1, -1], rel=1e-6)
 
 
+def test_agents_without_pins_meet_at_zero_from_a_region_by_signs_that_do_not_balance():
+    """Whoever is far from 0 holds its opposite back: by the graphs of the double cover, for
+    couplings that rise, for one graph and for graphs in turn."""
+    region = {"initial_states": ["-3/4", "3/4"]}
+    triangle = [[1, 2, 1], [2, 3, 1], [3, 1, -1]]
+    follower = [[6, 1, 1], [6, 5, -1]]
+    given = {"coupling": "exp(y)-1+y", "region": region}
+    problem = signed([*triangle, [4, 5, 1], [5, 4, -1], *follower], 6, **given)
+    certificate = dd.certify(problem)
+    assert certificate.covered_by == "schedule"
+    assert (
+        certificate.claims.reason == "All agents reach the target from every start in the region."
+    )
+    assert holds_for_both(certificate, problem)
+    rng = np.random.default_rng(0)
+    for start in rng.choice([-0.75, 0.75], size=(5, 6)):
+        ended = dd.simulate(problem, t_final=20, start=start).x[-1]
+        assert np.abs(ended).max() < 1e-3
+    # 4 and 5 agree: their signs balance.
+    twin = signed([*triangle, [4, 5, 1], [5, 4, 1], *follower], 6, **given)
+    refuted = dd.certify(twin)
+    assert refuted.verdict is Verdict.REFUTED
+    (check,) = (each for each in refuted.checks if each.id == "schedule")
+    assert "agents 4 and 5 hear nobody outside, with signs that balance and no pin" in check.reason
+    forged = json.loads(certificate_bytes(certificate.claims))
+    forged["problem_sha256"] = hashlib.sha256(canonical_bytes(twin)).hexdigest()
+    failures = dd.verify(json.dumps(forged).encode(), twin).failures
+    assert any("agents 4 and 5 hear nobody outside" in text for text in failures)
+    found = examine(json.dumps(forged).encode(), canonical_bytes(twin))
+    assert any("a set whose signs balance has no pin" in text for _, text in found)
+    network = dd.Network.from_arcs(
+        {"a": [[1, 2, 1]], "b": [[2, 1, -1]]}, arrow="listens_to", agents=2, negative="opposes"
+    )
+    turns = dd.Switching(guarantee="dwell", dwell=1, longest=2)
+    in_turn = dd.Problem(network=network, switching=turns, **given)
+    assert dd.certify(in_turn).covered_by == "schedule"
+    forever = in_turn.replace(switching=dd.Switching(guarantee="dwell", dwell=1))
+    assert dd.certify(forever).verdict is Verdict.UNDECIDED
+
+
 def test_the_loop_as_printed_and_held_readings_know_who_opposes_whom():
     """(13) integrated beside (1) ends where the closed form of its error does; readings held for a
     short period end close by."""

@@ -85,6 +85,8 @@ def cycles_check(claim: Cycles, asked: Region) -> Check:
     if claim.rho is not None:
         domain = Box(asked.radius, asked.disturbance)
     when = "couplings rise, and an agent is heard by all others, directly or through others: "
+    if asked.loop.signed:
+        when = "couplings rise, and all who hear nobody outside have a pin, or unbalanced signs: "
     if asked.loop.guarantee.phases:
         when = f"for {asked.loop.guarantee.in_words()}: "
     check = Check(

@@ -179,6 +179,10 @@ def unreached_in_words(loop: Loop) -> str | None:
             if len(loop.modes) > 1:
                 ends = " A longest time for it (longest in [switching]) would end that."
         missed = f"no pin reaches {name_agents(agents)}"
+        if loop.signed:
+            missed = (
+                f"{name_agents(agents)} hear nobody outside, with signs that balance and no pin"
+            )
         if loop.goal == "roots":
             missed = f"no agent is heard by all others: {name_agents(agents)} are in several groups"
         return f"while {on}, {missed}.{ends}"
@@ -190,7 +194,7 @@ def left_out(loop: Loop, modes: Sequence[str]) -> Texts:
     that are always there."""
     holding = holding_gains(loop)
     gains = {i: gain for i, gain in loop.pulls.gains.items() if holding[i] > 0}
-    arcs = [loop.modes[mode] for mode in modes]
+    arcs = [(loop.signs or loop.modes)[mode] for mode in modes]
     left = unreached(loop, arcs, pins=Pins(gains=gains))
     return tuple(loop.named(left))
 

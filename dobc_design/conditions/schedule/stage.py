@@ -319,8 +319,8 @@ def settling_stage(
 def schedule_stage(asked: Region, report: Progress) -> list[Check]:
     """The check `schedule`, where [switching] has a guarantee; PROVED or UNDECIDED."""
     loop = asked.loop
-    # Of one graph the weights of pairs say more, where there are few enough.
-    alone = loop.is_apart and len(loop.modes) == 1
+    # Of one graph the weights of pairs say more, where there are few enough; signs have none.
+    alone = (loop.is_apart or loop.signed) and len(loop.modes) == 1
     if not (loop.guarantee.phases or alone):
         return []
     # What cannot hold is not searched for.

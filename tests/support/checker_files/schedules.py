@@ -120,6 +120,11 @@ def _settings() -> dict[str, tuple[Document, Document]]:
     made["grows, loose"] = GROWS | {"network": LOOSE}, LONG_TURNS
     made["grows, not"] = GROWS | {"gains": "11/10"}, LONG_TURNS
     made["grows, curved"] = GROWS | {"coupling": "-y - y**3"}, LONG_TURNS
+    # 1 and 2 oppose each other by one sign, which balances nothing; 3 and 4 keep their state.
+    opposed = {"A": [[1, 2], [3, 4]], "B": [[2, 1, -1], [4, 3]]}
+    signed = Network.from_arcs(opposed, arrow="listens_to", agents=4, negative="opposes")
+    made["opposed"] = {"network": signed, "coupling": "y", "gains": {3: 1}}, TURNS
+    made["opposed, loose"] = {"network": signed, "coupling": "y"}, TURNS
     made["outward"] = pair("y") | plane, DWELL
     two_components = pair(["y1 + y2", "y2"])
     target = {"target": [0, 0]}
@@ -299,6 +304,7 @@ def _good() -> Iterator[Case]:
     yield _holds("chain", "by the graphs", GRAPHS)
     yield _holds("chain, in rounds", "by the graphs", GRAPHS)
     yield _holds("two", "by the graphs", GRAPHS)
+    yield _holds("opposed", "by the double cover", GRAPHS)
     yield _holds("three, in turn", "by the graphs", GRAPHS)
     yield _holds("pair, for ever", "by the graphs", schedule(box(1), None, "1"))
     yield _holds("curved", "by the graphs", CURVED)
@@ -419,6 +425,7 @@ def _bent_graphs() -> Iterator[Case]:
     yield _fails("chain, one of two", "one mode over and over", GRAPHS)
     for name in ("three", "two, for ever", "chain, any signal"):
         yield _fails(name, "not every agent is reached", GRAPHS)
+    yield _fails("opposed, loose", "a set with signs that balance", GRAPHS)
     yield _fails("outward", "a gain pushes outward", GRAPHS)
     yield _fails("flat", "slope 0", CURVED)
     yield _fails("unused", "a coupling that no arc has falls", GRAPHS)

@@ -242,7 +242,7 @@ def test_agents_without_pins_meet_at_zero_from_a_region_by_signs_that_do_not_bal
     in_turn = dd.Problem(network=network, switching=turns, **given)
     assert dd.certify(in_turn).covered_by == "schedule"
     forever = in_turn.replace(switching=dd.Switching(guarantee="dwell", dwell=1))
-    assert dd.certify(forever).verdict is Verdict.UNDECIDED
+    assert dd.certify(forever).verdict is Verdict.REFUTED
 
 
 def test_the_loop_as_printed_and_held_readings_know_who_opposes_whom():

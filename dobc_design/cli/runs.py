@@ -273,8 +273,11 @@ def _lines(result: Trajectory | Ensemble, document: Document) -> Iterator[str]:
     yield str(result)
     if isinstance(result, Trajectory) and result.sides.size:
         sides = result.sides[:, None]
-        reached = (sides * (result.x[-1] - result.goal)).mean(axis=0)
-        yield f"  {'value at the end':<22} {', '.join(f'{x:.6g}' for x in reached)}"
+        first, last = (
+            ", ".join(f"{x:.6g}" for x in (sides * (result.x[k] - result.goal)).mean(axis=0))
+            for k in (0, -1)
+        )
+        yield f"  {'value at the end':<22} {last}; mean of the starts {first}"
     for name, title, unit, nothing in MEASURES:
         values = document[name]
         if document["runs"] == 1:

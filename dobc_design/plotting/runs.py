@@ -129,11 +129,16 @@ class Runs(Goals, Protocol):
 
 
 def trajectory_sheet(
-    run: Run, *, envelope: Envelope | None = None, pinned: Sequence[int] = ()
+    run: Run,
+    *,
+    envelope: Envelope | None = None,
+    pinned: Sequence[int] = (),
+    ends: Array | None = None,
 ) -> Sheet:
     """States by component, disturbance and estimate, errors on a logarithmic axis, and which mode
     was active. ``envelope``: points (t, bound), (k, 2), or the bound as a function of times, drawn
-    into the errors. ``pinned``: indices of agents to be drawn in blue."""
+    into the errors. ``pinned``: indices of agents to be drawn in blue. ``ends`` (2, m): between
+    which states agents end that agree on a value."""
     points = checked_envelope(envelope, run.times)
     components = min(run.x.shape[2], MOST_COMPONENTS)
     has_estimate = bool(run.d.size and (run.d.any() or run.dhat.any()))
@@ -148,8 +153,8 @@ def trajectory_sheet(
         if has_band:
             plot_modes(rows.pop(0), run.switches, float(run.times[-1]))
         for c in range(components):
-            plot_agents(rows.pop(0), run, component=c, pinned=pinned)
-        errors = {"|e|∞": _largest(run.errors())}
+            plot_agents(rows.pop(0), run, component=c, pinned=pinned, ends=ends)
+        errors = {error_name(run): _largest(run.errors())}
         if has_estimate:
             plot_estimates(rows.pop(0), run)
             unit = "per s" if run.d.shape == run.x.shape else "units of d"
@@ -204,10 +209,11 @@ def plot_states(ax: Axes, runs: Runs, *, component: int) -> Axes:
 def plot_bands(ax: Axes, runs: Runs, envelope: Envelope | None) -> Axes:
     """The first panel of an ensemble: |e|_inf over time."""
     points = checked_envelope(envelope, runs.times)
-    what = f"|e|∞, {in_units(*runs.units)}"
+    what = f"{error_name(runs)}, {in_units(*runs.units)}"
     plot_quantiles(ax, runs.times, runs.error, colour=BLUE, what=what)
     if points is not None:
-        _draw_bound(ax, points[:, 0], resolved(points[:, 1]))
+        label = f"certified bound on {error_name(runs)}"
+        _draw_bound(ax, points[:, 0], resolved(points[:, 1]), label)
     title = f"{len(runs)} runs"
     bad = int(np.count_nonzero(runs.diverged))
     if bad:
@@ -219,15 +225,23 @@ def plot_bands(ax: Axes, runs: Runs, envelope: Envelope | None) -> Axes:
 
 def plot_error(ax: Axes, run: Run, envelope: Envelope | None) -> Axes:
     """|e|_inf of one run over time."""
-    errors = {"|e|∞": _largest(run.errors())}
+    errors = {error_name(run): _largest(run.errors())}
     points = checked_envelope(envelope, run.times)
     plot_errors(ax, run.times, errors, envelope=points, units=run.units)
     return in_time(ax, run.times)
 
 
-def plot_agents(ax: Axes, run: Run, *, component: int, pinned: Sequence[int] = ()) -> Axes:
-    """One component of the states of at most 30 agents, and their goals (dashed).  Up to 12 differ
-    in colour and dashes, the ``pinned`` ones are thicker; of more, the pinned ones are blue."""
+def plot_agents(
+    ax: Axes,
+    run: Run,
+    *,
+    component: int,
+    pinned: Sequence[int] = (),
+    ends: Array | None = None,
+) -> Axes:
+    """One component of the states of at most 30 agents, and their goals (dashed), or the ``ends``
+    (2, m) between which they agree.  Up to 12 differ in colour and dashes, the ``pinned`` ones are
+    thicker; of more, the pinned ones are blue."""
     rows = thinned_rows(len(run.times))
     held = set(pinned)
     chosen = shown_agents(run.x.shape[1], held)
@@ -252,7 +266,7 @@ def plot_agents(ax: Axes, run: Run, *, component: int, pinned: Sequence[int] = (
             line.set(color=MUTED, label="not pinned")
         else:
             line.set_color(shades[place])
-    _goals(ax, run, chosen, component)
+    _goals(ax, run, chosen, component, ends)
     if component > 0:
         return ax
     if few or held:
@@ -267,7 +281,9 @@ def plot_agents(ax: Axes, run: Run, *, component: int, pinned: Sequence[int] = (
     return ax
 
 
-def _goals(ax: Axes, run: Goals, chosen: Sequence[int], component: int) -> Axes:
+def _goals(
+    ax: Axes, run: Goals, chosen: Sequence[int], component: int, ends: Array | None = None
+) -> Axes:
     """The axes of a state component, with the goals of these agents; those beside a leader move
     with it."""
     rows = thinned_rows(len(run.times))
@@ -275,14 +291,20 @@ def _goals(ax: Axes, run: Goals, chosen: Sequence[int], component: int) -> Axes:
     # One leader for one run, or one for each of the runs whose states are drawn.
     leaders = run.leader[..., component].reshape(-1, len(run.times))
     slack = 0.0 if run.slack is None else float(run.slack[component])
-    if run.sides.size:
-        return _unit_label(ax, run, component)
+    between: list[float] = []
+    label = "between the fixed nodes"
     if slack:
         middle = float(run.goal[0, component])
-        ends = (middle - slack, middle + slack)
-        ax.axhspan(*ends, color=VERMILLION, alpha=0.12, zorder=1.4, label="between the fixed nodes")
-        for end in ends:
-            ax.axhline(end, color=VERMILLION, linewidth=1.1, linestyle=DASHED, zorder=1.5)
+        between = [middle - slack, middle + slack]
+    elif ends is not None:
+        between = ends[:, component].tolist()
+        label = "value, proved"
+    if between:
+        ax.axhspan(*between, color=VERMILLION, alpha=0.12, zorder=1.4)
+        for end in between:
+            line = ax.axhline(end, color=VERMILLION, linewidth=1.1, zorder=1.5)
+            line.set(linestyle=DASHED, label=label)
+    if between or run.sides.size:
         return _unit_label(ax, run, component)
     for goal in sorted({float(run.goal[agent, component]) for agent in chosen})[:12]:
         if run.leader.any():
@@ -377,7 +399,8 @@ def plot_errors(
         shown = np.where(values[rows] > SMALLEST, values[rows], np.nan)
         ax.plot(times[rows], shown, color=colour, label=name, marker=_marker(rows))
     if envelope is not None:
-        _draw_bound(ax, envelope[:, 0], resolved(envelope[:, 1]))
+        name = next(iter(errors)).split(",")[0]
+        _draw_bound(ax, envelope[:, 0], resolved(envelope[:, 1]), f"certified bound on {name}")
     elif rate is not None:
         error = next(iter(errors.values()))
         # Clipped where exp would underflow or overflow.
@@ -467,9 +490,7 @@ def checked_envelope(envelope: Envelope | None, times: Array) -> Array | None:
     return points
 
 
-def _draw_bound(
-    ax: Axes, times: Array, values: Array, label: str = "certified bound on |e|∞"
-) -> None:
+def _draw_bound(ax: Axes, times: Array, values: Array, label: str) -> None:
     ax.plot(times, values, color=INK, linestyle=DASHED, linewidth=1.2, label=label)
 
 
@@ -484,6 +505,13 @@ def in_time(ax: Axes, times: Array) -> Axes:
     if times[-1] > 0:
         ax.set_xlim(0, float(times[-1]))
     return ax
+
+
+def error_name(run: Goals) -> str:
+    """What the errors of a run are called; where two sides oppose each other, e is +-x."""
+    if not run.sides.size:
+        return "|e|∞"
+    return "max |xᵢ − xⱼ|" if (run.sides > 0).all() else "max |eᵢ − eⱼ|"
 
 
 def _largest(values: Array) -> Array:

@@ -62,7 +62,7 @@ _NAMES = ("ink", "muted", "grid", "paper", "blue", "vermillion", "green", "purpl
 _COLOURS = {name: getattr(look, name.upper()) for name in _NAMES}
 VARIABLES = {colour: f"var(--figure-{name}, {colour})" for name, colour in _COLOURS.items()}
 SLOW = (
-    "Solid: |e|∞, the largest |xᵢ − goal| of all agents, in two simulated runs from one start. "
+    "in two simulated runs from one start. "
     "Slow signal, modes beneath: of short rounds that keep the guarantee the slowest for the "
     "linearised loop."
 )
@@ -221,7 +221,7 @@ def simulation_pictures(certificate: Certificate, trajectory: Trajectory) -> Ite
     if problem.offsets and problem.m > 1 and problem.dynamics is None:
         yield _formation_picture(problem, trajectory)
     for component in range(min(problem.m, runs.MOST_COMPONENTS)):
-        yield _state_picture(problem, trajectory, component)
+        yield _state_picture(certificate, trajectory, component)
     if problem.groups:
         yield _estimate_picture(trajectory)
 
@@ -243,7 +243,12 @@ def _formation_picture(problem: Problem, trajectory: Trajectory) -> Picture:
     )
 
 
-def _state_picture(problem: Problem, trajectory: Trajectory, component: int) -> Picture:
+def _state_picture(certificate: Certificate, trajectory: Trajectory, component: int) -> Picture:
+    problem = certificate.problem
+    ends = trajectory.ends(certificate)
+    dashed = "; goals dashed"
+    if problem.agrees:
+        dashed = "" if ends is None else "; between the dashed lines they end, which is proved"
     times, last = trajectory.times, trajectory.x[-1, :, component]
     title, who = "States", "all agents"
     if problem.m > 1:
@@ -256,13 +261,13 @@ def _state_picture(problem: Problem, trajectory: Trajectory, component: int) -> 
 
     def draw(ax: Axes) -> object:
         pinned = problem.pinning.agents
-        drawn = runs.plot_agents(ax, trajectory, component=component, pinned=pinned)
+        drawn = runs.plot_agents(ax, trajectory, component=component, pinned=pinned, ends=ends)
         return draw_band(runs.in_time(drawn, times), trajectory.switches, float(times[-1]))
 
     return Picture(
         f"states-{component + 1}",
         title,
-        caption=f"{runs.state_symbol(component, problem.m)}(t) of {who}; goals dashed.",
+        caption=f"{runs.state_symbol(component, problem.m)}(t) of {who}{dashed}.",
         alt=with_unit(f"States over {end} s: at the end between {least} and {most}", unit) + ".",
         draw=draw,
     )
@@ -296,15 +301,21 @@ def error_picture(
     times, error = trajectory.times, trajectory.error()
     first, last = number(error[0]), number(error[-1])
     alt = f"Largest error over time: {first} at the start, {last} at the end"
-    caption = "Solid: |e|∞, the largest |xᵢ − goal| of all agents in one simulated run."
-    errors, switches = {"|e|∞": error}, trajectory.switches
+    name = runs.error_name(trajectory)
+    solid = "Solid: |e|∞, the largest |xᵢ − goal| of all agents"
+    title = "Largest distance to the goals over time"
+    if certificate.problem.agrees:
+        solid = f"Solid: {name}, the largest disagreement of two agents"
+        title = "Largest disagreement over time"
+    caption = f"{solid} in one simulated run."
+    errors, switches = {name: error}, trajectory.switches
     # A run that ended early is not beside the other at the same times.
     if worst is not None and len(worst.times) == len(times):
         # Both runs in one picture: how much the signal matters is seen at once.
         slow = worst.error()
-        errors = {"|e|∞, drawn signal": error, "|e|∞, slow signal": slow}
+        errors = {f"{name}, drawn signal": error, f"{name}, slow signal": slow}
         switches = worst.switches
-        caption = SLOW
+        caption = f"{solid}, {SLOW}"
         alt += f", with the slow signal {number(slow[-1])}"
     proved, envelope = certificate.envelope(trajectory), None
     if proved.sources:
@@ -330,7 +341,7 @@ def error_picture(
 
     return Picture(
         "error",
-        "Largest distance to the goals over time",
+        title,
         caption=caption,
         alt=f"{alt}.",
         draw=draw,

@@ -199,7 +199,17 @@ class Trajectory(Simulated):
         bound = bound_of(self, certificate, envelope)
         if ax is not None:
             return plot_error(ax, self, bound)
-        return trajectory_sheet(self, envelope=bound, pinned=pinned)
+        ends = None if certificate is None else self.ends(certificate)
+        return trajectory_sheet(self, envelope=bound, pinned=pinned, ends=ends)
+
+    def ends(self, certificate: Certificate) -> Array | None:
+        """By component between which numbers agents that agree end, (2, m), by a certificate of
+        this problem; None where it does not say."""
+        value = certificate.value
+        # Offsets of a formation differ, so that no number is where all end.
+        if value is None or self.stress or self.observer == "off" or self.goal.any():
+            return None
+        return value.ends(self.x[0], self.xi[0] - self.xihat[0])
 
     def animate(
         self,

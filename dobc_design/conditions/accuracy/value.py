@@ -112,6 +112,20 @@ class Agreed(Shown):
             moved = moved + np.asarray(eps0, dtype=float) @ to_float(self.shifts[0]).T
         return np.asarray(pi @ moved, dtype=np.float64)
 
+    def ends(self, x0: ArrayLike, eps0: ArrayLike) -> NDArray[np.float64] | None:
+        """By component between which numbers a run from x0 (n, m) and eps0 (n, q) ends, (2, m), in
+        floating point; None where that is not known."""
+        if self.weights is not None and len(self.shifts) <= 1:
+            return np.stack([self.reached(x0, eps0)] * 2)
+        if self.lo is None or self.hi is None:
+            return None
+        c = 0.0 if self.peaks is None else float(self.peaks.drift)
+        moved = c * np.linalg.norm(eps0, axis=1).max(initial=0.0)
+        found = np.stack([np.min(x0, axis=0) - moved, np.max(x0, axis=0) + moved])
+        # Couplings attract over no more than the widths of the region.
+        known = found[1] - found[0] <= np.subtract(self.hi, self.lo)
+        return found if known.all() else None
+
 
 def value_from_json(data: Any) -> Agreed:
     """Read it back.  Raises: KeyError, TypeError or ValueError."""

@@ -118,8 +118,8 @@ class Regions(Headed):
     """The certified regions of one problem, in the order in which they were tried.
 
     ``tolerance`` belongs to the times of ``claims`` (same unit as the states); ``agents`` to the
-    max-separable certificate, empty without one or above 2000 agents.  The others are the checks of
-    these ids.
+    max-separable certificate, empty without one, above 2000 agents, and where agents ``agree`` on a
+    value: |e| is of their differences then.  The others are the checks of these ids.
     """
 
     name: str
@@ -134,6 +134,7 @@ class Regions(Headed):
     settling: Check | None = None
     equilibrium: Check | None = None
     unit: str = ""  # of the states, where all components share one
+    agree: bool = False
 
     @property
     def tried(self) -> bool:
@@ -181,7 +182,10 @@ class Regions(Headed):
             if self.asked is None:
                 covers = ""
             rows.append([title, claim.kind, box, ball, rate, factor, covers])
-        heads = ("method", "kind", "|e|_inf <=", "|e| <=", "rate 1/s", "factor", "covers")
+        sizes = ("|e|_inf <=", "|e| <=")
+        if self.agree:
+            sizes = ("all |x_i - x_j| <=", "Euclidean norm of all <=")
+        heads = ("method", "kind", *sizes, "rate 1/s", "factor", "covers")
         verdict = self.verdict.value
         return Card(title=self.name, verdict=verdict, text=self.reason, heads=heads, rows=rows)
 
@@ -208,6 +212,7 @@ def certified_regions(loop: Loop, claims: Claims) -> Regions:
         gatherer = _Gatherer(loop, known, asked, tolerance)
         chosen = list(_chosen(loop, known))
         separable = [check for check in chosen if isinstance(check.claim, Separable)]
+        agree = loop.goal in ("differences", "roots")
         return Regions(
             name=loop.name,
             verdict=claims.verdict,
@@ -215,7 +220,8 @@ def certified_regions(loop: Loop, claims: Claims) -> Regions:
             asked=asked,
             tolerance=tolerance,
             claims=tuple(map(gatherer.claim, chosen)),
-            agents=_agents(loop, separable[0]) if separable else (),
+            agents=_agents(loop, separable[0]) if separable and not agree else (),
+            agree=agree,
             settling=beside.get("settling"),
             delay=beside.get("delay"),
             sampling=beside.get("sampling"),

@@ -55,7 +55,7 @@ SHOWN = 5  # reasons for early ends that are printed
 OBSERVER = "closed-form"
 #: What is measured of runs: its key, its title, its unit, and the word where there is no number.
 MEASURES = (
-    ("final_error", "final |e|_inf", "", "unknown"),
+    ("final_error", "final {}", "", "unknown"),
     ("settling_time", "settled to 1 % after", " s", "never"),
     ("decay_rate", "decay rate", " 1/s", "unknown"),
 )
@@ -286,7 +286,7 @@ def _lines(result: Trajectory | Ensemble, document: Document) -> Iterator[str]:
         for each, value in values.items():
             shown = nothing if value is None else f"{value:.4g}{unit}"
             told.append(f"{each} {shown}")
-        yield f"  {title:<22} {', '.join(told).strip()}"
+        yield f"  {title.format(result.measured):<22} {', '.join(told).strip()}"
     for name, interval in document.get("intervals", {}).items():
         words = f"no confidence interval with {document['runs']} runs"
         if interval is not None:
@@ -295,7 +295,8 @@ def _lines(result: Trajectory | Ensemble, document: Document) -> Iterator[str]:
     certified = document.get("certified")
     if certified:
         sources = ", ".join(certified["sources"])
-        yield f"  {'certified':<22} final |e|_inf <= {certified['final_error']:.4g}, by {sources}"
+        final = f"{certified['final_error']:.4g}, by {sources}"
+        yield f"  {'certified':<22} final {result.measured} <= {final}"
     reasons = document["reasons"]
     for each in reasons[:SHOWN]:
         yield f"  seed {each['seed']}: {each['reason']}."

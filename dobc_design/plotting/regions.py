@@ -74,7 +74,7 @@ class Asked(Protocol):
 
 class Regions(Protocol):
     """All of a problem; ``rest``: how far away another equilibrium is proved; ``unit``: of all
-    state components, "" without one."""
+    state components, "" without one; ``agree``: sizes are those of differences."""
 
     @property
     def name(self) -> str: ...
@@ -88,6 +88,8 @@ class Regions(Protocol):
     def rest(self) -> float | None: ...
     @property
     def unit(self) -> str: ...
+    @property
+    def agree(self) -> bool: ...
 
 
 def name_rows(ax: Axes, names: Sequence[str]) -> None:
@@ -116,8 +118,10 @@ def plot_regions(ax: Axes, regions: Regions) -> Axes:
     ax.set_xlim(0, reach)
     name_rows(ax, [_in_lines(claim.method) for claim in regions.claims])
     ax.tick_params(axis="y", length=0)
-    what = f"distance from the goals at the start, {in_units(regions.unit)}"
-    ax.set_xlabel(what, parse_math=False)
+    what = "distance from the goals"
+    if regions.agree:
+        what = "difference of two agents"
+    ax.set_xlabel(f"{what} at the start, {in_units(regions.unit)}", parse_math=False)
     return legend_above(ax, least=1)
 
 

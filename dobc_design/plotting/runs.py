@@ -49,6 +49,12 @@ WIDTH, PANEL, BAND = 7.0, 1.75, 0.32  # inches
 #: Colours, and once more with dashes: the agents that can be told apart.
 STYLES: Any = [(colour, dashes) for dashes in ("solid", (0, (6, 1.5, 1, 1.5))) for colour in SERIES]
 LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)
+#: What errors are called, in text and in figures.
+MEASURED = {
+    "|e|_inf": "|e|∞",
+    "max |x_i - x_j|": "max |xᵢ − xⱼ|",
+    "max |e_i - e_j|": "max |eᵢ − eⱼ|",
+}
 _SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
 
@@ -75,7 +81,7 @@ class RunSwitches(Switches, Protocol):
 class Goals(Protocol):
     """Times (T,) in s; goals (n, m), relative to the states of leaders (T, m) or (runs, T, m);
     slack (m,), half the width of a band about them in which there is no error, None for 0;
-    sides (n,) where agents agree on a value, and have no goals, else empty;
+    sides (n,) where agents agree on a value, and have no goals, else empty; what is ``measured``;
     units of the m state components, none where none are given."""
 
     @property
@@ -88,6 +94,8 @@ class Goals(Protocol):
     def slack(self) -> Array | None: ...
     @property
     def sides(self) -> Array: ...
+    @property
+    def measured(self) -> str: ...
     @property
     def units(self) -> Sequence[str]: ...
 
@@ -154,7 +162,7 @@ def trajectory_sheet(
             plot_modes(rows.pop(0), run.switches, float(run.times[-1]))
         for c in range(components):
             plot_agents(rows.pop(0), run, component=c, pinned=pinned, ends=ends)
-        errors = {error_name(run): _largest(run.errors())}
+        errors = {MEASURED[run.measured]: _largest(run.errors())}
         if has_estimate:
             plot_estimates(rows.pop(0), run)
             unit = "per s" if run.d.shape == run.x.shape else "units of d"
@@ -209,10 +217,10 @@ def plot_states(ax: Axes, runs: Runs, *, component: int) -> Axes:
 def plot_bands(ax: Axes, runs: Runs, envelope: Envelope | None) -> Axes:
     """The first panel of an ensemble: |e|_inf over time."""
     points = checked_envelope(envelope, runs.times)
-    what = f"{error_name(runs)}, {in_units(*runs.units)}"
+    what = f"{MEASURED[runs.measured]}, {in_units(*runs.units)}"
     plot_quantiles(ax, runs.times, runs.error, colour=BLUE, what=what)
     if points is not None:
-        label = f"certified bound on {error_name(runs)}"
+        label = f"certified bound on {MEASURED[runs.measured]}"
         _draw_bound(ax, points[:, 0], resolved(points[:, 1]), label)
     title = f"{len(runs)} runs"
     bad = int(np.count_nonzero(runs.diverged))
@@ -225,7 +233,7 @@ def plot_bands(ax: Axes, runs: Runs, envelope: Envelope | None) -> Axes:
 
 def plot_error(ax: Axes, run: Run, envelope: Envelope | None) -> Axes:
     """|e|_inf of one run over time."""
-    errors = {error_name(run): _largest(run.errors())}
+    errors = {MEASURED[run.measured]: _largest(run.errors())}
     points = checked_envelope(envelope, run.times)
     plot_errors(ax, run.times, errors, envelope=points, units=run.units)
     return in_time(ax, run.times)
@@ -505,13 +513,6 @@ def in_time(ax: Axes, times: Array) -> Axes:
     if times[-1] > 0:
         ax.set_xlim(0, float(times[-1]))
     return ax
-
-
-def error_name(run: Goals) -> str:
-    """What the errors of a run are called; where two sides oppose each other, e is +-x."""
-    if not run.sides.size:
-        return "|e|∞"
-    return "max |xᵢ − xⱼ|" if (run.sides > 0).all() else "max |eᵢ − eⱼ|"
 
 
 def _largest(values: Array) -> Array:

@@ -149,7 +149,8 @@ def eigenvalue_pictures(certificate: Certificate, analysis: Analysis) -> Iterato
             lambdas[mode.mode] = np.array(mode.lambda_eigenvalues)
         if mode.loop_eigenvalues and len(loops) < MOST_MODES:
             loops[mode.mode] = np.array(mode.loop_eigenvalues)
-    if lambdas:
+    # Where agents agree Lambda has the eigenvalue 0, which says nothing of them.
+    if lambdas and not certificate.problem.agrees:
         yield _lambda_picture(certificate, lambdas)
     if loops:
         yield _loop_picture(loops)
@@ -301,7 +302,7 @@ def error_picture(
     times, error = trajectory.times, trajectory.error()
     first, last = number(error[0]), number(error[-1])
     alt = f"Largest error over time: {first} at the start, {last} at the end"
-    name = runs.error_name(trajectory)
+    name = runs.MEASURED[trajectory.measured]
     solid = "Solid: |e|∞, the largest |xᵢ − goal| of all agents"
     title = "Largest distance to the goals over time"
     if certificate.problem.agrees:
@@ -386,7 +387,7 @@ def _methods_picture(regions: Regions) -> Picture:
         "region-methods",
         "How far each proof reaches",
         caption=" ".join(bars),
-        alt=f"Certified distance from the goals. {told}",
+        alt=f"Certified {'differences' if regions.agree else 'distance from the goals'}. {told}",
         draw=lambda ax: plot_regions(ax, regions),
         height=height_of(regions),
     )

@@ -85,7 +85,8 @@ def regions_table(regions: Regions, *, disturbed: bool) -> Table:
     markdown: Forms = ("markdown",)
     settled, unit = "settled after", regions.unit
     if regions.tolerance is not None:
-        settled = f"|e|∞ ≤ {lower(regions.tolerance, unit)} after"
+        size = "" if regions.agree else "|e|∞ "  # too long on a phone
+        settled = f"{size}≤ {lower(regions.tolerance, unit)} after"
 
     def covers(claim: RegionClaim) -> str:
         if regions.asked is None:

@@ -57,6 +57,14 @@ class Simulated(Headed):
     """How runs show themselves."""
 
     __slots__ = ()
+    sides: Array
+
+    @property
+    def measured(self) -> str:
+        """What the errors of runs are called."""
+        if not self.sides.size:
+            return "|e|_inf"
+        return "max |x_i - x_j|" if (self.sides > 0).all() else "max |e_i - e_j|"
 
     def __str__(self) -> str:
         return f"{self._card().title}: {self._card().text}"
@@ -295,7 +303,7 @@ class Trajectory(Simulated):
     def _card(self) -> Card:
         end = f"diverged at about {self.times[-1]:.4g} s of" if self.diverged else "ran to"
         first, last = self.error()[[0, -1]]
-        errors = f"|e|_inf from {first:.4g} to {last:.4g}"
+        errors = f"{self.measured} from {first:.4g} to {last:.4g}"
         text = f'mode "{self.mode}", {end} {self.t_final:.4g} s, {errors}'
         return Card(title=self.name, text=text, lines=self.notes)
 
@@ -433,7 +441,7 @@ class Ensemble(Simulated):
     def _card(self) -> Card:
         bad = int(self.diverged.sum()) or "none"
         final = np.sort(self.final_error)
-        ends = f"{bad} diverged, final |e|_inf {final[0]:.3g} to {final[-1]:.3g}"
+        ends = f"{bad} diverged, final {self.measured} {final[0]:.3g} to {final[-1]:.3g}"
         text = f'{len(self)} runs of {self.t_final:.4g} s, mode "{self.mode}", {ends}'
         return Card(title=self.name, text=text, lines=self.notes)
 

@@ -33,6 +33,12 @@ def test_a_report_of_agreement_speaks_of_differences_and_of_no_target(text: str)
     assert "Somebody is heard by all" in told
 
 
+def test_a_card_of_regions_is_about_differences():
+    regions = certify(ring()).regions
+    assert "all |x_i - x_j| <=" in str(regions)
+    assert not regions.agents
+
+
 def test_a_report_of_agreement_says_between_which_ends_the_value_lies(text: str):
     assert r"The value they agree on lies in \[-1.0981, 1.0981\]." in text
     assert r"u_i = -\hat{d}_i" in text

@@ -11,6 +11,7 @@ import pytest
 
 import dobc_design as dd
 from dobc_design.errors import SpecError
+from dobc_design.report.pictures import error_picture
 from dobc_design.simulation.breaking import what_breaks_first
 
 RING = [[i + 1, (i + step) % 4 + 1] for i in range(4) for step in (1, 3)]
@@ -53,13 +54,37 @@ def test_no_run_is_above_the_certified_disagreement_and_the_value_is_that_of_the
         eps = run.xi[0] - run.xihat[0]
         mean = run.x[0].mean() + eps.mean() / 5
         np.testing.assert_allclose(run.x[-1], mean, atol=1e-5)
+        np.testing.assert_allclose(run.ends(certificate), [[mean], [mean]], atol=1e-9)
         assert value.lo[0] <= mean <= value.hi[0]
 
 
 def test_a_figure_of_agents_that_agree_draws_no_goal():
     run = dd.simulate(agreeing(), t_final=1, samples=5)
-    axes = run.plot().figure.axes
-    assert not any(line.get_label() == "goal" for ax in axes for line in ax.lines)
+    labels = {line.get_label() for ax in run.plot().figure.axes for line in ax.lines}
+    assert not labels & {"goal", "|e|∞"}
+    assert "max |xᵢ − xⱼ|" in labels
+
+
+def test_a_run_from_the_region_ends_between_the_lines_of_its_figure():
+    problem = agreeing(coupling="tanh(y)")
+    certificate = dd.certify(problem)
+    run = dd.simulate(problem, t_final=40, samples=5)
+    low, high = run.ends(certificate)[:, 0]
+    c = abs(run.xi[0] - run.xihat[0]).max() / 5
+    assert low == pytest.approx(run.x[0].min() - c, rel=1e-4)
+    assert low < run.x[-1].min() < run.x[-1].max() < high
+    drawn = run.plot(certificate=certificate).figure.axes[0].lines
+    proved = [line.get_ydata()[0] for line in drawn if line.get_label() == "value, proved"]
+    assert proved == [low, high]
+    picture = error_picture(certificate, run)
+    assert picture.title == "Largest disagreement over time"
+    assert "goal" not in picture.caption
+
+
+def test_of_starts_farther_apart_than_the_region_no_end_is_known():
+    problem = agreeing(coupling="tanh(y)")
+    run = dd.simulate(problem, t_final=1, samples=5, start={"x": [[0], [1], [2], [12]]})
+    assert run.ends(dd.certify(problem)) is None
 
 
 def test_differences_with_one_agent_bound_no_disagreement_of_others():

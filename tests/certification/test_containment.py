@@ -11,6 +11,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from published import leaders_in_turn
 
 import dobc_design as dd
 from dobc_design.certificate.text import certificate_bytes
@@ -236,9 +237,7 @@ def named(certificate: dd.Certificate, id: str) -> Check:
 def test_graphs_in_turn_bring_agents_between_leaders_at_the_rate_of_one_target():
     """Mode A: 3 hears 2, mode B: 2 hears 1, which hears both leaders in both: rate 1/2, as with a
     pin of gain 1 (theory, section 11)."""
-    always = [[1, "a", "1/2"], [1, "b", "1/2"]]
-    modes = {"A": [*always, [3, 2]], "B": [*always, [2, 1]]}
-    problem = contained(modes, b={"between": [3, 5]}, switching=IN_TURN)
+    problem = leaders_in_turn()
     certificate = dd.certify(problem)
     assert certificate.covered_by == "schedule"
     assert 0.48 < certificate.rate <= 0.5

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from certified import rough_settling
+from published import curved_ring
 
 import dobc_design as dd
 from dobc_design.certificate.text import certificate_bytes
@@ -243,6 +244,19 @@ def test_agents_without_pins_meet_at_zero_from_a_region_by_signs_that_do_not_bal
     assert dd.certify(in_turn).covered_by == "schedule"
     forever = in_turn.replace(switching=dd.Switching(guarantee="dwell", dwell=1))
     assert dd.certify(forever).verdict is Verdict.REFUTED
+
+
+def test_antagonists_in_a_ring_go_to_zero_from_the_region_asked_for():
+    """Altafini 2013, couplings that are not linear: 2 - sqrt(2) is the least eigenvalue of the
+    signed Laplacian, which no claim exceeds."""
+    problem = curved_ring()
+    certificate = dd.certify(problem)
+    assert certificate.verdict is Verdict.PROVED
+    assert holds_for_both(certificate, problem)
+    ring = [(i + 1, (i + 1) % 4 + 1, w) for i, w in enumerate((1, -1, 1, 1))]
+    L = laplacian([*ring, *((j, i, w) for i, j, w in ring)], 4)
+    assert rate_of(L) == pytest.approx(2 - 2**0.5)
+    assert certificate.check("lemma1").rate <= rate_of(L)
 
 
 def test_the_loop_as_printed_and_held_readings_know_who_opposes_whom():

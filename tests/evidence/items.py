@@ -25,6 +25,7 @@ from evidence import (
     same_bytes,
     saturation,
     schedules,
+    signs_and_leaders,
     simulations,
     stated,
     sweeps,
@@ -72,6 +73,8 @@ def _items() -> Iterator[Item]:
     yield Item("value-formulas", other_networks.formulas, 200, 0)
     # the count is networks of each of seven kinds
     yield Item("other-forgeries", other_networks.forgeries, 15, 0, share=15)
+    yield Item("signed-graphs", signs_and_leaders.signs, 300, 0, share=30)
+    yield Item("containment", signs_and_leaders.containment, 100, 0)
     # CI kills writers, and interrupts
     yield Item("kills", robustness.kills, 200, 8000, share=0)
     yield Item("writers", robustness.writers, 200, 8000, share=20)

@@ -113,6 +113,17 @@ def path_between_leaders() -> Problem:
     return Problem(network=network, coupling="y", goal="containment", fixed=fixed)
 
 
+def leaders_in_turn() -> Problem:
+    """Three agents; the first always hears both leaders, the third the second for 1 s, then this
+    one the first for 1 s."""
+    always = [[1, "a", "1/2"], [1, "b", "1/2"]]
+    modes = {"A": [*always, [3, 2]], "B": [*always, [2, 1]]}
+    network = Network.from_arcs(modes, arrow="listens_to", fixed=("a", "b"))
+    fixed = {"a": 0, "b": {"between": [3, 5]}}
+    turns = Switching(guarantee="sequence", sequence=["A", "B"], dwell=1)
+    return Problem(network=network, coupling="y", goal="containment", fixed=fixed, switching=turns)
+
+
 def saturating() -> Problem:
     """Seven agents with constant disturbances and inputs that saturate: |d| and |C eps| take 1/2
     each of the limit 2, so that 1 is left; from |e| <= 4 nothing is faster than min(2, 1/4)."""
@@ -147,7 +158,7 @@ def opinions() -> Problem:
     return Problem(network=network, coupling="y", goal="containment", fixed=fixed)
 
 
-def signed_ring(balanced: bool) -> Problem:
+def signed_ring(balanced: bool, coupling: str = "y", **more: Any) -> Problem:
     """Four agents in a ring, each with its two neighbours; one pair, or two, of antagonists."""
     signs = (1, -1, 1, -1) if balanced else (1, -1, 1, 1)
     arcs: list[list[Any]] = []
@@ -155,7 +166,12 @@ def signed_ring(balanced: bool) -> Problem:
         other = (i + 1) % 4
         arcs += [[i + 1, other + 1, w], [other + 1, i + 1, w]]
     network = Network.from_arcs(arcs, arrow="listens_to", agents=4, negative="opposes")
-    return Problem(network=network, coupling="y", goal="agreement")
+    return Problem(network=network, coupling=coupling, goal="agreement", **more)
+
+
+def curved_ring() -> Problem:
+    """The ring with one pair of antagonists, couplings that rise, and a region."""
+    return signed_ring(False, "tanh(y)", region={"initial_states": [-2, 2]})
 
 
 def both_ways(arcs: list[list[Any]]) -> list[list[Any]]:
@@ -272,6 +288,8 @@ def _published() -> Iterator[Published]:
     yield Published(
         "containment, a path between two leaders, one moves", "end between", path_between_leaders
     )
+    # Cao, Ren and Egerstedt, Automatica 48 (2012)
+    yield Published("containment, graphs in turn, one leader moves", "end between", leaders_in_turn)
     # Friedkin and Johnsen (1999)
     yield Published("opinions with stubborn agents", "end at 60, 60, 75, 75", opinions)
     # Altafini, IEEE TAC 58 (2013)
@@ -279,6 +297,7 @@ def _published() -> Iterator[Published]:
         "antagonists in a ring, signs balance", "agree up to signs", lambda: signed_ring(True)
     )
     yield Published("the same, one pair less", "all go to 0", lambda: signed_ring(False))
+    yield Published("the same, curved couplings", "all go to 0", curved_ring)
     # Olfati-Saber and Murray, IEEE TAC 49 (2004)
     yield Published("average consensus on a ring of ten", "mean, 0.381966", average)
     # Moreau, IEEE TAC 50 (2005); Ren and Beard, IEEE TAC 50 (2005)

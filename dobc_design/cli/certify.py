@@ -531,7 +531,6 @@ def _shown(found: Searched, *, wide: bool) -> Iterator[RenderableType]:
     from rich.padding import Padding
     from rich.text import Text
 
-    from dobc_design.loop.make import loop_of
     from dobc_design.report import region_words as told
     from dobc_design.report.document import turned
     from dobc_design.report.words import said_here
@@ -544,7 +543,7 @@ def _shown(found: Searched, *, wide: bool) -> Iterator[RenderableType]:
     if not regions.claims:
         yield Text("Nothing is said about starts: no condition applies.")
         return
-    said = said_here(loop_of(certificate.problem))
+    said = said_here(certificate.problem)
     norms = "|e|∞ is the largest error of any agent, |e|₂ the Euclidean norm of all errors."
     yield Text(said(f"{told.asked_sentence(regions)} {norms}\n"))
     table = turned(told.regions_table(regions, disturbed=False), said)

@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 from dobc_design.certificate import text as certificate_text
-from dobc_design.loop.make import loop_of
 from dobc_design.report import pictures, words
 from dobc_design.verdict import Verdict
 
@@ -219,5 +218,5 @@ def report_document(found: Findings) -> Document:
         details=_shown(DETAILS, found),
     )
     # Every part is written for a target; here it becomes what the agents of this problem do.
-    loop = loop_of(found.problem)
-    return document if found.problem.has_target else turned(document, words.said_here(loop))
+    problem = found.problem
+    return document if problem.has_target else turned(document, words.said_here(problem))

@@ -93,10 +93,11 @@ def network_pictures(certificate: Certificate) -> tuple[list[Picture], str]:
     for place, (name, arcs) in enumerate(pairs.items(), 1):
         lost = lost_in[name]
         pinned = problem.sources(name)
-        pins = f"pinned: {agents_in_words(problem, tuple(problem.pinning.of(name)))}"
+        alt = f"Network of mode {name}: {problem.n} agents, {len(arcs)} arcs"
+        if problem.has_target:
+            alt += f", pinned: {agents_in_words(problem, tuple(problem.pinning.of(name)))}"
         if problem.fixed:
-            pins += f"; fixed nodes: {some(tuple(problem.fixed), MOST_MODES)}"
-        alt = f"Network of mode {name}: {problem.n} agents, {len(arcs)} arcs, {pins}"
+            alt += f"; fixed nodes: {some(tuple(problem.fixed), MOST_MODES)}"
         if lost:
             alt += f"; not reached: {agents_in_words(problem, sorted(lost))}"
         draw = partial(
@@ -124,9 +125,11 @@ def network_pictures(certificate: Certificate) -> tuple[list[Picture], str]:
 
 def _network_legend(problem: Problem, *, lost: bool) -> str:
     labels, modes = problem.network.names, len(problem.network.modes)
-    squares = "fixed nodes" if problem.fixed else "pinned agents"
-    text = f"{networks.LEGEND} Blue squares are {squares}, circles are agents without a pin"
-    text += "; a dashed orange circle is an agent that no pin reaches." if lost else "."
+    text = networks.LEGEND
+    if problem.has_target or problem.fixed:
+        squares = "fixed nodes" if problem.fixed else "pinned agents"
+        text += f" Blue squares are {squares}, circles are agents without a pin"
+        text += "; a dashed orange circle is an agent that no pin reaches." if lost else "."
     alike = networks.drawn_labels(labels)[1]
     if len(labels) > networks.MOST_LABELLED:
         text += " Labels are left out."

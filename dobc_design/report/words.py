@@ -32,7 +32,6 @@ from dobc_design.exact.matrix import Matrix, Vector, matrix
 from dobc_design.exact.number import decimal_text, number_text
 from dobc_design.exact.reading import Document, Names, counted, is_scalar_matrix, some
 from dobc_design.loop.limits import mean_weights
-from dobc_design.loop.loop import Loop
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.words import Said, said_of
 from dobc_design.problem.fixed import place_words
@@ -225,9 +224,9 @@ def shortened(text: str, longest: int = 1200) -> str:
     return text if len(text) <= longest else text[: longest - 1] + "…"
 
 
-def said_here(loop: Loop) -> Said:
+def said_here(problem: Problem) -> Said:
     """Turns a sentence of a report, which is typeset, into one about what these agents do."""
-    said = said_of(loop)
+    said = said_of(loop_of(problem), *problem.notes)
 
     def typeset_again(text: str) -> str:
         for pattern, sign in _OF_PAIRS:

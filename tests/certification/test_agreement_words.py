@@ -1,6 +1,8 @@
 """Agents that agree on a value that nobody prescribes: what is said of them, and cures."""
 
 import re
+import tomllib
+from importlib.resources import files
 from pathlib import Path
 
 import pytest
@@ -85,6 +87,29 @@ def test_errors_are_differences_of_all_or_to_the_agent_that_hears_nobody():
     assert ring(told) == "max |x_i - x_j|/v_ij near agreement, the targets"
     assert led(told) == "max |x_i - x_2|/v_i near agreement, the targets"
     assert form(told) == "max |e_i - e_j|/v_ij near agreement, the targets"
+
+
+def test_what_a_user_typed_is_not_turned():
+    """Agents, modes, notes: here an agent and a note that hold phrases of the package."""
+    text = RING.replace("agents = 3", 'agents = ["2", "near the target area", "3"]')
+    text = text.replace("[1, 2]", '["near the target area", "2"]').replace("[3, 1]", "[3, 2]")
+    said = said_of(loop_of(read(text.replace("[2, 3], ", ""))), "as in |e_i| = 1")
+    told = "agent near the target area ends near the target, as in |e_i| = 1 and |e_i|"
+    turned = "agent near the target area ends near agreement, as in |e_i| = 1 and |x_i - x_2|"
+    assert said(told) == turned
+
+
+@pytest.mark.parametrize("goal", ["agreement", "containment"])
+def test_every_phrase_that_is_turned_stands_in_a_text_of_the_package(goal: str):
+    """Else a sentence has changed, and its phrase is left behind."""
+    room = files("dobc_design")
+    tables = tomllib.loads((room / "loop" / "words.toml").read_text("utf-8"))
+    texts = []
+    for path in Path(str(room)).rglob("*"):
+        if path.suffix in (".py", ".toml") and path.name != "words.toml":
+            # Long texts go on after a quote, or a backslash, at the end of a line.
+            texts.append(re.sub(r'(?:"\s*\n\s*f?"|\\\n\s*)', "", path.read_text("utf-8")))
+    assert [x for x in tables[goal] if not any(x in text for text in texts)] == []
 
 
 def test_offsets_of_a_formation_widen_the_differences_from_which_agents_start():

@@ -38,7 +38,14 @@ from dobc_design.conditions.weighted.decide import Weighted
 from dobc_design.conditions.weighted.network import Alike
 from dobc_design.errors import refused, wrong
 from dobc_design.exact.matrix import Matrix
-from dobc_design.exact.number import Number, float_above, float_below, parse_number, root_above
+from dobc_design.exact.number import (
+    ZERO,
+    Number,
+    float_above,
+    float_below,
+    parse_number,
+    root_above,
+)
 from dobc_design.exact.symmetric import SparseSymmetric, largest, least
 from dobc_design.loop.guarantee import shortest_period
 from dobc_design.loop.loop import Loop
@@ -231,7 +238,7 @@ def error_share(
     """What |eps_i| <= disturbance may take of V of weights: kappa s sqrt(size), rounded up to
     1/unit."""
     if claim.error is None:
-        return Fraction(0)
+        return ZERO
     square = (claim.error.kappa * disturbance) ** 2 * claim.error.size
     return root_above(square, unit=unit)
 
@@ -239,7 +246,7 @@ def error_share(
 def _errors(loop: Loop, P: Matrix | None, disturbance: Fraction) -> Fraction:
     """What |eps_i| <= disturbance add to a quadratic V at most."""
     if P is None:
-        return Fraction(0)
+        return ZERO
     return loop.n * eigenvalue_bound(SparseSymmetric.from_dense(P)) * disturbance**2
 
 
@@ -275,7 +282,7 @@ def starts_of(loop: Loop, radius: Number | None, disturbance: Number | None) -> 
     # Without a radius the whole region counts, the largest side of each component.
     given = None if radius is None else parse_number(radius, "radius")
     sides = asked_radius(loop) if given is None else (given,) * loop.m
-    error = Fraction(0)
+    error = ZERO
     if disturbance is not None:
         error = parse_number(disturbance, "disturbance")
     elif region is not None:
@@ -285,7 +292,7 @@ def starts_of(loop: Loop, radius: Number | None, disturbance: Number | None) -> 
         key = "radius" if min(sides) < 0 else "disturbance"
         what = "must be >= 0, and without an [exosystem] there is no disturbance."
         raise wrong(key, what, "Give another number.")
-    square = sum((side * side for side in sides), Fraction(0))
+    square = sum((side * side for side in sides), ZERO)
     return Starts(box=max(sides), ball=_root(loop.n * square), disturbance=error)
 
 

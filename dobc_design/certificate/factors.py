@@ -23,13 +23,12 @@ from dobc_design.conditions.schedule.claim import Cycles
 from dobc_design.conditions.separable.claim import DelayBound, Separable
 from dobc_design.conditions.weighted.decide import Weighted
 from dobc_design.conditions.weighted.network import Alike
-from dobc_design.exact.number import root_above
+from dobc_design.exact.number import ONE, ZERO, root_above
 from dobc_design.exact.symmetric import Doubles, SparseSymmetric, largest, least
 from dobc_design.loop.loop import Loop
 
 from .claims import box_of, claim_of
 
-ONE = Fraction(1)
 MOST = Fraction(10) ** 300  # factors above are of no use to anybody
 # of a factor with exp in it, for a second program with a wider enclosure
 IN_HAND = Fraction(1, 10**9)
@@ -106,7 +105,7 @@ def _of_graphs(claim: Kept) -> Fraction | None:
     |e|^2)^(1/2)."""
     if claim.w is not None:
         weights = [tuple(each) for each in claim.w.values()]
-        return max(sum(each, Fraction(0)) for each in weights) / min(map(min, weights))
+        return max(sum(each, ZERO) for each in weights) / min(map(min, weights))
     if claim.P is None:
         return ONE
     forms = [SparseSymmetric.from_dense(P) for P in claim.P.values()]

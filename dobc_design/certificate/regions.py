@@ -36,7 +36,7 @@ from dobc_design.conditions.schedule.claim import SETTLED, Descent
 from dobc_design.conditions.separable.claim import Separable, largest_reach
 from dobc_design.coupling.enclosures import Curve, profile
 from dobc_design.exact.interval import UndefinedError
-from dobc_design.exact.number import root_above, root_below
+from dobc_design.exact.number import ZERO, root_above, root_below
 from dobc_design.exact.reading import Document
 from dobc_design.loop.arcs import tied
 from dobc_design.loop.loop import Loop
@@ -267,7 +267,7 @@ def _asked(loop: Loop) -> Asked | None:
     if loop.starts is None:
         return None
     reach = asked_radius(loop)
-    square = sum((r * r for r in reach), Fraction(0))
+    square = sum((r * r for r in reach), ZERO)
     length = root_above(loop.n * square, unit=_UNIT)
     interval: tuple[float, float] | None = None
     if loop.m == 1 and not loop.goals.moves and not loop.gap:
@@ -276,7 +276,7 @@ def _asked(loop: Loop) -> Asked | None:
     return Asked(
         box=_up(max(reach)),
         ball=_up(length, digits=9),
-        disturbance=_up(loop.starts.disturbance or Fraction(0)),
+        disturbance=_up(loop.starts.disturbance or ZERO),
         interval=interval,
     )
 

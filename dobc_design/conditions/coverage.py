@@ -8,7 +8,7 @@ from fractions import Fraction
 
 from dobc_design._checks import noun
 from dobc_design.exact.matrix import Matrix
-from dobc_design.exact.number import root_above
+from dobc_design.exact.number import ZERO, root_above
 from dobc_design.loop.loop import Loop
 
 from .case import Case
@@ -113,7 +113,7 @@ def asked_ball(loop: Loop, reach: Sequence[Fraction]) -> float:
 
 def _corner(loop: Loop, reach: Sequence[Fraction]) -> Fraction:
     """The largest e'e where every |e_ic| is at most ``reach[c]``."""
-    return loop.n * sum((r * r for r in reach), Fraction(0))
+    return loop.n * sum((r * r for r in reach), ZERO)
 
 
 Progress = Callable[[str], None]
@@ -164,7 +164,7 @@ def read_region(
         disturbance = _disturbance_of_runs(loop)
     else:
         reach = asked_radius(loop)
-        disturbance = region.disturbance or Fraction(0)
+        disturbance = region.disturbance or ZERO
     return Asked(
         loop=loop,
         W=W,
@@ -180,8 +180,8 @@ def read_region(
 
 def _disturbance_of_runs(loop: Loop) -> Fraction:
     """The largest |xi_i(0)| of the simulation, about, where xihat begins at 0."""
-    squares = [sum((x * x for x in row), Fraction(0)) for row in loop.xi0 or ()]
-    largest = root_above(max(squares, default=Fraction(0)), unit=10**6)
+    squares = [sum((x * x for x in row), ZERO) for row in loop.xi0 or ()]
+    largest = root_above(max(squares, default=ZERO), unit=10**6)
     if loop.groups and not largest and (loop.actuators or loop.uncertainty):
         # a box answers for a table if it holds errors of the estimates, too
         return claimed(NEAR)

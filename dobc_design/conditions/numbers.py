@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from dobc_design.exact.interval import Interval
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.number import (
+    ZERO,
     common_denominator,
     float_above,
     float_below,
@@ -80,7 +81,7 @@ def rounded_down(value: Fraction | float, *, digits: int = 9) -> Fraction:
     more."""
     value = Fraction(value)
     if value <= 0:
-        return Fraction(0)
+        return ZERO
     # Within two powers of ten at first, below: numbers may have thousands of digits.
     size = (value.numerator.bit_length() - value.denominator.bit_length()) * Fraction(30103, 10**5)
     unit = Fraction(10) ** (digits - 3 - math.floor(size))
@@ -217,7 +218,7 @@ def largest_proved(estimate: float, holds: Callable[[Fraction], bool]) -> float 
             candidate = shorten(estimate * (1 - part))
             if candidate > 0 and holds(claimed(candidate)):
                 return candidate
-    return 0.0 if holds(Fraction(0)) else None
+    return 0.0 if holds(ZERO) else None
 
 
 def read_rational(text: object, *, key: str = "certificate") -> Fraction:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from dobc_design._checks import noun, positional
 
-from .number import from_fmpq_mat, to_fmpq
+from .number import ZERO, from_fmpq_mat, to_fmpq
 from .symmetric import Entries, IntegerSymmetric, SparseSymmetric
 
 if TYPE_CHECKING:
@@ -410,14 +410,14 @@ def decide_lifted(
     for a in range(few):
         for b in range(a, few):
             products = (v[a] * z[b] for v, z in zip(V, Z, strict=True) if v[a])
-            G[a, b] = (a == b) - sum(products, Fraction(0))
+            G[a, b] = (a == b) - sum(products, ZERO)
     found = bad_direction(SparseSymmetric(few, G), strict=strict)
     if found is None:
         return {}
     # With w'Gw <= 0 and v = -Z w: v'(D M D)v <= [v; w]'[[B, V], [V', I]][v; w] = w'Gw.
     direction: dict[int, Fraction] = {}
     for i, (row, exponent) in enumerate(zip(Z, S.exponents.tolist(), strict=True)):
-        x = sum((row[b] * w for b, w in found.items()), Fraction(0))
+        x = sum((row[b] * w for b, w in found.items()), ZERO)
         if x:
             direction[i] = Fraction(2) ** -exponent * x
     return direction

@@ -23,6 +23,8 @@ from dobc_design.verdict import Verdict
 
 from .matrix import Matrix
 from .number import (
+    ONE,
+    ZERO,
     float_above,
     float_below,
     height,
@@ -57,7 +59,7 @@ def round_down(value: Fraction, bits: int = BITS) -> Fraction:
             raise OverflowError(f"a value beyond 2^{MAX_EXPONENT} has no enclosure")
         return Fraction(1 << MAX_EXPONENT)
     if exponent < -MAX_EXPONENT:
-        return Fraction(0) if value > 0 else Fraction(-1, 1 << MAX_EXPONENT)
+        return ZERO if value > 0 else Fraction(-1, 1 << MAX_EXPONENT)
     shift = bits - exponent
     # // rounds down on both sides of 0.
     if shift >= 0:
@@ -165,12 +167,12 @@ def _dyadic(number: arb) -> Bounds:
     mantissa, exponent = map(int, number.man_exp())
     below_one = -exponent - mantissa.bit_length()  # |number| < 2^-below_one
     if exponent < -_MAX_EXPONENT and below_one > 0:
-        return Fraction(0), Fraction(1, 1 << min(_MAX_EXPONENT, below_one))
+        return ZERO, Fraction(1, 1 << min(_MAX_EXPONENT, below_one))
     if exponent > _MAX_EXPONENT:
         raise OverflowError("there is no finite enclosure")
     if exponent >= 0:
-        return Fraction(mantissa << exponent), Fraction(0)
-    return Fraction(mantissa, 1 << -exponent), Fraction(0)
+        return Fraction(mantissa << exponent), ZERO
+    return Fraction(mantissa, 1 << -exponent), ZERO
 
 
 # End points of this many bits stay as they are. Points have more: 1e-400 is a number of 1329 bits,
@@ -377,7 +379,7 @@ class Interval(Told):
         """Enclose sin or cos: 1 at (k + shift) pi for even k, -1 for odd k, monotone in between."""
         turns = _multiples_of_pi(self, shift=Fraction(WAVES[name]))
         if turns is None or turns[1] > turns[0]:
-            return Interval(Fraction(-1), Fraction(1))
+            return Interval(Fraction(-1), ONE)
         low, high = bounds(name, self.lo)
         if not self.is_point:
             low_there, high_there = bounds(name, self.hi)
@@ -385,7 +387,7 @@ class Interval(Told):
             high = max(high, high_there)
         if turns[0] == turns[1]:  # one extremum lies inside, or may
             if turns[0] % 2 == 0:
-                high = Fraction(1)
+                high = ONE
             else:
                 low = Fraction(-1)
         return _enclose(low, high, name, self)
@@ -516,7 +518,7 @@ def _growing(name: str, x: Interval) -> Interval:
     if x.lo >= _MIN_EXP:
         return x.increasing(name)
     right = Interval.point(max(x.hi, Fraction(_MIN_EXP)))
-    return Interval(Fraction(0), right.increasing(name).hi)
+    return Interval(ZERO, right.increasing(name).hi)
 
 
 def _multiples_of_pi(x: Interval, *, shift: Fraction) -> tuple[int, int] | None:

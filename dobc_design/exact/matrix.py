@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from dobc_design._checks import require_shape, require_square
 from dobc_design.errors import ShapeError, SpecError, misshapen
 
-from .number import from_fmpq_mat, parse_number, to_fmpq_mat
+from .number import ONE, ZERO, from_fmpq_mat, parse_number, to_fmpq_mat
 
 Matrix: TypeAlias = tuple[tuple[Fraction, ...], ...]
 Vector: TypeAlias = tuple[Fraction, ...]
@@ -64,7 +64,7 @@ def identity(size: int) -> Matrix:
 
 def zeros(rows: int, columns: int) -> Matrix:
     """Return the zero matrix, (rows, columns)."""
-    row = (Fraction(0),) * columns
+    row = (ZERO,) * columns
     return (row,) * rows
 
 
@@ -105,12 +105,12 @@ def multiply(M: Matrix, N: Matrix) -> Matrix:
 
 def dot(v: Vector, w: Vector) -> Fraction:
     """Return v'w, both of one length."""
-    return sum((x * y for x, y in zip(v, w, strict=True)), Fraction(0))
+    return sum((x * y for x, y in zip(v, w, strict=True)), ZERO)
 
 
 def trace(M: Matrix) -> Fraction:
     """Return the sum of the diagonal."""
-    return sum((row[i] for i, row in enumerate(M)), Fraction(0))
+    return sum((row[i] for i, row in enumerate(M)), ZERO)
 
 
 def kronecker(M: Matrix, N: Matrix) -> Matrix:
@@ -174,8 +174,8 @@ def nullspace(M: Matrix) -> tuple[Vector, ...]:
         if free in pivots:
             continue
         # The entries at the pivots follow from this one.
-        vector = [Fraction(0)] * size
-        vector[free] = Fraction(1)
+        vector = [ZERO] * size
+        vector[free] = ONE
         for pivot, row in zip(pivots, reduced, strict=True):
             vector[pivot] = -row[free]
         basis.append(tuple(vector))
@@ -196,7 +196,7 @@ def find_in_nullspace(M: Matrix, box: Sequence[tuple[Fraction, Fraction]]) -> Ve
     for lo, hi in box:
         cone.append((-math.inf if lo else lo, math.inf if hi else hi))
     for k in range(len(box)):
-        for x in (Fraction(1), Fraction(-1)):
+        for x in (ONE, Fraction(-1)):
             if not cone[k][0] <= x <= cone[k][1]:
                 continue
             found = _solve(M, [*cone[:k], (x, x), *cone[k + 1 :]])
@@ -220,7 +220,7 @@ def _solve(M: Matrix, box: Sequence[tuple[Bound, Bound]]) -> Vector | None:
     while True:
         rows = _solved_for(M, order)
         for p, row in rows.items():  # the entries of v that follow from the others
-            v[p] = sum((x * v[k] for k, x in row.items()), Fraction(0))
+            v[p] = sum((x * v[k] for k, x in row.items()), ZERO)
         leaving = min((p for p in rows if not box[p][0] <= v[p] <= box[p][1]), default=None)
         if leaving is None:
             return tuple(v)
@@ -256,7 +256,7 @@ def _solved_for(M: Matrix, order: Sequence[int]) -> dict[int, dict[int, Fraction
 
 def row_norm(M: Matrix) -> Fraction:
     """The largest row sum of absolute values, |M|_inf."""
-    return max(sum(map(abs, row), Fraction(0)) for row in M)
+    return max(sum(map(abs, row), ZERO) for row in M)
 
 
 def is_symmetric(M: Matrix) -> bool:
@@ -323,7 +323,7 @@ def solve_lyapunov(F: Matrix, N: Matrix) -> Matrix | None:
     # Only the upper triangle is unknown: X is symmetric.
     equations: list[Vector] = []
     for i, j in places:
-        row = [Fraction(0)] * len(places)
+        row = [ZERO] * len(places)
         for r in range(q):  # (F'X + XF)_ij = sum_r F_ri X_rj + X_ir F_rj
             row[index[r, j]] += F[r][i]
             row[index[i, r]] += F[r][j]

@@ -51,6 +51,9 @@ def from_fmpq_mat(matrix: fmpq_mat) -> tuple[tuple[Fraction, ...], ...]:
     return tuple(tuple(from_fmpq(entry) for entry in row) for row in matrix.tolist())
 
 
+ZERO: Final = Fraction(0)
+ONE: Final = Fraction(1)
+
 MAX_CHARACTERS: Final = 200
 MAX_EXPONENT: Final = 400
 _DECIMAL: Final = re.compile(r"([+-]?)([0-9]+)(?:\.([0-9]+))?(?:[eE]([+-]?[0-9]+))?")

@@ -10,11 +10,10 @@ from dobc_design._checks import noun, positional
 from dobc_design.errors import ShapeError
 
 from .matrix import Matrix
+from .number import ZERO
 from .symmetric import SparseSymmetric, Symmetric
 
 Place = tuple[str, int, int]  # unknown, row, column
-
-ZERO = Fraction(0)
 
 
 @noun
@@ -79,7 +78,7 @@ class Pencil:
                 x = value[place[1]][place[2]]
                 if x:
                     for where, coefficient in self.coefficients[place].entries.items():
-                        entries[where] = entries.get(where, Fraction(0)) + x * coefficient
+                        entries[where] = entries.get(where, ZERO) + x * coefficient
         return SparseSymmetric(self.size, entries)
 
 

@@ -18,7 +18,7 @@ from dobc_design.errors import SpecError
 from dobc_design.verdict import Decided, Verdict
 
 from .matrix import Matrix
-from .number import from_fmpq, quotient_text, to_fmpq, to_fmpq_mat
+from .number import ONE, ZERO, from_fmpq, quotient_text, to_fmpq, to_fmpq_mat
 
 if TYPE_CHECKING:
     from flint import fmpq_poly
@@ -42,7 +42,7 @@ def characteristic_polynomial(A: Matrix) -> Coefficients:
     """Return det(s I - A) for A (q, q): q + 1 coefficients, the first is 1. Raises: ShapeError if A
     is not square."""
     if not require_square(A, "A"):
-        return (Fraction(1),)
+        return (ONE,)
     from_the_lowest = to_fmpq_mat(A).charpoly().coeffs()
     return tuple(map(from_fmpq, reversed(from_the_lowest)))
 
@@ -205,7 +205,7 @@ def disk_image(
         raise SpecError(f"the radius of a disk must be > 0; got {radius}.")
     moved = shifted(coefficients, centre)
     degree = len(moved) - 1
-    result: list[Any] = [Fraction(0)] * (degree + 1)
+    result: list[Any] = [ZERO] * (degree + 1)
     for k, x in enumerate(moved):  # x w^(degree - k), multiplied by (v - 1)^degree
         binomials = fmpz_poly([1, 1]) ** (degree - k) * fmpz_poly([-1, 1]) ** k
         for j, binomial in enumerate(reversed(binomials.coeffs())):
@@ -227,7 +227,7 @@ def cone_image(coefficients: Coefficients, *, damping: Fraction) -> Coefficients
     squared = 1 - damping * damping  # of cos phi
     cosines = _cosines(len(coefficients), squared)
     degree = len(coefficients) - 1
-    result = [Fraction(0)] * (2 * degree + 1)
+    result = [ZERO] * (2 * degree + 1)
     for j, x in enumerate(coefficients):
         for k, y in enumerate(coefficients):
             result[j + k] += x * y * cosines[abs(j - k)]
@@ -266,7 +266,7 @@ def has_root_up_to_zero(coefficients: Sequence[Fraction]) -> bool:
 def _cosines(count: int, squared: Fraction) -> list[Fraction]:
     """cos(k phi) for even k and cos(k phi) / cos phi for odd k, from cos^2 phi, by Chebyshev's
     recursion."""
-    values = [Fraction(1), Fraction(1)]
+    values = [ONE, ONE]
     for k in range(1, count):
         factor = 2 * squared if k % 2 else Fraction(2)
         values.append(factor * values[k] - values[k - 1])

@@ -17,7 +17,7 @@ from dobc_design._show.text import MAX_SHOWN
 from dobc_design.errors import ShapeError, SpecError, misshapen, wrong
 
 from .matrix import Matrix, Vector
-from .number import common_denominator
+from .number import ZERO, common_denominator
 
 # rows, columns and values
 
@@ -73,7 +73,7 @@ class SparseSymmetric(Shown):
 
     def to_dense(self) -> Matrix:
         """Return the full matrix, (size, size)."""
-        rows = [[Fraction(0)] * self.size for _ in range(self.size)]
+        rows = [[ZERO] * self.size for _ in range(self.size)]
         for (i, j), value in self.entries.items():
             rows[i][j] = rows[j][i] = value
         return tuple(tuple(row) for row in rows)
@@ -86,7 +86,7 @@ class SparseSymmetric(Shown):
         return rows
 
     def diagonal(self) -> list[Fraction]:
-        return [self.entries.get((i, i), Fraction(0)) for i in range(self.size)]
+        return [self.entries.get((i, i), ZERO) for i in range(self.size)]
 
     @property
     def is_diagonal(self) -> bool:
@@ -113,7 +113,7 @@ class SparseSymmetric(Shown):
             raise ShapeError(f"both matrices must have one size; got {self.size} and {other.size}.")
         total = dict(self.entries)
         for place, value in other.entries.items():
-            total[place] = total.get(place, Fraction(0)) + value
+            total[place] = total.get(place, ZERO) + value
         return SparseSymmetric(self.size, total)
 
     def restricted(self, rows: Sequence[int]) -> SparseSymmetric:
@@ -148,8 +148,8 @@ def _pairwise_sum(terms: list[Fraction]) -> Fraction:
     """Add up by halves, so that long denominators arise in the last sums only."""
     while len(terms) > 1:
         pairs = (terms[k : k + 2] for k in range(0, len(terms), 2))
-        terms = [sum(pair, Fraction(0)) for pair in pairs]
-    return terms[0] if terms else Fraction(0)
+        terms = [sum(pair, ZERO) for pair in pairs]
+    return terms[0] if terms else ZERO
 
 
 Integers = NDArray[Any]  # int64, or object with Python integers where 64 bits are too few

@@ -42,7 +42,7 @@ from dobc_design.exact.matrix import (
     transpose,
     zeros,
 )
-from dobc_design.exact.number import number_text, parse_number
+from dobc_design.exact.number import ONE, ZERO, number_text, parse_number
 from dobc_design.exact.polynomial import characteristic_polynomial, decide_images, disk_image
 from dobc_design.exact.reading import named, shown
 from dobc_design.exact.symmetric import SparseSymmetric
@@ -199,7 +199,7 @@ def _mode_verdict(
     # J - K at the consensus, as a dense matrix.
     entries = linearisation(mode, problem.m)
     rows = range(size)
-    loop = tuple(tuple(entries.get((i, j), Fraction(0)) for j in rows) for i in rows)
+    loop = tuple(tuple(entries.get((i, j), ZERO) for j in rows) for i in rows)
     F = add(identity(size), scale(period, loop))
     if written is not None and problem.dynamics is not None:
         F = _held(problem, problem.dynamics, loop, written)
@@ -242,7 +242,7 @@ def _in_unit_disk(F: Matrix) -> Verdict:
     """PROVED: all eigenvalues inside the unit disk; REFUTED: one outside; UNDECIDED: one on its
     border."""
     # A Moebius map takes the unit disk to the left half-plane: there Hurwitz' test is exact.
-    image = disk_image(characteristic_polynomial(F), centre=Fraction(0), radius=Fraction(1))
+    image = disk_image(characteristic_polynomial(F), centre=ZERO, radius=ONE)
     inside, strictly = decide_images([image], degree=len(F))
     if strictly:
         return Verdict.PROVED

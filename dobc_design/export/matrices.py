@@ -29,6 +29,7 @@ from dobc_design._show.text import latex_matrix, latex_rows, latex_text
 from dobc_design.conditions.consensus.claim import Statements, state_theorems
 from dobc_design.errors import SpecError, refused
 from dobc_design.exact.matrix import Matrix, to_float
+from dobc_design.exact.number import ONE, ZERO
 from dobc_design.exact.pencil import Pencil, Place, below, positive
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.loop.make import loop_of
@@ -83,7 +84,7 @@ def exact_matrices(
 def _gains(problem: Problem, mode: str | None = None) -> Matrix:
     """K, (n p, n m), the gains of the agents along its diagonal, with those of one mode."""
     n, m, p = problem.n, problem.m, problem.inputs
-    K = [[Fraction(0)] * (n * m) for _ in range(n * p)]
+    K = [[ZERO] * (n * m) for _ in range(n * p)]
     for agent, gain in problem.pinning.of(mode).items():
         for c in range(p):
             K[agent * p + c][agent * m : agent * m + m] = gain[c]
@@ -91,7 +92,7 @@ def _gains(problem: Problem, mode: str | None = None) -> Matrix:
 
 
 def _laplacian(n: int, arcs: Arcs) -> Matrix:
-    L = [[Fraction(0)] * n for _ in range(n)]
+    L = [[ZERO] * n for _ in range(n)]
     for listener, speaker, weight in arcs:
         L[listener][speaker] -= weight
         L[listener][listener] += weight
@@ -234,12 +235,12 @@ def _blocks(
     for pencil in pencils:
         entries = _negated(pencil, places)
         for i in range(pencil.size):  # t I - Psi >= 0
-            entries[last, i, i] = Fraction(1)
+            entries[last, i, i] = ONE
         yield _Block(size=pencil.size, entries=entries)
     if not pencils[0].unknowns:
         return
     P = pencils[0].unknowns[0]
-    for pencil in (positive(P, floor=Fraction(1)), below(P, ceiling=limits.ratio)):
+    for pencil in (positive(P, floor=ONE), below(P, ceiling=limits.ratio)):
         yield _Block(size=pencil.size, entries=_negated(pencil, places))
     # |Q| <= r: the entries of Q beside r I, an arrow that is positive semidefinite.
     gains = [number for number, place in enumerate(places, start=1) if place[0] == "Q"]
@@ -247,7 +248,7 @@ def _blocks(
     # F_0 is subtracted, so that r I enters with a minus sign.
     ball: Entries = {(0, i, i): -limits.radius for i in range(size)}
     for k, number in enumerate(gains, start=1):
-        ball[number, 0, k] = Fraction(1)
+        ball[number, 0, k] = ONE
     yield _Block(size=size, entries=ball)
 
 

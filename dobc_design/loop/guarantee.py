@@ -15,11 +15,11 @@ from typing import NamedTuple
 from dobc_design._checks import noun
 from dobc_design._show.cards import Shown
 from dobc_design.exact.matrix import Matrix, Vector
+from dobc_design.exact.number import ZERO
 from dobc_design.exact.reading import Names
 from dobc_design.problem.switching import Switching
 from dobc_design.problem.tables import lasting
 
-ZERO = Fraction(0)
 SHOWN_TURNS = 6  # in a sentence
 
 

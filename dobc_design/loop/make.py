@@ -25,7 +25,7 @@ from dobc_design.coupling.coupling import Coupling, make_coupling
 from dobc_design.coupling.expression import LONGEST_MADE
 from dobc_design.exact.interval import Box, Interval
 from dobc_design.exact.matrix import Matrix, multiply, subtract, zeros
-from dobc_design.exact.number import number_text
+from dobc_design.exact.number import ONE, ZERO, number_text
 from dobc_design.exact.reading import Names, is_scalar_matrix
 from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.exosystems import Exosystem
@@ -96,7 +96,7 @@ def _made_once(same: _Same) -> Loop:
         drift=None,
         groups=problem.groups,
         goal=problem.goal,
-        gap=Fraction(0),
+        gap=ZERO,
         goals=_goals(problem, is_curved=False),
         starts=starts,
         guarantee=guarantee_of(problem.switching, tuple(modes)),
@@ -123,7 +123,7 @@ def _between(loop: Loop, box: Pairs) -> Loop:
         return replace(loop, goal="target", goals=replace(loop.goals, target=target))
     starts = loop.starts
     if starts is not None:
-        zero = Fraction(0)
+        zero = ZERO
         sides = zip(starts.states, box, strict=True)
         apart = tuple((min(lo - a, zero), max(hi - b, zero)) for (lo, hi), (a, b) in sides)
         starts = Starts(states=apart, disturbance=starts.disturbance)
@@ -198,7 +198,7 @@ def _with_pins_of_modes(loop: Loop, problem: Problem) -> Loop:
 
 def _place_of(pull: Matrix, functions: list[Coupling], loop: Loop) -> tuple[int, Fraction]:
     """The place of the function of a linear pull, y or a new one, and the factor of it."""
-    factor = Fraction(1)
+    factor = ONE
     function = _linear(pull)
     if is_scalar_matrix(pull) and pull[0][0] > 0:
         factor = pull[0][0]
@@ -221,7 +221,7 @@ def _goals(problem: Problem, *, is_curved: bool) -> Goals:
     """Where agents are to go; the box of a leader is looked for only where slopes move with it."""
     dynamics = problem.dynamics
     leader = problem.leader
-    at_target = Interval.point(Fraction(0))
+    at_target = Interval.point(ZERO)
     stays_in: Box | None = (at_target,) * problem.m
     unbounded = ""
     if leader is not None and dynamics is not None and is_curved:

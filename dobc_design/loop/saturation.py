@@ -30,7 +30,7 @@ from dobc_design.exact.matrix import (
     trace,
     transpose,
 )
-from dobc_design.exact.number import number_text, root_above
+from dobc_design.exact.number import ONE, ZERO, number_text, root_above
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import group_numbers
 from dobc_design.problem.network import Arcs
@@ -47,7 +47,6 @@ UNIT = 10**9
 MORE = 1 + Fraction(1, 10**6)
 IN_HAND = 1 + Fraction(1, 10**9)  # for a second program that rounds roots otherwise
 FIXED = ("target of saturated pins",)
-_ZERO = Fraction(0)
 
 
 @noun
@@ -83,7 +82,7 @@ def rooms_of(loop: Loop, W: Matrix | None, *, allowed: Fraction | None = None) -
         limit = table.limit_of(label)
         if limit is not None:
             # Agents outside all groups have no disturbance, and no estimate of one.
-            error = errors[numbers[agent]] if numbers[agent] < len(errors) else _ZERO
+            error = errors[numbers[agent]] if numbers[agent] < len(errors) else ZERO
             needed = (disturbances[agent] + error) * IN_HAND
             compensation[agent] = needed
             room[agent] = Fraction((limit - needed) * UNIT // 1, UNIT)
@@ -94,7 +93,7 @@ def allowed_error(loop: Loop) -> Fraction | None:
     """The largest |eps_i(0)| that the rooms count for; None where inputs do not saturate."""
     if not loop.saturates or loop.starts is None:
         return None
-    return (loop.starts.disturbance or _ZERO) * MORE
+    return (loop.starts.disturbance or ZERO) * MORE
 
 
 @lru_cache(maxsize=16)
@@ -102,7 +101,7 @@ def saturated(loop: Loop, W: Matrix | None) -> Loop:
     """The loop whose pins are cut: arcs to a fixed node; as it is where something takes all of a
     limit, which the check ``actuators`` says."""
     rooms = rooms_of(loop, W)
-    if isinstance(rooms, str) or min(rooms.room.values(), default=_ZERO) <= 0:
+    if isinstance(rooms, str) or min(rooms.room.values(), default=ZERO) <= 0:
         return loop
     cut = {agent: gain for agent, gain in loop.pins.gains.items() if agent in rooms.room}
     if not cut:
@@ -119,7 +118,7 @@ def saturated(loop: Loop, W: Matrix | None) -> Loop:
         exceptions[agent, loop.n] = places[text]
     listeners = np.array(list(cut))
     speakers = np.full(len(cut), loop.n)
-    ones = (Fraction(1),) * len(cut)
+    ones = (ONE,) * len(cut)
     modes = {}
     for name, arcs in loop.modes.items():
         # Optional arcs are the last ones.
@@ -146,7 +145,7 @@ def _largest_errors(
 ) -> list[Fraction] | None:
     """For each group a bound of every component of C eps_i(t), t >= 0; None where none is known."""
     if not loop.groups or not allowed:
-        return [_ZERO] * len(loop.groups)
+        return [ZERO] * len(loop.groups)
     if W is None:
         return None
     found = []
@@ -195,7 +194,7 @@ def largest_disturbance(loop: Loop) -> Vector | None:
     xi0 gives one, as where amplitudes drift."""
     given = None if loop.actuators is None else loop.actuators.amplitude
     if given is not None or not loop.groups:
-        return (given or _ZERO,) * loop.n
+        return (given or ZERO,) * loop.n
     if not loop.xi0 or (loop.uncertainty is not None and loop.uncertainty.drift):
         return None
     starts = loop.xi0 if len(loop.xi0) > 1 else loop.xi0 * loop.n
@@ -205,7 +204,7 @@ def largest_disturbance(loop: Loop) -> Vector | None:
         number, start = pair
         if pair not in known:
             is_free = number == len(loop.groups)  # of disturbances
-            known[pair] = _ZERO if is_free else _amplitude(loop.groups[number].exosystem, start)
+            known[pair] = ZERO if is_free else _amplitude(loop.groups[number].exosystem, start)
         amplitude = known[pair]
         if amplitude is None:
             return None
@@ -223,12 +222,12 @@ def _amplitude(exosystem: Exosystem, start: Vector) -> Fraction | None:
     if any(squares[i][j] for i in range(q) for j in range(q) if i != j):
         return None
     slopes = tuple(row[0] for row in multiply(A, tuple((x,) for x in start)))
-    sums = [_ZERO] * exosystem.outputs
+    sums = [ZERO] * exosystem.outputs
     for square in {-squares[i][i] for i in range(q)}:
         alike = [i for i in range(q) if squares[i][i] == -square]
         for row, c in enumerate(exosystem.C):
-            value = sum((c[i] * start[i] for i in alike), _ZERO)
-            slope = sum((c[i] * slopes[i] for i in alike), _ZERO)
+            value = sum((c[i] * start[i] for i in alike), ZERO)
+            slope = sum((c[i] * slopes[i] for i in alike), ZERO)
             if square < 0 or (square == 0 and slope):
                 return None
             if square:

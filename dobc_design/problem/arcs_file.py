@@ -14,7 +14,7 @@ import numpy as np
 
 from dobc_design._checks import noun
 from dobc_design.errors import SpecError, about, wrong
-from dobc_design.exact.number import parse_number
+from dobc_design.exact.number import ONE, parse_number
 from dobc_design.exact.reading import Texts, named, shown
 
 from .arcs_graphs import (
@@ -36,7 +36,6 @@ from .arcs_text import (
     edge_list_table,
 )
 from .network import (
-    ONE,
     WANTED,
     Arcs,
     Index,

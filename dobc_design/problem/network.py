@@ -24,7 +24,7 @@ from dobc_design._checks import noun, positional, put
 from dobc_design._show.cards import MOST_ITEMS, MOST_ROWS, Card, Shown, cut, listed
 from dobc_design.errors import Mistakes, SpecError, about, refused, wrong
 from dobc_design.exact.matrix import Vector
-from dobc_design.exact.number import nearest, number_key, parse_number
+from dobc_design.exact.number import ONE, nearest, number_key, parse_number
 from dobc_design.exact.reading import (
     Document,
     Names,
@@ -120,7 +120,6 @@ _ADD_UP = (
     "Remove one of the two, or give one arc with the sum of the weights"
     ' (Network.from_arcs, from_networkx: with merge="sum").'
 )
-ONE = Fraction(1)
 IndexArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 Index = Mapping[str, int]  # of every label

@@ -20,6 +20,7 @@ from dobc_design._show.text import significant
 from dobc_design.coupling.coupling import Coupling, make_coupling
 from dobc_design.errors import Mistakes, ShapeError, SpecError, about, misshapen, refused, wrong
 from dobc_design.exact.matrix import Vector
+from dobc_design.exact.number import ZERO
 from dobc_design.exact.reading import (
     Document,
     Names,
@@ -567,7 +568,7 @@ class Problem(Grouped, Shown):
         """Where a leader may start, m pairs, which a goal is to be moved by; 0 without one."""
         if self.leader is not None:
             return self.leader.initial
-        return ((Fraction(0), Fraction(0)),) * self.m
+        return ((ZERO, ZERO),) * self.m
 
     @property
     def is_linear(self) -> bool:
@@ -602,7 +603,7 @@ class Problem(Grouped, Shown):
             held = own.feedforward(goal)
             if held is not None:
                 return held
-        return (Fraction(0),) * self.inputs
+        return (ZERO,) * self.inputs
 
 
 def table_words(problem: Problem) -> Iterator[tuple[str, str]]:

@@ -15,7 +15,7 @@ from dobc_design._checks import later, noun, put
 from dobc_design._show.cards import Shown
 from dobc_design.errors import Mistakes, SpecError, misshapen, wrong
 from dobc_design.exact.matrix import Matrix
-from dobc_design.exact.number import MAX_CHARACTERS, number_text, parse_number
+from dobc_design.exact.number import MAX_CHARACTERS, ZERO, number_text, parse_number
 from dobc_design.exact.reading import (
     Names,
     Texts,
@@ -329,7 +329,7 @@ def _instants(sequence: Any, dwell: Any) -> tuple[Any, Any]:
     for k, x in enumerate(dwell):
         lengths.append(positive_number(x, f"switching.dwell[{k}]", "s"))
     # Sums of allowed numbers may be too long to be written down again.
-    begins = [Fraction(0), *accumulate(lengths)]
+    begins = [ZERO, *accumulate(lengths)]
     if any(len(number_text(begin)) > MAX_CHARACTERS for begin in begins):
         short, long = shown_number(min(lengths)), shown_number(max(lengths))
         raise wrong(
@@ -366,7 +366,7 @@ def _read_generator(value: Any, key: str) -> Matrix:
                     f"must be >= 0, because it is a rate (1/s); got {shown_number(rate)}.",
                     "Only the diagonal is negative.",
                 )
-        total = sum(row, Fraction(0))
+        total = sum(row, ZERO)
         if total:
             what = "must add up to 0: the diagonal entry is minus the sum of the others;"
             raise wrong(

@@ -9,10 +9,9 @@ from typing import Any
 from dobc_design._checks import later, noun, put
 from dobc_design._show.cards import Card, Shown
 from dobc_design.errors import Mistakes, wrong
-from dobc_design.exact.number import parse_number
+from dobc_design.exact.number import ZERO, parse_number
 from dobc_design.exact.reading import Document, Names, items, positive_number, shown, shown_number
 
-ZERO = Fraction(0)
 RELATIVE = ("weights", "gains")
 ABSOLUTE = ("disturbance", "drift", "measurement")
 

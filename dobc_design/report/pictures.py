@@ -130,6 +130,8 @@ def _network_legend(problem: Problem, *, lost: bool) -> str:
         squares = "fixed nodes" if problem.fixed else "pinned agents"
         text += f" Blue squares are {squares}, circles are agents without a pin"
         text += "; a dashed orange circle is an agent that no pin reaches." if lost else "."
+    elif lost:
+        text += " A dashed orange circle is an agent of a group that hears nobody outside of it."
     alike = networks.drawn_labels(labels)[1]
     if len(labels) > networks.MOST_LABELLED:
         text += " Labels are left out."

@@ -21,7 +21,7 @@ import numpy as np
 from dobc_design._checks import noun, put
 from dobc_design._show.cards import Card, Shown, Told
 from dobc_design.errors import ShapeError, misshapen, refused, wrong
-from dobc_design.exact.number import nearest
+from dobc_design.exact.number import ZERO, nearest
 from dobc_design.exact.reading import Names, Texts, counted, is_list
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.problem import Problem
@@ -304,7 +304,7 @@ def signal_of(problem: Problem) -> tuple[Signal, str | None]:
 def _mobile(own: Switching) -> Mobile:
     """Graphs of a radius or of the nearest."""
     radius = None if own.radius is None else _float(own.radius, "switching.radius")
-    hysteresis = _float(own.hysteresis or Fraction(0), "switching.hysteresis")
+    hysteresis = _float(own.hysteresis or ZERO, "switching.hysteresis")
     return Mobile(radius=radius, neighbours=own.neighbours, hysteresis=hysteresis)
 
 
@@ -320,7 +320,7 @@ def _schedule(own: Switching) -> Schedule:
 
 def _rounds(own: Switching, names: Texts) -> Periodic:
     """Rounds of one period: of equal stays, or of a schedule."""
-    period = own.period or Fraction(0)
+    period = own.period or ZERO
     if own.schedule is None:
         each = _float(period / len(own.sequence or names), "switching.period")
         return Periodic(dwell=each, order=own.sequence)

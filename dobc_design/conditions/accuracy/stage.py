@@ -49,7 +49,7 @@ from dobc_design.conditions.stated import stated_in
 from dobc_design.coupling.expression import numpy_function
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Matrix, Vector, identity, row_norm, to_float
-from dobc_design.exact.number import root_above
+from dobc_design.exact.number import ONE, ZERO, root_above
 from dobc_design.exact.peaks import MOST_GROWTH, MOST_STEPS
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, out_of_time
 from dobc_design.loop.arcs import coupling_places
@@ -81,7 +81,6 @@ FINE = 0.08  # |M| h of a step
 COARSE = 0.4  # the same, where there are not enough finer ones
 #: How much more than b_i v is made for, where it has to reach further out.
 SPREADS = (1.0, 1.1, 1.2, 1.4, 1.7, 2.2, 3.0, 5.0, 8.0, 20.0, 60.0, 200.0)
-ONE = Fraction(1)
 ABOVE = Fraction(1, 50_000)  # of a level, left to two programs that round apart
 MORE = Fraction(1, 10**6)  # the same, of a peak gain
 WORTH = Fraction(998, 1000)  # what a stage has to leave of the largest bound, or less
@@ -321,7 +320,7 @@ def _with_rate(plant: Plant, stage: Level) -> Level:
 #: Parts of the box that are tried one after the other: noise passes through a coupling that is
 #: steep far out.
 PARTS = (
-    Fraction(1),
+    ONE,
     Fraction(1, 2),
     Fraction(1, 4),
     Fraction(1, 10),
@@ -625,7 +624,7 @@ def _near_box(outer: Level, error: ErrorBound | None, disturbance: Fraction) -> 
     smallest = min(outer.v)
     room = (1 - outer.level) / 2
     if error is None:
-        return _First(outer, None, _box(smallest, Fraction(0)))
+        return _First(outer, None, _box(smallest, ZERO))
     kappa = rounded_up(1 / (error.beta * smallest) * NEARLY, digits=9)
     most = min(disturbance, room / (kappa * root_above(error.size, unit=10**9)))
     return _First(outer, replace(error, kappa=kappa), _box(smallest * (1 - room), most))
@@ -646,7 +645,7 @@ def _outer(case: Case) -> tuple[Separable | None, tuple[Fraction, Fraction]]:
         with at_most(STAGE):
             found = largest_claim(asked)
     if found is None:
-        return None, (Fraction(0), disturbance)
+        return None, (ZERO, disturbance)
     return found.claim, (claimed(found.radius), disturbance)
 
 

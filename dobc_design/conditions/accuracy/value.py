@@ -38,6 +38,7 @@ from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.enclosures import Curve, secant_range
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import Matrix, Vector, inverse, multiply, nullspace, scale, to_float
+from dobc_design.exact.number import ZERO
 from dobc_design.exact.reading import Document
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.pairs import shared_starts
@@ -153,7 +154,7 @@ def interval_of(loop: Loop, peaks: Peaks | None) -> tuple[tuple[Fraction, Fracti
     """By component between which ends the value lies; None where that is not shown."""
     if not _is_known(loop) or loop.starts is None:
         return None
-    c = Fraction(0)
+    c = ZERO
     if loop.starts.disturbance:
         if peaks is None:
             return None
@@ -191,7 +192,7 @@ def weights_of(loop: Loop) -> dict[str, Fraction] | None:
     found = nullspace(tuple(zip(*_laplacian(loop), strict=True)))
     if len(found) != 1 or not is_writable(found):
         return None
-    total = sum(found[0], Fraction(0))
+    total = sum(found[0], ZERO)
     return {label: x / total for label, x in zip(loop.labels, found[0], strict=True)}
 
 
@@ -202,7 +203,7 @@ def _is_weighted(loop: Loop) -> bool:
 
 def _laplacian(loop: Loop) -> Matrix:
     (arcs,) = loop.modes.values()
-    rows = [[Fraction(0)] * loop.n for _ in range(loop.n)]
+    rows = [[ZERO] * loop.n for _ in range(loop.n)]
     for i, j, w in arcs:
         rows[i][i] += w
         rows[i][j] -= w

@@ -39,7 +39,7 @@ from dobc_design.errors import SpecError
 from dobc_design.exact import symmetric as sparse
 from dobc_design.exact.interval import Interval, IntervalMatrix, UndefinedError
 from dobc_design.exact.matrix import Matrix, add, multiply, scale, transpose
-from dobc_design.exact.number import common_denominator
+from dobc_design.exact.number import ZERO, common_denominator
 from dobc_design.exact.pencil import Deviation, Pencil, Place, Unknown
 from dobc_design.exact.reading import Document, is_scalar_matrix
 from dobc_design.exact.symmetric import Entries, Places, SparseSymmetric, as_integers
@@ -51,7 +51,6 @@ from dobc_design.problem.network import Arcs
 
 Triplets = tuple[Places, Places, sparse.Integers]
 
-ZERO = Fraction(0)
 #: Rows n m, and arcs times m^2, beyond which Lambda is stated in arrays.
 LARGE_ROWS = 2000
 LARGE_ENTRIES = 20_000

@@ -28,7 +28,7 @@ from dobc_design.conditions.numbers import (
 from dobc_design.exact.definite import decide_positive_definite
 from dobc_design.exact.interval import Interval
 from dobc_design.exact.matrix import Matrix, Vector, multiply, transpose, zeros
-from dobc_design.exact.number import from_fmpq_mat, number_text, to_fmpq_mat
+from dobc_design.exact.number import ZERO, from_fmpq_mat, number_text, to_fmpq_mat
 from dobc_design.exact.polynomial import characteristic_polynomial, count_right_half_plane
 from dobc_design.exact.symmetric import Entries, SparseSymmetric
 from dobc_design.loop.arcs import unreached
@@ -36,16 +36,7 @@ from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import group_blocks, group_numbers
 from dobc_design.verdict import Verdict
 
-from .claim import (
-    ZERO,
-    ModeJacobian,
-    Pair,
-    PairFacts,
-    Shown,
-    Statements,
-    Unstable,
-    omega,
-)
+from .claim import ModeJacobian, Pair, PairFacts, Shown, Statements, Unstable, omega
 from .network import (
     Enclosed,
     find_witness,

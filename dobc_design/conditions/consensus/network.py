@@ -24,7 +24,7 @@ from dobc_design.conditions.numbers import shorten
 from dobc_design.exact.definite import decide_positive_definite
 from dobc_design.exact.interval import Interval
 from dobc_design.exact.matrix import Matrix, Vector, identity, nullspace
-from dobc_design.exact.number import float_above
+from dobc_design.exact.number import ZERO, float_above
 from dobc_design.exact.pencil import Deviation
 from dobc_design.exact.symmetric import (
     Entries,
@@ -41,7 +41,6 @@ from dobc_design.verdict import Verdict
 
 from .claim import Deviations
 
-ZERO = Fraction(0)
 TOPS = (1, 2, 3, 5, 9, 20, 99, 9999)  # the largest entry of a rounded direction
 LONG = 1024  # bits of entries that are rounded first,
 SHORT = 256  # and of what they are rounded to

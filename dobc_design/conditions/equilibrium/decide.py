@@ -29,15 +29,13 @@ from dobc_design.coupling.tree import GradientAlgebra, IntervalAlgebra, evaluate
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.interval import Box, Interval, UndefinedError
 from dobc_design.exact.matrix import Matrix, Vector, dot, identity, multiply, subtract
-from dobc_design.exact.number import nearest, number_text
+from dobc_design.exact.number import ONE, ZERO, nearest, number_text
 from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
 
 Slopes = Mapping[tuple[int, int], Interval]
 
 LARGEST = 60  # rows n m
-ZERO = Fraction(0)
-ONE = Fraction(1)
 NOTHING = Interval.point(0)
 SHOWN = 6  # components of an equilibrium that a sentence names
 

@@ -13,18 +13,13 @@ import numpy as np
 from scipy import optimize
 
 from dobc_design.exact.interval import Box, Interval
+from dobc_design.exact.number import ONE
 from dobc_design.exact.work import spend
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.matrices import Array, pull_matrix
 from dobc_design.model.couplings import felt_errors
 
-from .decide import (
-    LARGEST,
-    ONE,
-    Equilibrium,
-    lies_in_region,
-    why_not,
-)
+from .decide import LARGEST, Equilibrium, lies_in_region, why_not
 
 Vectors = Callable[[Array], Array]
 

@@ -21,6 +21,7 @@ from dobc_design.conditions.separable.claim import acts_by_component, holding_ga
 from dobc_design.exact import matrix as exact
 from dobc_design.exact.definite import decide_positive_definite
 from dobc_design.exact.matrix import Matrix
+from dobc_design.exact.number import ZERO
 from dobc_design.exact.work import spend
 from dobc_design.loop.arcs import unreached
 from dobc_design.loop.loop import Loop
@@ -29,7 +30,6 @@ from dobc_design.verdict import Verdict
 from .claim import SURE, Kept, read_claim
 
 MOST_MODES = 300  # of a chain, of which both programs say where it ends
-ZERO = Fraction(0)
 
 
 def closed_classes(generator: Matrix) -> list[tuple[int, ...]]:

@@ -68,7 +68,7 @@ from dobc_design.conditions.stated import stated_in
 from dobc_design.coupling.enclosures import Curve, secant_range
 from dobc_design.exact.interval import Interval
 from dobc_design.exact.matrix import Matrix, Vector, multiply, row_norm, transpose
-from dobc_design.exact.number import root_above
+from dobc_design.exact.number import ONE, ZERO, root_above
 from dobc_design.exact.reading import Document
 from dobc_design.exact.symmetric import Doubles, least
 from dobc_design.loop.loop import Loop
@@ -165,10 +165,6 @@ def _read_inputs(check: Check, loop: Loop) -> Inputs | LeftRooms:
     return Inputs(rho=rho, inputs=inputs, stage=stage, error=error_from_json(values, loop))
 
 
-_ZERO = Fraction(0)
-_ONE = Fraction(1)
-
-
 def confirm(check: Check, case: Case) -> str | None:
     """None if everything that a proved check claims is confirmed, beside the proofs max-separable
     and accuracy of the case."""
@@ -256,21 +252,21 @@ def tolerated_rate(base: Separable, claim: Tolerance) -> Fraction:
     """The rate of V with the errors: min(alpha - kappa eta, beta - 1/(kappa min v))."""
     if base.error is None:
         return claim.alpha
-    return min(claim.alpha - base.error.kappa * (claim.eta or _ZERO), composite_rate(base))
+    return min(claim.alpha - base.error.kappa * (claim.eta or ZERO), composite_rate(base))
 
 
 def observer_pull(loop: Loop, W: Matrix | None, base: Separable) -> Fraction:
     """An upper bound of eta/delta for the gain W (q, m); 0 without an observer.  Raises:
     UndefinedError."""
     if base.error is None or W is None:
-        return _ZERO
+        return ZERO
     # |W|_P, of which each column is a vector in the norm of P.
     columns = transpose(W)
     squares = [multiply((c,), multiply(base.error.P, transpose((c,))))[0][0] for c in columns]
     roots = [root_above(square, unit=ROOTS) for square in squares]
     m = loop.m
-    rho = base.rho or _ONE
-    norm = max(sum(roots[k : k + m], _ZERO) for k in range(0, len(roots), m))  # of every group
+    rho = base.rho or ONE
+    norm = max(sum(roots[k : k + m], ZERO) for k in range(0, len(roots), m))  # of every group
     if loop.is_apart:
         norm *= RESIDUALS  # W counts half there
     steepest = []
@@ -282,7 +278,7 @@ def observer_pull(loop: Loop, W: Matrix | None, base: Separable) -> Fraction:
         sum(x.weight * x.reach * steepest[x.coupling] for x in row.terms)
         for row, _ in rows(loop, base.v)
     )
-    return norm * max(sums, default=_ZERO)
+    return norm * max(sums, default=ZERO)
 
 
 def why_not_local(loop: Loop) -> str | None:
@@ -336,7 +332,7 @@ def pin_sizes(loop: Loop) -> Vector:
     more = 1 + stated_errors(loop).gains
     sizes = loop.pulls.each(lambda k: more * row_norm(k))
     tied = tied_sizes(loop) or {}
-    return tuple(sizes.get(i, _ZERO) + tied.get(i, _ZERO) for i in range(loop.n))
+    return tuple(sizes.get(i, ZERO) + tied.get(i, ZERO) for i in range(loop.n))
 
 
 class Part(NamedTuple):
@@ -357,12 +353,12 @@ def input_parts(
     """What inputs take of each agent, from |eps_i| <= ``disturbance``."""
     sizes = [k * x for k, x in zip(pin_sizes(loop), v, strict=True)]
     if error is None:
-        return tuple(Part(size, _ZERO) for size in sizes)
+        return tuple(Part(size, ZERO) for size in sizes)
     if not own_box and not agents_know(loop):  # errors of the weights act on E
-        return tuple(Part(max(size, 1 / error.kappa), _ZERO) for size in sizes)
+        return tuple(Part(max(size, 1 / error.kappa), ZERO) for size in sizes)
     # E never exceeds its start, and where N is large little of V is left for E.
     first = root_above(error.size * disturbance**2, unit=ROOTS)
-    return tuple(Part(size, max(_ZERO, 1 - error.kappa * size) * first) for size in sizes)
+    return tuple(Part(size, max(ZERO, 1 - error.kappa * size) * first) for size in sizes)
 
 
 def loaded_inputs(

@@ -42,7 +42,7 @@ from dobc_design.conditions.separable.stage import IN_HAND, TIMED_ARCS
 from dobc_design.conditions.stated import NO_ROOM, stated_in
 from dobc_design.conditions.weighted.propose import rounded
 from dobc_design.exact.interval import UndefinedError
-from dobc_design.exact.number import root_above
+from dobc_design.exact.number import ONE, ZERO, root_above
 from dobc_design.loop.arcs import coupling_places
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.pairs import are_pairs
@@ -112,8 +112,6 @@ NOT_FINAL = (
 NO_BOX = "no box is found that holds the starts and is not left under what the file states."
 SLOWLY = (0.01, 0.1)  # parts of the largest rate that weights of their own are made for
 NO_PROOF = "there is no proved max-separable certificate that it could rest on."
-_ZERO = Fraction(0)
-ONE = Fraction(1)
 
 
 def is_asked(asked: Asked) -> bool:
@@ -180,7 +178,7 @@ def _tolerance(asked: Asked, case: Case) -> Check:
         find = _at_target(asked) if base is None else _in_region(asked, base)
     except UndefinedError as error:
         return undecided(f"the slopes of the coupling are not bounded: {error}")
-    part = _ZERO
+    part = ZERO
     claim = None if given is None else find(given)
     if claim is None and not is_large:
         # Weights and gains err together, in the ratio that the file states.
@@ -230,7 +228,7 @@ def _largest(find: Callable[[Fraction], Tolerance | None]) -> tuple[Fraction, To
         low, high = rounded_down(low / 2, digits=3), low
         best = find(low)
     if best is None:
-        return _ZERO, None
+        return ZERO, None
 
     def middle(low: Fraction, high: Fraction) -> Fraction:
         return rounded_down((low + high) / 2, digits=3)
@@ -248,20 +246,20 @@ def _in_region(asked: Asked, base: Separable) -> Callable[[Errors], Tolerance | 
     small part of its."""
     loop = asked.loop
     given = _given(asked)
-    kappa = _ZERO if base.error is None else base.error.kappa
+    kappa = ZERO if base.error is None else base.error.kappa
     known = decide.agents_know(loop)
-    pull = _ZERO if known else decide.observer_pull(loop, asked.W, base)
+    pull = ZERO if known else decide.observer_pull(loop, asked.W, base)
     kept = base.alpha * (KEPT if given is None else LEAST_KEPT)
 
     def find(errors: Errors) -> Tolerance | None:
         eta = None if known else rounded_up(errors.weights * pull * WIDER, digits=6)
-        alpha = kappa * (eta or _ZERO) + kept
+        alpha = kappa * (eta or ZERO) + kept
         slower = replace(base, alpha=alpha)
         if verify_separable(loop, slower, errors=errors).wrong is not None:
             return None
         alpha -= kept / 2
         if errors == given:
-            best = largest_rate(loop, base.v, rho=base.rho, errors=errors) or _ZERO
+            best = largest_rate(loop, base.v, rho=base.rho, errors=errors) or ZERO
             alpha = max(alpha, best * (1 - IN_HAND))
         return Tolerance(errors=errors, alpha=alpha, eta=eta)
 
@@ -322,7 +320,7 @@ class _Plan:
     @property
     def worst(self) -> Fraction:
         """The largest input as a part of its limit; 0 without limits."""
-        worst = _ZERO
+        worst = ZERO
         for most, limit in zip(self.inputs, self.limits, strict=True):
             if limit is not None:
                 worst = max(worst, most / limit)
@@ -380,7 +378,7 @@ def _actuators(asked: Asked, checks: Sequence[Check]) -> Check:
     if base is not None and not stated.absolute and not at_target:
         plans = _box_of_proof(asked, case, base, found)
     plan = None
-    least = _ZERO
+    least = ZERO
     # The first box in which every input keeps its limit will do, else the one that comes nearest.
     for each in chain(plans, _boxes_of_their_own(asked, case, base, found)):
         worst = each.worst
@@ -406,7 +404,7 @@ def _left(asked: Asked, case: Case) -> Check:
         return undecided(found, applies=False)
     if not found.room:
         return undecided("no agent has a limit.", applies=False)
-    limits = {agent: limit_of(loop, loop.labels[agent]) or _ZERO for agent in found.room}
+    limits = {agent: limit_of(loop, loop.labels[agent]) or ZERO for agent in found.room}
     worst = min(found.room, key=lambda agent: found.room[agent] / limits[agent])
     told = (
         f"the disturbance and the errors of its estimates take at most "
@@ -462,7 +460,7 @@ def _level_of(
 ) -> Fraction:
     """The least rho, about, with these starts and the level in {V <= rho}."""
     radius, disturbance = map(claimed, starts)
-    size = _ZERO
+    size = ZERO
     if error is not None:
         size = error.kappa * disturbance * root_above(error.size, unit=10**12)
     return rounded_up(max(radius / min(v), level) + size, digits=9)
@@ -479,7 +477,7 @@ def _box_of_proof(
     starts = _starts(asked, asked.domain if proof is None else proof.domain)
     # A second box, for starts so small that limits are kept.
     for _ in range(2):
-        rho = _level_of(v, base.error, starts, _ZERO)
+        rho = _level_of(v, base.error, starts, ZERO)
         if base.rho is not None:
             rho = min(rho, base.rho)
         parts = decide.input_parts(loop, v, base.error, claimed(starts[1]))
@@ -577,10 +575,10 @@ def _too_large(asked: Asked, plan: _Plan) -> str:
         if limit is not None and most > limit:
             per_rho, rest = plan.parts[place]
             left = limit - rest - plan.disturbances[place]
-            over.append((left / per_rho if per_rho else _ZERO, loop.labels[place]))
+            over.append((left / per_rho if per_rho else ZERO, loop.labels[place]))
     lower, label = min(over)
     place = loop.index[label]
-    allowed = limits[place] or _ZERO
+    allowed = limits[place] or ZERO
     alone = plan.disturbances[place]
     per_rho, rest = plan.parts[place]
     reason = (
@@ -594,14 +592,14 @@ def _too_large(asked: Asked, plan: _Plan) -> str:
             f"{reason} The disturbance may need {float(alone):.6g}, errors of estimates "
             f"and noise {float(rest):.6g}."
         )
-    least = plan.least_rho(plan.stage.level if plan.stage else _ZERO)
+    least = plan.least_rho(plan.stage.level if plan.stage else ZERO)
     if plan.stage is not None and lower < least:  # no smaller box is known to be kept
         if not stated_in(loop).absolute:
             return reason
         bound = float(per_rho * least + rest + alone)
         reason += f" From starts at the target its bound is still {bound:.6g}:"
         return f"{reason} what [uncertainty] states brings it there."
-    box = (lower - plan.least_rho(_ZERO)) * min(plan.v)
+    box = (lower - plan.least_rho(ZERO)) * min(plan.v)
     if box > 0:
         when = f"from starts with |e_i| <= {_told(box)}"
         when += " and the same |eps_i|" if loop.groups else ""

@@ -9,7 +9,7 @@ from dobc_design.conditions.check import Check, Fix, Values, Witness, differs
 from dobc_design.conditions.domain import EVERYWHERE
 from dobc_design.conditions.numbers import claimed, largest_proved, text_below
 from dobc_design.exact.matrix import Matrix, add, identity, multiply, scale, subtract, transpose
-from dobc_design.exact.number import number_text, root_above, typed_number
+from dobc_design.exact.number import ZERO, number_text, root_above, typed_number
 from dobc_design.exact.observability import (
     decide_detectable,
     decide_observable,
@@ -34,7 +34,7 @@ def too_large(exosystem: Exosystem) -> str | None:
     they do not."""
     numbers = [x for row in (*exosystem.A, *exosystem.C) for x in row]
     common = math.lcm(*(x.denominator for x in numbers))
-    largest = max(map(abs, numbers), default=Fraction(0))
+    largest = max(map(abs, numbers), default=ZERO)
     bits = common.bit_length() + math.ceil(largest).bit_length()
     if exosystem.order**7 * bits**2 <= MOST_WORK:
         return None
@@ -262,7 +262,7 @@ def _projected(loop: Loop, T: Matrix) -> Document:
         change["simulation.xi0"] = rows[0] if len(rows) == 1 else rows
     if loop.starts is not None and loop.starts.disturbance:
         # |T| to six decimals, rounded up
-        squares = sum((x * x for row in T for x in row), Fraction(0))
+        squares = sum((x * x for row in T for x in row), ZERO)
         norm = root_above(squares, unit=10**6)
         change["region.initial_disturbance"] = typed_number(loop.starts.disturbance * norm)
     return change

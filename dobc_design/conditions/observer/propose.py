@@ -35,6 +35,7 @@ from dobc_design.exact.matrix import (
     transpose,
     zeros,
 )
+from dobc_design.exact.number import ONE, ZERO
 from dobc_design.loop.loop import Loop
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import join
@@ -93,8 +94,8 @@ def _texts(M: Matrix, unit: Fraction) -> list[list[str]]:
 
 def _unit(numbers: list[Fraction]) -> Fraction:
     """A power of ten near the largest number; 1 if that is 0."""
-    largest = max((abs(x) for x in numbers), default=Fraction(0))
-    return Fraction(10) ** decimal_exponent(largest) if largest else Fraction(1)
+    largest = max((abs(x) for x in numbers), default=ZERO)
+    return Fraction(10) ** decimal_exponent(largest) if largest else ONE
 
 
 def decimal_exponent(x: Fraction) -> int:
@@ -166,12 +167,12 @@ def half_rate(A: Array, C: Array, gain: Array | None) -> Fraction:
     """Half the decay rate of A - gain C, to three digits; 0 if that fails (any W that decays will
     do)."""
     if gain is None:
-        return Fraction(0)
+        return ZERO
     try:
         decay = decay_of(A - gain @ C)
     except GIVEN_UP:
-        return Fraction(0)
-    return Fraction(f"{decay / 2:.3g}") if 0 < decay < np.inf else Fraction(0)
+        return ZERO
+    return Fraction(f"{decay / 2:.3g}") if 0 < decay < np.inf else ZERO
 
 
 def hinf_norm(F: Array, B: Array, C: Array, D: Array) -> float:
@@ -305,7 +306,7 @@ def _programs(exosystem: Exosystem, W: Matrix, *, bound: float, decay: float) ->
 
 
 def _square(exosystem: Exosystem) -> Fraction:
-    return sum((x * x for row in exosystem.C for x in row), Fraction(0))
+    return sum((x * x for row in exosystem.C for x in row), ZERO)
 
 
 @noun
@@ -336,7 +337,7 @@ def design_gain(exosystem: Exosystem, *, rate: Fraction | None = None) -> GainDe
         wanted = None
     if wanted is None:
         kalman = _kalman(exosystem)
-        wanted = Fraction(0)
+        wanted = ZERO
         if kalman is not None:
             wanted = half_rate(to_float(exosystem.A), to_float(exosystem.C), kalman)
         asked = "the least that can be asked"
@@ -373,8 +374,8 @@ def _candidates(
     units = scaled_exosystem(exosystem, time=time, output=output)
     systems = [units]
     with suppress(OverflowError):  # A is beyond the floats
-        tame = max(Fraction(1), output)
-        systems.insert(0, scaled_exosystem(exosystem, time=Fraction(1), output=tame))
+        tame = max(ONE, output)
+        systems.insert(0, scaled_exosystem(exosystem, time=ONE, output=tame))
     if exosystem.order > LARGEST_PROGRAM:
         systems = []
     asked = list(product(systems, SLACK))
@@ -394,7 +395,7 @@ def _candidates(
 
 def _program(units: Scaled, rate: Fraction) -> Program:
     # The bound makes room for the rate: what stays of Lambda + 2 rate I is -I, whatever the rate.
-    return Program(pencils=(reduced(-1 - 2 * rate, units.exosystem, rate=rate),), floor=Fraction(1))
+    return Program(pencils=(reduced(-1 - 2 * rate, units.exosystem, rate=rate),), floor=ONE)
 
 
 def _gain_of(answer: Solution) -> Array | None:

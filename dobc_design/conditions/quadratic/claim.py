@@ -25,6 +25,7 @@ from dobc_design.conditions.consensus.claim import add_to as add
 from dobc_design.conditions.numbers import as_json, fields_to_json, known_to_json
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.matrix import Matrix, multiply
+from dobc_design.exact.number import ZERO
 from dobc_design.exact.symmetric import Entries, SparseSymmetric
 from dobc_design.loop.loop import Loop
 from dobc_design.problem.groups import agent_blocks
@@ -35,7 +36,6 @@ Method = Literal["lure", "interval", "vertices"]
 Shape = Literal["identity", "diagonal", "full"]
 METHODS: Final[tuple[Method, ...]] = ("lure", "interval", "vertices")
 MOST_VERTICES = 12  # channels with a range of their own up to which corners are enumerated
-ZERO = Fraction(0)
 LinearRows = dict[int, dict[int, Fraction]]  # row -> column -> value
 
 

@@ -43,7 +43,7 @@ from dobc_design.errors import ShapeError
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Matrix, Vector, inverse, is_symmetric, multiply, to_float
-from dobc_design.exact.number import float_below
+from dobc_design.exact.number import ONE, ZERO, float_below
 from dobc_design.exact.reading import Table
 from dobc_design.exact.symmetric import Entries, SparseSymmetric
 from dobc_design.loop.arcs import unreached
@@ -64,9 +64,8 @@ from .sectors import (
     ranges_from_json,
 )
 
-ZERO = Fraction(0)
 # How far above its estimate a bound on an eigenvalue is tried, relative to the largest one.
-RISE = (Fraction(1, 10**9), Fraction(1, 10**6), Fraction(1, 1000), Fraction(1))
+RISE = (Fraction(1, 10**9), Fraction(1, 10**6), Fraction(1, 1000), ONE)
 IN_HAND = 1e-6  # of a ball, for a second program with its own bounds of eigenvalues
 _DIGITS = 6
 IN_WORDS = {"identity": "P_e = I", "diagonal": "a diagonal P_e", "full": "a full P_e"}
@@ -132,7 +131,7 @@ def verify_lure(loop: Loop, lure: Lure) -> LureDecision:
         )
     for each in lure.ranges:  # last, since it takes longest
         # Linear gains are the same on every radius.
-        gains = left_open(loop, each.coupling, each.entries, each.radius or Fraction(1))
+        gains = left_open(loop, each.coupling, each.entries, each.radius or ONE)
         if gains is not None:
             return unsettled(reason=gains)
     where = "everywhere (all gains are bounded for every y)"

@@ -31,6 +31,7 @@ from dobc_design.conditions.quadratic import propose_program as programs
 from dobc_design.errors import SpecError
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Matrix, Vector, multiply, scale, to_float
+from dobc_design.exact.number import ONE, ZERO
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.loop.loop import Loop
 from dobc_design.problem.groups import agent_blocks
@@ -64,7 +65,6 @@ FASTER = 3e-3  # a rate that grows by a smaller part of itself is as good as the
 MOST_CENTRES = 60
 TRIED = (1.0, 0.998, 0.9, 0.6)  # of the largest radius, before the ball is given up
 CONDITION = 100.0  # how far apart the eigenvalues of Y may lie at least
-ZERO = Fraction(0)
 _EDGE = 1e-3  # beside C'C, which need not be definite, in the equation of the observer
 # How far inside of a proved certificate the search for a flatter one begins ...
 _INSIDE = 1e-4
@@ -224,7 +224,7 @@ def bound_lure(
     """The largest radius that "interval" or "vertices" proves for P_e (None: I) and the observer's
     pair (None: eps = 0), by bisection; None if not even 1e-6.  Raises: SpecError for "vertices"
     with too many arcs."""
-    ones = {(i, i): Fraction(1) for i in range(loop.size)}
+    ones = {(i, i): ONE for i in range(loop.size)}
     metric = SparseSymmetric(loop.size, ones) if P_e is None else P_e
 
     def at(radius: float, _: object = None) -> Lure | None:
@@ -745,7 +745,7 @@ class _Search:
         """The observer's P beside lambda_max(P_e) about 1; None without an observer."""
         if self.pair is None:
             return None
-        factor = Fraction(1)
+        factor = ONE
         if point.kappa:
             factor = rounded_down(unit / point.kappa, digits=digits)
         return scale(factor, self.pair.P)

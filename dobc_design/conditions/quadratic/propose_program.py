@@ -13,7 +13,6 @@ R^2/lambda + n lambda_max(P) s^2/kappa <= 1.
 
 import itertools
 from collections.abc import Sequence
-from fractions import Fraction
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +20,7 @@ import numpy as np
 from dobc_design._checks import noun
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.expression import variables_used
-from dobc_design.exact.number import nearest
+from dobc_design.exact.number import ONE, nearest
 from dobc_design.exact.work import spend
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.matrices import pull_matrix
@@ -235,7 +234,7 @@ def _template(
     arcs = loop.modes[name]
     links = list(zip(arcs, arcs.uncertain.tolist(), strict=True))
     if loop.drift_place is not None:
-        links += [((i, i, Fraction(1)), False) for i in range(loop.n)]
+        links += [((i, i, ONE), False) for i in range(loop.n)]
     gains: list[_Gain] = []
     # Arc (i, j): agent i takes the difference e_j - e_i; (i, i) is what it does alone, which is
     # about its difference to the target.

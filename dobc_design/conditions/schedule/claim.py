@@ -52,14 +52,13 @@ from dobc_design.conditions.separable.claim import (
 from dobc_design.errors import SpecError, wrong
 from dobc_design.exact.interval import Interval, exp
 from dobc_design.exact.matrix import Matrix, Vector
+from dobc_design.exact.number import ONE, ZERO
 from dobc_design.exact.reading import Document
 from dobc_design.loop.loop import Loop
 
 SEPARABLE = "max-separable"
 QUADRATIC = "quadratic"
 SCHEDULE = "schedule"
-ZERO = Fraction(0)
-ONE = Fraction(1)
 # of the radius: below this every |e_ic| has settled, where no tolerance is named
 SETTLED = Fraction(1, 100)
 FARTHEST = 10_000  # exp(-x) beyond is bounded by exp(-FARTHEST)

@@ -19,13 +19,13 @@ from dobc_design.conditions.separable.decide import error_bound_obstacle
 from dobc_design.coupling.enclosures import Curve, jet, profile
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import Matrix, Vector
-from dobc_design.exact.number import float_above, float_below
+from dobc_design.exact.number import ONE, ZERO, float_above, float_below
 from dobc_design.exact.reading import Texts
 from dobc_design.loop.arcs import unreached
 from dobc_design.loop.guarantee import Phase
 from dobc_design.loop.loop import Loop, Pins
 
-from .claim import ONE, ZERO, Cycles, Weights, shrunk
+from .claim import Cycles, Weights, shrunk
 from .rows import Box, Motion, MovingRows, rows_of_phases
 
 

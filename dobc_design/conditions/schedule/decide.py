@@ -24,11 +24,11 @@ from dobc_design.conditions.separable.decide import (
 from dobc_design.exact.definite import decide_positive_semidefinite
 from dobc_design.exact.interval import Interval, sqrt
 from dobc_design.exact.matrix import Matrix, multiply
-from dobc_design.exact.number import float_above
+from dobc_design.exact.number import ONE, ZERO, float_above
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.loop.loop import Loop
 
-from .claim import ONE, ZERO, Cycles, Descent, Last, Tube, shrunk
+from .claim import Cycles, Descent, Last, Tube, shrunk
 from .cycles import rises
 from .cycles import why_not as why_not_cycles
 from .rows import Box, RowsBySize

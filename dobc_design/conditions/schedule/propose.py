@@ -29,7 +29,7 @@ from dobc_design.conditions.separable.decide import composite_rate
 from dobc_design.conditions.separable.propose import first_certificate, propose_separable
 from dobc_design.conditions.separable.propose_observer import propose_error_bound, with_kappa
 from dobc_design.exact.matrix import Matrix, to_float
-from dobc_design.exact.number import root_above
+from dobc_design.exact.number import ZERO, root_above
 from dobc_design.loop.arcs import unreached
 from dobc_design.loop.guarantee import Round
 from dobc_design.loop.loop import Loop
@@ -143,7 +143,7 @@ class _Certificates:
         kappas = list[Fraction]()
         for own in self.found:
             if isinstance(own, Cycles):
-                kappas.append(own.error.kappa if own.error else Fraction(0))
+                kappas.append(own.error.kappa if own.error else ZERO)
         return max(kappas, default=None)
 
 
@@ -185,7 +185,7 @@ class _Path:
     bend: float
     fastest: float
     rests: Fraction | None
-    times: list[Fraction] = field(default_factory=lambda: [Fraction(0)])
+    times: list[Fraction] = field(default_factory=lambda: [ZERO])
     boxes: list[Array] = field(default_factory=list)
 
     @np.errstate(all="ignore")  # near the ends of the floats
@@ -318,7 +318,7 @@ def _of_weights(path: _Path, own: Separable | Cycles, widths: Array, loads: Arra
     """The size N + kappa E; weights that move take over with those that a phase begins with."""
     v = np.ones(widths.shape)
     may_begin: bool | NDArray[np.bool_] = True
-    wait = Fraction(0)
+    wait = ZERO
     if isinstance(own, Separable):
         v = np.array([float(x) for x in own.v])
     elif own.phases:
@@ -354,7 +354,7 @@ def _of_quadratic(path: _Path, own: Lure, widths: Array, loads: Array) -> _Hando
     squares = np.einsum("ti,ij,tj->t", b, P_e, b) + loop.n * (stretch * loads) ** 2
     most = math.inf
     if own.radius is not None:
-        wide = max(differences(own.P_e, relied_differences(loop)), default=Fraction(0))
+        wide = max(differences(own.P_e, relied_differences(loop)), default=ZERO)
         if wide:
             most = float(own.radius) / math.sqrt(float(wide))
     return _Handover(
@@ -422,7 +422,7 @@ def _quadratic(loop: Loop, W: Matrix | None, radii: list[float], slowest: float)
     def holds(lure: Lure) -> bool:
         return verify_lure(loop, lure).is_proved
 
-    observer = Fraction(0)
+    observer = ZERO
     fastest = linear_rate(loop, W)
     exosystem = loop.joint_exosystem
     if exosystem is not None:

@@ -34,7 +34,7 @@ from dobc_design.conditions.separable.propose_observer import with_kappa
 from dobc_design.errors import SpecError
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Matrix, row_norm, to_float
-from dobc_design.exact.number import root_above
+from dobc_design.exact.number import ONE, ZERO, root_above
 from dobc_design.exact.work import spend
 from dobc_design.loop.guarantee import Phase
 from dobc_design.loop.loop import Loop
@@ -42,7 +42,7 @@ from dobc_design.loop.matrices import consensus_jacobian, pull_matrix
 from dobc_design.solvers.program import Array
 
 from .chords import Chords
-from .claim import ONE, ZERO, Cycles, Weights
+from .claim import Cycles, Weights
 from .cycles import why_not
 from .rows import MovingRows, rows_of_phases
 

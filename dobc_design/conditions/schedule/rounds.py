@@ -13,12 +13,13 @@ from fractions import Fraction
 import numpy as np
 
 from dobc_design.conditions.check import Check, Values
-from dobc_design.conditions.consensus.claim import ZERO, state_theorems
+from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.consensus.decide import linear_part
 from dobc_design.conditions.domain import Domain
 from dobc_design.conditions.numbers import read_rational
 from dobc_design.exact.exponential import expanding_product
 from dobc_design.exact.matrix import Matrix, row_norm
+from dobc_design.exact.number import ZERO
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.pairs import are_pairs
 from dobc_design.verdict import Verdict

@@ -18,19 +18,11 @@ from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Shown
 from dobc_design._show.text import significant_away_from_zero, significant_towards_zero
 from dobc_design.errors import SpecError
-from dobc_design.exact.number import float_above
+from dobc_design.exact.number import ZERO, float_above
 from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
 
-from .claim import (
-    QUADRATIC,
-    SCHEDULE,
-    SEPARABLE,
-    ZERO,
-    Cycles,
-    Descent,
-    Tube,
-)
+from .claim import QUADRATIC, SCHEDULE, SEPARABLE, Cycles, Descent, Tube
 from .decide import bound_after, rate_near
 
 Array = NDArray[np.float64]

@@ -34,21 +34,13 @@ from dobc_design.conditions.separable.propose import (
 from dobc_design.errors import SpecError, wrong
 from dobc_design.exact.interval import Interval, log, sqrt
 from dobc_design.exact.matrix import Matrix
-from dobc_design.exact.number import parse_number
+from dobc_design.exact.number import ONE, ZERO, parse_number
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, spend
 from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
 
 from .checks import cycles_check, settling_check, settling_of
-from .claim import (
-    ONE,
-    SETTLED,
-    ZERO,
-    Cycles,
-    Descent,
-    Last,
-    Tube,
-)
+from .claim import SETTLED, Cycles, Descent, Last, Tube
 from .cycles import holds_starts, rises, unreached_in_words
 from .cycles import why_not as why_not_cycles
 from .propose import Asked

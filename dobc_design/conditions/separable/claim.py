@@ -38,7 +38,7 @@ from dobc_design.conditions.numbers import (
 from dobc_design.conditions.quadratic.sectors import GainRange, ranges_from_json
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.matrix import Matrix, Vector, inverse, rank
-from dobc_design.exact.number import float_above
+from dobc_design.exact.number import ONE, ZERO, float_above
 from dobc_design.exact.reading import Document, Table
 from dobc_design.exact.symmetric import Doubles, largest, least
 from dobc_design.loop.arcs import coupling_places
@@ -49,8 +49,6 @@ OBSERVED = ("P", "beta", "kappa", "size")
 MOST_COMPONENTS = 6  # of an agent, for T
 # the key under which a check of sampling holds one of its own, where it has one
 OWN = "certificate"
-_NONE = Fraction(0)
-_ONE = Fraction(1)
 
 
 @noun
@@ -160,11 +158,11 @@ def require_coordinates(T: Matrix | None) -> None:
 
 def spread(T: Matrix | None, v: Vector | Doubles) -> Fraction:
     """The largest N of errors with |e|_inf <= 1, for weights v of e or of T e."""
-    rows = T or ((Fraction(1),),)
+    rows = T or ((ONE,),)
     found = []
     for c, row in enumerate(rows):
         own = v[c :: len(rows)]  # of every agent
-        found.append(sum(map(abs, row), Fraction(0)) / least(own))
+        found.append(sum(map(abs, row), ZERO) / least(own))
     return max(found)
 
 
@@ -179,7 +177,7 @@ def error_sizes(T: Matrix, v: Sequence[Fraction]) -> Iterator[list[Fraction]]:
     values = tuple(v)
     for first in range(0, len(values), len(T)):
         own = values[first : first + len(T)]
-        yield [sum(map(mul, row, own), Fraction(0)) for row in S]
+        yield [sum(map(mul, row, own), ZERO) for row in S]
 
 
 @noun
@@ -253,8 +251,8 @@ class Errors(NamedTuple):
     """Relative errors of every arc weight, in [w (1 - weights), w (1 + weights)], and of every
     entry of a gain."""
 
-    weights: Fraction = Fraction(0)
-    gains: Fraction = Fraction(0)
+    weights: Fraction = ZERO
+    gains: Fraction = ZERO
 
 
 EXACT = Errors()
@@ -333,15 +331,15 @@ def tied_sizes(loop: Loop) -> dict[int, Fraction] | None:
             if not h.is_linear:
                 return None
             steepness = max(sum(x.magnitude for x in row) for row in h.jacobian_at_zero())
-            own[i] = own.get(i, _NONE) + more * w * steepness
-        found |= {i: max(size, found.get(i, _NONE)) for i, size in own.items()}
+            own[i] = own.get(i, ZERO) + more * w * steepness
+        found |= {i: max(size, found.get(i, ZERO)) for i, size in own.items()}
     return found
 
 
 def _by_agent(loop: Loop, number: Callable[[Matrix], Fraction]) -> Vector:
     """A number of the linear pin of every agent, 0 for agents without one."""
     known = loop.pulls.each(number)
-    return tuple(known.get(agent, _NONE) for agent in range(loop.n))
+    return tuple(known.get(agent, ZERO) for agent in range(loop.n))
 
 
 def acts_by_component(loop: Loop) -> bool:
@@ -439,8 +437,8 @@ def _heard(
     found: dict[int, dict[Heard, Fraction]] = {agent: {} for agent in chosen}
     for arc, i, j in zip(numbers.tolist(), listeners, speakers, strict=True):
         heard = found[i]
-        key = Heard(loop.place_of(i, j), v[j] if j < loop.n else _NONE, arc >= sure)
-        heard[key] = heard.get(key, _NONE) + arcs.weights[arc]
+        key = Heard(loop.place_of(i, j), v[j] if j < loop.n else ZERO, arc >= sure)
+        heard[key] = heard.get(key, ZERO) + arcs.weights[arc]
     return found
 
 
@@ -455,7 +453,7 @@ def _terms(
         reach = far + own
         step = far - own
         if absent:
-            step = max(step, _NONE)
+            step = max(step, ZERO)
         term = Term(place, weight, reach, step)
         if error:
             yield from _at_worst(term, error)
@@ -475,7 +473,7 @@ def _at_worst(term: Term, error: Fraction) -> Iterator[Term]:
     yield Term(place, weight * (1 - error), reach, step)
     if error:
         # The rest may be there or not: it counts where h is largest, which is 0 if h rises.
-        yield Term(place, 2 * error * weight, reach, _NONE)
+        yield Term(place, 2 * error * weight, reach, ZERO)
 
 
 def stuck_agents(loop: Loop, *, held: Collection[int] = ()) -> dict[int, str]:

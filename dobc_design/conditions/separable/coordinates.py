@@ -32,7 +32,7 @@ from dobc_design.conditions.reason import gap_obstacle
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.interval import Interval, IntervalMatrix
 from dobc_design.exact.matrix import Matrix, Vector, identity, inverse, kronecker, multiply, zeros
-from dobc_design.exact.number import common_denominator
+from dobc_design.exact.number import ONE, ZERO, common_denominator
 from dobc_design.exact.work import spend
 from dobc_design.loop.arcs import coupling_places
 from dobc_design.loop.loop import Loop
@@ -72,7 +72,7 @@ def reaches(loop: Loop, T: Matrix, v: Sequence[Fraction], rho: Fraction) -> dict
     """For every coupling (its place) the largest |e_jc - e_ic| over its arcs where N <= rho, and
     |e_ic| for that of the nodes, rounded up."""
     sizes = [*error_sizes(T, v), *fixed_sizes(loop)]
-    found = {place: [Fraction(0)] * loop.m for place in used_couplings(loop)}
+    found = {place: [ZERO] * loop.m for place in used_couplings(loop)}
     for arcs in loop.modes.values():
         listeners = arcs.listeners.tolist()
         speakers = arcs.speakers.tolist()
@@ -99,7 +99,7 @@ def enclosed_ranges(
     without rho for couplings that are not linear."""
     if rho is None and not loop.is_linear:
         raise SpecError("rho must be a number, because a coupling is not linear.", key="rho")
-    far = reaches(loop, T, v, rho or Fraction(1))
+    far = reaches(loop, T, v, rho or ONE)
     found = []
     for place, each in far.items():
         gains = widened_gains(loop, place, each)
@@ -138,7 +138,7 @@ def gains_obstacle(
 ) -> str | None:
     """Why couplings and nodes are not shown to keep to ``ranges`` where N <= rho; None if they
     are."""
-    far = reaches(loop, T, v, rho or Fraction(1))
+    far = reaches(loop, T, v, rho or ONE)
     if far.keys() - {each.coupling for each in ranges}:
         return "the gains of a coupling are missing."
     for each in ranges:
@@ -173,7 +173,7 @@ def slowest_row(
     weights, bottom = _integers(v)
     own = [weights[first : first + m] for first in range(0, len(weights), m)]
     every = [*own, *fixed_sizes(loop)]
-    added = [x * bottom for x in load] or [Fraction(0)] * len(weights)
+    added = [x * bottom for x in load] or [ZERO] * len(weights)
     signs = faces(m)
     corners = _corners(loop, T, table)
     sums = _ArcSums(corners, every, signs)
@@ -195,7 +195,7 @@ def slowest_row(
 
 def fixed_sizes(loop: Loop) -> list[list[Fraction]]:
     """How far fixed nodes are from their places, in every component: not at all."""
-    return [[Fraction(0)] * loop.m for _ in loop.fixed]
+    return [[ZERO] * loop.m for _ in loop.fixed]
 
 
 def faces(m: int) -> list[list[tuple[int, ...]]]:
@@ -321,7 +321,7 @@ def _rows_alone(
     def row(i: int, c: int, sign: Sequence[int]) -> Fraction:
         x = list(map(mul, sign, own[i]))
         pull = pulls.get(i, none)[c]
-        found = -sum(map(mul, pull, x), Fraction(0))
+        found = -sum(map(mul, pull, x), ZERO)
         if F:
             e = [sum(map(mul, each, x)) for each in S]
             for t, slopes in zip(T[c], F, strict=True):

@@ -20,11 +20,11 @@ from dobc_design.coupling.enclosures import Curve, Profile, secant, slope_bound
 from dobc_design.coupling.expression import Expression
 from dobc_design.exact.floats import Floats
 from dobc_design.exact.interval import Interval, UndefinedError
-from dobc_design.exact.number import float_above, float_below
+from dobc_design.exact.number import ONE, ZERO, float_above, float_below
 from dobc_design.exact.symmetric import Doubles
 from dobc_design.loop.arcs import coupling_places
 from dobc_design.loop.loop import Loop
-from dobc_design.problem.network import ONE, Arcs, BoolArray
+from dobc_design.problem.network import Arcs, BoolArray
 
 from .claim import (
     EXACT,
@@ -476,7 +476,7 @@ def _shared_table(kind: Profile, radius: Fraction, cells: int) -> GainTable:
     """A table that reaches a little further if it can, so that vectors that differ in a few digits
     share it."""
     if not radius:
-        unit = Fraction(1)
+        unit = ONE
     else:
         exponent = math.frexp(float_above(radius))[1]
         unit = Fraction(2) ** (exponent - 6)
@@ -511,7 +511,7 @@ def stiffest_row(arcs: ArcRows, profiles: Sequence[Profile], *, rho: Fraction) -
     pulls = floats_around(arcs.pulls)[1]
     own = arcs.own[1][rows]
     mean = np.zeros(len(rows))
-    largest = Fraction(0)
+    largest = ZERO
     for face in FACES:
         for number, kind in enumerate(profiles):
             mine = arcs.kinds == number

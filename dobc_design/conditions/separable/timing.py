@@ -25,6 +25,7 @@ from dobc_design.coupling.enclosures import Profile, slope_bound
 from dobc_design.errors import SpecError
 from dobc_design.exact.floats import Floats
 from dobc_design.exact.interval import Interval, UndefinedError, exp
+from dobc_design.exact.number import ZERO
 from dobc_design.loop.loop import Loop
 
 from .claim import (
@@ -52,7 +53,6 @@ _CLOSE = Fraction(1, 1000)
 _UNSURE = Fraction(1, 10**12)
 _NEAR = Fraction(1, 10**9)
 _MANY_ARCS = 100  # from which on slopes are bounded once on every part of the box
-_ZERO = Fraction(0)
 
 
 def delay_obstacle(loop: Loop) -> str | None:
@@ -143,7 +143,7 @@ def _stiffest(
         )
     try:
         profiles = coupling_profiles(loop, claim.v, rho=claim.rho)
-        rho = claim.rho or _ZERO
+        rho = claim.rho or ZERO
         arcs = sum(map(len, loop.modes.values()))
         if rho and arcs > _MANY_ARCS:
             return stiffest_row(arc_rows(loop, claim.v, held=True), profiles, rho=rho)
@@ -182,19 +182,19 @@ class _Steepest:
         self.on = cache(self._on)
 
     def __call__(self, term: Term, own: Fraction, face: int) -> Fraction:
-        total = _ZERO
+        total = ZERO
         for k in range(SLICES):
             end = term.step + 2 * Fraction(k + 1, SLICES) * own
-            total += self._largest(term, max(end, _ZERO), face)
+            total += self._largest(term, max(end, ZERO), face)
         return total / SLICES
 
     def _largest(self, term: Term, end: Fraction, face: int) -> Fraction:
         if self.profiles[term.coupling].is_nondecreasing:
-            start = min(term.step, _ZERO)
+            start = min(term.step, ZERO)
         else:
             start = -term.reach
         return self.on(term.coupling, Interval(self.rho * start, self.rho * end) * face)
 
     def _on(self, coupling: int, place: Interval) -> Fraction:
         curve = self.profiles[coupling].curve
-        return max(slope_bound(curve, self.around(place), tolerance=_CLOSE), _ZERO)
+        return max(slope_bound(curve, self.around(place), tolerance=_CLOSE), ZERO)

@@ -29,6 +29,7 @@ from dobc_design.conditions.separable.large import floats_around
 from dobc_design.errors import ShapeError
 from dobc_design.exact.definite import decide_positive_definite
 from dobc_design.exact.matrix import Matrix, Vector, is_symmetric, multiply, row_norm
+from dobc_design.exact.number import ZERO
 from dobc_design.exact.reading import Document
 from dobc_design.exact.symmetric import Doubles, SparseSymmetric, least
 from dobc_design.loop.loop import Loop
@@ -67,7 +68,6 @@ class Weighted:
         return sigma is not None and network_holds(self, statements, rate=rate, sigma=sigma)
 
 
-ZERO = Fraction(0)
 _SMALLEST = 2.0**-240  # a product of four numbers above keeps its digits
 _ROUNDINGS = 12  # of one term, generously; those of the sums are counted
 

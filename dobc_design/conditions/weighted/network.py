@@ -35,14 +35,12 @@ from dobc_design.exact.matrix import (
     subtract,
     transpose,
 )
-from dobc_design.exact.number import number_text
+from dobc_design.exact.number import ZERO, number_text
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.loop.guarantee import Guarantee
 from dobc_design.loop.loop import Loop, pins_of, zero_goals
 
 from .decide import Weighted, network_holds
-
-ZERO = Fraction(0)
 
 
 @noun

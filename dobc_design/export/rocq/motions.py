@@ -37,7 +37,7 @@ from dobc_design.errors import refused
 from dobc_design.exact.cholesky import squares_of
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import Matrix, add, identity, multiply, scale, subtract, transpose
-from dobc_design.exact.number import root_above
+from dobc_design.exact.number import ONE, ZERO, root_above
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.export.c_text import template
 from dobc_design.loop.make import loop_of
@@ -117,8 +117,8 @@ class Arc:
     low: Fraction
     high: Fraction
     step: Fraction | None = None
-    bound: Fraction = Fraction(0)
-    turn: Fraction = Fraction(0)
+    bound: Fraction = ZERO
+    turn: Fraction = ZERO
 
 
 @noun
@@ -182,7 +182,7 @@ class Rows:
             for i, j, _ in arcs:
                 place = self.problem.coupling_place(i, j)
                 reach = self.rho * (self.claim.v[i] + self.claim.v[j])
-                found[place] = max(found.get(place, Fraction(0)), reach)
+                found[place] = max(found.get(place, ZERO), reach)
         return found
 
     @cached_property
@@ -246,7 +246,7 @@ class Row:
         waiting: list[tuple[Fraction, Fraction]] = []
         # Near 0, where a row is 0, its slope has to decide: how far that is enough ...
         for _ in range(DEEPEST):
-            near = self._part(Fraction(0), high)
+            near = self._part(ZERO, high)
             exact = all(arc.kind in ("rises", "rising", "falling") for arc in near.arcs)
             if exact and self._holds(near):
                 found.append(near)
@@ -322,7 +322,7 @@ class Row:
     def _beyond(self, part: Part, S: Interval) -> tuple[Interval, Interval]:
         """What the row (near 0: its slope) has beyond what the pin leaves, and its derivative by
         s."""
-        none = Interval.point(Fraction(0))
+        none = Interval.point(ZERO)
         value, slope = -S * self.room, none - self.room
         if part.near:
             value, slope = slope, none
@@ -381,13 +381,13 @@ def motions_proof(certificate: Certificate) -> str:
         )
     check, claim = found
     _refuse_what_is_not_written(problem)
-    radius, off = Fraction(1), Fraction(bool(problem.q))
+    radius, off = ONE, Fraction(bool(problem.q))
     if isinstance(check.domain, Around):
         radius, off = claimed(check.domain.radius), claimed(check.domain.disturbance)
     rate = claimed(check.rate or 0)
     error = claim.error
     if error is None:  # nothing is observed
-        error = ErrorBound(P=(), beta=rate + 1, kappa=1 / claim.least, size=Fraction(0))
+        error = ErrorBound(P=(), beta=rate + 1, kappa=1 / claim.least, size=ZERO)
     share = root_above(error.size * off**2, unit=10**15)
     # A claim for every start has no rho of its own: as far as the box that is stated.
     rho = claim.rho or rounded_up(radius / claim.least + error.kappa * share, digits=6)

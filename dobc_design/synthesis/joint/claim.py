@@ -18,7 +18,7 @@ from dobc_design.conditions.consensus.network import name_agents
 from dobc_design.conditions.numbers import fields_to_json, time_to_one_percent
 from dobc_design.errors import Mistakes, SpecError
 from dobc_design.exact.matrix import Matrix
-from dobc_design.exact.number import float_above, number_text, typed_number
+from dobc_design.exact.number import ZERO, float_above, number_text, typed_number
 from dobc_design.exact.reading import counted
 from dobc_design.problem.changes import typed_matrix, value_text
 from dobc_design.problem.problem import Problem
@@ -425,7 +425,7 @@ def _gains_words(design: Design, problem: Problem, grounds: Grounds) -> str:
     if len(gains) > SHOWN:
         words += f" and {len(gains) - SHOWN} more"
     if len(gains) > 1:
-        words += f", in total {typed_number(sum(gains.values(), Fraction(0)))}"
+        words += f", in total {typed_number(sum(gains.values(), ZERO))}"
     unit = "(1/s)" if problem.dynamics is None else "(times the coupling)"
     digits = counted(design.request.digits, "digit")
     words = f"Gains: {words} {unit}, rounded up to {digits}."
@@ -464,7 +464,7 @@ def total_gain(problem: Problem) -> Fraction | None:
     gains = problem.gains.values()
     if not gains or not problem.pinning.is_scalar:
         return None
-    return sum(gains, Fraction(0))
+    return sum(gains, ZERO)
 
 
 def _beside_words(design: Design, given: Certificate) -> str:

@@ -22,7 +22,7 @@ from dobc_design.conditions.numbers import bisected, claimed, shorten
 from dobc_design.conditions.observer.decide import too_large
 from dobc_design.conditions.separable.claim import acts_by_component
 from dobc_design.conditions.statement import Statement, undecided
-from dobc_design.exact.number import typed_number
+from dobc_design.exact.number import ONE, ZERO, typed_number
 from dobc_design.exact.reading import counted
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.saturation import Rooms, rooms_of
@@ -144,7 +144,7 @@ class Ground:
         request = PinningRequest(
             rate=rate,
             allowed=tuple(agents),
-            costs=(Fraction(1),) * self.problem.n,
+            costs=(ONE,) * self.problem.n,
             caps=self.request.caps,
             pins=pins,
             digits=self.request.digits,
@@ -363,7 +363,7 @@ def _certified(ground: Ground, proposal: Proposal) -> Design:
         P=certificate.claims.P,
         gains=gains,
         rate=rate,
-        cost=sum(gains.values(), Fraction(0)),
+        cost=sum(gains.values(), ZERO),
         changes={**ground.reduction.changes, **changes},
         problem=designed,
         certificate=certificate,
@@ -389,7 +389,7 @@ def _proof(ground: Ground, designed: Problem, aim: float) -> tuple[Certificate, 
     ground.progress("certifying the design")
     nearly = aim * NEARLY
     # Proofs with at least this rate are looked for.
-    least = max(claimed(shorten(nearly, digits=6)), request.rate or Fraction(0)) or None
+    least = max(claimed(shorten(nearly, digits=6)), request.rate or ZERO) or None
     first = certify(designed, rate=least, progress=ground.progress)
     hoped = nearly if request.rate is not None or ground.part > HALF else 0.0
     falls_short = first.verdict is Verdict.PROVED and (_rate_of(first) or 0.0) < hoped
@@ -501,7 +501,7 @@ def region_search(
         W=W,
         caps=caps,
         radius=radius,
-        disturbance=(region and region.initial_disturbance) or Fraction(0),
+        disturbance=(region and region.initial_disturbance) or ZERO,
     )
 
 
@@ -717,7 +717,7 @@ def _slow_start(ground: Ground) -> tuple[tuple[int, ...], list[Fraction]]:
     problem = ground.problem
     request = ground.request
     blocks = network_blocks(loop_of(problem))
-    scale = Fraction(1)
+    scale = ONE
     if blocks is not None and blocks.scale:
         scale = claimed(float(f"{blocks.scale:.1g}"))
     slow = scale * START
@@ -742,7 +742,7 @@ def _fastest_near(ground: Ground, pinned: Sequence[int], high: Fraction) -> Frac
 
     fastest, _ = bisected(
         does,
-        Fraction(0),
+        ZERO,
         high,
         steps=24,
         close=lambda low, high: low > 0 and high - low <= low / 20,

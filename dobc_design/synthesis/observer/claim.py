@@ -19,13 +19,12 @@ from dobc_design.conditions.numbers import fields_to_json
 from dobc_design.conditions.statement import Statement
 from dobc_design.errors import refused, wrong
 from dobc_design.exact.matrix import Matrix
-from dobc_design.exact.number import parse_number, typed_number
+from dobc_design.exact.number import ZERO, parse_number, typed_number
 from dobc_design.exact.reading import Document, is_list, shown, shown_number
 from dobc_design.problem.canonical import matrix_text
 from dobc_design.verdict import Decided, Verdict
 
 CHANNELS = ("measurement", "disturbance", "exosystem")
-ZERO = Fraction(0)
 NORMS = {"hinf": "H-infinity", "h2": "H2"}
 Ends = tuple[Fraction | None, Fraction | None]  # on the real axis; None is infinite
 

@@ -46,7 +46,7 @@ from dobc_design.exact.matrix import (
     transpose,
     zeros,
 )
-from dobc_design.exact.number import float_above, number_text
+from dobc_design.exact.number import ONE, ZERO, float_above, number_text
 from dobc_design.exact.observability import decide_detectable, observable_reduction
 from dobc_design.exact.polynomial import Coefficients, characteristic_polynomial
 from dobc_design.exact.reading import Table, counted, shown_number
@@ -58,7 +58,6 @@ from dobc_design.verdict import Verdict
 
 from .claim import (
     CHANNELS,
-    ZERO,
     Cone,
     Disk,
     Envelope,
@@ -504,7 +503,7 @@ def _too_quiet(exosystem: Exosystem, request: ObserverRequest, rate: Fraction) -
             why = f"with {many} of A - W C at Re s <= {shown_number(-rate)}"
             cure = " Lower observer.rate." if rate else ""
             return refuted("noise", f"no W makes the {limit}: {why} it is {must}.{cure}")
-    polynomial = characteristic_polynomial(A) if A else (Fraction(1),)
+    polynomial = characteristic_polynomial(A) if A else (ONE,)
     if len(polynomial) < 2 or roots.routh(polynomial).is_proved:
         return None
     for limit in request.noise:

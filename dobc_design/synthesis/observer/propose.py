@@ -28,6 +28,7 @@ from dobc_design._checks import noun
 from dobc_design.conditions.observer import propose
 from dobc_design.conditions.observer.decide import error_matrix
 from dobc_design.exact.matrix import Matrix, scale, to_float, zeros
+from dobc_design.exact.number import ONE, ZERO
 from dobc_design.exact.observability import decide_observable, observable_reduction
 from dobc_design.exact.pencil import Pencil, Place, Unknown
 from dobc_design.exact.symmetric import SparseSymmetric
@@ -37,7 +38,6 @@ from dobc_design.solvers.program import GIVEN_UP, Array, Program, round_matrix
 
 from .claim import (
     CHANNELS,
-    ZERO,
     Cone,
     Disk,
     Envelope,
@@ -103,7 +103,7 @@ def _placed(exosystem: Exosystem, request: ObserverRequest) -> Iterator[Matrix]:
     if high is None:
         high = ZERO
     if low is None:
-        low = high - 2 * max(Fraction(1), abs(high) / 10)
+        low = high - 2 * max(ONE, abs(high) / 10)
     point = (low + high) / 2
     # in units in which the numbers are near 1
     time, output = propose.natural_units(exosystem, rate=abs(point))
@@ -206,7 +206,7 @@ def lmi_gain(plant: Plant, *, noise: Sequence[NoiseLimit] = (), slack: float) ->
     asked = _Inequalities(plant=plant, noise=noise, time=_time_unit(plant), slack=slack)
     # A bound on a norm fixes the scale of P; the largest floor of P that has an answer keeps W =
     # P^-1 Q small.
-    floors = FLOORS if noise else (Fraction(1),)
+    floors = FLOORS if noise else (ONE,)
     pencils = asked.pencils()
     for floor in floors:
         answer = solve_directly(Program(pencils=pencils, floor=floor))

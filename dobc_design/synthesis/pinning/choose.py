@@ -14,8 +14,7 @@ from dobc_design._checks import noun
 from dobc_design.conditions.coverage import Progress
 from dobc_design.conditions.numbers import claimed, shorten, text_below
 from dobc_design.conditions.statement import Statement, proved, refuted
-from dobc_design.exact.number import number_text
-from dobc_design.synthesis.observer.claim import ZERO
+from dobc_design.exact.number import ZERO, number_text
 from dobc_design.synthesis.pinning import decide
 
 from .claim import Agents, AgentSet

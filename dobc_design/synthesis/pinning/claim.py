@@ -24,12 +24,12 @@ from dobc_design.conditions.statement import Statement
 from dobc_design.conditions.weighted.decide import Weighted
 from dobc_design.errors import Mistakes, about, wrong
 from dobc_design.exact.matrix import Matrix, Vector
-from dobc_design.exact.number import float_above, float_below, number_text
+from dobc_design.exact.number import ONE, ZERO, float_above, float_below, number_text
 from dobc_design.exact.reading import Document, Names, Texts, is_list, named, shown, shown_number
 from dobc_design.problem.changes import changed_problem
 from dobc_design.problem.network import Index, one_form
 from dobc_design.problem.problem import Problem
-from dobc_design.synthesis.observer.claim import ZERO, Answer, check_digits, read_positive
+from dobc_design.synthesis.observer.claim import Answer, check_digits, read_positive
 from dobc_design.verdict import Verdict
 
 Agents = tuple[int, ...]  # by index
@@ -110,7 +110,7 @@ def read_request(labels: Names, asked: AskedGains) -> PinningRequest:
     return PinningRequest(
         rate=rate,
         allowed=allowed,
-        costs=tuple(costs.get(i, Fraction(1)) for i in range(len(labels))),
+        costs=tuple(costs.get(i, ONE) for i in range(len(labels))),
         caps=caps,
         pins=asked.pins,
         digits=asked.digits,

@@ -41,14 +41,13 @@ from dobc_design.conditions.statement import Statement, refuted
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Vector
-from dobc_design.exact.number import number_text, typed_number
+from dobc_design.exact.number import ONE, ZERO, number_text, typed_number
 from dobc_design.exact.reading import Names, counted
 from dobc_design.exact.symmetric import SparseSymmetric, Symmetric
 from dobc_design.exact.zmatrix import proves
 from dobc_design.loop.arcs import closed_groups
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.problem import Problem
-from dobc_design.synthesis.observer.claim import ZERO
 
 from .claim import Agents, AgentSet, Bound, Gains, Limits, PinningRequest, Structure
 
@@ -124,7 +123,7 @@ def bound_from(ground: Ground, vectors: Vectors, allowed: AgentSet) -> Bound:
     top = max((abs(x) for _, v in vectors for x in v), default=0.0)
     # Without numbers nothing is proved, as without vectors.
     rows = list[tuple[str, list[int]]]()
-    unit = Fraction(1)
+    unit = ONE
     if 0 < top < math.inf:
         # Entries of so many bits at most.
         largest = Fraction(top)

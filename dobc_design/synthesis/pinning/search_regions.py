@@ -18,12 +18,12 @@ from dobc_design.conditions.separable.propose_observer import propose_error_boun
 from dobc_design.conditions.statement import Statement, proved, refuted, undecided
 from dobc_design.errors import refused, wrong
 from dobc_design.exact.interval import UndefinedError
-from dobc_design.exact.number import number_text
+from dobc_design.exact.number import ONE, ZERO, number_text
 from dobc_design.exact.reading import counted, shown_number
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.changes import changed_problem
 from dobc_design.problem.problem import Problem
-from dobc_design.synthesis.observer.claim import ZERO, read_positive
+from dobc_design.synthesis.observer.claim import read_positive
 from dobc_design.synthesis.pinning import decide
 
 from .claim import (
@@ -197,7 +197,7 @@ def _unordered(task: Task) -> Statement | None:
     if not acts_by_component(loop_of(bare)):
         return None
     # Which order serves depends on who has a gain, not on how large it is.
-    held = holding(bare, dict.fromkeys(task.request.allowed, Fraction(1)))
+    held = holding(bare, dict.fromkeys(task.request.allowed, ONE))
     stuck = stuck_agents(loop_of(held))
     if not stuck:
         return None
@@ -225,7 +225,7 @@ def _on(task: Task, agents: AgentSet) -> PinningDesign:
         text = f"does not apply: {ONLY_BY_COMPONENT}"
         return task.fails(undecided("method", text))
     try:  # whatever v is, |e_j - e_i| reaches 2 rho at least
-        separable.coupling_profiles(loop_of(bare), (Fraction(1),) * bare.n, rho=rho)
+        separable.coupling_profiles(loop_of(bare), (ONE,) * bare.n, rho=rho)
     except UndefinedError as error:
         return task.fails(undecided("method", f"does not apply: {error}"))
     for claim, gains in _proposed(task, agents):

@@ -460,6 +460,8 @@ def other_equilibria(problem: Problem, case: Case, *, report: Progress) -> Itera
     loop, checks = case.loop, case.checks
     # Without W there is no loop that could rest.
     has_loop = (case.W is not None or not loop.groups) and not loop.saturates
+    # Agents without a target may rest anywhere.
+    has_loop = has_loop and not loop.agrees
     if loop.starts is None or not has_loop or out_of_time() is not None or problem.signs:
         return
     if covering(loop, checks):

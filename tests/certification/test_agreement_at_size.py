@@ -210,3 +210,10 @@ def test_the_work_of_the_second_program_is_counted_in_pairs():
     rows = rows_of(loop, None)
     assert rows is not None
     assert rows.n == n * (n - 1)
+
+
+def test_couplings_that_mix_components_have_weights_in_coordinates():
+    problem = agreeing({"G": [[1, 2], [2, 1]]}, agents=2, coupling=["2*y1 - y2", "y2"])
+    certificate = certify(problem, everything=True)
+    assert "T" in (check_of(certificate, "max-separable").exact or {})
+    assert verify(certificate, problem).holds

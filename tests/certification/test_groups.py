@@ -295,3 +295,13 @@ def test_a_quadratic_certificate_takes_s_of_every_agents_own_group():
     certificate = certified(two(1, 1), everything=True)
     assert certificate.check("lure").verdict is Verdict.PROVED
     assert verify(certificate, two(1, 1)).holds
+
+
+@pytest.mark.slow
+def test_a_faster_quadratic_certificate_is_looked_for_beside_an_agent_without_a_disturbance():
+    group = Group(agents=("2",), exosystem=Exosystem(A=[[0]], C=[[1]]), observer=Observer(W=[[8]]))
+    region = {"initial_states": ["-1/5", "1/5"], "initial_disturbance": "1/10"}
+    problem = linked([[2, 1]], 2, gains={1: 1, 2: 1}, groups=[group], region=region)
+    check = certify(problem, everything=True).check("lure")
+    assert check.is_proved
+    assert check.rate is not None

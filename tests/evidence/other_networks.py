@@ -132,7 +132,7 @@ def farthest(case: Agreeing, rng: Any) -> tuple[float, float]:
     least = x.min()
     largest = x.max()
     mode = 0
-    for k in range(int(12 / STEP)):
+    for k in range(int(6 / STEP)):
         if k % 20 == 0:
             mode = int(rng.integers(len(case.modes)))
         later = eps @ half.T

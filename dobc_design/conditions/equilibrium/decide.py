@@ -167,6 +167,8 @@ def why_not(loop: Loop, claim: Equilibrium, *, part: Fraction = ONE) -> str | No
         raise ShapeError(what, key="box")
     if claim.mode not in loop.modes:
         raise SpecError(f"mode must be one of the problem's; got {claim.mode[:60]!r}.", key="mode")
+    if loop.agrees:
+        return "agents without a target may rest anywhere."
     reason = saturation_obstacle(loop) or fixed_obstacle(loop) or signs_obstacle(loop)
     if reason is not None:
         return reason

@@ -387,7 +387,8 @@ def _border(loop: Loop, P: Matrix, Q: Matrix, *, rate: float) -> Array | None:
     except (linalg.LinAlgError, ValueError):
         return None
     whole = linalg.block_diag(*agent_blocks(S.tolist(), loop.groups, loop.labels))
-    return np.asarray((whole + whole.T) / 2)
+    # An agent without a disturbance has an exact 0.
+    return np.asarray((whole + whole.T) / 2, dtype=float)
 
 
 @noun(eq=False)

@@ -311,15 +311,15 @@ def settling_stage(
 def schedule_stage(asked: Region, report: Progress) -> list[Check]:
     """The check `schedule`, where [switching] has a guarantee; PROVED or UNDECIDED."""
     loop = asked.loop
+    turned = not acts_by_component(loop)
     # Of one graph the weights of pairs say more, where there are few enough; signs have none.
-    alone = (loop.is_apart or loop.signed) and len(loop.modes) == 1
+    alone = (loop.is_apart or loop.signed) and len(loop.modes) == 1 and not turned
     if not (loop.guarantee.phases or alone):
         return []
     # What cannot hold is not searched for.
     grows = growth_check(loop, asked.domain)
     if grows is not None:
         return [grows]
-    turned = not acts_by_component(loop)
     reason = obstacle(loop, asked.W, turned=turned)
     if reason is None and turned:
         reason = gap_obstacle(loop)

@@ -302,3 +302,13 @@ def test_a_y_that_is_not_invertible_and_a_field_that_is_hardly_known_prove_nothi
     assert krawczyk_holds(ROOT, value, slopes, Y, F(1))
     assert not krawczyk_holds(ROOT, value, slopes, nothing, F(1))
     assert not krawczyk_holds(ROOT, anything, slopes, Y, F(1))
+
+
+def test_agents_without_a_target_rest_anywhere_and_nothing_is_refuted():
+    """Both at 1 agree, though the error system rests there and not at 0."""
+    at_one = Equilibrium(mode="G", box=(Interval(F(1), F(1)), Interval(F(1), F(1))))
+    arcs = [[1, 2], [2, 1]]
+    assert refusal(linked(arcs, 2, gains={}), at_one) is None
+    assert refusal(linked(arcs, 2, goal="agreement"), at_one) == (
+        "agents without a target may rest anywhere."
+    )

@@ -26,7 +26,7 @@ function ticks(top) { // 0 and some round numbers up to top
 }
 
 function drawNetwork(holder, model, { pin, join, mode }) {
-  const { labels, places } = model.get("network");
+  const { labels, places, agrees } = model.get("network");
   const svg = made(holder, "svg:svg", { viewBox: `0 0 ${SIZE} ${SIZE}`, role: "group", "aria-label": "Network" });
   const id = `tip${Math.random().toString(36).slice(2)}`;
   const marker = made(made(svg, "svg:defs"), "svg:marker", { id, viewBox: "0 0 8 8", refX: 8, refY: 4,
@@ -94,7 +94,7 @@ function drawNetwork(holder, model, { pin, join, mode }) {
       const gain = model.get("gains")[label];
       agents[k].classList.toggle("dobc-pinned", gain !== undefined);
       agents[k].setAttribute("aria-pressed", gain !== undefined);
-      agents[k].setAttribute("aria-label", `agent ${label}, ${gain === undefined ? "not pinned" : `gain ${digits(gain)} 1/s`}`);
+      agents[k].setAttribute("aria-label", `agent ${label}${agrees ? "" : gain === undefined ? ", not pinned" : `, gain ${digits(gain)} 1/s`}`);
     });
   };
 }
@@ -102,7 +102,7 @@ function drawNetwork(holder, model, { pin, join, mode }) {
 function drawResponse(holder, title) {
   const width = 380, height = 210, left = 46, right = 14, bottom = 40, upper = 20;
   const svg = made(holder, "svg:svg", { viewBox: `0 0 ${width} ${height}`, role: "img",
-    "aria-label": "Distance of every agent from its goal over time, without disturbance" });
+    "aria-label": `${title}, of every agent over time, without disturbance` });
   return ({ times, errors }, radius, pinned, bound) => {
     svg.replaceChildren();
     const end = times[times.length - 1] || 1;
@@ -162,7 +162,7 @@ function field(parent, text, unit, [low, high], get, set) {
 function render({ model, el }) {
   el.classList.add("dobc-designer");
   el.setAttribute("data-lm-suppress-shortcuts", "true"); // else JupyterLab takes the arrow keys
-  const labels = model.get("network").labels, past = [], future = [];
+  const { labels, agrees } = model.get("network"), past = [], future = [];
   let waiting = null, rest = null, pending = false, lost = null, gesture = null;
   const expect = () => { // the kernel may be gone: what stands here would wait for ever
     clearTimeout(lost);
@@ -211,6 +211,7 @@ function render({ model, el }) {
     else { said.textContent = "Type a number above 0."; refresh(); }
   };
   const pin = (label) => {
+    if (agrees) { said.textContent = "Agents that agree on a value have no pins."; return; }
     const gains = { ...current("gains") };
     if (label in gains) delete gains[label]; else gains[label] = model.get("network").gain;
     change("gains", gains);
@@ -236,7 +237,8 @@ function render({ model, el }) {
   if (modes.length < 2) modeChoice.remove();
   const mode = () => modes[Number(modeChoice.value)];
   const network = drawNetwork(left, model, { pin, join, mode });
-  legend(left, [["dobc-dot dobc-on", "pinned: knows the target"], ["dobc-dot", "not pinned"], ["dobc-arrow", "information flows along the arrow"]]);
+  const arrow = ["dobc-arrow", "information flows along the arrow"];
+  legend(left, agrees ? [arrow] : [["dobc-dot dobc-on", "pinned: knows the target"], ["dobc-dot", "not pinned"], arrow]);
   const arcRow = made(left, "div", { class: "dobc-row" }, "Agent");
   const listener = choice(arcRow, labels, "Listening agent");
   arcRow.append("listens to");
@@ -244,7 +246,7 @@ function render({ model, el }) {
   if (labels.length > 1) speaker.value = 1;
   const arcButton = made(arcRow, "button", { class: "dobc-join" });
   arcButton.addEventListener("click", () => join(Number(listener.value), Number(speaker.value)));
-  made(left, "div", { class: "dobc-hint" }, "Click an agent to pin it, again to unpin it. Drag from one agent to another to add or remove an arc. Arrow keys go from agent to agent; Enter pins.");
+  made(left, "div", { class: "dobc-hint" }, `${agrees ? "" : "Click an agent to pin it, again to unpin it. "}Drag from one agent to another to add or remove an arc. Arrow keys go from agent to agent${agrees ? "" : "; Enter pins"}.`);
 
   const verdict = made(right, "div", { class: "dobc-verdict", role: "status", "aria-live": "polite" });
   const beside = made(right, "div", { class: "dobc-hint dobc-plant", hidden: "" });
@@ -259,13 +261,13 @@ function render({ model, el }) {
   const unit = model.get("network").unit; // "" without one
   const start = Math.max(model.get("radius"), 1e-3);
   const fixed = [
-    field(right, "starts within", `${unit} of the target`.trim(), [start / 50, start * 50], () => current("radius"), positive("radius", (v) => v)),
+    field(right, "starts within", `${unit} of ${agrees ? "each other" : "the target"}`.trim(), [start / 50, start * 50], () => current("radius"), positive("radius", (v) => v)),
     field(right, "wanted rate", "1/s", [0.001, 10], () => current("rate"), positive("rate", (v) => v)),
   ];
   const gains = made(right, "div", { class: "dobc-gains" });
   const throughout = modes.length > 1 ? `, mode ${modes[0]} throughout` : "";
-  const response = drawResponse(right, `distance from the goal, in ${unit || "units of x"}${throughout}`);
-  legend(right, [["dobc-line dobc-on", "pinned"], ["dobc-line", "not pinned"]]);
+  const response = drawResponse(right, `${agrees ? "largest difference to another agent" : "distance from the goal"}, in ${unit || "units of x"}${throughout}`);
+  if (!agrees) legend(right, [["dobc-line dobc-on", "pinned"], ["dobc-line", "not pinned"]]);
   const proved = made(right, "div");
   const tools = made(right, "div", { class: "dobc-row" });
   const button = (text, act) => { const made_ = made(tools, "button", {}, text); made_.addEventListener("click", act); return made_; };
@@ -294,7 +296,7 @@ function render({ model, el }) {
     if (!wanted.length || wanted.join("\n") !== Object.keys(rows).join("\n")) {
       gains.replaceChildren();
       rows = {};
-      if (!wanted.length) made(gains, "div", { class: "dobc-hint" }, "No agent is pinned.");
+      if (!wanted.length && !agrees) made(gains, "div", { class: "dobc-hint" }, "No agent is pinned.");
       for (const label of wanted) rows[label] = field(gains, `gain of ${label}`, "1/s", [0.01, 1000],
         () => current("gains")[label] ?? 1, positive("gains", (v) => ({ ...current("gains"), [label]: v })));
       if (all.length > wanted.length) made(gains, "div", { class: "dobc-hint" }, `${wanted.length} of ${all.length} gains are shown.`);
@@ -308,15 +310,15 @@ function render({ model, el }) {
     const found = model.get("numbers"), radius = model.get("radius"), top = found.lambda_max;
     const decided = model.get("verdict"), isProved = decided.verdict === "proved", rate = model.get("rate");
     numbers.replaceChildren();
-    made(numbers, "div", {}, top === null ? "λmax(Λ) is left out: h may have a kink at 0."
+    if (!agrees) made(numbers, "div", {}, top === null ? "λmax(Λ) is left out: h may have a kink at 0."
       : `λmax(Λ) is about ${digits(top).replace("-", "−")} 1/s; Lemma 1 needs it below\u00a00.`);
-    if (!isProved) made(numbers, "div", {}, found.reach > 0 // what is proved needs no estimate beside it
+    if (!isProved && !agrees) made(numbers, "div", {}, found.reach > 0 // what is proved needs no estimate beside it
       ? `At the wanted rate, starts within ${digits(found.reach, 3)} of the target should converge${found.reach >= radius ? "" : `; asked for: ${digits(radius, 3)}`}.`
       : "At the wanted rate no region is found.");
-    else if (!decided.rate) made(numbers, "div", {}, "No decay rate is proved.");
-    else if (Number(decided.rate) < rate) made(numbers, "div", {}, `The proved rate is below the wanted one, ${digits(rate)} 1/s.`);
+    else if (isProved && !decided.rate) made(numbers, "div", {}, "No decay rate is proved.");
+    else if (isProved && Number(decided.rate) < rate) made(numbers, "div", {}, `The proved rate is below the wanted one, ${digits(rate)} 1/s.`);
     if (found.note) made(numbers, "div", {}, found.note);
-    made(numbers, "div", { class: "dobc-hint" }, `${isProved ? "λmax and the curves are estimates" : "Estimates"} for the network without the observer, ${found.milliseconds} ms.`);
+    made(numbers, "div", { class: "dobc-hint" }, `${agrees ? "The curves are estimates" : isProved ? "λmax and the curves are estimates" : "Estimates"} for the network without the observer, ${found.milliseconds} ms.`);
     const bound = decided.bound ?? { text: "", tube: [], level: null };
     const isDrawn = response(found, radius, labels.map((label) => label in model.get("gains")), bound);
     proved.replaceChildren();

@@ -24,9 +24,10 @@ from dobc_design.errors import SpecError
 from dobc_design.exact.number import float_above
 from dobc_design.exact.reading import Document
 from dobc_design.loop.make import loop_of
+from dobc_design.loop.pairs import are_pairs, required_rows
 from dobc_design.problem.problem import Problem
 from dobc_design.report.plant import numbers_of, plant_numbers
-from dobc_design.report.words import sentence
+from dobc_design.report.words import said_here, sentence
 from dobc_design.verdict import Verdict
 
 
@@ -48,9 +49,11 @@ def shown(certificate: Certificate, times: Sequence[float], radius: Fraction) ->
     rate, factor = certificate.rate, certificate.factor
     claims = certificate.regions.claims
     proved = [claim.method for claim in claims if claim.verdict is Verdict.PROVED]
+    text = sentence(certificate.reason)
+    problem = certificate.problem
     return {
         "verdict": certificate.verdict.value,
-        "text": sentence(certificate.reason),
+        "text": said_here(problem)(text) if problem.agrees else text,
         "rate": None if rate is None else significant_towards_zero(rate),
         "factor": None if factor is None else significant_away_from_zero(factor),
         "conditions": list(dict.fromkeys(proved)),
@@ -93,6 +96,8 @@ def _bound(certificate: Certificate, times: Sequence[float], radius: Fraction) -
         return Bound(
             text="No proved bound is drawn: the run does not keep the switching guarantee."
         )
+    if loop.agrees and not are_pairs(required_rows(loop, certificate.claims.W)):
+        return Bound(text="No proved bound is drawn: it is about differences to one agent.")
     try:
         tube = certificate.bound(times, radius=radius, disturbance=0)
     except SpecError as error:
@@ -118,4 +123,5 @@ def _level(certificate: Certificate, radius: Fraction) -> Bound | None:
     boxes = [claim.box for claim in certificate.regions.claims if claim.box is not None]
     if not boxes:
         return None
-    return Bound(text="largest distance of starts that is proved", level=max(boxes))
+    what = "difference" if loop.agrees else "distance"
+    return Bound(text=f"largest {what} of starts that is proved", level=max(boxes))

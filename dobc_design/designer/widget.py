@@ -75,7 +75,8 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
 
     ``problem``: Problem, path of a problem file, or name of a built-in problem; at most 200 agents,
     numbers as gains. ``rate``: the decay rate in 1/s that the previewed region has to have.
-    ``radius``: starts within this distance of the target; default those of the problem's region.
+    ``radius``: starts within this distance of the target, or of each other where agents agree on a
+    value, which are not pinned; default those of the problem's region.
     Raises: SpecError for a problem that it cannot show.
     """
 
@@ -248,12 +249,15 @@ def _drawn(problem: Problem) -> Document:
         "gain": GAIN,
         "limit": limit_words(problem),
         "unit": problem.unit,
+        "agrees": problem.agrees,
     }
 
 
 def _radius(problem: Problem) -> float:
     if problem.region is None:
         return 1.0
+    if problem.agrees:
+        return float(max(high - low for low, high in problem.region.initial_states))
     farthest = []
     for (low, high), goal in zip(problem.region.initial_states, problem.target, strict=True):
         farthest.append(max(abs(low - goal), abs(high - goal)))
@@ -261,9 +265,14 @@ def _radius(problem: Problem) -> float:
 
 
 def _region(problem: Problem, radius: Fraction) -> Document:
-    """Starts within ``radius`` of the target, in every component; the bound on the estimation error
-    stays as it was."""
-    states = [[target - radius, target + radius] for target in problem.target]
+    """Starts within ``radius`` of the target, or of each other, in every component; the bound on
+    the estimation error stays as it was."""
+    middles = list(problem.target)
+    if problem.agrees:
+        radius /= 2
+        if problem.region is not None:
+            middles = [(low + high) / 2 for low, high in problem.region.initial_states]
+    states = [[middle - radius, middle + radius] for middle in middles]
     region: Document = {"initial_states": states[0] if problem.m == 1 else states}
     given = None if problem.region is None else problem.region.initial_disturbance
     if problem.groups and given is None:
@@ -277,8 +286,9 @@ class Preview:
     proofs.  ``lambda_max``: the largest eigenvalue of Lambda over all modes in 1/s, None where h
     may have a kink.  ``reach``: the largest box |e|_inf <= reach, up to the radius asked for, that
     seems to shrink at the rate asked for (the network alone, without the observer); 0 if none
-    does.  ``errors`` (agents, times): |x_i - goal_i|_inf at ``times`` in s.  ``note``: why
-    something is missing."""
+    does.  ``errors`` (agents, times): |x_i - goal_i|_inf at ``times`` in s, where agents agree on a
+    value the largest |x_i - x_j|, beside which nothing is estimated.  ``note``: why something is
+    missing."""
 
     lambda_max: float | None = None
     reach: float = 0.0
@@ -290,6 +300,8 @@ class Preview:
 def preview(problem: Problem, *, radius: float, rate: float, t_final: float) -> Preview:
     """Estimate everything.  ``radius`` in the unit of x, ``rate`` in 1/s, ``t_final`` in s."""
     seen = _response(problem, radius, t_final)
+    if problem.agrees:
+        return seen
     return replace(seen, lambda_max=_lambda_max(problem), reach=_reach(problem, radius, rate))
 
 
@@ -340,7 +352,8 @@ def _response(problem: Problem, radius: float, t_final: float) -> Preview:
     goals = np.array([list(map(float, problem.goal_of(agent))) for agent in range(problem.n)])
     # Corners and halves of the box: a start that shows something of every agent.
     random = np.random.default_rng(0)
-    start = goals + radius * random.choice((-1.0, -0.5, 0.5, 1.0), size=goals.shape)
+    size = radius / 2 if problem.agrees else radius
+    start = goals + size * random.choice((-1.0, -0.5, 0.5, 1.0), size=goals.shape)
     unused = ("exosystem", "observer", "groups", "region", "switching", "simulation")
     alone = problem.replace(**dict.fromkeys(unused))
     mode = next(iter(problem.network.modes))
@@ -350,7 +363,11 @@ def _response(problem: Problem, radius: float, t_final: float) -> Preview:
         )
     except DobcError as error:
         return Preview(note=str(error))
-    errors = abs(run.x - goals).max(axis=2)  # (times, agents)
+    e = run.x - goals
+    errors = abs(e).max(axis=2)  # (times, agents)
+    if problem.agrees:
+        low, high = e.min(axis=1, keepdims=True), e.max(axis=1, keepdims=True)
+        errors = np.maximum(e - low, high - e).max(axis=2)
     rows = [[float(f"{value:.4g}") for value in row] for row in errors.T]
     times = [float(f"{t:.4g}") for t in run.times]
     return Preview(times=times, errors=rows, note=run.reason if run.diverged else "")

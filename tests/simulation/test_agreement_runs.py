@@ -131,12 +131,6 @@ def test_casadi_has_the_couplings_of_agents_that_agree_and_of_signs():
     np.testing.assert_allclose(np.ravel(apart([1, 2], [], [])[0]), [-3, -3], atol=1e-12)
 
 
-def test_the_designer_needs_a_target():
-    pytest.importorskip("anywidget")
-    with pytest.raises(SpecError, match="the Designer needs a target"):
-        dd.Designer(agreeing())
-
-
 def test_stress_breaks_the_disagreement_of_agents_that_work():
     found = what_breaks_first(agreeing(), options=("noise",), t_final=10)
     assert found.sweeps[0].survives is not None

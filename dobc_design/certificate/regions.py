@@ -134,7 +134,12 @@ class Regions(Headed):
     settling: Check | None = None
     equilibrium: Check | None = None
     unit: str = ""  # of the states, where all components share one
-    agree: bool = False
+    goal: str = "target"  # as of a loop: what |e| measures
+
+    @property
+    def agree(self) -> bool:
+        """Whether errors are differences of agents."""
+        return self.goal in ("differences", "roots")
 
     @property
     def tried(self) -> bool:
@@ -212,7 +217,7 @@ def certified_regions(loop: Loop, claims: Claims) -> Regions:
         gatherer = _Gatherer(loop, known, asked, tolerance)
         chosen = list(_chosen(loop, known))
         separable = [check for check in chosen if isinstance(check.claim, Separable)]
-        agree = loop.goal in ("differences", "roots")
+        apart = loop.is_apart
         return Regions(
             name=loop.name,
             verdict=claims.verdict,
@@ -220,8 +225,8 @@ def certified_regions(loop: Loop, claims: Claims) -> Regions:
             asked=asked,
             tolerance=tolerance,
             claims=tuple(map(gatherer.claim, chosen)),
-            agents=_agents(loop, separable[0]) if separable and not agree else (),
-            agree=agree,
+            agents=_agents(loop, separable[0]) if separable and not apart else (),
+            goal=loop.goal,
             settling=beside.get("settling"),
             delay=beside.get("delay"),
             sampling=beside.get("sampling"),

@@ -89,6 +89,8 @@ class Regions(Protocol):
     @property
     def unit(self) -> str: ...
     @property
+    def goal(self) -> str: ...
+    @property
     def agree(self) -> bool: ...
 
 
@@ -121,6 +123,8 @@ def plot_regions(ax: Axes, regions: Regions) -> Axes:
     what = "distance from the goals"
     if regions.agree:
         what = "difference of two agents"
+    if regions.goal == "containment":
+        what = "distance from the fixed nodes"
     ax.set_xlabel(f"{what} at the start, {in_units(regions.unit)}", parse_math=False)
     return legend_above(ax, least=1)
 
@@ -186,8 +190,11 @@ def plot_starts(ax: Axes, regions: Regions) -> Axes:
     Bars are in units of x, around the goals; with several state components they show the error,
     around 0.  The band is what was asked for.  At most 24 agents are drawn."""
     chosen = drawn_agents(regions)
+    words = ("pinned", "not pinned", "goal")
+    if regions.goal == "containment":
+        words = ("hears one", "hears none", "fixed nodes")
     for column, agent in enumerate(chosen):
-        _draw_start(ax, column, agent)
+        _draw_start(ax, column, agent, words)
     asked = regions.asked
     if asked is not None:
         # Around the goals, unless states themselves were asked for.
@@ -213,19 +220,20 @@ def plot_starts(ax: Axes, regions: Regions) -> Axes:
     return legend_above(ax, widest=4, least=1)
 
 
-def _draw_start(ax: Axes, column: int, agent: Agent) -> None:
+def _draw_start(ax: Axes, column: int, agent: Agent, words: Sequence[str]) -> None:
+    pinned, other, at = words
     goal = agent.goal or 0.0
     low, size = goal - agent.bound, 2 * agent.bound
     bar = ax.bar(column, size, bottom=low, width=0.56, zorder=2, linewidth=1.2)
     (patch,) = bar
     if agent.pinned:
         patch.set(facecolor=BLUE, edgecolor=BLUE)
-        bar.set_label("pinned")
+        bar.set_label(pinned)
     else:
         patch.set(facecolor="none", edgecolor=MUTED)
-        bar.set_label("not pinned")
+        bar.set_label(other)
     mark = [column - 0.36, column + 0.36]
-    ax.plot(mark, [goal, goal], color=INK, linewidth=1.3, zorder=3, label="goal")
+    ax.plot(mark, [goal, goal], color=INK, linewidth=1.3, zorder=3, label=at)
 
 
 def height_of(regions: Regions) -> float:

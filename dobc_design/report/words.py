@@ -31,7 +31,7 @@ from dobc_design.description.words import leader_words, limit_words
 from dobc_design.exact.matrix import Matrix, Vector, matrix
 from dobc_design.exact.number import decimal_text, number_text
 from dobc_design.exact.reading import Document, Names, counted, is_scalar_matrix, some
-from dobc_design.loop.limits import mean_weights
+from dobc_design.loop.limits import mean_weights, reached_from
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.words import Said, said_of
 from dobc_design.problem.fixed import place_words
@@ -494,6 +494,13 @@ def agents_table(problem: Problem) -> Table | None:
     weights = mean_weights(problem)
     if weights is not None:
         columns.append(Column("ends at", lambda i: _limit(problem, weights, i), 1.5))
+    elif problem.goal == "containment":
+        near = list(reached_from(loop_of(problem)))
+
+        def from_whom(agent: int) -> str:
+            return ", ".join(label for label, found in near if agent in found)
+
+        columns.append(Column("reached from", from_whom, 1.5))
     if problem.has_target:
         shown = EVERY if moved else ("markdown",)
         columns.append(Column("k in 1/s" if problem.dynamics is None else "K", gain, 0.8))

@@ -141,3 +141,16 @@ def test_a_proof_under_a_guarantee_says_for_which_signals_it_holds(drawn_only):
     assert "It holds for the signal A for 1 s, B for 1 s, over and over." in text
     assert "arbitrarily fast" not in text
     assert "may switch in any way" not in text
+
+
+def test_between_fixed_nodes_of_which_one_moves_the_table_says_which_reach_each_agent():
+    """Where an agent ends, as a mean of these, is known only if all rest."""
+    arcs = [[1, "a"], [2, 1], [2, "b"], [3, "b"]]
+    network = Network.from_arcs(arcs, arrow="listens_to", fixed=["a", "b"])
+    given = {"network": network, "coupling": "y", "goal": "containment"}
+    moves = Problem(**given, fixed={"a": 0, "b": {"between": [3, 4]}})
+    table = agents_table(moves)
+    assert table.columns[1].head == "reached from"
+    assert [row[1] for row in table.rows] == ["a", "a, b", "b"]
+    rests = Problem(**given, fixed={"a": 0, "b": 4})
+    assert agents_table(rests).columns[1].head == "ends at"

@@ -80,7 +80,7 @@ class RunSwitches(Switches, Protocol):
 
 class Goals(Protocol):
     """Times (T,) in s; goals (n, m), relative to the states of leaders (T, m) or (runs, T, m);
-    slack (m,), half the width of a band about them in which there is no error, None for 0;
+    slack (m,), half the width of a band about them in which there is no error;
     sides (n,) where agents agree on a value, and have no goals, else empty; what is ``measured``;
     units of the m state components, none where none are given."""
 
@@ -91,7 +91,7 @@ class Goals(Protocol):
     @property
     def leader(self) -> Array: ...
     @property
-    def slack(self) -> Array | None: ...
+    def slack(self) -> Array: ...
     @property
     def sides(self) -> Array: ...
     @property
@@ -298,7 +298,7 @@ def _goals(
     times = run.times[rows]
     # One leader for one run, or one for each of the runs whose states are drawn.
     leaders = run.leader[..., component].reshape(-1, len(run.times))
-    slack = 0.0 if run.slack is None else float(run.slack[component])
+    slack = float(run.slack[component])
     between: list[float] = []
     label = "between the fixed nodes"
     if slack:

@@ -88,8 +88,8 @@ def _trajectory(setting: Setting, seed: int, modes: Modes, outcome: Outcome) -> 
         stress=setting.stress_json,
         switches=switches,
         leader=np.zeros(0) if seen.leader is None else seen.leader,
-        slack=np.zeros(0) if setting.loop.slack is None else setting.loop.slack.copy(),
-        sides=np.zeros(0) if setting.loop.sides is None else setting.loop.sides,
+        slack=setting.loop.slack.copy(),
+        sides=setting.loop.sides,
     )
 
 
@@ -269,7 +269,7 @@ class _Collector:
             states=self.states,
             leader=self.leader,
             slack=setting.loop.slack,
-            sides=np.zeros(0) if setting.loop.sides is None else setting.loop.sides,
+            sides=setting.loop.sides,
         )
 
     def side_by_side(self, closed: ClosedForm | None) -> None:
@@ -355,7 +355,7 @@ class _Chunk:
         loop = self.setting.loop
         for run, start in zip(self.chosen, self.runs.starts, strict=True):
             e = start.errors(loop)
-            length = np.linalg.norm(e) if loop.sides is None else length_of_pairs(e, loop.sides)
+            length = length_of_pairs(e, loop.sides) if loop.sides.size else np.linalg.norm(e)
             self.collector.lengths[run] = length
             eps = np.linalg.norm(start.eps, axis=1)
             self.collector.disturbances[run] = eps.max(initial=0.0)

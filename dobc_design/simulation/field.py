@@ -281,11 +281,9 @@ class ClosedLoop:
     plant: Plant | None = None
     bend: Callable[..., Array] | None = None
     lead: ArrayFunction | None = None
-    fixed: int = 0  # nodes after the agents, whose error is 0 unless ``at`` says where they are
-    slack: Array | None = None  # (m,): errors so small are none, None for 0
-    sides: Array | None = None  # (n,) of +-1 where agents agree on one s_i e_i, None with a goal
-    at: Callable[[float], Array] | None = None  # (fixed, m) at a time in s, less the goal
-    moves: bool = False  # whether that depends on the time
+    fixed: int = 0  # nodes after the agents, whose error is 0 unless ``nodes`` has them
+    nodes: FixedNodes | None = None
+    sides: Array = field(default_factory=lambda: np.zeros(0))  # as those of a trajectory
     pins: Mapping[str, csr_array] = field(default_factory=dict)
 
     @property
@@ -299,6 +297,16 @@ class ClosedLoop:
         return self.size + self.m * (self.lead is not None)
 
     @property
+    def moves(self) -> bool:
+        """Whether fixed nodes move."""
+        return self.nodes is not None and self.nodes.moves
+
+    @property
+    def slack(self) -> Array:
+        """Errors so small are none, (m,)."""
+        return np.zeros(self.m) if self.nodes is None else self.nodes.slack
+
+    @property
     def output(self) -> Array:
         """C of d = C xi, (p, q), p = m without [dynamics]."""
         return self.C if self.plant is None else self.plant.C
@@ -310,10 +318,10 @@ class ClosedLoop:
 
     def far(self, e: Array) -> Array:
         """|e| (n, m, ...) less what is no error; where agents agree, their disagreements."""
-        if self.sides is not None:
+        if self.sides.size:
             return disagreements(e, self.sides, axis=0)
         far = np.abs(e)
-        if self.slack is None:
+        if self.nodes is None:
             return far
         slack = self.slack.reshape(-1, *(1,) * (e.ndim - 2))
         return np.asarray(np.maximum(far - slack, 0.0))
@@ -368,9 +376,10 @@ def act(matrix: Array, y: Array) -> Array:
     return matrix @ y
 
 
-def _sides(problem: Problem) -> Array | None:
+def _sides(problem: Problem) -> Array:
+    """Of agents that agree on one s_i e_i, (n,); none with a goal, (0,)."""
     if not problem.agrees:
-        return None
+        return np.zeros(0)
     signs = problem.signs
     if signs is None:
         return np.ones(problem.n)
@@ -389,7 +398,6 @@ def make_closed_loop(
     Raises: SpecError without a W, or for a gain that does not fit."""
     loop = errors_of(problem)
     goal = arrays.goals(problem)
-    between = nodes is not None and nodes.at is not None
     plant = arrays.plant_arrays(problem)
     disturbance = arrays.disturbance_arrays(loop, gain)
     own = None
@@ -407,16 +415,14 @@ def make_closed_loop(
         F=disturbance.F,
         W=disturbance.W,
         K=pull_matrix(loop),
-        goal=goal + nodes.middle if between and nodes is not None else goal,
+        goal=goal if nodes is None else goal + nodes.middle,
         own=disturbance.own,
         plant=plant,
         bend=None if plant is None or own is None else _bend(plant, own),
         lead=lead,
         fixed=len(loop.fixed),
         pins=_pins_of_modes(problem),
-        slack=nodes.slack if between and nodes is not None else None,
-        at=None if nodes is None else nodes.at,
-        moves=nodes is not None and nodes.moves,
+        nodes=nodes,
         sides=_sides(problem),
     )
 
@@ -489,10 +495,10 @@ class Network:
         """Where the fixed nodes are, as ``rows`` of agents are given."""
         loop = self.loop
         found = np.zeros((loop.fixed, *rows.shape[1:]))
-        if loop.at is not None:
+        if loop.nodes is not None:
             # runs of an agent stand component by component
             runs = max(1, found.size // (loop.fixed * loop.m))
-            found[...] = np.repeat(loop.at(time), runs, axis=1).reshape(found.shape)
+            found[...] = np.repeat(loop.nodes.at(time), runs, axis=1).reshape(found.shape)
         return found
 
 

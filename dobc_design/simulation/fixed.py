@@ -21,19 +21,20 @@ ROUNDS = 5  # of the first node that moves, in the time of a run; each further o
 @noun(eq=False)
 class FixedNodes:
     """``middle`` (m,) of the box, and ``slack`` (m,), half of its sides: states in it have no
-    error.  ``at``: where the nodes are at a time, (F, m), less the middle; None where all rest
-    there."""
+    error.  ``at``: where the nodes are at a time, (F, m), less the middle; ``moves``: whether that
+    depends on it."""
 
     middle: Array
     slack: Array
-    at: Callable[[float], Array] | None
+    at: Callable[[float], Array]
     moves: bool
 
 
 def fixed_nodes(problem: Problem, *, horizon: float, seed: int) -> FixedNodes | None:
-    """The fixed nodes in the run of one seed; None without any.  Those that move go to and fro
-    between their bounds: with an even seed as a sine, with an odd one they jump."""
-    if not problem.fixed:
+    """The fixed nodes in the run of one seed; None where agents are not to end between them.  Those
+    that move go to and fro between their bounds: with an even seed as a sine, with an odd one they
+    jump."""
+    if problem.goal != "containment":
         return None
     low, high = to_float(hull(problem.fixed)).T
     middle = (low + high) / 2
@@ -54,6 +55,6 @@ def fixed_nodes(problem: Problem, *, horizon: float, seed: int) -> FixedNodes | 
     return FixedNodes(
         middle=middle,
         slack=(high - low) / 2,
-        at=at if problem.goal == "containment" else None,
+        at=at,
         moves=bool(moving),
     )

@@ -83,9 +83,7 @@ class Setting:
         if not self.loop.moves or seed == self.seed:
             return self
         nodes = fixed_nodes(self.problem, horizon=self.horizon, seed=seed)
-        if nodes is None:
-            return self
-        return replace(self, loop=replace(self.loop, at=nodes.at))
+        return replace(self, loop=replace(self.loop, nodes=nodes))
 
     @property
     def is_full(self) -> bool:
@@ -196,7 +194,7 @@ def make_setting(problem: Problem, *, gain: Gain | None, **given: Unpack[Options
     stress = stress or Stress()
     stress.failing(problem)  # refuses agents that are not there
     starts = make_starts(problem, loop, given.get("start"))
-    if nodes is not None and nodes.moves:
+    if loop.moves:
         notes = [*notes, MOTION]
     return Setting(
         problem=problem,

@@ -125,7 +125,7 @@ def make_starts(problem: Problem, loop: ClosedLoop, given: Given | None) -> Star
     goal = loop.goal
     rows = _given_rows(given, loop)
     region = problem.region
-    away = AWAY if loop.slack is None else AWAY + loop.slack
+    away = AWAY + loop.slack
     low, high = goal - away, goal + away
     if region is not None:
         sides = to_float(region.initial_states).T

@@ -364,10 +364,10 @@ class Ensemble(Simulated):
     disturbances: Array
     states: Array
     leader: Array
+    slack: Array  # and sides as those of a trajectory
+    sides: Array
     loop_sha256: str = ""  # of the problem and W; "" where they were not recorded
     units: Texts = ()  # of the m state components, where the problem gives them
-    slack: Array | None = None  # as that of a trajectory; None for 0
-    sides: Array = field(default_factory=lambda: np.zeros(0))  # as those of a trajectory
 
     def __post_init__(self) -> None:
         for array in self._arrays().values():
@@ -375,6 +375,10 @@ class Ensemble(Simulated):
 
     def _arrays(self) -> dict[str, Any]:
         values = {each.name: getattr(self, each.name) for each in fields(self)}
+        # What came later is left out where it is 0, as in files of older versions.
+        for name in (SLACK, SIDES):
+            if not values[name].any():
+                del values[name]
         return {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
 
     def __len__(self) -> int:

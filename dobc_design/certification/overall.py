@@ -45,7 +45,7 @@ from dobc_design.exact.reading import Names, some
 from dobc_design.exact.work import out_of_time, time_limit
 from dobc_design.loop.arcs import closed_groups, unreached
 from dobc_design.loop.loop import Loop
-from dobc_design.loop.pairs import rows_of
+from dobc_design.loop.pairs import are_pairs, rows_of
 from dobc_design.loop.words import said_of
 from dobc_design.problem.network import Arcs
 from dobc_design.verdict import Verdict
@@ -184,7 +184,8 @@ def _moving_words(loop: Loop, checks: Checks, best: Check | None) -> str:
         return words
     if best is not None and best.kind.role != "safety":
         words = " This is about the graphs of the declared modes"
-        if best.kind.topic == "separable":
+        # A row of a pair has the neighbours of both in one mode.
+        if best.kind.topic == "separable" and not are_pairs(loop):
             words += (
                 " and every mix of their neighbour sets: each agent may take its neighbours "
                 "from any mode"

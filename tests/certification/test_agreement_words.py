@@ -162,3 +162,13 @@ def test_eigenvalues_of_differences_are_for_smooth_couplings():
 
 def test_the_file_of_a_problem_that_agrees_keeps_its_goal():
     assert read(problem_text(read(RING))).agrees
+
+
+def test_of_agents_that_agree_no_mix_of_neighbour_sets_is_claimed():
+    """1 hears 2, or 2 hears 1: if each took its neighbours from the other mode, nobody would hear
+    anybody."""
+    text = RING.replace("agents = 3", "agents = 2") + '[switching]\nsignal = "mobile"\nradius = 1\n'
+    problem = read(text.replace("ring = [[1, 2], [2, 3], [3, 1]]", "a = [[1, 2]]\nb = [[2, 1]]"))
+    found = certify(problem)
+    assert found.verdict is Verdict.PROVED
+    assert "This is about the graphs of the declared modes. " in found.reason

@@ -125,19 +125,17 @@ def stuck_check(loop: Loop, W: Matrix | None, *, domain: Domain) -> Check | None
         return None
     labels = tuple(loop.named(stuck))
     held = "pinned" if loop.m == 1 else "held by a pin in every component"
-    if loop.gap:
-        held = "an agent that hears a fixed node"
+    one, many = f"is not {held} and ", f"are not {held} and "
+    if loop.gap:  # no pins: a fixed node is somebody who is heard
+        one = many = ""
     reason = (
         f"no weights v exist because of {name_agents(labels)}: each agent named has a mode in "
-        f"which it is not {held} and hears nobody outside this group."
+        f"which it {one}hears nobody outside this group."
     )
     if len(loop.modes) > 1 and len(labels) <= _SHOWN:
         modes = zip(labels, stuck.values(), strict=True)
         told = ", ".join(f"{label} in {mode}" for label, mode in modes)
-        reason = (
-            f"no common weights v exist: these agents are not {held} and hear only each other: "
-            f"{told}."
-        )
+        reason = f"no common weights v exist: these agents {many}hear only each other: {told}."
     # Of agents with dynamics it may be a component that is not held, of one that is pinned.
     advised = loop.drift is None and loop.goal != "differences"
     if advised and len(labels) <= _SHOWN and loop.n <= _LARGEST:

@@ -7,6 +7,7 @@ agents. Where there are groups, an agent in none of them has no disturbance.
 """
 
 import hashlib
+from collections.abc import Collection
 from functools import partial
 from itertools import pairwise
 from typing import Any
@@ -84,9 +85,9 @@ class Problem:
             "format": text,
             "name": text,
             "notes": [text],
-            "goal?": self.read_goal,
+            "goal?": partial(word, ("agreement", "containment")),
             "fixed?": None,
-            "negative?": self.read_negative,
+            "negative?": partial(word, ("opposes",)),
             "units?": (text,) * self.m,  # for words and figures; no claim depends on them
             "target": states,
             "modes": [{"name": text, "arcs": arcs, "optional?": arcs, "gains?": gains}],
@@ -105,16 +106,6 @@ class Problem:
             "simulation": an_object,
             "region": maybe(region),
         }
-
-    def read_goal(self, value: Any) -> str:
-        """What agents are to reach, if not a target."""
-        need(value in ("agreement", "containment"), "the goal is not known")
-        return str(value)
-
-    def read_negative(self, value: Any) -> str:
-        """What a negative weight means."""
-        need(value == "opposes", "negative weights have another meaning")
-        return str(value)
 
     def read_h(self, value: Any) -> tuple[str, ...]:
         """One expression, or one per input."""
@@ -237,3 +228,9 @@ class Problem:
         """W acts on states or on inputs: on states where it has as many columns."""
         first = W[0] if type(W) is list and W else None
         return self.m if type(first) is list and len(first) == self.m else self.inputs
+
+
+def word(known: Collection[str], value: Any) -> str:
+    """One of these words."""
+    need(value in known, f"{value} is no word that is known here")
+    return str(value)

@@ -21,8 +21,8 @@ OPPOSES, REPELS = NEGATIVE = ("opposes", "repels")
 @noun
 class Signs:
     """Who opposes whom: ``sides`` has +1 or -1 for every agent so that agents oppose each other
-    exactly across the two sides; None where no division fits, and then ``breaks`` is the first arc
-    (listener, speaker) that fits none which those before it allow."""
+    exactly across the two sides; None where no division fits, and then ``breaks`` is an arc
+    (listener, speaker) that others do not allow."""
 
     sides: tuple[int, ...] | None
     breaks: Arc | None = None
@@ -37,35 +37,26 @@ def signs_of(
 ) -> Signs:
     """The sides of n agents whose arcs of negative weight oppose.  In every connected part the
     first pinned agent, or the first one if none is, has +1."""
-    # A forest of agents, each with its sign relative to the one above it.
-    above = list(range(n))
-    sign = [1] * n
-
-    def top(agent: int) -> tuple[int, int]:
-        path = []
-        while above[agent] != agent:
-            path.append(agent)
-            agent = above[agent]
-        relative = 1
-        for each in reversed(path):
-            relative *= sign[each]
-            above[each], sign[each] = agent, relative
-        return agent, relative
-
-    for listener, speaker, weight in arcs:
-        first, own = top(listener)
-        second, other = top(speaker)
-        between = own * other * (1 if weight > 0 else -1)
-        if first != second:
-            lower, upper = max(first, second), min(first, second)
-            above[lower], sign[lower] = upper, between
-        elif between < 0:
+    known = tuple(arcs)
+    near: list[list[tuple[int, int]]] = [[] for _ in range(n)]
+    for listener, speaker, weight in known:
+        sign = 1 if weight > 0 else -1
+        near[listener].append((speaker, sign))
+        near[speaker].append((listener, sign))
+    sides = [0] * n
+    for first in (*pinned, *range(n)):
+        waiting = [] if sides[first] else [first]
+        sides[first] = sides[first] or 1
+        while waiting:
+            agent = waiting.pop()
+            for other, sign in near[agent]:
+                if not sides[other]:
+                    sides[other] = sign * sides[agent]
+                    waiting.append(other)
+    for listener, speaker, weight in known:
+        if sides[listener] * sides[speaker] * weight < 0:
             return Signs(sides=None, breaks=(listener, speaker))
-    turned: dict[int, int] = {}
-    for agent in pinned:
-        part, own = top(agent)
-        turned.setdefault(part, own)
-    return Signs(sides=tuple(own * turned.get(part, 1) for part, own in map(top, range(n))))
+    return Signs(sides=tuple(sides))
 
 
 def signs_words(signs: Signs, labels: Sequence[str]) -> str:

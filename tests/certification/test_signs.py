@@ -364,7 +364,7 @@ def test_a_flipped_sign_is_refused_by_the_second_program():
     def repels(document: Any) -> None:
         document["negative"] = "repels"
 
-    with pytest.raises(Refused, match="another meaning"):
+    with pytest.raises(Refused, match="is no word that is known here"):
         refusals(problem, repels, claims)
 
 

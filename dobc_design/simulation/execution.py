@@ -244,6 +244,8 @@ class _Collector:
         # whoever has a reason ended early
         diverged = np.zeros(self.runs, dtype=bool)
         diverged[list(self.reasons)] = True
+        if self.runs > 1 and np.allclose(self.error, self.error[0], equal_nan=True):
+            notes = (*notes, "All runs are alike: nothing in them is drawn at random.")
         return Ensemble(
             name=problem.name,
             mode=setting.modes_in_words,

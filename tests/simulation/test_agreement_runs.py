@@ -140,3 +140,10 @@ def test_stress_breaks_the_disagreement_of_agents_that_work():
 def test_what_needs_a_target_says_so(act):
     with pytest.raises(SpecError, match="needs a target; these agents agree"):
         act(agreeing())
+
+
+def test_several_runs_from_the_starts_of_the_file_are_said_to_be_alike():
+    given = agreeing(region=None, simulation={"x0": [[1], [2], [3], [4]], "xi0": [1]})
+    alike = "All runs are alike: nothing in them is drawn at random."
+    assert alike in dd.simulate(given, runs=2, t_final=1).notes[-1]
+    assert not any(alike in note for note in dd.simulate(agreeing(), runs=2, t_final=1).notes)

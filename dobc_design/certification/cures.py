@@ -40,6 +40,7 @@ from dobc_design.loop.arcs import closed_groups, tied, unreached
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.changes import changed_problem, gain_table, mode_table, typed_matrix
+from dobc_design.problem.network import labels_of
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
@@ -135,8 +136,10 @@ def missing_arcs(problem: Problem) -> Fix | None:
     # Optional arcs stand in a list of their own, which may not be rewritten.
     if count > MOST_ARCS or any(arcs.optional for arcs in loop.modes.values()):
         return None
-    labels = loop.labels
-    modes = mode_table(problem.network)
+    labels: Sequence[str | int] = loop.labels
+    if loop.labels == labels_of(loop.n):  # as they were typed
+        labels = range(1, loop.n + 1)
+    modes = mode_table(problem.network, labels)
     changes: Document = {"network.arrow": "listens_to", "network.modes": modes}
     cycles: list[tuple[str, ...]] = [(mode,) for mode in loop.modes]
     if 0 < len(loop.guarantee.phases) <= MOST_PHASES:

@@ -382,12 +382,13 @@ def problem_text(problem: Problem) -> str:
     return tomlkit.dumps(document)
 
 
-def mode_table(network: Network) -> Document:
-    """The arcs of every mode as they stand in a file with arrow = "listens_to"."""
-    return {name: _arcs(arcs, network.names) for name, arcs in network.modes.items()}
+def mode_table(network: Network, names: Sequence[str | int] = ()) -> Document:
+    """The arcs of every mode as they stand in a file with arrow = "listens_to"; ``names``: what
+    agents are called there, if not by their labels."""
+    return {name: _arcs(arcs, names or network.names) for name, arcs in network.modes.items()}
 
 
-def _arcs(arcs: Arcs, labels: Names) -> Any:
+def _arcs(arcs: Arcs, labels: Sequence[str | int]) -> Any:
     """The arcs of a mode; optional ones, which are the last, have a list of their own."""
     rows = []
     for i, j, w in arcs:

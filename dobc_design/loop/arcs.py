@@ -1,7 +1,10 @@
 """The arcs of a loop in arrays: of one mode, and which nodes they reach; exact, in linear time."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+from fractions import Fraction
 from itertools import chain
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -9,6 +12,7 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from dobc_design._checks import noun
+from dobc_design.coupling.coupling import Coupling
 from dobc_design.exact.matrix import Vector
 from dobc_design.problem.network import Arcs, IndexArray, Places, distinct_weights
 
@@ -104,6 +108,54 @@ def tied(loop: Loop) -> set[int]:
     for arcs in loop.modes.values() if loop.fixed else ():
         found |= set(arcs.listeners[arcs.speakers >= loop.n].tolist())
     return found
+
+
+class Pin(NamedTuple):
+    """An arc from a node to one whose error is 0."""
+
+    node: int
+    function: Coupling
+    weight: Fraction
+
+
+def with_pins(loop: Loop, pins: Mapping[str, Iterable[Pin]], name: str) -> Loop:
+    """The loop with these arcs, by mode, to fixed nodes of this name."""
+    functions = list(loop.functions)
+    places = {function: place for place, function in enumerate(functions)}
+    exceptions = dict(loop.exceptions)
+    modes = dict(loop.modes)
+    own: dict[int, list[int]] = {}  # the places of a node's pins, each in some mode
+    for mode, each in pins.items():
+        ends, weights = list[tuple[int, int]](), list[Fraction]()
+        for node, function, weight in each:
+            place = places.setdefault(function, len(functions))
+            if place == len(functions):
+                functions.append(function)
+            # An arc has one function: pins of a node that differ are to different nodes.
+            known = own.setdefault(node, [])
+            if place not in known:
+                known.append(place)
+            end = (node, loop.nodes + known.index(place))
+            exceptions[end] = place
+            ends.append(end)
+            weights.append(weight)
+        arcs = modes[mode]
+        # Optional arcs are the last ones.
+        listeners, speakers = np.array(ends).T
+        modes[mode] = Arcs(
+            listeners=np.append(listeners, arcs.listeners),
+            speakers=np.append(speakers, arcs.speakers),
+            weights=(*weights, *arcs.weights),
+            optional=arcs.optional,
+        )
+    numbers = range(max(map(len, own.values())))
+    return replace(
+        loop,
+        fixed=(*loop.fixed, *(f"{name} {k + 1}" if k else name for k in numbers)),
+        modes=modes,
+        functions=tuple(functions),
+        exceptions=MappingProxyType(exceptions),
+    )
 
 
 class _Ends(NamedTuple):

@@ -12,13 +12,11 @@ is f(target + e) - f(target).  With a leader s the target is 0, and the errors o
 """
 
 import re
+from collections.abc import Iterator
 from dataclasses import replace
-from fractions import Fraction
 from functools import lru_cache
 from types import MappingProxyType
 from typing import NamedTuple
-
-import numpy as np
 
 from dobc_design._checks import noun
 from dobc_design.coupling.coupling import Coupling, make_coupling
@@ -32,10 +30,11 @@ from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.fixed import hull
 from dobc_design.problem.groups import Group, Groups, Observer
 from dobc_design.problem.leader import enclosure, not_enclosed
-from dobc_design.problem.network import Arcs, Places
+from dobc_design.problem.network import Places
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.region import Pairs
 
+from .arcs import Pin, with_pins
 from .guarantee import guarantee_of
 from .loop import Drift, Goals, Loop, Pins, Starts, pins_of, zero_goals
 from .signs import turned
@@ -111,7 +110,9 @@ def _made_once(same: _Same) -> Loop:
         loop = _with_dynamics(loop, problem, dynamics)
     if problem.goal == "containment":
         return _between(loop, hull(problem.fixed))
-    return _with_pins_of_modes(loop, problem) if problem.pinning.modes else loop
+    if problem.pinning.modes:
+        return with_pins(loop, dict(_pins_of_modes(loop, problem)), "target")
+    return loop
 
 
 def _between(loop: Loop, box: Pairs) -> Loop:
@@ -158,54 +159,18 @@ def _with_dynamics(loop: Loop, problem: Problem, dynamics: Dynamics) -> Loop:
     )
 
 
-def _with_pins_of_modes(loop: Loop, problem: Problem) -> Loop:
-    """The loop with the pins of single modes: arcs of these modes to fixed nodes."""
-    functions = list(loop.functions)
-    exceptions = dict(loop.exceptions)
-    modes = dict(loop.modes)
-    own: dict[int, list[int]] = {}  # the places of an agent's pins, each in some mode
+def _pins_of_modes(loop: Loop, problem: Problem) -> Iterator[tuple[str, list[Pin]]]:
+    """The pins of single modes, linear pulls: multiples of y, or of a function of their own."""
+    y = _made("y", loop.m)
     for mode, gains in problem.pinning.modes.items():
-        listeners, speakers, weights = list[int](), list[int](), list[Fraction]()
+        pins = []
         for i, K in gains.items():
             pull = K if problem.dynamics is None else multiply(problem.dynamics.B, K)
-            place, weight = _place_of(pull, functions, loop)
-            # An arc has one function: pins of an agent that differ are to different nodes.
-            places = own.setdefault(i, [])
-            if place not in places:
-                places.append(place)
-            speaker = loop.nodes + places.index(place)
-            exceptions[i, speaker] = place
-            listeners.append(i)
-            speakers.append(speaker)
-            weights.append(weight)
-        between = modes[mode]
-        # Optional arcs are the last ones.
-        modes[mode] = Arcs(
-            listeners=np.concatenate([np.array(listeners), between.listeners]),
-            speakers=np.concatenate([np.array(speakers), between.speakers]),
-            weights=(*weights, *between.weights),
-            optional=between.optional,
-        )
-    numbers = range(max(map(len, own.values())))
-    return replace(
-        loop,
-        fixed=(*loop.fixed, *(f"target {k + 1}" if k else "target" for k in numbers)),
-        modes=modes,
-        functions=tuple(functions),
-        exceptions=MappingProxyType(exceptions),
-    )
-
-
-def _place_of(pull: Matrix, functions: list[Coupling], loop: Loop) -> tuple[int, Fraction]:
-    """The place of the function of a linear pull, y or a new one, and the factor of it."""
-    factor = ONE
-    function = _linear(pull)
-    if is_scalar_matrix(pull) and pull[0][0] > 0:
-        factor = pull[0][0]
-        function = _made("y", loop.m)
-    if function not in functions:
-        functions.append(function)
-    return functions.index(function), factor
+            if is_scalar_matrix(pull) and pull[0][0] > 0:
+                pins.append(Pin(i, y, pull[0][0]))
+            else:
+                pins.append(Pin(i, _linear(pull), ONE))
+        yield mode, pins
 
 
 def _linear(M: Matrix) -> Coupling:

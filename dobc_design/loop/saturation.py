@@ -9,12 +9,9 @@ does: it may be stronger, so that the function bounds rows, and says nothing abo
 from dataclasses import replace
 from fractions import Fraction
 from functools import lru_cache
-from types import MappingProxyType
-
-import numpy as np
 
 from dobc_design._checks import noun
-from dobc_design.coupling.coupling import make_coupling
+from dobc_design.coupling.coupling import Coupling, make_coupling
 from dobc_design.exact.definite import decide_positive_definite
 from dobc_design.exact.matrix import (
     Matrix,
@@ -33,9 +30,9 @@ from dobc_design.exact.matrix import (
 from dobc_design.exact.number import ONE, ZERO, number_text, root_above
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import group_numbers
-from dobc_design.problem.network import Arcs
 from dobc_design.problem.uncertainty import ABSOLUTE
 
+from .arcs import Pin, with_pins
 from .loop import Loop, pins_of
 
 ROOTS = 10**15  # roots are rounded up to multiples of 1/ROOTS
@@ -106,38 +103,17 @@ def saturated(loop: Loop, W: Matrix | None) -> Loop:
     cut = {agent: gain for agent, gain in loop.pins.gains.items() if agent in rooms.room}
     if not cut:
         return loop
-    functions = list(loop.functions)
-    places: dict[str, int] = {}  # of what agents with the same gain and room share
-    exceptions = dict(loop.exceptions)
+    made: dict[str, Coupling] = {}  # what agents with the same gain and room share
+    pins = []
     for agent, gain in cut.items():
         end = number_text(rooms.room[agent])
         text = f"clip(({number_text(gain[0][0])})*y, -({end}), {end})"
-        if text not in places:
-            places[text] = len(functions)
-            functions.append(make_coupling(text, dimension=loop.m))
-        exceptions[agent, loop.n] = places[text]
-    listeners = np.array(list(cut))
-    speakers = np.full(len(cut), loop.n)
-    ones = (ONE,) * len(cut)
-    modes = {}
-    for name, arcs in loop.modes.items():
-        # Optional arcs are the last ones.
-        modes[name] = Arcs(
-            listeners=np.concatenate([listeners, arcs.listeners]),
-            speakers=np.concatenate([speakers, arcs.speakers]),
-            weights=(*ones, *arcs.weights),
-            optional=arcs.optional,
-        )
+        if text not in made:
+            made[text] = make_coupling(text, dimension=loop.m)
+        pins.append(Pin(agent, made[text], ONE))
     kept = pins_of({i: gain for i, gain in loop.pins.gains.items() if i not in cut})
-    return replace(
-        loop,
-        fixed=FIXED,
-        modes=modes,
-        functions=tuple(functions),
-        exceptions=MappingProxyType(exceptions),
-        pins=kept,
-        pulls=kept,
-    )
+    found = with_pins(loop, dict.fromkeys(loop.modes, pins), *FIXED)
+    return replace(found, pins=kept, pulls=kept)
 
 
 def _largest_errors(

@@ -479,7 +479,10 @@ def _nothing(claims: Claims, starts: Starts) -> str:
     where = f"|e|_inf = {float(starts.box):.4g} and |eps_i| = {float(starts.disturbance):.4g}"
     regions = [check.domain for check in claims.checks if isinstance(check.domain, Around)]
     if not regions:
-        return "the certificate says of no size of starts that it is covered; ask for a [region]"
+        return (
+            "the certificate holds for starts that are close enough, and does not say how close; "
+            "ask for a [region]"
+        )
     most = max(regions, key=lambda domain: (isinstance(domain, Box), domain.radius))
     edge = "|e|_inf" if isinstance(most, Box) else "|e|"
     proved = f"{edge} <= {most.radius:.6g} with |eps_i| <= {most.disturbance:.6g}"

@@ -257,11 +257,11 @@ def _pairs(r: Random) -> Forgery:
     if all(i != 1 for i, *_ in arcs):
         arcs.append([1, n, F(1)])
     names = r.sample(list(RISING)[2:], 2)
-    other = tuple(arcs[0][:2])
+    i, j, _ = arcs[0]
     problem = Problem(
         network=network_of(arcs, n),
         coupling=names[0],
-        exceptions={other: names[1]},
+        exceptions={(i - 1, j - 1): names[1]},
         goal="agreement",
         region=_region(r),
     )
@@ -272,15 +272,15 @@ def _pairs(r: Random) -> Forgery:
         return lambda y: -h(-y)
 
     terms = []
-    for i, j in places:
+    for first, second in places:
         heard: Terms = []
         for a, b, w in arcs:
-            h = RISING[names[1] if (a, b) == other else names[0]]
-            if a == i:
-                heard.append((float(w), h, number.get((b, j))))
-            if a == j:
-                heard.append((float(w), mirrored(h), number.get((i, b))))
-        terms.append((number[i, j], heard, 0.0))
+            h = RISING[names[1] if (a, b) == (i, j) else names[0]]
+            if a == first:
+                heard.append((float(w), h, number.get((b, second))))
+            if a == second:
+                heard.append((float(w), mirrored(h), number.get((first, b))))
+        terms.append((number[first, second], heard, 0.0))
     return Forgery(problem, lambda _: Rows(terms))
 
 

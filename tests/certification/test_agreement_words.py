@@ -69,7 +69,11 @@ def texts_of(problem: Problem) -> list[str]:
     return [certificate.reason, *certificate.claims.notes, *checks, describe(problem)]
 
 
-@pytest.mark.parametrize("text", [RING, RING + FORMATION, FOLLOWED], ids=["ring", "form", "led"])
+@pytest.mark.parametrize(
+    "text",
+    [RING, pytest.param(RING + FORMATION, marks=pytest.mark.slow), FOLLOWED],
+    ids=["ring", "form", "led"],
+)
 def test_where_agents_agree_nothing_says_target_pin_or_goal_of_an_agent(text: str):
     for told in texts_of(read(text)):
         assert not re.search(r"\btarget|\bpin|\|e(\||\(|_i\|)", told), told

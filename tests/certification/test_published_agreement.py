@@ -89,6 +89,7 @@ def test_headings_within_half_a_turn_agree_between_the_first_ones():
     assert certificate.value.hi == pytest.approx((0.7,))
 
 
+@pytest.mark.slow
 def test_a_region_that_is_too_wide_is_told_by_how_far_apart_agents_start():
     """Within 2 rad the sine falls."""
     wide = headings().replace(region={"initial_states": [-1, 1]})

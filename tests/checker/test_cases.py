@@ -2,6 +2,7 @@
 misses a check."""
 
 from collections.abc import Callable
+from typing import Any
 
 import pytest
 from checker_files.accuracy import accuracy_cases
@@ -120,9 +121,14 @@ FEW = {
     "separable": ("left >= 0", "exact.delay >= 0"),
     "quadratic": ("claim.level > 0",),
 }
-REMOVED = [*removals("schedule"), *removals("margins")]
-for file in ("cycles", "graphs", "coordinates"):
+REMOVED = list[Any](removals("schedule"))
+for file in ("graphs", "coordinates"):
     REMOVED += (each for each in removals(file) if each.text not in EQUIVALENT)
+#: Those of files whose cases take long.
+for file in ("margins", "cycles"):
+    for each in removals(file):
+        if each.text not in EQUIVALENT:
+            REMOVED.append(pytest.param(each, marks=pytest.mark.slow))
 for file, some in FEW.items():
     REMOVED += (each for each in removals(file) if each.text in some)
 

@@ -304,7 +304,10 @@ APART = (("G2 = { 2", "G2 = { 3"),)
             *("actuators", STRONG, "[actuators]\nlimit = 2\namplitude = 1\n", "undecided"),
             marks=pytest.mark.slow,
         ),
-        ("actuators", STRONG, f"{LOADED}[actuators]\nlimit = 6\namplitude = 1\n", "proved"),
+        pytest.param(
+            *("actuators", STRONG, f"{LOADED}[actuators]\nlimit = 6\namplitude = 1\n", "proved"),
+            marks=pytest.mark.slow,
+        ),
         pytest.param(*("markov", APART, MARKOV, "proved"), marks=pytest.mark.slow),
         ("markov", (*APART, ('"tanh(y)"', '"y"')), MARKOV, "proved"),
         ("markov", APART, MARKOV.replace("[1, -1]", "[0, 0]"), "refuted"),

@@ -109,7 +109,7 @@ def test_in_general_the_reduced_form_is_the_stricter_one(cycle):
     assert small.objective > dense.objective * 1.01
 
 
-@pytest.mark.parametrize("n", [2, 3])
+@pytest.mark.parametrize("n", [pytest.param(2, marks=pytest.mark.slow), 3])
 def test_a_second_solver_agrees(cycle, n):
     """SCS, a first-order method that shares no code with Clarabel."""
     problem = cycle(n)

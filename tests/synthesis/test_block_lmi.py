@@ -53,7 +53,7 @@ def test_psi_is_the_matrix_that_is_decided_exactly(separable):
         assert np.allclose(psi.value, whole, rtol=1e-14, atol=1e-14)
 
 
-@pytest.mark.parametrize("solver", ["CLARABEL", "SCS"])
+@pytest.mark.parametrize("solver", ["CLARABEL", pytest.param("SCS", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", ["paper-fixed", "paper-switching"])
 def test_the_answers_of_two_solvers_are_proved(name, solver):
     lmi = dd.block_lmi(name)

@@ -76,7 +76,10 @@ def test_runs_of_a_linear_coupling_end_where_the_formula_says():
         assert ends == pytest.approx(value.reached(x0[:, None], eps0)[0], abs=1e-9)
 
 
-@pytest.mark.parametrize(("text", "h"), [("tanh(y)", np.tanh), ("y + y**3", lambda y: y + y**3)])
+@pytest.mark.parametrize(
+    ("text", "h"),
+    [("tanh(y)", np.tanh), pytest.param("y + y**3", lambda y: y + y**3, marks=pytest.mark.slow)],
+)
 def test_no_run_ends_outside_of_the_interval(text: str, h):
     """Starts at the corners, and estimation errors that push all agents the same way."""
     random = np.random.default_rng(2)

@@ -106,6 +106,7 @@ def test_who_hears_nobody_is_the_target_of_the_others():
     assert len(rows.exact["v"]) == 2
 
 
+@pytest.mark.slow
 def test_offsets_of_a_formation_widen_what_has_to_be_covered():
     """Sines draw two agents together that are less than pi apart: 1 is, 4 is not."""
     each_other = [[1, 2], [2, 1]]

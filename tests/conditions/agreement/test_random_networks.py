@@ -52,7 +52,7 @@ def drawn_arcs(r: Random, n: int, density: float) -> list[Any]:
     return found
 
 
-@few_or(few=12, many=300)
+@few_or(few=6, many=300)
 def test_a_network_agrees_iff_it_has_a_root_and_at_the_second_eigenvalue(
     count: int, record_property: Callable[[str, object], None]
 ):
@@ -93,7 +93,7 @@ def test_a_network_agrees_iff_it_has_a_root_and_at_the_second_eigenvalue(
     assert median(ratios) > 0.5
 
 
-@few_or(few=4, many=100)
+@few_or(few=2, many=100)
 def test_a_periodic_schedule_agrees_iff_the_union_of_its_graphs_has_a_root(count: int):
     r = Random(361)
     verdicts = set()

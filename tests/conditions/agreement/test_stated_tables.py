@@ -156,6 +156,7 @@ def forged_checks(problem: Problem) -> list[dict[str, Any]]:
     return checks
 
 
+@pytest.mark.slow
 def test_observers_that_do_not_know_the_weights_disturb_each_others_estimates():
     """eta is |W|_P dw S, S = max sum w (v_i + v_j) sup |h/y| of one agent at least."""
     problem = agreeing(

@@ -73,6 +73,7 @@ def test_the_largest_ball_is_that_of_the_theory(gains, ball):
     )
 
 
+@pytest.mark.slow
 def test_a_ball_that_is_too_small_is_told_with_the_one_asked_for():
     """Theory, section 20: two agents that hear each other, one k = 3, reach 3.31; sides of 4 ask
     for sqrt(32).  The verdict says which is the ball and which the bound of an agent."""

@@ -139,6 +139,7 @@ def test_no_rate_below_the_certified_one_is_called_the_largest():
     assert largest is None or float(largest[1]) > (check.rate or 0.0)
 
 
+@pytest.mark.slow
 def test_the_bound_of_four_cars_starts_near_their_error():
     """A full P_e of condition 50 in place of 3e11."""
     certificate = certified(load_problem(FOUND / "cars.toml"))

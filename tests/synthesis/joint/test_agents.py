@@ -129,6 +129,7 @@ def test_gains_give_the_network_the_strength_that_the_coupling_is_known_to_need(
     assert 1 < float(found.gains["1"]) / least < 1.1
 
 
+@pytest.mark.slow
 def test_pinning_alone_says_what_the_whole_design_says():
     with_wind = (agents(2, exosystem=WIND), False)
     in_calm = (agents(1), True)

@@ -117,6 +117,7 @@ def test_without_a_rate_a_design_is_no_slower_than_the_own_gains_for_no_more_gai
     assert first.endswith("at least that of your own gains was aimed at.")
 
 
+@pytest.mark.slow
 def test_a_rate_asked_for_overrules_the_own_gains_and_limits_may_not_reach_them():
     """One gain of at most 1/2 has a rate below (1 + k - b)(1 - b)^3 = 1, b = 0.105."""
     problem = own_gains(k1="0.6", k3="0.5")
@@ -209,6 +210,7 @@ def test_the_only_pair_that_reaches_a_rate_is_found_although_one_pin_would_be_el
     assert list(found.gains) == ["2", "6"]
 
 
+@pytest.mark.slow
 def test_the_nearest_rate_uses_all_pins_that_are_allowed():
     found = dd.design(line_of_seven(coupling="tanh(y)"), rate="0.58", pins=2)
     assert found.verdict is Verdict.UNDECIDED
@@ -407,6 +409,7 @@ def test_the_smallest_gains_and_the_price_of_the_rate_are_those_of_closed_forms(
         assert found.rate_price == pytest.approx(slope)
 
 
+@pytest.mark.slow
 def test_under_a_guarantee_nothing_is_refuted_that_holds_for_arbitrary_switching_only():
     """One pin does where A and B are on in turn; each of two agents hears nobody in one of the
     modes."""

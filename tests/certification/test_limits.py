@@ -109,7 +109,9 @@ HANGS = {
 }
 
 
-LONG = dict.fromkeys(("modes", "nested", "sines", "order 40"), pytest.mark.evidence)
+LONG = dict.fromkeys(
+    ("modes", "nested", "sines", "order 20", "order 40", "tower"), pytest.mark.evidence
+)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="limits of Unix")
@@ -129,7 +131,10 @@ def test_what_hung_ends_with_a_certificate_that_both_programs_confirm(name: str,
 
 @pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="limits of Unix")
-@pytest.mark.parametrize(("text", "code"), [(given(20, region=""), 0), (given(200), 3)])
+@pytest.mark.parametrize(
+    ("text", "code"),
+    [(given(20, region=""), 0), pytest.param(given(200), 3, marks=pytest.mark.evidence)],
+)
 def test_a_design_for_a_large_exosystem_ends_with_a_proof_or_a_reason(
     text: str, code: int, tmp_path: Path
 ):

@@ -2,7 +2,6 @@
 misses a check."""
 
 from collections.abc import Callable
-from typing import Any
 
 import pytest
 from checker_files.accuracy import accuracy_cases
@@ -90,6 +89,13 @@ def test_the_package_says_the_same(
 
 #: Of the other files a few: the evidence tries them all.
 FEW = {
+    "cycles": ("left >= 0", "len(found) == loop.n", "not case.gap", "slope > 0 or flat", "shown"),
+    "margins": (
+        "largest <= most",
+        "most <= limit",
+        "not case.matched or exact.weights == 0",
+        "0 < rational(claimed[label]) <= room",
+    ),
     "accuracy": (
         "by_component",
         "case.B is None",
@@ -121,14 +127,9 @@ FEW = {
     "separable": ("left >= 0", "exact.delay >= 0"),
     "quadratic": ("claim.level > 0",),
 }
-REMOVED = list[Any](removals("schedule"))
+REMOVED = list(removals("schedule"))
 for file in ("graphs", "coordinates"):
     REMOVED += (each for each in removals(file) if each.text not in EQUIVALENT)
-#: Those of files whose cases take long.
-for file in ("margins", "cycles"):
-    for each in removals(file):
-        if each.text not in EQUIVALENT:
-            REMOVED.append(pytest.param(each, marks=pytest.mark.slow))
 for file, some in FEW.items():
     REMOVED += (each for each in removals(file) if each.text in some)
 

@@ -68,7 +68,7 @@ def _items() -> Iterator[Item]:
     yield Item("inputs", margins.inputs, 10_000, 12_000)
     yield Item("stated-broken", stated.not_kept, 60, 0, share=10)
     yield Item("stated-kept", stated.kept_ones, 40, 0, share=10)
-    yield Item("saturated", saturation.saturated_loops, 60, 0, share=20)
+    yield Item("saturated", saturation.saturated_loops, 60, 0, share=60)
     yield Item("values", other_networks.values, 60, 0)
     yield Item("value-formulas", other_networks.formulas, 200, 0)
     # the count is networks of each of seven kinds

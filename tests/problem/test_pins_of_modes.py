@@ -272,7 +272,7 @@ def random_pins(seed: int) -> Problem:
 
 
 #: Those for which balls are looked for take seconds.
-SEEDS = (1, 3, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (0, 2, 4, 5, 6, 7)))
+SEEDS = (1, 3, *(pytest.param(seed, marks=pytest.mark.evidence) for seed in (0, 2, 4, 5, 6, 7)))
 
 
 @pytest.mark.parametrize("seed", SEEDS)

@@ -206,10 +206,11 @@ def agreement_bars(size: int = SIZE) -> Iterator[dict[str, Any]]:
 
 
 def agreeing(n: int, *, led: bool, pinned: bool = False) -> Problem:
-    """Every agent hears three others, a region; one in ten hears one more that hears
-    nobody, or is pinned instead."""
+    """Every agent hears the next one on a ring and two more that are near, a region; one in ten
+    hears one more that hears nobody, or is pinned instead."""
     r = Random(n)
-    arcs = {(i, j) for i in range(1, n + 1) for j in r.sample(range(1, n + 1), 3) if i != j}
+    near = [k for k in range(-6, 5) if k not in (-1, 0)]  # the agent, and the next one
+    arcs = {(i, (i + k) % n + 1) for i in range(1, n + 1) for k in (0, *r.sample(near, 2))}
     tenth = range(1, n + 1, 10)
     led = led and not pinned
     if led:

@@ -43,6 +43,7 @@ from dobc_design.conditions.stated import NO_ROOM, stated_in
 from dobc_design.conditions.weighted.propose import rounded
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.number import ONE, ZERO, root_above
+from dobc_design.exact.work import spend
 from dobc_design.loop.arcs import coupling_places
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.pairs import are_pairs
@@ -73,6 +74,7 @@ def common_vector(loop: Loop, errors: Errors) -> Array | None:
         modes.append(sparse.csr_array((weights, places), shape=(n, loop.nodes)))
     v = np.ones(n)
     for _ in range(ROUNDS):
+        spend(0)  # many pairs take long
         tables = []
         for mode in modes:
             heard = np.append(v, np.zeros(len(loop.fixed)))[mode.indices]

@@ -504,6 +504,7 @@ def propose_separable(
 ) -> SeparablePlan | None:
     """v with min v = 1 and the largest rate for all s in (0, rho], about; None if none > 0.
     ``near``: a rate expected (1/s).  ``errors``: weights and gains take their worse ends."""
+    spend(0)  # what follows takes long for many nodes
     if stuck_agents(loop) or not 0 < rho <= LARGEST_RADIUS:
         return None
     # far out couplings overflow or end; what is not finite is no proposal

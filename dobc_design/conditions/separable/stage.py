@@ -20,7 +20,7 @@ from dobc_design.conditions.domain import EVERYWHERE, Around
 from dobc_design.conditions.kinds import MAX_SEPARABLE
 from dobc_design.conditions.numbers import bisected, claimed, rounded_down, time_to_one_percent
 from dobc_design.conditions.separable import checks, propose
-from dobc_design.exact.work import STAGE, WorkLimitError, at_most, exhausted
+from dobc_design.exact.work import STAGE, WorkLimitError, at_most, exhausted, out_of_time
 from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
 
@@ -119,6 +119,9 @@ def _by_component(asked: Asked, report: Progress) -> list[Check]:
     reason = checks.obstacle(loop, W)
     if reason is not None:
         return [undecided_check(MAX_SEPARABLE, domain, reason, applies=False)]
+    late = out_of_time()
+    if late is not None:
+        return [cut_check(MAX_SEPARABLE, domain, late)]
     stuck = checks.stuck_check(loop, W, domain=domain)
     if stuck is not None:
         return [stuck]

@@ -97,7 +97,8 @@ def with_factor(name: str, place: int, factor: float) -> dict[str, Any]:
     return dict(changed)
 
 
-PLACES = [(name, id) for name, (_, ids) in CASES.items() for id in ids]
+PLACES = [(name, id) for name, (_, ids) in CASES.items() if name != "vectors" for id in ids]
+PLACES += [pytest.param("vectors", id, marks=pytest.mark.slow) for id in CASES["vectors"][1]]
 
 
 @pytest.mark.parametrize(("name", "id"), PLACES)

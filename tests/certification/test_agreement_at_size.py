@@ -103,6 +103,7 @@ def test_both_programs_refuse_a_proof_by_the_graph_of_another_problem(modes, cou
     assert any("schedule" in failure for failure in found.failures)
 
 
+@pytest.mark.slow
 def test_pairs_of_a_long_cycle_have_a_rate_close_to_the_known_one():
     """2 (1 - cos(pi/n)) of the directed n-cycle (theory, section 16), beyond 60 agents."""
     n = 64

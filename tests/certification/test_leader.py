@@ -113,7 +113,7 @@ def certified(name: str) -> Certificate:
     return certify(CASES[name][0])
 
 
-LONG = {"along a face": pytest.mark.slow, "let go": pytest.mark.slow}
+LONG = dict.fromkeys(("along a face", "let go", "touching"), pytest.mark.slow)
 LONG["spiking"] = pytest.mark.evidence
 NAMES = [pytest.param(name, marks=LONG.get(name, ())) for name in CASES]
 

@@ -54,6 +54,7 @@ def test_the_value_is_the_weighted_mean_of_the_starts(build, weights):
     np.testing.assert_allclose(np.array(weights) @ laplacian(problem), 0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_graphs_that_have_a_root_together_lead_to_agreement_no_faster_than_their_flow():
     """Moreau 2005, Ren and Beard 2005; one arc fewer leaves two groups."""
     problem = jointly_rooted()

@@ -193,6 +193,7 @@ def test_a_disturbance_counts_and_the_agents_end_near_the_target(omega: str, pro
         require_undecided(certificate, "with a disturbance of up to 1.01 it is not proved")
 
 
+@pytest.mark.slow
 def test_followers_end_near_their_place_behind_the_leader():
     A = [[0, 1], [0, 0]]
     dynamics = {"A": A, "B": [[0], [1]]}
@@ -419,7 +420,7 @@ def in_turns(a: list[list[int]], b: list[list[int]]) -> Network:
     "table",
     [
         {"uncertainty": {"weights": "0.02"}},
-        {"uncertainty": {"disturbance": "0.02"}},
+        pytest.param({"uncertainty": {"disturbance": "0.02"}}, marks=pytest.mark.slow),
         {"actuators": {"limit": 3}},
     ],
 )

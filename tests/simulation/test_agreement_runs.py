@@ -131,6 +131,7 @@ def test_casadi_has_the_couplings_of_agents_that_agree_and_of_signs():
     np.testing.assert_allclose(np.ravel(apart([1, 2], [], [])[0]), [-3, -3], atol=1e-12)
 
 
+@pytest.mark.slow
 def test_stress_breaks_the_disagreement_of_agents_that_work():
     found = what_breaks_first(agreeing(), options=("noise",), t_final=10)
     assert found.sweeps[0].survives is not None

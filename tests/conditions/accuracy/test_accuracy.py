@@ -306,7 +306,7 @@ def test_bounds_of_two_lags_with_an_optional_arc_have_closed_forms():
     assert both(problem, slightly_lower) == (False, False)
 
 
-@pytest.mark.parametrize("text", [FOLLOWERS, BEHIND_A_LEADER])
+@pytest.mark.parametrize("text", [pytest.param(FOLLOWERS, marks=pytest.mark.slow), BEHIND_A_LEADER])
 def test_agents_with_optional_arcs_behind_a_leader_have_bounds(text: str):
     problem = read(text)
     assert certify(problem).verdict is PROVED

@@ -147,7 +147,7 @@ def _bent(r: Random, certificate: Certificate, rate: Fraction, v: list[Fraction]
     return document
 
 
-@few_or(few=2, many=100)
+@few_or(few=1, many=100)
 def test_forged_rows_of_pairs_are_refused_and_the_true_ones_beside_them_accepted(count: int):
     r = Random(362)
     tried = 0

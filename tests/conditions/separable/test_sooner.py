@@ -131,6 +131,7 @@ def test_the_fastest_weights_of_eight_drones_are_not_chosen():
     assert verify(certificate, problem).holds
 
 
+@pytest.mark.slow
 def test_no_rate_below_the_certified_one_is_called_the_largest():
     """A plan promises 0.0915 1/s, a little less than the claim chosen in its place proves."""
     problem = read_problem_text(TANKS.encode(), folder=None)

@@ -113,6 +113,7 @@ def test_couplings_are_designed_for_other_agents_and_are_hardly_stronger_than_ei
         assert answer.verdict is Verdict.REFUTED
 
 
+@pytest.mark.slow
 def test_modes_share_pins_and_coupling():
     modes = {"A": [[2, 1]], "B": [[2, 1], [1, 2, 2]]}
     network = Network.from_arcs(modes, arrow="listens_to", agents=2)

@@ -100,6 +100,7 @@ def own_gains(**gains: str) -> dd.Problem:
     return ring(4, coupling="y", region=BOX, gains={name[1:]: k for name, k in gains.items()})
 
 
+@pytest.mark.slow
 def test_without_a_rate_a_design_is_no_slower_than_the_own_gains_for_no_more_gain():
     """One pin would do at the rate of both, b = 0.253, with b + (1 - b)^-3 - 1 = 1.65 for 1.2."""
     problem = own_gains(k1="0.7", k3="0.5")
@@ -266,6 +267,7 @@ def test_a_number_of_further_pins_is_a_small_integer(further):
         dd.design(ring(2), further=further)
 
 
+@pytest.mark.slow
 def test_a_rate_beyond_the_allowed_agents_is_refuted_with_the_nearest_one():
     """A held leader: the other follows at h'(0) = 1 and no faster, whatever k_1."""
     star_of_two = star(2, region=BOX)

@@ -98,7 +98,8 @@ def test_ctrl_c_of_a_group_reaches_everybody_and_nobody_hangs(tmp_path):
     if process.returncode == 130:
         assert said == b""
         assert json.loads(printed)["error"]["kind"] == "interrupted"
-    assert process.returncode in (130, 1)  # 1: refuted, it was faster
+    # 1: refuted, it was faster; a shell calls both others 130: handled, or while Python was ending
+    assert process.returncode in (130, -signal.SIGINT, 1)
 
 
 @pytest.mark.slow

@@ -129,8 +129,9 @@ def with_arcs(problem: Problem, checks: Checks) -> tuple[Check, ...]:
 
 
 def missing_arcs(problem: Problem) -> Fix | None:
-    """The fewest arcs by which somebody is heard by all others in every mode, or in those that are
-    on in turn; None where none is needed, arcs are optional, or there are too many."""
+    """Arcs by which somebody is heard by all others in every mode, or in those that are on in turn:
+    one for each closed group but one, the least for one mode.  None where none is needed, arcs are
+    optional, or there are too many."""
     loop = loop_of(problem)
     count = sum(map(len, loop.modes.values()))
     # Optional arcs stand in a list of their own, which may not be rewritten.

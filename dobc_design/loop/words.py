@@ -14,7 +14,7 @@ phrase is left behind by a sentence that changes.
 
 import re
 import tomllib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable
 from functools import lru_cache
 from importlib.resources import files
 
@@ -42,7 +42,8 @@ def said_of(loop: Loop, *typed: str) -> Said:
         return _unchanged
     # In a formation they agree on e = x - offset.
     state = "e" if loop.goals.offsets else "x"
-    return _turned(table, state, _compared_with(loop), _typed(loop, typed))
+    of_loop = (loop.name, loop.unit, *loop.labels, *loop.fixed, *loop.modes)
+    return _turned(table, state, _compared_with(loop), (*of_loop, *typed))
 
 
 def _unchanged(text: str) -> str:
@@ -57,20 +58,18 @@ def _compared_with(loop: Loop) -> str:
     return "" if leader is None else loop.labels[leader]
 
 
-def _typed(loop: Loop, more: Sequence[str]) -> Iterator[str]:
-    """What users typed that may hold a phrase: these have a space or a bar."""
-    for text in (loop.name, loop.unit, *loop.labels, *loop.fixed, *loop.modes, *more):
-        if " " in text or "|" in text:
-            yield text
+def _any_of(texts: Iterable[str]) -> re.Pattern[str]:
+    """Finds the longest of some texts.  It ends where its word ends: "the targets" is no phrase."""
+    longest_first = sorted(texts, key=len, reverse=True)
+    return re.compile(f"(?:{'|'.join(map(re.escape, longest_first))})(?!\\w)")
 
 
-def _turned(table: str, state: str, leader: str, typed: Iterator[str]) -> Said:
+def _turned(table: str, state: str, leader: str, typed: Iterable[str]) -> Said:
     turns = _TABLES[table]
-    # What a user typed is found first, and stays; a name that is a phrase itself cannot be told
-    # from it.
-    longest_first = sorted({*turns, *typed}, key=len, reverse=True)
-    # A phrase ends where its word ends: "the targets" is none.
-    found = re.compile(f"(?:{'|'.join(map(re.escape, longest_first))})(?!\\w)")
+    # What a user typed is found first, and stays, where a phrase stands in it; a name that is a
+    # phrase itself cannot be told from it.  There may be very many that have none.
+    held = filter(_any_of(turns).search, typed)
+    found = _any_of({*turns, *held})
 
     def said(text: str) -> str:
         return found.sub(turn, text)

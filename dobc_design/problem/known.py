@@ -11,14 +11,17 @@ from typing import Any
 from dobc_design.errors import Mistakes, about, wrong
 from dobc_design.exact.reading import named
 
+from .region import GOALS
+
 _TABLES = tomllib.loads((files("dobc_design.problem") / "known.toml").read_text("utf-8"))
 
 
 def _has(problem: Any, path: str, value: str = "") -> bool:
     """Whether a problem has something at the path of an attribute, or this value there."""
-    found: object = problem
+    found: Any = problem
     for name in path.split("."):
-        found = getattr(found, name, None)
+        # A name that is no attribute is a slip in the table, and ends here.
+        found = None if found is None else getattr(found, name)
     if path == "target":
         return any(problem.target)  # 0 is none
     return found == value if value else bool(found)
@@ -31,10 +34,11 @@ def check_together(problem: Any) -> None:
     names = dict(zip(("listener", "speaker"), (named(labels[i]) for i in ends), strict=False))
     errors = Mistakes()
     for about_such, rules in _TABLES["together"].items():
-        if about_such != problem.goal and not _has(problem, about_such):
+        is_such = about_such == problem.goal if about_such in GOALS else _has(problem, about_such)
+        if not is_such:
             continue
         for rule in rules:
-            if _has(problem, rule.get("lacks", "")):
+            if "lacks" in rule and _has(problem, rule["lacks"]):
                 continue
             for key in rule["keys"]:
                 with errors:

@@ -89,7 +89,7 @@ def test_the_package_says_the_same(
 
 #: Of the other files a few: the evidence tries them all.
 FEW = {
-    "cycles": ("left >= 0", "len(found) == loop.n", "not case.gap", "slope > 0 or flat", "shown"),
+    "cycles": ("left >= 0", "len(found) == loop.n", "slope > 0 or flat", "shown"),
     "margins": (
         "largest <= most",
         "most <= limit",

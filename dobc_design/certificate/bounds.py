@@ -26,7 +26,7 @@ from dobc_design.conditions.graphs.claim import Kept
 from dobc_design.conditions.kinds import LEMMA
 from dobc_design.conditions.margins.decide import Tolerance
 from dobc_design.conditions.numbers import claimed
-from dobc_design.conditions.quadratic.claim import Lure
+from dobc_design.conditions.quadratic.claim import Quadratic
 from dobc_design.conditions.quadratic.decide import diagonal_of_inverse, eigenvalue_bound
 from dobc_design.conditions.schedule.checks import settling_of
 from dobc_design.conditions.schedule.claim import Cycles, Descent
@@ -195,7 +195,7 @@ def envelope_of(loop: Loop, check: Check, claim: Claim | None, starts: Starts) -
         # V falls at the rate from one phase to the next, and never rises in between.
         first = radius * claim.spread(loop) + error_share(claim, disturbance)
         return bound(height=first * claim.height, rate=claim.rate)
-    if isinstance(claim, Lure):
+    if isinstance(claim, Quadratic):
         first = eigenvalue_bound(claim.P_e) * radius**2 + _errors(loop, claim.P, disturbance)
         if claim.level is not None and isinstance(domain, Around):  # the level is a bound as well
             first = min(first, claim.level)

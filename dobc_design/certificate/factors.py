@@ -17,7 +17,7 @@ from dobc_design.conditions.check import Check, Claim
 from dobc_design.conditions.graphs.claim import Kept
 from dobc_design.conditions.margins.decide import Tolerance
 from dobc_design.conditions.numbers import claimed, decimal_above
-from dobc_design.conditions.quadratic.claim import Lure
+from dobc_design.conditions.quadratic.claim import Quadratic
 from dobc_design.conditions.quadratic.decide import condition_bound
 from dobc_design.conditions.schedule.claim import Cycles
 from dobc_design.conditions.separable.claim import DelayBound, Separable
@@ -82,7 +82,7 @@ def _of_claim(claim: Claim | None, loop: Loop) -> Fraction | None:
         return _root(_ratio(claim.D))
     if isinstance(claim, Alike):
         return _of_form(SparseSymmetric.from_dense(claim.R), _ratio(claim.weights.D))
-    if isinstance(claim, Lure):
+    if isinstance(claim, Quadratic):
         return _of_form(claim.P_e)
     if isinstance(claim, Kept):
         return _of_graphs(claim)

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 from dobc_design._checks import noun
 from dobc_design.conditions.accuracy import decide as accuracy
+from dobc_design.conditions.arcs import decide as arcs
 from dobc_design.conditions.case import Case
 from dobc_design.conditions.check import Check, Claim, same_witness
 from dobc_design.conditions.consensus import claim as theorems
@@ -161,6 +162,7 @@ TOPICS: Mapping[str, Topic] = {
     "margins": Topic(
         confirm=_beside(margins.confirm, MAX_SEPARABLE, ACCURACY), read=margins.read_claim
     ),
+    "arcs": Topic(confirm=arcs.confirm, read=arcs.read_claim),
     "quadratic": Topic(confirm=quadratic.confirm, read=quadratic.read_claim),
     "schedule": Topic(
         confirm=schedule.confirm, read=schedule.read_claim, of_gaps=True, of_roots=True

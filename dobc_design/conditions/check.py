@@ -50,7 +50,7 @@ OPTIONAL = ("mode", "group", "factor", "exact", "witness", "fix")
 TEXTS = ("id", "mode", "group", "reason")
 
 #: Topics whose V is a quadratic form of the errors; those of the others are weighted maxima.
-EUCLIDEAN = ("consensus", "weighted", "quadratic")
+EUCLIDEAN = ("consensus", "weighted", "quadratic", "arcs")
 
 
 class Claim(Protocol):

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 from dobc_design._checks import noun
+from dobc_design.exact.matrix import Matrix
 from dobc_design.loop.loop import Loop
 
 OPEN = "Undecided: "
@@ -86,6 +87,16 @@ def gap_obstacle(loop: Loop) -> str | None:
     if not loop.gap:
         return None
     return f"{APART}it is about one target, and the fixed nodes differ or move."
+
+
+def observer_obstacle(loop: Loop, W: Matrix | None) -> str | None:
+    """Why no proof that counts the estimation error applies; None where it is bounded, or there is
+    none."""
+    if not loop.groups or W is not None:
+        return None
+    return (
+        f"{APART}there is no observer gain W, and without one the estimation error is not bounded."
+    )
 
 
 def saturation_obstacle(loop: Loop) -> str | None:

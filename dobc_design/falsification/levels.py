@@ -12,7 +12,7 @@ from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.claims import claim_of
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.kinds import ids_of
-from dobc_design.conditions.quadratic.claim import Lure
+from dobc_design.conditions.quadratic.claim import Quadratic
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.decide import composite_rate
 from dobc_design.errors import refused, wrong
@@ -23,7 +23,7 @@ from dobc_design.problem.problem import Problem
 from dobc_design.simulation.field import ClosedLoop
 from dobc_design.simulation.starts import RANDOM, TINY, Box, Pair, sphere, unit_cube
 
-Certified = Separable | Lure | Check
+Certified = Separable | Quadratic | Check
 
 EVERYWHERE = 1.0  # the level that stands for a certificate that holds everywhere
 OTHER_PROBLEM = "Give the certificate of this very problem."
@@ -165,7 +165,7 @@ def _box_level(problem: Problem, claim: Separable) -> BoxLevel:
     return BoxLevel(name="max-separable", rate=rate, height=weights * rho, P=P, T=T)
 
 
-def _ellipsoid(problem: Problem, claim: Lure) -> Ellipsoid:
+def _ellipsoid(problem: Problem, claim: Quadratic) -> Ellipsoid:
     """The set of a claim about V = e'P_e e."""
     rows = problem.n * problem.m
     if claim.P_e.size != rows:
@@ -177,7 +177,7 @@ def _ellipsoid(problem: Problem, claim: Lure) -> Ellipsoid:
     return Ellipsoid(name="lure", rate=float(claim.rate), P_e=P_e, P=P)
 
 
-def _claim_of(problem: Problem, check: Check, W: Matrix | None) -> Separable | Lure:
+def _claim_of(problem: Problem, check: Check, W: Matrix | None) -> Separable | Quadratic:
     """What a proved check of a region claims."""
     known = ids_of("region")
     if not check.is_proved or check.id not in known or check.claim is None:
@@ -189,7 +189,7 @@ def _claim_of(problem: Problem, check: Check, W: Matrix | None) -> Separable | L
     except (KeyError, TypeError, ValueError) as error:
         message = f"certified: the check {check.title} does not fit this problem ({error})."
         raise refused("certified", message, OTHER_PROBLEM) from error
-    if not isinstance(claim, Separable | Lure):
+    if not isinstance(claim, Separable | Quadratic):
         message = f"certified: the check {check.title} names no set of starts."
         raise refused("certified", message)
     return claim

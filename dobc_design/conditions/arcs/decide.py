@@ -3,126 +3,183 @@
 "Refuted" is never the outcome: only this way to share V' out has failed.
 """
 
-from __future__ import annotations
-
-from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
 
 import numpy as np
 
-from dobc_design._checks import noun
-from dobc_design.conditions.consensus.claim import Pair as ObserverPair
-from dobc_design.conditions.consensus.decide import schur_block
-from dobc_design.conditions.quadratic.decide import border_of
-from dobc_design.conditions.separable.large import floats_around, gain_table
+from dobc_design.conditions.case import Case
+from dobc_design.conditions.check import Check, not_a_proof, read_domain, read_object
+from dobc_design.conditions.domain import Ball, Box, Domain
+from dobc_design.conditions.numbers import follows
+from dobc_design.conditions.quadratic.decide import border_of, room_of
+from dobc_design.conditions.quadratic.sectors import gains_at
+from dobc_design.conditions.reason import APART, gap_obstacle, observer_obstacle
+from dobc_design.conditions.separable.large import down, floats_around, gain_table, up
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Matrix, add, identity, scale, subtract, transpose
-from dobc_design.exact.number import root_above
-from dobc_design.exact.symmetric import SparseSymmetric
-from dobc_design.loop.arcs import coupling_places
+from dobc_design.exact.number import ZERO, root_above
+from dobc_design.exact.symmetric import SparseSymmetric, largest
+from dobc_design.loop.arcs import coupling_places, split_by
 from dobc_design.loop.loop import Loop
 from dobc_design.problem.groups import agent_blocks
+from dobc_design.problem.network import BoolArray
 
-from .claim import ArcWise
-from .directions import Terms, open_arcs
+from .claim import ArcWise, claim_from_json, names_of, shared_arcs
+from .directions import TERMS, Terms, open_arcs
 
-ZERO = Fraction(0)
 CELLS = 1024  # of a table of gains
+ROOTS = 10**9  # roots are rounded up to multiples of 1/ROOTS
+
+
+def obstacle(loop: Loop, W: Matrix | None) -> str | None:
+    """Why no arc-wise certificate applies to the loop with the gain W (q, m); None if one does."""
+    if loop.is_apart and loop.groups:
+        return f"{APART}two agents that differ have two estimation errors."
+    curve = loop.drift_place
+    alone = None if curve is None else loop.functions[curve]
+    couplings = (h for h in loop.functions if h is not alone)
+    if (alone is not None and loop.m > 1) or not all(h.by_component for h in couplings):
+        return f"{APART}components act on each other."
+    return observer_obstacle(loop, W) or gap_obstacle(loop)
 
 
 def why_not(loop: Loop, claim: ArcWise) -> str | None:
     """None if the claim is proved for every switching, else what is not shown.  Raises:
     WorkLimitError."""
-    S = None
+    S = border_of(loop, claim, claim.rate)
     if claim.P is not None:
-        S = border_of(loop, claim, claim.rate)
         own = decide_positive_definite(SparseSymmetric.from_dense(claim.P))
         if S is None or not own.is_proved:
             return "P > 0 and Omega0 + 2 rate P < 0 do not hold for this pair (P, Q)."
-    for mode in loop.modes:
-        for node in short_nodes(loop, claim, mode, S):
-            return f"in mode {mode} the slack of {loop.labels[node]} is negative."
-    for mode, listener, speaker in open_terms(loop, claim):
-        names = loop.labels[listener], (*loop.labels, *loop.fixed)[speaker]
-        return f"in mode {mode} the term of the arc by which {names[0]} hears {names[1]} may be negative."
+    try:
+        for mode in loop.modes:
+            for node in short_agents(loop, claim, mode, S):
+                return f"in mode {mode} arcs take more of {loop.labels[node]} than it has."
+        for mode, arc in open_terms(loop, claim):
+            arcs = loop.modes[mode]
+            hears = loop.labels[int(arcs.listeners[arc])], loop.labels[int(arcs.speakers[arc])]
+            return f"in mode {mode} the arc by which {hears[0]} hears {hears[1]} takes more."
+    except UndefinedError as error:
+        return f"the gains cannot be enclosed: {error}"
     return None
 
 
-def slacks(loop: Loop, claim: ArcWise, mode: str) -> list[Fraction]:
-    """What arcs take of every agent: the sum of its a and b, and 2 rate d."""
+def taken_of(loop: Loop, claim: ArcWise, mode: str) -> list[Fraction]:
+    """What arcs, what agents do by themselves, and the rate take of every agent; pins that are arcs
+    give.  Raises: UndefinedError."""
+    known: dict[tuple[int, Fraction], tuple[Fraction, Fraction]] = {}
+
+    def ends(place: int, d: Fraction) -> tuple[Fraction, Fraction]:
+        """The ends of the gains of one variable, as far as the error of an agent may be."""
+        if (place, d) not in known:
+            reach = root_above(claim.level / d, unit=ROOTS)
+            gain = gains_at(loop, place, reach)[0][0]
+            known[place, d] = gain.lo, gain.hi
+        return known[place, d]
+
     taken = [2 * claim.rate * d for d in claim.d]
     arcs = loop.modes[mode]
-    for i, j, (a, b) in zip(
-        arcs.listeners.tolist(), arcs.speakers.tolist(), claim.shares[mode], strict=True
-    ):
-        taken[i] += a
-        if j < loop.n:
-            taken[j] += b
+    free = shared_arcs(loop, arcs)
+    shares = zip(free.tolist(), claim.a[mode], claim.b[mode], strict=True)
+    listeners, speakers = arcs.listeners.tolist(), arcs.speakers.tolist()
+    for arc, a, b in shares:
+        taken[listeners[arc]] += a
+        taken[speakers[arc]] += b
+    for arc in np.flatnonzero(arcs.speakers >= loop.n).tolist():
+        i = listeners[arc]
+        least, _ = ends(loop.place_of(i, speakers[arc]), claim.d[i])
+        # An arc that comes and goes pulls at least by nothing, or pushes as hard as it may.
+        gain = min(least, ZERO) if arc >= len(arcs) - arcs.optional else least
+        taken[i] -= 2 * claim.d[i] * arcs.weights[arc] * gain
+    if loop.drift_place is not None:
+        for i, d in enumerate(claim.d):
+            # The slopes at the target count as pulls.
+            taken[i] += 2 * d * (ends(loop.drift_place, d)[1] - loop.slopes[0][0])
     return taken
 
 
-def short_nodes(loop: Loop, claim: ArcWise, mode: str, S: Matrix | None) -> Iterator[int]:
-    """The agents whose gain does not pay for what arcs, the rate and the observer take."""
+def short_agents(loop: Loop, claim: ArcWise, mode: str, S: Matrix | None) -> Iterator[int]:
+    """The agents whose own pull does not pay for what is taken, and for their observer."""
     blocks: Sequence[Matrix] = ()
     if S is not None:
         blocks = agent_blocks(S, loop.groups, loop.labels)
     m = loop.m
-    for node, taken in enumerate(slacks(loop, claim, mode)):
-        d = claim.d[node]
-        left = scale(-taken, identity(m))
-        gain = loop.pulls.gains.get(node)
-        if gain is not None:
-            left = add(left, scale(d, add(gain, transpose(gain))))
+    one = identity(m)
+    for i, (d, taken) in enumerate(zip(claim.d, taken_of(loop, claim, mode), strict=True)):
+        left = scale(-taken, one)
+        pull = loop.pulls.gains.get(i)
+        if pull is not None:
+            left = add(left, scale(d, add(pull, transpose(pull))))
         if blocks:
-            left = subtract(left, scale(d * d, blocks[node]))
+            left = subtract(left, scale(d * d, blocks[i]))
         holds = left[0][0] >= 0 if m == 1 else decide_positive_semidefinite(left).is_proved
         if not holds:
-            yield node
+            yield i
 
 
-def open_terms(loop: Loop, claim: ArcWise) -> Iterator[tuple[str, int, int]]:
-    """The arcs (mode, listener, speaker) whose term is not shown to be nonnegative."""
-    d = (*claim.d, *[Fraction(1)] * len(loop.fixed))
-    alike = defaultdict(dict)
+def open_terms(loop: Loop, claim: ArcWise) -> Iterator[tuple[str, int]]:
+    """Arcs, by mode and place, that are not shown to take at most their numbers.  Raises:
+    UndefinedError or WorkLimitError."""
+    low, high = floats_around(claim.d)
     for mode, arcs in loop.modes.items():
-        places = coupling_places(loop, arcs).tolist()
-        listeners, speakers = arcs.listeners.tolist(), arcs.speakers.tolist()
-        sure = len(arcs) - arcs.optional
-        for k, (i, j, w) in enumerate(zip(listeners, speakers, arcs.weights, strict=True)):
-            a, b = claim.shares[mode][k]
-            # Without the arc there is nothing but the shares; a fixed node has no share.
-            if (k >= sure and min(a, b) < 0) or (j >= loop.n and b):
-                yield mode, i, j
-            key = a, b, 2 * d[i] * w, d[i], d[j], j >= loop.n
-            alike[places[k]].setdefault(key, (mode, i, j))
-    for place, terms in alike.items():
-        yield from _open_of_one(loop, claim, place, terms)
-
-
-def _open_of_one(loop, claim, place, terms):
-    keys = list(terms)
-    a, b, pull, own, other, fixed = zip(*keys, strict=True)
-    coupling = loop.functions[place]
-    # |y - x| at most: both at their largest, or x alone
-    far = max(1 / x + (0 if still else 1 / y) for x, y, still in zip(own, other, fixed, strict=True))
-    rho = root_above(claim.level, unit=10**9)
-    reach = rho * root_above(far, unit=10**9)
-    found = set()
-    for component in coupling.components:
-        try:
-            table = gain_table(component, reach, cells=CELLS)
-        except UndefinedError:
-            found.update(range(len(keys)))
-            break
-        made = Terms(
-            a=floats_around(a)[0],
-            b=floats_around(b)[0],
-            pull=floats_around(pull),
-            own=floats_around(own)[0],
-            other=floats_around(other)[0],
-            fixed=np.array(fixed),
+        free = shared_arcs(loop, arcs)
+        below, above = floats_around(arcs.weights)
+        i = arcs.listeners[free]
+        terms = Terms(
+            a=floats_around(claim.a[mode])[0],
+            b=floats_around(claim.b[mode])[0],
+            pull=down(2 * low[i] * below[free]),
+            strongest=up(2 * high[i] * above[free]),
+            own=low[i],
+            other=low[arcs.speakers[free]],
         )
-        found.update(open_arcs(made, table, rho).tolist())
-    return (terms[keys[k]] for k in sorted(found))
+        # Without the arc nothing is left but its numbers.
+        open_ones = arcs.uncertain[free] & ((terms.a < 0) | (terms.b < 0))
+        for place, mine in split_by(coupling_places(loop, arcs)[free]):
+            open_ones[mine] |= _open(loop, place, terms.some(mine), claim.level)
+        yield from ((mode, int(arc)) for arc in free[open_ones])
+
+
+def _open(loop: Loop, place: int, terms: Terms, level: Fraction) -> BoolArray:
+    """Which arcs with one coupling are open."""
+    # Each different one once.
+    rows = np.stack([getattr(terms, name) for name in TERMS], axis=1)
+    _, first, inverse = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+    # |y - x| on the disc is at most rho times the root of this.
+    far = Fraction(float(np.max(up(up(1 / terms.own) + up(1 / terms.other)))))
+    rho = root_above(level, unit=ROOTS)
+    component = loop.functions[place].components[0]
+    table = gain_table(component, rho * root_above(far, unit=ROOTS), cells=CELLS)
+    return open_arcs(terms.some(first), table, rho)[inverse.ravel()]
+
+
+def holds_starts(loop: Loop, claim: ArcWise, domain: Domain) -> bool:
+    """Whether all starts of a box or ball lie in {V <= level}.  Raises: ValueError or TypeError."""
+    kind = Box if isinstance(domain, Box) else Ball
+    radius, disturbance = read_domain(domain, loop, kind=kind)
+    room = room_of(loop, claim, disturbance)
+    # In a box V is largest at the corners.
+    weight = loop.m * sum(claim.d) if kind is Box else largest(claim.d)
+    return room is not None and radius**2 * weight <= room
+
+
+def confirm(check: Check, case: Case) -> str | None:
+    """None if everything that a proved check of this topic claims is confirmed, else what is
+    not."""
+    loop = case.loop
+    reason = obstacle(loop, case.W) or not_a_proof(check)
+    if reason is not None:
+        return reason
+    claim = read_claim(check, loop, case.W)
+    if not holds_starts(loop, claim, check.domain):
+        return "the starts are not inside the invariant set"
+    if not follows(check.rate, claim.rate):
+        return f"the rate {check.rate} does not follow"
+    return why_not(loop, claim)
+
+
+def read_claim(check: Check, loop: Loop, W: Matrix | None) -> ArcWise:
+    """What a proved check claims; raises as ``claim_from_json``."""
+    return claim_from_json(read_object(check.exact, names_of(loop)), loop, W)

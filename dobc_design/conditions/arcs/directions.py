@@ -11,15 +11,16 @@ remains on a piece is a quadratic polynomial with one of the ends of g.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from fractions import Fraction
 from typing import NamedTuple
 
 import numpy as np
 
 from dobc_design._checks import noun
-from dobc_design.conditions.separable.large import Array, GainTable, down, floats_around, up
+from dobc_design.conditions.separable.large import Array, GainTable, down, up
 from dobc_design.exact.work import spend
+from dobc_design.problem.network import BoolArray, IndexArray
 
 FIRST = 32  # pieces of each half of the directions, to begin with
 NARROWEST = 2.0**-22
@@ -29,27 +30,22 @@ TOGETHER = 4096  # arcs that are looked at at once
 
 @noun(eq=False)
 class Terms:
-    """Arcs with one coupling, each different one once: the numbers a, b of the claim, the pull
-    2 d_i w, and d of the agent and of the one that it hears, which may be ``fixed``: then y = 0."""
+    """Arcs with one coupling in floats: the numbers a, b of the claim, the pull 2 d_i w, and d of
+    the agent and of the one that it hears; each from below, the pull from above as well."""
 
     a: Array
     b: Array
-    pull: tuple[Array, Array]
+    pull: Array
+    strongest: Array
     own: Array
     other: Array
-    fixed: Array
 
-    def some(self, place: Array) -> Terms:
+    def some(self, place: IndexArray) -> Terms:
         """Those at these places."""
-        low, high = self.pull
-        return Terms(
-            a=self.a[place],
-            b=self.b[place],
-            pull=(low[place], high[place]),
-            own=self.own[place],
-            other=self.other[place],
-            fixed=self.fixed[place],
-        )
+        return Terms(**{name: getattr(self, name)[place] for name in TERMS})
+
+
+TERMS = ("a", "b", "pull", "strongest", "own", "other")
 
 
 class Half(NamedTuple):
@@ -61,31 +57,26 @@ class Half(NamedTuple):
     reach: Callable[..., Array]
 
 
-def _lower_product(pull: tuple[Array, Array], gain: Array) -> Array:
+def _at_most(t: Terms, gain: Array) -> Array:
     """At most pull gain."""
-    low, high = pull
-    return down(np.where(gain >= 0, low * gain, high * gain))
-
-
-def _upper_product(pull: tuple[Array, Array], gain: Array) -> Array:
-    return -_lower_product(pull, -gain)
+    return down(np.where(gain >= 0, t.pull, t.strongest) * gain)
 
 
 # x = 1, y = 1 - s, s in [0, 2]: a + b (1 - s)^2 + c s with c = 2 d w g, least where g is
 def _towards_agent(t: Terms, least: Array, most: Array) -> tuple[Array, Array, Array]:
-    c = _lower_product(t.pull, least)
+    c = _at_most(t, least)
     return t.b, down(c - 2 * t.b), down(t.a + t.b)
 
 
 def _reach_agent(t: Terms, s0: Array, s1: Array, rho: float) -> Array:
     # |1 - s| is smallest at an end, or is 0 in between
-    near = np.where((s0 <= 1) & (1 <= s1), 0.0, np.minimum(np.abs(1 - s0), np.abs(1 - s1)))
+    near = np.where((s0 <= 1) & (s1 >= 1), 0.0, np.minimum(np.abs(1 - s0), np.abs(1 - s1)))
     return _over(rho * s1, down(t.own + down(t.other * down(near * near))))
 
 
 # x = -s, y = 1, s in [0, 1]: a s^2 + b + c s (1 + s)
 def _apart(t: Terms, least: Array, most: Array) -> tuple[Array, Array, Array]:
-    c = _lower_product(t.pull, least)
+    c = _at_most(t, least)
     return down(t.a + c), c, t.b
 
 
@@ -95,7 +86,7 @@ def _reach_apart(t: Terms, s0: Array, s1: Array, rho: float) -> Array:
 
 # x = s, y = 1, s in [0, 1]: a s^2 + b - c s (1 - s), least where g is largest
 def _towards_other(t: Terms, least: Array, most: Array) -> tuple[Array, Array, Array]:
-    c = _upper_product(t.pull, most)
+    c = -_at_most(t, -most)
     return down(t.a + c), -c, t.b
 
 
@@ -132,18 +123,16 @@ def _at(alpha: Array, beta: Array, gamma: Array, s: Array) -> Array:
     return down(down(down(down(alpha * s) + beta) * s) + gamma)
 
 
-def open_arcs(terms: Terms, table: GainTable, rho: Fraction) -> Array:
-    """The places of the arcs whose term is not shown to be nonnegative on its disc.  Raises:
+def open_arcs(terms: Terms, table: GainTable, rho: Fraction) -> BoolArray:
+    """Which arcs are not shown to take at most their numbers on their discs.  Raises:
     WorkLimitError."""
     far = float(up(np.array(float(rho))))
-    found = []
+    found = np.zeros(len(terms.a), dtype=bool)
     for first in range(0, len(terms.a), TOGETHER):
         place = np.arange(first, min(first + TOGETHER, len(terms.a)))
-        bad = np.zeros(len(place), dtype=bool)
         for half in HALVES:
-            bad |= _fails(terms.some(place), table, far, half)
-        found.append(place[bad])
-    return np.concatenate(found) if found else np.zeros(0, dtype=np.int64)
+            found[place] |= _fails(terms.some(place), table, far, half)
+    return found
 
 
 def gains_within(table: GainTable, far: Array) -> tuple[Array, Array]:
@@ -162,20 +151,15 @@ def gains_within(table: GainTable, far: Array) -> tuple[Array, Array]:
     return least, most
 
 
-def _fails(terms: Terms, table: GainTable, rho: float, half: Half) -> Array:
+def _fails(terms: Terms, table: GainTable, rho: float, half: Half) -> BoolArray:
     """Which arcs are not shown on a half of the directions."""
     count = len(terms.a)
     bad = np.zeros(count, dtype=bool)
     pieces = np.zeros(count, dtype=np.int64)
-    free = np.flatnonzero(~terms.fixed)
     cuts = np.linspace(0, half.end, FIRST + 1)
-    arc = np.repeat(free, FIRST)
-    s0 = np.tile(cuts[:-1], len(free))
-    s1 = np.tile(cuts[1:], len(free))
-    if half is HALVES[0]:  # the only direction of those that hear a fixed node
-        held = np.flatnonzero(terms.fixed)
-        one = np.ones(len(held))
-        arc, s0, s1 = (np.concatenate(p) for p in ((arc, held), (s0, one), (s1, one)))
+    arc = np.repeat(np.arange(count), FIRST)
+    s0 = np.tile(cuts[:-1], count)
+    s1 = np.tile(cuts[1:], count)
     while len(arc):
         spend(1 + len(arc) // 10_000)
         np.add.at(pieces, arc, 1)

@@ -22,10 +22,11 @@ from typing import Any, Final, Literal
 
 from dobc_design._checks import noun
 from dobc_design.conditions.consensus.claim import add_to as add
-from dobc_design.conditions.numbers import as_json, fields_to_json, known_to_json
+from dobc_design.conditions.numbers import as_json, fields_to_json, form_from_json, known_to_json
 from dobc_design.errors import ShapeError, SpecError
-from dobc_design.exact.matrix import Matrix, multiply
+from dobc_design.exact.matrix import Matrix, is_symmetric, multiply
 from dobc_design.exact.number import ZERO
+from dobc_design.exact.reading import Table
 from dobc_design.exact.symmetric import Entries, SparseSymmetric
 from dobc_design.loop.loop import Loop
 from dobc_design.problem.groups import agent_blocks
@@ -40,24 +41,34 @@ LinearRows = dict[int, dict[int, Fraction]]  # row -> column -> value
 
 
 @noun
-class Lure:
+class Quadratic:
     """A claim: {V <= level} is invariant and V' <= -2 rate V in it, V = e'P_e e + sum eps_i'P
     eps_i, in every mode.
 
-    P_e (n m, n m); ``radius`` bounds |e_j - e_i| by component, ``ranges`` are the gains there;
-    level is rho^2 (both None: all of space).  ``multipliers``: mode -> one tau per channel, 0 where
-    it is linear; for "lure" only.  P, Q (q, q), (q, m): the observer's pair; None without an
-    exosystem, or for eps = 0.
+    P_e (n m, n m); level is rho^2 (None: all of space).  P, Q (q, q), (q, m): the observer's pair;
+    None without an exosystem, or for eps = 0.
     """
 
     P_e: SparseSymmetric
-    ranges: tuple[GainRange, ...]
-    radius: Fraction | None
     level: Fraction | None
-    multipliers: Mapping[str, tuple[Fraction, ...]] = field(default_factory=dict)
     rate: Fraction = ZERO
     P: Matrix | None = None
     Q: Matrix | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        return fields_to_json(self, "level", "rate") | known_to_json(self, "P")
+
+
+@noun
+class Lure(Quadratic):
+    """One with bounded gains.  ``radius`` bounds |e_j - e_i| by component, ``ranges`` are the gains
+    there (None: everywhere).  ``multipliers``: mode -> one tau per channel, 0 where it is linear;
+    for "lure" only.
+    """
+
+    ranges: tuple[GainRange, ...]
+    radius: Fraction | None
+    multipliers: Mapping[str, tuple[Fraction, ...]] = field(default_factory=dict)
     method: Method = "lure"
 
     def __post_init__(self) -> None:
@@ -85,6 +96,19 @@ class Lure:
         values = {"method": self.method, "P_e": as_json(entries)}
         values |= fields_to_json(self, "level", "radius", "ranges", "multipliers", "rate")
         return values | known_to_json(self, "P")
+
+
+def observer_from_json(
+    values: Table, loop: Loop, W: Matrix | None
+) -> tuple[Matrix | None, Matrix | None]:
+    """The observer's pair (P, P W), None where there is none.  Raises: KeyError, TypeError or
+    ValueError."""
+    if not loop.groups:
+        return None, None
+    P = form_from_json(values["P"])
+    if [len(row) for row in P] != [loop.q] * loop.q or not is_symmetric(P):
+        raise ValueError(f"P must be a symmetric matrix of {loop.q} rows")
+    return P, None if W is None else multiply(P, W)
 
 
 def lure_matrix(

@@ -38,11 +38,11 @@ from dobc_design.conditions.numbers import (
     text_below,
 )
 from dobc_design.conditions.quadratic import sectors as channels
-from dobc_design.conditions.reason import fixed_obstacle, signs_obstacle
+from dobc_design.conditions.reason import fixed_obstacle, observer_obstacle, signs_obstacle
 from dobc_design.errors import ShapeError
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
 from dobc_design.exact.interval import UndefinedError
-from dobc_design.exact.matrix import Matrix, Vector, inverse, is_symmetric, multiply, to_float
+from dobc_design.exact.matrix import Matrix, Vector, inverse, to_float
 from dobc_design.exact.number import ONE, ZERO, float_below
 from dobc_design.exact.reading import Table
 from dobc_design.exact.symmetric import Entries, SparseSymmetric
@@ -53,8 +53,10 @@ from dobc_design.verdict import Decided, Verdict
 from .claim import (
     METHODS,
     Lure,
+    Quadratic,
     interval_matrix,
     lure_matrix,
+    observer_from_json,
     vertex_matrices,
 )
 from .sectors import (
@@ -194,7 +196,7 @@ def diagonal_of_inverse(P_e: SparseSymmetric) -> list[Fraction]:
     return [Y[i][i] for i in range(P_e.size)]
 
 
-def border_of(loop: Loop, lure: Lure, rate: Fraction) -> Matrix | None:
+def border_of(loop: Loop, lure: Quadratic, rate: Fraction) -> Matrix | None:
     """S of the observer's pair at a rate (1/s), exactly; None without a pair, or unless Omega0 + 2
     rate P < 0."""
     if lure.P is None or lure.Q is None:
@@ -205,19 +207,19 @@ def border_of(loop: Loop, lure: Lure, rate: Fraction) -> Matrix | None:
     return schur_block(Pair(P=lure.P, Q=lure.Q), exosystem, rate=rate)
 
 
-def covers(loop: Loop, lure: Lure, *, radius: Fraction, disturbance: Fraction = ZERO) -> bool:
+def covers(loop: Loop, lure: Quadratic, *, radius: Fraction, disturbance: Fraction = ZERO) -> bool:
     """Whether all starts |e| <= radius, |eps_i| <= disturbance lie in {V <= level}: proved, or
     not.  lambda_max(P_e) radius^2 + n lambda_max(P) disturbance^2 <= level, with rational upper
     bounds of the eigenvalues."""
     # e'P_e e <= lambda_max(P_e) R^2 has to fit into what the observers leave of the level.
-    room = _room(loop, lure, disturbance)
+    room = room_of(loop, lure, disturbance)
     return room is None or (room >= 0 and eigenvalue_bound(lure.P_e) * radius**2 <= room)
 
 
-def covered_radius(loop: Loop, lure: Lure, *, disturbance: Fraction = ZERO) -> float:
+def covered_radius(loop: Loop, lure: Quadratic, *, disturbance: Fraction = ZERO) -> float:
     """The largest R, rounded down, for which ``covers`` holds; inf for all of space, 0 if there is
     none."""
-    room = _room(loop, lure, disturbance)
+    room = room_of(loop, lure, disturbance)
     if room is None:
         return math.inf
     if room <= 0:
@@ -265,7 +267,7 @@ def condition_bound(M: SparseSymmetric) -> Fraction | None:
     return None
 
 
-def _room(loop: Loop, lure: Lure, disturbance: Fraction) -> Fraction | None:
+def room_of(loop: Loop, lure: Quadratic, disturbance: Fraction) -> Fraction | None:
     """What the observer errors leave of the level for e'P_e e; None: no limit.  Negative:
     nothing."""
     if disturbance and lure.P is None:  # eps = 0 is claimed only
@@ -280,13 +282,9 @@ def _room(loop: Loop, lure: Lure, disturbance: Fraction) -> Fraction | None:
 
 def quadratic_obstacle(loop: Loop, W: Matrix | None) -> str | None:
     """Why no quadratic certificate applies to the loop with the gain W (q, m); None if one does."""
-    if loop.groups and W is None:
-        return (
-            "does not apply: there is no observer gain W, and without one the estimation error "
-            "is not bounded."
-        )
-    if (reason := fixed_obstacle(loop) or signs_obstacle(loop)) is not None:
-        return reason
+    found = observer_obstacle(loop, W) or fixed_obstacle(loop) or signs_obstacle(loop)
+    if found is not None:
+        return found
     if loop.slopes_move:
         try:
             loop.goals.leaders_box()
@@ -303,7 +301,7 @@ def quadratic_obstacle(loop: Loop, W: Matrix | None) -> str | None:
     return None
 
 
-def certified_ball(loop: Loop, lure: Lure, *, disturbance: float) -> float:
+def certified_ball(loop: Loop, lure: Quadratic, *, disturbance: float) -> float:
     """The largest |e| to be claimed for |eps_i| <= disturbance, a little in hand; inf for all of
     space, 0 for none."""
     radius = covered_radius(loop, lure, disturbance=claimed(disturbance))
@@ -391,11 +389,7 @@ def lure_from_json(values: Table, loop: Loop, W: Matrix | None) -> Lure:
     method = next((method for method in METHODS if values["method"] == method), None)
     if method is None:
         raise ValueError(f"method must be one of {', '.join(METHODS)}")
-    P = None
-    if loop.groups:
-        P = numbers.form_from_json(values["P"])
-        if [len(row) for row in P] != [loop.q] * loop.q or not is_symmetric(P):
-            raise ValueError(f"P must be a symmetric matrix of {loop.q} rows")
+    P, Q = observer_from_json(values, loop, W)
     return Lure(
         method=method,
         P_e=_sparse(values["P_e"], loop.size),
@@ -405,7 +399,7 @@ def lure_from_json(values: Table, loop: Loop, W: Matrix | None) -> Lure:
         multipliers=_multipliers(values, loop),
         rate=read_rational(values["rate"]),
         P=P,
-        Q=None if P is None or W is None else multiply(P, W),
+        Q=Q,
     )
 
 

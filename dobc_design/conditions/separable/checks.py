@@ -22,7 +22,7 @@ from dobc_design.conditions.numbers import (
     shorten,
     text_below,
 )
-from dobc_design.conditions.reason import saturation_obstacle
+from dobc_design.conditions.reason import observer_obstacle, saturation_obstacle
 from dobc_design.exact.matrix import Matrix
 from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
@@ -58,12 +58,7 @@ def obstacle(loop: Loop, W: Matrix | None, *, turned: bool = False) -> str | Non
     with the gain W (q, m); None if it does."""
     if not turned and not acts_by_component(loop):
         return NOT_BY_COMPONENT
-    if loop.groups and W is None:
-        return (
-            "does not apply: there is no observer gain W, and without one the estimation error "
-            "is not bounded."
-        )
-    return None
+    return observer_obstacle(loop, W)
 
 
 def max_separable_check(

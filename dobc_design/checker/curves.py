@@ -80,20 +80,8 @@ class Curve:
         return self.at((lo, hi))[1][1]
 
     def steepest(self, lo: float, hi: float) -> float:
-        """An upper bound of h' on [lo, hi]: the piece with the largest one is halved until a point
-        comes close."""
-        pieces = [(-self.slope(lo, hi), lo, hi)]
-        # what is certainly reached: no bound can come below it
-        reached = max(self.slope(lo, lo), self.slope(hi, hi))
-        for _ in range(STEPS):
-            bound, a, b = pieces[0]
-            middle = (a + b) / 2
-            if not a < middle < b or -bound - reached <= abs(reached) / 4096:
-                break
-            heapq.heapreplace(pieces, (-self.slope(a, middle), a, middle))
-            heapq.heappush(pieces, (-self.slope(middle, b), middle, b))
-            reached = max(reached, self.slope(middle, middle))
-        return -pieces[0][0]
+        """An upper bound of h' on [lo, hi]."""
+        return highest(self.slope, lo, hi, 1 / 4096)
 
     def cells(self, pieces: list[Floats], finest: float) -> Iterator[Cell]:
         """Cells of these pieces, halved until the sign of the slope is known; the widest first, if
@@ -115,6 +103,23 @@ class Curve:
         """The cells of the table between two numbers."""
         first = bisect_right(self.table, lo, key=itemgetter(0)) - 1
         return self.table[max(0, first) : bisect_left(self.table, hi, key=itemgetter(0))]
+
+
+def highest(bound: Callable[[float, float], float], lo: float, hi: float, close: float) -> float:
+    """An upper bound on [lo, hi] from those on pieces: the piece with the largest one is halved
+    until a point comes close."""
+    pieces = [(-bound(lo, hi), lo, hi)]
+    # what is certainly reached: no bound can come below it
+    reached = max(bound(lo, lo), bound(hi, hi))
+    for _ in range(STEPS):
+        top, a, b = pieces[0]
+        middle = (a + b) / 2
+        if not a < middle < b or -top - reached <= abs(reached) * close:
+            break
+        heapq.heapreplace(pieces, (-bound(a, middle), a, middle))
+        heapq.heappush(pieces, (-bound(middle, b), middle, b))
+        reached = max(reached, bound(middle, middle))
+    return -pieces[0][0]
 
 
 Curves = dict[tuple[Coupling, bool], Curve]  # h and -h(-y)

@@ -6,6 +6,7 @@ from functools import partial
 from typing import Any
 
 from .accuracy import accuracy
+from .arcs import arc_wise
 from .claims import Case
 from .consensus import OF_GROUPS, consensus, fact, linearisation, observer, weighted
 from .coordinates import boxes
@@ -37,6 +38,7 @@ REGIONAL: dict[str, Decider] = {
     "actuators": actuators,
     "equilibrium": equilibrium,
     "lure": lure,
+    "arc-wise": arc_wise,
     "schedule": schedule,
     "markov": markov,
     "safety": safety,
@@ -46,22 +48,23 @@ REGIONAL: dict[str, Decider] = {
 # What of these claims knows nodes and arcs beyond integrators that hear each other, by component,
 # and one target.
 KNOWN_TO = {
-    "couplings that are lists": "max-separable lure equilibrium markov accuracy schedule",
-    "nodes that are curved": "max-separable delay sampling tolerance actuators lure schedule "
+    "couplings that are lists": "max-separable lure arc-wise equilibrium markov accuracy schedule",
+    "nodes that are curved": "max-separable delay sampling tolerance actuators lure arc-wise "
+    "schedule safety settling accuracy",
+    "leaders that move on": "max-separable tolerance actuators lure arc-wise schedule markov "
     "safety settling accuracy",
-    "leaders that move on": "max-separable tolerance actuators lure schedule markov safety "
-    "settling accuracy",
     # what is left bounds a pin from below: it says nothing of rest, nor of steps
-    "inputs that saturate": "max-separable delay tolerance actuators lure schedule markov safety "
-    "settling accuracy",
-    "pins that are cut": "max-separable delay schedule settling",
+    "inputs that saturate": "max-separable delay tolerance actuators lure arc-wise schedule markov "
+    "safety settling accuracy",
+    "pins that are cut": "max-separable arc-wise delay schedule settling",
     "fixed nodes that differ or move": "max-separable delay schedule settling",
     # delay: a late state and one of now make no difference that is followed
-    "differences of agents": "max-separable sampling schedule settling markov tolerance accuracy",
+    "differences of agents": "max-separable arc-wise sampling schedule settling markov tolerance "
+    "accuracy",
     "agents with too many pairs": "schedule markov actuators",
     # rows hold whatever the signs
     "signs that fit no two sides": "max-separable delay sampling tolerance actuators safety "
-    "settling accuracy schedule",
+    "settling accuracy schedule arc-wise",
 }
 REFUTABLE = ("max-separable", "equilibrium", "markov", "schedule")
 Finding = tuple[bool, str]  # whether it holds, and what

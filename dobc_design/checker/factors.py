@@ -30,7 +30,7 @@ from .separable import frame, spread
 TINY = Fraction(1, 10**300)  # rates below count as none
 # V = e'e + ...
 OF_THE_PAPER = ("lemma1", "theorem1", "theorem2", "theorem1-printed", "theorem2-printed")
-OF_QUADRATIC_FORMS = ("theorem1-weighted", "theorem2-weighted", "lure")
+OF_QUADRATIC_FORMS = ("theorem1-weighted", "theorem2-weighted", "lure", "arc-wise")
 
 
 def bounded(case: Case, check: Any, claim: Any) -> None:
@@ -91,7 +91,8 @@ def follows_from_form(check: Any, claim: Any, square: Fraction) -> bool:
     """Of V = e'De, e'(D (x) R)e or e'P_e e: ``square`` is at least lambda_max / lambda_min."""
     if check.id == "lure":
         return conditioned([claim.P_e], square)
-    left = square * min(claim.D) / max(claim.D)
+    D = claim.d if check.id == "arc-wise" else claim.D
+    left = square * min(D) / max(D)
     if "R" in check.exact:
         return conditioned([claim.R], left)
     return bool(left >= 1)

@@ -14,6 +14,7 @@ import copy
 from collections import defaultdict
 from fractions import Fraction
 from functools import lru_cache
+from operator import attrgetter
 from types import SimpleNamespace
 from typing import Any
 
@@ -123,7 +124,7 @@ def pairs(case: Case, rows: Case) -> None:
         for arc in arcs:
             if sole and not arc.loose:
                 hears[arc.j][arc.i] = arc.w
-        found = []
+        found, mirror = [], []
         shared: dict[int, Fraction] = defaultdict(Fraction)
         for both in hears.values():
             for i, w in both.items():
@@ -145,5 +146,5 @@ def pairs(case: Case, rows: Case) -> None:
                 first = count if j == heard else number[heard, j]
                 second = count + 1 if j == heard else number[j, heard]
                 found.append(Arc(number[i, j], first, w, arc.coupling, arc.loose))
-                found.append(Arc(number[j, i], second, w, star[arc.coupling], arc.loose))
-        rows.modes[mode] = found
+                mirror.append(Arc(number[j, i], second, w, star[arc.coupling], arc.loose))
+        rows.modes[mode] = sorted([*found, *mirror], key=attrgetter("loose"))

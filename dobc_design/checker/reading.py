@@ -237,23 +237,29 @@ def direction(size: int, value: Any) -> list[Fraction]:
 
 
 def weights(size: int, value: Any) -> list[Fraction]:
-    """Positive numbers: rationals, or doubles in base64."""
+    """Positive numbers."""
+    v = vector(size, value)
+    need(min(v, default=0) > 0, "an entry of v is not positive")
+    return v
+
+
+def vector(size: int, value: Any) -> list[Fraction]:
+    """Numbers: rationals, or doubles in base64."""
     if type(value) is dict:
         return doubles(size, value)
-    v = direction(size, value)
-    need(min(v) > 0, "an entry of v is not positive")
+    v = list(read(value, (rational,) * size))
+    short(v, VECTOR_BITS)
     return v
 
 
 def doubles(size: int, value: Any) -> list[Fraction]:
-    """Positive doubles in base64, each with its exact binary value."""
+    """Doubles in base64, each with its exact binary value."""
     data = read(value, {"float64": text}).float64
     try:
         numbers = struct.unpack(f"<{size}d", base64.b64decode(data, validate=True))
     except (binascii.Error, ValueError, struct.error):
         raise Refused(f"a block of doubles does not hold {size} of them in base64") from None
-    # nan is not less than inf either
-    need(all(0 < x < math.inf for x in numbers), "an entry of v is no positive number")
+    need(all(map(math.isfinite, numbers)), "an entry of a block of doubles is no number")
     return list(map(Fraction, numbers))
 
 

@@ -12,7 +12,11 @@ from .graphs import MODES, absorbing
 from .intervals import Exact
 from .loop import Loop, reach
 from .matrices import ZERO, echelon, meets, paired, product, stable
+from .pairs import rows_of
 from .reading import need, rational
+
+# one around the target answers the local question, too, where that is about more than slopes
+BOXES = ("max-separable", "schedule", "markov", "arc-wise")
 
 
 def overall(case: Case) -> None:
@@ -92,7 +96,7 @@ def answered(case: Case, best: Any) -> Any:
     return best
 
 
-def asked_for(loop: Loop, domain: Any) -> bool:
+def asked_for(loop: Case, domain: Any) -> bool:
     """True if a domain of these checks holds the starts that are asked for."""
     if domain == "global":
         return True
@@ -113,7 +117,7 @@ def covers(case: Case, check: Any) -> bool:
     if check.id in (*local, case.theorem + "-weighted", "linearisation"):
         return case.region is None or case.domain == "global"
     safe = check.id == "safety" and check.rate is not None
-    if not safe and check.id not in ("max-separable", "lure", "schedule", "markov"):
+    if not safe and check.id not in (*BOXES, "lure"):
         return False
     if type(domain) is str:
         return bool(domain == "global")
@@ -121,12 +125,12 @@ def covers(case: Case, check: Any) -> bool:
         return holds_region(case, domain)
     # a box around the target answers the local question: several modes, dynamics, leaders, pairs
     several = case.switches or case.B is not None or case.gap > 0 or case.agrees
-    box = several and check.id in ("max-separable", "schedule", "markov")
+    box = several and check.id in BOXES
     ball = check.id == "lure" and case.own is not None and case.leader is not None
     return (safe or box or ball) and is_open(case, domain)
 
 
-def holds_region(loop: Loop, domain: Any) -> bool:
+def holds_region(loop: Case, domain: Any) -> bool:
     """True if a box or ball holds the region."""
     region = loop.region
     if region is None or type(domain) is str:
@@ -142,7 +146,7 @@ def holds_region(loop: Loop, domain: Any) -> bool:
     if domain.kind == "box":
         square = max(farthest) ** 2
     else:
-        square = loop.n * sum(side**2 for side in farthest)
+        square = rows_of(loop).n * sum(side**2 for side in farthest)
     disturbance = region.initial_disturbance or 0
     return bool(domain.radius**2 >= square and domain.disturbance >= disturbance)
 

@@ -50,7 +50,7 @@ SLIPS = (
     ),
     ("i, heard = arc.i, arc.j", "arc = arc._replace(loose=False); i, heard = arc.i, arc.j"),
     ("second, w, star[arc.coupling]", "second, w, arc.coupling"),
-    ("rows.modes[mode] = found", "rows.modes[mode] = found[::2]"),
+    ("sorted([*found, *mirror]", "sorted([*found]"),
     ('texts = tuple(f"-({re', 'texts = tuple(f"({re'),
     ("f'(-{y[0]})'", "f'({y[0]})'"),
 )

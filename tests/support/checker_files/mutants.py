@@ -36,6 +36,7 @@ FILES = (
     "consensus",
     "curves",
     "separable",
+    "arcs",
     "quadratic",
     "coordinates",
     "cycles",

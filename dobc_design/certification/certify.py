@@ -30,6 +30,7 @@ from dobc_design.conditions.accuracy.value import (
     shifts_of,
     weights_of,
 )
+from dobc_design.conditions.arcs.stage import arcs_stage
 from dobc_design.conditions.case import Case
 from dobc_design.conditions.check import Check, Checks, cut_check, surviving, undecided_check
 from dobc_design.conditions.consensus import decide as consensus
@@ -98,6 +99,7 @@ Stage = Callable[[Asked, Progress], list[Check]]
 #: What looks for a region, cheapest first; how such checks are confirmed: certificate/topics.py.
 STAGES: tuple[Stage, ...] = (
     separable_stage,
+    arcs_stage,
     quadratic_stage,
     schedule_stage,
     markov_stage,

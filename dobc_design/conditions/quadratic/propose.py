@@ -312,7 +312,7 @@ def rate_estimate(loop: Loop, lure: Lure) -> float:
             S = _border(loop, lure.P, lure.Q, rate=beta)
             if S is None:
                 return False
-            observer = P_e @ S @ P_e
+            observer = P_e @ _of_agents(loop, S) @ P_e
         for X in fixed:
             highest = np.linalg.eigvalsh(X + 2 * beta * P_e + observer)[-1]
             if not float(highest) < 0:
@@ -340,7 +340,7 @@ def linear_rate(loop: Loop, W: Matrix | None) -> float:
 
 @noun
 class ScaledPair:
-    """The observer's P before scaling, S of all agents (n m, n m), and n lambda_max(P) s^2, for
+    """The observer's P before scaling, S of all groups (G m, G m), and n lambda_max(P) s^2, for
     kappa = 1."""
 
     P: Matrix
@@ -375,8 +375,7 @@ def scaled_pair(
 
 
 def _border(loop: Loop, P: Matrix, Q: Matrix, *, rate: float) -> Array | None:
-    """S = C (-Omega)^-1 C' of every agent along the diagonal (n m, n m), in floats; None unless
-    Omega < 0."""
+    """S = C (-Omega)^-1 C' of all groups (G m, G m), in floats; None unless Omega < 0."""
     exosystem = loop.joint_exosystem
     if exosystem is None:
         return None
@@ -386,9 +385,14 @@ def _border(loop: Loop, P: Matrix, Q: Matrix, *, rate: float) -> Array | None:
         S = C @ linalg.cho_solve(linalg.cho_factor(block), C.T)
     except (linalg.LinAlgError, ValueError):
         return None
-    whole = linalg.block_diag(*agent_blocks(S.tolist(), loop.groups, loop.labels))
+    return np.asarray((S + S.T) / 2)
+
+
+def _of_agents(loop: Loop, S: Array) -> Array:
+    """The block of every agent along the diagonal, (n m, n m)."""
     # An agent without a disturbance has an exact 0.
-    return np.asarray((whole + whole.T) / 2, dtype=float)
+    blocks = agent_blocks(S.tolist(), loop.groups, loop.labels)
+    return np.asarray(linalg.block_diag(*blocks), dtype=float)
 
 
 @noun(eq=False)
@@ -446,7 +450,7 @@ class _Search:
                 gains = programs.range_gains(ranges, len(self.loop.functions), self.loop.m)
         if gains is None:
             return None
-        S = None if self.pair is None else self.pair.S
+        S = None if self.pair is None else _of_agents(self.loop, self.pair.S)
         return float_system(self.templates, gains, radius=reach, S=S, rate=float(self.rate))
 
     def inside(self, point: _Point, radius: float | None) -> bool:

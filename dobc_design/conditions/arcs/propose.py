@@ -1,0 +1,369 @@
+"""Proposes arc-wise certificates, in floating point: how much of V' each arc may take of its two
+agents, so that all are left as much as possible (theory, section 20).
+
+On the edge of its disc an arc i <- j has d_i x^2 = (1 - z) rho^2, d_j y^2 = z rho^2, and takes at
+most N(z) d_i w rho^2 there, z in [0, 1].  Its numbers a = d_i w A, b = d_j w B are a line A (1 - z)
++ B z that lies nowhere below N; a line that is no higher than needed touches the concave hull of N
+at some z.  Where all agents of a connected part are left the same, z = 1/(1 + exp(y_i - y_j)) for a
+number y of each agent (the dual variables of the linear program), which Newton's method finds.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from fractions import Fraction
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import splu
+
+from dobc_design._checks import noun
+from dobc_design.conditions.numbers import rounded_down
+from dobc_design.conditions.quadratic.propose import ScaledPair, scaled_pair
+from dobc_design.conditions.separable.large import gain_table
+from dobc_design.coupling.expression import Expression
+from dobc_design.exact.matrix import Matrix, add, multiply, scale, to_float, transpose
+from dobc_design.exact.number import ZERO, float_above
+from dobc_design.exact.symmetric import Doubles
+from dobc_design.exact.work import spend
+from dobc_design.loop.arcs import coupling_places
+from dobc_design.loop.loop import Loop
+from dobc_design.problem.groups import group_numbers
+from dobc_design.problem.network import IndexArray
+
+from .claim import ArcWise, form_of, shared_arcs
+from .decide import CELLS, taken_of
+from .directions import gains_within
+
+Array = NDArray[np.float64]
+
+PLACES = 1024  # z of a table
+#: The hull is averaged over so many places on both sides, which smooths it, then over fewer.
+WIDTHS = (128, 32, 8, 2, 0)
+STEPS = 12  # of Newton's method for each
+FARTHEST = 4.0  # of y in a step
+HALVINGS = 8  # of a step that gains nothing
+DAMPING = 1e-7
+CLOSE = 1e-4  # of the least that an agent is left
+SPARE = 0.02  # of what agents are left, shared among their arcs for what the tables do not see
+LEAST = 1e-4  # of what pulls most, that has to be left of everybody
+#: Parts of the rate without observers, and of the level beside what starts need.
+PARTS = (0.9, 0.5, 0.2, 0.03)
+MORE = (0.03, 0.2, 1.0, 4.0)
+FAR = 100.0  # the least kappa without errors of observers, over the rate
+BITS = 24  # of a number of an arc, as a part of the largest one
+
+
+@lru_cache(maxsize=4096)
+def _taken(h: Expression, rho: float, d: tuple[float, float], loose: bool) -> tuple[Array, Array]:
+    """N / d_i of one kind of arc with a weight of 1, and its concave hull, (PLACES + 1,).  Raises:
+    UndefinedError."""
+    z = np.linspace(0, 1, PLACES + 1)
+    farthest = rho * np.sqrt(1 / d[0] + 1 / d[1])
+    table = gain_table(h, Fraction(float(farthest)), cells=CELLS)
+    x = np.sqrt(1 - z) / np.sqrt(d[0])
+    taken = np.zeros(len(z)) if loose else np.full(len(z), -np.inf)
+    for y in (np.sqrt(z / d[1]), -np.sqrt(z / d[1])):
+        gains = gains_within(table, np.minimum(rho * np.abs(y - x), table.radius))
+        for gain in gains:
+            taken = np.maximum(taken, -2 * d[0] * gain * (x * x - x * y))
+    return taken, _concave(z, taken)
+
+
+def _concave(z: Array, values: Array) -> Array:
+    """The least concave function above some values."""
+    kept: list[int] = []
+    for k in range(len(z)):
+        while len(kept) >= 2:
+            i, j = kept[-2:]
+            rise = (values[j] - values[i]) * (z[k] - z[i])
+            if rise > (values[k] - values[i]) * (z[j] - z[i]):
+                break
+            kept.pop()
+        kept.append(k)
+    return np.interp(z, z[kept], values[kept])
+
+
+@noun(eq=False)
+class Lines:
+    """Lines by the z at which they touch: their heights at z = 0 and z = 1, (kinds, PLACES + 1)."""
+
+    own: Array
+    other: Array
+
+
+def tangents(hulls: Array) -> Lines:
+    """The lines that touch."""
+    z = np.linspace(0, 1, PLACES + 1)
+    slope = np.gradient(hulls, z, axis=1)
+    return Lines(own=hulls - z * slope, other=hulls + (1 - z) * slope)
+
+
+@noun(eq=False)
+class Network:
+    """One mode: arcs between free nodes with their ``kind`` and weight, N of every kind and its
+    hull; what pulls each node by itself, over d, is ``pull`` (n,)."""
+
+    listeners: IndexArray
+    speakers: IndexArray
+    weights: Array
+    kind: IndexArray
+    taken: Array
+    hulls: Array
+    pull: Array
+
+    def smoothed(self, width: int) -> Lines:
+        """Tangents of the hulls, averaged over so many places on both sides."""
+        place = np.arange(PLACES + 1)
+        half = np.minimum(width, np.minimum(place, PLACES - place))
+        sums = np.pad(np.cumsum(self.hulls, axis=1), ((0, 0), (1, 0)))
+        means = (sums[:, place + half + 1] - sums[:, place - half]) / (2 * half + 1)
+        return tangents(means)
+
+    @property
+    def above(self) -> Lines:
+        """Tangents, each raised until it lies nowhere below N."""
+        lines = tangents(self.hulls)
+        z = np.linspace(0, 1, PLACES + 1)
+        lift = np.zeros_like(lines.own)
+        for kind, taken in enumerate(self.taken):
+            own, other = lines.own[kind, :, None], lines.other[kind, :, None]
+            lift[kind] = (taken - own * (1 - z) - other * z).max(axis=1)
+        lift = np.maximum(lift, 0)
+        return Lines(own=lines.own + lift, other=lines.other + lift)
+
+    def shares(self, lines: Lines, y: Array) -> Shared:
+        """What the lines give that y chooses."""
+        i, j = self.listeners, self.speakers
+        z = 1 / (1 + np.exp(np.clip(y[i] - y[j], -500, 500)))
+        own = self.weights * self._at(lines.own, z)
+        other = self.weights * self._at(lines.other, z)
+        n = len(self.pull)
+        left = self.pull - np.bincount(i, own, n) - np.bincount(j, other, n)
+        return Shared(own=own, other=other, left=left, y=y, z=z)
+
+    def _at(self, table: Array, z: Array) -> Array:
+        place = np.minimum((z * PLACES).astype(np.int64), PLACES - 1)
+        part = z * PLACES - place
+        below, above = table[self.kind, place], table[self.kind, place + 1]
+        return np.asarray(below + (above - below) * part)
+
+    def slopes(self, lines: Lines, z: Array) -> sparse.csc_array:
+        """How what is left changes with y, an M-matrix."""
+        i, j = self.listeners, self.speakers
+        place = np.minimum((z * PLACES).astype(np.int64), PLACES - 1)
+        turn = self.weights * z * (1 - z) * PLACES
+        rise, fall = (
+            table[self.kind, place + 1] - table[self.kind, place]
+            for table in (lines.own, -lines.other)
+        )
+        own, other = turn * np.maximum(rise, 0), turn * np.maximum(fall, 0)
+        n = len(self.pull)
+        values = np.concatenate([own, -own, other, -other])
+        places = np.concatenate([i, i, j, j]), np.concatenate([i, j, j, i])
+        return sparse.csc_array((values, places), shape=(n, n))
+
+
+def network_of(loop: Loop, mode: str, d: Array, rho: float, pull: Array) -> Network:
+    """Raises: UndefinedError."""
+    arcs = loop.modes[mode]
+    free = shared_arcs(loop, arcs)
+    i, j = arcs.listeners[free], arcs.speakers[free]
+    place = coupling_places(loop, arcs)[free]
+    loose = arcs.uncertain[free]
+    rows = np.stack([place, d[i], d[j], loose], axis=1)
+    kinds, kind = np.unique(rows, axis=0, return_inverse=True)
+    found = []
+    for number, own, other, comes in kinds.tolist():
+        spend(20)
+        h = loop.functions[int(number)].components[0]
+        found.append(_taken(h, rho, (own, other), bool(comes)))
+    both = np.array(found).reshape(-1, 2, PLACES + 1)
+    return Network(
+        listeners=i,
+        speakers=j,
+        weights=np.array([float(arcs.weights[k]) for k in free.tolist()]),
+        kind=kind.ravel(),
+        taken=both[:, 0],
+        hulls=both[:, 1],
+        pull=pull,
+    )
+
+
+@noun(eq=False)
+class Shared:
+    """How V' is shared out: A and B of every arc, what is left of every node over d; y and z."""
+
+    own: Array
+    other: Array
+    left: Array
+    y: Array
+    z: Array
+
+    @property
+    def least(self) -> float:
+        return float(self.left.min())
+
+
+def shared_out(net: Network, y: Array) -> Shared:
+    """What leaves the least well off as much as is found, from y on."""
+    above = net.above
+    best = net.shares(above, y)
+    for width in WIDTHS:
+        y = _newton(net, net.smoothed(width), y)
+        found = net.shares(above, y)
+        if found.least > best.least:
+            best = found
+    return best
+
+
+def _newton(net: Network, lines: Lines, y: Array) -> Array:
+    """y for which all nodes of a part are left the same.  With u = exp(y) what is left is the
+    gradient of the convex function sum u_i left_i, which falls in every step."""
+    n = len(y)
+    ones = np.ones(len(net.listeners))
+    links = sparse.coo_array((ones, (net.listeners, net.speakers)), shape=(n, n))
+    parts, part = connected_components(links, directed=False)
+
+    def mean(now: Shared) -> Array:
+        """What is left of each part, weighted."""
+        u = np.exp(now.y - highest[part])
+        return np.bincount(part, u * now.left, parts) / np.bincount(part, u, parts)
+
+    now = net.shares(lines, y)
+    for _ in range(STEPS):
+        spend(1 + (n + len(ones)) // 100)
+        highest = np.full(parts, -np.inf)
+        np.maximum.at(highest, part, now.y)
+        M = net.slopes(lines, now.z)
+        damping = DAMPING * (M.diagonal().mean() + 1e-12)
+        solver = splu(
+            sparse.csc_array(M + sparse.diags_array(np.full(n, damping))),
+            permc_spec="MMD_AT_PLUS_A",
+            options={"SymmetricMode": True, "DiagPivotThresh": 0.0},
+        )
+        fall, rise = solver.solve(-now.left), solver.solve(np.ones(n))
+        # M does not know how y is shifted as a whole.
+        level = -np.bincount(part, fall, parts) / np.bincount(part, rise, parts)
+        step = fall + level[part] * rise
+        if np.abs(now.left - level[part]).max() < CLOSE * (np.abs(level).max() + 1e-9):
+            break
+        farthest = np.zeros(parts)
+        np.maximum.at(farthest, part, np.abs(step))
+        size = np.minimum(1, FARTHEST / np.maximum(farthest, 1e-12))
+        before = mean(now)
+        for _ in range(HALVINGS):
+            tried = net.shares(lines, now.y + step * size[part])
+            worse = mean(tried) > before
+            if not worse.any():
+                break
+            size = np.where(worse, size / 4, size)
+        now = tried
+    return now.y
+
+
+@noun(eq=False)
+class Search:
+    """What certificates are looked for: the weights d (n,), and the gain W (q, m) for observers
+    with |eps_i| <= disturbance.  ``known``: y of every mode, from where the search goes on."""
+
+    loop: Loop
+    W: Matrix | None
+    d: Doubles
+    disturbance: Fraction
+    known: dict[str, Array]
+
+    def claim(self, room: float) -> ArcWise | None:
+        """The one with the largest rate that is found, whose level is ``room`` beside what
+        observers take; None if none is.  Raises: UndefinedError or WorkLimitError."""
+        free = self._with(room, None, math.inf)
+        if free is None or not self.loop.groups or self.W is None:
+            return None if self.loop.groups else free
+        found = []
+        for part in PARTS:
+            # A pair allows so much, and no more.
+            rate = rounded_down(free.rate * Fraction(part), digits=4)
+            pair = scaled_pair(self.loop, self.W, rate=rate, disturbance=self.disturbance)
+            if pair is None:
+                continue
+            for more in MORE:
+                added = room * more if self.disturbance else 0.0
+                # Its part of the level, or what next to nothing of V' is left for.
+                kappa = added / pair.disturbance if added else FAR / float(rate)
+                claim = self._with(room + added, _scaled(pair, kappa), float(rate))
+                if claim is not None:
+                    found.append(claim)
+        return max(found, key=lambda claim: claim.rate, default=None)
+
+    def _with(self, level: float, pair: ScaledPair | None, most: float) -> ArcWise | None:
+        """One with this level and pair, and a rate of at most ``most``."""
+        loop = self.loop
+        none = {
+            mode: Doubles(np.zeros(len(shared_arcs(loop, x)))) for mode, x in loop.modes.items()
+        }
+        bare = ArcWise(
+            P_e=form_of(loop, self.d),
+            d=self.d,
+            a=none,
+            b=none,
+            level=Fraction(float_above(Fraction(level))),
+            rate=ZERO,
+            P=None if pair is None else pair.P,
+            Q=None if pair is None else multiply(pair.P, pair.W),
+        )
+        rho = math.sqrt(level)
+        shares = {}
+        for mode in loop.modes:
+            net = network_of(loop, mode, self.d.array, rho, self._pull(bare, mode, pair))
+            start = self.known.get(mode)
+            shares[mode] = shared_out(net, np.zeros(loop.n) if start is None else start)
+            if not shares[mode].least > LEAST * np.abs(net.pull).max():
+                return None
+            self.known[mode] = shares[mode].y
+        least = min(each.least for each in shares.values())
+        rate = rounded_down(Fraction(min((1 - 2 * SPARE) * least / 2, most)), digits=6)
+        numbers = {mode: self._numbers(mode, each, SPARE * least) for mode, each in shares.items()}
+        return replace(
+            bare,
+            a={mode: a for mode, (a, _) in numbers.items()},
+            b={mode: b for mode, (_, b) in numbers.items()},
+            rate=rate,
+        )
+
+    def _pull(self, bare: ArcWise, mode: str, pair: ScaledPair | None) -> Array:
+        """What pulls every node, over d, less what its observer costs."""
+        loop = self.loop
+        least = loop.pulls.each(lambda K: np.linalg.eigvalsh(to_float(add(K, transpose(K))))[0])
+        found = np.array([least.get(i, 0.0) for i in range(loop.n)])
+        taken = np.array([float(x) for x in taken_of(loop, bare, mode)])
+        if pair is not None:
+            m = loop.m
+            blocks = [pair.S[k : k + m, k : k + m] for k in range(0, len(pair.S), m)]
+            costs = np.array([*(float(np.linalg.eigvalsh(block)[-1]) for block in blocks), 0.0])
+            taken += self.d.array**2 * costs[group_numbers(loop.groups, loop.labels)]
+        return found - taken / self.d.array
+
+    def _numbers(self, mode: str, shared: Shared, spare: float) -> tuple[Doubles, Doubles]:
+        """a and b of every arc, with what is spare shared among those of a node; rounded up."""
+        loop = self.loop
+        arcs = loop.modes[mode]
+        free = shared_arcs(loop, arcs)
+        found = []
+        i, j = arcs.listeners[free], arcs.speakers[free]
+        often = np.bincount(np.concatenate([i, j]), minlength=loop.n)
+        for node, heights in ((i, shared.own), (j, shared.other)):
+            exact = self.d.array[node] * (heights + spare / np.maximum(often[node], 1))
+            largest = np.abs(exact).max(initial=2.0**-60)
+            unit = 2.0 ** (math.ceil(math.log2(largest)) - BITS)
+            found.append(Doubles(np.ceil(exact / unit) * unit))
+        return found[0], found[1]
+
+
+def _scaled(pair: ScaledPair, kappa: float) -> ScaledPair:
+    """The same pair times kappa."""
+    kappa = float(rounded_down(kappa, digits=4))
+    return replace(pair, P=scale(Fraction(kappa), pair.P), S=pair.S / kappa)

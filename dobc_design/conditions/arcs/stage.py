@@ -1,0 +1,146 @@
+"""The arc-wise certificate of the region asked for, or of the largest ball that it proves."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from dobc_design.conditions.check import Check, cut_check, surviving, undecided_check
+from dobc_design.conditions.coverage import Asked, Progress
+from dobc_design.conditions.domain import Ball, Box
+from dobc_design.conditions.numbers import bisected, claimed, decimal_below, shorten, text_below
+from dobc_design.conditions.weighted.propose import perron, stiffnesses
+from dobc_design.exact.interval import UndefinedError
+from dobc_design.exact.symmetric import Doubles
+from dobc_design.exact.work import STAGE, at_most, exhausted
+from dobc_design.loop.loop import Loop
+from dobc_design.verdict import Verdict
+
+from .claim import ArcWise
+from .decide import holds_starts, obstacle, why_not
+from .propose import Search
+
+ID = "arc-wise"
+IN_HAND = 1e-6  # of a level, for the rounding of its parts
+FIRST = 4.0  # balls are that much smaller until one is found
+FALLS = 10
+CLOSE = 2e-3  # of the radius of the largest ball
+SMALLER = (1.0, 0.995, 0.97, 0.9)  # parts of it that are decided
+FEW_KINDS = 500  # arcs of different kinds, up to which weights other than 1 are tried
+
+
+def arcs_stage(asked: Asked, report: Progress) -> list[Check]:
+    """The arc-wise certificate: of the box asked for, else of the largest ball."""
+    reason = obstacle(asked.loop, asked.W)
+    if reason is not None:
+        return [undecided_check(ID, asked.domain, reason, applies=False)]
+    report("deciding the region (arc-wise)")
+    with at_most(STAGE):
+        found = _found(asked)
+        cut = exhausted()
+    if found is None and cut is not None:
+        return [cut_check(ID, asked.domain, cut)]
+    if found is None:
+        reason = (
+            "no way to share V = sum d_i |e_i|^2 out among arcs is found, not even near the target."
+        )
+        return [undecided_check(ID, asked.domain, reason)]
+    return [_check(asked, *found)]
+
+
+def _found(asked: Asked) -> tuple[ArcWise, Ball | Box] | None:
+    """A proved claim with its domain."""
+    searches = []
+    for d in _weights(asked.loop):
+        search = Search(
+            loop=asked.loop, W=asked.W, d=d, disturbance=claimed(asked.disturbance), known={}
+        )
+        searches.append(search)
+        if asked.wanted:
+            domain = Box(asked.radius, asked.disturbance)
+            if (claim := _proved(search, domain)) is not None:
+                return claim, domain
+    return _largest(asked, searches[0])
+
+
+def _weights(loop: Loop) -> Iterator[Doubles]:
+    """Weights d that are tried: all 1, then those of the linear couplings near the target."""
+    yield Doubles(np.ones(loop.n))
+    if loop.m > 1 or sum(map(len, loop.modes.values())) > FEW_KINDS:
+        return
+    tables = stiffnesses(loop)
+    for table in (tables or {}).values():
+        pair = perron(table)
+        if pair is not None:
+            d = pair.u / pair.w
+            # Few digits, and powers of two apart from them.
+            part, exponent = np.frexp(d / d.max())
+            yield Doubles(np.ldexp(np.ceil(part * 256) / 256, exponent))
+
+
+def _largest(asked: Asked, search: Search) -> tuple[ArcWise, Ball | Box] | None:
+    """The largest ball."""
+    last = None
+
+    def holds(radius: float) -> bool:
+        return _claim(search, Ball(radius, asked.disturbance)) is not None
+
+    high = asked.ball
+    for _ in range(FALLS):
+        if holds(high):
+            last = high
+            break
+        high /= FIRST
+    if last is None:
+        return None
+    if last < asked.ball:
+        last, _ = bisected(
+            holds, last, FIRST * last, close=lambda low, high: high - low < CLOSE * low
+        )
+    for part in SMALLER:
+        domain = Ball(shorten(part * last, digits=6), asked.disturbance)
+        if (claim := _proved(search, domain)) is not None:
+            return claim, domain
+    return None
+
+
+def _are_close(low: float, high: float) -> bool:
+    return high - low < CLOSE * low
+
+
+def _claim(search: Search, domain: Ball | Box) -> ArcWise | None:
+    d = search.d.array
+    weight = search.loop.m * d.sum() if isinstance(domain, Box) else d.max()
+    claim = None
+    with surviving("no arc-wise proposal", UndefinedError):
+        claim = search.claim(float(domain.radius) ** 2 * weight * (1 + IN_HAND))
+    return claim
+
+
+def _proved(search: Search, domain: Ball | Box) -> ArcWise | None:
+    claim = _claim(search, domain)
+    if claim is None or not holds_starts(search.loop, claim, domain):
+        return None
+    return claim if why_not(search.loop, claim) is None else None
+
+
+def _check(asked: Asked, claim: ArcWise, domain: Ball | Box) -> Check:
+    loop = asked.loop
+    norm = "|e_i|" if isinstance(domain, Box) else "|e|"
+    starts = f"{norm} <= {float(domain.radius):.6g}"
+    if loop.groups:
+        starts += f" and |eps_i| <= {asked.disturbance:.6g}"
+    V = "sum d_i |e_i|^2" + ("" if claim.P is None else " + sum eps_i'P eps_i")
+    where = ", in every mode" if len(loop.modes) > 1 else ""
+    remark = ""
+    if isinstance(domain, Ball):
+        remark = f" The ball reaches |e| <= {float(domain.radius):.6g} (all errors together)."
+    return Check(
+        id=ID,
+        verdict=Verdict.PROVED,
+        domain=domain,
+        rate=decimal_below(claim.rate),
+        claim=claim,
+        reason=f"from every start with {starts}, V = {V} decreases at least like exp(-2 "
+        f"({text_below(claim.rate)}) t): what each arc adds at most is paid for by its two "
+        f"agents{where}.{remark}",
+    )

@@ -11,9 +11,11 @@ number y of each agent (the dual variables of the linear program), which Newton'
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 from fractions import Fraction
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +26,8 @@ from scipy.sparse.linalg import splu
 from dobc_design._checks import noun
 from dobc_design.conditions.numbers import rounded_down
 from dobc_design.conditions.quadratic.propose import ScaledPair, scaled_pair
-from dobc_design.conditions.separable.large import gain_table
-from dobc_design.coupling.expression import Expression
+from dobc_design.coupling.coupling import Coupling
+from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Matrix, add, multiply, scale, to_float, transpose
 from dobc_design.exact.number import ZERO, float_above
 from dobc_design.exact.symmetric import Doubles
@@ -36,12 +38,12 @@ from dobc_design.problem.groups import group_numbers
 from dobc_design.problem.network import IndexArray
 
 from .claim import ArcWise, form_of, shared_arcs
-from .decide import CELLS, taken_of
-from .directions import gains_within
+from .decide import taken_of
 
 Array = NDArray[np.float64]
 
 PLACES = 1024  # z of a table
+SAMPLES = 4097  # of a coupling
 #: The hull is averaged over so many places on both sides, which smooths it, then over fewer.
 WIDTHS = (128, 32, 8, 2, 0)
 STEPS = 12  # of Newton's method for each
@@ -51,27 +53,40 @@ DAMPING = 1e-7
 CLOSE = 1e-4  # of the least that an agent is left
 SPARE = 0.02  # of what agents are left, shared among their arcs for what the tables do not see
 LEAST = 1e-4  # of what pulls most, that has to be left of everybody
-#: Parts of the rate without observers, and of the level beside what starts need.
-PARTS = (0.9, 0.5, 0.2, 0.03)
-MORE = (0.03, 0.2, 1.0, 4.0)
-FAR = 100.0  # the least kappa without errors of observers, over the rate
+IN_HAND = 1 + 1e-6  # of what observers take of a level, for the rounding of eigenvalues
+TINY = 1e-300
 BITS = 24  # of a number of an arc, as a part of the largest one
 
 
-@lru_cache(maxsize=4096)
-def _taken(h: Expression, rho: float, d: tuple[float, float], loose: bool) -> tuple[Array, Array]:
+def _taken(h: Coupling, rho: float, d: tuple[float, float], *, loose: bool) -> tuple[Array, Array]:
     """N / d_i of one kind of arc with a weight of 1, and its concave hull, (PLACES + 1,).  Raises:
     UndefinedError."""
     z = np.linspace(0, 1, PLACES + 1)
-    farthest = rho * np.sqrt(1 / d[0] + 1 / d[1])
-    table = gain_table(h, Fraction(float(farthest)), cells=CELLS)
-    x = np.sqrt(1 - z) / np.sqrt(d[0])
+    x = np.sqrt((1 - z) / d[0])
+    farthest = rho * math.sqrt(1 / d[0] + 1 / d[1])
+    places = np.linspace(0, farthest, SAMPLES)
+    gains = _gains(h, farthest)
     taken = np.zeros(len(z)) if loose else np.full(len(z), -np.inf)
     for y in (np.sqrt(z / d[1]), -np.sqrt(z / d[1])):
-        gains = gains_within(table, np.minimum(rho * np.abs(y - x), table.radius))
-        for gain in gains:
+        for ends in gains:
+            gain = np.interp(rho * np.abs(y - x), places, ends)
             taken = np.maximum(taken, -2 * d[0] * gain * (x * x - x * y))
     return taken, _concave(z, taken)
+
+
+@lru_cache(maxsize=256)
+def _gains(h: Coupling, farthest: float) -> tuple[Array, Array]:
+    """The least and the most that h(y)/y is, about, on growing intervals around 0 up to
+    ``farthest``.  Raises: UndefinedError."""
+    y = np.linspace(0, farthest, SAMPLES)[1:]
+    both = np.stack([y, -y])
+    with np.errstate(all="ignore"):
+        values = h.numpy_function()(np.repeat(both[..., None], h.dimension, axis=-1))
+        both = values[..., 0] / both
+    if not np.all(np.isfinite(both)):
+        raise UndefinedError("a coupling has no values so far out.")
+    least, most = np.minimum.accumulate(both.min(axis=0)), np.maximum.accumulate(both.max(axis=0))
+    return np.insert(least, 0, least[0]), np.insert(most, 0, most[0])
 
 
 def _concave(z: Array, values: Array) -> Array:
@@ -180,8 +195,8 @@ def network_of(loop: Loop, mode: str, d: Array, rho: float, pull: Array) -> Netw
     found = []
     for number, own, other, comes in kinds.tolist():
         spend(20)
-        h = loop.functions[int(number)].components[0]
-        found.append(_taken(h, rho, (own, other), bool(comes)))
+        h = loop.functions[int(number)]
+        found.append(_taken(h, rho, (own, other), loose=bool(comes)))
     both = np.array(found).reshape(-1, 2, PLACES + 1)
     return Network(
         listeners=i,
@@ -266,38 +281,60 @@ def _newton(net: Network, lines: Lines, y: Array) -> Array:
     return now.y
 
 
+class Split(NamedTuple):
+    """Parts of the rate without observers: that is asked for, and that observers may take."""
+
+    rate: float
+    observer: float
+
+
+SPLITS = (
+    Split(0.9, 0.05),
+    Split(0.7, 0.2),
+    Split(0.4, 0.5),
+    Split(0.1, 0.7),
+    Split(0.1, 0.2),
+    Split(0.02, 0.9),
+    Split(0.02, 0.05),
+)
+
+
 @noun(eq=False)
 class Search:
     """What certificates are looked for: the weights d (n,), and the gain W (q, m) for observers
-    with |eps_i| <= disturbance.  ``known``: y of every mode, from where the search goes on."""
+    with |eps_i| <= disturbance.  ``known``: y of every mode, from where the search goes on;
+    ``splits``: those of ``SPLITS``, the one that did last first."""
 
     loop: Loop
     W: Matrix | None
     d: Doubles
     disturbance: Fraction
     known: dict[str, Array]
+    splits: list[Split]
 
-    def claim(self, room: float) -> ArcWise | None:
-        """The one with the largest rate that is found, whose level is ``room`` beside what
-        observers take; None if none is.  Raises: UndefinedError or WorkLimitError."""
+    def claims(self, room: float) -> Iterator[ArcWise]:
+        """Those that are found whose level is ``room`` beside what observers take.  Raises:
+        UndefinedError or WorkLimitError."""
         free = self._with(room, None, math.inf)
-        if free is None or not self.loop.groups or self.W is None:
-            return None if self.loop.groups else free
-        found = []
-        for part in PARTS:
-            # A pair allows so much, and no more.
-            rate = rounded_down(free.rate * Fraction(part), digits=4)
-            pair = scaled_pair(self.loop, self.W, rate=rate, disturbance=self.disturbance)
+        if free is None or not self.loop.groups:
+            yield from () if free is None else (free,)
+            return
+        for split in tuple(self.splits):
+            rate = rounded_down(free.rate * Fraction(split.rate), digits=4)
+            pair = None
+            if self.W is not None:
+                pair = scaled_pair(self.loop, self.W, rate=rate, disturbance=self.disturbance)
             if pair is None:
                 continue
-            for more in MORE:
-                added = room * more if self.disturbance else 0.0
-                # Its part of the level, or what next to nothing of V' is left for.
-                kappa = added / pair.disturbance if added else FAR / float(rate)
-                claim = self._with(room + added, _scaled(pair, kappa), float(rate))
-                if claim is not None:
-                    found.append(claim)
-        return max(found, key=lambda claim: claim.rate, default=None)
+            # The smallest multiple of the pair that takes no more than its part.
+            cost = self.d.array.max() * np.linalg.eigvalsh(pair.S)[-1]
+            kappa = max(float(cost), TINY) / (split.observer * 2 * float(free.rate))
+            pair = _scaled(pair, kappa)
+            claim = self._with(room + pair.disturbance * IN_HAND, pair, float(rate))
+            if claim is not None:
+                self.splits.remove(split)
+                self.splits.insert(0, split)
+                yield claim
 
     def _with(self, level: float, pair: ScaledPair | None, most: float) -> ArcWise | None:
         """One with this level and pair, and a rate of at most ``most``."""
@@ -365,5 +402,10 @@ class Search:
 
 def _scaled(pair: ScaledPair, kappa: float) -> ScaledPair:
     """The same pair times kappa."""
-    kappa = float(rounded_down(kappa, digits=4))
-    return replace(pair, P=scale(Fraction(kappa), pair.P), S=pair.S / kappa)
+    exact = rounded_down(kappa, digits=4)
+    return replace(
+        pair,
+        P=scale(exact, pair.P),
+        S=pair.S / float(exact),
+        disturbance=pair.disturbance * float(exact),
+    )

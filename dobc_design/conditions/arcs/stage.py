@@ -17,14 +17,14 @@ from dobc_design.verdict import Verdict
 
 from .claim import ArcWise
 from .decide import holds_starts, obstacle, why_not
-from .propose import Search
+from .propose import SPLITS, Search
 
 ID = "arc-wise"
 IN_HAND = 1e-6  # of a level, for the rounding of its parts
 FIRST = 4.0  # balls are that much smaller until one is found
 FALLS = 10
 CLOSE = 2e-3  # of the radius of the largest ball
-SMALLER = (1.0, 0.995, 0.97, 0.9)  # parts of it that are decided
+SMALLER = (1.0, 0.997, 0.99, 0.97, 0.9)  # parts of it that are decided
 FEW_KINDS = 500  # arcs of different kinds, up to which weights other than 1 are tried
 
 
@@ -48,18 +48,24 @@ def arcs_stage(asked: Asked, report: Progress) -> list[Check]:
 
 
 def _found(asked: Asked) -> tuple[ArcWise, Ball | Box] | None:
-    """A proved claim with its domain."""
-    searches = []
+    """A proved claim with its domain: the box asked for, else the largest ball."""
+    balls = []
     for d in _weights(asked.loop):
         search = Search(
-            loop=asked.loop, W=asked.W, d=d, disturbance=claimed(asked.disturbance), known={}
+            loop=asked.loop,
+            W=asked.W,
+            d=d,
+            disturbance=claimed(asked.disturbance),
+            known={},
+            splits=list(SPLITS),
         )
-        searches.append(search)
         if asked.wanted:
-            domain = Box(asked.radius, asked.disturbance)
-            if (claim := _proved(search, domain)) is not None:
-                return claim, domain
-    return _largest(asked, searches[0])
+            box = Box(asked.radius, asked.disturbance)
+            if (claim := _proved(search, box)) is not None:
+                return claim, box
+        balls.append(_largest(asked, search))
+    found = [each for each in balls if each is not None]
+    return max(found, key=lambda each: each[1].radius, default=None)
 
 
 def _weights(loop: Loop) -> Iterator[Doubles]:
@@ -82,7 +88,7 @@ def _largest(asked: Asked, search: Search) -> tuple[ArcWise, Ball | Box] | None:
     last = None
 
     def holds(radius: float) -> bool:
-        return _claim(search, Ball(radius, asked.disturbance)) is not None
+        return any(_claims(search, Ball(radius, asked.disturbance)))
 
     high = asked.ball
     for _ in range(FALLS):
@@ -107,20 +113,21 @@ def _are_close(low: float, high: float) -> bool:
     return high - low < CLOSE * low
 
 
-def _claim(search: Search, domain: Ball | Box) -> ArcWise | None:
+def _claims(search: Search, domain: Ball | Box) -> Iterator[ArcWise]:
+    """Those that seem to cover a domain."""
     d = search.d.array
     weight = search.loop.m * d.sum() if isinstance(domain, Box) else d.max()
-    claim = None
     with surviving("no arc-wise proposal", UndefinedError):
-        claim = search.claim(float(domain.radius) ** 2 * weight * (1 + IN_HAND))
-    return claim
+        yield from search.claims(float(domain.radius) ** 2 * weight * (1 + IN_HAND))
 
 
 def _proved(search: Search, domain: Ball | Box) -> ArcWise | None:
-    claim = _claim(search, domain)
-    if claim is None or not holds_starts(search.loop, claim, domain):
-        return None
-    return claim if why_not(search.loop, claim) is None else None
+    """The fastest that is proved."""
+    claims = sorted(_claims(search, domain), key=lambda claim: -claim.rate)
+    for claim in claims:
+        if holds_starts(search.loop, claim, domain) and why_not(search.loop, claim) is None:
+            return claim
+    return None
 
 
 def _check(asked: Asked, claim: ArcWise, domain: Ball | Box) -> Check:

@@ -42,10 +42,10 @@ from .decide import taken_of
 
 Array = NDArray[np.float64]
 
-PLACES = 1024  # z of a table
+PLACES = 512  # z of a table
 SAMPLES = 4097  # of a coupling
 #: The hull is averaged over so many places on both sides, which smooths it, then over fewer.
-WIDTHS = (128, 32, 8, 2, 0)
+WIDTHS = (64, 16, 4, 1, 0)
 STEPS = 12  # of Newton's method for each
 FARTHEST = 4.0  # of y in a step
 HALVINGS = 8  # of a step that gains nothing
@@ -58,20 +58,23 @@ TINY = 1e-300
 BITS = 24  # of a number of an arc, as a part of the largest one
 
 
-def _taken(h: Coupling, rho: float, d: tuple[float, float], *, loose: bool) -> tuple[Array, Array]:
-    """N / d_i of one kind of arc with a weight of 1, and its concave hull, (PLACES + 1,).  Raises:
-    UndefinedError."""
-    z = np.linspace(0, 1, PLACES + 1)
-    x = np.sqrt((1 - z) / d[0])
+# z = sin(theta)^2 with equal steps of theta: N bends like a root at both ends
+Z = np.sin(np.linspace(0, math.pi / 2, PLACES + 1)) ** 2
+
+
+def _hull(h: Coupling, rho: float, d: tuple[float, float], *, loose: bool) -> Array:
+    """The least concave function above N / d_i of one kind of arc with a weight of 1, (PLACES +
+    1,).  Raises: UndefinedError."""
+    x = np.sqrt((1 - Z) / d[0])
     farthest = rho * math.sqrt(1 / d[0] + 1 / d[1])
     places = np.linspace(0, farthest, SAMPLES)
     gains = _gains(h, farthest)
-    taken = np.zeros(len(z)) if loose else np.full(len(z), -np.inf)
-    for y in (np.sqrt(z / d[1]), -np.sqrt(z / d[1])):
+    taken = np.full(len(Z), 0.0 if loose else -np.inf)
+    for y in (np.sqrt(Z / d[1]), -np.sqrt(Z / d[1])):
         for ends in gains:
             gain = np.interp(rho * np.abs(y - x), places, ends)
             taken = np.maximum(taken, -2 * d[0] * gain * (x * x - x * y))
-    return taken, _concave(z, taken)
+    return _concave(Z, taken)
 
 
 @lru_cache(maxsize=256)
@@ -111,76 +114,79 @@ class Lines:
     other: Array
 
 
-def tangents(hulls: Array) -> Lines:
-    """The lines that touch."""
-    z = np.linspace(0, 1, PLACES + 1)
-    slope = np.gradient(hulls, z, axis=1)
-    return Lines(own=hulls - z * slope, other=hulls + (1 - z) * slope)
-
-
 @noun(eq=False)
 class Network:
-    """One mode: arcs between free nodes with their ``kind`` and weight, N of every kind and its
-    hull; what pulls each node by itself, over d, is ``pull`` (n,)."""
+    """One mode: arcs between free nodes with their ``kind`` and weight, the hulls of all kinds,
+    and what pulls each node by itself, over d (n,).  ``part``: of each node, the number of the
+    connected part it belongs to."""
 
     listeners: IndexArray
     speakers: IndexArray
     weights: Array
     kind: IndexArray
-    taken: Array
     hulls: Array
     pull: Array
+    part: IndexArray
 
-    def smoothed(self, width: int) -> Lines:
-        """Tangents of the hulls, averaged over so many places on both sides."""
+    def lines(self, width: int) -> Lines:
+        """Tangents of the hulls, which are averaged over so many places on both sides."""
         place = np.arange(PLACES + 1)
         half = np.minimum(width, np.minimum(place, PLACES - place))
         sums = np.pad(np.cumsum(self.hulls, axis=1), ((0, 0), (1, 0)))
         means = (sums[:, place + half + 1] - sums[:, place - half]) / (2 * half + 1)
-        return tangents(means)
-
-    @property
-    def above(self) -> Lines:
-        """Tangents, each raised until it lies nowhere below N."""
-        lines = tangents(self.hulls)
-        z = np.linspace(0, 1, PLACES + 1)
-        lift = np.zeros_like(lines.own)
-        for kind, taken in enumerate(self.taken):
-            own, other = lines.own[kind, :, None], lines.other[kind, :, None]
-            lift[kind] = (taken - own * (1 - z) - other * z).max(axis=1)
-        lift = np.maximum(lift, 0)
-        return Lines(own=lines.own + lift, other=lines.other + lift)
+        slope = np.gradient(means, Z, axis=1)
+        return Lines(own=means - Z * slope, other=means + (1 - Z) * slope)
 
     def shares(self, lines: Lines, y: Array) -> Shared:
-        """What the lines give that y chooses."""
+        """What the lines give that y chooses, and how it changes with y, as an M-matrix."""
         i, j = self.listeners, self.speakers
-        z = 1 / (1 + np.exp(np.clip(y[i] - y[j], -500, 500)))
-        own = self.weights * self._at(lines.own, z)
-        other = self.weights * self._at(lines.other, z)
+        theta = np.arctan(np.exp(np.clip(y[j] - y[i], -200, 200) / 2))
+        where = theta * (2 * PLACES / math.pi)
+        place = np.minimum(where.astype(np.int64), PLACES - 1)
+        part = where - place
+        turn = (np.sin(2 * theta) / 2) ** 2 / np.diff(Z)[place]  # dz/dy over the step of z
+        heights, changes = [], []
+        for table in (lines.own, lines.other):
+            below = table[self.kind, place]
+            rise = table[self.kind, place + 1] - below
+            heights.append(self.weights * (below + rise * part))
+            changes.append(self.weights * turn * rise)
+        own, other = heights
         n = len(self.pull)
         left = self.pull - np.bincount(i, own, n) - np.bincount(j, other, n)
-        return Shared(own=own, other=other, left=left, y=y, z=z)
+        return Shared(own=own, other=other, left=left, y=y, changes=changes)
 
-    def _at(self, table: Array, z: Array) -> Array:
-        place = np.minimum((z * PLACES).astype(np.int64), PLACES - 1)
-        part = z * PLACES - place
-        below, above = table[self.kind, place], table[self.kind, place + 1]
-        return np.asarray(below + (above - below) * part)
-
-    def slopes(self, lines: Lines, z: Array) -> sparse.csc_array:
-        """How what is left changes with y, an M-matrix."""
+    def step(self, now: Shared) -> Array:
+        """Newton's step of y, towards what leaves all nodes of a part the same; 0 where they
+        are."""
         i, j = self.listeners, self.speakers
-        place = np.minimum((z * PLACES).astype(np.int64), PLACES - 1)
-        turn = self.weights * z * (1 - z) * PLACES
-        rise, fall = (
-            table[self.kind, place + 1] - table[self.kind, place]
-            for table in (lines.own, -lines.other)
-        )
-        own, other = turn * np.maximum(rise, 0), turn * np.maximum(fall, 0)
         n = len(self.pull)
-        values = np.concatenate([own, -own, other, -other])
-        places = np.concatenate([i, i, j, j]), np.concatenate([i, j, j, i])
-        return sparse.csc_array((values, places), shape=(n, n))
+        own, other = np.maximum(now.changes[0], 0), np.maximum(-now.changes[1], 0)
+        damping = DAMPING * ((own.sum() + other.sum()) / n + 1e-12)
+        nodes = np.arange(n)
+        M = sparse.csc_array(
+            (
+                np.concatenate([own, -own, other, -other, np.full(n, damping)]),
+                (np.concatenate([i, i, j, j, nodes]), np.concatenate([i, j, j, i, nodes])),
+            ),
+            shape=(n, n),
+        )
+        options = {"SymmetricMode": True, "DiagPivotThresh": 0.0}
+        solver = splu(M, permc_spec="MMD_AT_PLUS_A", options=options)
+        fall, rise = solver.solve(-now.left), solver.solve(np.ones(n))
+        # M does not know how y is shifted as a whole.
+        level = -np.bincount(self.part, fall) / np.bincount(self.part, rise)
+        off = np.abs(now.left - level[self.part]).max()
+        if off < CLOSE * (np.abs(level).max() + 1e-9):
+            return np.zeros(n)
+        return np.asarray(fall + level[self.part] * rise)
+
+    def mean(self, now: Shared) -> Array:
+        """What is left of each part, weighted by u = exp(y), as if no y were larger than 0."""
+        highest = np.full(self.part.max() + 1, -np.inf)
+        np.maximum.at(highest, self.part, now.y)
+        u = np.exp(now.y - highest[self.part])
+        return np.bincount(self.part, u * now.left) / np.bincount(self.part, u)
 
 
 def network_of(loop: Loop, mode: str, d: Array, rho: float, pull: Array) -> Network:
@@ -196,84 +202,65 @@ def network_of(loop: Loop, mode: str, d: Array, rho: float, pull: Array) -> Netw
     for number, own, other, comes in kinds.tolist():
         spend(20)
         h = loop.functions[int(number)]
-        found.append(_taken(h, rho, (own, other), loose=bool(comes)))
-    both = np.array(found).reshape(-1, 2, PLACES + 1)
+        found.append(_hull(h, rho, (own, other), loose=bool(comes)))
+    links = sparse.coo_array((np.ones(len(i)), (i, j)), shape=(loop.n, loop.n))
+    _, part = connected_components(links, directed=False)
     return Network(
         listeners=i,
         speakers=j,
         weights=np.array([float(arcs.weights[k]) for k in free.tolist()]),
         kind=kind.ravel(),
-        taken=both[:, 0],
-        hulls=both[:, 1],
+        hulls=np.array(found).reshape(-1, PLACES + 1),
         pull=pull,
+        part=part,
     )
 
 
 @noun(eq=False)
 class Shared:
-    """How V' is shared out: A and B of every arc, what is left of every node over d; y and z."""
+    """How V' is shared out: A and B of every arc, and their ``changes``; what is left of every
+    node, over d; y."""
 
     own: Array
     other: Array
     left: Array
     y: Array
-    z: Array
+    changes: list[Array]
 
     @property
     def least(self) -> float:
         return float(self.left.min())
 
 
-def shared_out(net: Network, y: Array) -> Shared:
+def shared_out(net: Network, y: Array | None) -> Shared:
     """What leaves the least well off as much as is found, from y on."""
-    above = net.above
-    best = net.shares(above, y)
+    exact = net.lines(0)
+    best = net.shares(exact, np.zeros(len(net.pull)) if y is None else y)
+    y = best.y
     for width in WIDTHS:
-        y = _newton(net, net.smoothed(width), y)
-        found = net.shares(above, y)
+        y = _balanced(net, net.lines(width), y)
+        found = net.shares(exact, y)
         if found.least > best.least:
             best = found
     return best
 
 
-def _newton(net: Network, lines: Lines, y: Array) -> Array:
+def _balanced(net: Network, lines: Lines, y: Array) -> Array:
     """y for which all nodes of a part are left the same.  With u = exp(y) what is left is the
     gradient of the convex function sum u_i left_i, which falls in every step."""
-    n = len(y)
-    ones = np.ones(len(net.listeners))
-    links = sparse.coo_array((ones, (net.listeners, net.speakers)), shape=(n, n))
-    parts, part = connected_components(links, directed=False)
-
-    def mean(now: Shared) -> Array:
-        """What is left of each part, weighted."""
-        u = np.exp(now.y - highest[part])
-        return np.bincount(part, u * now.left, parts) / np.bincount(part, u, parts)
-
     now = net.shares(lines, y)
     for _ in range(STEPS):
-        spend(1 + (n + len(ones)) // 100)
-        highest = np.full(parts, -np.inf)
-        np.maximum.at(highest, part, now.y)
-        M = net.slopes(lines, now.z)
-        damping = DAMPING * (M.diagonal().mean() + 1e-12)
-        solver = splu(
-            sparse.csc_array(M + sparse.diags_array(np.full(n, damping))),
-            permc_spec="MMD_AT_PLUS_A",
-            options={"SymmetricMode": True, "DiagPivotThresh": 0.0},
-        )
-        fall, rise = solver.solve(-now.left), solver.solve(np.ones(n))
-        # M does not know how y is shifted as a whole.
-        level = -np.bincount(part, fall, parts) / np.bincount(part, rise, parts)
-        step = fall + level[part] * rise
-        if np.abs(now.left - level[part]).max() < CLOSE * (np.abs(level).max() + 1e-9):
+        spend(1 + (len(y) + len(net.kind)) // 100)
+        step = net.step(now)
+        if not step.any():
             break
-        farthest = np.zeros(parts)
-        np.maximum.at(farthest, part, np.abs(step))
+        farthest = np.zeros(net.part.max() + 1)
+        np.maximum.at(farthest, net.part, np.abs(step))
         size = np.minimum(1, FARTHEST / np.maximum(farthest, 1e-12))
-        before = mean(now)
+        before = net.mean(now)
         for _ in range(HALVINGS):
-            tried = net.shares(lines, now.y + step * size[part])
-            worse = mean(tried) > before
+            tried = net.shares(lines, now.y + step * size[net.part])
+            worse = net.mean(tried) > before
             if not worse.any():
                 break
             size = np.where(worse, size / 4, size)
@@ -356,8 +343,7 @@ class Search:
         shares = {}
         for mode in loop.modes:
             net = network_of(loop, mode, self.d.array, rho, self._pull(bare, mode, pair))
-            start = self.known.get(mode)
-            shares[mode] = shared_out(net, np.zeros(loop.n) if start is None else start)
+            shares[mode] = shared_out(net, self.known.get(mode))
             if not shares[mode].least > LEAST * np.abs(net.pull).max():
                 return None
             self.known[mode] = shares[mode].y

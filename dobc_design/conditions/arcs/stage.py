@@ -8,7 +8,7 @@ from dobc_design.conditions.check import Check, cut_check, surviving, undecided_
 from dobc_design.conditions.coverage import Asked, Progress
 from dobc_design.conditions.domain import Ball, Box
 from dobc_design.conditions.numbers import bisected, claimed, decimal_below, shorten, text_below
-from dobc_design.conditions.weighted.propose import perron, stiffnesses
+from dobc_design.conditions.weighted.propose import even_weights, stiffnesses
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.symmetric import Doubles
 from dobc_design.exact.work import STAGE, at_most, exhausted
@@ -69,18 +69,18 @@ def _found(asked: Asked) -> tuple[ArcWise, Ball | Box] | None:
 
 
 def _weights(loop: Loop) -> Iterator[Doubles]:
-    """Weights d that are tried: all 1, then those of the linear couplings near the target."""
+    """Weights d that are tried: all 1, then those of the linear couplings near the target, between
+    all modes."""
     yield Doubles(np.ones(loop.n))
-    if loop.m > 1 or sum(map(len, loop.modes.values())) > FEW_KINDS:
+    if sum(map(len, loop.modes.values())) > FEW_KINDS:
         return
     tables = stiffnesses(loop)
-    for table in (tables or {}).values():
-        pair = perron(table)
-        if pair is not None:
-            d = pair.u / pair.w
-            # Few digits, and powers of two apart from them.
-            part, exponent = np.frexp(d / d.max())
-            yield Doubles(np.ldexp(np.ceil(part * 256) / 256, exponent))
+    found = None if tables is None else even_weights(tables, 0.0)
+    if found is not None:
+        d = found.reshape(loop.n, loop.m).mean(axis=1)
+        # Of few digits, as powers of two leave them.
+        part, exponent = np.frexp(d / d.max())
+        yield Doubles(np.ldexp(np.ceil(part * 256) / 256, exponent))
 
 
 def _largest(asked: Asked, search: Search) -> tuple[ArcWise, Ball | Box] | None:

@@ -66,24 +66,7 @@ def arc_wise(case: Case, check: Any) -> Any:
         for i, left in enumerate(pulls):
             slack = plus(left, -taken[i], identity(case.m))
             need(semidefinite(slack), f"what arcs take of agent {case.labels[i]} is not shown")
-    curved = defaultdict(list)
-    for each, arc in found.items():
-        ends = f"from {case.labels[arc.j]} to {case.labels[arc.i]}"
-        may_be_away = each.a >= 0 <= each.b or not each.loose
-        need(may_be_away, f"an arc {ends} that may be away takes less than nothing")
-        if not each.h.straight:
-            curved[each.h].append((each, ends))
-        else:
-            takes_it = all(linear(each, g) for g in each.h.slope(0, 0))
-            need(takes_it, f"what the arc {ends} takes is not shown")
-    for h, arcs in curved.items():
-        farthest = max(1 / each.own + 1 / each.other for each, _ in arcs)
-        end = enclosed(root(claim.level * farthest))[1]
-        faces = [Gains(h, mirrored) for mirrored in (False, True)]
-        for each, ends in arcs:
-            disc = Disc(each, claim.level)
-            shown = all(throughout(end, partial(disc.settled, gains)) for gains in faces)
-            need(shown, f"what the arc {ends} takes is not shown")
+    between(case, claim, found)
     return claim
 
 
@@ -100,7 +83,6 @@ def read_claim(case: Case, exact: Any) -> Any:
     if case.q:
         shape["P"] = matrix(case.q, case.q)
     claim = read(exact, shape)
-    need(claim.level > 0 < claim.rate, "the level or the rate is not positive")
     need(not case.q or is_form(claim.P), "P > 0 is not shown")
     for each in (claim.a, claim.b):
         need(set(each) == set(case.modes), "there are other modes")
@@ -177,6 +159,28 @@ def drift(case: Any, end: Fraction) -> Fraction:
 
 
 # --- Arcs between nodes
+def between(case: Case, claim: Any, found: dict[Arcs, Arc]) -> None:
+    """None takes more than it may."""
+    curved = defaultdict(list)
+    for each, arc in found.items():
+        ends = f"from {case.labels[arc.j]} to {case.labels[arc.i]}"
+        may_be_away = each.a >= 0 <= each.b or not each.loose
+        need(may_be_away, f"an arc {ends} that may be away takes less than nothing")
+        if not each.h.straight:
+            curved[each.h].append((each, ends))
+        else:
+            takes_it = all(linear(each, g) for g in each.h.slope(0, 0))
+            need(takes_it, f"what the arc {ends} takes is not shown")
+    for h, arcs in curved.items():
+        farthest = max(1 / each.own + 1 / each.other for each, _ in arcs)
+        end = enclosed(root(claim.level * farthest))[1]
+        faces = [Gains(h, mirrored) for mirrored in (False, True)]
+        for each, ends in arcs:
+            disc = Disc(each, claim.level)
+            shown = all(throughout(end, partial(disc.settled, gains)) for gains in faces)
+            need(shown, f"what the arc {ends} takes is not shown")
+
+
 def linear(arc: Arcs, gain: Fraction) -> bool:
     """a x^2 + b y^2 >= 2 c gain x (y - x) for all x and y, exactly."""
     pull = arc.c * gain
@@ -233,7 +237,6 @@ class Disc:
         self.c = enclosed(arc.c)
         self.level = enclosed(level)[1]
         self.own, self.other = (enclosed(d)[0] for d in (arc.own, arc.other))
-        need(min(self.own, self.other) > 0, "d is too close to 0 to be followed here")
 
     def settled(self, gains: Gains, a: float, b: float) -> bool:
         """Whether the parabola is not negative for a <= u <= b: with Z = -X on [near, far], and for
@@ -253,9 +256,9 @@ class Disc:
         """Between which ends -X lies, and the upper end of X."""
         everywhere = (0.0, math.inf, math.inf)
         square = below(u * u)
-        if square <= 0:
-            return everywhere
         both = self.own + self.other
+        if min(square, below(both)) <= 0:
+            return everywhere
         # (both X + other)^2 <= both level / u^2 - own other
         room = above(above(above(self.level / square) * above(both)) - below(self.own * self.other))
         if room < 0:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 import pytest
 from checker_files.accuracy import accuracy_cases
 from checker_files.agreement import agreement_cases
+from checker_files.arcs import arcs_cases
 from checker_files.containment import containment_cases
 from checker_files.dynamics import dynamics_cases
 from checker_files.files import (
@@ -33,6 +34,7 @@ COUNTS: dict[Callable[[], list[Case]], tuple[int, int, int]] = {
     cases: (26, 26, 26),
     region_cases: (26, 101, 0),
     quadratic_cases: (6, 13, 0),
+    arcs_cases: (22, 48, 0),
     tube_cases: (14, 101, 0),
     cycles_cases: (18, 81, 0),
     graphs_cases: (20, 101, 0),
@@ -128,7 +130,7 @@ FEW = {
     "quadratic": ("claim.level > 0",),
 }
 REMOVED = list(removals("schedule"))
-for file in ("graphs", "coordinates"):
+for file in ("graphs", "coordinates", "arcs"):
     REMOVED += (each for each in removals(file) if each.text not in EQUIVALENT)
 for file, some in FEW.items():
     REMOVED += (each for each in removals(file) if each.text in some)

@@ -5,6 +5,7 @@ from functools import cache
 
 from checker_files.accuracy import accuracy_cases
 from checker_files.agreement import agreement_cases
+from checker_files.arcs import arcs_cases
 from checker_files.containment import containment_cases
 from checker_files.dynamics import dynamics_cases
 from checker_files.files import FAILS, HOLDS, UNREADABLE, Case, cases
@@ -22,6 +23,7 @@ EVERY = (
     cases,
     region_cases,
     quadratic_cases,
+    arcs_cases,
     groups_cases,
     tube_cases,
     weighted_cases,
@@ -44,6 +46,7 @@ FIRST["separable"] = (region_cases,)
 FIRST["margins"] = margins_cases, dynamics_cases, agreement_cases
 FIRST["accuracy"] = (accuracy_cases,)
 FIRST["quadratic"] = (quadratic_cases,)
+FIRST["arcs"] = (arcs_cases,)
 FIRST["schedule"] = tube_cases, cycles_cases
 FIRST["cycles"] = cycles_cases, agreement_cases
 FIRST["graphs"] = graphs_cases, agreement_cases

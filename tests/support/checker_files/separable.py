@@ -217,7 +217,12 @@ def _frames() -> dict[str, tuple[bytes, bytes]]:
 def certificate(name: str, *checks: Document, **overall: Any) -> bytes:
     """The certificate of a problem with these regional claims; the first gives the verdict unless
     that is given."""
-    document = dict(json.loads(_frames()[name][0]))
+    return claimed_in(_frames()[name][0], *checks, **overall)
+
+
+def claimed_in(frame: bytes, *checks: Document, **overall: Any) -> bytes:
+    """The same in any certificate."""
+    document = dict(json.loads(frame))
     document["checks"] += checks
     first = checks[0] if checks else {}
     is_proved = first.get("verdict") == "proved"

@@ -250,7 +250,7 @@ def _balanced(net: Network, lines: Lines, y: Array) -> Array:
     gradient of the convex function sum u_i left_i, which falls in every step."""
     now = net.shares(lines, y)
     for _ in range(STEPS):
-        spend(1 + (len(y) + len(net.kind)) // 100)
+        spend(40 + (len(y) + len(net.kind)) // 400)
         step = net.step(now)
         if not step.any():
             break

@@ -1,17 +1,18 @@
 """The arc-wise certificate of the region asked for, or of the largest ball that it proves."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from itertools import chain
 
 import numpy as np
 
 from dobc_design.conditions.check import Check, cut_check, surviving, undecided_check
 from dobc_design.conditions.coverage import Asked, Progress
 from dobc_design.conditions.domain import Ball, Box
-from dobc_design.conditions.numbers import bisected, claimed, decimal_below, shorten, text_below
+from dobc_design.conditions.numbers import claimed, decimal_below, last_found, shorten, text_below
 from dobc_design.conditions.weighted.propose import even_weights, stiffnesses
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.symmetric import Doubles
-from dobc_design.exact.work import STAGE, at_most, exhausted
+from dobc_design.exact.work import STAGE, WorkLimitError, at_most, exhausted
 from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
 
@@ -24,8 +25,9 @@ IN_HAND = 1e-6  # of a level, for the rounding of its parts
 FIRST = 4.0  # balls are that much smaller until one is found
 FALLS = 10
 CLOSE = 2e-3  # of the radius of the largest ball
-SMALLER = (1.0, 0.997, 0.99, 0.97, 0.9)  # parts of it that are decided
+SMALLER = (0.997, 0.99, 0.97, 0.9, 0.7)  # parts of it, where its numbers are not proved
 FEW_KINDS = 500  # arcs of different kinds, up to which weights other than 1 are tried
+Found = tuple[ArcWise, Ball | Box]
 
 
 def arcs_stage(asked: Asked, report: Progress) -> list[Check]:
@@ -40,18 +42,16 @@ def arcs_stage(asked: Asked, report: Progress) -> list[Check]:
     if found is None and cut is not None:
         return [cut_check(ID, asked.domain, cut)]
     if found is None:
-        reason = (
-            "no way to share V = sum d_i |e_i|^2 out among arcs is found, not even near the target."
-        )
+        beside = f" with |eps_i| <= {asked.disturbance:.6g}" if asked.disturbance else ""
+        reason = f"no numbers of arcs are found, not even near the target{beside}."
         return [undecided_check(ID, asked.domain, reason)]
     return [_check(asked, *found)]
 
 
-def _found(asked: Asked) -> tuple[ArcWise, Ball | Box] | None:
+def _found(asked: Asked) -> Found | None:
     """A proved claim with its domain: the box asked for, else the largest ball."""
-    balls = []
-    for d in _weights(asked.loop):
-        search = Search(
+    searches = [
+        Search(
             loop=asked.loop,
             W=asked.W,
             d=d,
@@ -59,13 +59,17 @@ def _found(asked: Asked) -> tuple[ArcWise, Ball | Box] | None:
             known={},
             splits=list(SPLITS),
         )
-        if asked.wanted:
-            box = Box(asked.radius, asked.disturbance)
-            if (claim := _proved(search, box)) is not None:
-                return claim, box
-        balls.append(_largest(asked, search))
-    found = [each for each in balls if each is not None]
-    return max(found, key=lambda each: each[1].radius, default=None)
+        for d in _weights(asked.loop)
+    ]
+    box = Box(asked.radius, asked.disturbance)
+    for search in searches if asked.wanted else ():
+        claims = sorted(_claims(search, box), key=lambda claim: -claim.rate)
+        found = _first_proved(asked.loop, [(claim, box) for claim in claims])
+        if found is not None:
+            return found
+    balls = [_largest(asked, search) for search in searches]
+    known = [each for each in balls if each is not None]
+    return max(known, key=lambda each: each[1].radius, default=None)
 
 
 def _weights(loop: Loop) -> Iterator[Doubles]:
@@ -83,30 +87,26 @@ def _weights(loop: Loop) -> Iterator[Doubles]:
         yield Doubles(np.ldexp(np.ceil(part * 256) / 256, exponent))
 
 
-def _largest(asked: Asked, search: Search) -> tuple[ArcWise, Ball | Box] | None:
-    """The largest ball."""
-    last = None
+def _largest(asked: Asked, search: Search) -> Found | None:
+    """The largest ball that is found, proved."""
 
-    def holds(radius: float) -> bool:
-        return any(_claims(search, Ball(radius, asked.disturbance)))
+    def at(radius: float, _: object = None) -> Found | None:
+        ball = Ball(shorten(radius, digits=6), asked.disturbance)
+        claim = next(_claims(search, ball), None)
+        return None if claim is None else (claim, ball)
 
-    high = asked.ball
+    radius = asked.ball
     for _ in range(FALLS):
-        if holds(high):
-            last = high
+        found = at(radius)
+        if found is not None:
             break
-        high /= FIRST
-    if last is None:
+        radius /= FIRST
+    else:
         return None
-    if last < asked.ball:
-        last, _ = bisected(
-            holds, last, FIRST * last, close=lambda low, high: high - low < CLOSE * low
-        )
-    for part in SMALLER:
-        domain = Ball(shorten(part * last, digits=6), asked.disturbance)
-        if (claim := _proved(search, domain)) is not None:
-            return claim, domain
-    return None
+    if radius < asked.ball:
+        radius, found = last_found(at, found, radius, FIRST * radius, close=_are_close)
+    smaller = (at(part * radius) for part in SMALLER)
+    return _first_proved(search.loop, chain([found], filter(None, smaller)))
 
 
 def _are_close(low: float, high: float) -> bool:
@@ -117,16 +117,15 @@ def _claims(search: Search, domain: Ball | Box) -> Iterator[ArcWise]:
     """Those that seem to cover a domain."""
     d = search.d.array
     weight = search.loop.m * d.sum() if isinstance(domain, Box) else d.max()
-    with surviving("no arc-wise proposal", UndefinedError):
+    with surviving("no arc-wise proposal", UndefinedError, WorkLimitError):
         yield from search.claims(float(domain.radius) ** 2 * weight * (1 + IN_HAND))
 
 
-def _proved(search: Search, domain: Ball | Box) -> ArcWise | None:
-    """The fastest that is proved."""
-    claims = sorted(_claims(search, domain), key=lambda claim: -claim.rate)
-    for claim in claims:
-        if holds_starts(search.loop, claim, domain) and why_not(search.loop, claim) is None:
-            return claim
+def _first_proved(loop: Loop, found: Iterable[Found]) -> Found | None:
+    with surviving("no arc-wise proof", WorkLimitError):
+        for claim, domain in found:
+            if holds_starts(loop, claim, domain) and why_not(loop, claim) is None:
+                return claim, domain
     return None
 
 

@@ -112,8 +112,10 @@ HALVES = (
 def at_least(alpha: Array, beta: Array, gamma: Array, s0: Array, s1: Array) -> Array:
     """A lower bound of alpha s^2 + beta s + gamma on [s0, s1], s0 >= 0."""
     ends = np.minimum(_at(alpha, beta, gamma, s0), _at(alpha, beta, gamma, s1))
+    bottom = down(4 * alpha)
     with np.errstate(divide="ignore", invalid="ignore"):
-        lowest = down(gamma - up(up(beta * beta) / down(4 * alpha)))
+        lowest = down(gamma - up(up(beta * beta) / bottom))
+    lowest = np.where(bottom > 0, lowest, -np.inf)
     # the lowest point may lie inside
     inside = (alpha > 0) & (up(2 * alpha * s1) + beta >= 0) & (down(2 * alpha * s0) + beta <= 0)
     return np.where(inside, np.minimum(ends, lowest), ends)

@@ -245,8 +245,8 @@ class Disc:
         if far < near:
             return True
         low, high = gains.on(a, b)
-        least = below(min(c * low for c in self.c))
-        largest = above(max(c * high for c in self.c))
+        least = below(low * self.c[low < 0])
+        largest = above(high * self.c[high > 0])
         lowest, highest = self.b
         if not rises(self.square, below(least - highest), lowest, near, far):
             return False
@@ -267,7 +267,8 @@ class Disc:
             return everywhere
         side = above(math.sqrt(room))
         near = below(below(self.other - side) / above(both))
-        far, last = (above(above(side + z) / below(both)) for z in (self.other, -self.other))
+        far = above(above(side + self.other) / below(both))
+        last = above(above(side - self.other) / below(both))
         return max(0.0, near), far, last
 
 

@@ -199,11 +199,11 @@ def test_a_stage_without_work_left_is_undecided_and_says_so(
     problem = loaded(
         tmp_path, problem_text(modes="a = [[2, 1]]").replace("agents = 3", "agents = 2")
     )
-    for stage in ("separable", "quadratic", "schedule"):
+    for stage in ("separable", "arcs", "quadratic", "schedule"):
         monkeypatch.setattr(f"dobc_design.conditions.{stage}.stage.STAGE", 5)
     certificate = dd.certify(problem, settling="1/10")
     cut = {check.id for check in certificate.checks if "cut off after" in check.reason}
-    assert {"max-separable", "lure", "settling"} <= cut
+    assert {"max-separable", "arc-wise", "lure", "settling"} <= cut
     assert certificate.check("lemma1").verdict is dd.Verdict.PROVED
     assert dd.verify(certificate, problem).holds
 
@@ -211,7 +211,7 @@ def test_a_stage_without_work_left_is_undecided_and_says_so(
 def test_a_time_limit_leaves_out_the_stages_after_it_and_the_certificate_says_so():
     certificate = dd.certify("clock-sync", everything=True, time_limit="1e-9")
     late = {check.id for check in certificate.checks if "time limit of 1e-09 s" in check.reason}
-    assert {"theorem1", "max-separable", "lure"} <= late
+    assert {"theorem1", "max-separable", "arc-wise", "lure"} <= late
     assert any("time limit" in note for note in certificate.claims.notes)
     assert certificate.claims.options[-1].startswith("--time-limit ")
     assert dd.verify(certificate, "clock-sync").holds

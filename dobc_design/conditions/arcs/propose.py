@@ -21,7 +21,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
-from scipy.sparse.linalg import splu
 
 from dobc_design._checks import noun
 from dobc_design.conditions.numbers import rounded_down
@@ -36,6 +35,7 @@ from dobc_design.loop.arcs import coupling_places
 from dobc_design.loop.loop import Loop
 from dobc_design.problem.groups import group_numbers
 from dobc_design.problem.network import IndexArray
+from dobc_design.solvers.program import factored
 
 from .claim import ArcWise, form_of, shared_arcs
 from .decide import taken_of
@@ -172,7 +172,7 @@ class Network:
             shape=(n, n),
         )
         options = {"SymmetricMode": True, "DiagPivotThresh": 0.0}
-        solver = splu(M, permc_spec="MMD_AT_PLUS_A", options=options)
+        solver = factored(M, permc_spec="MMD_AT_PLUS_A", options=options)
         fall, rise = solver.solve(-now.left), solver.solve(np.ones(n))
         # M does not know how y is shifted as a whole.
         level = -np.bincount(self.part, fall) / np.bincount(self.part, rise)

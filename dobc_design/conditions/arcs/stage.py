@@ -78,8 +78,10 @@ def _weights(loop: Loop) -> Iterator[Doubles]:
     yield Doubles(np.ones(loop.n))
     if sum(map(len, loop.modes.values())) > FEW_KINDS:
         return
-    tables = stiffnesses(loop)
-    found = None if tables is None else even_weights(tables, 0.0)
+    found = None
+    with surviving("no weights for arcs", WorkLimitError):
+        tables = stiffnesses(loop)
+        found = None if tables is None else even_weights(tables, 0.0)
     if found is not None:
         d = found.reshape(loop.n, loop.m).mean(axis=1)
         # Of few digits, as powers of two leave them.
@@ -96,12 +98,13 @@ def _largest(asked: Asked, search: Search) -> Found | None:
         return None if claim is None else (claim, ball)
 
     radius = asked.ball
+    found = at(radius)
     for _ in range(FALLS):
-        found = at(radius)
         if found is not None:
             break
         radius /= FIRST
-    else:
+        found = at(radius)
+    if found is None:
         return None
     if radius < asked.ball:
         radius, found = last_found(at, found, radius, FIRST * radius, close=_are_close)

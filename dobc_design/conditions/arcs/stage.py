@@ -106,10 +106,11 @@ def _largest(asked: Asked, search: Search) -> Found | None:
         found = at(radius)
     if found is None:
         return None
+    known: Found = found
     if radius < asked.ball:
-        radius, found = last_found(at, found, radius, FIRST * radius, close=_are_close)
+        radius, known = last_found(at, known, radius, FIRST * radius, close=_are_close)
     smaller = (at(part * radius) for part in SMALLER)
-    return _first_proved(search.loop, chain([found], filter(None, smaller)))
+    return _first_proved(search.loop, chain([known], filter(None, smaller)))
 
 
 def _are_close(low: float, high: float) -> bool:

@@ -411,8 +411,10 @@ def _near_a_moving_target(asked: Asked, report: Progress) -> list[Check]:
     """A ball of starts close to a leader: the largest one with ``everything``, else a small one."""
     least = 0.0 if asked.W is None else NEAR
     if asked.everything:
-        return quadratic_stage(replace(asked, disturbance=max(asked.disturbance, least)), report)
-    return quadratic_stage(replace(asked, radius=NEAR, ball=NEAR, disturbance=least), report)
+        asked = replace(asked, disturbance=max(asked.disturbance, least))
+    else:
+        asked = replace(asked, radius=NEAR, ball=NEAR, disturbance=least)
+    return _in_turn(asked, (arcs_stage, quadratic_stage), report)
 
 
 def _near_the_target(asked: Asked, report: Progress) -> list[Check]:

@@ -117,7 +117,8 @@ def at_least(alpha: Array, beta: Array, gamma: Array, s0: Array, s1: Array) -> A
         lowest = down(gamma - up(up(beta * beta) / bottom))
     lowest = np.where(bottom > 0, lowest, -np.inf)
     # the lowest point may lie inside
-    inside = (alpha > 0) & (up(2 * alpha * s1) + beta >= 0) & (down(2 * alpha * s0) + beta <= 0)
+    outside = (up(2 * alpha * s1) + beta < 0) | (down(2 * alpha * s0) + beta > 0)
+    inside = (alpha > 0) & ~outside
     return np.where(inside, np.minimum(ends, lowest), ends)
 
 
@@ -140,7 +141,8 @@ def open_arcs(terms: Terms, table: GainTable, rho: Fraction) -> BoolArray:
 def gains_within(table: GainTable, far: Array) -> tuple[Array, Array]:
     """Bounds of g on [-far, far]: of whole cells, and at the ends where g turns in none of their
     cells."""
-    inner = np.maximum(far - table.width, 0.0)
+    # at least the cell before that of far, however both are rounded
+    inner = np.maximum(far - (1 - 2.0**-20) * table.width, 0.0)
     whole = table.over(-inner, inner)
     least, most = whole.least, whole.most
     for end in (far, -far):

@@ -30,7 +30,7 @@ def searched(problem: Problem, W: Matrix | None = None) -> Check:
 def radius_of(check: Check) -> float:
     """Of a proved domain."""
     assert check.is_proved, check.reason
-    return float(check.domain.radius)  # pyright: ignore
+    return float(check.domain.radius)
 
 
 def claimed(

@@ -19,7 +19,7 @@ from dobc_design.conditions.separable.large import down, floats_around, gain_tab
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Matrix, add, identity, scale, subtract, transpose
-from dobc_design.exact.number import ZERO, root_above
+from dobc_design.exact.number import ONE, ZERO, root_above
 from dobc_design.exact.symmetric import SparseSymmetric, largest
 from dobc_design.loop.arcs import coupling_places, split_by
 from dobc_design.loop.loop import Loop
@@ -139,7 +139,23 @@ def open_terms(loop: Loop, claim: ArcWise) -> Iterator[tuple[str, int]]:
         open_ones = arcs.uncertain[free] & ((terms.a < 0) | (terms.b < 0))
         for place, mine in split_by(coupling_places(loop, arcs)[free]):
             open_ones[mine] |= _open(loop, place, terms.some(mine), claim.level)
-        yield from ((mode, int(arc)) for arc in free[open_ones])
+        for k in np.flatnonzero(open_ones).tolist():
+            arc = int(free[k])
+            if arcs.uncertain[arc] or not _fits(loop, claim, mode, arc, k):
+                yield mode, arc
+
+
+def _fits(loop: Loop, claim: ArcWise, mode: str, arc: int, k: int) -> bool:
+    """Whether the k-th pair of numbers is exactly enough for an arc, where that is linear."""
+    arcs = loop.modes[mode]
+    i, j = int(arcs.listeners[arc]), int(arcs.speakers[arc])
+    place = loop.place_of(i, j)
+    if not loop.functions[place].is_linear:
+        return False
+    a, b = claim.a[mode][k], claim.b[mode][k]
+    gain = gains_at(loop, place, ONE)[0][0]
+    pulls = [claim.d[i] * arcs.weights[arc] * end for end in (gain.lo, gain.hi)]
+    return b >= 0 and all(a + 2 * c >= 0 and (a + 2 * c) * b >= c * c for c in pulls)
 
 
 def _open(loop: Loop, place: int, terms: Terms, level: Fraction) -> BoolArray:
@@ -148,10 +164,13 @@ def _open(loop: Loop, place: int, terms: Terms, level: Fraction) -> BoolArray:
     rows = np.stack([getattr(terms, name) for name in TERMS], axis=1)
     _, first, inverse = np.unique(rows, axis=0, return_index=True, return_inverse=True)
     # |y - x| on the disc is at most rho times the root of this.
-    far = Fraction(float(np.max(up(up(1 / terms.own) + up(1 / terms.other)))))
+    with np.errstate(divide="ignore"):
+        far = float(np.max(up(up(1 / terms.own) + up(1 / terms.other))))
+    if not np.isfinite(far):
+        return np.ones(len(terms.a), dtype=bool)
     rho = root_above(level, unit=ROOTS)
     component = loop.functions[place].components[0]
-    table = gain_table(component, rho * root_above(far, unit=ROOTS), cells=CELLS)
+    table = gain_table(component, rho * root_above(Fraction(far), unit=ROOTS), cells=CELLS)
     return open_arcs(terms.some(first), table, rho)[inverse.ravel()]
 
 

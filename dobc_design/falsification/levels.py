@@ -10,6 +10,7 @@ from numpy.random import Generator
 from dobc_design._checks import noun
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.claims import claim_of
+from dobc_design.conditions.arcs.claim import ArcWise
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.kinds import ids_of
 from dobc_design.conditions.quadratic.claim import Quadratic
@@ -174,7 +175,8 @@ def _ellipsoid(problem: Problem, claim: Quadratic) -> Ellipsoid:
     size = EVERYWHERE if claim.level is None else float(claim.level)
     P_e = to_float(claim.P_e.to_dense()) / size
     P = None if claim.P is None else to_float(claim.P) / size
-    return Ellipsoid(name="lure", rate=float(claim.rate), P_e=P_e, P=P)
+    name = "arc-wise" if isinstance(claim, ArcWise) else "lure"
+    return Ellipsoid(name=name, rate=float(claim.rate), P_e=P_e, P=P)
 
 
 def _claim_of(problem: Problem, check: Check, W: Matrix | None) -> Separable | Quadratic:

@@ -12,6 +12,7 @@ from dobc_design.certificate import text as certificate_text
 from dobc_design.report import pictures, words
 from dobc_design.verdict import Verdict
 
+from .arcs import arcs_section
 from .checks import (
     VERIFY,
     checks_section,
@@ -175,6 +176,7 @@ DETAILS: tuple[Part, ...] = (
     problem_section,
     network_section,
     _regions,
+    arcs_section,
     _settling,
     _searches,
     _optional_changes,

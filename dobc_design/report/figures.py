@@ -5,13 +5,15 @@ given by users are never read as mathematics.
 """
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import KW_ONLY
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter
 from numpy.typing import ArrayLike
 
+from dobc_design._checks import positional
 from dobc_design.conditions.schedule.settling import Settling
 from dobc_design.falsification.suspect import RESTS, Falsification
 from dobc_design.plotting.look import (
@@ -33,6 +35,19 @@ from dobc_design.plotting.look import (
 from dobc_design.plotting.regions import name_rows
 
 from .region_words import MOST_SUSPECTS
+
+
+@positional
+class Taken:
+    """What an arc takes of who hears and of who is heard, at most (< 0: it gives), and what it
+    leaves of that, about; in 1/s."""
+
+    name: str
+    _: KW_ONLY
+    own: float
+    other: float
+    room: float
+
 
 DASHES = {"dashed": DASHED, "dotted": DOTTED}  # of bounds, in their order
 ENVELOPE_SAMPLES = 201
@@ -132,6 +147,22 @@ def plot_envelope(ax: Axes, settling: Settling) -> Axes:
     ax.set_xlabel("time t in s")
     ax.set_ylabel(f"|e|∞, {in_units(settling.unit)}", parse_math=False)
     return legend_above(ax, widest=2)
+
+
+def plot_shares(ax: Axes, arcs: Sequence[Taken]) -> Axes:
+    """What arcs take of their two agents: a row and two bars each."""
+    rows = np.arange(len(arcs))
+    for aside, colour, label in (
+        (-0.19, BLUE, "of who hears"),
+        (0.19, VERMILLION, "of who is heard"),
+    ):
+        sizes = [arc.own if aside < 0 else arc.other for arc in arcs]
+        ax.barh(rows + aside, sizes, height=0.36, color=colour, label=label)
+    ax.axvline(0, color=INK, linewidth=0.9)
+    name_rows(ax, [short(arc.name, 30) for arc in arcs])
+    ax.tick_params(axis="y", length=0)
+    ax.set_xlabel("taken at most, in 1/s")
+    return legend_above(ax)
 
 
 def plot_search(ax: Axes, search: Falsification, *, unit: str = "") -> Axes:

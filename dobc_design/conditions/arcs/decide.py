@@ -100,13 +100,13 @@ def taken_of(loop: Loop, claim: ArcWise, mode: str) -> list[Fraction]:
     return taken
 
 
-def short_agents(loop: Loop, claim: ArcWise, mode: str, S: Matrix | None) -> Iterator[int]:
-    """The agents whose own pull does not pay for what is taken, and for their observer."""
+def left_of(loop: Loop, claim: ArcWise, mode: str, S: Matrix | None) -> Iterator[Matrix]:
+    """What is left of every agent's own pull when all that is taken, and its observer, are paid
+    for: (m, m).  Raises: UndefinedError."""
     blocks: Sequence[Matrix] = ()
     if S is not None:
         blocks = agent_blocks(S, loop.groups, loop.labels)
-    m = loop.m
-    one = identity(m)
+    one = identity(loop.m)
     for i, (d, taken) in enumerate(zip(claim.d, taken_of(loop, claim, mode), strict=True)):
         left = scale(-taken, one)
         pull = loop.pulls.gains.get(i)
@@ -114,7 +114,13 @@ def short_agents(loop: Loop, claim: ArcWise, mode: str, S: Matrix | None) -> Ite
             left = add(left, scale(d, add(pull, transpose(pull))))
         if blocks:
             left = subtract(left, scale(d * d, blocks[i]))
-        holds = left[0][0] >= 0 if m == 1 else decide_positive_semidefinite(left).is_proved
+        yield left
+
+
+def short_agents(loop: Loop, claim: ArcWise, mode: str, S: Matrix | None) -> Iterator[int]:
+    """The agents of which more is taken than they have."""
+    for i, left in enumerate(left_of(loop, claim, mode, S)):
+        holds = left[0][0] >= 0 if loop.m == 1 else decide_positive_semidefinite(left).is_proved
         if not holds:
             yield i
 

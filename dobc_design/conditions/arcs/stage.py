@@ -143,7 +143,11 @@ def _check(asked: Asked, claim: ArcWise, domain: Ball | Box) -> Check:
     where = ", in every mode" if len(loop.modes) > 1 else ""
     remark = ""
     if isinstance(domain, Ball):
-        remark = f" The ball reaches |e| <= {float(domain.radius):.6g} (all errors together)."
+        needs = f"the region needs {asked.ball:.6g}" if asked.wanted else "no region is asked for"
+        remark = (
+            f" The ball reaches |e| <= {float(domain.radius):.6g} (all errors together), {needs}: "
+            "beyond, no numbers of arcs are found."
+        )
     return Check(
         id=ID,
         verdict=Verdict.PROVED,

@@ -21,7 +21,7 @@ from dobc_design._show.text import (
 )
 from dobc_design.conditions.check import Check, Checks
 from dobc_design.conditions.coverage import asked_radius, covers
-from dobc_design.conditions.domain import EVERYWHERE, Around
+from dobc_design.conditions.domain import EVERYWHERE, Around, Box
 from dobc_design.conditions.kinds import KINDS
 from dobc_design.conditions.numbers import (
     LARGEST,
@@ -339,9 +339,12 @@ class _Gatherer:
         asked = self.asked
         domain = check.domain
         starts = None
-        if isinstance(domain, Around):  # its norm is the one that is asked for
+        if isinstance(domain, Around):
             radius = claimed(domain.radius)
-            starts = Starts(radius, radius, claimed(domain.disturbance))
+            ball = radius
+            if isinstance(domain, Box):  # whose corners are farther away
+                ball = root_above(self.loop.size * radius**2, unit=_UNIT)
+            starts = Starts(radius, ball, claimed(domain.disturbance))
         elif asked is not None and domain == EVERYWHERE:
             starts = Starts(claimed(asked.box), claimed(asked.ball), claimed(asked.disturbance))
         if not check.is_proved or starts is None or self.tolerance is None:

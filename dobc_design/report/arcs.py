@@ -10,6 +10,7 @@ from dobc_design.conditions.arcs.claim import ArcWise
 from dobc_design.conditions.arcs.shares import shares_of
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.make import loop_of
+from dobc_design.loop.pairs import are_pairs
 
 from .document import Blocks, Column, Picture, Pictures, Text, on_pages, section, table_of
 from .figures import Taken, plot_shares
@@ -49,9 +50,10 @@ def _told(loop: Loop, claim: ArcWise, where: str) -> Blocks:
             own, other, room = shares.own[k], shares.other[k], shares.room[k]
             arcs.append(Taken(name, own=own, other=other, room=room))
     least, agent = min(left)
+    who = "pair" if are_pairs(loop) else "agent"
     told = (
-        f"{FIXED['arcs']} The rate takes {number(2 * float(claim.rate))} 1/s of every agent. Least "
-        f"is left of agent {agent}: {lower(least)} 1/s."
+        f"{FIXED['arcs']} The rate takes {number(2 * float(claim.rate))} 1/s of every {who}. Least "
+        f"is left of {who} {agent}: {lower(least)} 1/s."
     )
     if not arcs:
         yield Text(told)

@@ -14,6 +14,7 @@ from functools import partial
 from itertools import chain
 from typing import Any
 
+from dobc_design.conditions.arcs.claim import ArcWise
 from dobc_design.conditions.case import Case
 from dobc_design.conditions.check import Check, cut_check, surviving, undecided_check
 from dobc_design.conditions.coverage import Asked as Region
@@ -57,6 +58,10 @@ DIGITS = 10  # of levels and roots
 EXTRA = Fraction(1, 10**9)  # added to them, for whoever encloses exp more widely
 SMALLEST = Fraction(1, 10**300)
 TIMES = 10**4  # settling times have four decimals
+NO_ARCS = (
+    "An arc-wise certificate does not take over from a moving box; `dobc region` says when its own "
+    "bound settles."
+)
 
 
 def starts_given(loop: Loop, *, tolerance: Any, radius: Any, disturbance: Any) -> Asked | None:
@@ -305,6 +310,8 @@ def settling_stage(
     except (ArithmeticError, RuntimeError, ValueError) as error:
         logger.warning("no settling time: %s", error)
         return undecided("no settling time is found: a numerical library broke down.")
+    if found.claim is None and case.proof(ArcWise) is not None:
+        found = replace(found, reason=f"{found.reason} {NO_ARCS}")
     return settling_check(loop, case.W, found, domain=case.domain)
 
 

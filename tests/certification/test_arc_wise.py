@@ -1,0 +1,110 @@
+"""A region that only an arc-wise certificate covers, and everything that is asked of it."""
+
+import math
+from functools import cache
+
+import pytest
+from arc_wise import radius_of, searched
+
+from dobc_design import (
+    Certificate,
+    Network,
+    Problem,
+    Verdict,
+    certify,
+    design,
+    falsify,
+    simulate,
+    verify,
+    what_breaks_first,
+)
+from dobc_design.conditions.domain import Ball, Box
+from dobc_design.conditions.schedule import stage
+from dobc_design.conditions.schedule.settling import Settling
+
+ONE = [[1, 2], [2, 1], [2, 3], [3, 2], [3, 4], [4, 3]]
+OTHER = [[1, 4], [4, 1], [4, 3], [3, 4], [3, 2], [2, 3]]
+
+
+def rows(radius: str | None = "4/5") -> Problem:
+    """Four agents in a row; two change places, so that no common box exists."""
+    network = Network.from_arcs({"one": ONE, "other": OTHER}, arrow="listens_to")
+    region = None if radius is None else {"initial_states": [f"-{radius}", radius]}
+    return Problem(network=network, coupling="sin(y)", gains={1: 3}, target=0, region=region)
+
+
+@cache
+def proved() -> Certificate:
+    return certify(rows())
+
+
+def test_it_covers_a_region_for_which_no_common_box_exists():
+    certificate = proved()
+    assert certificate.verdict is Verdict.PROVED
+    assert certificate.covered_by == "arc-wise"
+    verdicts = {check.id: check.verdict for check in certificate.checks}
+    assert verdicts["max-separable"] is Verdict.REFUTED
+    assert verify(certificate, rows()).holds
+
+
+@pytest.mark.parametrize(
+    ("radius", "needs"), [("3/2", "the region needs 3"), (None, "no region is asked for")]
+)
+def test_where_it_covers_nothing_the_largest_ball_is_proved_and_said(radius, needs):
+    check = searched(rows(radius))
+    assert isinstance(check.domain, Ball)
+    assert 1.9 < radius_of(check) < 2
+    assert f" {needs}: beyond, no numbers of arcs are found." in check.reason
+    assert check.remark.startswith(f"The ball reaches |e| <= {check.domain.radius:.6g} ")
+
+
+def test_it_has_a_row_among_the_regions():
+    (row,) = (each for each in proved().regions.claims if each.id == "arc-wise")
+    check = next(each for each in proved().checks if each.id == "arc-wise")
+    assert isinstance(check.domain, Box)
+    assert (row.method, row.kind, row.box, row.covers) == ("Arc-wise", "box", 0.8, True)
+    # From |e| <= 1.6, where all four agents are at an edge, to a hundredth of 0.8.
+    assert row.time == pytest.approx(math.log(1.6 / 0.008) / check.rate, rel=1e-3)
+
+
+def test_its_bound_over_time_holds_for_a_run():
+    certificate = proved()
+    run = simulate(rows(), seed=1, t_final=20)
+    bound = certificate.envelope(run)
+    assert bound.sources == ("arc-wise",)
+    assert (run.error() <= bound(run.times) + 1e-9).all()
+    assert certificate.bound([0]) == pytest.approx([1.6])
+
+
+def test_a_search_from_its_boundary_finds_no_run_that_leaves_and_names_it():
+    searched = falsify(proved(), runs=40, seed=1)
+    targets = {search.target: search for search in searched.searches}
+    search = targets["the boundary of the arc-wise set"]
+    assert search.suspects == ()
+    assert search.certified_rate < search.observed_rate
+
+
+def test_it_does_not_take_over_from_a_moving_box_and_says_so(monkeypatch):
+    def nothing(loop, W, asked, *, progress):
+        given = {name: getattr(asked, name) for name in ("radius", "disturbance", "tolerance")}
+        reason = "no moving box was found."
+        return Settling(verdict=Verdict.UNDECIDED, reason=reason, problem_name=loop.name, **given)
+
+    monkeypatch.setattr(stage, "settle", nothing)
+    certificate = certify(rows(), settling="1/100")
+    (check,) = (each for each in certificate.checks if each.id == "settling")
+    assert check.reason.startswith("no moving box was found. An arc-wise certificate does not take")
+    assert certificate.settling is None
+
+
+def test_a_design_is_compared_with_the_rate_that_it_certifies():
+    found = design(rows())
+    assert found.verdict is Verdict.PROVED
+    assert "Your own gains are certified at 0.126" in found.decisions[0]
+
+
+def test_what_breaks_first_knows_that_it_states_no_period():
+    found = what_breaks_first(rows(), options=["period"], certificate=proved())
+    assert found.period is not None
+    assert found.period.certified is None
+    assert 0.3 < found.period.converges < 0.6

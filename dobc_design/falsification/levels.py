@@ -6,6 +6,7 @@ every start but 0 to the boundary of a certified set.
 
 import numpy as np
 from numpy.random import Generator
+from scipy.sparse import dia_array, diags_array
 
 from dobc_design._checks import noun
 from dobc_design.certificate.certificate import Certificate
@@ -93,17 +94,18 @@ def turned(T: Array | None, e: Array) -> Array:
 
 @noun(eq=False)
 class Ellipsoid:
-    """V = root of e'P_e e + sum |eps_i|_P^2, P_e (n m, n m); everything else as in ``BoxLevel``."""
+    """V = root of e'P_e e + sum |eps_i|_P^2, P_e (n m, n m), sparse for arc-wise
+    claims; everything else as in ``BoxLevel``."""
 
     name: str
     rate: float
-    P_e: Array
+    P_e: Array | dia_array
     P: Array | None
 
     @property
     def lengths(self) -> Array:
         """How far the set reaches, (n m,)."""
-        return 2 / np.sqrt(np.maximum(np.diag(self.P_e), TINY))
+        return np.asarray(2 / np.sqrt(np.maximum(self.P_e.diagonal(), TINY)))
 
     def value(self, e: Array, eps: Array) -> Array:
         """V of states, (R,)."""
@@ -120,6 +122,8 @@ class Ellipsoid:
 
     def directions(self, standard: Array) -> Array:
         """Errors that are spread over the set."""
+        if not isinstance(self.P_e, np.ndarray):
+            return standard * self.lengths[:, None]
         # the axes of the ellipsoid, and how long they are
         values, vectors = np.linalg.eigh(self.P_e)
         lengths = np.sqrt(np.maximum(values, TINY))
@@ -173,10 +177,12 @@ def _ellipsoid(problem: Problem, claim: Quadratic) -> Ellipsoid:
         message = f"must have a P_e of {rows} rows; got {claim.P_e.size}."
         raise wrong("certified", message, OTHER_PROBLEM)
     size = EVERYWHERE if claim.level is None else float(claim.level)
-    P_e = to_float(claim.P_e.to_dense()) / size
     P = None if claim.P is None else to_float(claim.P) / size
-    name = "arc-wise" if isinstance(claim, ArcWise) else "lure"
-    return Ellipsoid(name=name, rate=float(claim.rate), P_e=P_e, P=P)
+    if isinstance(claim, ArcWise):  # of which there may be very many rows
+        P_e = diags_array([float(x) / size for x in claim.P_e.diagonal()])
+        return Ellipsoid(name="arc-wise", rate=float(claim.rate), P_e=P_e, P=P)
+    P_e = to_float(claim.P_e.to_dense()) / size
+    return Ellipsoid(name="lure", rate=float(claim.rate), P_e=P_e, P=P)
 
 
 def _claim_of(problem: Problem, check: Check, W: Matrix | None) -> Separable | Quadratic:

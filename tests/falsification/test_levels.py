@@ -8,6 +8,7 @@ import pytest
 from regional_problems import cycle, identity
 
 from dobc_design import Exosystem, Group, Network, Observer, Problem
+from dobc_design.conditions.arcs.claim import ArcWise
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.separable.claim import ErrorBound, Separable
 from dobc_design.errors import SpecError
@@ -25,6 +26,10 @@ SEPARABLE = Separable(v=V, alpha=F(1), rho=F(4), error=LOADED)
 FULL = SparseSymmetric(3, {(0, 0): F(2), (0, 1): F(1, 2), (1, 1): F(1), (2, 2): F(3)})
 Q = ((F(1),), (F(1),))
 LURE = Lure(P_e=FULL, ranges=(), radius=F(1), level=F(5), rate=F(1, 4), P=P, Q=Q)
+
+WEIGHTS = (F(2), F(1), F(3))
+DIAGONAL = SparseSymmetric(3, {(i, i): d for i, d in enumerate(WEIGHTS)})
+ARC_WISE = ArcWise(P_e=DIAGONAL, d=WEIGHTS, a={}, b={}, level=F(5), rate=F(1, 4), P=P, Q=Q)
 
 
 def problem(q: int = 2) -> Problem:
@@ -55,7 +60,18 @@ def lure_value(e: np.ndarray, eps: np.ndarray) -> float:
     return float(total / 5) ** 0.5
 
 
-@pytest.mark.parametrize(("claim", "truth"), [(SEPARABLE, separable_value), (LURE, lure_value)])
+def arc_wise_value(e: np.ndarray, eps: np.ndarray) -> float:
+    """Root of V / level."""
+    weight = np.array(P, dtype=float)
+    total = sum(d * x * x for d, x in zip((2, 1, 3), e, strict=True))
+    total += sum(row @ weight @ row for row in eps)
+    return float(total / 5) ** 0.5
+
+
+VALUES = [(SEPARABLE, separable_value), (LURE, lure_value), (ARC_WISE, arc_wise_value)]
+
+
+@pytest.mark.parametrize(("claim", "truth"), VALUES)
 def test_v_is_that_of_the_definition_and_its_gradient_that_of_differences(claim, truth):
     level = level_of(problem(), claim)
     rng = np.random.default_rng(0)
@@ -80,7 +96,7 @@ def test_v_is_that_of_the_definition_and_its_gradient_that_of_differences(claim,
 
 
 @pytest.mark.parametrize("kind", [RANDOM, CORNERS, EDGES])
-@pytest.mark.parametrize(("claim", "truth"), [(SEPARABLE, separable_value), (LURE, lure_value)])
+@pytest.mark.parametrize(("claim", "truth"), VALUES)
 def test_starts_lie_on_the_boundary_some_of_them_without_a_disturbance(claim, truth, kind: str):
     level = level_of(problem(), claim)
     loop = make_closed_loop(problem(), None)

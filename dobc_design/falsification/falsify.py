@@ -58,9 +58,9 @@ def falsify(
 
     Of a ``problem``: the starts of its region; with ``radius`` those of the box |e|_inf <= radius;
     without both |e|_inf <= 1; with ``certified`` those on the boundary of a certified set: that of
-    a certificate, of one of its checks, or of a max-separable or Lur'e claim.  ``disturbance``
-    bounds |eps_i|.  ``runs`` starts (500) are simulated: corners, edges, random ones, and the worst
-    of them after gradient ascent through CasADi.  ``t_final`` in s; ``progress``: as in
+    a certificate, of one of its checks, or of a max-separable, arc-wise or Lur'e claim.
+    ``disturbance`` bounds |eps_i|.  ``runs`` starts (500) are simulated: corners, edges, random
+    ones, and the worst of them after gradient ascent through CasADi.  ``t_final`` in s; ``progress``: as in
     ``certify``.  The same ``seed`` gives the same search.  A missing W is designed first, as
     ``certify`` does.
 

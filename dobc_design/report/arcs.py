@@ -24,7 +24,7 @@ MOST_ARCS = 20_000  # of all modes, that are looked at
 
 @section("Arc by arc: who takes and who gives", "arcs", "Arcs")
 def arcs_section(found: Findings) -> Blocks:
-    """What arcs take of their agents in the arc-wise certificate, and where least is left; nothing
+    """What arcs take from agents in the arc-wise certificate, and where least is left; nothing
     without one."""
     W = found.certificate.claims.W
     agents = loop_of(found.problem)
@@ -52,8 +52,8 @@ def _told(loop: Loop, claim: ArcWise, where: str) -> Blocks:
     least, agent = min(left)
     who = "pair" if are_pairs(loop) else "agent"
     told = (
-        f"{FIXED['arcs']} The rate takes {number(2 * float(claim.rate))} 1/s of every {who}. Least "
-        f"is left of {who} {agent}: {lower(least)} 1/s."
+        f"{FIXED['arcs']} The rate takes {number(2 * float(claim.rate))} 1/s from every {who}. "
+        f"Least is left to {who} {agent}: {lower(least)} 1/s."
     )
     if not arcs:
         yield Text(told)
@@ -71,8 +71,8 @@ def _told(loop: Loop, claim: ArcWise, where: str) -> Blocks:
         "The arcs that leave least of their numbers, in 1/s",
         closest,
         Column("arc", lambda arc: arc.name),
-        Column("takes of who hears, 1/s", lambda arc: number(arc.own), style="number"),
-        Column("of who is heard", lambda arc: number(arc.other), style="number"),
+        Column("takes from who hears, 1/s", lambda arc: number(arc.own), style="number"),
+        Column("from who is heard", lambda arc: number(arc.other), style="number"),
         Column("leaves, about", lambda arc: number(arc.room), style="number"),
     )
 
@@ -82,9 +82,9 @@ def _picture(arcs: Sequence[Taken], count: int, where: str) -> Picture:
     told = "; ".join(f"{a.name}: {number(a.own)} and {number(a.other)}" for a in arcs)
     return Picture(
         "arcs",
-        "What each arc takes of its two agents",
+        "What each arc takes from its two agents",
         caption=f"It holds for {where}. Left of 0: the arc pulls this agent back, and gives.{some}",
-        alt=f"What arcs take at most of who hears and of who is heard, in 1/s. {told}.",
+        alt=f"What arcs take at most from who hears and from who is heard, in 1/s. {told}.",
         draw=lambda ax: plot_shares(ax, arcs),
         height=1.3 + 0.26 * len(arcs),
     )

@@ -39,7 +39,7 @@ from .region_words import MOST_SUSPECTS
 
 @positional
 class Taken:
-    """What an arc takes of who hears and of who is heard, at most (< 0: it gives), and what it
+    """What an arc takes from who hears and from who is heard, at most (< 0: it gives), and what it
     leaves of that, about; in 1/s."""
 
     name: str
@@ -150,11 +150,11 @@ def plot_envelope(ax: Axes, settling: Settling) -> Axes:
 
 
 def plot_shares(ax: Axes, arcs: Sequence[Taken]) -> Axes:
-    """What arcs take of their two agents: a row and two bars each."""
+    """What arcs take from their two agents: a row and two bars each."""
     rows = np.arange(len(arcs))
     for aside, colour, label in (
-        (-0.19, BLUE, "of who hears"),
-        (0.19, VERMILLION, "of who is heard"),
+        (-0.19, BLUE, "from who hears"),
+        (0.19, VERMILLION, "from who is heard"),
     ):
         sizes = [arc.own if aside < 0 else arc.other for arc in arcs]
         ax.barh(rows + aside, sizes, height=0.36, color=colour, label=label)

@@ -83,7 +83,7 @@ def test_what_an_arc_leaves_is_the_least_of_its_term_on_a_grid(d: tuple[int, int
 
 def test_a_report_names_the_arc_and_the_agent_that_leave_least():
     text, picture, table = section(proved())
-    assert "Least is left of agent 1, mode one: 0.005" in text
+    assert "Least is left to agent 1, mode one: 0.005" in text
     assert "The arc that leaves least of its numbers: 2 hears 1, mode one, about 0.0013" in text
     assert table[0] == ("2 hears 1, mode one", "−1.246", "1.359", "0.001318")
     assert len(table) == shown.MOST_ROWS
@@ -122,7 +122,7 @@ def test_agents_that_hear_nobody_have_no_picture_of_arcs():
         network=network, coupling="sin(y)", gains={1: 3, 2: 1}, target=0, region=REGION
     )
     text, picture, table = section(certify(problem, everything=True))
-    assert "Least is left of agent" in text
+    assert "Least is left to agent" in text
     assert picture is None and table == []
 
 
@@ -137,7 +137,7 @@ def test_where_agents_agree_the_nodes_are_pairs(monkeypatch: pytest.MonkeyPatch)
         region={"initial_states": [0, 1]},
     )
     text, _, _ = section(certify(problem))
-    assert "of every pair. Least is left of pair (" in text
+    assert "from every pair. Least is left to pair (" in text
 
 
 def test_a_report_without_an_arc_wise_certificate_has_no_such_section(certificate: Certificate):

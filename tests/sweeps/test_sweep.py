@@ -3,7 +3,6 @@ it."""
 
 import json
 import os
-import re
 import signal
 import time
 from dataclasses import replace
@@ -261,8 +260,8 @@ def deadly(chain: Path) -> Plan:
                 os.kill(os.getpid(), signal.SIGKILL)
             while problem.target[0] == 4:
                 time.sleep(0.1)
-            if problem.target[0] == 5:  # backtracks for ages, in C
-                re.match("(a+)+$", "a" * 60 + "b")
+            if problem.target[0] == 5:  # in C, where no exception of Python reaches it
+                time.sleep(3600)
             return {"verdict": "proved"}
 
     plan = make_plan(chain, ["target=1:5:5"], task=Task())
@@ -273,8 +272,8 @@ def deadly(chain: Path) -> Plan:
 @pytest.mark.skipif(os.name == "nt", reason="signals of Unix")
 def test_a_case_that_kills_its_worker_is_recorded_and_the_others_are_done(chain, monkeypatch):
     """The worker of one case is killed, two never end; what was in hand with them is done again."""
-    monkeypatch.setattr(running, "GRACE", 2.0)
-    all_outcomes = outcomes(deadly(chain), range(5), jobs=2, backend=LOKY, limit=3)
+    monkeypatch.setattr(running, "GRACE", 1.0)
+    all_outcomes = outcomes(deadly(chain), range(5), jobs=2, backend=LOKY, limit=2)
     found = list(all_outcomes)
     assert sorted(line["case"] for line in found) == list(range(5))
     kinds = {}

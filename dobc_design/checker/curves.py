@@ -207,6 +207,15 @@ def supremum(curve: Curve, p: Floats, q: Floats, a: float, b: float) -> Bound:
     return Bound(floor, math.inf, lambda s: max(bound.at(s) for bound in bounds), slopes)
 
 
+def largest(curve: Curve, p: Floats, q: Floats) -> float:
+    """An upper bound of h between -p and q."""
+    cells = curve.between(-p[1], q[1])
+    # where it rises all the way, values at the upper end are enough: slopes take longest
+    if len(cells) == 1 and cells[0].way == 1:
+        return curve.top(q[1])
+    return supremum(curve, p, q, 1.0, 1.0).at(1.0)
+
+
 def below(a: float, b: float, at: Callable[[float], float], slope: Floats) -> bool:
     """True if F <= 0 on the piece: it lies below F(a) + (s - a) sup F' and below F(b) - (b - s) inf
     F'."""
@@ -277,6 +286,6 @@ def at_once(terms: list[Term], c: Floats) -> bool:
     """True if the sum of the terms <= s c for s = 1."""
     parts = [negative(c)]
     for curve, w, p, q in terms:
-        most = supremum(curve, p, q, 1.0, 1.0).at(1.0)
+        most = largest(curve, p, q)
         parts.append(times(w, (most, most)))
     return total(parts)[1] <= 0

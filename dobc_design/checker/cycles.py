@@ -296,7 +296,8 @@ class MovingRow(NamedTuple):
         """Whether it holds with every quantity at its worst on the part."""
         i = self.i
         arcs = self.loop.heard[self.mode][i]
-        held = min(self.loop.least_gain(i) * box[i] for box in face.own)
+        gain = self.loop.least_gain(i)
+        held = min(gain * box[i] for box in face.own)
         room = held + face.speed[i] - max(face.loads)
         terms = []
         slopes = ZERO

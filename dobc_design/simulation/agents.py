@@ -122,8 +122,8 @@ class Agents:
         """The input of agents that work: (19), limited; ``modes`` (R,) are on, by index."""
         believed = dhat * self.estimates
         active = Active(self.names, modes)
-        u = self.loop.control(np.moveaxis(e, 2, 0), np.moveaxis(believed, 2, 0), active)
-        u = np.moveaxis(u, 0, 2)
+        u = self.loop.control(e.transpose(2, 0, 1), believed.transpose(2, 0, 1), active)
+        u = u.transpose(1, 2, 0)
         return u if self.limit is None else np.asarray(np.clip(u, -self.limit, self.limit))
 
     def control(self, e: Array, dhat: Array, modes: IndexArray, chosen: Chosen = ALL) -> Array:

@@ -242,7 +242,7 @@ class Links:
         for h, gather in self.parts:
             end = begin + gather.shape[1]
             value = np.array(h(difference[begin:end]))
-            by_run = np.moveaxis(value, 1, -1)
+            by_run = value.swapaxes(1, 2)
             by_run[silent[begin:end]] = 0.0
             summed = gather @ value.reshape(len(value), -1)
             total += summed.reshape(own.shape)
@@ -329,10 +329,12 @@ class ClosedLoop:
     def split(self, y: Array) -> tuple[Array, Array, Array]:
         """Cut states (n (m + 2 q), R) into x (n, m, R), xi and z (n, q, R); also without R."""
         many = y.shape[1:]
-        x, xi, z = np.split(y, [self.size, self.n * (self.m + self.q)])
+        # slices and transposes: `split` and `moveaxis` take as long as the products
+        after = self.n * (self.m + self.q)
         of_observers = (self.n, self.q, *many)
-        x = x.reshape(self.n, self.m, *many)
-        return x, xi.reshape(of_observers), z.reshape(of_observers)
+        x = y[: self.size].reshape(self.n, self.m, *many)
+        xi = y[self.size : after].reshape(of_observers)
+        return x, xi, y[after:].reshape(of_observers)
 
     def control(self, e: Array, dhat: Array, active: Active) -> Array:
         """u of (19) for e (..., n, m) and dhat (..., n, p), one mode for each row of errors."""
@@ -472,7 +474,7 @@ class Network:
         those of a leader."""
         loop = self.loop
         n, m = loop.n, loop.m
-        e, s = np.split(e, [loop.size])
+        e, s = e[: loop.size], e[loop.size :]
         # one run of agents with one component is a vector: no axes of length 1 in the blocks
         rows = np.ascontiguousarray(e).reshape((n, -1) if e.size > n else (n,))
         if loop.fixed:

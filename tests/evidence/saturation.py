@@ -73,8 +73,13 @@ class Plant:
         self.h = RISING[problem.coupling.texts[0]]
         self.modes = []
         for arcs in problem.network.modes.values():
-            weights = np.array([float(w) for w in arcs.weights])
-            self.modes.append((np.array(arcs.listeners), np.array(arcs.speakers), weights))
+            every = np.arange(len(arcs.weights))
+            apart = np.zeros((len(every), self.n))  # what an arc compares: speaker less listener
+            apart[every, arcs.speakers] = 1
+            apart[every, arcs.listeners] -= 1
+            moved = np.zeros((self.n, len(every)))
+            moved[arcs.listeners, every] = [float(w) for w in arcs.weights]
+            self.modes.append((apart, moved))
         self.k = np.zeros((self.n, 1))
         for i, gain in problem.pinning.gains.items():
             self.k[i] = float(gain[0][0])
@@ -90,22 +95,16 @@ class Plant:
     def slope(self, state: Any, mode: int) -> Any:
         """x', xi', z' of (1), (12), (13) with the target 0."""
         x, xi, z = state
-        heard, said, weights = self.modes[mode]
-        couplings = np.zeros_like(x)
-        if len(weights):
-            np.add.at(couplings, heard, weights[:, None] * self.h(x[said] - x[heard]))
+        apart, moved = self.modes[mode]
+        couplings = moved @ self.h(apart @ x)
         if not self.q:
             return couplings + np.clip(-self.k * x, -self.limit, self.limit), xi, z
         believed = z + self.W[None] * x[:, None]
-        dhat = np.einsum("q,nqr->nr", self.C[0], believed)
+        dhat = self.C[0] @ believed
         u = np.clip(-self.k * x - dhat, -self.limit, self.limit)
-        d = np.einsum("q,nqr->nr", self.C[0], xi)
-        turned = np.einsum("pq,nqr->npr", self.F, believed)
-        return (
-            couplings + u + d,
-            np.einsum("pq,nqr->npr", self.A, xi),
-            turned - self.W[None] * (couplings + u)[:, None],
-        )
+        d = self.C[0] @ xi
+        turned = self.F @ believed
+        return couplings + u + d, self.A @ xi, turned - self.W[None] * (couplings + u)[:, None]
 
     def step(self, state: Any, mode: int) -> Any:
         """One step of the classical method of order 4."""

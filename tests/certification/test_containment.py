@@ -257,7 +257,7 @@ def test_agents_settle_between_leaders_that_move_and_no_run_is_later():
     assert settling.is_proved
     assert dd.verify(certificate, problem).holds
     time = float(settling.claim.time)
-    step = 1e-3
+    step = 4e-3
     rng = np.random.default_rng(1)
     x = np.array([[-1.0, 5], [5, -1]])
     last = np.zeros(2)

@@ -172,10 +172,10 @@ def test_every_check_that_a_problem_calls_for_has_to_be_there(paper):
 
 @pytest.mark.slow
 def test_accepted_mutants_are_true():
-    """98 changed certificates; the oracle reads every one that is accepted."""
-    tally = mutant_campaign(range(7), each=14)
+    """56 changed certificates; the oracle reads every one that is accepted."""
+    tally = mutant_campaign(range(4), each=14)
     assert tally.wrong == []
-    assert tally.counts["refused"] + tally.counts["unreadable"] > 65
+    assert tally.counts["refused"] + tally.counts["unreadable"] > 36
     assert tally.counts["accepted"] >= 2  # so that the oracle has something to read
 
 

@@ -50,7 +50,7 @@ pytestmark = pytest.mark.slow
 needs_axe = pytest.mark.skipif(not AXE, reason="needs axe-core: AXE_SCRIPT=/path/to/axe.min.js")
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def pages(everything: dict[str, Any], asked_for: dict[str, Any]) -> dict[str, str]:
     """A full report with several modes, one on a region, and two certificates side by side."""
     names = ("Ga", "Gb", "Gc")
@@ -150,17 +150,24 @@ def measure(page: str, folder: Path, *, width: int) -> tuple[dict[str, Any], str
     return json.loads(html.unescape(found.group(1))), run.stderr
 
 
+@pytest.fixture(scope="module")
+def opened(
+    everything: dict[str, Any], wide: dict[str, Any], asked_for: dict[str, Any]
+) -> list[tuple[str, int]]:
+    """Pages with all details open, and how many pictures they have at least."""
+    found = []
+    for arguments, pictures in ((everything, 6), (wide, 6), (asked_for, 3)):
+        page = html_report(**arguments).replace("<details ", "<details open ")
+        found.append((page, pictures))
+    return found
+
+
 @needs_chromium
 @pytest.mark.parametrize("width", [320, 1200])
 def test_everything_has_a_size_and_nothing_scrolls_sideways(
-    everything: dict[str, Any],
-    wide: dict[str, Any],
-    asked_for: dict[str, Any],
-    tmp_path: Path,
-    width: int,
+    opened: list[tuple[str, int]], tmp_path: Path, width: int
 ):
-    for arguments, pictures in ((everything, 6), (wide, 6), (asked_for, 3)):
-        page = html_report(**arguments).replace("<details ", "<details open ")
+    for page, pictures in opened:
         sizes, log = measure(page, tmp_path, width=width)
         assert len(sizes["math"]) > 10
         for w, h in sizes["math"]:

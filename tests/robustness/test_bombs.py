@@ -47,8 +47,10 @@ def zipped(path: Path, **members: bytes) -> Path:
     return path
 
 
-def bomb(path: Path) -> Path:
+@pytest.fixture(scope="module")
+def bomb(tmp_path_factory) -> Path:
     """A GB of zeros in a MB."""
+    path = tmp_path_factory.mktemp("bomb") / "x.npz"
     with (
         zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive,
         archive.open("x.npy", "w") as stream,
@@ -125,9 +127,8 @@ def test_a_hostile_start_is_refused_by_its_key(tmp_path, kind: str):
 @pytest.mark.parametrize(
     "code", [START, f"{WITHIN}import dobc_design as dd\ndd.load_trajectory(sys.argv[1])"]
 )
-def test_a_gigabyte_of_zeros_is_refused_before_it_is_unpacked(tmp_path, code: str):
-    file = str(bomb(tmp_path / "x.npz"))
-    command = [sys.executable, "-c", code, file]
+def test_a_gigabyte_of_zeros_is_refused_before_it_is_unpacked(bomb, code: str):
+    command = [sys.executable, "-c", code, str(bomb)]
     done = subprocess.run(command, capture_output=True, check=False, timeout=120)
     assert b"SpecError" in done.stderr
     assert b"x.npz" in done.stderr
@@ -220,7 +221,7 @@ IMPORT = f"{WITHIN}resource.setrlimit(resource.RLIMIT_CPU, (60, 60))\nimport dob
 @pytest.mark.slow
 @pytest.mark.parametrize("suffix", ["csv", "graphml", "toml"])
 def test_many_labels_are_read_in_a_minute_and_3_gb(tmp_path, suffix: str):
-    count = 300_000 if suffix == "graphml" else 500_000
+    count = 100_000 if suffix == "graphml" else 200_000
     path = tmp_path / f"x.{suffix}"
     if suffix == "csv":
         text = "\n".join(f"n{i},n{i + 1}" for i in range(count - 1))
@@ -245,10 +246,10 @@ def test_many_labels_are_read_in_a_minute_and_3_gb(tmp_path, suffix: str):
 
 
 @pytest.mark.slow
-def test_a_million_dots_and_a_million_joined_buses_are_read_in_linear_time():
+def test_many_dots_and_joined_buses_are_read_in_linear_time():
     with pytest.raises(SpecError, match=r"mpc\.bus"):
-        read_matpower("." * 2_000_000, name="x.m")
-    labels = list(map(str, range(1_000_000)))
+        read_matpower("." * 500_000, name="x.m")
+    labels = list(map(str, range(200_000)))
     assert set(merged(labels, list(pairwise(labels))).values()) == {"0"}
 
 

@@ -95,7 +95,7 @@ def test_failing_agents_break_a_ring_that_nobody_else_holds():
 
 @pytest.mark.slow
 def test_everything_breaks_the_papers_example_somewhere_and_the_order_is_said():
-    found = what_breaks_first(load_problem("paper-fixed"), t_final=12)
+    found = what_breaks_first(load_problem("paper-fixed"), t_final=8)
     assert {each.option for each in found.sweeps} == set(OPTIONS)
     assert set(found.order) <= set(OPTIONS)
     assert found.period.converges < 2 / 9 < 1

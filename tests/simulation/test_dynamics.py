@@ -233,7 +233,9 @@ def test_agents_that_are_too_stiff_between_samples_end_their_run(monkeypatch: py
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("problem", [PROBLEMS[0], PROBLEMS[2]])
+@pytest.mark.parametrize(
+    "problem", [PROBLEMS[0], pytest.param(PROBLEMS[2], marks=pytest.mark.evidence)]
+)
 def test_what_breaks_first_knows_the_period(monkeypatch: pytest.MonkeyPatch, problem):
     monkeypatch.setattr("dobc_design.simulation.breaking.OPTIONS", ("saturation", "period"))
     found = dd.what_breaks_first(problem, t_final=6)

@@ -124,7 +124,7 @@ def mutant_campaign(
     other = json.loads(certificate_bytes(certified("paper-fixed").claims))
     for seed in seeds:
         problem = make(seed)
-        document = json.loads(certificate_bytes(certify(problem).claims))
+        document = json.loads(certificate_bytes(certified(problem).claims))
         oracle = know(problem)
         for k in range(each):
             number = seed * 100_000 + k

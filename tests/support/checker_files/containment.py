@@ -6,8 +6,10 @@ from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
+from certified import certified
+
 from checker_files.files import FAILS, HOLDS, UNREADABLE, Case
-from dobc_design import Exosystem, Network, Observer, Problem, Switching, certify
+from dobc_design import Exosystem, Network, Observer, Problem, Switching
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.problem.canonical import canonical_bytes, problem_sha256
 
@@ -24,7 +26,7 @@ def between(a: Any, b: Any, coupling: str = "y", arcs: Any = PATH, **more: Any) 
 
 def document(problem: Problem, **options: Any) -> dict[str, Any]:
     """Its certificate."""
-    found: dict[str, Any] = json.loads(certificate_bytes(certify(problem, **options).claims))
+    found: dict[str, Any] = json.loads(certificate_bytes(certified(problem, **options).claims))
     return found
 
 

@@ -53,6 +53,10 @@ FIRST["graphs"] = graphs_cases, agreement_cases
 FIRST["coordinates"] = dynamics_cases, region_cases, containment_cases
 FIRST["verdict"] = dynamics_cases, cases, agreement_cases
 FIRST["examine"] = dynamics_cases, cases
+#: Of these checks the cases that notice them, wherever they stand.
+NOTICE = {"not case.gap": (containment_cases,)}
+NOTICE["not case.matched or exact.weights == 0"] = (agreement_cases,)
+NOTICE["not (case.agrees or case.gap)"] = (agreement_cases,)
 #: Removals that no case can notice, each with the reason.
 EQUIVALENT: dict[str, str] = {}
 EQUIVALENT["not min(whole) > 0"] = (
@@ -132,7 +136,7 @@ def noticed_by(removal: Removal) -> str | None:
     """The first case that comes out differently: accepted, with another exit code, or with a
     traceback."""
     module = without(removal)
-    own_first = FIRST.get(removal.file, ())
+    own_first = (*NOTICE.get(removal.text, ()), *FIRST.get(removal.file, ()))
     tried_values = (*own_first, *EVERY)
     for some in dict.fromkeys(tried_values):
         for case in _failing(some, (removal.file, removal.place)):

@@ -74,7 +74,7 @@ def test_a_feasible_problem_can_have_a_positive_margin(harmonic):
 
 @pytest.mark.parametrize("modes", [1, 2, 3, 4])
 @pytest.mark.parametrize("m", [1, 2])
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.evidence)])
 def test_the_reduced_form_has_the_optimum_of_the_block_lmi(separable, modes, m, seed):
     """Theory, Reduction: equal for m = 1 and for Lambda = Lambda_n (x) I_m."""
     problem = separable(seed, modes=modes, m=m)

@@ -559,6 +559,8 @@ def _undecided_reason(loop: Loop, checks: Checks) -> Reason:
         near = "consensus is proved near the target only, and the region asked for is larger."
         return open_reason(f"{near} {ALONE}")
     ids = ("lure", *SPEAKING) if loop.slopes_move else SPEAKING
+    if loop.agrees:  # linear agents with dynamics: the theorem that is for them
+        ids = ("theorem1-weighted", *SPEAKING)
     unproved = [check for check in checks if not check.is_proved]
     speaking = [check for check in unproved if check.id in ids]
     first = min(speaking, key=lambda check: ids.index(check.id), default=None)

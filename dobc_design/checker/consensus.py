@@ -468,22 +468,24 @@ def room(case: Case, mode: str) -> Fraction | None:
 def weighted(case: Case, check: Any) -> Any:
     """V = e'De + sum eps_i'P eps_i decreases at the rate."""
     need(not case.kinked, "a coupling has a kink, so the theorem does not apply")
-    need(not (case.agrees or case.gap), "there is no target, so the theorem does not apply")
+    components_alike = case.B is not None and "R" in (check.exact or {})
+    about = not case.gap and (components_alike or not case.agrees)
+    need(about, "there is no target, so the theorem does not apply")
     if case.signed:
         case = rows_of(case)
     proved = check.verdict == "proved" and check.witness is None
     need(proved, "it is proved, without a witness, or undecided")
     modest = check.margin is None and (check.rate is None or check.rate > 0)
     need(modest, "it claims a margin, or a rate that is not positive")
-    components_alike = case.B is not None and "R" in (check.exact or {})
     vector = partial(weights, case.n if components_alike else case.size)
-    shape: Object = {"D": vector, "w": an_object}
+    shape: Object = {} if case.agrees else {"D": vector, "w": an_object}
     if components_alike:
         shape |= {"c": rational, "R": matrix(case.m, case.m)}
     elif case.q:
         shape["P"] = matrix(case.q, case.q)
     claim = read(check.exact, shape)
-    need(set(claim.w) == set(case.modes), "there is no vector for each mode")
+    named = case.agrees or set(claim.w) == set(case.modes)
+    need(named, "there is no vector for each mode")
     decide = alike if components_alike else by_diagonal
     decide(case, claim, check.rate or ZERO)
     return claim
@@ -527,6 +529,10 @@ def alike(case: Case, claim: Any, b: Fraction) -> None:
     factors = {h: multiple(each, G) for h, each in slopes.items()}
     gains = [multiple(plus(case.gain(i), 1, case.drift), G) for i in case.nodes]
     falls(case, claim, G, b)
+    if case.agrees:
+        need(not any(gains), "what agrees has no pins")
+        apart(case, claim.c, factors)
+        return
     D = claim.D
     for mode, arcs in case.modes.items():
         w = [*weights(case.n, claim.w[mode]), ZERO]
@@ -538,6 +544,30 @@ def alike(case: Case, claim: Any, b: Fraction) -> None:
             # an arc that may be away must not be needed
             spend(left, w, (i, j), (ZERO if loose else g, g))
         need(min(left[: case.n]) > 0, "the weights do not show it")
+
+
+def apart(case: Case, c: Fraction, factors: Any) -> None:
+    """Of agents that agree, V = e'((D - pi pi') (x) R)e: in every mode D L + L'D - 2 c (D - pi pi')
+    > 0 without the row and the column of the first agent, where pi > 0, pi'L = 0, pi'1 = 1 and D =
+    diag(pi) are the same in all modes."""
+    need(case.domain == "global" and case.n > 1, "couplings are not linear")
+    graphs = []
+    for arcs in case.modes.values():
+        L = identity(case.n, 0)
+        for i, j, weight, coupling, loose in arcs:
+            need(weight > 0 and j < case.n and not loose, "an arc is not positive, or not sure")
+            L[i][i] += weight * factors[coupling]
+            L[i][j] -= weight * factors[coupling]
+        graphs.append(L)
+    kept, _ = nullspace([row for L in graphs for row in transpose(L)], case.n)
+    need(len(kept) == 1, "there is no pi, or not one alone")
+    pi = [x / sum(kept[0]) for x in kept[0]]
+    need(min(pi) > 0, "a graph is not strongly connected")
+    D = diagonal([[[x]] for x in pi])
+    spread = plus(D, -1, product(transpose([pi]), [pi]))
+    for L in graphs:
+        left = plus(both_ways(product(D, L)), -2 * c, spread)
+        need(definite([row[1:] for row in left[1:]]), "differences do not decrease with that c")
 
 
 def spend(left: Any, w: Any, arc: tuple[int, int], slope: Any) -> None:

@@ -26,9 +26,10 @@ def linearisation_stage(
     # Where no pin reaches an agent, other checks say so.
     if loop.switches or any(unreached(loop, [arcs]) for arcs in loop.modes.values()):
         return []
-    # It says nothing of a region, and less than a proof with a Lyapunov function.
-    if (loop.starts is not None and not loop.is_linear) or any(
-        covers(loop, check, checks) for check in checks
+    # It says nothing of a region, and less than a proof with a Lyapunov function; but where agents
+    # agree such a proof has no factor, and its rate is the lower one.
+    if (loop.starts is not None and not loop.is_linear) or (
+        not loop.agrees and any(covers(loop, check, checks) for check in checks)
     ):
         return []
 

@@ -18,7 +18,7 @@ from dobc_design.loop.pairs import required_rows
 from dobc_design.verdict import Verdict
 
 from .decide import Weighted, why_not
-from .network import Alike, network_of
+from .network import Alike, alike_network
 
 
 def id_for(loop: Loop) -> str:
@@ -29,21 +29,23 @@ def id_for(loop: Loop) -> str:
 def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Claim:
     """What a proved check of this topic claims, for this problem."""
     alike = "R" in (check.exact or {})
-    names = ["D", "w"]
+    names = [] if alike and loop.agrees else ["D", "w"]
     if alike:
         names += ["c", "R"]
     elif loop.groups:
         names.append("P")
     values = read_object(check.exact, names)
-    # With R the weights are those of a network with one component.
-    size = loop.n if alike else loop.n * loop.m
-    # One D serves all modes, each has a w of its own.
-    known = read_object(values["w"], loop.modes)
-    w = {mode: vector_from_json(vector, size) for mode, vector in known.items()}
-    P = form_from_json(values["P"]) if "P" in names else None
-    weights = Weighted(D=vector_from_json(values["D"], size), w=w, P=P)
-    if not alike:
-        return weights
+    weights = None
+    if "D" in names:
+        # With R the weights are those of a network with one component.
+        size = loop.n if alike else loop.n * loop.m
+        # One D serves all modes, each has a w of its own.
+        known = read_object(values["w"], loop.modes)
+        w = {mode: vector_from_json(vector, size) for mode, vector in known.items()}
+        P = form_from_json(values["P"]) if "P" in names else None
+        weights = Weighted(D=vector_from_json(values["D"], size), w=w, P=P)
+        if not alike:
+            return weights
     return Alike(
         weights=weights, strength=read_rational(values["c"]), R=form_from_json(values["R"])
     )
@@ -59,11 +61,14 @@ def weighted_check(
     reason = why_not(statements)
     # Agents with dynamics that feel their neighbours alike may still have the other form.
     alike = isinstance(claim, Alike)
-    if reason is not None and not alike and isinstance(network_of(statements), Reason):
+    if reason is not None and not alike and isinstance(alike_network(statements), Reason):
         return undecided(reason, applies=False)
     if claim is None or not claim.holds(statements, W, rate=claimed(rate)):
-        return undecided("no weights D were found for which the condition is proved.")
+        form = "form R was" if statements.loop.agrees else "weights D were"
+        return undecided(f"no {form} found for which the condition is proved.")
     V = "e'(D (x) R)e" if alike else "e'De"
+    if statements.loop.agrees:
+        V = "e'((D - pi pi') (x) R)e"
     if statements.loop.groups:
         V += " + sum eps_i' P eps_i"
     pace = f", V' <= -2 ({text_below(rate)}) V" if rate else ""

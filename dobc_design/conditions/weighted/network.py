@@ -10,7 +10,7 @@ G) e near the target.  If
 
 then V' = e'(D (x) (A'R + R A) - (D M + M'D) (x) R G) e < -2 rate V.  The first condition is that of
 the weighted theorem for the network alone; and A - WC + rate I is Hurwitz, so that V + a sum
-eps_i'P eps_i falls for a large enough.
+eps_i'P eps_i falls for a large enough.  Of agents that agree ``agreement`` has another D.
 """
 
 from collections.abc import Mapping, Sequence
@@ -40,26 +40,27 @@ from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.loop.guarantee import Guarantee
 from dobc_design.loop.loop import Loop, pins_of, zero_goals
 
+from .agreement import Disagreement, disagreement_of
 from .decide import Weighted, network_holds
 
 
 @noun
 class Alike:
     """A claim as above: ``weights`` D and w of the network alone, whose rate is ``strength`` c; R
-    (m, m)."""
+    (m, m).  Of agents that agree there are no weights to claim (``agreement``)."""
 
-    weights: Weighted
+    weights: Weighted | None
     strength: Fraction
     R: Matrix
 
     def to_json(self) -> dict[str, Any]:
         """The exact values of a proved check."""
         own = {"c": number_text(self.strength), **fields_to_json(self, "R")}
-        return {**self.weights.to_json(), **own}
+        return own if self.weights is None else {**self.weights.to_json(), **own}
 
     def holds(self, statements: Statements, W: Matrix | None, *, rate: Fraction) -> bool:
         """Whether the claim proves V' < -2 rate V near the target, for the gain W (q, m)."""
-        network = network_of(statements)
+        network = alike_network(statements)
         if not isinstance(network, Network):
             return False
         # Errors of observers that decay faster than the rate are a summand of V (see above).
@@ -70,26 +71,42 @@ class Alike:
             return False
         if not holds_of_agents(self.R, network, self.strength, rate):
             return False
-        return network_holds(self.weights, network.statements, rate=self.strength)
+        if network.apart is not None:
+            return network.apart.falls(self.strength)
+        own, c = self.weights, self.strength
+        return own is not None and network_holds(own, network.statements, rate=c)
 
 
 @noun(eq=False)
 class Network:
-    """M of every mode as the ``statements`` of a problem with one component; A and G (m, m)."""
+    """M of every mode as the ``statements`` of a problem with one component; A and G (m, m);
+    ``apart``: where agents agree."""
 
     statements: Statements
     A: Matrix
     G: Matrix
+    apart: Disagreement | None = None
 
 
 def network_of(statements: Statements) -> Network | Reason:
     """The network of agents with dynamics, or why they do not feel their neighbours alike."""
-    loop = statements.loop
-    drift = loop.drift
     if statements.inapplicable is not None:
         return read_reason(statements.inapplicable)
+    return _alike(statements.loop)
+
+
+def alike_network(statements: Statements) -> Network | Reason:
+    """The same, also of agents that agree without a target, by linear couplings."""
+    loop = statements.loop
+    return _alike(loop) if loop.agrees else network_of(statements)
+
+
+def _alike(loop: Loop) -> Network | Reason:
+    drift = loop.drift
     if drift is None:
         return Reason(head="agents have no dynamics.", applies=False)
+    if loop.agrees and not loop.is_linear:
+        return Reason(head="it is for linear couplings and agents.", applies=False)
     arcs = (f for place, f in enumerate(loop.functions) if place != drift.place)
     slopes = [function.jacobian_at_zero() for function in arcs]
     if not all(x.is_point for each in slopes for row in each for x in row):
@@ -107,8 +124,11 @@ def network_of(statements: Statements) -> Network | Reason:
         return Reason(head=head, applies=False)
     if drift.place is not None:
         parts.insert(drift.place, ZERO)  # which no arc has
-    alone = _scalar_loop(loop, parts, gains)
-    return Network(statements=state_theorems(alone), A=drift.A, G=G)
+    alone = state_theorems(_scalar_loop(loop, parts, gains))
+    apart = disagreement_of(alone) if loop.agrees else None
+    if isinstance(apart, str):
+        return Reason(head=apart, applies=False)
+    return Network(statements=alone, A=drift.A, G=G, apart=apart)
 
 
 def _scalar_loop(

@@ -189,8 +189,10 @@ def promised_factor(claim: Weighted | Alike) -> float:
     """The square root of max D / min D, times that of the condition of R, about."""
     if isinstance(claim, Weighted):
         return math.sqrt(float(largest(claim.D)) / float(least(claim.D)))
-    D = claim.weights.D
-    ratio = float(largest(D)) / float(least(D))
+    ratio = 1.0
+    if claim.weights is not None:
+        D = claim.weights.D
+        ratio = float(largest(D)) / float(least(D))
     return math.sqrt(ratio * float(np.linalg.cond(to_float(claim.R))))
 
 

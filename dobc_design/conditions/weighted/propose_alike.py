@@ -119,7 +119,7 @@ class Forms:
         return rate
 
     def claim(
-        self, weights: Weighted, strength: float, R: Matrix | None, rate: float
+        self, weights: Weighted | None, strength: float, R: Matrix | None, rate: float
     ) -> Alike | None:
         """The claim with this R, if its conditions hold."""
         c = Fraction(repr(strength))
@@ -141,8 +141,13 @@ def alike_proposals(
     exosystem = loop.joint_exosystem
     if exosystem is not None and W is not None:
         slowest = decay_rate(exosystem, W)
-    yield from _soonest(forms, slowest, least)
-    for weights, strength in islice(proposals(network.statements, None, sooner=False), STRENGTHS):
+    strengths: Iterable[tuple[Weighted | None, float]]
+    if network.apart is None:
+        yield from _soonest(forms, slowest, least)
+        strengths = proposals(network.statements, None, sooner=False)
+    else:
+        strengths = [(None, shorten(SAFE * network.apart.strongest(), digits=6))]
+    for weights, strength in islice(strengths, STRENGTHS):
         if not forms.seems_to_do(strength, 0.0):
             continue
         best = forms.fastest(strength, steps=BISECTIONS)

@@ -367,7 +367,7 @@ def analyse(problem: Problem, *, gain: Gain | None = None) -> Analysis:
             spectrum = check_spectrum(exosystem.A, exosystem.C, W)
     # Where they feel their neighbours alike, the eigenvalues of the network alone are enough.
     alike = None
-    if problem.dynamics is not None and problem.n <= MAX_DENSE:
+    if problem.dynamics is not None and problem.n <= MAX_DENSE and problem.has_target:
         alike = network_of(state_theorems(loop))
     modes = tuple(problem.network.modes)
     return Analysis(

@@ -222,7 +222,7 @@ def _square_of_forms(
         first = largest(claim.D) * radius**2 + _errors(loop, claim.P, disturbance)
         return first / least(claim.D)
     # What estimation errors add to this V is not bounded here.
-    if isinstance(claim, Alike) and claim.weights is not None and not disturbance:
+    if isinstance(claim, Alike) and claim.weights and not disturbance:
         form = SparseSymmetric.from_dense(claim.R)
         first = largest(claim.weights.D) * eigenvalue_bound(form) * radius**2
         return first * tallest(form) / least(claim.weights.D)

@@ -80,7 +80,7 @@ def _of_claim(claim: Claim | None, loop: Loop) -> Fraction | None:
         return claim.factor(loop) * (1 + IN_HAND)
     if isinstance(claim, Weighted):
         return _root(_ratio(claim.D))
-    if isinstance(claim, Alike) and claim.weights is not None:
+    if isinstance(claim, Alike) and claim.weights:
         return _of_form(SparseSymmetric.from_dense(claim.R), _ratio(claim.weights.D))
     if isinstance(claim, Quadratic):
         return _of_form(claim.P_e)

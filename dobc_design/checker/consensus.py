@@ -469,8 +469,7 @@ def weighted(case: Case, check: Any) -> Any:
     """V = e'De + sum eps_i'P eps_i decreases at the rate."""
     need(not case.kinked, "a coupling has a kink, so the theorem does not apply")
     components_alike = case.B is not None and "R" in (check.exact or {})
-    about = not case.gap and (components_alike or not case.agrees)
-    need(about, "there is no target, so the theorem does not apply")
+    need(not case.gap and (components_alike or not case.agrees), "there is no single target")
     if case.signed:
         case = rows_of(case)
     proved = check.verdict == "proved" and check.witness is None
@@ -484,8 +483,7 @@ def weighted(case: Case, check: Any) -> Any:
     elif case.q:
         shape["P"] = matrix(case.q, case.q)
     claim = read(check.exact, shape)
-    named = case.agrees or set(claim.w) == set(case.modes)
-    need(named, "there is no vector for each mode")
+    need(case.agrees or set(claim.w) == set(case.modes), "there is no vector for each mode")
     decide = alike if components_alike else by_diagonal
     decide(case, claim, check.rate or ZERO)
     return claim
@@ -530,7 +528,6 @@ def alike(case: Case, claim: Any, b: Fraction) -> None:
     gains = [multiple(plus(case.gain(i), 1, case.drift), G) for i in case.nodes]
     falls(case, claim, G, b)
     if case.agrees:
-        need(not any(gains), "what agrees has no pins")
         apart(case, claim.c, factors)
         return
     D = claim.D
@@ -550,14 +547,15 @@ def apart(case: Case, c: Fraction, factors: Any) -> None:
     """Of agents that agree, V = e'((D - pi pi') (x) R)e: in every mode D L + L'D - 2 c (D - pi pi')
     > 0 without the row and the column of the first agent, where pi > 0, pi'L = 0, pi'1 = 1 and D =
     diag(pi) are the same in all modes."""
-    need(case.domain == "global" and case.n > 1, "couplings are not linear")
+    need(case.domain == "global", "couplings are not linear")
     graphs = []
     for arcs in case.modes.values():
         L = identity(case.n, 0)
         for i, j, weight, coupling, loose in arcs:
-            need(weight > 0 and j < case.n and not loose, "an arc is not positive, or not sure")
-            L[i][i] += weight * factors[coupling]
-            L[i][j] -= weight * factors[coupling]
+            need(weight > 0 and not loose, "an arc is not positive, or not sure")
+            g = weight * factors[coupling]
+            L[i][i] += g
+            L[i][j] -= g
         graphs.append(L)
     kept, _ = nullspace([row for L in graphs for row in transpose(L)], case.n)
     need(len(kept) == 1, "there is no pi, or not one alone")

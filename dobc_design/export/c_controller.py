@@ -45,7 +45,6 @@ from dobc_design.exact.matrix import (
 from dobc_design.exact.number import ONE, ZERO, number_text, parse_number
 from dobc_design.exact.polynomial import characteristic_polynomial, decide_images, disk_image
 from dobc_design.exact.reading import named, shown
-from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.loop.arrays import Gain, chosen_gain
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.dynamics import Dynamics
@@ -227,8 +226,8 @@ def _held(problem: Problem, dynamics: Dynamics, loop: Matrix, written: Step) -> 
 def _symmetric_in_unit_disk(F: Matrix) -> Verdict:
     """The same for a symmetric F: all eigenvalues inside iff I - F > 0 and I + F > 0."""
     one = identity(len(F))
-    below = SparseSymmetric.from_dense(subtract(one, F))
-    above = SparseSymmetric.from_dense(add(one, F))
+    below = subtract(one, F)
+    above = add(one, F)
     strict = [decide_positive_definite(each).verdict for each in (below, above)]
     if all(verdict is Verdict.PROVED for verdict in strict):
         return Verdict.PROVED

@@ -30,7 +30,6 @@ from dobc_design.exact.reading import (
     shown,
     shown_number,
 )
-from dobc_design.exact.symmetric import SparseSymmetric
 
 from .dynamics import Dynamics
 from .network import Network, meant, one_form
@@ -134,8 +133,7 @@ class GainForm:
         if not self.pulling:
             return
         # e'ke = e'(k + k')e/2: only the symmetric part pulls.
-        symmetric = SparseSymmetric.from_dense(add(gain, transpose(gain)))
-        if decide_positive_semidefinite(symmetric).is_proved:
+        if decide_positive_semidefinite(add(gain, transpose(gain))).is_proved:
             return
         raise about(
             key,

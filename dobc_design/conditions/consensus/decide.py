@@ -369,7 +369,7 @@ def psi_is_negative(
 ) -> bool:
     """Whether P > 0 and Psi(J) + 2 rate diag(I, I (x) P) + margin diag(I, 0) < 0 is proved for
     every mode."""
-    if not decide_positive_definite(SparseSymmetric.from_dense(pair.P)).is_proved:
+    if not decide_positive_definite(pair.P).is_proved:
         return False
     S = schur_block(pair, exosystem, rate=rate)
     if S is None:

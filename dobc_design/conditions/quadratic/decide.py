@@ -110,7 +110,7 @@ def verify_lure(loop: Loop, lure: Lure) -> LureDecision:
         return refuted(step="P_e", reason="P_e is not positive definite.", witness=positive.witness)
     S = border_of(loop, lure, lure.rate)
     if lure.P is not None:
-        own = decide_positive_definite(SparseSymmetric.from_dense(lure.P))
+        own = decide_positive_definite(lure.P)
         if S is None or not own.is_proved:
             return refuted(
                 step="observer",

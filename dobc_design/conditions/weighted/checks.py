@@ -18,7 +18,7 @@ from dobc_design.loop.pairs import required_rows
 from dobc_design.verdict import Verdict
 
 from .decide import Weighted, why_not
-from .network import Alike, alike_network
+from .network import Alike, network_of
 
 
 def id_for(loop: Loop) -> str:
@@ -61,7 +61,7 @@ def weighted_check(
     reason = why_not(statements)
     # Agents with dynamics that feel their neighbours alike may still have the other form.
     alike = isinstance(claim, Alike)
-    if reason is not None and not alike and isinstance(alike_network(statements), Reason):
+    if reason is not None and not alike and isinstance(network_of(statements), Reason):
         return undecided(reason, applies=False)
     if claim is None or not claim.holds(statements, W, rate=claimed(rate)):
         form = "form R was" if statements.loop.agrees else "weights D were"

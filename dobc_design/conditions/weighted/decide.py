@@ -31,7 +31,7 @@ from dobc_design.exact.definite import decide_positive_definite
 from dobc_design.exact.matrix import Matrix, Vector, is_symmetric, multiply, row_norm
 from dobc_design.exact.number import ZERO
 from dobc_design.exact.reading import Document
-from dobc_design.exact.symmetric import Doubles, SparseSymmetric, least
+from dobc_design.exact.symmetric import Doubles, least
 from dobc_design.loop.loop import Loop
 from dobc_design.problem.groups import blocks_of, group_blocks, group_numbers
 
@@ -114,7 +114,7 @@ def observer_bounds(
         return (ZERO,)
     if P is None or W is None or not is_symmetric(P) or len(P) != exosystem.order:
         return None
-    if not decide_positive_definite(SparseSymmetric.from_dense(P)).is_proved:
+    if not decide_positive_definite(P).is_proved:
         return None
     # A P that mixes groups says nothing of a group by itself.
     orders = [(group.exosystem.order,) * 2 for group in loop.groups]

@@ -10,7 +10,14 @@ G) e near the target.  If
 
 then V' = e'(D (x) (A'R + R A) - (D M + M'D) (x) R G) e < -2 rate V.  The first condition is that of
 the weighted theorem for the network alone; and A - WC + rate I is Hurwitz, so that V + a sum
-eps_i'P eps_i falls for a large enough.  Of agents that agree ``agreement`` has another D.
+eps_i'P eps_i falls for a large enough.
+
+Where agents agree (theory, section 16) D - pi pi' takes the place of D = diag(pi), where pi > 0 has
+pi'L = 0 in every mode and the sum 1.  It is computed here, and no claim states it.  V is the sum of
+pi_i pi_j (e_i - e_j)'R(e_i - e_j) over all pairs of agents: 0 iff all agree.  (D - pi pi')L = D L,
+and rows of D L + L'D and of D - pi pi' add up to 0, so that the first condition is
+
+    D L + L'D - 2 c (D - pi pi') + pi pi' > 0 in every mode
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,8 +25,13 @@ from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import eigvalsh
+
 from dobc_design._checks import noun
-from dobc_design.conditions.consensus.claim import Statements, state_theorems
+from dobc_design.conditions.consensus.claim import Statements, linearisation, state_theorems
+from dobc_design.conditions.consensus.network import name_agents
 from dobc_design.conditions.numbers import fields_to_json
 from dobc_design.conditions.observer.decide import error_matrix, hurwitz_with_rate
 from dobc_design.conditions.reason import Reason, read_reason
@@ -31,23 +43,24 @@ from dobc_design.exact.matrix import (
     is_symmetric,
     multiple_of,
     multiply,
+    nullspace,
     scale,
     subtract,
     transpose,
 )
 from dobc_design.exact.number import ZERO, number_text
-from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.loop.guarantee import Guarantee
 from dobc_design.loop.loop import Loop, pins_of, zero_goals
 
-from .agreement import Disagreement, disagreement_of
 from .decide import Weighted, network_holds
+
+MOST_AGENTS = 200  # that agree: of these the exact pi, whose digits grow with them, is computed
 
 
 @noun
 class Alike:
     """A claim as above: ``weights`` D and w of the network alone, whose rate is ``strength`` c; R
-    (m, m).  Of agents that agree there are no weights to claim (``agreement``)."""
+    (m, m).  Of agents that agree there are no weights to claim."""
 
     weights: Weighted | None
     strength: Fraction
@@ -60,7 +73,7 @@ class Alike:
 
     def holds(self, statements: Statements, W: Matrix | None, *, rate: Fraction) -> bool:
         """Whether the claim proves V' < -2 rate V near the target, for the gain W (q, m)."""
-        network = alike_network(statements)
+        network = network_of(statements)
         if not isinstance(network, Network):
             return False
         # Errors of observers that decay faster than the rate are a summand of V (see above).
@@ -71,10 +84,31 @@ class Alike:
             return False
         if not holds_of_agents(self.R, network, self.strength, rate):
             return False
-        if network.apart is not None:
+        if network.apart:
             return network.apart.falls(self.strength)
-        own, c = self.weights, self.strength
-        return own is not None and network_holds(own, network.statements, rate=c)
+        return self.weights is not None and network_holds(
+            self.weights, network.statements, rate=self.strength
+        )
+
+
+@noun(eq=False)
+class Disagreement:
+    """D - pi pi' is the ``spread``, D L + L'D + pi pi' of each mode one of ``pulls``: (n, n), of
+    fractions."""
+
+    spread: NDArray[Any]
+    pulls: tuple[NDArray[Any], ...]
+
+    def strongest(self) -> float:
+        """The largest c (1/s), about."""
+        spread = self.spread.astype(float)
+        ends = (eigvalsh(spread, pull.astype(float))[-1] for pull in self.pulls)
+        return 0.5 / float(max(ends))
+
+    def falls(self, strength: Fraction) -> bool:
+        """Whether the condition above holds in every mode for the ``strength`` c (1/s)."""
+        forms = (tuple(map(tuple, pull - 2 * strength * self.spread)) for pull in self.pulls)
+        return all(decide_positive_definite(form).is_proved for form in forms)
 
 
 @noun(eq=False)
@@ -85,24 +119,16 @@ class Network:
     statements: Statements
     A: Matrix
     G: Matrix
-    apart: Disagreement | None = None
+    apart: Disagreement | None
 
 
 def network_of(statements: Statements) -> Network | Reason:
     """The network of agents with dynamics, or why they do not feel their neighbours alike."""
-    if statements.inapplicable is not None:
-        return read_reason(statements.inapplicable)
-    return _alike(statements.loop)
-
-
-def alike_network(statements: Statements) -> Network | Reason:
-    """The same, also of agents that agree without a target, by linear couplings."""
     loop = statements.loop
-    return _alike(loop) if loop.agrees else network_of(statements)
-
-
-def _alike(loop: Loop) -> Network | Reason:
     drift = loop.drift
+    # Agents that agree have slopes, too, but no target.
+    if statements.inapplicable is not None and not loop.agrees:
+        return read_reason(statements.inapplicable)
     if drift is None:
         return Reason(head="agents have no dynamics.", applies=False)
     if loop.agrees and not loop.is_linear:
@@ -158,6 +184,38 @@ def _scalar_loop(
     )
 
 
+def disagreement_of(network: Statements) -> Disagreement | str:
+    """The forms of the network alone, or why there are none."""
+    n = network.loop.n
+    if network.jacobians is None or n > MOST_AGENTS:
+        return f"it is decided for up to {MOST_AGENTS} agents."
+    tables = []
+    for mode in network.jacobians.modes:
+        if mode.pulls.gains or not (mode.is_point and mode.is_nonnegative_diagonal):
+            return "it is for arcs of positive weight that are always there."
+        J = np.full((n, n), ZERO)
+        for place, slope in linearisation(mode, 1).items():
+            J[place] = slope
+        tables.append(J)
+    found = nullspace(tuple(map(tuple, np.hstack(tables).T)))
+    if not found:
+        return "the modes keep different weighted means of the states."
+    # Of an agent that does not reach all others pi is 0, or pi is not the only one.
+    named = zip(network.loop.labels, transpose(found), strict=True)
+    unheard = [label for label, entries in named if not all(entries)]
+    if unheard:
+        return (
+            f"{name_agents(unheard)} cannot be heard by all others: a graph is not strongly "
+            "connected."
+        )
+    pi = np.array(found[0]) / sum(found[0])
+    outer = np.outer(pi, pi)
+    pulled = (pi[:, None] * J for J in tables)
+    return Disagreement(
+        spread=np.diag(pi) - outer, pulls=tuple(outer - each - each.T for each in pulled)
+    )
+
+
 def holds_of_agents(R: Matrix, network: Network, strength: Fraction, rate: Fraction) -> bool:
     """The three conditions on R."""
     # Neighbours pull with R G: it has to be symmetric and >= 0.
@@ -168,9 +226,5 @@ def holds_of_agents(R: Matrix, network: Network, strength: Fraction, rate: Fract
     pulled = subtract(add(RA, transpose(RA)), scale(2 * strength, RG))
     F = add(pulled, scale(2 * rate, R))
     # R > 0 and A'R + R A - 2 c R G + 2 rate R < 0
-    for matrix in (R, scale(-1, F)):
-        symmetric = SparseSymmetric.from_dense(matrix)
-        if not decide_positive_definite(symmetric).is_proved:
-            return False
-    pull = SparseSymmetric.from_dense(RG)
-    return decide_positive_semidefinite(pull).is_proved
+    forms = (decide_positive_definite(matrix) for matrix in (R, scale(-1, F)))
+    return all(form.is_proved for form in forms) and decide_positive_semidefinite(RG).is_proved

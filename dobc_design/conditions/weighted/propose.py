@@ -189,11 +189,8 @@ def promised_factor(claim: Weighted | Alike) -> float:
     """The square root of max D / min D, times that of the condition of R, about."""
     if isinstance(claim, Weighted):
         return math.sqrt(float(largest(claim.D)) / float(least(claim.D)))
-    ratio = 1.0
-    if claim.weights is not None:
-        D = claim.weights.D
-        ratio = float(largest(D)) / float(least(D))
-    return math.sqrt(ratio * float(np.linalg.cond(to_float(claim.R))))
+    of_weights = 1.0 if claim.weights is None else promised_factor(claim.weights)
+    return of_weights * math.sqrt(float(np.linalg.cond(to_float(claim.R))))
 
 
 def even_weights(tables: Tables, rate: float) -> Array | None:

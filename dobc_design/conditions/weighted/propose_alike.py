@@ -142,11 +142,11 @@ def alike_proposals(
     if exosystem is not None and W is not None:
         slowest = decay_rate(exosystem, W)
     strengths: Iterable[tuple[Weighted | None, float]]
-    if network.apart is None:
+    if network.apart:
+        strengths = [(None, shorten(SAFE * network.apart.strongest(), digits=6))]
+    else:
         yield from _soonest(forms, slowest, least)
         strengths = proposals(network.statements, None, sooner=False)
-    else:
-        strengths = [(None, shorten(SAFE * network.apart.strongest(), digits=6))]
     for weights, strength in islice(strengths, STRENGTHS):
         if not forms.seems_to_do(strength, 0.0):
             continue

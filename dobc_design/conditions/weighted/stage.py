@@ -20,7 +20,7 @@ from dobc_design.loop.loop import Loop
 
 from .checks import id_for, weighted_check
 from .decide import Weighted, why_not
-from .network import Alike, Network, alike_network
+from .network import Alike, Network, network_of
 from .propose import disagreeing, promised_factor, proposals
 from .propose_alike import MOST_STATES, alike_proposals
 
@@ -47,7 +47,7 @@ def weighted_stage(statements: Statements, W: Matrix | None, *, rate: float = 0.
     modes = loop.modes
     id = id_for(loop)
     # Where gains are not diagonal, agents may still feel their neighbours alike.
-    network = alike_network(statements) if why_not(statements) is not None else None
+    network = network_of(statements) if why_not(statements) is not None else None
     if isinstance(network, Reason):
         # Where agents agree the theorem has no other form.
         why = undecided_check(id, statements.domain, str(network), applies=False)

@@ -271,7 +271,7 @@ def weaker(problem: Problem, rate: float) -> float | None:
     """So many times all couplings and gains would keep this rate (1/s), as the eigenvalues of the
     linearisation say; None where they are not computed."""
     network = network_of(state_theorems(loop_of(problem)))
-    if isinstance(network, Reason) or problem.n > MOST_AGENTS:
+    if isinstance(network, Reason) or problem.n > MOST_AGENTS or network.apart:
         return None
     A = to_float(network.A)
     G = to_float(network.G)

@@ -9,6 +9,7 @@ beta y2 have an R iff beta^2 / alpha > 1 / c.
 import json
 import math
 import random
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -41,6 +42,11 @@ def double_integrators(beta: float, n: int) -> Problem:
 
 def backwards(n: int) -> list[Any]:
     return [[j, i] for i, j in around(n)]
+
+
+def following(n: int) -> list[Any]:
+    """A ring of n agents, which agent 1 is none of."""
+    return [[i + 1, j + 1] for i, j in around(n)]
 
 
 def weighed(n: int) -> list[Any]:
@@ -144,6 +150,13 @@ def test_modes_with_one_pi_have_one_v():
     assert certificate.rate == pytest.approx(strength(31), rel=2e-3)
 
 
+def test_a_function_of_one_arc_counts_as_its_weight():
+    own = confirmed(agreeing(around(31), 31, exceptions={(1, 2): "y/3"}))
+    heavier = confirmed(agreeing([[1, 2, Fraction(1, 3)], *around(31)[1:]], 31))
+    assert own.rate == heavier.rate
+    assert own.rate != certify(agreeing(around(31), 31)).rate
+
+
 def test_an_observer_is_no_faster_than_its_own_error():
     exosystem = Exosystem(A=[[0, 1], [-1, 0]], C=[[1, 0]])
     problem = agreeing(around(31), 31, DOUBLE, coupling=["y1 + 10*y2"], exosystem=exosystem)
@@ -218,6 +231,7 @@ def test_both_programs_accept_a_claim_that_is_more_modest(ring: tuple[Problem, C
     ("arcs", "n", "coupling"),
     [
         ([*around(31), [32, 1]], 32, "y"),
+        ([[1, 2], *following(31)], 32, "y"),
         ([*around(31)[:-1], [31, 32], [32, 31]], 32, "y"),
         ({"A": around(31), "B": weighed(31)}, 31, "y"),
         (around(31), 31, "sin(y)"),

@@ -312,8 +312,7 @@ class _Gatherer:
         # which quadratic certificate a ``lure`` check holds
         lure = check.claim
         if isinstance(lure, Lure):
-            method = {"interval": "interval bound, ", "vertices": "corners, "}.get(lure.method, "")
-            variant = f"{method}P_e {'= c I' if lure.shape == 'identity' else lure.shape}"
+            variant = f"P_e {lure.shape}"
         # Without a region nothing is asked that could be covered.
         covering = False
         if kind != "none" and self.asked is not None:

@@ -4,7 +4,6 @@ ranges."""
 import ast
 import itertools
 import re
-from collections.abc import Iterator
 from fractions import Fraction
 from functools import partial
 from typing import Any, NamedTuple
@@ -50,7 +49,6 @@ from .saturation import to_target
 from .separable import starts
 
 ROWS = 100  # of a quadratic certificate at most
-VERTICES = 12  # channels whose choices are all tried, at most
 Ranges = dict[Coupling, Any]  # the gains [lo, hi] of a coupling, m x m of them
 
 
@@ -95,6 +93,7 @@ def read_quadratic(case: Case, exact: Any, rate: Fraction | None = None) -> Any:
     if case.q:
         shape["P"] = matrix(case.q, case.q)
     claim = read(exact, shape)
+    need(claim.method == "lure", "the method is no longer decided; certify again")
     need(claim.rate >= 0, "the rate is negative")
     allowed = rate is None or 0 < rate <= claim.rate
     need(allowed, "the rate is not between 0 and that of the inequality")
@@ -106,14 +105,13 @@ def read_quadratic(case: Case, exact: Any, rate: Fraction | None = None) -> Any:
     reach = None if everywhere else [claim.radius] * m
     ranges = read_ranges(case, claim, dict.fromkeys(case.functions, reach))
     costs = noise(case, claim)
-    scaled = set(case.modes) if claim.method == "lure" else set()
-    need(set(claim.multipliers) == scaled, "there are other multipliers")
+    need(set(claim.multipliers) == set(case.modes), "there are other multipliers")
     for mode in case.modes:
-        found = channels(case, mode, ranges)
-        multipliers = claim.multipliers.get(mode, [])
+        gains = channels(case, mode, ranges)
+        taus = read(claim.multipliers[mode], (rational,) * len(gains))
         # the same P_e in every mode: V decreases however the signal switches
-        for X in inequalities(case, claim, found, multipliers, costs):
-            need(definite(X, -1), "V is not shown to decrease")
+        X = inequality(case, claim, gains, taus, costs)
+        need(definite(X, -1), "V is not shown to decrease")
     # where no level bounds e the gains have to hold for all y
     if everywhere:
         need(case.domain == "global", "it has no level, and the couplings are not all linear")
@@ -376,51 +374,17 @@ def channels(loop: Loop, mode: str, ranges: Ranges) -> list[Channel]:
     return found
 
 
-def inequalities(
-    loop: Loop, claim: Any, gains: list[Channel], multipliers: Any, costs: Matrix
-) -> Iterator[Matrix]:
-    """The matrices that have to be negative definite in a mode."""
+def inequality(loop: Loop, claim: Any, gains: list[Channel], taus: Vector, costs: Matrix) -> Matrix:
+    """The matrix that has to be negative definite in a mode."""
     P_e = claim.P_e
-    method = claim.method
-    need(
-        method in ("lure", "interval", "vertices"),
-        "the method is none of lure, interval and vertices",
-    )
     size = len(P_e)
+    # A0, I (x) S + sum b b'/(2 tau), and sum 2 tau D^2 z z' with the row and column of the target
     A = [[*row, ZERO] for row in opposite(diagonal([*map(loop.gain, loop.nodes)]))]
-    for channel in gains:
-        act(A, channel, channel.g0)
-    taus = read(multipliers, (rational,) * (len(gains) if method == "lure" else 0))
-    M = costs
-    extra = identity(size, 0)
-    if method == "lure":
-        M, extra = by_multipliers(gains, taus, costs)
-    elif method == "interval":
-        extra = by_intervals(gains, P_e)
-    quadratic = plus(product(product(P_e, M), P_e), 1, extra)
-    # V' is affine in each gain: the corners decide
-    free = [channel for channel in gains if channel.D and method == "vertices"]
-    need(len(free) <= VERTICES, "there are too many vertices")
-    for signs in itertools.product((-1, 1), repeat=len(free)):
-        corner = [list(row) for row in A]
-        for sign, channel in paired(signs, free):
-            act(corner, channel, sign * channel.D)
-        half = plus(product(P_e, [row[:size] for row in corner]), claim.rate, P_e)
-        yield plus(both_ways(half), 1, quadratic)
-
-
-def act(A: Matrix, channel: Channel, gain: Fraction) -> None:
-    """Add a gain of a channel to A; the last column is that of the target."""
-    A[channel.b][channel.other] += gain
-    A[channel.b][channel.own] -= gain
-
-
-def by_multipliers(gains: list[Channel], taus: Vector, costs: Matrix) -> tuple[Matrix, Matrix]:
-    """I (x) S + sum b b'/(2 tau), and sum 2 tau D^2 z z'."""
-    size = len(costs)
     M = [list(row) for row in costs]
-    extra = identity(size + 1, 0)  # with the row and column of the target
-    for (b, own, other, _, D), tau in paired(gains, taus):
+    extra = identity(size + 1, 0)
+    for (b, own, other, g0, D), tau in paired(gains, taus):
+        A[b][other] += g0
+        A[b][own] -= g0
         need(tau > 0 if D else tau == 0, "a multiplier is not positive")
         if not D:
             continue
@@ -431,19 +395,6 @@ def by_multipliers(gains: list[Channel], taus: Vector, costs: Matrix) -> tuple[M
         extra[other][other] += square
         extra[own][other] -= square
         extra[other][own] -= square
-    return M, [row[:size] for row in extra[:size]]
-
-
-def by_intervals(gains: list[Channel], P_e: Matrix) -> Matrix:
-    """diag(r): the row sums of D |P_e b z' + z b'P_e|."""
-    size = len(P_e)
-    extra = identity(size, 0)
-    for b, own, other, _, D in gains:
-        if not D:
-            continue
-        z = {own: -1, other: 1}
-        for x in range(size):
-            for y in range(size):
-                entry = P_e[x][b] * z.get(y, 0) + z.get(x, 0) * P_e[y][b]
-                extra[x][x] += D * abs(entry)
-    return extra
+    half = plus(product(P_e, [row[:size] for row in A]), claim.rate, P_e)
+    quadratic = plus(product(product(P_e, M), P_e), 1, [row[:size] for row in extra[:size]])
+    return plus(both_ways(half), 1, quadratic)

@@ -89,6 +89,18 @@ def gap_obstacle(loop: Loop) -> str | None:
     return f"{APART}it is about one target, and the fixed nodes differ or move."
 
 
+def shares_obstacle(loop: Loop) -> str | None:
+    """Why the decrease of V = sum d_i e_i'e_i cannot be shared out among arcs; None if it can."""
+    if loop.is_apart and loop.groups:
+        return f"{APART}two agents that differ have two estimation errors."
+    curve = loop.drift_place
+    alone = None if curve is None else loop.functions[curve]
+    couplings = (h for h in loop.functions if h is not alone)
+    if (alone is not None and loop.m > 1) or not all(h.by_component for h in couplings):
+        return f"{APART}components act on each other."
+    return None
+
+
 def observer_obstacle(loop: Loop, W: Matrix | None) -> str | None:
     """Why no proof that counts the estimation error applies; None where it is bounded, or there is
     none."""

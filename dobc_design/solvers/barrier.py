@@ -33,13 +33,11 @@ _RIDGES: Final = (1e-14, 1e-11, 1e-8)
 
 @noun(eq=False)
 class Basis:
-    """Which symmetric Y (n, n) are allowed: entries (rows, columns) above; ``tied``: one number for
-    the diagonal."""
+    """Which symmetric Y (n, n) are allowed: entries (rows, columns) above."""
 
     n: int
     rows: Indices
     columns: Indices
-    tied: bool = False
     weights: Array = field(init=False, repr=False)  # each entry beside the diagonal counts twice
 
     def __post_init__(self) -> None:
@@ -47,11 +45,9 @@ class Basis:
 
     @property
     def size(self) -> int:
-        return 1 if self.tied else len(self.rows)
+        return len(self.rows)
 
     def matrix(self, y: Array) -> Array:
-        if self.tied:
-            return np.asarray(y[0] * np.eye(self.n))
         Y = np.zeros((self.n, self.n))
         Y[self.rows, self.columns] = y
         Y[self.columns, self.rows] = y
@@ -59,36 +55,27 @@ class Basis:
 
     def unknowns(self, Y: Array) -> Array:
         """The numbers that ``matrix`` makes Y of."""
-        if self.tied:
-            return np.asarray([np.mean(np.diag(Y))])
         return np.asarray(Y[self.rows, self.columns])
 
     def traces(self, M: Array) -> Array:
         """tr(E M) for every unit matrix E of the basis, M any (n, n)."""
         i, j = self.rows, self.columns
         both = M[i, j] + M[j, i]
-        return self._tie(both * self.weights)
+        return both * self.weights
 
     def products(self, M: Array, N: Array) -> Array:
         """p_i q_j + p_j q_i of every unit matrix (i, j) and column p of M, q of N: p'E q, (size,
         columns)."""
         i = self.rows
         j = self.columns
-        if np.array_equal(i, j):
-            return self._tie(M[i] * N[i])
         both = M[i] * N[j] + M[j] * N[i]
-        return self._tie(both * self.weights[:, None])
+        return both * self.weights[:, None]
 
     def quadratic(self, *pairs: tuple[Array, Array]) -> Array:
         """The sum of tr(M E N E') over the pairs (M, N), for all pairs of unit matrices E, E',
         (size, size)."""
         i = self.rows
         j = self.columns
-        if np.array_equal(i, j):
-            total = np.zeros((self.n, self.n))
-            for M, N in pairs:
-                total += M.T * N
-            return self._tie(self._tie(total).T)
         total = np.zeros((len(i), len(i)))
         for M, N in pairs:
             # E and E' have two entries each: four products of entries of M and of N.
@@ -103,17 +90,14 @@ class Basis:
         total *= self.weights
         return total
 
-    def _tie(self, values: Array) -> Array:
-        return np.sum(values, axis=0, keepdims=True) if self.tied else values
-
 
 def make_basis(n: int, shape: str) -> Basis:
-    """The basis of a shape: "identity", "diagonal" or "full"."""
+    """The basis of a shape: "diagonal" or "full"."""
     if shape == "full":
         rows, columns = np.triu_indices(n)
         return Basis(n=n, rows=rows, columns=columns)
     places = np.arange(n)
-    return Basis(n=n, rows=places, columns=places, tied=shape == "identity")
+    return Basis(n=n, rows=places, columns=places)
 
 
 @noun(eq=False)

@@ -66,7 +66,7 @@ def curved() -> tuple[Problem, Certificate]:
     return problem, replace(certificate, claims=replace(certificate.claims, checks=checks))
 
 
-SIZES = {"method": "interval", "level": "5/2", "radius": "1", "rate": "1/4"}
+SIZES = {"method": "lure", "level": "5/2", "radius": "1", "rate": "1/4"}
 FORMS = {"P": [["2"]], "P_e": [[0, 0, "2"], [0, 1, "1/2"], [1, 1, "1"], [2, 2, "3"]]}
 SECTOR = {"coupling": 0, "gains": [[["1", "4"]]]}
 QUADRATIC = Check(
@@ -75,7 +75,7 @@ QUADRATIC = Check(
     domain=Ball(0.5, 0.25),
     rate=0.25,
     reason="",
-    claim=Values(SIZES | FORMS | {"multipliers": {}, "ranges": [SECTOR]}),
+    claim=Values(SIZES | FORMS | {"multipliers": {"G": []}, "ranges": [SECTOR]}),
 )
 
 

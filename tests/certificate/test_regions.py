@@ -108,7 +108,7 @@ def test_a_ball_holds_a_box_that_is_smaller_by_the_root_of_its_dimension():
     assert claim.kind == "ball"
     assert claim.box == 1.0
     assert claim.ball == 2.0
-    assert claim.variant == "P_e = c I"
+    assert claim.variant == "P_e diagonal"
 
 
 def test_a_box_holds_the_ball_of_its_radius_and_the_box_in_a_ball_is_rounded_down():

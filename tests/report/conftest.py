@@ -291,7 +291,7 @@ def asked_for(problem_with, certificate_of) -> dict[str, Any]:
     delay = one("delay", proved, box, "late.", rate=0.1, claim=late)
     diagonal = {(i, i): Fraction(1 + i) for i in range(10)}
     P_e = SparseSymmetric(10, diagonal)
-    claim = Lure(method="vertices", P_e=P_e, ranges=(), radius=Fraction(1), level=Fraction(2))
+    claim = Lure(P_e=P_e, ranges=(), radius=Fraction(1), level=Fraction(2))
     ball = Ball(1.079, 0.5)
     why = (
         "from every start in a ball V decays. Beyond, and this takes several lines, no "

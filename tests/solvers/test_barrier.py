@@ -15,7 +15,7 @@ from dobc_design.conditions.quadratic.propose_program import (
 from dobc_design.loop.make import loop_of
 from dobc_design.solvers.barrier import Block, Inequalities, centre, make_basis, minimise
 
-SHAPES = ("identity", "diagonal", "full")
+SHAPES = ("diagonal", "full")
 
 
 def programs(shape: str) -> list[tuple[Inequalities, np.ndarray]]:

@@ -14,7 +14,7 @@ from dobc_design.conditions.domain import Ball, Box, Domain
 from dobc_design.conditions.numbers import follows
 from dobc_design.conditions.quadratic.decide import border_of, room_of
 from dobc_design.conditions.quadratic.sectors import gains_at
-from dobc_design.conditions.reason import APART, gap_obstacle, observer_obstacle
+from dobc_design.conditions.reason import gap_obstacle, observer_obstacle, shares_obstacle
 from dobc_design.conditions.separable.large import down, floats_around, gain_table, up
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
 from dobc_design.exact.interval import UndefinedError
@@ -35,14 +35,7 @@ ROOTS = 10**9  # roots are rounded up to multiples of 1/ROOTS
 
 def obstacle(loop: Loop, W: Matrix | None) -> str | None:
     """Why no arc-wise certificate applies to the loop with the gain W (q, m); None if one does."""
-    if loop.is_apart and loop.groups:
-        return f"{APART}two agents that differ have two estimation errors."
-    curve = loop.drift_place
-    alone = None if curve is None else loop.functions[curve]
-    couplings = (h for h in loop.functions if h is not alone)
-    if (alone is not None and loop.m > 1) or not all(h.by_component for h in couplings):
-        return f"{APART}components act on each other."
-    return observer_obstacle(loop, W) or gap_obstacle(loop)
+    return shares_obstacle(loop) or observer_obstacle(loop, W) or gap_obstacle(loop)
 
 
 def why_not(loop: Loop, claim: ArcWise) -> str | None:

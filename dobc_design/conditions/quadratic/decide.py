@@ -50,32 +50,13 @@ from dobc_design.loop.arcs import unreached
 from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Decided, Verdict
 
-from .claim import (
-    METHODS,
-    Lure,
-    Quadratic,
-    interval_matrix,
-    lure_matrix,
-    observer_from_json,
-    vertex_matrices,
-)
-from .sectors import (
-    Sectors,
-    build_sectors,
-    left_open,
-    ranges_from_json,
-)
+from .claim import METHOD, Lure, Quadratic, lure_matrix, observer_from_json
+from .sectors import build_sectors, left_open, ranges_from_json
 
 # How far above its estimate a bound on an eigenvalue is tried, relative to the largest one.
 RISE = (Fraction(1, 10**9), Fraction(1, 10**6), Fraction(1, 1000), ONE)
 IN_HAND = 1e-6  # of a ball, for a second program with its own bounds of eigenvalues
 _DIGITS = 6
-IN_WORDS = {"identity": "P_e = I", "diagonal": "a diagonal P_e", "full": "a full P_e"}
-_DEVICES = {
-    "lure": "multipliers",
-    "interval": "an interval bound",
-    "vertices": "the corners of all gains",
-}
 _LURE = ("method", "P_e", "level", "radius", "ranges", "multipliers", "rate")
 
 
@@ -117,15 +98,16 @@ def verify_lure(loop: Loop, lure: Lure) -> LureDecision:
                 reason="P > 0 and Omega0 + 2 rate P < 0 do not hold for this pair (P, Q).",
             )
     for mode in sectors.modes:
-        for matrix in _inequalities(sectors, mode, lure, S):
-            decision = decide_positive_definite(matrix.negated())
-            if not decision.is_proved:
-                return refuted(
-                    step="inequality",
-                    mode=mode,
-                    reason=f"the matrix inequality fails in mode {mode} for these multipliers.",
-                    witness=decision.witness,
-                )
+        taus = lure.multipliers.get(mode, ())
+        matrix = lure_matrix(sectors, mode, lure.P_e, taus, rate=lure.rate, S=S)
+        decision = decide_positive_definite(matrix.negated())
+        if not decision.is_proved:
+            return refuted(
+                step="inequality",
+                mode=mode,
+                reason=f"the matrix inequality fails in mode {mode} for these multipliers.",
+                witness=decision.witness,
+            )
     if not region_holds(lure, loop):
         return refuted(
             step="region",
@@ -143,21 +125,6 @@ def verify_lure(loop: Loop, lure: Lure) -> LureDecision:
     return LureDecision(verdict=Verdict.PROVED, reason=reason)
 
 
-def _inequalities(
-    sectors: Sectors, mode: str, lure: Lure, S: Matrix | None
-) -> Iterator[SparseSymmetric]:
-    """The matrices that have to be negative definite in one mode: a single one, or one for every
-    corner of the gains."""
-    rate = lure.rate
-    if lure.method == "vertices":
-        yield from vertex_matrices(sectors, mode, lure.P_e, rate=rate, S=S)
-    elif lure.method == "interval":
-        yield interval_matrix(sectors, mode, lure.P_e, rate=rate, S=S)
-    else:
-        multipliers = lure.multipliers.get(mode, ())
-        yield lure_matrix(sectors, mode, lure.P_e, multipliers, rate=rate, S=S)
-
-
 def region_holds(lure: Lure, loop: Loop) -> bool:
     """Whether {e'P_e e <= level} keeps every |e_j - e_i| within the radius: level c'P_e^-1 c <=
     radius^2.  P_e > 0 has to be known.  Without a level no range may need a radius."""
@@ -166,26 +133,16 @@ def region_holds(lure: Lure, loop: Loop) -> bool:
     places = channels.relied_differences(loop)
     if lure.level is None:
         return not places
-    # Without places nothing is inverted, which takes long.
-    widths = differences(lure.P_e, places) if places else ()
-    return all(lure.level * width <= lure.radius**2 for width in widths)
+    return all(lure.level * width <= lure.radius**2 for width in differences(lure.P_e, places))
 
 
 def differences(P_e: SparseSymmetric, places: Iterable[tuple[int, int]]) -> Iterator[Fraction]:
     """c'P_e^-1 c for c = u_j - u_i, exactly: the square of the largest c'e on {e'P_e e <= 1}; c =
     -u_i for the target, whose place is after the last.  P_e > 0."""
     size = P_e.size
-    # Of a diagonal P_e the entries beside the diagonal of the inverse are 0.
-    Y = () if P_e.is_diagonal else inverse(P_e.to_dense())
-    own = [Y[i][i] for i in range(size)] if Y else diagonal_of_inverse(P_e)
-
-    def width(i: int, j: int) -> Fraction:
-        if j == size:
-            return own[i]
-        both = own[i] + own[j]
-        return both - 2 * Y[i][j] if Y else both
-
-    return (width(i, j) for i, j in places)
+    Y = inverse(P_e.to_dense())
+    for i, j in places:
+        yield Y[i][i] if j == size else Y[i][i] + Y[j][j] - 2 * Y[i][j]
 
 
 def diagonal_of_inverse(P_e: SparseSymmetric) -> list[Fraction]:
@@ -214,23 +171,6 @@ def covers(loop: Loop, lure: Quadratic, *, radius: Fraction, disturbance: Fracti
     # e'P_e e <= lambda_max(P_e) R^2 has to fit into what the observers leave of the level.
     room = room_of(loop, lure, disturbance)
     return room is None or (room >= 0 and eigenvalue_bound(lure.P_e) * radius**2 <= room)
-
-
-def covered_radius(loop: Loop, lure: Quadratic, *, disturbance: Fraction = ZERO) -> float:
-    """The largest R, rounded down, for which ``covers`` holds; inf for all of space, 0 if there is
-    none."""
-    room = room_of(loop, lure, disturbance)
-    if room is None:
-        return math.inf
-    if room <= 0:
-        return 0.0
-    estimate = math.sqrt(float_below(room / eigenvalue_bound(lure.P_e)))
-    # The square root was rounded: the first number that is proved.
-    for part in (0.0, 1e-12, 1e-9):
-        radius = shorten(estimate * (1 - part))
-        if covers(loop, lure, radius=claimed(radius), disturbance=disturbance):
-            return radius
-    return 0.0
 
 
 def eigenvalue_bound(M: SparseSymmetric) -> Fraction:
@@ -304,9 +244,12 @@ def quadratic_obstacle(loop: Loop, W: Matrix | None) -> str | None:
 def certified_ball(loop: Loop, lure: Quadratic, *, disturbance: float) -> float:
     """The largest |e| to be claimed for |eps_i| <= disturbance, a little in hand; inf for all of
     space, 0 for none."""
-    radius = covered_radius(loop, lure, disturbance=claimed(disturbance))
-    if math.isinf(radius):
-        return radius
+    room = room_of(loop, lure, claimed(disturbance))
+    if room is None:
+        return math.inf
+    if room <= 0:
+        return 0.0
+    radius = math.sqrt(float_below(room / eigenvalue_bound(lure.P_e)))
     return shorten(radius * (1 - IN_HAND), digits=_DIGITS)
 
 
@@ -330,7 +273,6 @@ def lure_check(asked: Asked, lure: Lure, *, radius: float, remark: str = "") -> 
     within = "" if lure.level is None else f" with |e| <= {radius:.6g}{errors}"
     V = "e'P_e e" + ("" if lure.P is None else " + sum eps_i'P eps_i")
     pace = f", at least like exp(-2 ({text_below(lure.rate)}) t)" if lure.rate else ""
-    means = f"{_DEVICES[lure.method]}, {IN_WORDS[lure.shape]}"
     where = ", in every mode" if len(loop.modes) > 1 else ""
     return Check(
         id="lure",
@@ -339,7 +281,7 @@ def lure_check(asked: Asked, lure: Lure, *, radius: float, remark: str = "") -> 
         domain=EVERYWHERE if lure.level is None else Ball(radius, disturbance),
         claim=lure,
         reason=f"from every start{within}, V = {V} decreases{pace}, for all gains that the "
-        f"couplings have there ({means}){where}.{remark}",
+        f"couplings have there (multipliers, a {lure.shape} P_e){where}.{remark}",
     )
 
 
@@ -386,12 +328,11 @@ def lure_from_json(values: Table, loop: Loop, W: Matrix | None) -> Lure:
         raise ValueError("radius and level must both be null, or neither")
     if radius is not None and radius <= 0:
         raise ValueError("radius must be > 0")
-    method = next((method for method in METHODS if values["method"] == method), None)
-    if method is None:
-        raise ValueError(f"method must be one of {', '.join(METHODS)}")
+    method = values["method"]
+    if method != METHOD:
+        raise ValueError(f"method {method!r} is no longer decided, only {METHOD}; certify again")
     P, Q = observer_from_json(values, loop, W)
     return Lure(
-        method=method,
         P_e=_sparse(values["P_e"], loop.size),
         level=level,
         radius=radius,
@@ -425,10 +366,8 @@ def _sparse(rows: object, size: int) -> SparseSymmetric:
 
 
 def _multipliers(values: Table, loop: Loop) -> dict[str, Vector]:
-    # Other methods have no multipliers.
-    names = tuple(loop.modes) if values["method"] == "lure" else ()
-    taus = read_object(values["multipliers"], names)
-    found = {mode: tuple(map(read_rational, taus[mode])) for mode in names}
+    taus = read_object(values["multipliers"], tuple(loop.modes))
+    found = {mode: tuple(map(read_rational, taus[mode])) for mode in loop.modes}
     if not all(has_short_denominator(each, numbers.VECTOR_BITS) for each in found.values()):
         raise ValueError("multipliers need too long a common denominator")
     return found

@@ -20,10 +20,11 @@ from scipy import linalg, optimize
 from dobc_design._checks import noun
 from dobc_design.conditions.consensus.claim import omega
 from dobc_design.conditions.consensus.propose import decay_of
+from dobc_design.conditions.coverage import Asked
 from dobc_design.conditions.numbers import (
     bisected,
+    claimed,
     golden_section,
-    last_found,
     rounded_down,
     time_to_one_percent,
 )
@@ -38,7 +39,7 @@ from dobc_design.problem.groups import agent_blocks
 from dobc_design.solvers.barrier import Basis, Inequalities, centre, make_basis, minimise
 from dobc_design.solvers.program import Array, round_matrix
 
-from .claim import Lure, Method, Shape, lure_matrix
+from .claim import Lure, Shape, lure_matrix
 from .propose_program import (
     FloatSystem,
     Gains,
@@ -56,7 +57,6 @@ Holds = Callable[[Lure], bool]
 
 DIGITS = (5, 7, 9, 12)
 BALLS = 4  # points tried, the largest ball first
-HALVINGS = 14
 NEAR = 1e-6  # |e_j - e_i| at which couplings are as good as linear
 FIRST = (1.0, 0.1, 1e-2, 1e-4, 1e-6)  # radii at which the first centre is looked for
 GROWTH = 0.9  # part of the room that is used at every step
@@ -127,27 +127,11 @@ def fast_lures(
         yield from there.roundings(point)
 
 
-@noun
-class Wanted:
-    """What a certificate has to cover: |e| <= ball, |eps_i| <= disturbance, with the gain W (q, m)
-    of the observer."""
-
-    ball: Fraction
-    disturbance: Fraction
-    W: Matrix | None
-
-
 def sooner_lures(
-    loop: Loop,
-    lures: Sequence[Lure],
-    wanted: Wanted,
-    *,
-    holds: Holds,
-    steps: int,
-    least: float,
+    asked: Asked, lures: Sequence[Lure], *, holds: Holds, steps: int, least: float
 ) -> Iterator[Lure]:
     """Certificates that ``holds`` accepts with smaller rates and flatter P_e, which promise the
-    least time to one percent first; each covers what is ``wanted``.  ``lures`` do, with growing
+    least time to one percent first; each covers what is ``asked``.  ``lures`` do, with growing
     rates > 0: the search begins at the next faster one.  ``steps``: rates that are tried, all of
     them at least ``least`` (1/s)."""
     found: list[_Flat] = []
@@ -156,7 +140,7 @@ def sooner_lures(
         exact = rounded_down(rate, digits=4)
         # What holds at a rate holds at a slower one: the search begins inside.
         near = next((each for each in lures if each.rate >= exact), lures[-1])
-        flat = _flattest(loop, near, wanted, rate=exact)
+        flat = _flattest(asked, near, rate=exact)
         if flat is None:
             return math.inf
         found.append(flat)
@@ -184,22 +168,22 @@ class _Flat:
     point: _Point
 
 
-def _flattest(loop: Loop, near: Lure, wanted: Wanted, *, rate: Fraction) -> _Flat | None:
-    """The flattest P_e for this rate that covers what is wanted, from a certificate with a larger
+def _flattest(asked: Asked, near: Lure, *, rate: Fraction) -> _Flat | None:
+    """The flattest P_e for this rate that covers what is asked, from a certificate with a larger
     one; None if none is found."""
     begun = _begun(
-        loop,
-        wanted.W,
+        asked.loop,
+        asked.W,
         shape=near.shape,
         rate=near.rate,
         observer=near.rate,
-        disturbance=wanted.disturbance,
+        disturbance=claimed(asked.disturbance),
     )
     start = None if begun is None else begun.point_of(near)
     if begun is None or start is None:
         return None
     search = replace(begun, rate=rate)
-    point = search.flattest(start, float(wanted.ball))
+    point = search.flattest(start, asked.ball)
     if point is None:
         return None
     time = time_to_one_percent(float(rate), math.sqrt(np.linalg.cond(point.Y)))
@@ -211,71 +195,12 @@ def condition_of(lure: Lure) -> float:
     return float(np.linalg.cond(to_float(lure.P_e.to_dense())))
 
 
-def bound_lure(
-    loop: Loop,
-    *,
-    holds: Holds,
-    method: Method,
-    P_e: SparseSymmetric | None = None,
-    P: Matrix | None = None,
-    Q: Matrix | None = None,
-    largest: Fraction = Fraction(1000),
-) -> Lure | None:
-    """The largest radius that "interval" or "vertices" proves for P_e (None: I) and the observer's
-    pair (None: eps = 0), by bisection; None if not even 1e-6.  Raises: SpecError for "vertices"
-    with too many arcs."""
-    ones = {(i, i): ONE for i in range(loop.size)}
-    metric = SparseSymmetric(loop.size, ones) if P_e is None else P_e
-
-    def at(radius: float, _: object = None) -> Lure | None:
-        exact = rounded_down(radius, digits=6)
-        ranges = _ranges(loop, exact)
-        if ranges is None:
-            return None
-        level = _level(metric, loop, exact)
-        lure = Lure(P_e=metric, ranges=ranges, radius=exact, level=level, P=P, Q=Q, method=method)
-        return lure if holds(lure) else None
-
-    # Growing radii until one fails, then bisection between the last two.
-    low = 1e-6
-    high = 1e-3
-    best = at(low)
-    while best is not None and high < largest:
-        found = at(high)
-        if found is None:
-            break
-        best = found
-        low = high
-        high = 4 * high
-    if best is None:
-        return None
-    _, lure = last_found(at, best, low, min(high, float(largest)), steps=HALVINGS)
-    return lure
-
-
 def _ranges(loop: Loop, radius: Fraction | None) -> tuple[GainRange, ...] | None:
     """The enclosed gains at a radius; None where a coupling is not defined."""
     try:
         return enclose_ranges(loop, radius=radius)
     except UndefinedError:
         return None
-
-
-def _level(P_e: SparseSymmetric, loop: Loop, radius: Fraction) -> Fraction:
-    """The largest level within the radius, about, from below; exact for P_e = I."""
-    if all(i == j and value == 1 for (i, j), value in P_e.entries.items()):
-        return radius * radius / 2
-    m = loop.m
-    # With a last row and column for the target, whose error is 0.
-    Y = np.pad(np.linalg.inv(to_float(P_e.to_dense())), (0, 1))
-    widths = []
-    for arcs in loop.modes.values():
-        for listener, speaker, _ in arcs:
-            for c in range(m):
-                i = listener * m + c
-                j = min(speaker * m + c, loop.size)
-                widths.append(Y[i, i] + Y[j, j] - 2 * Y[i, j])
-    return rounded_down(float(radius) ** 2 / float(max(widths)) * (1 - _SHORTFALL), digits=10)
 
 
 def raise_rate(loop: Loop, lure: Lure, *, holds: Holds) -> Lure:
@@ -296,8 +221,6 @@ def raise_rate(loop: Loop, lure: Lure, *, holds: Holds) -> Lure:
 def rate_estimate(loop: Loop, lure: Lure) -> float:
     """The largest beta for which the Lur'e inequalities hold with these unknowns, about (1/s); 0 if
     there is none."""
-    if lure.method != "lure":
-        return 0.0
     sectors = build_sectors(loop, lure.ranges, radius=lure.radius)
     P_e = to_float(lure.P_e.to_dense())
     fixed = []

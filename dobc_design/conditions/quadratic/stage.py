@@ -1,18 +1,16 @@
 """The quadratic certificates of the region asked for: the ball that V = e'P_e e + sum eps_i'P eps_i
 proves.
 
-Theory, section 4.  ``propose`` proposes P_e = I, a diagonal and a full P_e, cheapest first;
-``verify`` decides.
+Theory, section 4.  ``propose`` finds a full P_e; where arc-wise certificates, whose V is diagonal,
+do not apply, first a diagonal one; ``verify_lure`` decides.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 
-from dobc_design._checks import positional
 from dobc_design.conditions.check import (
     Check,
     cut_check,
@@ -22,20 +20,14 @@ from dobc_design.conditions.check import (
 )
 from dobc_design.conditions.coverage import Asked, Progress
 from dobc_design.conditions.numbers import bisected, claimed, rounded_down, time_to_one_percent
+from dobc_design.conditions.reason import shares_obstacle
+from dobc_design.exact.number import ZERO
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, exhausted, out_of_time, spend
 from dobc_design.loop.loop import Loop
 
 from .claim import Lure, Shape
-from .decide import (
-    IN_WORDS,
-    certified_ball,
-    lure_check,
-    quadratic_obstacle,
-    verify_lure,
-)
+from .decide import certified_ball, lure_check, quadratic_obstacle, verify_lure
 from .propose import (
-    Wanted,
-    bound_lure,
     condition_of,
     design_lure,
     linear_rate,
@@ -44,13 +36,11 @@ from .propose import (
 )
 
 #: Rows n m up to which quadratic certificates are looked for, and up to which with a full P_e; with
-#: at most ``SMALL_ROWS`` a full one is found so soon that it is looked for beside other proofs.
+#: at most ``SMALL_ROWS`` one is found so soon that it is looked for beside other proofs.
 MOST_ROWS = 60
 FULL_ROWS = 20
 SMALL_ROWS = 15
 MOST_MODES = 200  # up to which one V is looked for
-# of a mode, up to which the corners of all gains are tried with the P_e found
-CORNER_CHANNELS = 6
 #: Where the region is covered: parts of the rate near the consensus that are tried, by bisection;
 #: rows n m from which on fewer are.
 RATE_STEPS = 5
@@ -64,63 +54,52 @@ KEPT = 0.002  # how much faster than wanted, for digits that are cut
 _LARGEST = Fraction(400)
 
 
-@positional
-class Found:
-    """A certificate and the ball that it covers together with the disturbance asked for."""
-
-    name: str
-    lure: Lure
-    radius: float
-
-
 def quadratic_stage(asked: Asked, report: Progress) -> list[Check]:
-    """The quadratic certificate: the first that covers the ball asked for, else the one with the
-    largest ball."""
+    """The quadratic certificate: of the ball asked for, with a short time to one percent, else of
+    the largest ball."""
     loop = asked.loop
-    rows = loop.size
     reason = quadratic_obstacle(loop, asked.W)
     if reason is not None:
         return [undecided_check("lure", asked.domain, reason, applies=False)]
-    reason = _too_large(rows, len(loop.modes))
+    # Where they apply, arc-wise certificates have a diagonal V.
+    tries_diagonal = shares_obstacle(loop) is not None
+    reason = _too_large(loop, MOST_ROWS if tries_diagonal else FULL_ROWS)
     if reason is not None:
         return [undecided_check("lure", asked.domain, reason)]
-    # shapes and interval bounds; or a large full P_e
-    many = asked.everything or SMALL_ROWS < rows <= FULL_ROWS
-    work = 3 * STAGE if many else STAGE
+    long = asked.everything or SMALL_ROWS < loop.size <= FULL_ROWS
+    work = 3 * STAGE if long else STAGE
+    report("deciding the region (quadratic)")
     with at_most(work):
-        found = _ladder(asked, report)
+        best = propose(asked, "diagonal") if tries_diagonal else None
+        if loop.size <= FULL_ROWS and _ball(asked, best) < asked.ball:
+            best = propose(asked, "full", accept=_ball(asked, best)) or best
         cut = exhausted()
-    if not found and cut is not None:
-        longer = not many and out_of_time() is None
+    if best is None and cut is not None:
+        longer = not long and out_of_time() is None
         return [cut_check("lure", asked.domain, cut, longer=longer)]
-    if not found:
+    if best is None:
         return [undecided_check("lure", asked.domain, _none_found(asked))]
-    # Only the Lur'e inequalities know how to raise the rate.
-    enough = [each for each in found if each.radius >= asked.ball and each.lure.method == "lure"]
-    best = max(enough or found, key=lambda each: each.radius)
     remark = ""
-    if best.radius >= asked.ball:
+    if _ball(asked, best) >= asked.ball:
         report("deciding the region (quadratic, its rate)")
         # What ends for want of time leaves the proof that is there.
         with at_most(work), suppress(WorkLimitError):
             best, remark = _timed(asked, best)
-    remark += _remark(asked, best, found)
-    radius = 0.0 if math.isinf(best.radius) else best.radius
-    return [lure_check(asked, best.lure, radius=radius, remark=remark)]
+    radius = _ball(asked, best)
+    if math.isinf(radius):
+        radius = 0.0
+    else:
+        remark += _remark(asked, radius)
+    return [lure_check(asked, best, radius=radius, remark=remark)]
 
 
-def _too_large(rows: int, modes: int) -> str | None:
+def _too_large(loop: Loop, most: int) -> str | None:
     """Why a network of this size is left out; None if it is not."""
-    if rows > MOST_ROWS:
-        return (
-            f"left out, because it takes long with {rows} rows n m; it is examined up to "
-            f"{MOST_ROWS}."
-        )
-    if modes > MOST_MODES:
-        return (
-            f"left out, because it takes long with {modes} modes; it is examined up to "
-            f"{MOST_MODES}."
-        )
+    takes_long = "left out, because it takes long with"
+    if loop.size > most:
+        return f"{takes_long} {loop.size} rows n m; it is examined up to {most}."
+    if len(loop.modes) > MOST_MODES:
+        return f"{takes_long} {len(loop.modes)} modes; it is examined up to {MOST_MODES}."
     return None
 
 
@@ -135,30 +114,33 @@ def _none_found(asked: Asked) -> str:
 
 
 def propose(
-    asked: Asked, shape: Shape, *, rate: Fraction = Fraction(0), accept: float = 0.0
-) -> Found | None:
-    """The largest ball for a shape of P_e and a rate, proved; None if it is no larger than
-    ``accept``."""
-    noise = claimed(asked.disturbance)
-    search = partial(design_lure, asked.loop, shape=shape, W=asked.W, rate=rate, disturbance=noise)
-    return _found(asked, search, shape, IN_WORDS[shape], accept)
-
-
-def _found(
-    asked: Asked, search: Callable[..., Lure | None], what: str, name: str, accept: float = 0.0
-) -> Found | None:
-    """What a search among proved certificates finds, if it is larger than ``accept``."""
+    asked: Asked, shape: Shape, *, rate: Fraction = ZERO, accept: float = 0.0
+) -> Lure | None:
+    """The certificate with the largest ball for a shape of P_e and a rate, proved; None if the ball
+    is no larger than ``accept``."""
+    loop = asked.loop
     # No |e_j - e_i| far beyond the ball asked for is looked at.
     ball = claimed(asked.ball)
-    largest = max(2 * ball, min(10 * ball, _LARGEST))
     lure = None
-    with surviving(f"no quadratic proposal ({what})", WorkLimitError):
-        spend(_steps(asked.loop))
-        lure = search(holds=partial(holds, asked.loop), largest=largest)
+    with surviving("no quadratic proposal", WorkLimitError):
+        spend(_steps(loop))
+        lure = design_lure(
+            loop,
+            holds=partial(holds, loop),
+            shape=shape,
+            W=asked.W,
+            rate=rate,
+            disturbance=claimed(asked.disturbance),
+            largest=max(2 * ball, min(10 * ball, _LARGEST)),
+        )
+    return lure if _ball(asked, lure) > accept else None
+
+
+def _ball(asked: Asked, lure: Lure | None) -> float:
+    """The ball that a certificate covers together with the disturbance asked for."""
     if lure is None:
-        return None
-    radius = certified_ball(asked.loop, lure, disturbance=asked.disturbance)
-    return Found(name, lure, radius) if radius > accept else None
+        return 0.0
+    return certified_ball(asked.loop, lure, disturbance=asked.disturbance)
 
 
 def holds(loop: Loop, lure: Lure) -> bool:
@@ -176,93 +158,53 @@ def _steps(loop: Loop) -> int:
     return steps
 
 
-def _ladder(asked: Asked, report: Progress) -> list[Found]:
-    """What every shape of P_e covers, until the ball asked for is covered; all of them on
-    request."""
-    rows = asked.loop.size
-    found: list[Found] = []
-    shapes: list[Shape] = ["identity", "diagonal"]
-    if rows <= FULL_ROWS:
-        shapes.append("full")
-    for shape in shapes:
-        report(f"deciding the region (quadratic, {IN_WORDS[shape]})")
-        proposal = propose(asked, shape)
-        if proposal is None:
-            continue
-        found.append(proposal)
-        if proposal.radius >= asked.ball and not asked.everything:
-            return found
-    # Linear couplings have no range of gains that other bounds could use better.
-    if found and not asked.loop.is_linear:
-        found += _bounds(asked, found[-1].lure)
-    return found
-
-
-def _bounds(asked: Asked, lure: Lure) -> list[Found]:
-    """Without multipliers: the corners of all gains where those are few; on request, as a baseline,
-    interval bounds."""
-    search = partial(bound_lure, asked.loop, P=lure.P, Q=lure.Q)
-    found: list[Found | None] = []
-    ranges = [sum(map(bool, taus)) for taus in lure.multipliers.values()]
-    if max(ranges) <= CORNER_CHANNELS:
-        corners = partial(search, method="vertices", P_e=lure.P_e)
-        found.append(_found(asked, corners, "vertices", "the corners of all gains"))
-    if asked.everything:
-        interval = partial(search, method="interval")
-        found.append(_found(asked, interval, "interval", "interval bounds"))
-    return [each for each in found if each is not None]
-
-
-def _timed(asked: Asked, first: Found) -> tuple[Found, str]:
+def _timed(asked: Asked, first: Lure) -> tuple[Lure, str]:
     """The same region with the least time to one percent that is found, and what the largest rate
     would be."""
     loop = asked.loop
     seen = _faster(asked, first)
     fastest = seen[-1]
-    fast = [each for each in seen if each.lure.rate >= asked.rate] or [fastest]
+    fast = [each for each in seen if each.rate >= asked.rate] or [fastest]
     # Of equal times the flatter, then the faster one.
     best = min([*_flatter(asked, seen), *reversed(fast)], key=_time)
     with suppress(WorkLimitError):
-        best = replace(best, lure=raise_rate(loop, best.lure, holds=partial(holds, loop)))
-    if best.lure.rate >= fastest.lure.rate:
+        best = raise_rate(loop, best, holds=partial(holds, loop))
+    if best.rate >= fastest.rate:
         return best, ""
-    return best, fastest_in_words(float(fastest.lure.rate), math.sqrt(condition_of(fastest.lure)))
+    return best, fastest_in_words(float(fastest.rate), math.sqrt(condition_of(fastest)))
 
 
-def _time(found: Found) -> float:
+def _time(lure: Lure) -> float:
     """The time to one percent (s) that a certificate promises."""
-    return time_to_one_percent(float(found.lure.rate), math.sqrt(condition_of(found.lure)))
+    return time_to_one_percent(float(lure.rate), math.sqrt(condition_of(lure)))
 
 
-def _flatter(asked: Asked, seen: Sequence[Found]) -> list[Found]:
+def _flatter(asked: Asked, seen: Sequence[Lure]) -> list[Lure]:
     """A certificate of the same region with a smaller rate and a flatter P_e than those seen with
     growing rates."""
-    timed = [each for each in seen if each.lure.rate]
+    timed = [each for each in seen if each.rate]
     first = min(map(_time, timed), default=math.inf)
     if not timed or not math.isfinite(first):
         return []
     # Its P_e is nearly a multiple of I already: a smaller rate gains nothing.
-    if first * float(timed[-1].lure.rate) < FLAT * math.log(100):
+    if first * float(timed[-1].rate) < FLAT * math.log(100):
         return []
-    wanted = Wanted(ball=claimed(asked.ball), disturbance=claimed(asked.disturbance), W=asked.W)
     with surviving("no flatter quadratic proposal", WorkLimitError):
         spend(_steps(asked.loop))
         sooner = sooner_lures(
-            asked.loop,
-            [each.lure for each in timed],
-            wanted,
+            asked,
+            timed,
             holds=partial(holds, asked.loop),
             steps=SOONER,
             least=asked.rate * (1 + KEPT),
         )
         for lure in sooner:
-            radius = certified_ball(asked.loop, lure, disturbance=asked.disturbance)
-            if radius >= asked.ball:
-                return [Found(timed[-1].name, lure, radius)]
+            if _ball(asked, lure) >= asked.ball:
+                return [lure]
     return []
 
 
-def _faster(asked: Asked, best: Found) -> list[Found]:
+def _faster(asked: Asked, best: Lure) -> list[Lure]:
     """The same region at growing rates, as far as a short bisection finds them."""
     top = linear_rate(asked.loop, asked.W)
     steps = FEWER_STEPS if asked.loop.size >= MANY_ROWS else RATE_STEPS
@@ -271,7 +213,7 @@ def _faster(asked: Asked, best: Found) -> list[Found]:
 
     def covers_at(part: float) -> bool:
         rate = rounded_down(Fraction(top * part), digits=4)
-        faster = propose(asked, best.lure.shape, rate=rate, accept=accept)
+        faster = propose(asked, best.shape, rate=rate, accept=accept)
         if faster is None:
             return False
         seen.append(faster)
@@ -281,23 +223,17 @@ def _faster(asked: Asked, best: Found) -> list[Found]:
         # Half of the rate first; where that is too much, it may be a small part of it.
         return (low + high) / 2 if low or high == 1.0 else high / 4
 
-    if best.lure.method == "lure" and top > 0:
+    if top > 0:
         bisected(covers_at, 0.0, 1.0, steps=steps, middle=next_part)
     return seen
 
 
-def _remark(asked: Asked, best: Found, found: Sequence[Found]) -> str:
-    """Why the ball is no larger, and what the others reach."""
-    if math.isinf(best.radius):
+def _remark(asked: Asked, radius: float) -> str:
+    """Why the ball is no larger."""
+    if asked.wanted and radius >= asked.ball:
         return ""
-    reached = ""
-    if len(found) > 1:
-        others = ", ".join(f"{each.name}: {each.radius:.4g}" for each in found)
-        reached = f" Largest |e| by method: {others}."
-    if asked.wanted and best.radius >= asked.ball:
-        return reached
     wish = f"the region needs {asked.ball:.6g}" if asked.wanted else "no region is asked for"
     return (
-        f" The ball reaches |e| <= {best.radius:.6g} (all errors together), {wish}: beyond, no "
-        f"quadratic V is found.{reached}"
+        f" The ball reaches |e| <= {radius:.6g} (all errors together), {wish}: beyond, no "
+        "quadratic V is found."
     )

@@ -174,7 +174,7 @@ def test_a_list_of_expressions_has_one_channel_for_every_gain():
     problem = ring(coupling=["y1 + tanh(y2)/5", "y2"])
     loop = loop_of(problem)
     holds = partial(is_proved, problem)
-    lure = design_lure(loop, holds=holds, shape="identity", largest=Fraction(3))
+    lure = design_lure(loop, holds=holds, shape="diagonal", largest=Fraction(3))
     assert lure is not None
     radius = certified_ball(loop, lure, disturbance=0.0)
     check = check_of(problem, lure, radius)

@@ -12,12 +12,7 @@ from texts import exact_matrix
 
 from dobc_design.conditions.consensus.claim import Pair
 from dobc_design.conditions.consensus.decide import schur_block
-from dobc_design.conditions.quadratic.claim import (
-    Lure,
-    interval_matrix,
-    lure_matrix,
-    vertex_matrices,
-)
+from dobc_design.conditions.quadratic.claim import Lure, lure_matrix
 from dobc_design.conditions.quadratic.sectors import Sectors, build_sectors, enclose_ranges
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.matrix import matrix, multiply, to_float
@@ -137,8 +132,8 @@ def test_the_border_of_the_observer_enters_as_the_paper_has_it():
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_every_corner_is_the_derivative_for_those_gains_and_the_bounds_lie_above_all_corners(seed):
-    """P J + J'P with J = B diag(g) C - K; the multipliers' form bounds it for any tau."""
+def test_the_form_of_the_multipliers_lies_above_the_derivative_for_all_gains(seed):
+    """P J + J'P with J = B diag(g) C - K is affine in each gain: for any tau, at all corners."""
     problem = random_problem(seed)
     sectors = at_radius(problem)
     B, C_E, low, high = arrays(sectors, "G0")
@@ -146,21 +141,14 @@ def test_every_corner_is_the_derivative_for_those_gains_and_the_bounds_lie_above
     P = floats(P_e)
     K = pins(problem)
     beta = Fraction(1, 3)
-    wanted = []
+    taus = random_taus(Random(seed), len(low))
+    bound = floats(lure_matrix(sectors, "G0", P_e, taus, rate=beta))
     for corner in itertools.product((0, 1), repeat=len(low)):
         slopes = np.where(corner, high, low)
         felt = B @ np.diag(slopes)
         J = felt @ C_E - K
-        wanted.append(P @ J + J.T @ P + 2 / 3 * P)
-    ours = [floats(each) for each in vertex_matrices(sectors, "G0", P_e, rate=beta)]
-    assert np.allclose(ours, wanted)
-    taus = random_taus(Random(seed), len(low))
-    by_intervals = interval_matrix(sectors, "G0", P_e, rate=beta)
-    by_multipliers = lure_matrix(sectors, "G0", P_e, taus, rate=beta)
-    cases = (by_intervals, by_multipliers)
-    for upper in cases:
-        bound = floats(upper)
-        least = min(np.linalg.eigvalsh(bound - corner)[0] for corner in wanted)
+        derivative = P @ J + J.T @ P + 2 / 3 * P
+        least = np.linalg.eigvalsh(bound - derivative)[0]
         assert least > -1e-9 * np.max(np.abs(bound))
 
 
@@ -174,11 +162,8 @@ def test_a_linear_channel_needs_no_multiplier_and_moves_into_the_linear_part():
     assert np.array_equal(floats(ours), J + J.T)
 
 
-def test_multipliers_have_to_be_as_many_as_channels_and_positive_and_corners_not_too_many():
+def test_multipliers_have_to_be_as_many_as_channels_and_positive():
     sectors = at_radius(cycle(3, 1))
-    problem = at_radius(cycle(13, 1))
-    with pytest.raises(SpecError, match="13 channels with a range"):
-        next(vertex_matrices(problem, "G", identity(13)))
     with pytest.raises(ShapeError, match="must have 3 entries, one per channel; got 2"):
         lure_matrix(sectors, "G", identity(3), (ONE, ONE))
     multipliers = (ONE, ONE, Fraction(0))
@@ -189,7 +174,6 @@ def test_multipliers_have_to_be_as_many_as_channels_and_positive_and_corners_not
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"method": "guess"}, "method must be one of"),
         ({"rate": Fraction(-1)}, "rate must be >= 0"),
         ({"level": Fraction(0)}, "level > 0"),
         ({"P": ((ONE,),)}, "P and Q must both be given"),
@@ -204,7 +188,6 @@ def test_what_cannot_be_a_claim_is_refused(change, words):
 @pytest.mark.parametrize(
     ("dense", "shape"),
     [
-        ([[2, 0], [0, 2]], "identity"),
         ([[2, 0], [0, 3]], "diagonal"),
         ([[2, 1], [1, 2]], "full"),
     ],

@@ -414,12 +414,12 @@ def _bent_others() -> Iterator[Case]:
     mean = claim("markov", GLOBAL, 0.1, {"kind": "mean", "rate": "1/10", "w": own})
     yield _fails("drawn", "in the mean", mean)
     quadratic: Document = {
-        "method": "vertices",
+        "method": "lure",
         "P_e": [[0, 0, "1"], [1, 1, "4"]],
         "level": None,
         "radius": None,
         "ranges": [{"coupling": 0, "gains": [[["1", "1"]]]}],
-        "multipliers": {},
+        "multipliers": {"G": ["0", "0"]},
         "rate": "1/10",
     }
     held = settling(box(1), "1", "9", tube("0", "1 1"), last("quadratic", quadratic, "3", "1"))

@@ -93,7 +93,6 @@ EQUIVALENT |= dict.fromkeys(
         "0 < len(turns) <= ROUND and size <= ROWS",
         "grown <= GROWTH",
         "len(G) <= MODES",
-        "len(free) <= VERTICES",
     ),
     "it bounds the work.",
 )

@@ -87,9 +87,9 @@ LINE = settling(
 CLOSE = last("max-separable", weights("1 5/4", "0.3769", "1"), "0.8008", "5/4")
 CURVE = settling(box(1), "0.1", "7", tube("0 1/2", "1 1; 0.667 1.001"), CLOSE)
 # y + y^3, k = 3, both ways, u_1 = u_2: -3 u <= u', so that 1 falls to 4/7 and 16/49 in steps of
-# 1/4.  Gains 1 to 2 on |y| <= 1: 9 - sqrt(10) = 2 * 2.918.  level^2 >= 2 * 0.327^2, and 1/2 +
-# ln(4.6245)/2.9 = 1.028060.
-WIDE = quadratic("2.9", "1", "2.00001", "1/2", "1")
+# 1/4.  Gains 1 to 2 on |y| <= 1, tau = 3: -6 + 1/6 + 2 * 2.9 < 0.  level^2 >= 2 * 0.327^2, and
+# 1/2 + ln(4.6245)/2.9 = 1.028060.
+WIDE = quadratic("2.9", "1", "2.00001", "1/2", "1", tau="3")
 EVEN = weights("1 1", "3", "1")
 FALLING = tube("0 1/4 1/2", "1 1; 0.572 0.572; 0.327 0.327")
 CUBIC = settling(box(1), "0.1", "1.0281", FALLING, last("quadratic", WIDE, "0.46245", "1"))
@@ -219,7 +219,10 @@ def _bent_tubes() -> Iterator[Case]:
 
 
 def _bent_lasts() -> Iterator[Case]:
-    yield _fails("signed cubic", "a form of rows without signs", CUBIC)
+    tau = ["3", "3"]
+    for_both = WIDE | {"multipliers": {"A": tau, "B": tau}}
+    formed = bent(CUBIC, last=last("quadratic", for_both, "0.46245", "1"))
+    yield _fails("signed cubic", "a form of rows without signs", formed)
     yield _wrong("line", LINE, time="5.372")
     yield _wrong("line", LINE, tolerance="0.09999")
     yield _wrong("line", LINE, level="0.4449")

@@ -15,7 +15,6 @@ import numpy as np
 from oracles.couplings import (
     FINE,
     curve,
-    diagonal,
     exact,
     field_part,
     fmpq,
@@ -195,58 +194,42 @@ class Quadratic:
     # the inequality of one mode
 
     def _channels(self, mode: str) -> Iterator[tuple[Any, Any, Any, Any]]:
-        """(b, z, w lo, w hi) in the order arcs, rows, columns."""
+        """(b, z, w lo, w hi) in the order arcs, those that come and go last, rows, columns."""
         tables = self._tables()
-        for i, j, w in self.r.modes[mode]:
-            number = self._number_of(self.r.h[i, j])
+        (own,) = (each for each in self.r.document["modes"] if each["name"] == mode)
+        links = [(*arc, False) for arc in self.r.modes[mode]]
+        links += [(i, j, exact(w), True) for i, j, w in own.get("optional", ())]
+        for i, j, w, loose in links:
+            number = self._number_of(self.r.h.get((i, j), self.r.default))
             for c, row in enumerate(tables[number]):
                 for d, (lo, hi) in enumerate(row):
                     if (lo, hi) != (0, 0):
+                        # without the arc the gain is 0
+                        ends = (min(lo, 0), max(hi, 0)) if loose else (lo, hi)
                         yield (
                             self._unit(i, c),
                             self._unit(j, d) - self._unit(i, d),
-                            fmpq(w * lo),
-                            fmpq(w * hi),
+                            fmpq(w * ends[0]),
+                            fmpq(w * ends[1]),
                         )
 
     def _negative(self, mode: str) -> bool:
-        method = self.e["method"]
-        channels = list(self._channels(mode))
-        base = self._base()
-        if method == "vertices":
-            wide = []
-            for k, (_, _, lo, hi) in enumerate(channels):
-                if lo < hi:
-                    wide.append(k)
-            corners = product((0, 1), repeat=len(wide))
-            choices = (dict(zip(wide, ends, strict=True)) for ends in corners)
-            return len(wide) <= 12 and all(
-                positive(-self._closed(base, channels, choice)) for choice in choices
-            )
-        M = self._closed(base, channels, {})
-        if method == "lure":
-            multipliers = [exact(x) for x in self.e["multipliers"][mode]]
-            for (b, z, lo, hi), tau in zip(channels, multipliers, strict=True):
-                if lo < hi:
-                    if tau <= 0:
-                        return False
-                    t = fmpq(tau)
-                    D = (hi - lo) / 2
-                    Pb = self.P_e * b
-                    squares = Pb * Pb.transpose()
-                    M = M + squares * (1 / (2 * t)) + z * z.transpose() * (2 * t * D * D)
-            return positive(-M)
-        if method != "interval" or self.e["multipliers"] != {}:
+        if self.e["method"] != "lure":
             return False
-        sums = [flint.fmpq(0)] * self.size
-        for b, z, lo, hi in channels:
-            half = self.P_e * b * z.transpose()
-            X = half + z * (self.P_e * b).transpose()
-            for a, row in enumerate(X.tolist()):
-                half_width = (hi - lo) / 2
-                size = sum((abs(x) for x in row), flint.fmpq(0))
-                sums[a] += half_width * size
-        return positive(-(M + diagonal(sums)))
+        M = self._base()
+        multipliers = [exact(x) for x in self.e["multipliers"][mode]]
+        for (b, z, lo, hi), tau in zip(self._channels(mode), multipliers, strict=True):
+            Pb = self.P_e * b
+            X = Pb * z.transpose()
+            M = M + (X + X.transpose()) * ((lo + hi) / 2)
+            if lo < hi:
+                if tau <= 0:
+                    return False
+                t = fmpq(tau)
+                D = (hi - lo) / 2
+                squares = Pb * Pb.transpose()
+                M = M + squares * (1 / (2 * t)) + z * z.transpose() * (2 * t * D * D)
+        return positive(-M)
 
     def _base(self) -> Any:
         """-(P_e K + K'P_e) + 2 rate P_e + P_e (I (x) S) P_e."""
@@ -268,14 +251,6 @@ class Quadratic:
         lyapunov = -(self.P_e * K + K.transpose() * self.P_e)
         growth = 2 * fmpq(self.rate) * self.P_e
         return lyapunov + growth + self.P_e * S * self.P_e
-
-    def _closed(self, base: Any, channels: Any, choice: dict[int, int]) -> Any:
-        """The base with every channel at its middle gain, or at the chosen end."""
-        for k, (b, z, lo, hi) in enumerate(channels):
-            g = (lo, hi)[choice[k]] if k in choice else (lo + hi) / 2
-            X = self.P_e * b * z.transpose()
-            base = base + (X + X.transpose()) * g
-        return base
 
     # samples
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from evidence import (
     accuracy,
     agreement,
+    arcs,
     bad_samples,
     certificates,
     designs,
@@ -75,6 +76,9 @@ def _items() -> Iterator[Item]:
     yield Item("other-forgeries", other_networks.forgeries, 15, 0, share=15)
     yield Item("signed-graphs", signs_and_leaders.signs, 300, 0, share=30)
     yield Item("containment", signs_and_leaders.containment, 100, 0)
+    # the count is starts
+    yield Item("arc-wise-starts", arcs.starts, 10_000, 0, share=50)
+    yield Item("arc-wise-beyond", arcs.beyond, 300, 0, share=15)
     # CI kills writers, and interrupts
     yield Item("kills", robustness.kills, 200, 8000, share=0)
     yield Item("writers", robustness.writers, 200, 8000, share=20)

@@ -25,6 +25,7 @@ for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
 
+from arcs import arc_bars
 from large import agreement_bars, lambda_rows, size_bars, weighted_rows, whole_bars
 from oracles.observers import solve_dense, solve_reduced
 from peers import peer_table
@@ -110,6 +111,9 @@ def bars() -> Iterator[Bar]:
     yield schedule_bar("certify a sequence without repetition, 100 vs 30 phases of 3 agents")
     for row in chain(pinning_bars(), simulation_bars()):
         yield Bar(**row)
+    faster, growth = arc_bars()
+    yield Bar(**faster)
+    yield Bar(**growth, ceiling=True)
     for row in chain(whole_bars(), size_bars(), agreement_bars()):
         yield Bar(**row, ceiling=True)
 

@@ -81,7 +81,7 @@ class Runs:
         self.closed = np.array([[-3.2, 2.0], [-4.4, 0.0]])  # A - W C
 
     def eps(self, z: Array) -> Array:
-        return z[..., self.n :].reshape(*z.shape[:-1], self.n, 2)
+        return z[..., self.n :].reshape(len(z), self.n, 2)
 
     def value(self, z: Array) -> Array:
         e = z[..., : self.n]
@@ -97,7 +97,7 @@ class Runs:
             return change
         eps = self.eps(z)
         return np.concatenate(
-            [change + eps[..., 0], (eps @ self.closed.T).reshape(*z.shape[:-1], -1)], axis=-1
+            [change + eps[..., 0], (eps @ self.closed.T).reshape(len(z), 2 * self.n)], axis=-1
         )
 
     def slope(self, z: Array, moved: Motion) -> Array:

@@ -48,6 +48,7 @@ SAMPLES = 4097  # of a coupling
 WIDTHS = (64, 16, 4, 1, 0)
 STEPS = 12  # of Newton's method for each
 FARTHEST = 4.0  # of y in a step
+ROUNDING = 1e-7  # of the mean, by which a step may seem to gain nothing
 HALVINGS = 8  # of a step that gains nothing
 DAMPING = 1e-7
 CLOSE = 1e-4  # of the least that an agent is left
@@ -260,7 +261,7 @@ def _balanced(net: Network, lines: Lines, y: Array) -> Array:
         before = net.mean(now)
         for _ in range(HALVINGS):
             tried = net.shares(lines, now.y + step * size[net.part])
-            worse = net.mean(tried) > before
+            worse = net.mean(tried) > before + ROUNDING * np.abs(before)
             if not worse.any():
                 break
             size = np.where(worse, size / 4, size)

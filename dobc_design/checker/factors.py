@@ -42,7 +42,8 @@ def bounded(case: Case, check: Any, claim: Any) -> None:
     need(rate_of_proof, "a factor belongs to the rate of a proof")
     square = check.factor**2
     if check.id in OF_QUADRATIC_FORMS:
-        need(not case.agrees, "of differences no bound follows from it")
+        of_pairs = check.id == "arc-wise"
+        need(of_pairs or not case.agrees, "of differences no bound follows from it")
         shown = follows_from_form(check, claim, square)
     elif check.id == "markov" and claim.kind == "mean square":
         shown = conditioned(list(claim.parts.values()), square)

@@ -125,7 +125,7 @@ def test_both_programs_agree_on_who_follows(name: str):
     assert certificate.verdict == verdict
     assert certificate.covered_by == by
     assert verify(certificate, problem).holds
-    own = ("reachability", "lure", "observability", "hurwitz")
+    own = ("reachability", "arc-wise", "lure", "observability", "hurwitz")
     others = [each.reason for each in certificate.checks if each.id not in own]
     about = all(each.startswith("does not apply: the leader moves") for each in others)
     assert about is loop_of(problem).slopes_move

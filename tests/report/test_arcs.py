@@ -84,8 +84,9 @@ def test_what_an_arc_leaves_is_the_least_of_its_term_on_a_grid(d: tuple[int, int
 def test_a_report_names_the_arc_and_the_agent_that_leave_least():
     text, picture, table = section(proved())
     assert "Least is left to agent 1, mode one: 0.005" in text
-    assert "The arc that leaves least of its numbers: 2 hears 1, mode one, about 0.0013" in text
-    assert table[0] == ("2 hears 1, mode one", "−1.246", "1.359", "0.001318")
+    name, *_, room = table[0]
+    assert f"The arc that leaves least of its numbers: {name}, about 0.0013" in text
+    assert float(room) == min(float(row[-1]) for row in table)
     assert len(table) == shown.MOST_ROWS
     assert picture is not None
     assert "3 hears 4, mode one: " in picture.alt
@@ -97,7 +98,7 @@ def test_a_page_has_the_picture_and_markdown_the_table():
     page, markdown = (files[name].decode() for name in ("report.html", "report.md"))
     for text in (page, markdown):
         assert "Arc by arc: who takes and who gives" in text
-        assert "2 hears 1, mode one" in text
+        assert text.count(" hears ") >= shown.MOST_ROWS
     assert 'aria-label="What arcs take at most' in page
 
 

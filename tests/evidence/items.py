@@ -77,8 +77,8 @@ def _items() -> Iterator[Item]:
     yield Item("signed-graphs", signs_and_leaders.signs, 300, 0, share=30)
     yield Item("containment", signs_and_leaders.containment, 100, 0)
     # the count is starts
-    yield Item("arc-wise-starts", arcs.starts, 10_000, 0, share=50)
-    yield Item("arc-wise-beyond", arcs.beyond, 300, 0, share=15)
+    yield Item("arc-wise-starts", arcs.starts, 10_000, 0, share=200)
+    yield Item("arc-wise-beyond", arcs.beyond, 300, 0, share=30)
     # CI kills writers, and interrupts
     yield Item("kills", robustness.kills, 200, 8000, share=0)
     yield Item("writers", robustness.writers, 200, 8000, share=20)

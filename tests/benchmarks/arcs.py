@@ -54,7 +54,7 @@ def arc_bars() -> Iterator[dict[str, Any]]:
     radii = [f"{reach(found(problem)):.3g}" for found in (lure, searched)]
     yield {
         "what": "the largest ball of a cycle of 10, Lur'e vs arc-wise",
-        "bar": 1,
+        "bar": 0.5,
         "ratio": slow / fast,
         "note": f"{slow:.3g} s / {fast:.3g} s; balls {radii[0]} / {radii[1]}",
     }

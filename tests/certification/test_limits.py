@@ -104,7 +104,7 @@ HANGS = {
     "nested": (problem_text(NESTED), 3),
     "modes": (problem_text(modes=many_modes(300), region="[-1, 1]"), 0),
     "order 40": (problem_text("y", more=dense(40), region=""), 3),
-    "sines": (problem_text(SINES, region="[-1, 1]"), 3),
+    "sines": (problem_text(SINES, region="[-1, 1]"), 0),
     "order 20": (problem_text("y", more=dense(20), region=""), 0),
 }
 

@@ -97,7 +97,7 @@ def shares_obstacle(loop: Loop) -> str | None:
     alone = None if curve is None else loop.functions[curve]
     couplings = (h for h in loop.functions if h is not alone)
     if (alone is not None and loop.m > 1) or not all(h.by_component for h in couplings):
-        return f"{APART}components act on each other."
+        return f"{APART}it is for one function that acts on every component by itself."
     return None
 
 

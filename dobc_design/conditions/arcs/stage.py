@@ -26,6 +26,7 @@ FIRST = 4.0  # balls are that much smaller until one is found
 FALLS = 10
 CLOSE = 2e-3  # of the radius of the largest ball
 SMALLER = (0.997, 0.99, 0.97, 0.9, 0.7)  # parts of it, where its numbers are not proved
+EVEN = 1.01  # weights that differ by less are the same
 FEW_KINDS = 500  # arcs of different kinds, up to which weights other than 1 are tried
 Found = tuple[ArcWise, Ball | Box]
 
@@ -82,7 +83,7 @@ def _weights(loop: Loop) -> Iterator[Doubles]:
     with surviving("no weights for arcs", WorkLimitError):
         tables = stiffnesses(loop)
         found = None if tables is None else even_weights(tables, 0.0)
-    if found is not None:
+    if found is not None and found.max() > EVEN * found.min():
         d = found.reshape(loop.n, loop.m).mean(axis=1)
         # Of few digits, as powers of two leave them.
         part, exponent = np.frexp(d / d.max())

@@ -257,9 +257,11 @@ GAP = Problem(
     fixed={"p": 0, "q": 1},
 )
 REFUSED = {
-    "act on each other": sines(coupling=["sin(y1)", "tanh(y2)"], gains=3, target=[0, 0]),
-    "components act on each other": CROSSED,
-    "components act on each other.": MOVING,
+    "for one function that acts on every component by itself": sines(
+        coupling=["sin(y1)", "tanh(y2)"], gains=3, target=[0, 0]
+    ),
+    "one function that acts on every component by itself": CROSSED,
+    "acts on every component by itself.": MOVING,
     "the fixed nodes differ or move": GAP,
     "there is no observer gain W": sines(gains=3, exosystem=HARMONIC),
     "two agents that differ have two estimation errors": linked(
@@ -277,4 +279,4 @@ def test_what_does_not_fit_is_refused_by_name(words: str):
 
 def test_a_refused_problem_confirms_no_claim():
     honest = proved("one pin")
-    assert "components act on each other" in (confirm(honest, case_of(CROSSED)) or "")
+    assert "acts on every component by itself" in (confirm(honest, case_of(CROSSED)) or "")

@@ -442,7 +442,7 @@ def _in_turn(asked: Asked, stages: Sequence[Stage], report: Progress) -> list[Ch
         proofs = covering(loop, found)
         # Boxes in coordinates T x are found fast, but few decay as fast as a ball of a small
         # problem.
-        small = stage is separable_stage and loop.size <= SMALL_ROWS
+        small = stage in (separable_stage, arcs_stage) and loop.size <= SMALL_ROWS
         claims = [check.claim for check in proofs]
         slow = small and all(isinstance(each, Separable) and each.T for each in claims)
         if not asked.everything and proofs and not slow:

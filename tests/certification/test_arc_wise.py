@@ -54,7 +54,7 @@ def test_where_it_covers_nothing_the_largest_ball_is_proved_and_said(radius, nee
     check = searched(rows(radius))
     assert isinstance(check.domain, Ball)
     assert 1.9 < radius_of(check) < 2
-    assert f" {needs}: beyond, no numbers of arcs are found." in check.reason
+    assert f" {needs}: beyond, no a and b of the arcs are found." in check.reason
     assert check.remark.startswith(f"The ball reaches |e| <= {check.domain.radius:.6g} ")
 
 

@@ -30,7 +30,7 @@ from .claim import ArcWise, claim_from_json, names_of, shared_arcs
 from .directions import TERMS, Terms, open_arcs
 
 CELLS = 1024  # of a table of gains
-ROOTS = 10**9  # roots are rounded up to multiples of 1/ROOTS
+ROOTS = 10**9  # roots are rounded up by less than 1/ROOTS of themselves, or of 1
 
 
 def obstacle(loop: Loop, W: Matrix | None) -> str | None:
@@ -67,7 +67,7 @@ def taken_of(loop: Loop, claim: ArcWise, mode: str) -> list[Fraction]:
     def ends(place: int, d: Fraction) -> tuple[Fraction, Fraction]:
         """The ends of the gains of one variable, as far as the error of an agent may be."""
         if (place, d) not in known:
-            reach = root_above(claim.level / d, unit=ROOTS)
+            reach = _root(claim.level / d)
             gain = gains_at(loop, place, reach)[0][0]
             known[place, d] = gain.lo, gain.hi
         return known[place, d]
@@ -167,9 +167,9 @@ def _open(loop: Loop, place: int, terms: Terms, level: Fraction) -> BoolArray:
         far = float(np.max(up(up(1 / terms.own) + up(1 / terms.other))))
     if not np.isfinite(far):
         return np.ones(len(terms.a), dtype=bool)
-    rho = root_above(level, unit=ROOTS)
+    rho = _root(level)
     component = loop.functions[place].components[0]
-    table = gain_table(component, rho * root_above(Fraction(far), unit=ROOTS), cells=CELLS)
+    table = gain_table(component, _root(level * Fraction(far)), cells=CELLS)
     return open_arcs(terms.some(first), table, rho)[inverse.ravel()]
 
 
@@ -181,6 +181,11 @@ def holds_starts(loop: Loop, claim: ArcWise, domain: Domain) -> bool:
     # In a box V is largest at the corners.
     weight = loop.m * sum(claim.d) if kind is Box else largest(claim.d)
     return room is not None and radius**2 * weight <= room
+
+
+def _root(square: Fraction) -> Fraction:
+    """At least the root, and close: states may be in units in which errors are tiny."""
+    return root_above(square, unit=ROOTS * (1 + int(1 / square)))
 
 
 def confirm(check: Check, case: Case) -> str | None:

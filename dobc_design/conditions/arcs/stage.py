@@ -44,7 +44,7 @@ def arcs_stage(asked: Asked, report: Progress) -> list[Check]:
         return [cut_check(ID, asked.domain, cut)]
     if found is None:
         beside = f" with |eps_i| <= {asked.disturbance:.6g}" if asked.disturbance else ""
-        reason = f"no numbers of arcs are found, not even near the target{beside}."
+        reason = f"no a and b of the arcs are found, not even near the target{beside}."
         return [undecided_check(ID, asked.domain, reason)]
     return [_check(asked, *found)]
 
@@ -147,7 +147,7 @@ def _check(asked: Asked, claim: ArcWise, domain: Ball | Box) -> Check:
         needs = f"the region needs {asked.ball:.6g}" if asked.wanted else "no region is asked for"
         remark = (
             f" The ball reaches |e| <= {float(domain.radius):.6g} (all errors together), {needs}: "
-            "beyond, no numbers of arcs are found."
+            "beyond, no a and b of the arcs are found."
         )
     return Check(
         id=ID,

@@ -280,3 +280,18 @@ def test_what_does_not_fit_is_refused_by_name(words: str):
 def test_a_refused_problem_confirms_no_claim():
     honest = proved("one pin")
     assert "acts on every component by itself" in (confirm(honest, case_of(CROSSED)) or "")
+
+
+def test_the_unit_of_the_states_does_not_matter():
+    """sin(1e10 y) / 1e10 is sin in a unit that is 1e10 times as large."""
+    radii = []
+    for unit in (1, 10**10):
+        problem = linked(
+            [[1, 2], [2, 1]],
+            2,
+            f"sin({unit}*y)/{unit}",
+            gains=3,
+            region={"initial_states": [f"-1/{unit}", f"1/{unit}"]},
+        )
+        radii.append(radius_of(searched(problem)) * unit)
+    assert radii[1] == pytest.approx(radii[0])

@@ -76,6 +76,7 @@ def test_its_bound_over_time_holds_for_a_run():
     assert certificate.bound([0]) == pytest.approx([1.6])
 
 
+@pytest.mark.slow
 def test_a_search_from_its_boundary_finds_no_run_that_leaves_and_names_it():
     searched = falsify(proved(), runs=40, seed=1)
     targets = {search.target: search for search in searched.searches}
@@ -97,6 +98,7 @@ def test_it_does_not_take_over_from_a_moving_box_and_says_so(monkeypatch):
     assert certificate.settling is None
 
 
+@pytest.mark.slow
 def test_a_design_is_compared_with_the_rate_that_it_certifies():
     found = design(rows())
     assert found.verdict is Verdict.PROVED

@@ -121,6 +121,9 @@ def test_no_cell_is_left_out_where_floats_next_to_the_edge_of_one_are_rounded_ac
     assert most[0] >= 2
 
 
+DRAWS = 3  # of arcs of each function
+
+
 @pytest.mark.parametrize("text", FUNCTIONS)
 def test_what_is_shown_of_arcs_holds_on_a_grid_and_what_has_room_there_is_shown(text: str):
     """a as low as a dense grid of the disc allows, and 0.02 lower or higher."""
@@ -128,7 +131,7 @@ def test_what_is_shown_of_arcs_holds_on_a_grid_and_what_has_room_there_is_shown(
     angle, radius = np.meshgrid(np.linspace(0, 2 * np.pi, 1441), np.linspace(0.01, 1, 60))
     draw = Random(text)
     seen = {False: 0, True: 0}
-    for _ in range(8):
+    for _ in range(DRAWS):
         pull, own, other = (draw.randint(5, 20) / 10 for _ in range(3))
         rho = draw.randint(3, 24) / 10
         x = rho * radius * np.cos(angle) / np.sqrt(own)
@@ -148,4 +151,4 @@ def test_what_is_shown_of_arcs_holds_on_a_grid_and_what_has_room_there_is_shown(
                 (is_open,) = open_arcs(terms, table, F(rho))
             assert is_open is np.bool_(room < 0)
             seen[room > 0] += 1
-    assert min(seen.values()) == 8
+    assert min(seen.values()) == DRAWS

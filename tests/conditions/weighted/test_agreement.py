@@ -233,7 +233,9 @@ def test_both_programs_accept_a_claim_that_is_more_modest(ring: tuple[Problem, C
         ([*around(31), [32, 1]], 32, "y"),
         ([[1, 2], *following(31)], 32, "y"),
         ([*around(31)[:-1], [31, 32], [32, 31]], 32, "y"),
-        ({"A": around(31), "B": weighed(31)}, 31, "y"),
+        pytest.param(
+            {"A": around(31), "B": weighed(31)}, 31, "y", marks=pytest.mark.slow
+        ),  # weights for both modes are looked for
         (around(31), 31, "sin(y)"),
         (around(31), 31, "-y"),
     ],

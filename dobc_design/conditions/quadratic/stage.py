@@ -46,7 +46,7 @@ MOST_MODES = 200  # up to which one V is looked for
 RATE_STEPS = 5
 FEWER_STEPS = 3
 MANY_ROWS = 11
-LONG_ROWS = 13  # from which on a full P_e takes so long that one rate is tried
+LONG_ROWS = 13  # from which on one rate is tried where arc-wise certificates are faster
 MODE = 20  # steps of work for the inequality of a mode
 SOONER = 5  # rates that are tried for the least time to one percent
 FLAT = 1.01  # times are next to that of P_e = I below this part
@@ -210,7 +210,7 @@ def _faster(asked: Asked, best: Lure) -> list[Lure]:
     top = linear_rate(asked.loop, asked.W)
     rows = asked.loop.size
     steps = FEWER_STEPS if rows >= MANY_ROWS else RATE_STEPS
-    if best.shape == "full" and rows >= LONG_ROWS:
+    if best.shape == "full" and rows >= LONG_ROWS and shares_obstacle(asked.loop) is None:
         steps = 1
     accept = math.nextafter(asked.ball, 0.0)
     seen = [best]

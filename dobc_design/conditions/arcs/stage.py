@@ -51,8 +51,10 @@ def arcs_stage(asked: Asked, report: Progress) -> list[Check]:
 
 def _found(asked: Asked) -> Found | None:
     """A proved claim with its domain: the box asked for, else the largest ball."""
-    searches = [
-        Search(
+    box = Box(asked.radius, asked.disturbance)
+    searches = []
+    for d in _weights(asked.loop):
+        search = Search(
             loop=asked.loop,
             W=asked.W,
             d=d,
@@ -60,12 +62,11 @@ def _found(asked: Asked) -> Found | None:
             known={},
             splits=list(SPLITS),
         )
-        for d in _weights(asked.loop)
-    ]
-    box = Box(asked.radius, asked.disturbance)
-    for search in searches if asked.wanted else ():
-        claims = sorted(_claims(search, box), key=lambda claim: -claim.rate)
-        found = _first_proved(asked.loop, [(claim, box) for claim in claims])
+        searches.append(search)
+        # Other weights are looked for only where these do not do.
+        claims = _claims(search, box) if asked.wanted else ()
+        fastest = sorted(claims, key=lambda claim: -claim.rate)
+        found = _first_proved(asked.loop, [(claim, box) for claim in fastest])
         if found is not None:
             return found
     balls = [_largest(asked, search) for search in searches]

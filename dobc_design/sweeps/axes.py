@@ -406,7 +406,9 @@ def _parts(text: str) -> Iterator[str]:
     for place, character in enumerate(text):
         # Inside quotes brackets and commas are text.
         if quote:
-            quote = "" if character == quote and text[place - 1] != "\\" else quote
+            # A quote is text after an odd number of backslashes, which are text by twos.
+            slashes = place - len(text[:place].rstrip("\\"))
+            quote = "" if character == quote and slashes % 2 == 0 else quote
         elif character in "\"'":
             quote = character
         elif character in _PAIRS:

@@ -8,7 +8,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from dobc_design.errors import SpecError
@@ -95,6 +95,7 @@ PRINTABLE = st.characters(min_codepoint=32, max_codepoint=126)
 TEXTS = st.text(PRINTABLE, min_size=1, max_size=8)
 
 
+@example(['"\\'])
 @given(st.recursive(NUMBERS | FLOATS | TEXTS, lists_of, max_leaves=5))
 def test_the_text_of_a_value_reads_back_as_the_value(value):
     """Numbers stay exact, text stays text whatever it looks like."""

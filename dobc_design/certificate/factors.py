@@ -20,7 +20,7 @@ from dobc_design.conditions.numbers import claimed, decimal_above
 from dobc_design.conditions.quadratic.claim import Quadratic
 from dobc_design.conditions.quadratic.decide import condition_bound
 from dobc_design.conditions.schedule.claim import Cycles
-from dobc_design.conditions.separable.claim import DelayBound, Separable
+from dobc_design.conditions.separable.claim import DelayBound, ReadingsBound, Separable
 from dobc_design.conditions.weighted.decide import Weighted
 from dobc_design.conditions.weighted.network import Alike
 from dobc_design.exact.number import ONE, ZERO, root_above
@@ -72,6 +72,8 @@ def factor_of(check: Check, case: Case) -> Fraction | None:
 
 
 def _of_claim(claim: Claim | None, loop: Loop) -> Fraction | None:
+    if isinstance(claim, ReadingsBound):
+        claim = claim.rows
     if isinstance(claim, Separable):
         return claim.factor
     if isinstance(claim, Tolerance) and claim.v is not None:

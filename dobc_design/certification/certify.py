@@ -55,6 +55,7 @@ from dobc_design.conditions.observer.decide import (
 from dobc_design.conditions.observer.propose import (
     GainDesign,
     chosen_gains,
+    decay_of_error,
     design_gains,
     propose_pairs,
 )
@@ -67,7 +68,7 @@ from dobc_design.conditions.schedule.stage import (
     starts_given,
 )
 from dobc_design.conditions.separable.claim import Separable
-from dobc_design.conditions.separable.stage import separable_stage
+from dobc_design.conditions.separable.stage import readings_stage, separable_stage
 from dobc_design.conditions.stated import ACCURACY, LIMIT, TOLERANCE, stated_in
 from dobc_design.conditions.weighted.checks import weighing
 from dobc_design.conditions.weighted.stage import weighted_stage
@@ -79,6 +80,7 @@ from dobc_design.exact.work import WorkLimitError, out_of_time, read_time_limit,
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.pairs import are_pairs
+from dobc_design.loop.timing import Timing
 from dobc_design.loop.words import Said, said_of
 from dobc_design.problem.canonical import problem_sha256
 from dobc_design.problem.exosystems import Exosystem, block_diagonal
@@ -257,8 +259,8 @@ class _Certification:
         if case is None:
             return agents
         loop = case.loop
-        if loop.goal == "roots":
-            return agents
+        if loop.goal == "roots" or loop.is_sampled:
+            return replace(agents, checks=case.checks)
         asked = read_region(loop, case.W, domain=case.domain, everything=everything)
         # All but weights that move, and boxes, are about one target.
         if not loop.gap:
@@ -385,15 +387,18 @@ def region_checks(case: Case, *, everything: bool, report: Progress, rate: float
     """
     loop = case.loop
     asked = read_region(loop, case.W, domain=case.domain, everything=everything, rate=rate)
+    if loop.is_sampled:
+        return _as_stated(asked, report)
+    late = _as_stated(asked, report)
     known = bool(covering(loop, case.checks))
     if loop.starts is None and not known:
         # No check at one point speaks of all close starts, where the slopes of f move.
         if loop.slopes_move:
-            return _near_a_moving_target(asked, report)
+            return late + _near_a_moving_target(asked, report)
         known = refutation(loop, case.checks, case.W) is not None
         several = loop.switches or loop.drift is not None or loop.gap > 0 or loop.is_apart
         if several and not (known or everything or case.domain == EVERYWHERE):
-            return _near_the_target(asked, report)
+            return late + _near_the_target(asked, report)
         known = known or case.domain != EVERYWHERE
     stages = OF_GAPS if loop.gap else STAGES
     if known and not everything:
@@ -403,8 +408,16 @@ def region_checks(case: Case, *, everything: bool, report: Progress, rate: float
         stages = () if known else BY_GRAPHS
     found = _in_turn(asked, stages, report)
     if loop.gap or loop.goal == "roots":
-        return found
-    return found + _ending(TOLERANCE, case, partial(margins_stage, asked, found, report))
+        return late + found
+    return late + found + _ending(TOLERANCE, case, partial(margins_stage, asked, found, report))
+
+
+def _as_stated(asked: Asked, report: Progress) -> list[Check]:
+    """With the readings and the processor of the file; where no region is asked for, of a small
+    box."""
+    if asked.loop.starts is None and not asked.everything and asked.domain != EVERYWHERE:
+        asked = replace(asked, radius=NEAR, disturbance=0.0 if asked.W is None else NEAR)
+    return readings_stage(asked, report)
 
 
 def _near_a_moving_target(asked: Asked, report: Progress) -> list[Check]:
@@ -562,11 +575,12 @@ class _Run:
         """Observability, detectability, Hurwitz, for every group of agents."""
         groups = self.loop.groups
         if not self.loop.is_grouped:
-            return _checks_of(groups[0], gains[0], self.loop)
+            return _checks_of(groups[0], gains[0], self.loop, timing=self.loop.timing)
         lacking = next((g for g, W in zip(groups, gains, strict=True) if W is None), None)
         checks = []
         for group, W in zip(groups, gains, strict=True):
-            own = _checks_of(group, None if lacking is not None else W, None)
+            known = None if lacking is not None else W
+            own = _checks_of(group, known, None, timing=self.loop.timing)
             if W is not None and lacking is not None:  # a certificate holds all gains or none
                 reason = (
                     f"it is left open, because the group of agent {lacking.name} has no gain W."
@@ -655,7 +669,9 @@ class _Run:
         )
 
 
-def _checks_of(group: Group, W: Matrix | None, loop: Loop | None) -> list[Check]:
+def _checks_of(
+    group: Group, W: Matrix | None, loop: Loop | None, *, timing: Timing | None
+) -> list[Check]:
     """The checks of one exosystem and its gain; ``loop`` where cures may change the keys of its
     problem."""
     exosystem = group.exosystem
@@ -663,12 +679,14 @@ def _checks_of(group: Group, W: Matrix | None, loop: Loop | None) -> list[Check]
     if reason is not None:
         return [undecided_check(id, EVERYWHERE, reason) for id in ids_in("observer")]
     source = "given" if group.observer.W is not None else "designed"
-    estimate = 0.0 if W is None else decay_rate(exosystem, W)
+    estimate = 0.0 if W is None else decay_of_error(exosystem, W, timing)
     key = "W of the group" if loop is None else "observer.W"
     return [
         observability_check(exosystem, loop),
         detectability_check(exosystem, loop),
-        hurwitz_check(exosystem, W, estimate=estimate, source=source, loop=loop, key=key),
+        hurwitz_check(
+            exosystem, W, estimate=estimate, source=source, loop=loop, key=key, timing=timing
+        ),
     ]
 
 

@@ -24,9 +24,9 @@ from dobc_design.conditions.coverage import asked_ball, asked_radius, covering
 from dobc_design.conditions.domain import NEAR_TARGET, Around, Ball
 from dobc_design.conditions.graphs.claim import signals_in_words
 from dobc_design.conditions.graphs.decide import absorbing
-from dobc_design.conditions.kinds import REACHABILITY
+from dobc_design.conditions.kinds import REACHABILITY, READINGS
 from dobc_design.conditions.numbers import read_rational, rounded_up, text_below
-from dobc_design.conditions.observer.decide import observable_part_is_hurwitz, too_large
+from dobc_design.conditions.observer.decide import observable_part_decays, too_large
 from dobc_design.conditions.reason import Reason, open_reason
 from dobc_design.conditions.schedule.cycles import cycles_of
 from dobc_design.conditions.stated import (
@@ -88,6 +88,8 @@ def _decided(loop: Loop, checks: Checks, W: Matrix | None) -> Overall:
     # A proof that covers what is asked ends the question; whatever else fails is only a method.
     rows = rows_of(loop, W) or loop
     proofs = covering(rows, checks)
+    if any(check.id == READINGS for check in proofs):
+        proofs = [check for check in proofs if check.id == READINGS]
     if stated:  # the checks of the tables are about the graphs of the modes, not about every graph
         proofs = [check for check in proofs if check.kind.role != "safety"]
     if proofs:
@@ -125,11 +127,11 @@ def _proved(loop: Loop, checks: Checks, best: Check) -> Overall:
     # The rate is that of the plant with all that is stated, not that of the model alone.
     # Without tables the proof carries the verdict itself.
     carrier = best
-    for id in (ACCURACY, TOLERANCE):
+    for id in (READINGS, ACCURACY, TOLERANCE):
         if id in stated.wanted:
             carrier = answer_of(loop, checks, id) or best
     reason = _arrival(loop, best, pace=carrier, final=carrier if carrier.id == ACCURACY else None)
-    if carrier is not best:
+    if carrier is not best or carrier.id == READINGS:
         reason += f", with {table_words(loop, carrier.id)}"
     if loop.saturates:
         reason += f", with inputs that saturate at {table_words(loop, LIMIT)}"
@@ -168,7 +170,12 @@ def _limited_starts(loop: Loop, checks: Checks) -> str:
     return f" from starts with {starts}"
 
 
-_NAMES = {LIMIT: "the actuator limit", TOLERANCE: "[uncertainty]", ACCURACY: "[uncertainty]"}
+_NAMES = {
+    LIMIT: "the actuator limit",
+    TOLERANCE: "[uncertainty]",
+    ACCURACY: "[uncertainty]",
+    READINGS: "late readings",
+}
 
 
 def _preference(check: Check) -> tuple[bool, float, float]:
@@ -226,7 +233,7 @@ def _failing_gain(loop: Loop, W: Matrix | None) -> str | None:
         is_given = own is not None and (loop.is_grouped or own == W)
         if not is_given or own is None or too_large(group.exosystem) is not None:
             continue
-        if not observable_part_is_hurwitz(group.exosystem, own):
+        if not observable_part_decays(group.exosystem, own, loop.timing):
             whose = f" of the group of agent {group.name}" if loop.is_grouped else ""
             return (
                 f"Consensus fails: with this W{whose} the estimation error does not decay, and "
@@ -239,6 +246,8 @@ def _instability(loop: Loop, check: Check) -> str | None:
     """What a refuted check says against close starts: an unstable linearisation in a mode that may
     stay on, or growth under the guarantee."""
     stays = loop.may_stay(check.mode or next(iter(loop.modes)))
+    if check.id == READINGS:
+        return f"Consensus fails: {check.reason}"
     if isinstance(check.claim, Unstable) and check.claim.roots and stays:
         where = "" if check.mode is None else f"in mode {check.mode} "
         return (

@@ -86,7 +86,13 @@ def _is_near(loop: Loop, check: Check) -> bool:
     known = is_safety or check.kind.role == "region"
     if check.kind.topic == "quadratic":
         known = loop.slopes_move
-    several = loop.switches or is_safety or loop.drift is not None or loop.gap > 0
+    several = (
+        loop.switches
+        or is_safety
+        or loop.timing is not None
+        or loop.drift is not None
+        or loop.gap > 0
+    )
     return (several or loop.is_apart) and known and is_box_near(loop, check.domain)
 
 

@@ -28,6 +28,8 @@ LEMMA: Final = "lemma1"
 REACHABILITY: Final = "reachability"
 #: The box that shrinks, on which other checks rest.
 MAX_SEPARABLE: Final = "max-separable"
+#: The same with late, held and lost readings, and with a processor, as the file states them.
+READINGS: Final = "readings"
 
 
 @noun

@@ -14,13 +14,14 @@ from fractions import Fraction
 
 from dobc_design._checks import noun
 from dobc_design.loop.loop import Loop
+from dobc_design.loop.timing import timing_words
 from dobc_design.problem.uncertainty import ABSOLUTE, RELATIVE
 from dobc_design.verdict import Verdict
 
 from .check import Check
 from .coverage import holds_region, is_box_near
 from .domain import EVERYWHERE, NEAR_TARGET, Around
-from .kinds import MAX_SEPARABLE
+from .kinds import MAX_SEPARABLE, READINGS
 
 LIMIT = "actuators"
 TOLERANCE = "tolerance"
@@ -31,21 +32,25 @@ NO_ROOM = "so that no region and no gain would do."
 
 @noun
 class Stated:
-    """Whether the file states a limit of an input, relative errors of weights or gains, and
+    """Whether the file states a limit of an input, relative errors of weights or gains,
     something that acts on the plant and that no exosystem generates (a drift is one only where
-    there is an exosystem)."""
+    there is an exosystem), and readings that are ``late`` or held."""
 
     limit: bool
     relative: bool
     absolute: bool
+    late: bool = False
 
     def __bool__(self) -> bool:
-        return self.limit or self.relative or self.absolute
+        return self.limit or self.relative or self.absolute or self.late
 
     @property
     def wanted(self) -> tuple[str, ...]:
         """The ids of the checks that have to be proved; the last one of them that is about
         [uncertainty] carries the verdict."""
+        # Readings count errors of weights and gains, and say why where more is stated.
+        if self.late:
+            return (READINGS,)
         answers = (ACCURACY,) if self.absolute else (TOLERANCE,) if self.relative else ()
         return (*((LIMIT,) if self.limit else ()), *answers)
 
@@ -70,6 +75,7 @@ def stated_in(loop: Loop) -> Stated:
         limit=actuators is not None and bool(actuators.limit),
         relative=table is not None and any(getattr(table, name) for name in RELATIVE),
         absolute=any(name != "drift" or loop.groups for name in acts),
+        late=loop.timing is not None,
     )
 
 
@@ -112,12 +118,14 @@ _CURES = {
     TOLERANCE: "smaller errors, larger gains or more pinned agents",
     ACCURACY: "a smaller [region], smaller bounds in [uncertainty], larger gains or more pinned "
     "agents",
+    READINGS: "a smaller [region], shorter times in [readings] and [processor], or smaller gains",
 }
 #: The same where there is no region.
 _CURES_NEAR = {
     LIMIT: "a larger limit or, where the disturbance leaves room, smaller gains",
     TOLERANCE: _CURES[TOLERANCE],
     ACCURACY: "smaller bounds in [uncertainty], larger gains or more pinned agents",
+    READINGS: "shorter times in [readings] and [processor], or smaller gains",
 }
 
 
@@ -166,6 +174,8 @@ def table_words(loop: Loop, id: str) -> str:
     """What the file states and the check ``id`` answers, with its numbers."""
     if id == LIMIT:
         return _limit_words(loop)
+    if id == READINGS:
+        return timing_words(loop.timing)
     table = loop.uncertainty
     if table is None:
         return ""

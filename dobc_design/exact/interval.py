@@ -622,6 +622,38 @@ def interval_routh(coefficients: Sequence[Interval | Fraction]) -> Verdict:
     return Verdict.PROVED
 
 
+@noun
+class Middle:
+    """A symmetric matrix of intervals as ``centre``, which is rational, and ``room``, a diagonal
+    that is at least as large as every difference from it."""
+
+    centre: Matrix
+    room: Matrix
+
+
+def middle(M: IntervalMatrix) -> Middle:
+    """Of a symmetric M, whose upper triangle counts: |x'D x| is at most the sum of x_i^2 times the
+    row of the |D_ij|."""
+    places = range(len(M))
+    upper = [[M[min(i, j)][max(i, j)] for j in places] for i in places]
+    rooms = [sum((x.width / 2 for x in row), ZERO) for row in upper]
+    return Middle(
+        centre=tuple(tuple(x.midpoint for x in row) for row in upper),
+        room=tuple(tuple(rooms[i] if i == j else ZERO for j in places) for i in places),
+    )
+
+
+def points(M: Matrix) -> IntervalMatrix:
+    """A matrix as one of intervals."""
+    return tuple(tuple(map(Interval.point, row)) for row in M)
+
+
+def interval_product(M: IntervalMatrix, N: IntervalMatrix) -> IntervalMatrix:
+    """Enclose M N."""
+    columns = tuple(zip(*N, strict=True))
+    return tuple(tuple(_dot(row, column) for column in columns) for row in M)
+
+
 def _dot(v: Sequence[Interval], w: Sequence[Interval]) -> Interval:
     return _total([x * y for x, y in zip(v, w, strict=True)])
 

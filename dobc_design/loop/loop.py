@@ -33,6 +33,7 @@ from dobc_design.problem.region import Pairs
 from dobc_design.problem.uncertainty import Actuators, Uncertainty
 
 from .guarantee import Guarantee
+from .timing import Timing
 
 Pair = tuple[Fraction, Fraction]
 Made = TypeVar("Made")
@@ -176,7 +177,8 @@ class Loop(Grouped):
     without one. ``signed``: arcs of negative weight couple by |w| h(-e_j - e_i), which
     rows do not see: in their loop all weights are positive (``pairs.rows_of``), and ``signs`` has
     the arcs as they were.
-    ``turned``: errors are s_i e_i (``signs``).
+    ``turned``: errors are s_i e_i (``signs``). ``timing``: how late and how often nodes know what
+    they use; None where they always do.
     """
 
     name: str
@@ -202,6 +204,7 @@ class Loop(Grouped):
     signed: bool = False
     signs: Modes | None = None
     turned: bool = False
+    timing: Timing | None = None
 
     @property
     def n(self) -> int:
@@ -274,6 +277,11 @@ class Loop(Grouped):
     def saturates(self) -> bool:
         """Whether inputs may reach their limits (``saturation``)."""
         return self.actuators is not None and bool(self.actuators.saturates)
+
+    @property
+    def is_sampled(self) -> bool:
+        """Whether everything is computed from samples and held, so that no flow says what happens."""
+        return self.timing is not None and self.timing.sampled
 
     @property
     def is_linear(self) -> bool:

@@ -32,12 +32,14 @@ from dobc_design.problem.groups import Group, Groups, Observer
 from dobc_design.problem.leader import enclosure, not_enclosed
 from dobc_design.problem.network import Places
 from dobc_design.problem.problem import Problem
+from dobc_design.problem.readings import Readings
 from dobc_design.problem.region import Pairs
 
 from .arcs import Pin, with_pins
 from .guarantee import guarantee_of
 from .loop import Drift, Goals, Loop, Pins, Starts, pins_of, zero_goals
 from .signs import turned
+from .timing import Timing
 
 
 @noun(eq=False)
@@ -104,6 +106,7 @@ def _made_once(same: _Same) -> Loop:
         xi0=problem.simulation.xi0,
         unit=problem.unit,
         signed=problem.signs is not None,
+        timing=timing_of(problem),
     )
     dynamics = problem.dynamics
     if dynamics is not None:
@@ -113,6 +116,26 @@ def _made_once(same: _Same) -> Loop:
     if problem.pinning.modes:
         return with_pins(loop, dict(_pins_of_modes(loop, problem)), "target")
     return loop
+
+
+def timing_of(problem: Problem) -> Timing | None:
+    """[readings] and [processor], or discrete time, whose tick is 1."""
+    given, processor = problem.readings, problem.processor
+    if given is None and processor is None and not problem.steps:
+        return None
+    table = given or Readings()
+    period = ONE if problem.steps else table.period or ZERO
+    if processor is not None:
+        period = processor.period
+    return Timing(
+        delay=table.delay,
+        own_delay=table.own_delay,
+        period=period,
+        lost=table.lost,
+        event=table.event,
+        sampled=processor is not None or problem.steps,
+        steps=problem.steps,
+    )
 
 
 def _between(loop: Loop, box: Pairs) -> Loop:

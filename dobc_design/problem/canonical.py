@@ -38,6 +38,7 @@ from .network import (
     parse_weights,
 )
 from .problem import Problem
+from .readings import TIMES, Processor, Readings
 from .region import GOALS, Region
 from .simulation import Simulation
 from .switching import Switching
@@ -59,8 +60,9 @@ _KEYS = (
     "gains",
 )
 _TABLES = ("exosystem", "observer", "offsets", "region", "switching", "simulation")
-_LATER_TABLES = ("uncertainty", "actuators", "dynamics", "leader")
-_LATER = (*_LATER_TABLES, "units", "goal", "fixed", "negative")
+_LATER_TABLES = ("uncertainty", "actuators", "dynamics", "leader", "readings", "processor")
+_NEW = ("goal", "fixed", "negative", "readings", "processor", "time")
+_LATER = (*_LATER_TABLES, *_NEW, "units")
 _ALWAYS = ("observer", "simulation")  # tables that are never null
 
 
@@ -121,6 +123,8 @@ def texts_of(problem: Problem) -> Document:
         found["units"] = list(problem.units)
     if problem.goal != GOALS[0]:
         found["goal"] = problem.goal
+    if problem.steps:
+        found["time"] = TIMES[1]
     return found
 
 
@@ -252,7 +256,7 @@ def _load(data: bytes, name: str) -> Document:
 
 def _version_of(document: Table) -> int:
     """The first version that knows all that the document has."""
-    new = any(key in document for key in ("goal", "fixed", "negative"))
+    new = any(key in document for key in _NEW)
     if new or _in_a_mode(document, "gains") or _leaves_agents_undisturbed(document):
         return VERSION_OPEN
     actuators = document.get("actuators")
@@ -335,6 +339,9 @@ class _Reader:
             actuators=document.get("actuators"),
             dynamics=self.table(Dynamics, "dynamics"),
             leader=self.table(Leader, "leader"),
+            readings=self.table(Readings, "readings"),
+            processor=self.table(Processor, "processor"),
+            time=document.get("time"),
         )
 
     def table(self, noun: Any, key: str) -> Document | None:

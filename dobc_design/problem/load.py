@@ -270,7 +270,11 @@ _READ_HERE = (
 def _build(tables: ProblemFile, *, folder: Path | None, name: str) -> Problem:
     """The nouns of all tables, and the Problem of them.  Raises: SpecError with every mistake."""
     errors = Mistakes()
-    dynamics = _noun(Dynamics, tables.dynamics)
+    own = {} if tables.dynamics is None else tables.dynamics.model_dump()
+    time = own.pop("time", None)
+    # The time alone says nothing about A and B.
+    alone = time is not None and not any(own.values())
+    dynamics = None if not own or alone else Dynamics(**own)
 
     def inputs(exosystem: Exosystem | None) -> int:
         if dynamics is not None:
@@ -319,6 +323,7 @@ def _build(tables: ProblemFile, *, folder: Path | None, name: str) -> Problem:
         offsets=None if tables.formation is None else tables.formation.offsets,
         switching=switching,
         dynamics=dynamics,
+        time=time,
         **others,
     )
     if problem is None or errors:

@@ -53,6 +53,7 @@ from .known import check_together, require
 from .leader import Leader, read_leader
 from .network import Arc, Network, Places, sized
 from .pinning import GainForm, Pinning, by_label, read_pinning
+from .readings import Processor, Readings, read_processor, read_readings, read_time
 from .region import GOALS, Pairs, Region, read_goal, read_region, read_units
 from .signs import OPPOSES, REPELS, Signs, repelling, signs_of
 from .simulation import Simulation, read_simulation
@@ -119,6 +120,10 @@ class Problem(Grouped, Shown):
             dynamics; it knows no ``target`` then.
         uncertainty, actuators: an Uncertainty and Actuators, or mappings: bounds of model error and
             noise, limits of inputs.
+        readings, processor: a Readings and a Processor, or mappings: how late and how often agents
+            know what they use; whether everything is computed from samples.
+        time: "continuous" (None stands for it), or "discrete": x_i+ = x_i + couplings + u_i + d_i
+            and xi+ = A xi; times are counted in steps then.
         name: of the problem; results are saved under it.
         units: of the states, such as "m/s", or one for each component; words and figures show them.
         notes: sentences on what is assumed or stands in; they are shown wherever a result is shown.
@@ -150,6 +155,9 @@ class Problem(Grouped, Shown):
     actuators: Actuators | None
     dynamics: Dynamics | None
     leader: Leader | None
+    readings: Readings | None
+    processor: Processor | None
+    steps: bool  # agents move in discrete time, x+ = x + couplings + u + d
     notes: Texts
     units: Texts
     couplings: tuple[Coupling, ...] = field(init=False, compare=False)
@@ -180,6 +188,9 @@ class Problem(Grouped, Shown):
         actuators: Actuators | Table | None = None,
         dynamics: Dynamics | Table | None = None,
         leader: Leader | Table | None = None,
+        readings: Readings | Table | None = None,
+        processor: Processor | Table | None = None,
+        time: str | None = None,
         name: str = "problem",
         notes: Names = (),
         units: str | Names | None = None,
@@ -236,6 +247,9 @@ class Problem(Grouped, Shown):
             "uncertainty": lambda: read_uncertainty(uncertainty),
             "actuators": lambda: read_actuators(actuators, labels),
             "leader": lambda: read_leader(leader, dynamics=own),
+            "readings": lambda: read_readings(readings),
+            "processor": lambda: read_processor(processor),
+            "steps": lambda: read_time(time),
             "notes": lambda: _read_notes(notes),
             "units": lambda: read_units(units, dimension=m),
         }

@@ -13,6 +13,7 @@ from dobc_design.exact.reading import Document
 
 from .exosystems import KINDS, PARTS
 from .network import ARROWS, LONGEST_LABEL, MOST_AGENTS
+from .readings import TIMES
 from .region import GOALS, LONGEST_UNIT
 from .signs import NEGATIVE
 from .switching import GUARANTEES, SIGNALS
@@ -140,6 +141,7 @@ Fixed = Annotated[
     ),
 ]
 Goal = Annotated[Any, WithJsonSchema({"enum": list(GOALS)})]
+Time = Annotated[Any, WithJsonSchema({"enum": list(TIMES)})]
 Kind = Annotated[Any, WithJsonSchema({"enum": list(KINDS)})]
 Flag = Annotated[Any, WithJsonSchema({"type": "boolean"})]
 Members = Annotated[Any, WithJsonSchema(_list_of(_LABEL))]
@@ -289,6 +291,7 @@ class DynamicsTable(_Table):
         "In place of A: m expressions in x1..xm, x_i' = f(x_i) + ..."
     )
     B: NumberMatrix = _optional("m x p with full column rank; by default the identity.")
+    time: Time = _optional('"discrete", alone: x_i+ = x_i + couplings + u_i + d_i, xi+ = A xi.')
 
 
 class LeaderTable(_Table):
@@ -304,6 +307,22 @@ class ActuatorsTable(_Table):
     limit: Limits = _optional("|u_i| per component: for all agents, or label -> number.")
     amplitude: Number = _optional("Bound on |d_i|; by default from simulation.xi0.")
     saturates: Flag = _optional("Inputs saturate at the limit, and proofs count what is left.")
+
+
+class ReadingsTable(_Table):
+    """[readings]: how late and how often agents know what they use."""
+
+    delay: Number = _optional("s: readings of neighbours are at most that old.")
+    own_delay: Number = _optional("s: readings of oneself are at most that old.")
+    period: Number = _optional("s: couplings and pins are computed so often, and held in between.")
+    lost: Count = _optional("Readings of a neighbour in a row that may be lost.")
+    event: Number = _optional("Relative threshold of an event trigger or logarithmic quantiser.")
+
+
+class ProcessorTable(_Table):
+    """[processor]: everything that an agent does is computed from samples and held."""
+
+    period: Number = Field(description="s, between two samples.")
 
 
 class ProblemFile(_Table):
@@ -337,6 +356,8 @@ class ProblemFile(_Table):
     actuators: ActuatorsTable | None = None
     dynamics: DynamicsTable | None = None
     leader: LeaderTable | None = None
+    readings: ReadingsTable | None = None
+    processor: ProcessorTable | None = None
 
 
 RESERVED = {"delays"}

@@ -562,7 +562,7 @@ def state_theorems(loop: Loop) -> Statements:
     reason = _why_inapplicable(loop)
     smooth = not any(coupling.nonsmooth for coupling in loop.functions)
     # Eigenvalues of differences ask for the slopes, too.
-    if reason is None or (smooth and (loop.agrees or loop.gap)):
+    if reason is None or (smooth and (loop.agrees or loop.gap or loop.is_sampled)):
         try:
             jacobians = jacobians_at_consensus(loop)
         except UndefinedError as error:
@@ -588,6 +588,8 @@ def _why_inapplicable(loop: Loop) -> str | None:
         return "does not apply: it is about a target, and agents agree without one."
     if loop.gap:
         return gap_obstacle(loop)
+    if loop.is_sampled:
+        return "does not apply: everything is computed from samples and held; see readings."
     if loop.slopes_move:
         return "does not apply: the leader moves, and the slopes of f that it needs change with it."
     # The theorems ask for a derivative on a neighbourhood, not only at the consensus.

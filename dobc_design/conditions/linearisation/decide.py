@@ -24,7 +24,8 @@ def linearisation_check(statements: Statements, W: Matrix | None, *, estimate: f
     proposed rate."""
     check = partial(Check, id=ID, domain=statements.domain)
     undecided = partial(check, verdict=Verdict.UNDECIDED)
-    without = statements.jacobians is None or statements.loop.gap > 0
+    loop = statements.loop
+    without = statements.jacobians is None or loop.gap > 0 or loop.is_sampled
     if statements.inapplicable is not None and without:
         return undecided(reason=statements.inapplicable, applies=False)
     # Of several modes eigenvalues say nothing: only a common V does.

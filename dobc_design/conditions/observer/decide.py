@@ -8,6 +8,12 @@ from functools import partial
 from dobc_design.conditions.check import Check, Fix, Values, Witness, differs
 from dobc_design.conditions.domain import EVERYWHERE
 from dobc_design.conditions.numbers import claimed, largest_proved, text_below
+from dobc_design.exact.interval import (
+    Interval,
+    exp,
+    interval_characteristic_polynomial,
+    interval_routh,
+)
 from dobc_design.exact.matrix import Matrix, add, identity, multiply, scale, subtract, transpose
 from dobc_design.exact.number import ZERO, number_text, root_above, typed_number
 from dobc_design.exact.observability import (
@@ -15,9 +21,10 @@ from dobc_design.exact.observability import (
     decide_observable,
     observable_reduction,
 )
-from dobc_design.exact.polynomial import decide_hurwitz
+from dobc_design.exact.polynomial import decide_hurwitz, disk_image
 from dobc_design.exact.reading import Document
 from dobc_design.loop.loop import Loop
+from dobc_design.loop.timing import Timing, sampled
 from dobc_design.problem.changes import typed_matrix
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import blocks_of
@@ -92,11 +99,15 @@ def hurwitz_check(
     source: str = "given",
     loop: Loop | None = None,
     key: str = "observer.W",
+    timing: Timing | None = None,
 ) -> Check:
-    """Decide whether A - WC is Hurwitz (Routh), with a rate near ``estimate`` (1/s).  ``key``:
-    where W is given."""
+    """Decide whether A - WC is Hurwitz (Routh), with a rate near ``estimate`` (1/s); sampled,
+    whether all eigenvalues of Ad - W C Gamma lie inside the unit disk.  ``key``: where W is
+    given."""
     if W is None:
         return _no_gain(exosystem, loop, key)
+    if timing is not None and timing.sampled:
+        return _sampled_check(exosystem, W, timing, estimate=estimate, source=source)
     error = error_matrix(exosystem, W)
     # Routh's table ends at the first entry of its first column that is not positive.
     decided = decide_hurwitz(error)
@@ -125,6 +136,40 @@ def hurwitz_check(
         witness=Witness(kind="routh_row", values=routh),
         fix=fix,
     )
+
+
+def _sampled_check(
+    exosystem: Exosystem, W: Matrix, timing: Timing, *, estimate: float, source: str
+) -> Check:
+    """The same for the recursion of a processor, or of agents that move in steps."""
+    check = partial(_check, id="hurwitz")
+    found = sampled_verdict(exosystem, W, timing)
+    ticks = "step" if timing.steps else f"{float(timing.period):.6g} s"
+    what = f"A_d - W C Gamma ({source} W, {ticks})"
+    if found is Verdict.PROVED:
+        rate = largest_proved(
+            estimate, lambda a: sampled_verdict(exosystem, W, timing, a) is Verdict.PROVED
+        )
+        decay = f" at least like exp(-{text_below(rate)} t)" if rate else ""
+        reason = f"all eigenvalues of {what} lie inside the unit disk: the estimation error decays"
+        return check(verdict=found, rate=rate or None, reason=f"{reason}{decay}.")
+    advice = "Choose another W, or leave W out to have one designed."
+    if found is Verdict.REFUTED:
+        reason = f"an eigenvalue of {what} lies outside the unit disk. {advice}"
+        return check(verdict=found, reason=reason, fix=_designed_instead(None))
+    reason = f"it is not decided whether {what} has all its eigenvalues inside the unit disk."
+    return check(verdict=found, reason=reason)
+
+
+def sampled_verdict(
+    exosystem: Exosystem, W: Matrix, timing: Timing, rate: Fraction = ZERO
+) -> Verdict:
+    """Whether every eigenvalue of Ad - W C Gamma is smaller than exp(-rate T) in size; REFUTED: not
+    every one is inside the unit disk.  Close to the border it is UNDECIDED."""
+    F = sampled(exosystem, timing).error(W, timing.period)
+    polynomial = interval_characteristic_polynomial(F)
+    radius = exp(Interval.point(-rate * timing.period)).lo
+    return interval_routh(disk_image(polynomial, centre=ZERO, radius=radius))
 
 
 def _has_gains(exosystem: Exosystem) -> bool:
@@ -163,7 +208,7 @@ def confirm(check: Check, loop: Loop, W: Matrix | None) -> str | None:
     elif check.id == "detectability":
         own = detectability_check(exosystem)
     else:
-        own = hurwitz_check(exosystem, own_gain)
+        own = hurwitz_check(exosystem, own_gain, timing=loop.timing)
     wrong = differs(check, own)
     if wrong is not None:
         return wrong
@@ -173,7 +218,12 @@ def confirm(check: Check, loop: Loop, W: Matrix | None) -> str | None:
         return None
     if own_gain is None or not check.is_proved or check.rate <= 0:
         return "it claims a rate without ground"
-    reached = hurwitz_with_rate(error_matrix(exosystem, own_gain), claimed(check.rate))
+    rate = claimed(check.rate)
+    if loop.timing is not None and loop.is_sampled:
+        verdict = sampled_verdict(exosystem, own_gain, loop.timing, rate)
+        reached = verdict is Verdict.PROVED
+    else:
+        reached = hurwitz_with_rate(error_matrix(exosystem, own_gain), rate)
     return None if reached else f"the rate {check.rate} is not reached"
 
 
@@ -206,11 +256,15 @@ def hurwitz_with_rate(error: Matrix, rate: Fraction) -> bool:
     return decide_hurwitz(add(error, scale(rate, identity(len(error))))).is_proved
 
 
-def observable_part_is_hurwitz(exosystem: Exosystem, W: Matrix) -> bool:
-    """Whether the part of A - WC that reaches the agents decays: exact (theory, section 2)."""
+def observable_part_decays(exosystem: Exosystem, W: Matrix, timing: Timing | None) -> bool:
+    """Whether the part of A - WC that reaches the agents decays: exact (theory, section 2); of the
+    recursion where it is sampled, True as well where that is not decided."""
     A_o, C_o, T = observable_reduction(exosystem.A, exosystem.C)
     if not A_o:
         return True
+    if timing is not None and timing.sampled:
+        seen = Exosystem(A=A_o, C=C_o)
+        return sampled_verdict(seen, multiply(T, W), timing) is not Verdict.REFUTED
     return decide_hurwitz(subtract(A_o, multiply(multiply(T, W), C_o))).is_proved
 
 

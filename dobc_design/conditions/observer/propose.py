@@ -20,7 +20,7 @@ from scipy import linalg
 
 from dobc_design._checks import noun
 from dobc_design.conditions.consensus.claim import reduced, with_gain
-from dobc_design.conditions.consensus.propose import decay_of
+from dobc_design.conditions.consensus.propose import decay_of, decay_rate
 from dobc_design.exact import observability
 from dobc_design.exact.matrix import (
     Matrix,
@@ -37,12 +37,14 @@ from dobc_design.exact.matrix import (
 )
 from dobc_design.exact.number import ONE, ZERO
 from dobc_design.loop.loop import Loop
+from dobc_design.loop.timing import Timing, middle_of, sampled
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import join
 from dobc_design.solvers.conic import solve_in_turn
 from dobc_design.solvers.program import GIVEN_UP, Array, Program, Solution, round_matrix
+from dobc_design.verdict import Verdict
 
-from .decide import error_matrix, hurwitz_with_rate, too_large
+from .decide import error_matrix, hurwitz_with_rate, sampled_verdict, too_large
 
 # Order up to which semidefinite programs are solved: their unknowns grow with its square.
 LARGEST_PROGRAM = 16
@@ -161,6 +163,16 @@ def kalman_gain(A: Array, C: Array, *, process: float = 1.0, sampled: bool = Fal
     except GIVEN_UP:
         return None
     return gain if np.all(np.isfinite(gain)) else None
+
+
+def decay_of_error(exosystem: Exosystem, W: Matrix, timing: Timing | None) -> float:
+    """The rate (1/s) at which the observer error decays, about; of the recursion where it is
+    sampled."""
+    if timing is None or not timing.sampled:
+        return decay_rate(exosystem, W)
+    F = middle_of(sampled(exosystem, timing).error(W, timing.period))
+    largest = float(np.max(np.abs(np.linalg.eigvals(to_float(F)))))
+    return -math.log(largest) / float(timing.period) if largest else math.inf
 
 
 def half_rate(A: Array, C: Array, gain: Array | None) -> Fraction:
@@ -359,6 +371,27 @@ def design_gain(exosystem: Exosystem, *, rate: Fraction | None = None) -> GainDe
     return GainDesign(W=None, rate=wanted, note=note)
 
 
+def design_sampled_gain(exosystem: Exosystem, timing: Timing) -> GainDesign:
+    """Design W (q, m) so that all eigenvalues of Ad - W C Gamma lie inside the unit disk: a Kalman
+    gain, which is that of continuous time as T goes to 0, or all of them at 0."""
+    reason = too_large(exosystem)
+    if reason is not None:
+        return GainDesign(W=None, rate=None, note=f"no W is designed: it is {reason}")
+    found = sampled(exosystem, timing)
+    A, C = (middle_of(M) for M in (found.A, found.C))
+    T = timing.period
+    kalman = kalman_gain(to_float(A), to_float(C), process=float(T * T), sampled=True)
+    ways = [(W, "Kalman gain") for W in _roundings(kalman)]
+    pair = Exosystem(A=A, C=C)
+    ways += [(W, "all eigenvalues at 0, about") for W in placed_gains(pair, rate=-ONE)]
+    for L, how in ways:
+        W = scale(1 / T, L)
+        if sampled_verdict(exosystem, W, timing) is Verdict.PROVED:
+            note = f"W was designed ({how}) for the recursion from sample to sample."
+            return GainDesign(W=W, rate=ZERO, note=note)
+    return GainDesign(W=None, rate=None, note="no W was found for this period.")
+
+
 def _can_reach(exosystem: Exosystem, rate: Fraction) -> bool:
     """Whether some W gives the decay rate: (A + rate I, C) is detectable."""
     shifted = add(exosystem.A, scale(rate, identity(exosystem.order)))
@@ -433,7 +466,11 @@ def design_gains(loop: Loop) -> tuple[GainDesign | None, ...]:
     designs = []
     for group in loop.groups:
         own = group.observer
-        design = None if own.W is not None else design_gain(group.exosystem, rate=own.rate)
+        design = None
+        if own.W is None and loop.timing is not None and loop.is_sampled:
+            design = design_sampled_gain(group.exosystem, loop.timing)
+        elif own.W is None:
+            design = design_gain(group.exosystem, rate=own.rate)
         designs.append(design)
     return tuple(designs)
 

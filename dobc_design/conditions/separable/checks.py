@@ -5,6 +5,7 @@ docs/certificate-claims.md, "Regions", fixes the form.  A check is proved for th
 it shows.
 """
 
+from collections.abc import Sequence
 from fractions import Fraction
 from functools import partial
 
@@ -13,7 +14,7 @@ from dobc_design.conditions.check import Check, Witness, not_a_proof, read_domai
 from dobc_design.conditions.consensus.network import name_agents
 from dobc_design.conditions.coverage import Asked
 from dobc_design.conditions.domain import EVERYWHERE, Box, Domain
-from dobc_design.conditions.kinds import MAX_SEPARABLE
+from dobc_design.conditions.kinds import MAX_SEPARABLE, READINGS
 from dobc_design.conditions.numbers import (
     claimed,
     decimal_below,
@@ -24,11 +25,14 @@ from dobc_design.conditions.numbers import (
 )
 from dobc_design.conditions.reason import observer_obstacle, saturation_obstacle
 from dobc_design.exact.matrix import Matrix
+from dobc_design.exact.number import number_text
 from dobc_design.loop.loop import Loop
+from dobc_design.loop.timing import timing_words
 from dobc_design.verdict import Verdict
 
 from .claim import (
     DelayBound,
+    ReadingsBound,
     SamplingBound,
     Separable,
     acts_by_component,
@@ -44,7 +48,17 @@ from .decide import (
     covers,
     verify_composite,
 )
-from .timing import largest_period, verify_delay, verify_sampling
+from .timing import (
+    EIGENVALUE,
+    largest_period,
+    late_witness_obstacle,
+    overshoots,
+    rest_matrix,
+    turns_too_far,
+    verify_delay,
+    verify_readings,
+    verify_sampling,
+)
 
 SHORTEST = Fraction(1, 10**30)  # sampling periods below are no use to anybody (s)
 # of a sampling period, for a second program with wider enclosures
@@ -167,6 +181,68 @@ def delay_check(
     )
 
 
+def readings_check(asked: Asked, claim: Separable, *, radius: float) -> Check:
+    """Decide ``claim`` as a proof with the readings and the processor that the problem states, for
+    every start with |e|_inf <= radius and |eps_i| as asked."""
+    loop = asked.loop
+    undecided = partial(undecided_check, READINGS, asked.domain)
+    wrong = verify_readings(loop, asked.W, claim).wrong
+    if wrong is not None:
+        return undecided(wrong)
+    if not covers(claim, radius=claimed(radius), disturbance=claimed(asked.disturbance)):
+        return undecided("the box asked for is not inside the certified set.")
+    rate = decimal_below(claim.alpha)
+    domain: Domain = EVERYWHERE
+    starts = "every start"
+    if claim.rho is not None:
+        domain = Box(radius, asked.disturbance)
+        starts += f" with |e_i| <= {radius:.6g}"
+        if loop.groups:
+            starts += f" and |eps_i| <= {asked.disturbance:.6g}"
+    held = loop.timing is not None and loop.timing.period
+    reason = (
+        f"{starts} reaches the target with {timing_words(loop.timing)}: max_i |e_i|/v_i stays below a "
+        f"multiple of exp(-{text_below(rate)} t){', at the samples' if held else ''}."
+    )
+    return Check(
+        id=READINGS,
+        verdict=Verdict.PROVED,
+        domain=domain,
+        rate=rate,
+        claim=ReadingsBound(rows=claim),
+        reason=reason,
+    )
+
+
+def diverging_check(loop: Loop, near: Sequence[complex], *, domain: Domain) -> Check | None:
+    """REFUTED where linear couplings diverge with what the problem states; None where that is not
+    shown.  ``near``: eigenvalues of M, about."""
+    M = rest_matrix(loop)
+    timing = loop.timing
+    if M is None or timing is None:
+        return None
+    refuted = partial(Check, id=READINGS, verdict=Verdict.REFUTED, domain=domain)
+    if timing.period:
+        if not overshoots(loop, M):
+            return None
+        reason = (
+            f"held over {float(timing.period):.6g} s the loop does not converge: an eigenvalue of "
+            "I - T M is not inside the unit disk."
+        )
+        return refuted(reason=reason, witness=Witness(kind=EIGENVALUE, values=()))
+    for root in near:
+        x, y = Fraction(root.real), Fraction(root.imag)
+        if turns_too_far(loop, M, (x, y)):
+            late = float(min(timing.delay, timing.own_delay))
+            reason = (
+                f"with one constant delay of {late:.6g} s in everything the loop diverges: M has "
+                f"an eigenvalue mu near {root:.6g}, and |mu| tau > pi/2 - |arg mu|."
+            )
+            values = (number_text(x), number_text(y))
+            return refuted(reason=reason, witness=Witness(kind=EIGENVALUE, values=values))
+    return None
+
+
 def sampling_check(
     case: Case, claim: Separable, beside: Check, *, own: Separable | None = None
 ) -> Check:
@@ -211,6 +287,8 @@ def confirm(check: Check, case: Case) -> str | None:
     reason = obstacle(loop, case.W, turned=turned)
     if reason is not None:
         return reason
+    if check.id == READINGS:
+        return _not_read(check, case)
     if not is_main:
         return _not_timed(check, case)
     if check.verdict is Verdict.REFUTED:
@@ -252,6 +330,27 @@ def _not_proved(claim: Separable, check: Check, case: Case) -> str | None:
         if not covers(claim, radius=radius, disturbance=disturbance):
             return "the box is not inside the invariant set"
     return verify_composite(case.loop, case.W, claim).wrong
+
+
+def _not_read(check: Check, case: Case) -> str | None:
+    """None if a proof or refutation with the stated readings is confirmed, else what is wrong."""
+    loop = case.loop
+    if loop.timing is None:
+        return "the problem states no readings and no processor"
+    if check.verdict is Verdict.REFUTED:
+        return late_witness_obstacle(loop, check)
+    wrong = not_a_proof(check)
+    if wrong is not None:
+        return wrong
+    claim = separable_from_json(check.exact, loop)
+    if claim.rho is None:
+        if not check.domain == EVERYWHERE == case.domain:
+            return "without rho the domain must be global, and every coupling linear"
+    else:
+        radius, disturbance = read_domain(check.domain, loop, kind=Box)
+        if not covers(claim, radius=radius, disturbance=disturbance):
+            return "the box is not inside the certified set"
+    return verify_readings(loop, case.W, claim).wrong or _too_fast(check, claim.alpha)
 
 
 def _not_timed(check: Check, case: Case) -> str | None:

@@ -26,6 +26,7 @@ import numpy as np
 
 from dobc_design._checks import noun, positional
 from dobc_design.conditions.check import Check, Claim, read_object
+from dobc_design.conditions.kinds import READINGS
 from dobc_design.conditions.numbers import (
     fields_to_json,
     form_from_json,
@@ -210,9 +211,24 @@ class SamplingBound:
         return values
 
 
+@noun
+class ReadingsBound:
+    """With readings and a processor as the problem states them ``rows`` holds: its alpha (1/s) is
+    the rate, at the ticks where something is held; the beta of a sampled observer is one per
+    tick."""
+
+    rows: Separable
+
+    def to_json(self) -> Document:
+        """The exact values of a proved check of readings."""
+        return self.rows.to_json()
+
+
 def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Claim:
     """What a proved check of this topic claims, for this problem."""
     exact = check.exact
+    if check.id == READINGS:
+        return ReadingsBound(rows=separable_from_json(exact, loop))
     if check.id == "delay":
         delay, rate = read_rationals(read_object(exact, ("delay", "rate")), "delay", "rate")
         return DelayBound(delay=delay, rate=rate)

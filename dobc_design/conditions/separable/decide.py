@@ -26,12 +26,19 @@ from dobc_design.errors import SpecError
 from dobc_design.exact import matrix as exact
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
 from dobc_design.exact.floats import Floats
-from dobc_design.exact.interval import Interval, UndefinedError
+from dobc_design.exact.interval import (
+    Interval,
+    UndefinedError,
+    interval_product,
+    middle,
+    points,
+)
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.number import float_below
 from dobc_design.exact.symmetric import Doubles
 from dobc_design.exact.work import spend
 from dobc_design.loop.loop import Loop
+from dobc_design.loop.timing import Timing, sampled
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.verdict import Verdict
 
@@ -566,30 +573,53 @@ def observer_obstacle(loop: Loop, W: Matrix | None, claim: Separable) -> str | N
     return wrong
 
 
-def error_bound_obstacle(exosystem: Exosystem, W: Matrix, error: ErrorBound) -> str | None:
+def error_bound_obstacle(
+    exosystem: Exosystem, W: Matrix, error: ErrorBound, timing: Timing | None = None
+) -> str | None:
     """Why ``error`` does not hold for W, in words; None if it is proved.  Exact: there is no third
-    answer."""
+    answer.  With a ``timing`` that is sampled beta is a rate per tick, and C the mean output."""
     P = error.P
     q = exosystem.order
     if exact.shape(P) != (q, q) or not exact.is_symmetric(P):
         return f"P must be a symmetric {q}x{q} matrix."
     if not decide_positive_definite(P).is_proved:
         return "P is not positive definite."
-    PE = exact.multiply(P, exact.subtract(exosystem.A, exact.multiply(W, exosystem.C)))
-    decay = exact.add(exact.add(exact.transpose(PE), PE), exact.scale(2 * error.beta, P))
-    if not decide_positive_semidefinite(exact.scale(-1, decay)).is_proved:
+    decay, outputs = _sides(exosystem, W, error, timing)
+    if not decide_positive_semidefinite(decay).is_proved:
         return (
             f"the observer error does not decay at the rate beta = {float(error.beta):.6g} in "
             "the norm of P."
         )
-    for number, c in enumerate(exosystem.C):
-        square = tuple(tuple(x * y for y in c) for x in c)
+    for number, square in enumerate(outputs):
         if not decide_positive_semidefinite(exact.subtract(P, square)).is_proved:
             return f"P does not bound row {number + 1} of C: c'c <= P fails."
     room = exact.subtract(exact.scale(error.size, exact.identity(q)), P)
     if not decide_positive_semidefinite(room).is_proved:
         return f"P exceeds {float(error.size):.6g} times the identity."
     return None
+
+
+def _sides(
+    exosystem: Exosystem, W: Matrix, error: ErrorBound, timing: Timing | None
+) -> tuple[Matrix, list[Matrix]]:
+    """What has to be >= 0 for beta, and c'c of every output, or a matrix above it."""
+    P = error.P
+    if timing is None or not timing.sampled:
+        PE = exact.multiply(P, exact.subtract(exosystem.A, exact.multiply(W, exosystem.C)))
+        decay = exact.add(exact.add(exact.transpose(PE), PE), exact.scale(2 * error.beta, P))
+        squares = [tuple(tuple(x * y for y in c) for x in c) for c in exosystem.C]
+        return exact.scale(-1, decay), squares
+    found = sampled(exosystem, timing)
+    F = found.error(W, timing.period)
+    turned = tuple(zip(*F, strict=True))
+    moved = middle(interval_product(interval_product(turned, points(P)), F))
+    left = exact.scale((1 - timing.period * error.beta) ** 2, P)
+    decay = exact.subtract(left, exact.add(moved.centre, moved.room))
+    squares = []
+    for c in found.C:
+        square = middle(tuple(tuple(x * y for y in c) for x in c))
+        squares.append(exact.add(square.centre, square.room))
+    return decay, squares
 
 
 def composite_rate(claim: Separable) -> Fraction:

@@ -87,6 +87,7 @@ class Field:
     grid: Array
     load: Array | float = 0.0  # what is added to every row
     extra: Any = None  # (n, n): what grows with v besides, and is added to every row
+    stretch: float = 1.0  # what the v_j of those who are listened to are multiplied by
 
     def rows(self, v: Array, *, alpha: float) -> tuple[Array, Any, Array]:
         """The largest row of every agent, its Jacobian in v (n, n), and the size of its terms."""
@@ -139,8 +140,9 @@ class Field:
         return float(np.max(largest, initial=0.0))
 
     def _with_fixed(self, v: Array) -> Array:
-        """The weights of all nodes."""
-        return np.append(v, np.zeros(self.fixed)) if self.fixed else v
+        """The weights of all nodes, as they are heard."""
+        heard = v * self.stretch if self.stretch > 1 else v
+        return np.append(heard, np.zeros(self.fixed)) if self.fixed else heard
 
     def slopes(self, mode: int, face: int, places: Any, v: Array) -> Any:
         """The derivatives in v, (n, n), of these sums, each agent at its own place (n,) of the
@@ -169,7 +171,7 @@ class Field:
                     values, _ = _sup(group, face, s, v[i], weights[j])
                     w = w * _worse(group.off[here], values)
                 free = j < self.size
-                parts += [(i, i, w * own), (i[free], j[free], (w * other)[free])]
+                parts += [(i, i, w * own), (i[free], j[free], self.stretch * (w * other)[free])]
         i, j, entries = map(np.concatenate, zip(*parts, strict=True))
         return sparse.csr_array(sparse.coo_array((entries, (i, j)), shape=(self.size, self.size)))
 

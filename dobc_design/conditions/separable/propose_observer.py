@@ -17,6 +17,7 @@ from dobc_design._checks import noun
 from dobc_design.conditions.consensus.propose import decay_of
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.exact.number import float_above
+from dobc_design.loop.timing import Timing, middle_of, sampled
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.solvers.conic import affine_cone, solve_cones, symmetric_basis
 from dobc_design.solvers.program import Array, round_matrix
@@ -53,23 +54,59 @@ class _Bound:
     size: float
 
 
-def propose_error_bound(exosystem: Exosystem, W: Matrix, *, rate: float = 0.0) -> ErrorBound | None:
+@noun(eq=False)
+class _Pair:
+    """The error matrix F (q, q) and output C, in continuous time or, with a ``period``, from tick
+    to tick."""
+
+    F: Array
+    C: Array
+    period: float = 0.0
+
+    @property
+    def fastest(self) -> float:
+        """The decay rate, per tick where there are ticks."""
+        if not self.period:
+            return decay_of(self.F)
+        largest = float(np.max(np.abs(np.linalg.eigvals(self.F)), initial=0.0))
+        return (1 - largest) / self.period
+
+    def decay(self, P: Array, beta: float) -> Array:
+        """What is >= 0 where P decays at the rate beta."""
+        if not self.period:
+            return -(self.F.T @ P + P @ self.F) - 2 * beta * P
+        left = (1 - self.period * beta) ** 2 * P - self.F.T @ P @ self.F
+        return np.asarray(left / self.period)
+
+
+def _pair(exosystem: Exosystem, W: Matrix, timing: Timing | None) -> _Pair:
+    C = to_float(exosystem.C)
+    if timing is None or not timing.sampled:
+        return _Pair(F=to_float(exosystem.A) - to_float(W) @ C, C=C)
+    found = sampled(exosystem, timing)
+    F = middle_of(found.error(W, timing.period))
+    return _Pair(F=to_float(F), C=to_float(middle_of(found.C)), period=float(timing.period))
+
+
+def propose_error_bound(
+    exosystem: Exosystem, W: Matrix, *, rate: float = 0.0, timing: Timing | None = None
+) -> ErrorBound | None:
     """Find P, beta and kappa = 1/(beta - rate) for min v = 1, with kappa sqrt(lambda_max(P)) about
     least.  ``rate`` (1/s) is what V = N + kappa E is to decay with; below the decay rate of A - WC.
-    Returns None where no such bound is found (A - WC is not Hurwitz, or slower than ``rate``)."""
-    C = to_float(exosystem.C)
-    error = to_float(exosystem.A) - to_float(W) @ C
-    fastest = decay_of(error)
+    Returns None where no such bound is found (A - WC is not Hurwitz, or slower than ``rate``).
+    With a ``timing`` that is sampled the same of the recursion, rates per tick."""
+    pair = _pair(exosystem, W, timing)
+    fastest = pair.fastest
     if not math.isfinite(fastest) or fastest <= rate:
         return None
-    bound_at = _least_bound if len(error) <= LARGEST_PROGRAM else _lyapunov_bound
+    bound_at = _least_bound if len(pair.F) <= LARGEST_PROGRAM else _lyapunov_bound
     low = rate
     high = fastest
     best = None
     # What beta costs may have several valleys, so that a grid looks at it, then a finer one.
     for _ in range(REFINEMENTS):
         betas = np.linspace(low, high, GRID + 2)[1:-1].tolist()
-        found = [bound_at(error, C, beta) for beta in betas]
+        found = [bound_at(pair, beta) for beta in betas]
         bounds = [bound for bound in (*found, best) if bound is not None]
         if not bounds:
             return None
@@ -82,7 +119,7 @@ def propose_error_bound(exosystem: Exosystem, W: Matrix, *, rate: float = 0.0) -
     # More is given away until the rounded numbers are inside; exact arithmetic decides later.
     for slack in SLACKS:
         rounded = _rounded(best, rate=rate, slack=slack)
-        if rounded is None or _is_inside(error, C, rounded):
+        if rounded is None or _is_inside(pair, rounded):
             return rounded
     return None
 
@@ -110,40 +147,40 @@ def _rounded(bound: _Bound, *, rate: float, slack: float) -> ErrorBound | None:
     return ErrorBound(P=P, beta=beta, kappa=kappa, size=size)
 
 
-def _least_bound(error: Array, C: Array, beta: float) -> _Bound | None:
-    """Minimise t subject to P <= t I, c'c <= P, error' P + P error <= -2 beta P, by Clarabel."""
-    q = len(error)
-    unit = float(np.max(np.abs(C), initial=0.0)) or 1.0
-    C = C / unit  # so that P is about 1
+def _least_bound(pair: _Pair, beta: float) -> _Bound | None:
+    """Minimise t subject to P <= t I, c'c <= P, F' P + P F <= -2 beta P, by Clarabel."""
+    q = len(pair.F)
+    unit = float(np.max(np.abs(pair.C), initial=0.0)) or 1.0
+    scaled = replace(pair, C=pair.C / unit)  # so that P is about 1
     basis = symmetric_basis(q)
     none = np.zeros((q, q))
     eye = np.eye(q)
-    decay = [-(error.T @ M + M @ error) - 2 * beta * M for M in basis]
+    decay = [pair.decay(M, beta) for M in basis]
     # The unknowns are the entries of P, and t.
     sides = [
         affine_cone([*(-M for M in basis), eye], none),
         affine_cone([*basis, none], -FLOOR * eye),
         affine_cone([*decay, none], none),
-        *(affine_cone([*basis, none], -np.outer(c, c)) for c in C),
+        *(affine_cone([*basis, none], -np.outer(c, c)) for c in scaled.C),
     ]
     cost = np.append(np.zeros(len(basis)), 1.0)
     answer = solve_cones(cost, sides)
     P = np.zeros((q, q))
     for x, M in zip(answer.x.tolist(), basis, strict=False):
         P = P + x * M
-    if not answer.found or not _nearly_holds(P, error, C, beta):
-        return _lyapunov_bound(error, unit * C, beta)
+    if not answer.found or not _nearly_holds(P, scaled, beta):
+        return _lyapunov_bound(pair, beta)
     return _Bound(beta=beta, P=unit**2 * P, size=unit**2 * float(np.linalg.eigvalsh(P)[-1]))
 
 
-def _sides(P: Array, error: Array, C: Array, beta: float) -> list[Array]:
+def _sides(P: Array, pair: _Pair, beta: float) -> list[Array]:
     """What the constraints want to be >= 0."""
-    return [-(error.T @ P + P @ error) - 2 * beta * P, *(P - np.outer(c, c) for c in C)]
+    return [pair.decay(P, beta), *(P - np.outer(c, c) for c in pair.C)]
 
 
-def _is_inside(error: Array, C: Array, bound: ErrorBound) -> bool:
+def _is_inside(pair: _Pair, bound: ErrorBound) -> bool:
     """Whether the rounded numbers satisfy the constraints as far as floats can tell."""
-    for side in _sides(to_float(bound.P), error, C, float(bound.beta)):
+    for side in _sides(to_float(bound.P), pair, float(bound.beta)):
         lowest = np.linalg.eigvalsh(side)[0]
         size = np.max(np.abs(side), initial=0.0)
         if not float(lowest) >= INSIDE * float(size):
@@ -151,26 +188,31 @@ def _is_inside(error: Array, C: Array, bound: ErrorBound) -> bool:
     return True
 
 
-def _nearly_holds(P: Array, error: Array, C: Array, beta: float) -> bool:
+def _nearly_holds(P: Array, pair: _Pair, beta: float) -> bool:
     """Whether floating point sees the constraints, up to rounding: solvers may say what is not
     so."""
     with np.errstate(all="ignore"):
         size = float(np.max(np.abs(P)))
-        room = NEARLY * size * (1 + float(np.max(np.abs(error))) + beta)
+        room = NEARLY * size * (1 + float(np.max(np.abs(pair.F))) + beta)
         try:
-            lowest = [float(np.linalg.eigvalsh(side)[0]) for side in _sides(P, error, C, beta)]
+            lowest = [float(np.linalg.eigvalsh(side)[0]) for side in _sides(P, pair, beta)]
         except np.linalg.LinAlgError:
             return False
     return 0 < size < LARGEST and min(lowest) >= -room
 
 
-def _lyapunov_bound(error: Array, C: Array, beta: float) -> _Bound | None:
-    """Without a solver: P from (error + beta I)'P + P (error + beta I) = -I, as large as c'c <= P
-    asks for."""
-    shifted = error + beta * np.eye(len(error))
+def _lyapunov_bound(pair: _Pair, beta: float) -> _Bound | None:
+    """Without a solver: P from (F + beta I)'P + P (F + beta I) = -I, as large as c'c <= P asks
+    for."""
+    eye = np.eye(len(pair.F))
+    C = pair.C
     with np.errstate(all="ignore"):
         try:
-            X = linalg.solve_continuous_lyapunov(shifted.T, -np.eye(len(error)))
+            if pair.period:
+                shrunk = pair.F / (1 - pair.period * beta)
+                X = linalg.solve_discrete_lyapunov(shrunk.T, eye)
+            else:
+                X = linalg.solve_continuous_lyapunov((pair.F + beta * eye).T, -eye)
             # c'c <= a X iff c X^-1 c' <= a
             larger = max((float(c @ np.linalg.solve(X, c)) for c in C), default=0.0)
             P = (X + X.T) / 2 * larger

@@ -6,6 +6,8 @@ from dataclasses import replace
 from fractions import Fraction
 from itertools import pairwise
 
+import numpy as np
+
 from dobc_design._checks import positional
 from dobc_design.conditions.check import (
     Check,
@@ -17,11 +19,13 @@ from dobc_design.conditions.check import (
 )
 from dobc_design.conditions.coverage import Asked, Progress
 from dobc_design.conditions.domain import EVERYWHERE, Around
-from dobc_design.conditions.kinds import MAX_SEPARABLE
+from dobc_design.conditions.kinds import MAX_SEPARABLE, READINGS
 from dobc_design.conditions.numbers import bisected, claimed, rounded_down, time_to_one_percent
 from dobc_design.conditions.separable import checks, propose
+from dobc_design.exact.matrix import to_float
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, exhausted, out_of_time
 from dobc_design.loop.loop import Loop
+from dobc_design.loop.timing import timing_words
 from dobc_design.verdict import Verdict
 
 from .claim import EXACT, Errors, Separable, stated_errors
@@ -29,7 +33,8 @@ from .decide import composite_rate, covers, verify_separable
 from .propose import Cover, SeparablePlan
 from .propose_coordinates import propose_coordinates
 from .propose_limits import longest_delay
-from .timing import delay_obstacle
+from .propose_readings import Search
+from .timing import delay_obstacle, readings_obstacle, rest_matrix
 
 #: A second program with simpler enclosures has to confirm the rows, so they keep this part of alpha
 #: in hand.
@@ -77,6 +82,63 @@ def separable_stage(asked: Asked, report: Progress) -> list[Check]:
         "error decreases."
     )
     return [undecided_check(MAX_SEPARABLE, asked.domain, reason)]
+
+
+def readings_stage(asked: Asked, report: Progress) -> list[Check]:
+    """Whether the box is certified with the readings and the processor that the problem states; no
+    check where it states none."""
+    loop = asked.loop
+    if loop.timing is None:
+        return []
+    report("deciding late, held and lost readings")
+
+    def decided() -> Check:
+        reason = readings_obstacle(loop, asked.W) or checks.obstacle(loop, asked.W)
+        if reason is not None:
+            return undecided_check(READINGS, asked.domain, reason, applies=False)
+        found = _largest_late(asked)
+        if found is not None:
+            return found
+        with surviving("no eigenvalues"):
+            M = rest_matrix(loop)
+            roots = [] if M is None else np.linalg.eigvals(to_float(M)).tolist()
+            diverging = checks.diverging_check(loop, roots, domain=asked.domain)
+            if diverging is not None:
+                return diverging
+        reason = f"with {timing_words(loop.timing)} no weights v are found."
+        return undecided_check(READINGS, asked.domain, reason)
+
+    return [limited(READINGS, asked.domain, decided)]
+
+
+def _largest_late(asked: Asked) -> Check | None:
+    """The check for the box asked for, else for the largest that is found."""
+    everywhere = asked.domain == EVERYWHERE
+    found: Check | None = None
+
+    def holds(halvings: float) -> bool:
+        nonlocal found
+        radius = _short(asked.radius / 2**halvings) if halvings else asked.radius
+        search = Search(
+            loop=asked.loop,
+            W=asked.W,
+            radius=claimed(radius),
+            disturbance=claimed(asked.disturbance),
+            everywhere=everywhere,
+        )
+        with surviving(f"no proposal for late readings for radius {radius}", WorkLimitError):
+            for claim in search.claims():
+                check = checks.readings_check(asked, claim, radius=radius)
+                if check.is_proved:
+                    found = check
+                    return True
+        return False
+
+    with at_most(STAGE):
+        if not holds(0) and not everywhere and holds(HALVINGS):
+            steps = next(steps for n, steps in ROUGHLY if asked.loop.n <= n)
+            bisected(holds, float(HALVINGS), 0.0, steps=steps)
+    return found
 
 
 def _size(check: Check) -> float:

@@ -1,32 +1,52 @@
-"""What a proved max-separable certificate says about delays and sampling (theory, section 5); no
-coupling need rise.
+"""What the max-separable certificate says of late, held, lost and triggered readings (theory,
+sections 5, 15 and 17), in one row.
 
-Delays.  Agent i uses x_j(t - tau_ij(t)), its own state undelayed, its observer fed the same
-received values.  Every start of ``covers`` still converges: while N + E/(beta min v) <= rho nothing
-leaves, by the same rows.  If the rows hold with v_j replaced by theta v_j, theta >= exp(lambda
-tau), and the rate lambda, then |e_i(t)| <= M v_i exp(-lambda t) is kept for delays up to tau
-(Razumikhin, Halanay), once an observer error that decays faster has become small.
+Readings of neighbours.  v_j counts as theta v_j, theta >= (1 + event) exp(rate delay): then
+|e_i(t)| <= v_i rho exp(-rate t) is kept (Razumikhin, Halanay).  Without an event no coupling need
+rise.
 
-Sampling.  Couplings and pinning held over a period T give e_i+ = e_i + T (sum w h - k e_i) + int C
-eps.  Let L bound the mean of h' on every way from e_j - s v_i to e_j - e_i, |e_j| <= s v_j, |e_i|
-<= s v_i.  If T (sum w L + k_cc) <= 1, the largest e_i+ is that of the face e_i = s v_i, so the rows
-give N+ <= (1 - T alpha) N + T max |C eps|/v.  Of an arc that comes and goes within T a part is
-left, for which both hold: L is that of the whole.
+An agent's own readings.  Along s(t) v_i - e_i >= 0 a term with e_i of some time ago is at most its
+row plus a (s v_i - e_i) of that time, 0 <= a <= L.  Such delay equations have a positive solution
+up to Q sigma <= 1/e, or Q T <= d^d/(d + 1)^(d + 1) at ticks (``Timing.steepest``), Q the sum of w L
+and the gain; so up to there they cost nothing.  Held over a period T with d = 0, L bounds the mean
+of h' on every way from e_j - s v_i to e_j - e_i, and no coupling need rise; of an arc that comes
+and goes within T a part is left, for which both hold.
+
+With the observer, |C eps_i| <= E <= E_0 exp(-beta t): kappa v_min (beta - rate - Q (lag - 1)) >= 1
+keeps N <= rho exp(-rate t) - kappa E_0 exp(-beta t), lag = exp(beta sigma), or (1 - T beta)^-d with
+rates per tick.
 """
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from fractions import Fraction
 from functools import cache
 
-from dobc_design.conditions.numbers import rounded_down
-from dobc_design.conditions.reason import gap_obstacle, saturation_obstacle
+from dobc_design.conditions.check import Check, Witness
+from dobc_design.conditions.consensus.claim import jacobians_at_consensus, linearisation
+from dobc_design.conditions.numbers import read_rational, rounded_down
+from dobc_design.conditions.reason import (
+    Need,
+    first_missing,
+    gap_obstacle,
+    observer_obstacle,
+    saturation_obstacle,
+)
 from dobc_design.coupling.enclosures import Profile, slope_bound
 from dobc_design.errors import SpecError
 from dobc_design.exact.floats import Floats
-from dobc_design.exact.interval import Interval, UndefinedError, exp
-from dobc_design.exact.number import ZERO
+from dobc_design.exact.interval import Interval, UndefinedError, pi, sin, sqrt
+from dobc_design.exact.matrix import Matrix, identity, scale, subtract
+from dobc_design.exact.number import ONE, ZERO
+from dobc_design.exact.polynomial import (
+    characteristic_polynomial,
+    decide_images,
+    disk_image,
+)
 from dobc_design.loop.loop import Loop
+from dobc_design.loop.timing import Timing
+from dobc_design.problem.uncertainty import ABSOLUTE
 
 from .claim import (
     FACES,
@@ -35,11 +55,15 @@ from .claim import (
     Separable,
     Term,
     acts_by_component,
+    held_gains,
+    holding_gains,
     rows,
+    stated_errors,
 )
 from .decide import (
     SeparableAnswer,
     coupling_profiles,
+    error_bound_obstacle,
     proved,
     refuted,
     undecided,
@@ -52,6 +76,7 @@ _CLOSE = Fraction(1, 1000)
 # beside a claimed one.
 _UNSURE = Fraction(1, 10**12)
 _NEAR = Fraction(1, 10**9)
+HELD = Timing(period=Fraction(1))  # what a sampling period is looked for with
 _MANY_ARCS = 100  # from which on slopes are bounded once on every part of the box
 
 
@@ -70,6 +95,152 @@ def delay_obstacle(loop: Loop) -> str | None:
     return None
 
 
+def verify_readings(loop: Loop, W: Matrix | None, claim: Separable) -> SeparableAnswer:
+    """Decide whether ``claim`` holds with all that the problem says of readings, of a processor and
+    of errors of weights and gains: N <= rho exp(-alpha t) - kappa E from every start with N + kappa
+    E <= rho; at the ticks, where something is held.  Source: theory, sections 15 and 17."""
+    timing = loop.timing or Timing()
+    reason = readings_obstacle(loop, W)
+    if reason is not None:
+        return undecided(reason)
+    error = claim.error
+    rate = claim.alpha
+    if timing.period * max(rate, ZERO if error is None or not timing.sampled else error.beta) >= 1:
+        return refuted("a rate is at least 1/T, so that no part of the error would be left.")
+    exosystem = loop.joint_exosystem
+    if exosystem is not None:
+        if W is None or error is None:
+            return undecided("with an [exosystem] it needs P, beta, kappa and size.")
+        wrong = error_bound_obstacle(exosystem, W, error, timing)
+        if wrong is not None:
+            return refuted(wrong)
+    stretch = timing.stretch(rate)
+    answer = verify_separable(loop, claim, stretch=stretch, errors=stated_errors(loop))
+    if answer.wrong is not None:
+        return answer
+    steep: Fraction | str = ZERO
+    if timing.steepest is not None:
+        steep = steepness(loop, claim, timing)
+    if isinstance(steep, str):
+        return undecided(steep)
+    wrong = too_steep(timing, steep) or _too_small(claim, timing, steep)
+    if wrong is not None:
+        return undecided(wrong)
+    return proved(
+        "no reading that is late, held or lost as stated leads out of a box that shrinks."
+    )
+
+
+MOST_ROWS = 30  # n m up to which eigenvalues are located exactly
+EIGENVALUE = "eigenvalue"
+
+
+def rest_matrix(loop: Loop) -> Matrix | None:
+    """M of e' = -M e (n m, n m); None where couplings are curved, modes switch, agents have no
+    target, or there are too many."""
+    known = loop.is_linear and not loop.switches and loop.drift is None
+    if not known or loop.goal != "target" or loop.size > MOST_ROWS:
+        return None
+    (mode,) = jacobians_at_consensus(loop).modes
+    entries = linearisation(mode, loop.m)
+    places = range(loop.size)
+    return tuple(tuple(-entries.get((i, j), ZERO) for j in places) for i in places)
+
+
+def overshoots(loop: Loop, M: Matrix) -> bool:
+    """Whether I - T M has an eigenvalue on or outside the unit circle: exact."""
+    timing = loop.timing or Timing()
+    step = subtract(identity(len(M)), scale(timing.period, M))
+    image = disk_image(characteristic_polynomial(step), centre=ZERO, radius=ONE)
+    return not decide_images([image], degree=len(M))[1]
+
+
+def turns_too_far(loop: Loop, M: Matrix, near: tuple[Fraction, Fraction]) -> bool:
+    """Whether M has an eigenvalue mu around ``near`` with |mu| tau > pi/2 - |arg mu|: with the
+    delay tau in everything the loop then diverges.  Of n roots one is within n |p/p'| (Laguerre).
+    Source: Olfati-Saber and Murray 2004."""
+    timing = loop.timing or Timing()
+    tau = min(timing.delay, timing.own_delay)
+    p = derivative = (ZERO, ZERO)
+    x, y = near
+    for a in characteristic_polynomial(M):
+        u, v = derivative
+        derivative = (u * x - v * y + p[0], u * y + v * x + p[1])
+        p = (p[0] * x - p[1] * y + a, p[0] * y + p[1] * x)
+    steep = derivative[0] ** 2 + derivative[1] ** 2
+    if not tau or not steep:
+        return False
+    radius = sqrt(Interval.point(len(M) ** 2 * (p[0] ** 2 + p[1] ** 2) / steep)).hi
+    size = sqrt(Interval.point(x * x + y * y)).lo - radius
+    if size <= 0:
+        return False
+    # |mu| tau is at least ``turn``; below pi/2 the condition is Re mu < |mu| sin(|mu| tau).
+    turn = Interval.point(size * tau)
+    return turn.lo >= (pi() / 2).hi or x + radius < size * sin(turn).lo
+
+
+def late_witness_obstacle(loop: Loop, check: Check) -> str | None:
+    """None if a refutation by what linear couplings do is confirmed, else what is wrong."""
+    if check.rate is not None or check.exact is not None:
+        return "a refuted check must claim no rate and no exact values"
+    M = rest_matrix(loop)
+    timing = loop.timing or Timing()
+    witness = check.witness or Witness(kind="")
+    if M is None or witness.kind != EIGENVALUE or witness.labels:
+        return "it needs linear couplings, one mode, and an eigenvalue as its witness"
+    if timing.period:
+        return None if overshoots(loop, M) else "no eigenvalue is outside the unit circle"
+    x, y = (read_rational(value) for value in witness.values or ())
+    return None if turns_too_far(loop, M, (x, y)) else "it does not diverge around this eigenvalue"
+
+
+def readings_obstacle(loop: Loop, W: Matrix | None) -> str | None:
+    """Why nothing is said of what the problem states of readings; None where something is."""
+    timing = loop.timing or Timing()
+    plant = loop.uncertainty
+    own = timing.own_delay > 0
+    held = timing.period > 0
+    unsaid = [] if plant is None else [name for name in ABSOLUTE if getattr(plant, name)]
+    blind = plant is not None and not plant.known_to_agents
+    needs: list[Need] = [
+        (not unsaid, f"[uncertainty] {', '.join(unsaid)} is not counted with late readings."),
+        (not blind, "observers that do not know the weights are not counted with late readings."),
+        (
+            loop.drift is None or not (own or held),
+            "what agents do by themselves goes on while readings are late or held.",
+        ),
+    ]
+    wrong = first_missing(needs)
+    if wrong is not None:
+        return f"does not apply: {wrong}"
+    if timing.is_late and (reason := delay_obstacle(loop)) is not None:
+        return reason
+    return observer_obstacle(loop, W) or gap_obstacle(loop) or saturation_obstacle(loop)
+
+
+def too_steep(timing: Timing, steep: Fraction) -> str | None:
+    """Why own readings may overshoot, None if they do not; ``steep``: the sum of slopes."""
+    most = timing.steepest
+    if most is None or steep <= most:
+        return None
+    return (
+        f"slopes and gains of an agent add up to {float(steep):.6g} 1/s, and it may overshoot from "
+        f"{float(most):.6g} on: try a shorter period or own_delay, or smaller gains."
+    )
+
+
+def _too_small(claim: Separable, timing: Timing, steep: Fraction) -> str | None:
+    """Why the observer error can raise V, None if it cannot."""
+    error = claim.error
+    if error is None:
+        return None
+    decay = timing.decay(error.beta)
+    left = decay - claim.alpha - steep * (timing.lag(error.beta) - 1)
+    if error.kappa * claim.least * left >= 1:
+        return None
+    return "kappa is too small, or the observer too slow for readings that are so late."
+
+
 def verify_delay(loop: Loop, claim: Separable, bound: DelayBound) -> SeparableAnswer:
     """Decide whether the rows of ``claim`` give ``bound.rate`` for every delay up to
     ``bound.delay``.  With an observer every smaller rate holds, from the time on at which its error
@@ -82,7 +253,7 @@ def verify_delay(loop: Loop, claim: Separable, bound: DelayBound) -> SeparableAn
     if (reason := delay_obstacle(loop)) is not None:
         return undecided(reason)
     slower = Separable(v=claim.v, alpha=bound.rate, rho=claim.rho, error=claim.error)
-    stretch = exp(Interval.point(bound.rate * bound.delay)).hi
+    stretch = Timing(delay=bound.delay).stretch(bound.rate)
     return verify_separable(loop, slower, stretch=stretch)
 
 
@@ -96,7 +267,7 @@ def largest_period(loop: Loop, claim: Separable) -> SamplingBound | None:
             return False
         return rounded_down(1 / stiffest) == rounded_down((1 + _UNSURE) / stiffest)
 
-    found = _stiffest(loop, claim, enough=has_nine_digits)
+    found = steepness(loop, claim, HELD, enough=has_nine_digits)
     if isinstance(found, str) or found <= 0:
         return None
     # No search: the largest period is the inverse of that bound.
@@ -116,7 +287,8 @@ def verify_sampling(loop: Loop, claim: Separable, bound: SamplingBound) -> Separ
         return undecided(reason)
     if bound.factor >= 1 or bound.factor < 1 - bound.period * claim.alpha:
         return refuted("the factor must be < 1 and at least 1 - T alpha.")
-    stiffest = _stiffest(loop, claim, enough=lambda x: not 1 < bound.period * x <= 1 + _NEAR)
+    held = replace(HELD, period=bound.period)
+    stiffest = steepness(loop, claim, held, enough=lambda x: not 1 < bound.period * x <= 1 + _NEAR)
     if isinstance(stiffest, str):
         return undecided(stiffest)
     if bound.period * stiffest > 1:
@@ -127,11 +299,15 @@ def verify_sampling(loop: Loop, claim: Separable, bound: SamplingBound) -> Separ
     )
 
 
-def _stiffest(
-    loop: Loop, claim: Separable, *, enough: Callable[[Fraction], bool]
+def steepness(
+    loop: Loop,
+    claim: Separable,
+    timing: Timing,
+    *,
+    enough: Callable[[Fraction], bool] = lambda found: False,
 ) -> Fraction | str:
     """The largest sum_j w L_ij + k_cc, or why there is none: from floats if that is ``enough``,
-    else exactly."""
+    else exactly.  Errors of weights and gains are those that the problem states."""
     if (reason := gap_obstacle(loop)) is not None:
         return reason
     if loop.drift is not None:
@@ -141,13 +317,18 @@ def _stiffest(
             "does not apply: the rows of the max-separable certificate say nothing for this "
             "coupling."
         )
+    stretch = timing.stretch(claim.alpha)
+    more = 1 + max(stated_errors(loop))
     try:
-        profiles = coupling_profiles(loop, claim.v, rho=claim.rho)
+        profiles = coupling_profiles(loop, claim.v, rho=claim.rho, stretch=stretch)
+        if timing.own_delay:
+            return _steepest_late(loop, profiles, more)
         rho = claim.rho or ZERO
         arcs = sum(map(len, loop.modes.values()))
         if rho and arcs > _MANY_ARCS:
-            return stiffest_row(arc_rows(loop, claim.v, held=True), profiles, rho=rho)
-        listed = list(rows(loop, claim.v, held=True))
+            arrays = arc_rows(loop, claim.v, held=True, stretch=stretch)
+            return more * stiffest_row(arrays, profiles, rho=rho)
+        listed = list(rows(loop, claim.v, held=True, stretch=stretch))
 
         def largest(around: Callable[[Interval], Interval]) -> Fraction:
             mean = _Steepest(profiles, rho, around)
@@ -156,7 +337,7 @@ def _stiffest(
                 for face in FACES:
                     slopes = (x.weight * mean(x, row.own, face) for x in row.terms)
                     sums.append(row.pull + sum(slopes))
-            return max(sums)
+            return more * max(sums)
 
         with suppress(UndefinedError):
             found = largest(Floats.around)
@@ -165,6 +346,31 @@ def _stiffest(
         return largest(lambda place: place)
     except UndefinedError as error:
         return f"the slopes of the coupling are not bounded there: {error}"
+
+
+def _steepest_late(loop: Loop, profiles: Sequence[Profile], more: Fraction) -> Fraction | str:
+    """The same where an agent's own readings are late: each coupling with its largest slope as far
+    out as rows look."""
+    for kind, coupling in zip(profiles, loop.functions, strict=True):
+        if not kind.is_nondecreasing:
+            return (
+                f"does not apply: own readings may be late where couplings rise, and h = "
+                f'"{coupling.texts[0]}" is not shown to do so on |y| <= {float(kind.radius):.6g}.'
+            )
+    gains = held_gains(loop)
+    if gains != holding_gains(loop):
+        return "does not apply: a gain mixes components, and own readings may be late."
+    slopes = []
+    for kind in profiles:
+        place = Interval(-kind.radius, kind.radius)
+        slopes.append(slope_bound(kind.curve, place, tolerance=_CLOSE))
+    most = ZERO
+    for arcs in loop.modes.values():
+        sums = list(gains)
+        for i, j, weight in arcs:
+            sums[i] += weight * slopes[loop.place_of(i, j)]
+        most = max(most, *sums)
+    return more * most
 
 
 class _Steepest:

@@ -1,0 +1,137 @@
+"""Proposals for late, held and lost readings, and for a processor: v, a rate and the observer's
+part for one box; no proofs.
+
+Rows count v_j as theta v_j, and theta grows with the rate, so that rates are bisected with one
+solution of the rows each.  An observer needs a larger kappa the later an agent knows itself, hence
+a larger rho, where couplings may be steeper: a few rounds find one that suits both.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from fractions import Fraction
+
+import numpy as np
+
+from dobc_design._checks import noun
+from dobc_design.conditions.numbers import last_found, quickly_down, rounded_down, rounded_up
+from dobc_design.conditions.observer.propose import decay_of_error
+from dobc_design.exact.matrix import Matrix
+from dobc_design.exact.number import ZERO
+from dobc_design.exact.work import spend
+from dobc_design.loop.loop import Loop
+from dobc_design.loop.timing import Timing
+from dobc_design.solvers.program import Array
+
+from .claim import ErrorBound, Separable, stated_errors
+from .propose import Field, SeparablePlan, field_of, least_solution, rounded_vectors
+from .propose_observer import propose_error_bound, radius_needed
+from .timing import steepness, too_steep
+
+OBSERVERS = (0.25, 0.5, 0.75)  # parts of the observer's decay that are left to V
+ROUNDS = 4  # of kappa, rho and slopes
+KEPT = (0.7, 0.95, 0.4)  # parts of the largest rate that are claimed, the best trade first
+CLOSE = 0.03  # how closely a rate is looked for, relatively
+SLOWEST = 1e-4  # and the least, as a part of the largest gain
+MORE = Fraction(1001, 1000)  # of kappa, and of a rate, for digits that are cut
+
+
+@noun(eq=False)
+class Search:
+    """Claims for all starts with |e|_inf <= radius and |eps_i| <= disturbance."""
+
+    loop: Loop
+    W: Matrix | None
+    radius: Fraction
+    disturbance: Fraction
+    everywhere: bool
+
+    @property
+    def timing(self) -> Timing:
+        """What is stated."""
+        return self.loop.timing or Timing()
+
+    def claims(self) -> Iterator[Separable]:
+        """Claims worth deciding, with each observer's part in turn."""
+        for error in self._observers():
+            claim = self._largest(error)
+            if claim is None:
+                continue
+            for part in KEPT:
+                slower = self.at(part * float(claim.alpha), error)
+                if slower is not None:
+                    yield slower
+
+    def _observers(self) -> Iterator[ErrorBound | None]:
+        exosystem = self.loop.joint_exosystem
+        if exosystem is None or self.W is None:
+            yield None
+            return
+        decay = decay_of_error(exosystem, self.W, self.timing)
+        if self.timing.period:
+            decay = min(decay, 0.99 / float(self.timing.period))
+        for part in OBSERVERS:
+            spend(0)
+            error = propose_error_bound(exosystem, self.W, rate=part * decay, timing=self.timing)
+            if error is not None:
+                yield error
+
+    def _largest(self, error: ErrorBound | None) -> Separable | None:
+        top = self._field(self.radius).limit
+        if self.timing.period:
+            top = min(top, 0.99 / float(self.timing.period))
+        if error is not None:
+            top = min(top, float(self.timing.decay(error.beta)))
+
+        def enough(low: float, high: float) -> bool:
+            return not high > SLOWEST * top or (low > 0 and high - low <= CLOSE * low)
+
+        def find(rate: float, best: Separable | None) -> Separable | None:
+            return self.at(rate, error)
+
+        return last_found(find, None, 0.0, top, middle=quickly_down(4), close=enough)[1]
+
+    def _field(self, rho: Fraction) -> Field:
+        """Raises: ArithmeticError for a coupling that turns too often."""
+        return field_of(self.loop, rho=float(rho), errors=stated_errors(self.loop))
+
+    def at(self, rate: float, error: ErrorBound | None) -> Separable | None:
+        """A claim with this rate (1/s), about; None if none is found."""
+        alpha = rounded_down(rate, digits=4)
+        if not alpha > 0:
+            return None
+        timing = self.timing
+        drag = ZERO
+        for _ in range(ROUNDS):
+            if error is not None:
+                left = timing.decay(error.beta) - alpha - drag
+                if left <= 0:
+                    return None
+                error = replace(error, kappa=rounded_up(MORE / left, digits=6))
+            rho = radius_needed(self.radius, error, self.disturbance)
+            found = self._weights(alpha, rho)
+            if found is None:
+                return None
+            plan = SeparablePlan(v=found, rate=rate, rho=rho)
+            *_, weights, _ = rounded_vectors(plan)
+            claim = Separable(
+                v=weights, alpha=alpha, rho=None if self.everywhere else rho, error=error
+            )
+            if timing.steepest is None:
+                return claim
+            steep = steepness(self.loop, claim, timing)
+            if isinstance(steep, str) or too_steep(timing, steep) is not None:
+                return None
+            needed = ZERO if error is None else steep * (timing.lag(error.beta) - 1)
+            if needed <= drag:
+                return claim
+            drag = needed * MORE
+        return None
+
+    def _weights(self, alpha: Fraction, rho: Fraction) -> Array | None:
+        with np.errstate(all="ignore"):
+            try:
+                stretch = float(self.timing.stretch(alpha))
+                field = replace(self._field(rho), stretch=stretch)
+            except (ArithmeticError, OverflowError):
+                return None
+            return least_solution(field, alpha=float(alpha * MORE), start=np.ones(self.loop.n))

@@ -280,7 +280,7 @@ class Loop(Grouped):
 
     @property
     def is_sampled(self) -> bool:
-        """Whether everything is computed from samples and held, so that no flow says what happens."""
+        """Whether everything is computed from samples and held."""
         return self.timing is not None and self.timing.sampled
 
     @property

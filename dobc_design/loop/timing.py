@@ -53,18 +53,18 @@ class Timing:
 
     def stretch(self, rate: Fraction) -> Fraction:
         """What v_j of a neighbour counts as: (1 + event) exp(rate delay), rounded up."""
-        age: Fraction | Interval = exp(Interval.point(rate * self.delay)).hi
+        age = exp(Interval.point(rate * self.delay))
         if self.period:
             ticks = math.ceil(self.delay / self.period) + self.lost
-            age = (Interval.point(1 / (1 - self.period * rate)) ** ticks).hi
-        return (1 + self.event) * age
+            age = Interval.point(1 / (1 - self.period * rate)) ** ticks
+        return (1 + self.event) * age.hi
 
     def lag(self, beta: Fraction) -> Fraction:
         """How much larger the observer error was when an agent knew itself: exp(beta own_delay),
         rounded up."""
-        if not self.period:
-            return exp(Interval.point(beta * self.own_delay)).hi
-        return (Interval.point(1 / (1 - self.period * beta)) ** self.own_ticks).hi
+        if self.sampled:
+            return (Interval.point(1 / (1 - self.period * beta)) ** self.own_ticks).hi
+        return exp(Interval.point(beta * (self.period * self.own_ticks or self.own_delay))).hi
 
     def decay(self, beta: Fraction) -> Fraction:
         """The rate per tick, (1 - exp(-beta T))/T rounded down, of an error that decays with

@@ -199,10 +199,10 @@ def readings_check(asked: Asked, claim: Separable, *, radius: float) -> Check:
         starts += f" with |e_i| <= {radius:.6g}"
         if loop.groups:
             starts += f" and |eps_i| <= {asked.disturbance:.6g}"
-    held = loop.timing is not None and loop.timing.period
+    when = ", at the samples" if loop.timing is not None and loop.timing.period else ""
     reason = (
-        f"{starts} reaches the target with {timing_words(loop.timing)}: max_i |e_i|/v_i stays below a "
-        f"multiple of exp(-{text_below(rate)} t){', at the samples' if held else ''}."
+        f"{starts} reaches the target with {timing_words(loop.timing)}: max_i |e_i|/v_i stays "
+        f"below a multiple of exp(-{text_below(rate)} t){when}."
     )
     return Check(
         id=READINGS,

@@ -126,9 +126,7 @@ def verify_readings(loop: Loop, W: Matrix | None, claim: Separable) -> Separable
     wrong = too_steep(timing, steep) or _too_small(claim, timing, steep)
     if wrong is not None:
         return undecided(wrong)
-    return proved(
-        "no reading that is late, held or lost as stated leads out of a box that shrinks."
-    )
+    return proved("no reading that is late, held or lost as stated leads out of the box.")
 
 
 MOST_ROWS = 30  # n m up to which eigenvalues are located exactly

@@ -35,6 +35,7 @@ from .groups import Observer, gains_of
 from .load import parse_toml, read_problem_text
 from .network import Arcs, Network
 from .problem import Problem
+from .readings import TIMES
 from .region import Pairs
 
 INLINE = 10  # labels up to which a table of gains stands in one line
@@ -365,7 +366,7 @@ def problem_text(problem: Problem) -> str:
     document = tomlkit.document()
     document["schema"] = 1
     for name, value in texts_of(problem).items():
-        if value:
+        if value and name != "time":  # a key of [dynamics]
             document[name] = value
     document["target"] = [typed_number(x) for x in problem.target]
     network = {
@@ -430,6 +431,7 @@ def _settings(problem: Problem, labels: Names) -> dict[str, Document]:
         "exosystem": tables.pop("exosystem"),
         "observer": tables.pop("observer"),
         "formation": {"offsets": offsets or None},
+        "dynamics": {"time": TIMES[1] if problem.steps else None},
         **tables,
     }
     kept = {name: _given(table or {}) for name, table in ordered.items()}

@@ -53,7 +53,7 @@ from .known import check_together, require
 from .leader import Leader, read_leader
 from .network import Arc, Network, Places, sized
 from .pinning import GainForm, Pinning, by_label, read_pinning
-from .readings import Processor, Readings, read_processor, read_readings, read_time
+from .readings import TIMES, Processor, Readings, read_processor, read_readings, read_time
 from .region import GOALS, Pairs, Region, read_goal, read_region, read_units
 from .signs import OPPOSES, REPELS, Signs, repelling, signs_of
 from .simulation import Simulation, read_simulation
@@ -391,6 +391,7 @@ class Problem(Grouped, Shown):
             "groups": None,
             "exosystem": None,
             "observer": None,
+            "time": TIMES[self.steps],
         }
         if self.is_grouped:  # agents in no group have no disturbance
             found["groups"] = self.groups

@@ -302,10 +302,11 @@ def steepness(
     claim: Separable,
     timing: Timing,
     *,
-    enough: Callable[[Fraction], bool] = lambda found: False,
+    enough: Callable[[Fraction], bool] | None = None,
 ) -> Fraction | str:
     """The largest sum_j w L_ij + k_cc, or why there is none: from floats if that is ``enough``,
-    else exactly.  Errors of weights and gains are those that the problem states."""
+    else exactly; without ``enough`` whatever is at most ``timing.steepest`` does.  With the errors
+    of weights and gains that the problem states."""
     if (reason := gap_obstacle(loop)) is not None:
         return reason
     if loop.drift is not None:
@@ -320,7 +321,16 @@ def steepness(
     try:
         profiles = coupling_profiles(loop, claim.v, rho=claim.rho, stretch=stretch)
         if timing.own_delay:
-            return _steepest_late(loop, profiles, more)
+            return _late_obstacle(loop, profiles) or more * _steepest_anywhere(loop, profiles)
+        if enough is None:
+            most = timing.steepest or ZERO
+            found = more * _steepest_anywhere(loop, profiles)
+            if found <= most:
+                return found
+
+            def enough(found: Fraction) -> bool:
+                return found <= most
+
         rho = claim.rho or ZERO
         arcs = sum(map(len, loop.modes.values()))
         if rho and arcs > _MANY_ARCS:
@@ -346,29 +356,34 @@ def steepness(
         return f"the slopes of the coupling are not bounded there: {error}"
 
 
-def _steepest_late(loop: Loop, profiles: Sequence[Profile], more: Fraction) -> Fraction | str:
-    """The same where an agent's own readings are late: each coupling with its largest slope as far
-    out as rows look."""
+def _late_obstacle(loop: Loop, profiles: Sequence[Profile]) -> str | None:
+    """Why own readings may not be late, None if they may."""
     for kind, coupling in zip(profiles, loop.functions, strict=True):
         if not kind.is_nondecreasing:
             return (
                 f"does not apply: own readings may be late where couplings rise, and h = "
                 f'"{coupling.texts[0]}" is not shown to do so on |y| <= {float(kind.radius):.6g}.'
             )
-    gains = held_gains(loop)
-    if gains != holding_gains(loop):
+    if held_gains(loop) != holding_gains(loop):
         return "does not apply: a gain mixes components, and own readings may be late."
+    return None
+
+
+def _steepest_anywhere(loop: Loop, profiles: Sequence[Profile]) -> Fraction:
+    """The largest sum of slopes and gain, each coupling with its largest slope as far out as rows
+    look.  Raises: UndefinedError."""
     slopes = []
     for kind in profiles:
         place = Interval(-kind.radius, kind.radius)
-        slopes.append(slope_bound(kind.curve, place, tolerance=_CLOSE))
+        slopes.append(max(ZERO, slope_bound(kind.curve, place, tolerance=_CLOSE)))
+    gains = held_gains(loop)
     most = ZERO
     for arcs in loop.modes.values():
         sums = list(gains)
         for i, j, weight in arcs:
             sums[i] += weight * slopes[loop.place_of(i, j)]
         most = max(most, *sums)
-    return more * most
+    return most
 
 
 class _Steepest:

@@ -56,14 +56,14 @@ class Timing:
         age = exp(Interval.point(rate * self.delay))
         if self.period:
             ticks = math.ceil(self.delay / self.period) + self.lost
-            age = Interval.point(1 / (1 - self.period * rate)) ** ticks
+            age = Interval.point(1 - self.period * rate) ** -ticks
         return (1 + self.event) * age.hi
 
     def lag(self, beta: Fraction) -> Fraction:
         """How much larger the observer error was when an agent knew itself: exp(beta own_delay),
         rounded up."""
         if self.sampled:
-            return (Interval.point(1 / (1 - self.period * beta)) ** self.own_ticks).hi
+            return (Interval.point(1 - self.period * beta) ** -self.own_ticks).hi
         return exp(Interval.point(beta * (self.period * self.own_ticks or self.own_delay))).hi
 
     def decay(self, beta: Fraction) -> Fraction:

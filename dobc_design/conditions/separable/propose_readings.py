@@ -6,6 +6,7 @@ solution of the rows each.  An observer needs a larger kappa the later an agent 
 a larger rho, where couplings may be steeper: a few rounds find one that suits both.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 from fractions import Fraction
@@ -13,7 +14,7 @@ from fractions import Fraction
 import numpy as np
 
 from dobc_design._checks import noun
-from dobc_design.conditions.numbers import last_found, quickly_down, rounded_down, rounded_up
+from dobc_design.conditions.numbers import last_found, rounded_down, rounded_up
 from dobc_design.conditions.observer.propose import decay_of_error
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import ZERO
@@ -31,7 +32,7 @@ OBSERVERS = (0.25, 0.5, 0.75)  # parts of the observer's decay that are left to 
 ROUNDS = 4  # of kappa, rho and slopes
 KEPT = (0.7, 0.95, 0.4)  # parts of the largest rate that are claimed, the best trade first
 CLOSE = 0.03  # how closely a rate is looked for, relatively
-SLOWEST = 1e-4  # and the least, as a part of the largest gain
+SLOWEST = 1e-3  # and the least, as a part of the largest gain
 MORE = Fraction(1001, 1000)  # of kappa, and of a rate, for digits that are cut
 
 
@@ -82,13 +83,22 @@ class Search:
         if error is not None:
             top = min(top, float(self.timing.decay(error.beta)))
 
-        def enough(low: float, high: float) -> bool:
-            return not high > SLOWEST * top or (low > 0 and high - low <= CLOSE * low)
+        # Where the slowest fails, so do all others.
+        least = self.at(SLOWEST * top, error)
+        if least is None:
+            return None
 
-        def find(rate: float, best: Separable | None) -> Separable | None:
+        def find(rate: float, best: Separable) -> Separable | None:
             return self.at(rate, error)
 
-        return last_found(find, None, 0.0, top, middle=quickly_down(4), close=enough)[1]
+        return last_found(
+            find,
+            least,
+            SLOWEST * top,
+            top,
+            middle=lambda low, high: math.sqrt(low * high),
+            close=lambda low, high: high <= (1 + CLOSE) * low,
+        )[1]
 
     def _field(self, rho: Fraction) -> Field:
         """Raises: ArithmeticError for a coupling that turns too often."""

@@ -285,8 +285,7 @@ def verify_sampling(loop: Loop, claim: Separable, bound: SamplingBound) -> Separ
         return undecided(reason)
     if bound.factor >= 1 or bound.factor < 1 - bound.period * claim.alpha:
         return refuted("the factor must be < 1 and at least 1 - T alpha.")
-    held = replace(HELD, period=bound.period)
-    stiffest = steepness(loop, claim, held, enough=lambda x: not 1 < bound.period * x <= 1 + _NEAR)
+    stiffest = steepness(loop, claim, replace(HELD, period=bound.period))
     if isinstance(stiffest, str):
         return undecided(stiffest)
     if bound.period * stiffest > 1:

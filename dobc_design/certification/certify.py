@@ -683,7 +683,7 @@ def _checks_of(
     key = "W of the group" if loop is None else "observer.W"
     return [
         observability_check(exosystem, loop),
-        detectability_check(exosystem, loop),
+        detectability_check(exosystem, loop, timing),
         hurwitz_check(
             exosystem, W, estimate=estimate, source=source, loop=loop, key=key, timing=timing
         ),

@@ -2,6 +2,7 @@
 Hurwitz."""
 
 import math
+from collections.abc import Sequence
 from fractions import Fraction
 from functools import partial
 
@@ -15,13 +16,13 @@ from dobc_design.exact.interval import (
     interval_routh,
 )
 from dobc_design.exact.matrix import Matrix, add, identity, multiply, scale, subtract, transpose
-from dobc_design.exact.number import ZERO, number_text, root_above, typed_number
+from dobc_design.exact.number import ONE, ZERO, number_text, root_above, typed_number
 from dobc_design.exact.observability import (
     decide_detectable,
     decide_observable,
     observable_reduction,
 )
-from dobc_design.exact.polynomial import decide_hurwitz, disk_image
+from dobc_design.exact.polynomial import decide_hurwitz, decide_images, disk_image
 from dobc_design.exact.reading import Document
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.timing import Timing, sampled
@@ -70,13 +71,20 @@ def observability_check(exosystem: Exosystem, loop: Loop | None = None) -> Check
     )
 
 
-def detectability_check(exosystem: Exosystem, loop: Loop | None = None) -> Check:
-    """Decide whether (A, C) is detectable: what C never sees has to die out by itself."""
+def detectability_check(
+    exosystem: Exosystem, loop: Loop | None = None, timing: Timing | None = None
+) -> Check:
+    """Decide whether (A, C) is detectable: what C never sees has to die out by itself; sampled
+    every T, the same, since exp(A T) has no eigenvalue twice for rational A and T that A has
+    once."""
     found = decide_detectable(exosystem.A, exosystem.C)
     polynomial = found.unobservable_text
     values = Values({"unobservable_polynomial": polynomial})
     check = partial(_check, id="detectability", claim=values)
-    if found.is_proved:
+    decays = found.is_proved
+    if timing is not None and timing.steps:
+        decays = _is_inside(found.unobservable_polynomial)
+    if decays:
         hidden = "no part is unobservable"
         if polynomial != "1":
             hidden = f"the unobservable part {polynomial} decays"
@@ -89,6 +97,12 @@ def detectability_check(exosystem: Exosystem, loop: Loop | None = None) -> Check
         witness=Witness(kind="polynomial", values=(polynomial,)),
         fix=_reduction(exosystem, loop),
     )
+
+
+def _is_inside(polynomial: Sequence[Fraction]) -> bool:
+    """Whether all roots lie inside the unit disk: exact."""
+    image = disk_image(polynomial, centre=ZERO, radius=ONE)
+    return decide_images([image], degree=len(polynomial) - 1)[1]
 
 
 def hurwitz_check(
@@ -206,7 +220,7 @@ def confirm(check: Check, loop: Loop, W: Matrix | None) -> str | None:
     if check.id == "observability":
         own = observability_check(exosystem)
     elif check.id == "detectability":
-        own = detectability_check(exosystem)
+        own = detectability_check(exosystem, timing=loop.timing)
     else:
         own = hurwitz_check(exosystem, own_gain, timing=loop.timing)
     wrong = differs(check, own)

@@ -171,6 +171,14 @@ def delay_check(
         f"{float(bound.delay):.4g} s, constant or"
         f" varying, the error decays at every rate below {text_below(rate)} 1/s."
     )
+    if bound.own_delay:
+        reason += f" Own readings may be {float(bound.own_delay):.4g} s old at the same time."
+    if bound.event:
+        part = float(100 * bound.event)
+        reason += (
+            f" In place of late readings they may be off by {part:.4g} % (event triggers, "
+            "quantisers)."
+        )
     return Check(
         id="delay",
         verdict=Verdict.PROVED,

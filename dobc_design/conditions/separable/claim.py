@@ -50,6 +50,7 @@ OBSERVED = ("P", "beta", "kappa", "size")
 MOST_COMPONENTS = 6  # of an agent, for T
 # the key under which a check of sampling holds one of its own, where it has one
 OWN = "certificate"
+MORE_OF_DELAYS = ("own_delay", "event")
 
 
 @noun
@@ -184,14 +185,18 @@ def error_sizes(T: Matrix, v: Sequence[Fraction]) -> Iterator[list[Fraction]]:
 @noun
 class DelayBound:
     """For all delays up to ``delay`` (s) the error decays at ``rate`` (1/s); with an observer at
-    every smaller rate."""
+    every smaller rate.  At the same time own readings may be ``own_delay`` (s) old; readings that
+    are off by the part ``event`` may take the place of late ones."""
 
     delay: Fraction
     rate: Fraction
+    own_delay: Fraction = ZERO
+    event: Fraction = ZERO
 
     def to_json(self) -> Document:
         """The exact values of a proved check of delays."""
-        return fields_to_json(self, "delay", "rate")
+        more = [name for name in MORE_OF_DELAYS if getattr(self, name)]
+        return fields_to_json(self, "delay", "rate", *more)
 
 
 @noun
@@ -230,8 +235,9 @@ def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Claim:
     if check.id == READINGS:
         return ReadingsBound(rows=separable_from_json(exact, loop))
     if check.id == "delay":
-        delay, rate = read_rationals(read_object(exact, ("delay", "rate")), "delay", "rate")
-        return DelayBound(delay=delay, rate=rate)
+        more = [name for name in MORE_OF_DELAYS if name in (exact or ())]
+        values = read_object(exact, ("delay", "rate", *more))
+        return DelayBound(**{name: read_rational(value) for name, value in values.items()})
     if check.id == "sampling":
         own = None
         if exact is not None and OWN in exact:

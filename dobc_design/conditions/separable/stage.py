@@ -34,7 +34,7 @@ from .propose import Cover, SeparablePlan
 from .propose_coordinates import propose_coordinates
 from .propose_limits import longest_delay
 from .propose_readings import Search
-from .timing import delay_obstacle, readings_obstacle, rest_matrix
+from .timing import delay_obstacle, readings_obstacle, rest_matrix, with_own_delay
 
 #: A second program with simpler enclosures has to confirm the rows, so they keep this part of alpha
 #: in hand.
@@ -390,6 +390,7 @@ def _timing(asked: Asked, claim: Separable, check: Check, report: Progress) -> l
         if bound is None:
             return undecided_check("delay", domain, "no delay is found that leaves half the rate.")
         bound = replace(bound, rate=rounded_down(bound.rate * (1 - IN_HAND), digits=6))
+        bound = with_own_delay(loop, claim, bound)
         return checks.delay_check(loop, claim, bound, check, domain=domain)
 
     def sampling() -> Check:

@@ -36,7 +36,7 @@ from dobc_design.conditions.reason import (
 from dobc_design.coupling.enclosures import Profile, slope_bound
 from dobc_design.errors import SpecError
 from dobc_design.exact.floats import Floats
-from dobc_design.exact.interval import Interval, UndefinedError, pi, sin, sqrt
+from dobc_design.exact.interval import Interval, UndefinedError, log, pi, sin, sqrt
 from dobc_design.exact.matrix import Matrix, identity, scale, subtract
 from dobc_design.exact.number import ONE, ZERO
 from dobc_design.exact.polynomial import (
@@ -45,7 +45,7 @@ from dobc_design.exact.polynomial import (
     disk_image,
 )
 from dobc_design.loop.loop import Loop
-from dobc_design.loop.timing import Timing
+from dobc_design.loop.timing import E, Timing
 from dobc_design.problem.uncertainty import ABSOLUTE
 
 from .claim import (
@@ -71,6 +71,7 @@ from .decide import (
 )
 from .large import SLICES, arc_rows, stiffest_row
 
+SHORTEST = Fraction(1, 10**6)  # age of an own reading that is told (s)
 _CLOSE = Fraction(1, 1000)
 # How much larger than the truth floats may make a sum of slopes: for nine digits of a period, and
 # beside a claimed one.
@@ -243,16 +244,46 @@ def verify_delay(loop: Loop, claim: Separable, bound: DelayBound) -> SeparableAn
     """Decide whether the rows of ``claim`` give ``bound.rate`` for every delay up to
     ``bound.delay``.  With an observer every smaller rate holds, from the time on at which its error
     has become small, up to beta."""
-    if bound.delay < 0 or bound.rate <= 0:
-        key = "delay" if bound.delay < 0 else "rate"
+    if min(bound.delay, bound.own_delay, bound.event) < 0 or bound.rate <= 0:
+        key = "delay" if bound.rate > 0 else "rate"
         raise SpecError("a delay must be >= 0 and its rate > 0.", key=key)
     if claim.error is not None and bound.rate > claim.error.beta:
         return refuted("the rate exceeds beta, at which the observer error decays.")
     if (reason := delay_obstacle(loop)) is not None:
         return undecided(reason)
     slower = Separable(v=claim.v, alpha=bound.rate, rho=claim.rho, error=claim.error)
-    stretch = Timing(delay=bound.delay).stretch(bound.rate)
-    return verify_separable(loop, slower, stretch=stretch)
+    timing = Timing(delay=bound.delay, own_delay=bound.own_delay)
+    answer = verify_separable(
+        loop, slower, stretch=max(timing.stretch(bound.rate), 1 + bound.event)
+    )
+    if answer.wrong is not None or not bound.own_delay:
+        return answer
+    steep = steepness(loop, slower, timing)
+    if isinstance(steep, str):
+        return undecided(steep)
+    wrong = too_steep(timing, steep) or _too_small(slower, timing, steep)
+    return answer if wrong is None else undecided(wrong)
+
+
+def with_own_delay(loop: Loop, claim: Separable, bound: DelayBound) -> DelayBound:
+    """The same with the largest age, about, of own readings that costs no more, and the event in
+    place of the delay."""
+    late = Timing(delay=bound.delay, own_delay=ONE)
+    event = rounded_down(late.stretch(bound.rate) - 1, digits=2)
+    bound = replace(bound, event=event)
+    slower = replace(claim, alpha=bound.rate)
+    steep = steepness(loop, slower, late)
+    if isinstance(steep, str) or steep <= 0:
+        return bound
+    age = (1 / (E * steep)).lo
+    error = claim.error
+    if error is not None:
+        room = error.beta - bound.rate - 1 / (error.kappa * claim.least)
+        if room <= 0:
+            return bound
+        age = min(age, (log(Interval.point(1 + room / steep)) / error.beta).lo)
+    # Nobody reads itself sooner than in a microsecond.
+    return bound if age < SHORTEST else replace(bound, own_delay=rounded_down(age, digits=2))
 
 
 def largest_period(loop: Loop, claim: Separable) -> SamplingBound | None:

@@ -193,6 +193,12 @@ def reflected(coefficients: Coefficients) -> Coefficients:
     return tuple(-x if k % 2 else x for k, x in enumerate(coefficients))
 
 
+def without_repeats(coefficients: Sequence[Fraction]) -> Coefficients:
+    """The monic polynomial with the same roots, each once."""
+    p = _flint(coefficients)
+    return tuple(map(from_fmpq, reversed((p // p.gcd(p.derivative())).coeffs())))
+
+
 def disk_image(
     coefficients: Sequence[Any], *, centre: Fraction, radius: Fraction
 ) -> tuple[Any, ...]:

@@ -43,6 +43,7 @@ from dobc_design.exact.polynomial import (
     characteristic_polynomial,
     decide_images,
     disk_image,
+    without_repeats,
 )
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.timing import E, Timing
@@ -156,20 +157,21 @@ def overshoots(loop: Loop, M: Matrix) -> bool:
 
 def turns_too_far(loop: Loop, M: Matrix, near: tuple[Fraction, Fraction]) -> bool:
     """Whether M has an eigenvalue mu around ``near`` with |mu| tau > pi/2 - |arg mu|: with the
-    delay tau in everything the loop then diverges.  Of n roots one is within n |p/p'| (Laguerre).
-    Source: Olfati-Saber and Murray 2004."""
+    delay tau in everything the loop then diverges.  Of n different roots one is within n |p/p'|
+    (Laguerre).  Source: Olfati-Saber and Murray 2004."""
     timing = loop.timing or Timing()
     tau = min(timing.delay, timing.own_delay)
     p = derivative = (ZERO, ZERO)
     x, y = near
-    for a in characteristic_polynomial(M):
+    polynomial = without_repeats(characteristic_polynomial(M))
+    for a in polynomial:
         u, v = derivative
         derivative = (u * x - v * y + p[0], u * y + v * x + p[1])
         p = (p[0] * x - p[1] * y + a, p[0] * y + p[1] * x)
     steep = derivative[0] ** 2 + derivative[1] ** 2
     if not tau or not steep:
         return False
-    radius = sqrt(Interval.point(len(M) ** 2 * (p[0] ** 2 + p[1] ** 2) / steep)).hi
+    radius = sqrt(Interval.point((len(polynomial) - 1) ** 2 * (p[0] ** 2 + p[1] ** 2) / steep)).hi
     size = sqrt(Interval.point(x * x + y * y)).lo - radius
     if size <= 0:
         return False
@@ -200,9 +202,11 @@ def readings_obstacle(loop: Loop, W: Matrix | None) -> str | None:
     own = timing.own_delay > 0
     held = timing.period > 0
     unsaid = [] if plant is None else [name for name in ABSOLUTE if getattr(plant, name)]
+    limited = loop.actuators is not None and bool(loop.actuators.limit)
     blind = plant is not None and not plant.known_to_agents
     needs: list[Need] = [
         (not unsaid, f"[uncertainty] {', '.join(unsaid)} is not counted with late readings."),
+        (not limited, "the limits of [actuators] are not counted with late readings."),
         (not blind, "observers that do not know the weights are not counted with late readings."),
         (
             loop.drift is None or not (own or held),

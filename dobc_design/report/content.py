@@ -43,6 +43,7 @@ from .document import (
 )
 from .findings import Findings
 from .plant import plant_section
+from .readings import readings_section
 from .region_words import region_section, search_sections, settling_section
 from .system import loop_section, network_section, problem_section
 
@@ -167,6 +168,7 @@ OPEN: tuple[Part, ...] = (
     _summary,
     _meaning,
     plant_section,
+    readings_section,
     loop_section,
     bound_section,
     _next_step,

@@ -165,6 +165,22 @@ def plot_shares(ax: Axes, arcs: Sequence[Taken]) -> Axes:
     return legend_above(ax)
 
 
+def plot_rates(ax: Axes, rates: Mapping[float, float], *, stated: float) -> Axes:
+    """Proved rates over a time (s), on a logarithmic axis; crosses where nothing is proved."""
+    proved = {time: rate for time, rate in rates.items() if rate > 0}
+    open_times = [time for time, rate in rates.items() if rate <= 0]
+    ax.set_xscale("log")
+    ax.plot(list(proved), list(proved.values()), "o-", color=BLUE, markersize=3.5, label="proved")
+    if open_times:
+        nothing = [0.0] * len(open_times)
+        ax.plot(open_times, nothing, "x", color=VERMILLION, label="nothing proved")
+    ax.axvline(stated, color=INK, linewidth=0.9, linestyle=DASHED, label="stated")
+    ax.set_ylim(bottom=-0.05 * max(rates.values(), default=1.0))
+    ax.set_xlabel("time in s")
+    ax.set_ylabel("rate in 1/s")
+    return legend_above(ax)
+
+
 def plot_search(ax: Axes, search: Falsification, *, unit: str = "") -> Axes:
     """|e|_inf of the worst suspects over time, at most eight; solid where an equilibrium is
     proved."""

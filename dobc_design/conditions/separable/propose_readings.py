@@ -10,12 +10,14 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 
 from dobc_design._checks import noun
-from dobc_design.conditions.numbers import last_found, rounded_down, rounded_up
-from dobc_design.conditions.observer.propose import decay_of_error
+from dobc_design.conditions.domain import Around
+from dobc_design.conditions.numbers import claimed, last_found, rounded_down, rounded_up
+from dobc_design.conditions.observer.propose import decay_of_error, observer_gain
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import ZERO
 from dobc_design.exact.work import spend
@@ -26,7 +28,7 @@ from dobc_design.solvers.program import Array
 from .claim import ErrorBound, Separable, stated_errors
 from .propose import Field, SeparablePlan, field_of, least_solution, rounded_vectors
 from .propose_observer import propose_error_bound, radius_needed
-from .timing import steepness, too_steep
+from .timing import steepness, too_steep, verify_readings
 
 OBSERVERS = (0.25, 0.5, 0.75)  # parts of the observer's decay that are left to V
 ROUNDS = 4  # of kappa, rho and slopes
@@ -145,3 +147,36 @@ class Search:
             except (ArithmeticError, OverflowError):
                 return None
             return least_solution(field, alpha=float(alpha * MORE), start=np.ones(self.loop.n))
+
+
+#: Times tried beside the stated one, as parts of it.
+AROUND = tuple(2 ** (k / 2) for k in range(-6, 7))
+
+
+def varied(timing: Timing) -> str:
+    """The stated time that is varied: the period, else a delay."""
+    names = ("period", "delay", "own_delay")
+    return next((name for name in names if getattr(timing, name)), "event")
+
+
+def rates_around(loop: Loop, box: Around) -> dict[float, float]:
+    """Proved rates (1/s) of the same box with shorter and longer times than the stated one (s); 0
+    where none is found.  A gain W that nobody gave is designed for each period."""
+    found = {}
+    timing = loop.timing or Timing()
+    name = varied(timing)
+    for part in AROUND:
+        time = rounded_down(float(getattr(timing, name)) * part, digits=3)
+        changed: dict[str, Any] = {name: time}
+        other = replace(loop, timing=replace(timing, **changed))
+        W = observer_gain(other)
+        search = Search(
+            loop=other,
+            W=W,
+            radius=claimed(box.radius),
+            disturbance=claimed(box.disturbance),
+            everywhere=False,
+        )
+        proved = (x.alpha for x in search.claims() if verify_readings(other, W, x).wrong is None)
+        found[float(time)] = float(next(proved, ZERO))
+    return found

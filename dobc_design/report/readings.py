@@ -1,0 +1,76 @@
+"""Late, held and lost readings, and the processor: what was asked, what is proved, and the rate
+with shorter and longer times."""
+
+from collections.abc import Mapping
+from fractions import Fraction
+
+from dobc_design.certificate.topics import TOPICS
+from dobc_design.conditions.domain import Around
+from dobc_design.conditions.kinds import READINGS
+from dobc_design.conditions.separable.propose_readings import rates_around, varied
+from dobc_design.loop.make import loop_of
+from dobc_design.loop.timing import Timing, timing_words
+
+from .document import Blocks, Column, Picture, Pictures, Text, on_pages, section, table_of
+from .figures import plot_rates
+from .findings import Findings
+from .words import FIXED, domain_words, number, sentence
+
+MOST_VARIED = 60  # agents of a network of which other times are tried
+_TIMES = {
+    "period": "computed and held over",
+    "delay": "age of readings of neighbours",
+    "own_delay": "age of own readings",
+    "lost": "readings lost in a row",
+    "event": "relative error of readings",
+}
+_UNITS = {"lost": "", "event": ""}
+
+
+@section("Late and held readings", "readings", "Readings")
+def readings_section(found: Findings) -> Blocks:
+    """What [readings] and [processor] state, and what is proved with it; nothing without them."""
+    agents = loop_of(found.problem)
+    timing = agents.timing
+    if timing is None:
+        return
+    check = next((each for each in found.certificate.checks if each.id == READINGS), None)
+    told = "Nothing is proved about it." if check is None else sentence(check.reason)
+    yield Text(f"Stated: {timing_words(timing)}. {told}")
+    if check is None or not check.is_proved:
+        return
+    loop, _ = TOPICS["separable"].about(READINGS, agents, found.certificate.claims.W)
+    box = check.domain
+    tried = loop.n <= MOST_VARIED and isinstance(box, Around) and varied(timing) != "event"
+    rates = rates_around(loop, box) if tried and isinstance(box, Around) else {}
+    yield table_of(
+        "What was asked",
+        [name for name in _TIMES if getattr(timing, name)],
+        Column("what", lambda name: _TIMES[name]),
+        Column("proved", lambda name: _shown(name, getattr(timing, name)), style="number"),
+        Column("tried, proved up to", lambda name: _tried(name, rates, timing), style="number"),
+    )
+    if rates:
+        where = domain_words(box, agents.unit)
+        yield on_pages(Pictures((_picture(rates, timing, where),)))
+
+
+def _shown(name: str, value: Fraction | float) -> str:
+    return f"{number(float(value))}{_UNITS.get(name, ' s')}"
+
+
+def _tried(name: str, rates: Mapping[float, float], timing: Timing) -> str:
+    proved = [time for time, rate in rates.items() if rate > 0]
+    return _shown(name, max(proved)) if proved and name == varied(timing) else "—"
+
+
+def _picture(rates: Mapping[float, float], timing: Timing, where: str) -> Picture:
+    name = varied(timing)
+    pairs = "; ".join(f"{number(time)}: {number(rate)}" for time, rate in rates.items())
+    return Picture(
+        "readings",
+        f"Proved rate over the time: {_TIMES[name]}",
+        caption=f"It holds for {where}. {FIXED['readings']}",
+        alt=f"Proved rates in 1/s over times in s. {pairs}.",
+        draw=lambda ax: plot_rates(ax, rates, stated=float(getattr(timing, name))),
+    )

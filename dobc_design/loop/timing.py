@@ -119,10 +119,11 @@ def timing_words(timing: Timing | None) -> str:
     if timing is None:
         return "readings of the same instant"
     parts = []
+    unit = "steps" if timing.steps else "s"
     if timing.delay:
-        parts.append(f"readings of neighbours up to {_number(timing.delay)} s old")
+        parts.append(f"readings of neighbours up to {_number(timing.delay)} {unit} old")
     if timing.own_delay:
-        parts.append(f"own readings up to {_number(timing.own_delay)} s old")
+        parts.append(f"own readings up to {_number(timing.own_delay)} {unit} old")
     if timing.lost:
         parts.append(f"{timing.lost} of them lost in a row")
     if timing.event:

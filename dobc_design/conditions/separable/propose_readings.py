@@ -16,7 +16,13 @@ import numpy as np
 
 from dobc_design._checks import noun
 from dobc_design.conditions.domain import Around
-from dobc_design.conditions.numbers import claimed, last_found, rounded_down, rounded_up
+from dobc_design.conditions.numbers import (
+    claimed,
+    last_found,
+    rounded_down,
+    rounded_up,
+    time_to_one_percent,
+)
 from dobc_design.conditions.observer.propose import decay_of_error, observer_gain
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import ZERO
@@ -32,7 +38,7 @@ from .timing import steepness, too_steep, verify_readings
 
 OBSERVERS = (0.25, 0.5, 0.75)  # parts of the observer's decay that are left to V
 ROUNDS = 4  # of kappa, rho and slopes
-KEPT = (0.7, 0.95, 0.4)  # parts of the largest rate that are claimed, the best trade first
+KEPT = (0.95, 0.7, 0.4)  # parts of the largest rate that are claimed
 CLOSE = 0.03  # how closely a rate is looked for, relatively
 SLOWEST = 1e-3  # and the least, as a part of the largest gain
 MORE = Fraction(1001, 1000)  # of kappa, and of a rate, for digits that are cut
@@ -63,6 +69,16 @@ class Search:
                 slower = self.at(part * float(claim.alpha), error)
                 if slower is not None:
                     yield slower
+
+    def soonest(self, least: float) -> list[Separable]:
+        """The same, that with the least time to one percent first; those with the rate ``least``
+        (1/s) before all others."""
+
+        def time(claim: Separable) -> tuple[bool, float]:
+            rate = float(claim.alpha)
+            return rate < least, time_to_one_percent(rate, float(claim.factor))
+
+        return sorted(self.claims(), key=time)
 
     def _observers(self) -> Iterator[ErrorBound | None]:
         exosystem = self.loop.joint_exosystem
@@ -150,7 +166,7 @@ class Search:
 
 
 #: Times tried beside the stated one, as parts of it.
-AROUND = tuple(2 ** (k / 2) for k in range(-6, 7))
+AROUND = tuple(2 ** (3 * k / 4) for k in range(-4, 5))
 
 
 def varied(timing: Timing) -> str:

@@ -114,11 +114,9 @@ def readings_stage(asked: Asked, report: Progress) -> list[Check]:
 def _largest_late(asked: Asked) -> Check | None:
     """The check for the box asked for, else for the largest that is found."""
     everywhere = asked.domain == EVERYWHERE
-    found: Check | None = None
+    reached = 0.0
 
-    def holds(halvings: float) -> bool:
-        nonlocal found
-        radius = _short(asked.radius / 2**halvings) if halvings else asked.radius
+    def proved(radius: float, *, soonest: bool) -> Check | None:
         search = Search(
             loop=asked.loop,
             W=asked.W,
@@ -126,19 +124,29 @@ def _largest_late(asked: Asked) -> Check | None:
             disturbance=claimed(asked.disturbance),
             everywhere=everywhere,
         )
+        found = None
         with surviving(f"no proposal for late readings for radius {radius}", WorkLimitError):
-            for claim in search.claims():
-                check = checks.readings_check(asked, claim, radius=radius)
-                if check.is_proved:
-                    found = check
-                    return True
-        return False
+            claims = search.soonest(asked.rate) if soonest else search.claims()
+            checked = (checks.readings_check(asked, claim, radius=radius) for claim in claims)
+            found = next((check for check in checked if check.is_proved), None)
+        return found
+
+    def holds(halvings: float) -> bool:
+        nonlocal reached
+        radius = _short(asked.radius / 2**halvings) if halvings else asked.radius
+        if proved(radius, soonest=False) is None:
+            return False
+        reached = radius
+        return True
 
     with at_most(STAGE):
         if not holds(0) and not everywhere and holds(HALVINGS):
             steps = next(steps for n, steps in ROUGHLY if asked.loop.n <= n)
             bisected(holds, float(HALVINGS), 0.0, steps=steps)
-    return found
+    if not reached:
+        return None
+    with at_most(STAGE):
+        return proved(reached, soonest=True) or proved(reached, soonest=False)
 
 
 def _size(check: Check) -> float:

@@ -185,6 +185,23 @@ def average() -> Problem:
     return Problem(network=network_of(arcs, 10), coupling="y", goal="agreement", region=region)
 
 
+def followers(**given: Any) -> Problem:
+    """Ten agents on an undirected ring, each of which hears the target as well: the largest
+    eigenvalue of L + I is 5."""
+    arcs = both_ways([[i, i % 10 + 1] for i in range(1, 11)])
+    return Problem(network=network_of(arcs, 10), coupling="y", gains=1, **given)
+
+
+def in_steps() -> Problem:
+    """Three agents that take means of what they and others were two steps ago, one of them of a
+    leader's state as well."""
+    arcs = [[1, 2, "1/2"], [2, 1, "1/4"], [2, 3, "1/4"], [3, 2, "1/2"]]
+    network = network_of(arcs, 3)
+    return Problem(
+        network=network, coupling="y", gains={"1": "1/4"}, time="discrete", readings={"delay": 2}
+    )
+
+
 def jointly_rooted() -> Problem:
     """Four agents, three graphs of one arc each in turn for 1 s: together a chain from agent 1."""
     modes = {"a": [[2, 1]], "b": [[3, 2]], "c": [[4, 3]]}
@@ -312,6 +329,40 @@ def _published() -> Iterator[Published]:
     yield Published("headings within half a turn", "agree", headings)
     # arXiv 1709.00951
     yield Published("inputs that saturate, constant disturbances", "rate at most 1/4", saturating)
+    # Olfati-Saber and Murray, IEEE TAC 49 (2004)
+    late = {"delay": "0.12", "own_delay": "0.12"}
+    yield Published("a ring late in everything", "below pi/10 s", lambda: followers(readings=late))
+    too_late = {"delay": "0.315", "own_delay": "0.315"}
+    yield Published(
+        "the same above pi/10", "diverges", lambda: followers(readings=too_late), verdict="refuted"
+    )
+    # Xie, Liu, Wang and Jia, American Control Conference (2009)
+    yield Published(
+        "a ring, sampled", "below 2/5 s", lambda: followers(processor={"period": "0.33"})
+    )
+    yield Published(
+        "the same above 2/5",
+        "does not converge",
+        lambda: followers(processor={"period": "0.41"}),
+        verdict="refuted",
+    )
+    # Dimarogonas, Frazzoli and Johansson, IEEE TAC 57 (2012)
+    yield Published(
+        "a ring that broadcasts on events of 20 %",
+        "reach it",
+        lambda: followers(readings={"event": "0.2"}),
+    )
+    # Guo and Dimarogonas, Automatica 49 (2013): logarithmic quantisers of what is sent
+    yield Published(
+        "the same sampled, quantised by 10 %",
+        "reach it",
+        lambda: followers(readings={"event": "0.1"}, processor={"period": "0.2"}),
+    )
+    # Xiao and Wang, IEEE TAC 53 (2008): bounded delays and losses
+    lossy = {"period": "0.1", "lost": 3, "delay": "0.05"}
+    yield Published("a ring, three packets lost", "reach it", lambda: followers(readings=lossy))
+    # DeGroot, JASA 69 (1974), with a leader and delays
+    yield Published("means of what was two steps ago", "reach it", in_steps)
     # built-in `paper-fixed`
     yield Published("Example 1 of the paper", "agree, no rate", lambda: load_problem("paper-fixed"))
 

@@ -21,6 +21,7 @@ from evidence import (
     other_networks,
     pinning,
     published,
+    readings,
     robustness,
     rocq,
     same_bytes,
@@ -92,6 +93,9 @@ def _items() -> Iterator[Item]:
     yield Item("times", times.times, len(times.names()), 0, share=20)
     yield Item("linear-agents", local.linear_agents, 300, 0, share=60)
     yield Item("published", published.table, len(PUBLISHED), 0, share=5)
+    # the count is runs, of 48 side by side
+    yield Item("late-runs", readings.run, 10_000, 7, share=50)
+    yield Item("late-margins", readings.margins, 30, 0)
     # the count is starts
     yield Item("dynamic-regions", published.regions, 10_000, 0, share=0)
     yield Item("decided", certificates.decided, 500, 9000, share=80)

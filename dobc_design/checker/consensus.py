@@ -16,7 +16,7 @@ from operator import mul
 from typing import Any, NamedTuple
 
 from .claims import Case
-from .intervals import Exact, outward, times
+from .intervals import Exact, by_decimal, outward, times
 from .loop import Loop, Residual, extend, reach
 from .matrices import (
     ZERO,
@@ -61,6 +61,7 @@ from .reading import (
     text,
     weights,
 )
+from .sampled import decays
 from .signs import cover
 
 ROOTS_SIZE = 60  # largest matrix whose eigenvalues are counted
@@ -229,6 +230,14 @@ def hurwitz(residual: Residual) -> Fact:
     return Fact(end == 0, exact, {"kind": "routh_row", "values": column[: end + 1]})
 
 
+def from_tick_to_tick(case: Case, check: Any) -> Fact:
+    """The same of samples: every eigenvalue is smaller than exp(-rate T) in size."""
+    wait = case.timing.period * (check.rate or ZERO)
+    found = decays(own(case, check.group), case.timing, by_decimal("exp", (wait, wait))[1])
+    need(found is not None, "it is not decided here")
+    return Fact(bool(found), None, None)
+
+
 OF_GROUPS = {"observability": observability, "detectability": detectability, "hurwitz": hurwitz}
 
 
@@ -283,15 +292,17 @@ def heads(order: Iterable[int], edges: list[list[int]]) -> list[int]:
 
 def fact(case: Case, check: Any) -> None:
     """A fact of one group, or reachability in one mode, is as the check says."""
-    if check.id in OF_GROUPS:
+    if check.id == "hurwitz" and case.sampled:
+        found = from_tick_to_tick(case, check)
+    elif check.id in OF_GROUPS:
         found = OF_GROUPS[check.id](own(case, check.group))
     else:
         found = reachability(case, check.mode)
     need(check.margin is None, "it has no margin to claim")
     if check.rate is not None:
         need(check.id == "hurwitz", "it has no rate to claim")
-        shown = check.rate > 0 and stable(closed(own(case, check.group), check.rate))
-        need(shown, "the rate is not shown")
+        shown = case.sampled or stable(closed(own(case, check.group), check.rate))
+        need(check.rate > 0 and shown, "the rate is not shown")
     here = "proved" if found.holds else "refuted"
     need((check.verdict == "proved") == found.holds, f"it is {here} here")
     need(same(check.exact, found.exact), "the exact value is another one here")

@@ -5,7 +5,6 @@ from collections.abc import Collection, Iterator
 from fractions import Fraction
 from functools import partial
 from itertools import pairwise
-from operator import mul
 from typing import Any, NamedTuple
 
 from .claims import Case
@@ -18,6 +17,7 @@ from .loop import Loop, reach
 from .matrices import ONE, ZERO, Matrix, Vector, combined, norm, paired
 from .quadratic import gains_shape, read_ranges
 from .reading import Object, matrix, maybe, need, rational, read, still, weights
+from .sampled import BITS, exponential, multiplied
 from .separable import composite, frame, observed, spread, starts
 
 NEAR = 2.0**-60
@@ -322,18 +322,10 @@ class MovingRow(NamedTuple):
 
 
 # --- Errors that grow from round to round: |tr M^k| > n m, M the linear map of a round
-BITS = 256
 POWER = 64  # the largest k
 ROWS = 20
 ROUND = 200  # phases
 GROWTH = 1000  # of the sum of |J - K| T in the largest row sum
-
-
-class Ball(NamedTuple):
-    """A matrix in units of 2^-BITS, and a bound of what its rows may miss, in all."""
-
-    entries: list[list[int]]
-    missed: int
 
 
 def grows(loop: Loop, check: Any) -> None:
@@ -370,40 +362,3 @@ def grows(loop: Loop, check: Any) -> None:
     # |tr M^k| <= n m if all eigenvalues have at most size 1
     trace = abs(sum(found.entries[k][k] for k in range(size)))
     need(trace - size * found.missed > size << BITS, "it is not shown that errors grow")
-
-
-def multiplied(X: Ball, Y: Ball) -> Ball:
-    """The product; rounding each entry misses less than one unit."""
-    still()
-    columns = list(zip(*Y.entries, strict=True))
-    entries = []
-    for row in X.entries:
-        entries.append([sum(map(mul, row, column)) >> BITS for column in columns])
-    passed = norm(X.entries) * Y.missed + norm(Y.entries) * X.missed + X.missed * Y.missed
-    return Ball(entries, (passed >> BITS) + 1 + len(entries))
-
-
-def exponential(X: Matrix) -> Ball:
-    """exp(X): its series at X / 2^k with rows of at most 1/4, whose rest is below one unit, squared
-    k times."""
-    size = len(X)
-    largest = norm(X)
-    halvings = 0
-    while largest > Fraction(2**halvings, 4):
-        halvings += 1
-    # rounded down: every row misses less than one unit for each entry
-    small = Ball([[int(x * 2**BITS // 2**halvings) for x in row] for row in X], size)
-    unit = [[(a == b) << BITS for b in range(size)] for a in range(size)]
-    total = unit
-    missed = 1
-    term = Ball(unit, 0)
-    for k in range(1, BITS // 4):
-        rows, off = multiplied(term, small)
-        term = Ball([[x // k for x in row] for row in rows], off // k + 1 + size)
-        pairs = paired(total, term.entries)
-        total = [[a + b for a, b in paired(*both)] for both in pairs]
-        missed += term.missed
-    found = Ball(total, missed)
-    for _ in range(halvings):
-        found = multiplied(found, found)
-    return found

@@ -21,7 +21,7 @@ from .quadratic import lure
 from .reading import MAX_BYTES, UNTIL, OutOfTime, Refused, need
 from .saturation import allowed, cut, saturates
 from .schedule import settling
-from .separable import delay, equilibrium, sampling
+from .separable import delay, equilibrium, readings, sampling
 from .value import agreed_value
 from .verdict import overall
 
@@ -34,6 +34,7 @@ REGIONAL: dict[str, Decider] = {
     "max-separable": boxes,
     "delay": delay,
     "sampling": sampling,
+    "readings": readings,
     "tolerance": tolerance,
     "actuators": actuators,
     "equilibrium": equilibrium,
@@ -49,24 +50,24 @@ REGIONAL: dict[str, Decider] = {
 # and one target.
 KNOWN_TO = {
     "couplings that are lists": "max-separable lure arc-wise equilibrium markov accuracy schedule",
-    "nodes that are curved": "max-separable delay sampling tolerance actuators lure arc-wise "
-    "schedule safety settling accuracy",
-    "leaders that move on": "max-separable tolerance actuators lure arc-wise schedule markov "
-    "safety settling accuracy",
+    "nodes that are curved": "max-separable delay sampling readings tolerance actuators "
+    "lure arc-wise schedule safety settling accuracy",
+    "leaders that move on": "max-separable readings tolerance actuators lure arc-wise schedule "
+    "markov safety settling accuracy",
     # what is left bounds a pin from below: it says nothing of rest, nor of steps
     "inputs that saturate": "max-separable delay tolerance actuators lure arc-wise schedule markov "
     "safety settling accuracy",
     "pins that are cut": "max-separable arc-wise delay schedule settling",
     "fixed nodes that differ or move": "max-separable delay schedule settling",
     # delay: a late state and one of now make no difference that is followed
-    "differences of agents": "max-separable arc-wise sampling schedule settling markov tolerance "
-    "accuracy",
+    "differences of agents": "max-separable arc-wise sampling readings schedule settling markov "
+    "tolerance accuracy",
     "agents with too many pairs": "schedule markov actuators",
     # rows hold whatever the signs
-    "signs that fit no two sides": "max-separable delay sampling tolerance actuators safety "
-    "settling accuracy schedule arc-wise",
+    "signs that fit no two sides": "max-separable delay sampling readings tolerance actuators "
+    "safety settling accuracy schedule arc-wise",
 }
-REFUTABLE = ("max-separable", "equilibrium", "markov", "schedule")
+REFUTABLE = ("readings", "max-separable", "equilibrium", "markov", "schedule")
 Finding = tuple[bool, str]  # whether it holds, and what
 Task = tuple[str, partial[None]]
 
@@ -165,6 +166,8 @@ def confirm(case: Case, check: Any) -> None:
         check.verdict in ("proved", "refuted"),
         "the verdict is none of proved, refuted and undecided",
     )
+    about_flow = check.id not in (*FACTS, "readings")
+    need(not (case.sampled and about_flow), "all is computed from samples, and it is about a flow")
     # by now id, mode and group are known, and the observer is the one of the problem
     decide = regional if about_region else decider(case, check.id)
     bounded(case, check, decide(case, check))

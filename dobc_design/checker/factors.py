@@ -59,7 +59,7 @@ def least_factor(case: Case, check: Any, claim: Any) -> Fraction:
         return ONE
     if check.id == "schedule":
         return of_schedule(case, claim)
-    if check.id in ("max-separable", "delay", "tolerance"):
+    if check.id in ("max-separable", "delay", "readings", "tolerance"):
         if check.id == "delay" and case.q:
             need(rational(check.exact["rate"]) < claim.beta, "no bound follows at the rate beta")
         T = frame(claim)

@@ -32,6 +32,9 @@ from .reading import (
 
 #: The numbers of `uncertainty`.
 ERRORS = ("weights", "gains", "disturbance", "drift", "measurement")
+#: Those of `readings`.
+AGES = ("delay", "own_delay", "event")
+LOST = 1000
 
 
 class Problem:
@@ -59,6 +62,7 @@ class Problem:
         self.read_leader()
         self.read_fixed("fixed" in source)
         self.read_agreement()
+        self.read_times()
         modes = self.stated.modes
         different = 0 < len(modes) == len({mode.name for mode in modes})
         need(different, "modes have to be different, and at least one")
@@ -102,6 +106,9 @@ class Problem:
                 "amplitude": maybe(rational),
                 "saturates?": partial(one_of, (bool,)),
             },
+            "readings?": {**dict.fromkeys(AGES, rational), "period?": rational, "lost": integer},
+            "processor?": {"period": rational},
+            "time?": partial(word, ("discrete",)),
             "leader?": {"initial": sides, "stays_in?": sides},
             "simulation": an_object,
             "region": maybe(region),
@@ -170,6 +177,19 @@ class Problem:
         linear = self.dynamics is None or self.dynamics.f is None
         # f(x_i) - f(x_j) is no function of x_i - x_j
         need(linear, "agents that agree have no f")
+
+    def read_times(self) -> None:
+        """How late and how often agents know what they use."""
+        late = self.stated.readings
+        periods = [self.stated.processor, late]
+        periods = [each.period for each in periods if each is not None and each.period is not None]
+        ticks = len(periods) + (self.stated.time is not None)
+        need(ticks <= 1 and min(periods, default=1) > 0, "there are two periods, or one is not > 0")
+        if late is not None:
+            need(min(late.delay, late.own_delay, late.event) >= 0, "an age is negative")
+            need(late.event < 1, "the threshold of an event is a part")
+            need(0 <= late.lost <= LOST, "so many readings are not lost")
+            need(ticks == 1 or not late.lost, "readings are lost at the ticks of a period")
 
     def read_limit(self, value: Any) -> dict[int, Any]:
         """The limits of the inputs: one for all agents, or one for some."""

@@ -75,6 +75,30 @@ class Residual(NamedTuple):
     name: str | None  # by which checks name it; none if it is that of all nodes
 
 
+class Timing(NamedTuple):
+    """Readings of neighbours are up to ``delay`` old, and off by a part of up to ``event``; own
+    ones up to ``own_delay``. With a ``period`` that is not 0 couplings and pins are held over it,
+    and up to ``lost`` readings in a row do not arrive; ``sampled``: so is all that observers do, in
+    ``steps`` agents themselves move at its ticks."""
+
+    delay: Fraction
+    own_delay: Fraction
+    period: Fraction
+    lost: int
+    event: Fraction
+    sampled: bool
+    steps: bool
+
+    @property
+    def late(self) -> bool:
+        """Whether readings are not those of the instant at which they are used, or not true."""
+        return bool(self.delay or self.own_delay or self.lost or self.event)
+
+    def ticks(self, age: Fraction) -> int:
+        """How many periods old it may be."""
+        return -(-age // self.period)
+
+
 class Loop:
     """Nodes, arcs, pins and residuals, with the region and the plant that are asked for."""
 
@@ -111,6 +135,7 @@ class Loop:
         self.matched = False
         self.uncertainty = stated.uncertainty
         self.actuators = stated.actuators
+        self.timing: Any = timing_of(stated)
         self.xi0 = stated.simulation.get("xi0")  # the starts of the disturbance, not read yet
         # a pin acts on e_i as an arc to a node whose error is 0
         self.pins = pins_of(problem, self.node)
@@ -244,6 +269,11 @@ class Loop:
         return self.own is None and all(h.single for h in self.functions)
 
     @property
+    def sampled(self) -> bool:
+        """Whether nodes move from sample to sample: nothing is left of the flow."""
+        return self.timing is not None and self.timing.sampled
+
+    @property
     def disturbed(self) -> bool:
         """Whether `uncertainty` has a disturbance, noise or a drift that acts."""
         plant = self.uncertainty
@@ -355,6 +385,23 @@ def through(node: Node, h: tuple[str, ...], m: int) -> tuple[str, ...]:
         parts = [f"({b})*({each})" for b, each in paired(row, h) if b]
         sums.append(" + ".join(parts) or "0")
     return tuple(sums)
+
+
+def timing_of(stated: Any) -> Timing | None:
+    """What is stated of the times at which readings are taken, and used."""
+    late = stated.readings
+    processor = stated.processor
+    steps = stated.time is not None
+    if late is None and processor is None and not steps:
+        return None
+    delay, own = (ZERO, ZERO) if late is None else (late.delay, late.own_delay)
+    lost, event = (0, ZERO) if late is None else (late.lost, late.event)
+    period = Fraction(steps)  # of discrete time 1
+    if processor is not None:
+        period = processor.period
+    elif late is not None and late.period is not None:
+        period = late.period
+    return Timing(delay, own, period, lost, event, processor is not None or steps, steps)
 
 
 def pins_of(problem: Problem, node: Node) -> dict[int, Matrix]:

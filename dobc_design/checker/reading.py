@@ -29,6 +29,10 @@ UNSIGNED = r"[0-9]+(?:\.[0-9]+)?(?:[eE][+-]?0*(?:[0-3]?[0-9]{1,2}|400))?"  # exp
 RATIONAL = rf"([+-]?{UNSIGNED})|([+-]?[0-9]+)/([+-]?0*[1-9][0-9]*)"
 
 
+#: A problem that has one of them is of version 4.
+NEW_KEYS = ("goal", "fixed", "negative", "readings", "processor", "time")
+
+
 class Refused(Exception):
     """A file that is not what the format page describes, or a claim that is not shown."""
 
@@ -80,7 +84,7 @@ def document(data: bytes, kind: str) -> Object:
 def version_of(problem: Object) -> int:
     """The version that a problem file has to have: one that an older checker refuses, where this
     would take it for a problem without the new key."""
-    if any(key in problem for key in ("goal", "fixed", "negative")):
+    if any(key in problem for key in NEW_KEYS):
         return 4
     if leaves_agents(problem) or in_a_mode(problem, "gains"):
         return 4

@@ -1,5 +1,5 @@
-"""max-separable, delay and sampling: N = max |e_ic| / v_i decreases, shown row by row on every face
-of a box.
+"""max-separable, delay, sampling and readings: N = max |e_ic| / v_i decreases, shown row by row on
+every face of a box.
 
 With an exosystem V = N + kappa max sqrt(eps_i'P eps_i) decreases. At the end: equilibrium, another
 place of rest.
@@ -13,12 +13,13 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 from .claims import Case, need_rate
-from .consensus import omega
+from .consensus import jacobian, omega
 from .curves import Curve, Curves, Term, both_faces, on_pieces
 from .expressions import Coupling, variables
 from .intervals import (
     NOTHING,
     ONE,
+    PI,
     Floats,
     added,
     by_decimal,
@@ -26,17 +27,21 @@ from .intervals import (
     enclosed,
     hull,
     negative,
+    power,
     times,
     total,
+    wave,
 )
-from .loop import Arc, Loop
+from .loop import Arc, Loop, Timing
 from .matrices import (
     ZERO,
     Matrix,
     Vector,
+    characteristic,
     diagonal,
     identity,
     integers,
+    is_diagonal,
     is_form,
     nonnegative,
     opposite,
@@ -59,8 +64,10 @@ from .reading import (
     text,
     weights,
 )
+from .sampled import inside, shrinks, ticks
 
 EQUATIONS = 60  # of an equilibrium at most
+ONCE = Fraction(1)
 PLAIN = identity(1)  # T of a claim that is not in coordinates
 
 
@@ -147,14 +154,23 @@ def composite(case: Case, claim: Any) -> None:
     P = claim.P
     T = frame(claim)
     C = case.C
-    if T != PLAIN:
-        C = product(diagonal([T] * len(case.residuals)), C)  # of z
     short_matrix(P)
     need(is_form(P), "P > 0 is not shown")
-    need(nonnegative(opposite(omega(case, P, claim.beta))), "beta is not shown")
+    around = ZERO
+    if case.sampled:
+        found = ticks(case, case.timing)
+        C, around = found.C, found.around
+        left = 1 - case.timing.period * claim.beta
+        need(left > 0 and shrinks(P, found, left), "beta is not shown")
+    else:
+        need(nonnegative(opposite(omega(case, P, claim.beta))), "beta is not shown")
+    if T != PLAIN:
+        C = product(diagonal([T] * len(case.residuals)), C)  # of z
     for c in C:
         # c'c <= P: then |c eps| <= sqrt(eps'P eps), row by row
         square = product(transpose([c]), [c])
+        more = around * (2 * sum(map(abs, c)) + around)
+        square = plus(square, more, identity(case.q))
         need(nonnegative(plus(P, -1, square)), "c'c <= P is not shown")
     room = plus(identity(case.q, claim.size), -1, P)
     # size bounds sqrt(eps'P eps) at the start by sqrt(size) s
@@ -225,22 +241,21 @@ class Errors(NamedTuple):
 
 
 EXACT = Errors()
+Sides = tuple[list[int], list[int], int]  # v_i, v_j, and their unit
 
 
 def rows(
     case: Case,
     claim: Any,
     alpha: Fraction,
-    theta: Fraction = Fraction(1),
+    theta: Fraction = ONCE,
     errors: Errors = EXACT,
     local: bool = False,
 ) -> None:
     """Both faces of all rows, equal ones once; v_j counts theta times.  ``local``: for slopes at
     the target."""
-    v, bottom = integers(claim.v)
-    tops = case.with_fixed([x * theta.numerator for x in v])
-    owns = [x * theta.denominator for x in v]
-    bottom *= theta.denominator
+    weights = stretched(case, claim.v, theta)
+    owns, tops, bottom = weights
     found: dict[Row, int] = {}
     for i, heard in case.rows:
         arcs = [Heard(arc.coupling, arc.w, tops[arc.j], arc.loose) for arc in heard]
@@ -249,9 +264,9 @@ def rows(
         c = (case.least_gain(i, errors.gains) - alpha) * owns[i]
         found.setdefault(Row(owns[i], c, tuple(arcs)), i)
 
-    curves = tables(case, claim.rho, (owns, tops, bottom))
+    curves = tables(case, claim.rho, weights)
     if case.gap:
-        rising(case, claim.rho or ZERO, (owns, tops, bottom))
+        rising(case, claim.rho or ZERO, weights)
     for row, i in found.items():
         shown = linear_row(row, errors, local)
         if not shown and claim.rho is not None:
@@ -259,9 +274,17 @@ def rows(
         need(shown, f"the row of agent {case.labels[i]} is not shown")
 
 
-def rising(loop: Loop, rho: Fraction, weights: tuple[list[int], list[int], int]) -> None:
+def stretched(loop: Loop, v: Vector, theta: Fraction) -> Sides:
+    """v_i, theta v_j, and their unit."""
+    found, bottom = integers(v)
+    owns = loop.with_fixed([x * theta.denominator for x in found])
+    tops = loop.with_fixed([x * theta.numerator for x in found])
+    return owns, tops, bottom * theta.denominator
+
+
+def rising(loop: Loop, rho: Fraction, weights: Sides) -> None:
     """All couplings rise on |y| <= rho (v_i + v_j) + gap: whatever a node hears from between the
-    fixed nodes, the end of the row is the worst."""
+    fixed nodes, or knows of itself, the end of the row is the worst."""
     owns, tops, bottom = weights
     reach: dict[Coupling, int] = {}
     for arc in loop.arcs:
@@ -269,12 +292,10 @@ def rising(loop: Loop, rho: Fraction, weights: tuple[list[int], list[int], int])
     for h, most in reach.items():
         end = enclosed(loop.gap + rho * Fraction(most, bottom))[1]
         cells = Curve(h, False, -end, end).table
-        need(all(cell.way == 1 for cell in cells), "a coupling falls between the fixed nodes")
+        need(all(cell.way == 1 for cell in cells), "a coupling falls as far as rows look")
 
 
-def tables(
-    loop: Loop, rho: Fraction | None, weights: tuple[list[int], list[int], int], wide: bool = False
-) -> Curves:
+def tables(loop: Loop, rho: Fraction | None, weights: Sides, wide: bool = False) -> Curves:
     """All couplings, with tables as far as the arcs need them: to rho (v_i + v_j) below, and to rho
     (v_j - v_i) above, or (``wide``) as far as below. ``weights``: v_i, v_j, and their unit."""
     curves: Curves = {}
@@ -366,11 +387,18 @@ def delay(case: Case, check: Any) -> Any:
     need(exact.delay >= 0, "the delay is negative")
     need_rate(check, exact.rate, "the rate is not between 0 and that of the rows")
     need(case.q == 0 or exact.rate <= claim.beta, "the rate is larger than that of the observer")
-    wait = exact.delay * exact.rate
-    theta = by_decimal("exp", (wait, wait))[1]
-    # up again, to few bits: a larger theta only makes the rows harder
-    rows(case, claim, exact.rate, Fraction(math.ceil(theta * 2**60), 2**60))
+    rows(case, claim, exact.rate, few_bits(growth(exact.delay * exact.rate)))
     return claim
+
+
+def growth(x: Fraction) -> Fraction:
+    """An upper bound of exp(x)."""
+    return by_decimal("exp", (x, x))[1]
+
+
+def few_bits(theta: Fraction) -> Fraction:
+    """Rounded up: a larger theta only makes the rows harder."""
+    return Fraction(math.ceil(theta * 2**60), 2**60)
 
 
 def sampling(case: Case, check: Any) -> None:
@@ -388,29 +416,40 @@ def sampling(case: Case, check: Any) -> None:
     follows = 1 - exact.period * claim.alpha <= exact.factor < 1
     need(follows, "the factor does not follow from the period")
 
-    owns, bottom = integers(claim.v)
-    v = case.with_fixed(owns)
-    curves = tables(case, claim.rho, (v, v, bottom), wide=True)
+    gentle(case, claim, 1 / exact.period)
+
+
+def gentle(
+    case: Case, claim: Any, most: Fraction, theta: Fraction = ONCE, late: bool = False
+) -> None:
+    """For every node the slopes of couplings, and its gain, add up to ``most`` at most: their means
+    where a step overshoots, or (``late``) the largest as far as rows look."""
+    owns, tops, bottom = weights = stretched(case, claim.v, theta)
+    curves = tables(case, claim.rho, weights, wide=True)
 
     @cache
     def slope(h: Coupling, mirrored: bool, own: int, other: int, closely: bool) -> Fraction:
         if not claim.rho:
             return max(ZERO, h.slope(0, 0)[1])
         rho = enclosed(claim.rho)[1]
-        return mean_slope(curves[h, mirrored], rho, (own, other, bottom), closely)
+        curve = curves[h, mirrored]
+        if late:
+            end = times((rho, rho), enclosed(Fraction(own + other, bottom)))[1]
+            return Fraction((curve.steepest if closely else curve.slope)(-end, end))
+        return mean_slope(curve, rho, (own, other, bottom), closely)
 
-    def brief(i: int, heard: list[Arc], mirrored: bool, closely: bool) -> bool:
+    def within(i: int, heard: list[Arc], mirrored: bool, closely: bool) -> bool:
         left = max(row[c] for c, row in enumerate(case.gain(i)))
         for arc in heard:
-            left += arc.w * slope(arc.coupling, mirrored, v[i], v[arc.j], closely)
+            left += arc.w * slope(arc.coupling, mirrored, owns[i], tops[arc.j], closely)
         # exact: a period of 1 is often the largest
-        return bool(exact.period * left <= 1)
+        return bool(left <= most)
 
     for i, heard in case.rows:
         for mirrored in (False, True):
             # a close look takes longer, and is seldom needed
-            brief_enough = any(brief(i, heard, mirrored, closely) for closely in (False, True))
-            need(brief_enough, f"too long for agent {case.labels[i]}")
+            shown = any(within(i, heard, mirrored, closely) for closely in (False, True))
+            need(shown, f"too long for agent {case.labels[i]}")
 
 
 def mean_slope(curve: Curve, rho: float, v: tuple[int, int, int], closely: bool) -> Fraction:
@@ -437,6 +476,131 @@ def mean_slope(curve: Curve, rho: float, v: tuple[int, int, int], closely: bool)
             mean += Fraction(slope) / 8
         left = right
     return mean
+
+
+# --- readings
+MOST = 30  # equations whose roots are looked at
+
+
+def readings(case: Case, check: Any) -> Any:
+    """The rows hold with readings as late, lost and false as the problem says, no node overshoots,
+    and kappa stands what the estimates were off by in the meantime; or linear couplings diverge."""
+    timing = case.timing
+    need(timing is not None, "the problem says nothing of readings")
+    if check.verdict == "refuted":
+        diverges(case, check)
+        return None
+    known_late(case, timing)
+    claim = read_separable(case, check.exact)
+    T = timing.period
+    need_rate(check, claim.alpha, "the rate is not between 0 and that of the rows")
+    need(T * claim.alpha < 1, "nothing would be left after a period")
+    contains(case, claim, check.domain)
+    plant = case.uncertainty
+    errors = EXACT if plant is None else Errors(plant.weights, plant.gains)
+    age = timing.ticks(timing.delay) + timing.lost if T else timing.delay
+    theta = few_bits((1 + timing.event) * grown(timing, claim.alpha, age, T > 0))
+    rows(case, claim, claim.alpha, theta, errors)
+    most = overshoot(case, claim, timing)
+    if most is not None:
+        late = timing.own_delay > 0
+        if late:
+            unmixed(case, claim, theta)
+        gentle(case, claim, most / (1 + max(errors.weights, errors.gains)), theta, late)
+    return claim
+
+
+def known_late(case: Case, timing: Timing) -> None:
+    """What is not followed together with readings."""
+    plant = case.uncertainty
+    known = plant is None or (plant.known_to_agents and not plant.drift and not case.disturbed)
+    need(known, "disturbances beside the exosystem are not known with readings")
+    limits = case.actuators is not None and case.actuators.limit
+    need(not limits, "limits of inputs are not known with readings")
+    # A x and f go on while readings are held
+    alone = case.B is None or not (timing.own_delay or timing.period)
+    need(alone, "dynamics of the agents themselves are not held")
+    together = not (case.differences or case.leader is not None)
+    need(together or not timing.late, "a target that moves on is not known late")
+
+
+def grown(timing: Timing, rate: Fraction, age: Fraction | int, by_ticks: bool) -> Fraction:
+    """An upper bound of what has decayed at a rate for some time, or for some ticks: how much
+    larger it was."""
+    if not by_ticks:
+        return growth(rate * age)
+    left = 1 - timing.period * rate
+    return power((left, left), -int(age))[1]
+
+
+def overshoot(case: Case, claim: Any, timing: Timing) -> Fraction | None:
+    """What slopes and gain of a node may add up to: so much that what it knows of itself does not
+    take it too far, nor what its observer was off by then; none where it knows itself."""
+    T = timing.period
+    d = timing.ticks(timing.own_delay) if T else 0
+    most = None
+    if T:
+        most = Fraction(d**d, (d + 1) ** (d + 1)) / T
+    elif timing.own_delay:
+        most = by_decimal("exp", (-ONCE, -ONCE))[0] / timing.own_delay
+    if case.q == 0:
+        return most
+    beta = claim.beta
+    age = T * d or timing.own_delay
+    since = grown(timing, beta, d if case.sampled else age, case.sampled) - 1
+    decay = beta
+    if T and not case.sampled:
+        # within a period the estimates go on
+        decay = (1 - growth(-beta * T)) / T
+    left = decay - claim.alpha - 1 / (claim.kappa * min(claim.v))
+    need(left >= 0, "kappa is too small")
+    if most is None or since == 0:
+        return most
+    return Fraction(min(most, left / since))
+
+
+def unmixed(case: Case, claim: Any, theta: Fraction) -> None:
+    """What pulls a node back does so component by component, and where it is late, not more than it
+    is off."""
+    held = all(is_diagonal(k) and min(map(min, k)) >= 0 for k in case.hold.values())
+    need(held, "a gain that mixes components, or pushes, is late")
+    straight = all(arc.coupling.slope(0, 0)[0] >= 0 for arc in case.arcs)
+    need(straight, "a coupling falls")
+    rising(case, claim.rho or ZERO, stretched(case, claim.v, theta))
+
+
+def diverges(case: Case, check: Any) -> None:
+    """Of e' = -M e with one delay in everything an eigenvalue mu of M has |mu| tau > pi/2 - |arg
+    mu|; or I - T M has one that is not inside the unit circle."""
+    witness = read(check.witness, {"kind": text, "values": [rational]})
+    one = check.exact is None and witness.kind == "eigenvalue" and len(case.modes) == 1
+    need(one, "it claims a value, or its witness is no eigenvalue, or modes switch")
+    apart = case.differences or case.gap or case.switches
+    integrators = case.B is None and all(h.straight for h in case.functions)
+    need(integrators and not apart, "it is about linear couplings to one target")
+    need(case.size <= MOST, "so many eigenvalues are not looked at")
+    slopes = jacobian(case, next(iter(case.modes)))
+    timing = case.timing
+    if timing.period:
+        step = plus(identity(case.size), timing.period, slopes)
+        found = inside([(c, c) for c in characteristic(step)])
+        need(found is False and not witness.values, "it is not shown that a step overshoots")
+        return
+    need(len(witness.values) == 2, "an eigenvalue has two parts")
+    x, y = witness.values
+    p = here = (ZERO, ZERO)  # p and p' at x + i y
+    for c in characteristic(opposite(slopes)):
+        here = (here[0] * x - here[1] * y + p[0], here[0] * y + here[1] * x + p[1])
+        p = (p[0] * x - p[1] * y + c, p[0] * y + p[1] * x)
+    need(any(here), "it is no simple eigenvalue")
+    # one of n roots is within n |p/p'|
+    square = case.size**2 * (p[0] ** 2 + p[1] ** 2) / (here[0] ** 2 + here[1] ** 2)
+    off = by_decimal("sqrt", (square, square))[1]
+    size = by_decimal("sqrt", (x * x + y * y,) * 2)[0] - off
+    turn = max(ZERO, size) * min(timing.delay, timing.own_delay)
+    # below pi/2: Re mu < |mu| sin(|mu| tau)
+    sine = ONCE if 2 * turn >= PI[1] else wave((turn, turn), 0)[0]
+    need(turn > 0 and x + off < size * sine, "it is not shown to turn too far")
 
 
 # --- equilibrium: a box that holds one of h(e) - K e other than 0, by the test of Krawczyk

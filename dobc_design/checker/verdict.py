@@ -14,9 +14,10 @@ from .loop import Loop, reach
 from .matrices import ZERO, echelon, meets, paired, product, stable
 from .pairs import rows_of
 from .reading import need, rational
+from .sampled import decays
 
 # one around the target answers the local question, too, where that is about more than slopes
-BOXES = ("max-separable", "schedule", "markov", "arc-wise")
+BOXES = ("max-separable", "schedule", "markov", "arc-wise", "readings")
 
 
 def overall(case: Case) -> None:
@@ -42,6 +43,8 @@ def covering(case: Case) -> Any:
     """The check that proves the verdict, the one with the least time to one percent; none if no
     check does."""
     proofs = [check for check in case.checks if check.verdict == "proved" and covers(case, check)]
+    # with late readings all others are about another plant
+    proofs = [check for check in proofs if check.id == "readings"] or proofs
     lemmas = [check for check in proofs if check.id == "lemma1"]
     slowest = None
     # Lemma 1 is about one mode: the slowest stands for all, if all have one
@@ -61,8 +64,10 @@ def covering(case: Case) -> Any:
 
 
 def tables(loop: Loop) -> list[str]:
-    """The checks that have to be proved because of `actuators` and `uncertainty`; the last one
-    carries the verdict, unless it is about limits alone."""
+    """The checks that have to be proved because of `actuators` and `uncertainty`, or of how
+    readings are taken; the last one carries the verdict, unless it is about limits alone."""
+    if loop.timing is not None:
+        return ["readings"]
     plant = loop.uncertainty
     found = []
     if loop.actuators is not None and loop.actuators.limit:
@@ -125,6 +130,7 @@ def covers(case: Case, check: Any) -> bool:
         return holds_region(case, domain)
     # a box around the target answers the local question: several modes, dynamics, leaders, pairs
     several = case.switches or case.B is not None or case.gap > 0 or case.agrees
+    several |= case.timing is not None
     box = several and check.id in BOXES
     ball = check.id == "lure" and case.own is not None and case.leader is not None
     return (safe or box or ball) and is_open(case, domain)
@@ -161,13 +167,18 @@ def refuted(case: Case) -> bool:
     # without a region it is about every neighbourhood of the target, where the equilibrium is not
     if case.region is not None and any(check.id == "equilibrium" for check in found):
         return True
-    if not all(map(stable, watched_parts(case))):
+    if not all(watched_parts(case)):
         return True
     # instability at the target is about starts near it
     if not starts_around_goals(case):
         return False
-    if any(check.id == "schedule" for check in found) or drifts(case):
+    # what grows in the flow need not do so from one period to the next
+    held = case.timing is not None and case.timing.period
+    growing = ("readings",) if held else ("readings", "schedule")
+    if any(check.id in growing for check in found) or drifts(case):
         return True
+    if held and case.B is not None:
+        return False
     unstable = [check for check in found if check.id in ("lemma1", "linearisation")]
     for check in unstable:
         stays = case.guarantee.may_stay(check.mode or next(iter(case.modes)))
@@ -176,16 +187,27 @@ def refuted(case: Case) -> bool:
     return False
 
 
-def watched_parts(loop: Loop) -> Iterator[list[Any]]:
-    """What is seen of A - W C with a W of the problem: it has to decay. T (A - W C) = F T, and F
-    is the columns of T (A - W C) in which the rows of T begin."""
+def watched_parts(loop: Loop) -> Iterator[bool]:
+    """Whether what is seen of A - W C with a W of the problem decays, which it has to; of samples
+    whether it is not shown to stay. T (A - W C) = F T, and F is the columns of T (A - W C) in which
+    the rows of T begin."""
     if loop.region is not None and not loop.region.initial_disturbance:
         return  # estimates are exact from the start
     for residual in loop.residuals:
-        if residual.W is not None and not takes_long(residual):
-            T, columns = observable(residual)
-            rows = product(T, closed(residual))
-            yield [[row[k] for k in columns] for row in rows]
+        if residual.W is None or takes_long(residual):
+            continue
+        T, columns = observable(residual)
+        if loop.sampled:
+            A, C = (of(product(T, residual.A), columns), of(residual.C, columns))
+            seen = residual._replace(A=A, C=C, W=product(T, residual.W))
+            yield not T or decays(seen, loop.timing) is not False
+        else:
+            yield stable(of(product(T, closed(residual)), columns))
+
+
+def of(rows: Any, columns: list[int]) -> list[Any]:
+    """These columns."""
+    return [[row[k] for k in columns] for row in rows]
 
 
 def starts_around_goals(loop: Loop) -> bool:

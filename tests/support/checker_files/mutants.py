@@ -26,6 +26,7 @@ FILES = (
     "intervals",
     "expressions",
     "matrices",
+    "sampled",
     "signs",
     "files",
     "guarantee",

@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator
 from fractions import Fraction
 from functools import cache, partial
 from itertools import pairwise
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 from .claims import Case, need_rate
@@ -383,11 +384,20 @@ def beside(case: Case, check: Any) -> Any:
 def delay(case: Case, check: Any) -> Any:
     """The rows hold with theta v_j for v_j: agents may hear each other late."""
     claim = beside(case, check)
-    exact = read(check.exact, {"delay": rational, "rate": rational})
-    need(exact.delay >= 0, "the delay is negative")
+    more = dict.fromkeys(("own_delay?", "event?"), rational)
+    exact = read(check.exact, {"delay": rational, "rate": rational, **more})
+    own, event = exact.own_delay or ZERO, exact.event or ZERO
+    need(min(exact.delay, own, event) >= 0, "the delay is negative")
     need_rate(check, exact.rate, "the rate is not between 0 and that of the rows")
     need(case.q == 0 or exact.rate <= claim.beta, "the rate is larger than that of the observer")
-    rows(case, claim, exact.rate, few_bits(growth(exact.delay * exact.rate)))
+    theta = few_bits(max(growth(exact.delay * exact.rate), 1 + event))
+    rows(case, claim, exact.rate, theta)
+    if own:
+        slower = SimpleNamespace(**vars(claim) | {"alpha": exact.rate})
+        most = overshoot(case, slower, Timing(ZERO, own, ZERO, 0, ZERO, False, False))
+        need(most is not None and case.B is None, "dynamics of the agents themselves are not late")
+        unmixed(case, claim, theta)
+        gentle(case, claim, most or ZERO, theta, late=True)
     return claim
 
 

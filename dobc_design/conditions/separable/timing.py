@@ -256,12 +256,11 @@ def verify_delay(loop: Loop, claim: Separable, bound: DelayBound) -> SeparableAn
     if (reason := delay_obstacle(loop)) is not None:
         return undecided(reason)
     slower = Separable(v=claim.v, alpha=bound.rate, rho=claim.rho, error=claim.error)
-    timing = Timing(delay=bound.delay, own_delay=bound.own_delay)
-    answer = verify_separable(
-        loop, slower, stretch=max(timing.stretch(bound.rate), 1 + bound.event)
-    )
+    stretch = max(Timing(delay=bound.delay).stretch(bound.rate), 1 + bound.event)
+    answer = verify_separable(loop, slower, stretch=stretch)
     if answer.wrong is not None or not bound.own_delay:
         return answer
+    timing = Timing(own_delay=bound.own_delay, event=stretch - 1)
     steep = steepness(loop, slower, timing)
     if isinstance(steep, str):
         return undecided(steep)
@@ -272,9 +271,9 @@ def verify_delay(loop: Loop, claim: Separable, bound: DelayBound) -> SeparableAn
 def with_own_delay(loop: Loop, claim: Separable, bound: DelayBound) -> DelayBound:
     """The same with the largest age, about, of own readings that costs no more, and the event in
     place of the delay."""
-    late = Timing(delay=bound.delay, own_delay=ONE)
-    event = rounded_down(late.stretch(bound.rate) - 1, digits=2)
-    bound = replace(bound, event=event)
+    stretch = Timing(delay=bound.delay).stretch(bound.rate)
+    late = Timing(own_delay=ONE, event=stretch - 1)
+    bound = replace(bound, event=rounded_down(stretch - 1, digits=2))
     slower = replace(claim, alpha=bound.rate)
     steep = steepness(loop, slower, late)
     if isinstance(steep, str) or steep <= 0:

@@ -61,7 +61,7 @@ from .reading import (
     text,
     weights,
 )
-from .sampled import decays
+from .sampled import decays, inside
 from .signs import cover
 
 ROOTS_SIZE = 60  # largest matrix whose eigenvalues are counted
@@ -210,16 +210,18 @@ def observability(residual: Residual) -> Fact:
     return Fact(holds, {"rank": Fraction(len(T))}, {"kind": "vector", "values": unseen})
 
 
-def detectability(residual: Residual) -> Fact:
-    """What C does not see decays."""
+def detectability(residual: Residual, steps: bool = False) -> Fact:
+    """What C does not see decays; in ``steps`` its eigenvalues are inside the unit circle."""
     T, _ = observable(residual)
     basis, free = nullspace(T, len(residual.A))
     # A N = N R, and N is 1 at its free columns: R is A N there
     images = product(basis, transpose(residual.A))
     R = transpose([[image[k] for k in free] for image in images])
-    p = polynomial_text(characteristic(R))
+    polynomial = characteristic(R)
+    p = polynomial_text(polynomial)
     witness = {"kind": "polynomial", "values": [p]}
-    return Fact(stable(R), {"unobservable_polynomial": p}, witness)
+    fades = inside([(c, c) for c in polynomial]) if steps else stable(R)
+    return Fact(bool(fades), {"unobservable_polynomial": p}, witness)
 
 
 def hurwitz(residual: Residual) -> Fact:
@@ -294,6 +296,9 @@ def fact(case: Case, check: Any) -> None:
     """A fact of one group, or reachability in one mode, is as the check says."""
     if check.id == "hurwitz" and case.sampled:
         found = from_tick_to_tick(case, check)
+    elif check.id == "detectability":
+        steps = case.timing is not None and case.timing.steps
+        found = detectability(own(case, check.group), steps)
     elif check.id in OF_GROUPS:
         found = OF_GROUPS[check.id](own(case, check.group))
     else:

@@ -10,7 +10,6 @@ from collections.abc import Iterable, Iterator
 from fractions import Fraction
 from functools import cache, partial
 from itertools import pairwise
-from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 from .claims import Case, need_rate
@@ -384,20 +383,20 @@ def beside(case: Case, check: Any) -> Any:
 def delay(case: Case, check: Any) -> Any:
     """The rows hold with theta v_j for v_j: agents may hear each other late."""
     claim = beside(case, check)
-    more = dict.fromkeys(("own_delay?", "event?"), rational)
-    exact = read(check.exact, {"delay": rational, "rate": rational, **more})
-    own, event = exact.own_delay or ZERO, exact.event or ZERO
-    need(min(exact.delay, own, event) >= 0, "the delay is negative")
+    shape = dict.fromkeys(("delay", "rate", "own_delay?", "event?"), rational)
+    exact = read(check.exact, shape)
+    own = exact.own_delay or ZERO
+    event = exact.event or ZERO
+    need(min(exact.delay, own, event) >= 0, "a delay is negative")
     need_rate(check, exact.rate, "the rate is not between 0 and that of the rows")
     need(case.q == 0 or exact.rate <= claim.beta, "the rate is larger than that of the observer")
+    # readings are late or off, not both
     theta = few_bits(max(growth(exact.delay * exact.rate), 1 + event))
     rows(case, claim, exact.rate, theta)
     if own:
-        slower = SimpleNamespace(**vars(claim) | {"alpha": exact.rate})
-        most = overshoot(case, slower, Timing(ZERO, own, ZERO, 0, ZERO, False, False))
-        need(most is not None and case.B is None, "dynamics of the agents themselves are not late")
-        unmixed(case, claim, theta)
-        gentle(case, claim, most or ZERO, theta, late=True)
+        need(case.B is None, "dynamics of the agents themselves are not late")
+        timing = Timing(exact.delay, own, ZERO, 0, event, False, False)
+        know_themselves(case, claim, exact.rate, timing, theta)
     return claim
 
 
@@ -511,12 +510,7 @@ def readings(case: Case, check: Any) -> Any:
     age = timing.ticks(timing.delay) + timing.lost if T else timing.delay
     theta = few_bits((1 + timing.event) * grown(timing, claim.alpha, age, T > 0))
     rows(case, claim, claim.alpha, theta, errors)
-    most = overshoot(case, claim, timing)
-    if most is not None:
-        late = timing.own_delay > 0
-        if late:
-            unmixed(case, claim, theta)
-        gentle(case, claim, most / (1 + max(errors.weights, errors.gains)), theta, late)
+    know_themselves(case, claim, claim.alpha, timing, theta, errors)
     return claim
 
 
@@ -543,7 +537,25 @@ def grown(timing: Timing, rate: Fraction, age: Fraction | int, by_ticks: bool) -
     return power((left, left), -int(age))[1]
 
 
-def overshoot(case: Case, claim: Any, timing: Timing) -> Fraction | None:
+def know_themselves(
+    case: Case,
+    claim: Any,
+    alpha: Fraction,
+    timing: Timing,
+    theta: Fraction,
+    errors: Errors = EXACT,
+) -> None:
+    """No node goes too far, although it knows itself late or now and then."""
+    most = overshoot(case, claim, alpha, timing)
+    if most is None:
+        return
+    late = timing.own_delay > 0
+    if late:
+        unmixed(case, claim, theta)
+    gentle(case, claim, most / (1 + max(errors.weights, errors.gains)), theta, late)
+
+
+def overshoot(case: Case, claim: Any, alpha: Fraction, timing: Timing) -> Fraction | None:
     """What slopes and gain of a node may add up to: so much that what it knows of itself does not
     take it too far, nor what its observer was off by then; none where it knows itself."""
     T = timing.period
@@ -557,12 +569,12 @@ def overshoot(case: Case, claim: Any, timing: Timing) -> Fraction | None:
         return most
     beta = claim.beta
     age = T * d or timing.own_delay
-    since = grown(timing, beta, d if case.sampled else age, case.sampled) - 1
+    since = grown(timing, beta, d if timing.sampled else age, timing.sampled) - 1
     decay = beta
-    if T and not case.sampled:
+    if T and not timing.sampled:
         # within a period the estimates go on
         decay = (1 - growth(-beta * T)) / T
-    left = decay - claim.alpha - 1 / (claim.kappa * min(claim.v))
+    left = decay - alpha - 1 / (claim.kappa * min(claim.v))
     need(left >= 0, "kappa is too small")
     if most is None or since == 0:
         return most

@@ -23,7 +23,7 @@ from dobc_design.conditions.consensus.claim import PairFacts
 from dobc_design.conditions.coverage import asked_radius
 from dobc_design.conditions.domain import EVERYWHERE, Around, Box
 from dobc_design.conditions.graphs.claim import Kept
-from dobc_design.conditions.kinds import LEMMA
+from dobc_design.conditions.kinds import LEMMA, READINGS
 from dobc_design.conditions.margins.decide import Tolerance
 from dobc_design.conditions.numbers import claimed
 from dobc_design.conditions.quadratic.claim import Quadratic
@@ -31,7 +31,7 @@ from dobc_design.conditions.quadratic.decide import diagonal_of_inverse, eigenva
 from dobc_design.conditions.schedule.checks import settling_of
 from dobc_design.conditions.schedule.claim import Cycles, Descent
 from dobc_design.conditions.schedule.settling import Settling
-from dobc_design.conditions.separable.claim import Separable
+from dobc_design.conditions.separable.claim import ReadingsBound, Separable
 from dobc_design.conditions.separable.decide import composite_rate
 from dobc_design.conditions.stated import LIMIT, TOLERANCE, stated_in, table_words
 from dobc_design.conditions.weighted.decide import Weighted
@@ -184,13 +184,16 @@ def envelope_of(loop: Loop, check: Check, claim: Claim | None, starts: Starts) -
     disturbance = starts.disturbance
     bound = partial(Envelope, id=check.id)
     # Maxima of weights are bounded by the box of the starts, quadratic forms by their ball.
-    radius = starts.box if isinstance(claim, Separable | Cycles | Kept) else starts.ball
+    is_box = isinstance(claim, Separable | ReadingsBound | Cycles | Kept)
+    radius = starts.box if is_box else starts.ball
     if isinstance(domain, Around):  # of a run that exceeds the region by rounding
         radius *= ROOM
         disturbance *= ROOM
-    if isinstance(claim, Separable):
-        first = radius * claim.spread + error_share(claim, disturbance)
-        return bound(height=first * claim.reach, rate=composite_rate(claim))
+    if isinstance(claim, Separable | ReadingsBound):
+        box = claim.rows if isinstance(claim, ReadingsBound) else claim
+        first = radius * box.spread + error_share(box, disturbance)
+        rate = composite_rate(box) if box is claim else box.alpha
+        return bound(height=first * box.reach, rate=rate)
     if isinstance(claim, Cycles) and claim.rate is not None:
         # V falls at the rate from one phase to the next, and never rises in between.
         first = radius * claim.spread(loop) + error_share(claim, disturbance)
@@ -321,6 +324,9 @@ def bound_of_plant(loop: Loop, claims: Claims, starts: Starts) -> CertifiedBound
             "errors that remain"
         )
         return CertifiedBound(reason=reason)
+    if stated.late:  # at the samples, where something is held
+        late = tuple(check for check in claims.checks if check.id == READINGS)
+        return bound_from(loop, replace(claims, checks=late), starts)
     proved = {check.id: check for check in claims.checks if check.is_proved}
     limit = proved.get(LIMIT)
     tolerance = proved.get(TOLERANCE)

@@ -31,6 +31,7 @@ from dobc_design.plotting.look import (
     power_of_ten,
     short,
     thinned_rows,
+    tick_numbers,
 )
 from dobc_design.plotting.regions import name_rows
 
@@ -175,7 +176,10 @@ def plot_rates(ax: Axes, rates: Mapping[float, float], *, stated: float) -> Axes
         nothing = [0.0] * len(open_times)
         ax.plot(open_times, nothing, "x", color=VERMILLION, label="nothing proved")
     ax.axvline(stated, color=INK, linewidth=0.9, linestyle=DASHED, label="stated")
-    ax.set_ylim(bottom=-0.05 * max(rates.values(), default=1.0))
+    top = max(rates.values(), default=1.0) or 1.0
+    ax.set_ylim(-0.05 * top, 1.08 * top)
+    tick_numbers(ax.xaxis)
+    ax.minorticks_off()
     ax.set_xlabel("time in s")
     ax.set_ylabel("rate in 1/s")
     return legend_above(ax)

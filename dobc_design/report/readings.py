@@ -35,8 +35,8 @@ def readings_section(found: Findings) -> Blocks:
     if timing is None:
         return
     check = next((each for each in found.certificate.checks if each.id == READINGS), None)
-    told = "Nothing is proved about it." if check is None else sentence(check.reason)
-    yield Text(f"Stated: {timing_words(timing)}. {told}")
+    told = f"Nothing is proved about {timing_words(timing)}."
+    yield Text(told if check is None else sentence(check.reason))
     if check is None or not check.is_proved:
         return
     loop, _ = TOPICS["separable"].about(READINGS, agents, found.certificate.claims.W)

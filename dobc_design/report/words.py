@@ -24,7 +24,7 @@ from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.domain import EVERYWHERE, NEAR_TARGET, Around, Domain
 from dobc_design.conditions.graphs.claim import signals_in_words
-from dobc_design.conditions.kinds import KINDS, REACHABILITY, ids_of
+from dobc_design.conditions.kinds import KINDS, REACHABILITY, READINGS, ids_of
 from dobc_design.conditions.numbers import read_rational, time_to_one_percent
 from dobc_design.description.meaning import disturbance_words, time_words
 from dobc_design.description.words import leader_words, limit_words
@@ -263,6 +263,8 @@ def what_it_means(certificate: Certificate) -> Meaning:
         # The model has delays and sampling only where both are proved.
         if len(timing) == len(ids_of("timing")):
             messages = FIXED["timed"]
+        if certificate.covered_by == READINGS:
+            messages = FIXED["read"]
     else:
         own = TEXTS[certificate.verdict.value]
         says = [text.format(proved=len(proved), all=len(checks)) for text in own["says"]]

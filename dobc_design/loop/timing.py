@@ -116,7 +116,7 @@ def middle_of(M: IntervalMatrix) -> Matrix:
 
 def timing_words(timing: Timing | None) -> str:
     """What is stated, in the rest of a sentence."""
-    if timing is None:
+    if timing in (None, Timing()):
         return "readings of the same instant"
     parts = []
     unit = "steps" if timing.steps else "s"

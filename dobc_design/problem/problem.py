@@ -509,6 +509,12 @@ class Problem(Grouped, Shown):
         }
 
     @property
+    def is_held(self) -> bool:
+        """Whether couplings and pins are computed at ticks and held in between."""
+        readings = self.readings
+        return bool(self.processor or self.steps or (readings and readings.period))
+
+    @property
     def n(self) -> int:
         """Number of agents."""
         return self.network.size

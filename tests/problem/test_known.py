@@ -25,6 +25,7 @@ WHOLE = (
         gains={1: 2},
         region={"initial_states": [-1, 1]},
         actuators={"limit": 9, "amplitude": 1},
+        readings={"period": 1},
     ),
     Problem(
         network=Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to"),

@@ -3,10 +3,11 @@
 import pickle
 from fractions import Fraction
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dobc_design import Problem
+from dobc_design import Problem, SpecError
 from dobc_design.problem.canonical import canonical_bytes, problem_from_canonical
 from dobc_design.problem.changes import changed_problem, problem_text
 from dobc_design.problem.load import read_problem_text
@@ -35,9 +36,11 @@ READINGS = {
     "lost": st.integers(min_value=0, max_value=1000),
     "event": PARTS,
 }
+#: Without a period no reading is lost.
+ALWAYS = {key: part for key, part in READINGS.items() if key != "lost"}
 #: One of the three ways in which time may go: always, held, or on a processor; and in steps.
 TABLES = st.one_of(
-    st.fixed_dictionaries({"readings": st.fixed_dictionaries({}, optional=READINGS)}),
+    st.fixed_dictionaries({"readings": st.fixed_dictionaries({}, optional=ALWAYS)}),
     st.fixed_dictionaries(
         {"readings": st.fixed_dictionaries({"period": PERIODS}, optional=READINGS)}
     ),
@@ -84,3 +87,24 @@ def test_every_way_to_write_a_problem_keeps_its_readings_and_its_time(tables):
     bare = problem.replace(readings=None, processor=None, time=None)
     assert bare == read({})
     assert canonical_bytes(bare) != data
+
+
+HELD = {"readings": {"period": "1/10"}}
+TICKS = {"processor": {"period": "1/10"}}
+STEPS = {"dynamics": {"time": "discrete"}}
+
+
+@pytest.mark.parametrize(
+    ("tables", "message"),
+    [
+        ({"readings": {"lost": 2}}, r"readings\.lost is counted in periods, and there is none"),
+        (HELD | TICKS, r"readings\.period is that of the \[processor\]"),
+        (STEPS | TICKS, r"processor is not known with dynamics\.time"),
+        (STEPS | HELD, r"readings\.period is not known with dynamics\.time"),
+    ],
+)
+def test_two_periods_and_readings_lost_at_no_tick_are_refused(tables, message):
+    with pytest.raises(SpecError, match=message):
+        read(tables)
+    for ticks in (TICKS, STEPS):
+        read(ticks | {"readings": {"lost": 2}})

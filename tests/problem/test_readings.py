@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dobc_design import Problem, SpecError
+from dobc_design import Problem
+from dobc_design.errors import SpecError
 from dobc_design.problem.canonical import canonical_bytes, problem_from_canonical
 from dobc_design.problem.changes import changed_problem, problem_text
 from dobc_design.problem.load import read_problem_text

@@ -131,7 +131,7 @@ def _proved(loop: Loop, checks: Checks, best: Check) -> Overall:
         if id in stated.wanted:
             carrier = answer_of(loop, checks, id) or best
     reason = _arrival(loop, best, pace=carrier, final=carrier if carrier.id == ACCURACY else None)
-    if carrier is not best or carrier.id == READINGS:
+    if carrier is not best or carrier.id == READINGS or stated.relative:
         reason += f", with {table_words(loop, carrier.id)}"
     if loop.saturates:
         reason += f", with inputs that saturate at {table_words(loop, LIMIT)}"

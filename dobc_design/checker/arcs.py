@@ -19,7 +19,7 @@ from .consensus import schur
 from .curves import Curve, highest, throughout
 from .expressions import Coupling
 from .intervals import Floats, added, divided, enclosed, negative, times
-from .loop import Arc, leader_box
+from .loop import Arc, Loop, leader_box
 from .matrices import (
     ZERO,
     Matrix,
@@ -27,25 +27,27 @@ from .matrices import (
     identity,
     is_form,
     largest,
+    norm,
     plus,
     root,
     semidefinite,
+    transpose,
 )
 from .reading import Refused, an_object, matrix, need, rational, read, vector, weights
-from .separable import starts
+from .separable import EXACT, Errors, starts
 
 CLOSE = 2.0**-40  # to the largest gain
 ANY = (-math.inf, math.inf)
 
 
 class Arcs(NamedTuple):
-    """An arc between nodes, what it may take of both, and their d; ``c``: d_i w."""
+    """An arc between nodes, what it may take of both, and their d; ``c``: the ends of d_i w."""
 
     h: Coupling
     loose: bool
     a: Fraction
     b: Fraction
-    c: Fraction
+    c: tuple[Fraction, Fraction]
     own: Fraction
     other: Fraction
 
@@ -68,6 +70,14 @@ def arc_wise(case: Case, check: Any) -> Any:
             need(semidefinite(slack), f"what arcs take of agent {case.labels[i]} is not shown")
     between(case, claim, found)
     return claim
+
+
+def stated_errors(loop: Loop) -> Errors:
+    """Errors of weights and gains, where only arcs and pins feel them."""
+    plant = loop.uncertainty
+    if plant is None or loop.B is not None or (loop.q and not plant.known_to_agents):
+        return EXACT
+    return Errors(weights=plant.weights, gains=plant.gains)
 
 
 # --- What is claimed
@@ -103,8 +113,12 @@ def around(case: Case, claim: Any, domain: Any) -> None:
 def own_pulls(case: Case, claim: Any, S: Matrix | None) -> Any:
     """Of every node what it has: d (K + K') less the rate, the observer, and what it does beside
     A."""
+    error = stated_errors(case).gains
     for i, d in enumerate(claim.d):
         left = plus(both_ways(case.gain(i)), -2 * claim.rate, identity(case.m))
+        if error:
+            K = case.gain(i)
+            left = plus(left, -error * (norm(K) + norm(transpose(K))), identity(case.m))
         if S:
             left = plus(left, -d, case.block(S, i))
         if case.own is not None:
@@ -120,16 +134,20 @@ def shared(case: Case, claim: Any, mode: str, found: dict[Arcs, Arc]) -> list[Fr
     arcs = case.modes[mode]
     free = [arc for arc in arcs if arc.j < case.n]
     a, b = (vector(len(free), each[mode]) for each in (claim.a, claim.b))
+    errors = stated_errors(case)
     for arc, x, y in zip(free, a, b, strict=True):
         taken[arc.i] += x
         taken[arc.j] += y
-        each = Arcs(arc.coupling, arc.loose, x, y, d[arc.i] * arc.w, d[arc.i], d[arc.j])
+        c = d[arc.i] * arc.w
+        ends = c * (1 - errors.weights), c * (1 + errors.weights)
+        each = Arcs(arc.coupling, arc.loose, x, y, ends, d[arc.i], d[arc.j])
         found.setdefault(each, arc)
     for arc in arcs:
         if arc.j >= case.n:  # y = 0
             least = -most(arc.coupling, -1, root(claim.level / d[arc.i]))
             if arc.loose:
                 least = min(least, ZERO)
+            least -= max(errors.weights, errors.gains) * abs(least)  # a pin, perhaps
             taken[arc.i] -= 2 * d[arc.i] * arc.w * least
     return taken
 
@@ -183,8 +201,8 @@ def between(case: Case, claim: Any, found: dict[Arcs, Arc]) -> None:
 
 def linear(arc: Arcs, gain: Fraction) -> bool:
     """a x^2 + b y^2 >= 2 c gain x (y - x) for all x and y, exactly."""
-    pull = arc.c * gain
-    return semidefinite([[arc.a + 2 * pull, -pull], [-pull, arc.b]])
+    pulls = [c * gain for c in arc.c]
+    return all(semidefinite([[arc.a + 2 * c, -c], [-c, arc.b]]) for c in pulls)
 
 
 class Gains:
@@ -234,7 +252,7 @@ class Disc:
     def __init__(self, arc: Arcs, level: Fraction) -> None:
         self.square = enclosed(arc.a + arc.b)[0]
         self.b = enclosed(arc.b)
-        self.c = enclosed(arc.c)
+        self.c = enclosed(arc.c[0])[0], enclosed(arc.c[1])[1]
         self.level = enclosed(level)[1]
         self.own, self.other = (enclosed(d)[0] for d in (arc.own, arc.other))
 

@@ -6,7 +6,7 @@ relative errors of weights and gains by ``tolerance``, and a disturbance, drift 
 exosystem generates by ``accuracy``, each for all starts that are asked for.  Separate checks prove
 nothing together: accuracy has the errors of weights and gains in its rows, and actuators bounds the
 inputs under all that is stated: in a box of its own, or where errors are all, in that of
-max-separable, whose rows ``tolerance`` has proved.
+max-separable, whose rows ``tolerance`` has proved.  Terms of ``arc-wise`` have these errors, too.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -26,6 +26,7 @@ from .kinds import MAX_SEPARABLE, READINGS
 LIMIT = "actuators"
 TOLERANCE = "tolerance"
 ACCURACY = "accuracy"
+ARC_WISE = "arc-wise"
 #: How a reason ends where the disturbance takes all that an actuator can give.
 NO_ROOM = "so that no region and no gain would do."
 
@@ -79,11 +80,22 @@ def stated_in(loop: Loop) -> Stated:
     )
 
 
+def is_felt_by_arcs_alone(loop: Loop) -> bool:
+    """Whether errors of weights and gains leave the estimates as they are."""
+    table = loop.uncertainty
+    return table is None or table.known_to_agents or not loop.groups
+
+
 def answer_of(loop: Loop, checks: Sequence[Check], id: str) -> Check | None:
-    """The proved check ``id``, if it holds for all starts that are asked for."""
-    for check in checks:
-        if check.id == id and check.is_proved and _holds_asked(loop, check):
-            return check
+    """The proved check ``id``, if it holds for all starts that are asked for; for the tolerance an
+    arc-wise one that has the errors in its terms, too."""
+    ids = [id]
+    if id == TOLERANCE and is_felt_by_arcs_alone(loop):
+        ids.append(ARC_WISE)
+    for name in ids:
+        for check in checks:
+            if check.id == name and check.is_proved and _holds_asked(loop, check):
+                return check
     return None
 
 
@@ -94,7 +106,7 @@ def gaps(loop: Loop, checks: Sequence[Check]) -> Iterator[Gap]:
         reason = None
         if answer_of(loop, checks, id) is None:
             reason = _why(loop, _first(checks, id))
-        elif id == LIMIT and stated.relative and not stated.absolute and _are_apart(checks):
+        elif id == LIMIT and stated.relative and not stated.absolute and _are_apart(loop, checks):
             reason = "errors of weights and gains are counted at the target, and inputs in a box."
         if reason is not None:
             table = table_words(loop, id)
@@ -105,11 +117,12 @@ def _first(checks: Sequence[Check], id: str) -> Check | None:
     return next((check for check in checks if check.id == id), None)
 
 
-def _are_apart(checks: Sequence[Check]) -> bool:
+def _are_apart(loop: Loop, checks: Sequence[Check]) -> bool:
     """Whether the tolerance has weights of its own, and the inputs are bounded in the box of
     max-separable."""
-    own = {check.id for check in checks if {"v", "rooms"} & (check.exact or {}).keys()}
-    return TOLERANCE in own and LIMIT not in own
+    own = {check.id for check in checks if {"v", "rooms", "d"} & (check.exact or {}).keys()}
+    answer = answer_of(loop, checks, TOLERANCE)
+    return answer is not None and answer.id in own and LIMIT not in own
 
 
 _CURES = {

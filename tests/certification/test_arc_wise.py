@@ -2,6 +2,7 @@
 
 import math
 from functools import cache
+from typing import Any
 
 import pytest
 from arc_wise import radius_of, searched
@@ -26,11 +27,13 @@ ONE = [[1, 2], [2, 1], [2, 3], [3, 2], [3, 4], [4, 3]]
 OTHER = [[1, 4], [4, 1], [4, 3], [3, 4], [3, 2], [2, 3]]
 
 
-def rows(radius: str | None = "4/5") -> Problem:
+def rows(radius: str | None = "4/5", **more: Any) -> Problem:
     """Four agents in a row; two change places, so that no common box exists."""
     network = Network.from_arcs({"one": ONE, "other": OTHER}, arrow="listens_to")
     region = None if radius is None else {"initial_states": [f"-{radius}", radius]}
-    return Problem(network=network, coupling="sin(y)", gains={1: 3}, target=0, region=region)
+    return Problem(
+        network=network, coupling="sin(y)", gains={1: 3}, target=0, region=region, **more
+    )
 
 
 @cache
@@ -45,6 +48,21 @@ def test_it_covers_a_region_for_which_no_common_box_exists():
     verdicts = {check.id: check.verdict for check in certificate.checks}
     assert verdicts["max-separable"] is Verdict.REFUTED
     assert verify(certificate, rows()).holds
+
+
+def test_it_answers_for_weights_and_gains_that_err_and_a_limit_stays_open_beside_it():
+    """Of inputs it says nothing."""
+    off = {"weights": "1/5", "gains": "1/10"}
+    problem = rows(uncertainty=off)
+    certificate = certify(problem)
+    assert (certificate.verdict, certificate.covered_by) == (Verdict.PROVED, "arc-wise")
+    assert certificate.rate < proved().rate / 2
+    assert "with weights off by up to 20 % and gains off by up to 10 %" in certificate.reason
+    assert verify(certificate, problem).holds
+    assert not verify(proved(), problem).holds
+    limited = rows(uncertainty=off, actuators={"limit": 100, "amplitude": 0})
+    assert certify(limited).verdict is Verdict.UNDECIDED
+    assert certify(rows(uncertainty={"weights": "3/10"})).verdict is Verdict.UNDECIDED
 
 
 @pytest.mark.parametrize(

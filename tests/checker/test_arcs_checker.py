@@ -82,7 +82,7 @@ def test_what_is_shown_of_an_arc_holds_on_a_grid_and_what_has_room_there_is_show
         across = np.abs(x) > 1e-3
         least = Fraction(float(np.max(pull[across] / x[across] ** 2)))
         for room in (Fraction(-1, 50), Fraction(1, 50)):
-            arc = arcs.Arcs(h, False, least + room, b, c, own, other)
+            arc = arcs.Arcs(h, False, least + room, b, (c, c), own, other)
             end = float(arcs.root(level * (1 / own + 1 / other)))
             settled = arcs.Disc(arc, level).settled
             shown = all(throughout(end, partial(settled, gains)) for gains in faces)

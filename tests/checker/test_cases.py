@@ -34,7 +34,7 @@ COUNTS: dict[Callable[[], list[Case]], tuple[int, int, int]] = {
     cases: (26, 26, 26),
     region_cases: (26, 101, 0),
     quadratic_cases: (6, 13, 0),
-    arcs_cases: (22, 48, 0),
+    arcs_cases: (26, 53, 0),
     tube_cases: (14, 101, 0),
     cycles_cases: (18, 81, 0),
     graphs_cases: (20, 101, 0),

@@ -15,10 +15,12 @@ from dobc_design.conditions.numbers import follows
 from dobc_design.conditions.quadratic.decide import border_of, room_of
 from dobc_design.conditions.quadratic.sectors import gains_at
 from dobc_design.conditions.reason import gap_obstacle, observer_obstacle, shares_obstacle
+from dobc_design.conditions.separable.claim import EXACT, Errors, stated_errors
 from dobc_design.conditions.separable.large import down, floats_around, gain_table, up
+from dobc_design.conditions.stated import is_felt_by_arcs_alone
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
 from dobc_design.exact.interval import UndefinedError
-from dobc_design.exact.matrix import Matrix, add, identity, scale, subtract, transpose
+from dobc_design.exact.matrix import Matrix, add, identity, row_norm, scale, subtract, transpose
 from dobc_design.exact.number import ONE, ZERO, root_above
 from dobc_design.exact.symmetric import SparseSymmetric, largest
 from dobc_design.loop.arcs import coupling_places, split_by
@@ -36,6 +38,11 @@ ROOTS = 10**9  # roots are rounded up by less than 1/ROOTS of themselves, or of 
 def obstacle(loop: Loop, W: Matrix | None) -> str | None:
     """Why no arc-wise certificate applies to the loop with the gain W (q, m); None if one does."""
     return shares_obstacle(loop) or observer_obstacle(loop, W) or gap_obstacle(loop)
+
+
+def errors_of_arcs(loop: Loop) -> Errors:
+    """What [uncertainty] states of weights and gains; none where estimates feel it, too."""
+    return stated_errors(loop) if is_felt_by_arcs_alone(loop) else EXACT
 
 
 def why_not(loop: Loop, claim: ArcWise) -> str | None:
@@ -60,8 +67,8 @@ def why_not(loop: Loop, claim: ArcWise) -> str | None:
 
 
 def taken_of(loop: Loop, claim: ArcWise, mode: str) -> list[Fraction]:
-    """What arcs, what agents do by themselves, and the rate take of every agent; pins that are arcs
-    give.  Raises: UndefinedError."""
+    """What arcs, what agents do by themselves, errors of gains and the rate take of every agent;
+    pins that are arcs give.  Raises: UndefinedError."""
     known: dict[tuple[int, Fraction], tuple[Fraction, Fraction]] = {}
 
     def ends(place: int, d: Fraction) -> tuple[Fraction, Fraction]:
@@ -73,6 +80,9 @@ def taken_of(loop: Loop, claim: ArcWise, mode: str) -> list[Fraction]:
         return known[place, d]
 
     taken = [2 * claim.rate * d for d in claim.d]
+    errors = errors_of_arcs(loop)
+    for i, K in loop.pulls.gains.items():
+        taken[i] += claim.d[i] * errors.gains * (row_norm(K) + row_norm(transpose(K)))
     arcs = loop.modes[mode]
     free = shared_arcs(loop, arcs)
     shares = zip(free.tolist(), claim.a[mode], claim.b[mode], strict=True)
@@ -85,7 +95,9 @@ def taken_of(loop: Loop, claim: ArcWise, mode: str) -> list[Fraction]:
         least, _ = ends(loop.place_of(i, speakers[arc]), claim.d[i])
         # An arc that comes and goes pulls at least by nothing, or pushes as hard as it may.
         gain = min(least, ZERO) if arc >= len(arcs) - arcs.optional else least
-        taken[i] -= 2 * claim.d[i] * arcs.weights[arc] * gain
+        # It may be a pin.
+        worst = gain - max(errors) * abs(gain)
+        taken[i] -= 2 * claim.d[i] * arcs.weights[arc] * worst
     if loop.drift_place is not None:
         for i, d in enumerate(claim.d):
             # The slopes at the target count as pulls.
@@ -122,6 +134,8 @@ def open_terms(loop: Loop, claim: ArcWise) -> Iterator[tuple[str, int]]:
     """Arcs, by mode and place, that are not shown to take at most their numbers.  Raises:
     UndefinedError or WorkLimitError."""
     low, high = floats_around(claim.d)
+    error = errors_of_arcs(loop).weights
+    least, most = floats_around((2 * (1 - error), 2 * (1 + error)))
     for mode, arcs in loop.modes.items():
         free = shared_arcs(loop, arcs)
         below, above = floats_around(arcs.weights)
@@ -129,8 +143,8 @@ def open_terms(loop: Loop, claim: ArcWise) -> Iterator[tuple[str, int]]:
         terms = Terms(
             a=floats_around(claim.a[mode])[0],
             b=floats_around(claim.b[mode])[0],
-            pull=down(2 * low[i] * below[free]),
-            strongest=up(2 * high[i] * above[free]),
+            pull=down(down(least[0] * low[i]) * below[free]),
+            strongest=up(up(most[1] * high[i]) * above[free]),
             own=low[i],
             other=low[arcs.speakers[free]],
         )
@@ -153,7 +167,10 @@ def _fits(loop: Loop, claim: ArcWise, mode: str, arc: int, k: int) -> bool:
         return False
     a, b = claim.a[mode][k], claim.b[mode][k]
     gain = gains_at(loop, place, ONE)[0][0]
-    pulls = [claim.d[i] * arcs.weights[arc] * end for end in (gain.lo, gain.hi)]
+    error = errors_of_arcs(loop).weights
+    pulls = []
+    for end in (gain.lo, gain.hi):
+        pulls += [claim.d[i] * arcs.weights[arc] * end * part for part in (1 - error, 1 + error)]
     return b >= 0 and all(a + 2 * c >= 0 and (a + 2 * c) * b >= c * c for c in pulls)
 
 

@@ -38,7 +38,7 @@ from dobc_design.problem.network import IndexArray
 from dobc_design.solvers.program import factored
 
 from .claim import ArcWise, form_of, shared_arcs
-from .decide import taken_of
+from .decide import errors_of_arcs, taken_of
 
 Array = NDArray[np.float64]
 
@@ -63,9 +63,11 @@ BITS = 24  # of a number of an arc, as a part of the largest one
 Z = np.sin(np.linspace(0, math.pi / 2, PLACES + 1)) ** 2
 
 
-def _hull(h: Coupling, rho: float, d: tuple[float, float], *, loose: bool) -> Array:
-    """The least concave function above N / d_i of one kind of arc with a weight of 1, (PLACES +
-    1,).  Raises: UndefinedError."""
+def _hull(
+    h: Coupling, rho: float, d: tuple[float, float], *, loose: bool, error: float = 0.0
+) -> Array:
+    """The least concave function above N / d_i of one kind of arc with a weight of 1 up to this
+    error, (PLACES + 1,).  Raises: UndefinedError."""
     x = np.sqrt((1 - Z) / d[0])
     farthest = rho * math.sqrt(1 / d[0] + 1 / d[1])
     places = np.linspace(0, farthest, SAMPLES)
@@ -75,7 +77,7 @@ def _hull(h: Coupling, rho: float, d: tuple[float, float], *, loose: bool) -> Ar
         for ends in gains:
             gain = np.interp(rho * np.abs(y - x), places, ends)
             taken = np.maximum(taken, -2 * d[0] * gain * (x * x - x * y))
-    return _concave(Z, taken)
+    return _concave(Z, taken + error * np.abs(taken))
 
 
 @lru_cache(maxsize=256)
@@ -199,11 +201,12 @@ def network_of(loop: Loop, mode: str, d: Array, rho: float, pull: Array) -> Netw
     loose = arcs.uncertain[free]
     rows = np.stack([place, d[i], d[j], loose], axis=1)
     kinds, kind = np.unique(rows, axis=0, return_inverse=True)
+    error = float(errors_of_arcs(loop).weights)
     found = []
     for number, own, other, comes in kinds.tolist():
         spend(20)
         h = loop.functions[int(number)]
-        found.append(_hull(h, rho, (own, other), loose=bool(comes)))
+        found.append(_hull(h, rho, (own, other), loose=bool(comes), error=error))
     links = sparse.coo_array((np.ones(len(i)), (i, j)), shape=(loop.n, loop.n))
     _, part = connected_components(links, directed=False)
     return Network(

@@ -17,7 +17,7 @@ from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
 
 from .claim import ArcWise
-from .decide import holds_starts, obstacle, why_not
+from .decide import errors_of_arcs, holds_starts, obstacle, why_not
 from .propose import SPLITS, Search
 
 ID = "arc-wise"
@@ -143,6 +143,8 @@ def _check(asked: Asked, claim: ArcWise, domain: Ball | Box) -> Check:
         starts += f" and |eps_i| <= {asked.disturbance:.6g}"
     V = "sum d_i |e_i|^2" + ("" if claim.P is None else " + sum eps_i'P eps_i")
     where = ", in every mode" if len(loop.modes) > 1 else ""
+    if any(errors_of_arcs(loop)):
+        where += ", for all weights and gains within the stated errors"
     remark = ""
     if isinstance(domain, Ball):
         needs = f"the region needs {asked.ball:.6g}" if asked.wanted else "no region is asked for"

@@ -60,6 +60,22 @@ def test_no_ball_of_the_sine_reaches_the_equilibrium_beside_the_target():
 
 
 # --- Linear couplings
+@pytest.mark.parametrize(("error", "proved"), [("0.142", True), ("0.144", False)])
+def test_a_linear_arc_that_errs_is_proved_iff_the_inequality_holds_at_the_worst_ends(
+    error: str, proved: bool
+):
+    """S = [[2 k, -w], [-w, 2 w]] > 0 iff w < 4 k: for w = 1 and k = 1/3 while the error of both is
+    below 1/7."""
+    off = {"weights": error, "gains": error}
+    loop = loop_of(linked([[2, 1, 1]], 2, "y", gains={1: F(1, 3)}, uncertainty=off))
+    b = (1 + F(error)) / 2
+    found = claimed(loop, [F(-1, 10**4)], [b + F(1, 10**4)], level=1, rate=F(1, 10**5))
+    assert (why_not(loop, found) is None) is proved
+    # With less than half of the largest weight the arc takes more than it may.
+    less = claimed(loop, [F(-1, 10**4)], [b - F(1, 10**4)], level=1, rate=F(1, 10**5))
+    assert ("hears 1 takes more" in str(why_not(loop, less))) is proved
+
+
 def stiffness(problem: Problem, g: F) -> list[list[F]]:
     """M = K + g L."""
     n = problem.n

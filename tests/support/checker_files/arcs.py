@@ -125,6 +125,14 @@ def _settings() -> dict[str, Document]:
     found["agreeing, modes"] = {"network": network({"A": chain, "B": chain}), **agree}
     found["agreeing, watched"] = {"network": network(chain), **WATCHED, **agree, "region": near}
     found["signs"] = sines(network=turned)
+    tenth = {"weights": "1/10", "gains": "1/10"}
+    found["off"] = sines(uncertainty=tenth)
+    found["post, off"] = given("tanh(y)", network=post, **held, uncertainty={"gains": "1/10"})
+    found["planar, off"] = sines(
+        gains={1: [[3, 1], [0, 3]], 2: 3}, **planar, uncertainty={"gains": "1/10"}
+    )
+    not_told = tenth | {"known_to_agents": False}
+    found["not told"] = sines(**WATCHED | {"region": asked(1, "1/10")}, uncertainty=not_told)
     found["apart"] = {
         "network": moved,
         "coupling": "sin(y)",
@@ -278,6 +286,23 @@ def _others() -> Iterator[Case]:
     yield holds("post, loose", "a pin that comes and goes", away)
     yield wrong("post, loose", away, "its pin", rate=0.11, own="0.11")
     yield wrong("log post", SINES, "beyond the pole", rate=1, own="1")
+
+    # 6 (1 - 1/10) - (1 + 1/10) 0.501 = 2 rate
+    off = changed(SINES, b={"G": ["0.5511"] * 2}, rate=2.4244, own="2.4244")
+    yield holds("off", "weights and gains off", off)
+    yield wrong("off", off, "gains off", rate=2.4246, own="2.4246")
+    yield wrong("off", off, "weights off", b={"G": [HALF] * 2}, rate=1, own="1")
+    # 5.4 tanh(r)/r - 0.501
+    off = changed(SINES, rate=0.9403, own="0.9403")
+    yield holds("post, off", "a pin that is an arc", off)
+    yield wrong("post, off", off, "a pin that is an arc", rate=0.9406, own="0.9406")
+    # 5 I less (4 + 4) / 10
+    off = changed(planar, rate=1.8495, own="1.8495")
+    yield holds("planar, off", "entries of gains", off)
+    yield wrong("planar, off", off, "entries of gains", rate=1.8496, own="1.8496")
+    # it says nothing of estimates that are off
+    yield holds("not told", "of the model alone", WATCHED_ONE, **UNDECIDED)
+    yield fails("not told", "as if it answered", WATCHED_ONE)
 
     # pairs: six arcs by which (i, j) listens, six by which (j, i) does; the first is doubled
     heavy = " ".join(["1.002", *[HALF] * 5] * 2)

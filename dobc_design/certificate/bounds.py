@@ -37,6 +37,7 @@ from dobc_design.conditions.stated import LIMIT, TOLERANCE, stated_in, table_wor
 from dobc_design.conditions.weighted.decide import Weighted
 from dobc_design.conditions.weighted.network import Alike
 from dobc_design.errors import refused, wrong
+from dobc_design.exact.interval import Interval, exp
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import (
     ZERO,
@@ -51,6 +52,7 @@ from dobc_design.loop.guarantee import shortest_period
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.pairs import are_pairs, rows_of
+from dobc_design.loop.timing import Timing
 from dobc_design.problem.canonical import loop_sha256
 from dobc_design.problem.problem import Problem
 
@@ -302,6 +304,8 @@ def starts_of(loop: Loop, radius: Number | None, disturbance: Number | None) -> 
 def bound_from(loop: Loop, claims: Claims, starts: Starts) -> CertifiedBound:
     """What ``claims``, which are about ``problem``, prove about |e(t)|_inf from all of these
     starts."""
+    if loop.timing is not None:
+        return _late_bound(loop, claims, starts)
     settling = certified_settling(loop, claims)
     if settling is not None:  # it is about its own box of starts
         outside = starts.box > settling.radius * ROOM
@@ -311,6 +315,28 @@ def bound_from(loop: Loop, claims: Claims, starts: Starts) -> CertifiedBound:
         found = tuple(envelopes_of(loop, claims, starts))
     bound = CertifiedBound(envelopes=found, settling=settling)
     return bound if bound.sources else CertifiedBound(reason=_nothing(claims, starts))
+
+
+def _late_bound(loop: Loop, claims: Claims, starts: Starts) -> CertifiedBound:
+    """The same where readings are late, or held: by the check about them alone."""
+    timing = loop.timing or Timing()
+    if timing.period and loop.groups:
+        reason = "it is about the samples, between which a ripple of the disturbance remains"
+        return CertifiedBound(reason=reason)
+    with reading_claims():
+        for check in claims.checks:
+            claim = claim_of(check, loop, claims.W)
+            proved = check.is_proved and is_inside(check.domain, starts)
+            if proved and isinstance(claim, ReadingsBound):
+                rows = claim.rows
+                first = starts.box * ROOM * rows.spread
+                first += error_share(rows, starts.disturbance * ROOM)
+                # Between two ticks what is held leads straight from one to the next.
+                kept = exp(Interval.point(rows.alpha * timing.period)).hi
+                height = first * rows.reach * kept
+                found = Envelope(id=check.id, height=height, rate=rows.alpha)
+                return CertifiedBound(envelopes=(found,))
+    return CertifiedBound(reason=_nothing(claims, starts))
 
 
 def bound_of_plant(loop: Loop, claims: Claims, starts: Starts) -> CertifiedBound:

@@ -283,6 +283,7 @@ TITLES = {
     "disturbance": "unmodelled disturbance",
     "saturation": "bound on |u|",
     "period": "sampling period",
+    "delay": "age of all readings",
     "loss": "packets lost",
     "failures": "agents that fail",
 }

@@ -7,7 +7,10 @@ got none feels nothing on that arc.
 
 from __future__ import annotations
 
+import math
+from collections import deque
 from collections.abc import Sequence
+from fractions import Fraction
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +19,7 @@ from numpy.random import Generator, default_rng
 from dobc_design._checks import noun
 from dobc_design.loop.arrays import ArcGroups, between_agents
 from dobc_design.loop.matrices import Array
+from dobc_design.loop.timing import Timing
 from dobc_design.problem.network import IndexArray
 
 from .field import Active, Links
@@ -26,8 +30,10 @@ from .stress import Stress
 from .switches import Switches
 from .worst import worst_signs
 
-NOISE, LOSS, PHASE = 2, 3, 4  # streams beside that of the switches
+NOISE, LOSS, PHASE, AGES = 2, 3, 4, 6  # streams beside that of the switches
 BLOCK = 32  # instants whose random numbers are drawn at once
+OLDEST = 1000  # instants that are remembered
+STATED_LOSS = 0.5  # of packets, where only a number of them in a row is stated
 ALL = slice(None)
 Chosen = IndexArray | slice
 
@@ -209,16 +215,35 @@ def _limit(runs: StressedRuns) -> float | Array | None:
 
 class Heard:
     """What listeners hold on all arcs: ``values`` (arcs, m, R), nan for nothing; ``keep``: also
-    between instants."""
+    between instants.  As late, rarely and wrongly as [readings] allows, by chance or at the worst:
+    what moves an agent away from its goal most, and what holds it back least."""
 
     def __init__(self, runs: StressedRuns, instants: Array, *, keep: bool) -> None:
         loop = runs.setting.loop
         many = len(runs.seeds)
         self.runs = runs
-        self.loss = runs.stress.loss
+        stress = runs.stress
+        timing = runs.setting.exact.timing or Timing()
+        self.event = float(timing.event)
+        self.worst = stress.worst
+        oldest, own = _oldest(timing, stress.period, stress.exchanges)
+        self.loss = stress.loss
+        self.lost = 0  # so many in a row at most; 0: any
+        if self.worst:
+            oldest += timing.lost
+        elif timing.lost and not self.loss:
+            self.lost = timing.lost
+            self.loss = STATED_LOSS
+        self.past: deque[Array] = deque(maxlen=oldest + 1)  # the newest last
+        self.own_past: deque[Array] = deque(maxlen=own + 1)
+        # whether an agent knows itself as it was at the last instant, or before
+        self.holds_own = timing.period > 0 or own > 0
+        self.ages = runs.streams(AGES)
+        self.at_random: Array = np.zeros((3, loop.n, many))
         self.keep = keep
         self.codes = np.zeros(0, dtype=np.int64)
         self.values = np.zeros((0, loop.m, many))
+        self.missed = np.zeros((0, many), dtype=np.int64)  # in a row
         self.links: dict[int, Links] = {}
         self.mode = np.full(many, -1)
         self.rngs = runs.streams(LOSS)
@@ -244,6 +269,7 @@ class Heard:
         values[np.isin(codes, self.codes)] = self.values[stay]
         self.codes = codes
         self.values = values
+        self.missed = np.zeros((len(codes), values.shape[2]), dtype=np.int64)
         self.links = links
         self.places = {mode: np.searchsorted(codes, each.codes) for mode, each in links.items()}
 
@@ -274,22 +300,60 @@ class Heard:
         if self.loss and k % self.block == 0:
             self.draw(k)
         self.tune(np.arange(len(modes)), modes)
-        return [self.exchange_in(mode, k, said) for mode in np.unique(modes).tolist()]
+        if self.event and self.past and not self.worst:
+            # what is close to what was said last is not said
+            moved = ~(np.abs(said - self.past[-1]) <= self.event * np.abs(said))
+            said = np.where(moved, said, self.past[-1])
+        self.past.append(said)
+        if max(self.past.maxlen or 0, self.own_past.maxlen or 0) > 1:
+            n = len(said)
+            self.at_random = np.stack([rng.random((3, n)) for rng in self.ages], axis=2)
+        return [self.exchange_in(mode, k) for mode in np.unique(modes).tolist()]
 
-    def exchange_in(self, mode: int, k: int, said: Array) -> Exchanged:
+    def own(self, e: Array) -> Array:
+        """What agents know of themselves from now on, of the errors e (n, m, R) of all instants."""
+        if self.own_past.maxlen == 1:
+            return e
+        self.own_past.append(e)
+        past = np.stack(self.own_past)
+        if self.worst:
+            return np.asarray(np.where(e > 0, past.min(axis=0), past.max(axis=0)))
+        return _taken(past, self.at_random[2], np.arange(len(e)))
+
+    def said(self, links: Links) -> Array:
+        """What arrives on the arcs, (arcs, m, R)."""
+        speakers, listeners = links.speakers, links.listeners
+        if self.past.maxlen == 1 and not self.event:
+            return np.asarray(self.past[0][speakers])
+        past = np.stack(self.past)
+        if self.worst:
+            room = self.event * np.abs(past)
+            high = (past + room).max(axis=0)[speakers]
+            low = (past - room).min(axis=0)[speakers]
+            return np.asarray(np.where(past[-1][listeners] > 0, high, low))
+        # a number of every arc that does not depend on which arcs there are
+        drawn = (self.at_random[0][listeners] + self.at_random[1][speakers]) % 1
+        return _taken(past, drawn, speakers)
+
+    def exchange_in(self, mode: int, k: int) -> Exchanged:
         """The same in the runs that are in one mode."""
         modes = self.modes[:, k]
         columns = np.flatnonzero(modes == mode)
         every = ALL if len(columns) == len(modes) else columns  # a slice is no copy
         links = self.links[mode]
         places = self.places[mode]
-        held = said[..., every][links.speakers]
+        held = self.said(links)[..., every]
         if self.loss:
             # drawn for a block of instants at once, which is faster
             drawn = self.drawn[k % self.block][: len(places), every]
             # who is silent for ever is noticed
             arrived = (drawn >= self.loss) | np.isnan(held).any(axis=1)
-            held = np.where(arrived[:, None], held, self.values[places][..., every])
+            kept = self.values[places][..., every]
+            if self.lost:
+                missed = self.missed[places][:, every]
+                arrived |= (missed >= self.lost) | np.isnan(kept).any(axis=1)
+                self.missed[places[:, None], columns] = np.where(arrived, 0, missed + 1)
+            held = np.where(arrived[:, None], held, kept)
         if self.loss or self.keep:
             self.values[places[:, None], :, columns] = np.moveaxis(held, 2, 1)
         return Exchanged(links, every, held)
@@ -304,6 +368,28 @@ class Heard:
                 gone = np.setdiff1d(np.arange(len(self.codes)), self.places[mode])
                 self.values[gone[:, None], :, changed] = np.nan
                 self.mode[changed] = mode
+
+
+def _oldest(timing: Timing, period: float | None, step: float | None) -> tuple[int, int]:
+    """The largest ages of what is heard and of what an agent knows of itself, in instants."""
+    if step is None:
+        return 0, 0
+    ages = (timing.delay, timing.own_delay)
+    if timing.period or period is not None:
+        tick = timing.period or Fraction(step)
+        heard, own = (math.ceil(age / tick) for age in ages)
+    else:
+        # what is used up to the next instant is one older there
+        heard, own = (max(0, math.floor(float(age) / step) - 1) for age in ages)
+    return min(heard, OLDEST), min(own, OLDEST)
+
+
+def _taken(past: Array, drawn: Array, agents: IndexArray) -> Array:
+    """Of the past (T, n, m, R) what ``drawn`` (k, R), from 0 to 1, says of the agents (k,):
+    (k, m, R)."""
+    places = (drawn * len(past)).astype(np.int64)
+    runs = np.arange(past.shape[3])
+    return np.moveaxis(past[places, agents[:, None], :, runs], 2, 1)
 
 
 class Exchanged(NamedTuple):

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
+from fractions import Fraction
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,6 +28,7 @@ from dobc_design.exact.reading import Document, Texts
 from dobc_design.loop.arrays import error_arcs
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.matrices import Array
+from dobc_design.loop.timing import Timing
 from dobc_design.problem.load import Source, load_problem
 
 from ._arguments import positive
@@ -43,6 +45,7 @@ UNITS = {
     "disturbance": "unit of x per s",
     "saturation": "unit of x per s",
     "period": "s",
+    "delay": "s",
     "loss": "probability",
     "failures": "agents",
 }
@@ -180,8 +183,8 @@ def what_breaks_first(
     certificate: Certificate | None = None,
     progress: Reports[float] = None,
 ) -> Breaking:
-    """Make noise, disturbance, saturation, sampling, packet loss and failures worse, each until the
-    loop breaks.
+    """Make noise, disturbance, saturation, sampling, delays, packet loss and failures worse, each
+    until the loop breaks; what [readings] and [processor] state is there beside.
 
     ``options``: some of these (default all).  ``certificate``: its certified sampling period, where
     it has one, stands beside the longest that was seen to work.  A run breaks if its late error is
@@ -189,9 +192,9 @@ def what_breaks_first(
     and ``progress`` are as in ``simulate``.
 
     Natural scales, to which severities are relative: noise, the error at the start; disturbance and
-    saturation, the largest |u| without stress (a bound counts as 1 - bound/|u|); period, 1 over the
-    fastest decay at the consensus; loss, 1; failures, which vanish in a random order at a tenth of
-    the horizon, the number of agents.
+    saturation, the largest |u| without stress (a bound counts as 1 - bound/|u|); period and delay
+    (of all readings, of oneself, too), 1 over the fastest decay at the consensus; loss, 1;
+    failures, which vanish in a random order at a tenth of the horizon, the number of agents.
     Returns: a Breaking, the data of one figure.  Raises: SpecError for an unknown option, or if the
     loop does not converge without any stress.
     """
@@ -283,6 +286,7 @@ class _Step(NamedTuple):
     severity: float
     relative: float
     stress: Stress
+    timing: Timing | None = None  # that of the problem where it is None
 
 
 @noun(eq=False)
@@ -293,11 +297,12 @@ class _Tried:
     calm: Trajectory
     tolerance: float
 
-    def late(self, stress: Stress) -> float:
-        """The late error of a run under this stress."""
+    def late(self, step: _Step) -> float:
+        """The late error of a run at this step."""
         # with the same seed as the run without stress
-        run = run_once(replace(self.setting, stress=stress))
-        return _late_error(run, stress)
+        timing = self.setting.exact.timing if step.timing is None else step.timing
+        run = run_once(self.setting.under(step.stress, timing))
+        return _late_error(run, step.stress)
 
     def sweep(self, option: str) -> Sweep:
         """One option from mild to severe, up to the first that breaks the loop."""
@@ -307,7 +312,7 @@ class _Tried:
         broken = None
         for step in self.steps(option):
             done.append(step)
-            errors.append(self.late(step.stress))
+            errors.append(self.late(step))
             if not errors[-1] <= self.tolerance:
                 broken = step
                 break
@@ -346,22 +351,36 @@ class _Tried:
             tenths = np.linspace(0.1, 0.9, 9).round(1).tolist()
             for p in (*tenths, 0.95, 0.99, 1.0):
                 yield _Step(p, p, Stress(loss=p))
-        elif option == "period":
-            yield from self.periods(doublings[2:])  # short ones cost much and break nothing
+        elif option in ("period", "delay"):
+            # short ones cost much and break nothing
+            yield from self.times(option, doublings[2:])
         else:
             yield from self.failures()
 
-    def periods(self, multiples: Array) -> Iterator[_Step]:
-        """Sampling periods in multiples of the fastest time constant, four of which fit into the
+    def times(self, option: str, multiples: Array) -> Iterator[_Step]:
+        """Periods or delays in multiples of the fastest time constant, four of which fit into the
         horizon."""
         exact = self.setting.exact
         loop = self.setting.loop
+        if loop.steps and option == "period":  # a step takes no time
+            return
         decays = [fastest_decay(loop, error_arcs(exact, mode)) for mode in exact.modes]
         fastest = max(observer_decay(loop), *decays, 1 / self.calm.t_final)
         for k in multiples:
-            period = k / fastest
-            if self.calm.t_final >= 4 * period:
-                yield _Step(period, period * fastest, Stress(period=period))
+            time = k / fastest
+            if self.calm.t_final >= 4 * time:
+                yield self.timed(option, time)._replace(relative=time * fastest)
+
+    def timed(self, option: str, time: float) -> _Step:
+        """A period or a delay of so many s."""
+        timing = self.setting.exact.timing or Timing()
+        exact = Fraction(time)
+        if option == "delay":
+            late = replace(timing, delay=exact, own_delay=exact)
+            return _Step(time, 0.0, Stress(), late)
+        if timing.period:
+            return _Step(time, 0.0, Stress(), replace(timing, period=exact))
+        return _Step(time, 0.0, Stress(period=time))
 
     def failures(self) -> Iterator[_Step]:
         """Ever more agents vanish, in a random order."""
@@ -381,7 +400,7 @@ class _Tried:
         the period."""
 
         def converges(period: float) -> bool:
-            return self.late(Stress(period=period)) <= self.tolerance
+            return self.late(self.timed("period", period)) <= self.tolerance
 
         if low is not None and high is not None:
             low, high = bisected(converges, low, high, steps=BISECTIONS)

@@ -187,7 +187,7 @@ def _why_one_by_one(setting: Setting, closed: ClosedForm | None) -> str:
         return "fixed nodes move"
     if setting.stress.period is not None:
         return ""
-    if setting.stress.worst:
+    if setting.stress.worst and setting.stress.disturbance:
         return "the disturbance of every run switches at times of its own"
     if setting.loop.q and closed is None and not setting.is_full:
         return "the observer is too fast for its closed form"

@@ -285,6 +285,7 @@ class ClosedLoop:
     nodes: FixedNodes | None = None
     sides: Array = field(default_factory=lambda: np.zeros(0))  # as those of a trajectory
     pins: Mapping[str, csr_array] = field(default_factory=dict)
+    steps: bool = False  # agents move from step to step, xi+ = A xi
 
     @property
     def size(self) -> int:
@@ -426,6 +427,7 @@ def make_closed_loop(
         pins=_pins_of_modes(problem),
         nodes=nodes,
         sides=_sides(problem),
+        steps=problem.steps,
     )
 
 

@@ -9,8 +9,9 @@ Cd xi_k exactly, and
     xihat_(k+1) = Ad xihat_k + L ((x_(k+1) - x_k)/T - v_k - Cd xihat_k),     dhat_k = Cd xihat_k.
 
 So eps_(k+1) = (Ad - L Cd) eps_k, free of the network as (17) is, and the mean of d - dhat over a
-period is Cd eps_k. L = int_0^T exp((A - W C) s) ds W, unless it is given.  Between samples d - dhat
-keeps a ripple that shrinks with T.
+period is Cd eps_k. L = int_0^T exp((A - W C) s) ds W, unless it is given; T W where the problem
+states a [processor].  Between samples d - dhat keeps a ripple that shrinks with T.  Agents that
+move in steps, x_(k+1) = x_k + v_k + d_k and xi_(k+1) = A xi_k, have T = 1, Ad = A and Cd = C.
 
 Agents with linear [dynamics] move by x_(k+1) = Phi x_k + G v_k + N xi_k, exactly, G = R B, R =
 int_0^T exp(A_x s) ds; with watch G = I the same holds of watch (x_(k+1) - Phi x_k) - v_k and Cd =
@@ -46,6 +47,8 @@ def flow(loop: ClosedLoop, times: float | Array) -> Array:
     """What so much time (s) adds to x with v held: a matrix (..., m, m + q) of x' - d at its begin,
     and of xi."""
     m = loop.m
+    if loop.steps:
+        return np.multiply.outer(times, np.hstack([np.eye(m), loop.C]))
     # x' is a state, too, which drives x and does not change
     block = np.zeros((2 * m + loop.q, 2 * m + loop.q))
     if loop.plant is not None:
@@ -193,7 +196,11 @@ class Stepper:
         gain = runs.stress.sampled_gain
         own = None if gain is None else np.asarray(gain)
         self.observer = discretised(self.loop, self.period, own)
-        self.Ad = integral(self.loop.A, self.period)[0]
+        timing = setting.exact.timing
+        if timing is not None and timing.sampled:
+            B = np.eye(self.loop.m) if self.loop.plant is None else self.loop.plant.B
+            self.observer = self.observer._replace(L=self.period * self.loop.W @ B)
+        self.Ad = self.loop.A if self.loop.steps else integral(self.loop.A, self.period)[0]
         # nothing is heard between the instants
         self.agents = Agents(runs, self.instants, keep=False)
         self.between: Between | None = None
@@ -351,9 +358,11 @@ class Stepper:
         modes = agents.heard.modes[:, k]
         agents.fail(instant, e, dhat, modes)
         felt = np.zeros_like(e)
-        for links, runs, held in agents.heard.exchange(k, agents.said(e)):
-            felt[..., runs] = links.felt(e[..., runs], held)
-        u = agents.control(e, dhat, modes)
+        exchanged = agents.heard.exchange(k, agents.said(e))
+        known = agents.heard.own(e)
+        for links, runs, held in exchanged:
+            felt[..., runs] = links.felt(known[..., runs], held)
+        u = agents.control(known, dhat, modes)
         return Hold(begin=instant, measured=measured, felt=felt, u=u, dhat=dhat)
 
     def end(self, which: BoolArray, count: int, reason: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
@@ -24,6 +25,7 @@ from dobc_design.loop.arrays import (
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.make import errors_of
 from dobc_design.loop.matrices import Array
+from dobc_design.loop.timing import Timing, timing_words
 from dobc_design.problem.problem import Problem
 
 from ._arguments import finite_array, positive, seconds, whole
@@ -34,7 +36,7 @@ from .integrate import STIFF, fastest_decay, observer_decay
 from .mobile import groups_of, motion_switches
 from .signals import Fixed, Mobile, Signal
 from .starts import Given, Starts, make_starts
-from .stress import Stress, stress_to_json, worst_stress
+from .stress import EXCHANGE, Stress, stress_to_json, worst_stress
 from .switches import Switches, drawn_graphs, drawn_switches
 
 TOLERANCE = 1e-9  # relative, of the integrator; the absolute one is a hundredth of it
@@ -96,6 +98,11 @@ class Setting:
         """Whether the graphs of a run follow from its own states."""
         return isinstance(self.signal, Mobile) and self.signal.motion is None
 
+    def under(self, stress: Stress, timing: Timing | None) -> Setting:
+        """The same with another stress, and other times of readings and processors."""
+        exact = replace(self.exact, timing=timing)
+        return replace(self, exact=exact, stress=stated_times(stress, timing))
+
     @property
     def residual_matrix(self) -> Array:
         """F of eps' = F eps, d - dhat = C eps: A where nothing is estimated."""
@@ -104,12 +111,31 @@ class Setting:
     @property
     def stress_notes(self) -> Texts:
         """The stress in words."""
-        return () if self.stress.is_calm else (f"Stress: {self.stress}.",)
+        found = []
+        timing = self.exact.timing
+        if timing is not None:
+            how = "at its worst" if self.stress.worst else "by chance"
+            late = f", {how}" if timing.is_late else ""
+            found.append(f"As stated{late}: {timing_words(timing)}.")
+        if not self.own_stress.is_calm:
+            found.append(f"Stress: {self.stress}.")
+        return tuple(found)
+
+    @property
+    def own_stress(self) -> Stress:
+        """The stress beside what [readings] and [processor] state."""
+        stress = self.stress
+        timing = self.exact.timing
+        if timing is None:
+            return stress
+        period = None if timing.sampled else stress.period
+        own = replace(stress, period=period, exchange=None, worst=False)
+        return own if own.is_calm else replace(own, worst=stress.worst)
 
     @property
     def stress_json(self) -> str:
         """The stress as JSON, "" for none."""
-        return "" if self.stress.is_calm else stress_to_json(self.stress)
+        return "" if self.own_stress.is_calm else stress_to_json(self.own_stress)
 
     @property
     def modes_in_words(self) -> str:
@@ -188,11 +214,16 @@ def make_setting(problem: Problem, *, gain: Gain | None, **given: Unpack[Options
         problem.require("a stress, or the full loop as printed,")
     width = loop.n * (4 * loop.m + 2 * loop.q)
     times, notes = _times(given.get("samples"), horizon, width)
+    if problem.steps:
+        times = _whole(times)
     # without a disturbance there is nothing to compensate
     if observer == WITHOUT and problem.q:
         notes = [*notes, OFF]
     stress = stress or Stress()
     stress.failing(problem)  # refuses agents that are not there
+    if exact.timing is not None:
+        problem.require("a simulation of [readings], [processor] or steps")
+        stress = stated_times(stress, exact.timing)
     starts = make_starts(problem, loop, given.get("start"))
     if loop.moves:
         notes = [*notes, MOTION]
@@ -213,13 +244,53 @@ def make_setting(problem: Problem, *, gain: Gain | None, **given: Unpack[Options
     )
 
 
+def _whole(times: Array) -> Array:
+    """Agents that move in steps are seen after each.  Raises: SpecError for a part of a step."""
+    horizon = float(times[-1])
+    if horizon % 1:
+        message = f"must be a whole number of steps (time is discrete); got {horizon:g}."
+        raise wrong("t_final", message, f"For example {math.ceil(horizon)}.")
+    return np.unique(np.round(times))
+
+
+READINGS_AT_ONCE = 4  # in the shortest time that readings may be late
+
+
+def stated_times(stress: Stress, timing: Timing | None) -> Stress:
+    """The stress with the instants at which agents sample or exchange as stated.  Raises: SpecError
+    for options that say otherwise."""
+    if timing is None:
+        return stress
+    period = float(timing.period) or None
+    table = "[processor]" if timing.sampled else "[readings]"
+    if timing.steps:
+        table = 'time = "discrete"'
+    names = ["exchange"]
+    if period and not (timing.sampled and stress.period == period):
+        names.append("period")
+    if timing.sampled:
+        names.append("sampled_gain")
+    for name in names:
+        if getattr(stress, name) is not None:
+            message = f"is no stress where the problem has {table}, which says it."
+            raise wrong(name, message, "Leave it out, or change the problem.")
+    if timing.sampled:
+        return replace(stress, period=period)
+    # everything is sampled then, with ages that count in its ticks
+    if stress.period or not (period or timing.is_late):
+        return stress
+    late = [float(x) for x in (timing.delay, timing.own_delay) if x]
+    exchange = min(late) / READINGS_AT_ONCE if late else EXCHANGE
+    return replace(stress, exchange=period or exchange)
+
+
 def _stress(problem: Problem, given: Any) -> Stress | None:
     if given == "worst":
         worst = worst_stress(problem)
         if worst == Stress():
             message = (
                 "has nothing to apply: the problem bounds no disturbance, no measurement noise, no "
-                "input and no signal."
+                "readings, no input and no signal."
             )
             cure = 'Give [uncertainty], [actuators] limit, or [switching] guarantee = "dwell".'
             raise wrong("stress", message, cure)

@@ -190,7 +190,7 @@ def worst_stress(problem: Problem) -> Stress:
     noise = float(allowed.measurement)
     disturbance = float(allowed.disturbance)
     limit = None if problem.actuators is None else problem.actuators.limit
-    if not noise and not disturbance and limit is None:
+    if not noise and not disturbance and limit is None and problem.readings is None:
         return Stress()
     # limits by agent are those of [actuators], which the run looks up
     common = None if limit is None or isinstance(limit, Mapping) else float(limit)

@@ -60,6 +60,7 @@ class StressedColumns:
         self.alive = np.arange(len(runs.seeds))
         self.next = 0
         self.noise = np.zeros((*self.agents.shape, len(runs.seeds)))
+        self.own: Array = self.noise  # errors as agents know them, where these are held
         x = runs.stacked("x")
         # xihat jumps whenever noise is drawn anew; z does not
         z = runs.stacked("xihat") - act(self.loop.W, x)
@@ -89,6 +90,7 @@ class StressedColumns:
         if agents.stress.exchanges is not None:
             if due:
                 agents.heard.exchange(self.next, agents.said(e))
+                self.own = agents.heard.own(e)
             else:
                 agents.heard.tune(np.arange(len(modes)), modes)
         self.next += due
@@ -112,8 +114,9 @@ class StressedColumns:
             e, xihat = self.known(x, z, noise)
             # without exchanges neighbours are heard as they are now
             arrived = agents.said(e, chosen)[links.speakers] if held is None else held
-            felt = links.felt(e, arrived)
-            u = agents.control(e, act(loop.output, xihat), modes, chosen)
+            known = self.own[..., chosen] if heard.holds_own else e
+            felt = links.felt(known, arrived)
+            u = agents.control(known, act(loop.output, xihat), modes, chosen)
             d = act(loop.output, xi)
             if len(force):
                 d = d + force.reshape(d.shape)
@@ -262,13 +265,14 @@ def run_alone(runs: StressedRuns, modes: Modes, progress: Progress) -> Outcome:
 
 
 class _Alone:
-    """One run under a stress, piece by piece.  ``noises``: (n, m) each, in the order of the
-    instants."""
+    """One run under a stress, piece by piece.  ``noises`` and ``owns``: (n, m) each, in the order
+    of the instants."""
 
     def __init__(self, runs: StressedRuns, modes: Modes) -> None:
         self.columns = StressedColumns(runs)
         self.modes = modes
         self.noises: list[Array] = []
+        self.owns: list[Array] = []
 
     def positions(self, state: Array) -> Array:
         return self.columns.loop.split(state[:, None])[0][..., 0]
@@ -284,6 +288,7 @@ class _Alone:
         # a switch between two exchanges draws nothing
         if columns.next > len(self.noises):
             self.noises.append(columns.noise[..., 0])
+            self.owns.append(columns.own[..., 0])
         part = columns.part(mode, ALONE)
 
         def derivative(time: float, state: Array) -> Array:
@@ -303,10 +308,12 @@ class _Alone:
         x, xi, z = columns.loop.split(states.T)  # samples in place of runs
         # broadcast: no noise is the same for all agents
         noise = np.zeros(1)
+        last = np.searchsorted(columns.instants, times, side="right") - 1
         if agents.stress.noise:
-            last = np.searchsorted(columns.instants, times, side="right") - 1
             noise = np.stack(self.noises, axis=2)[..., last]
         e, xihat = columns.known(x, z, noise)
+        if agents.heard.holds_own:
+            e = np.stack(self.owns, axis=2)[..., last]
         dhat = act(C, xihat)
         u = agents.command(e, dhat, self.modes.switches.at(times))
         # u was computed as if all agents worked

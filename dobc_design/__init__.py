@@ -42,6 +42,7 @@ _NAMES = {
     "problem.network": "Network",
     "problem.pinning": "Pinning",
     "problem.problem": "Problem",
+    "problem.readings": "Processor Readings",
     "problem.region": "Region",
     "problem.switching": "Switching",
     "report.write": "write_comparison write_report",

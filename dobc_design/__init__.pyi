@@ -29,6 +29,8 @@ from dobc_design.problem.load import load_problem as load_problem
 from dobc_design.problem.network import Network as Network
 from dobc_design.problem.pinning import Pinning as Pinning
 from dobc_design.problem.problem import Problem as Problem
+from dobc_design.problem.readings import Processor as Processor
+from dobc_design.problem.readings import Readings as Readings
 from dobc_design.problem.region import Region as Region
 from dobc_design.problem.switching import Switching as Switching
 from dobc_design.report.write import write_comparison as write_comparison

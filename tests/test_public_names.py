@@ -18,7 +18,7 @@ import dobc_design
 
 _NAMES = """
 Certificate Check Coupling Design Dynamics Ensemble Exosystem Failure Group Network Observer
-Problem Region Stress
+Problem Processor Readings Region Stress
 Switching Trajectory Verdict __version__ analyse block_lmi build_model certify
 describe design design_observer
 design_pinning exact exosystems export falsify from_pandapower load_problem load_trajectory poles

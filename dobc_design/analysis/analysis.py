@@ -363,7 +363,7 @@ def analyse(problem: Problem, *, gain: Gain | None = None) -> Analysis:
     observability, spectrum = None, None
     if exosystem is not None:
         observability = check_observability(exosystem.A, exosystem.C)
-        if W is not None:
+        if W is not None and not loop.is_sampled:
             spectrum = check_spectrum(exosystem.A, exosystem.C, W)
     # Where they feel their neighbours alike, the eigenvalues of the network alone are enough.
     alike = None

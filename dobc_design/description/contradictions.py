@@ -19,6 +19,7 @@ from dobc_design.exact.matrix import to_float
 from dobc_design.exact.number import nearest
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.pairs import shared_starts
+from dobc_design.loop.timing import Timing
 from dobc_design.loop.words import said_of
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.uncertainty import Actuators
@@ -46,6 +47,7 @@ def warnings(problem: Problem) -> tuple[str, ...]:
         _about_sines(problem),
         _about_observer_rates(problem) if floats else (),
         _about_region(problem),
+        _about_readings(problem),
         _about_dwell(problem),
     )
     return tuple(dict.fromkeys(found))
@@ -109,7 +111,7 @@ def _reached_in_runs(problem: Problem) -> dict[str, float]:
     found = {}
     for group in problem.groups:
         starts = disturbance_starts(problem, group)
-        if not starts.size or group.exosystem.order > LARGEST_ORDER:
+        if not starts.size or problem.steps or group.exosystem.order > LARGEST_ORDER:
             continue
         if any(part[0] > 0 or part[2] > 1 for part in disturbance_parts(group.exosystem)):
             continue  # it grows for ever
@@ -150,7 +152,7 @@ def _about_errors(problem: Problem) -> Sentences:
 def _about_sines(problem: Problem) -> Sentences:
     """One sine that is given in both units, or typed twice."""
     for group in problem.groups:
-        if group.exosystem.order > LARGEST_ORDER:
+        if problem.steps or group.exosystem.order > LARGEST_ORDER:
             continue
         whose = f" of the group of agent {group.name}" if problem.is_grouped else ""
         sines = sorted({part[1] for part in disturbance_parts(group.exosystem) if part[1]})
@@ -203,6 +205,18 @@ def _about_region(problem: Problem) -> Sentences:
             "estimation error alone can push agents out of it. It is the largest "
             "|xi(0) - xihat(0)| when the proof begins; a smaller one holds once the observers "
             "have settled."
+        )
+
+
+def _about_readings(problem: Problem) -> Sentences:
+    """Readings that are not late, and a P of another observer."""
+    loop = loop_of(problem)
+    if loop.timing == Timing():
+        yield "[readings] states nothing: all readings are those of the same instant."
+    if loop.is_sampled and any(group.observer.P is not None for group in problem.groups):
+        yield (
+            "observer.P has no effect: it is about A - W C, and the observer of a processor is "
+            "another recursion. Remove it."
         )
 
 

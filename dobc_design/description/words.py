@@ -18,6 +18,7 @@ from dobc_design.exact.reading import Document, Names, counted, named, some
 from dobc_design.loop.arcs import unreached
 from dobc_design.loop.limits import MOST_AGENTS, mean_weights, reached_from
 from dobc_design.loop.make import loop_of
+from dobc_design.loop.timing import timing_words
 from dobc_design.loop.words import said_of
 from dobc_design.problem.fixed import place_words
 from dobc_design.problem.leader import enclosed, enclosure, not_enclosed
@@ -55,6 +56,9 @@ def describe(problem: Problem) -> str:
         lines += [_sentence(name, words) for name, words in pin_words(problem)]
     lines += limit_lines(problem)
     lines += [_sentence(name, words) for name, words in table_words(problem)]
+    timing = loop_of(problem).timing
+    if timing is not None:
+        lines.append(_sentence("timing", timing_words(timing)))
     lines += [f"Note: {note}" for note in problem.notes]
     return "\n".join([*lines, *meaning_lines(problem)])
 
@@ -300,6 +304,9 @@ def facts(problem: Problem) -> Document:
         own = problem.pinning.modes.items()
         found["pinned_in_modes"] = {mode: [labels[i] for i in gains] for mode, gains in own}
     found["switching"] = switching and switching_words(switching, tuple(modes))
+    timing = loop_of(problem).timing
+    if timing is not None:
+        found["timing"] = timing_words(timing)
     found["notes"] = list(problem.notes)
     found["warnings"] = list(warnings(problem))
     found["remarks"] = list(remarks(problem))

@@ -17,6 +17,7 @@ from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group, Observer
 from dobc_design.problem.network import Network, labels_of
 from dobc_design.problem.problem import Problem
+from dobc_design.problem.readings import Processor, Readings
 from dobc_design.problem.region import Region
 from dobc_design.problem.simulation import Simulation
 from dobc_design.problem.switching import Switching
@@ -58,7 +59,7 @@ def _plain(value: Any) -> Any:
             return _Call("Network.from_arcs", _of_network(value))
         case Exosystem() | Observer() | Group() | Switching():
             return _Call(type(value).__name__, _fields(value))
-        case Region() | Simulation() | Uncertainty() | Actuators():
+        case Region() | Simulation() | Uncertainty() | Actuators() | Readings() | Processor():
             return _fields(value)
         case Mapping():
             return {key: _plain(each) for key, each in value.items()}

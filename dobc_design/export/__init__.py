@@ -216,6 +216,7 @@ def analyse(problem: Source) -> Analysis:
     from dobc_design.analysis.analysis import analyse as run
 
     problem = arrays.require_floats(load_problem(problem))
+    problem.require("a diagnosis")
     return run(problem, gain=observer_gain(loop_of(problem)))
 
 

@@ -124,13 +124,10 @@ def timing_of(problem: Problem) -> Timing | None:
     if given is None and processor is None and not problem.steps:
         return None
     table = given or Readings()
-    period = ONE if problem.steps else table.period or ZERO
-    if processor is not None:
-        period = processor.period
     return Timing(
         delay=table.delay,
         own_delay=table.own_delay,
-        period=period,
+        period=problem.period or ZERO,
         lost=table.lost,
         event=table.event,
         sampled=processor is not None or problem.steps,

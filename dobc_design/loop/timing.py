@@ -23,6 +23,7 @@ from dobc_design.exact.interval import (
 )
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import ZERO
+from dobc_design.exact.reading import counted
 from dobc_design.problem.exosystems import Exosystem
 
 E = exp(Interval.point(1))
@@ -125,7 +126,7 @@ def timing_words(timing: Timing | None) -> str:
     if timing.own_delay:
         parts.append(f"own readings up to {_number(timing.own_delay)} {unit} old")
     if timing.lost:
-        parts.append(f"{timing.lost} of them lost in a row")
+        parts.append(f"{counted(timing.lost, 'reading')} of a neighbour lost in a row")
     if timing.event:
         parts.append(f"readings off by up to {_number(100 * timing.event)} %")
     if timing.period and not timing.steps:

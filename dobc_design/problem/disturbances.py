@@ -15,6 +15,7 @@ from dobc_design.exact.reading import Names, is_list, is_text, shown
 from .exosystems import PARTS, Exosystem, of_parts
 from .groups import Group, Groups, Observer, check_rest, group_key, in_another, renamed
 from .network import no_agent
+from .readings import TIMES
 from .schema import ExosystemTable, GroupTable, ProblemFile
 from .schema_errors import EXAMPLES
 
@@ -75,6 +76,7 @@ def read_exosystem(
     if table is None:
         return Disturbances()
     errors = Mistakes()
+    steps = tables.dynamics is not None and tables.dynamics.time == TIMES[1]
     # [exosystem] itself and its groups are read alike, each under its own key.
     places: dict[str, ExosystemTable | GroupTable] = {"exosystem": table}
     for number, group in enumerate(table.groups):
@@ -86,6 +88,10 @@ def read_exosystem(
     for place, each in places.items():
         if found[place] is None:
             found[place] = _in_words(each, place, m, errors)
+            if steps and found[place] is not None:
+                what = "is known by its parts in continuous time only."
+                cure = "Give A and C; a constant in discrete time is A = [[1]]."
+                errors.append(wrong(place, what, cure))
     groups = []
     without = {}
     for number, group in enumerate(table.groups):

@@ -20,7 +20,7 @@ from dobc_design._show.text import significant
 from dobc_design.coupling.coupling import Coupling, make_coupling
 from dobc_design.errors import Mistakes, ShapeError, SpecError, about, misshapen, refused, wrong
 from dobc_design.exact.matrix import Vector
-from dobc_design.exact.number import ZERO
+from dobc_design.exact.number import ONE, ZERO
 from dobc_design.exact.reading import (
     Document,
     Names,
@@ -53,7 +53,15 @@ from .known import check_together, require
 from .leader import Leader, read_leader
 from .network import Arc, Network, Places, sized
 from .pinning import GainForm, Pinning, by_label, read_pinning
-from .readings import TIMES, Processor, Readings, read_processor, read_readings, read_time
+from .readings import (
+    MOST_LOST,
+    TIMES,
+    Processor,
+    Readings,
+    read_processor,
+    read_readings,
+    read_time,
+)
 from .region import GOALS, Pairs, Region, read_goal, read_region, read_units
 from .signs import OPPOSES, REPELS, Signs, repelling, signs_of
 from .simulation import Simulation, read_simulation
@@ -130,6 +138,7 @@ class Problem(Grouped, Shown):
     Further attributes:
         pinning: who is pinned, with which gains.
         couplings: the default one and those of the exceptions, each once.
+        steps: whether agents move in discrete time.
     Raises: SpecError (or ShapeError, ExpressionError) that names every wrong key.
     Example:
         >>> network = dd.Network.from_arcs([["tail", "head"]], arrow="listens_to")
@@ -157,7 +166,7 @@ class Problem(Grouped, Shown):
     leader: Leader | None
     readings: Readings | None
     processor: Processor | None
-    steps: bool  # agents move in discrete time, x+ = x + couplings + u + d
+    steps: bool
     notes: Texts
     units: Texts
     couplings: tuple[Coupling, ...] = field(init=False, compare=False)
@@ -262,6 +271,7 @@ class Problem(Grouped, Shown):
         opposes = network.negative == OPPOSES
         put(self, signs=signs_of(self.n, arcs, self.pinning.agents) if opposes else None)
         check_together(self)
+        self._check_ages()
         self._check_goal()
         self._check_dynamics()
         # Arcs name a coupling by its place, so that equal ones are bounded once.
@@ -269,6 +279,18 @@ class Problem(Grouped, Shown):
         places = {each: place for place, each in enumerate(couplings)}
         put(self, couplings=tuple(places))
         put(self, exception_places={arc: places[each] for arc, each in self.exceptions.items()})
+
+    def _check_ages(self) -> None:
+        """Ages are counted in ticks, of which there are not too many.  Raises: SpecError."""
+        for name in ("delay", "own_delay"):
+            age = getattr(self.readings, name, ZERO)
+            if self.period is not None and age > MOST_LOST * self.period:
+                raise wrong(
+                    f"readings.{name}",
+                    f"must be at most {MOST_LOST} periods, which last {significant(self.period)} s "
+                    f"each; got {significant(age)} s.",
+                    "Is one of them in another unit?",
+                )
 
     def _check_goal(self) -> None:
         """Nobody agrees alone; one fixed node at rest is the target.  Raises: SpecError."""
@@ -391,7 +413,7 @@ class Problem(Grouped, Shown):
             "groups": None,
             "exosystem": None,
             "observer": None,
-            "time": TIMES[self.steps],
+            "time": TIMES[1] if self.steps else None,
         }
         if self.is_grouped:  # agents in no group have no disturbance
             found["groups"] = self.groups
@@ -476,8 +498,11 @@ class Problem(Grouped, Shown):
                 yield f"{name}{of}", value
         if self.undisturbed:
             yield f"disturbance of {some(self.undisturbed, LISTED)}", "none"
-        if self.leader is not None:
-            yield "leader", self.leader
+        for name in ("leader", "readings", "processor"):
+            if getattr(self, name) is not None:
+                yield name, getattr(self, name)
+        if self.steps:
+            yield "time", TIMES[1]
         yield from table_words(self)
         if self.notes:
             yield "notes", "  ".join(self.notes)
@@ -509,12 +534,6 @@ class Problem(Grouped, Shown):
         }
 
     @property
-    def is_held(self) -> bool:
-        """Whether couplings and pins are computed at ticks and held in between."""
-        readings = self.readings
-        return bool(self.processor or self.steps or (readings and readings.period))
-
-    @property
     def n(self) -> int:
         """Number of agents."""
         return self.network.size
@@ -540,6 +559,15 @@ class Problem(Grouped, Shown):
     def unit(self) -> str:
         """The unit that all state components share, "" where they do not or none is given."""
         return self.units[0] if len(set(self.units)) == 1 else ""
+
+    @property
+    def period(self) -> Fraction | None:
+        """The time between two ticks, at which readings are used (s); 1 step in discrete time; None
+        where they always are."""
+        if self.steps:
+            return ONE
+        table = self.processor or self.readings
+        return None if table is None else table.period
 
     @property
     def inputs(self) -> int:
@@ -652,7 +680,7 @@ def table_words(problem: Problem) -> Iterator[tuple[str, str]]:
     assumed = guarantee_words(problem.switching, modes)
     if assumed:
         yield "proofs may assume", assumed
-    yield "simulations", simulation_words(problem.simulation)
+    yield "simulations", simulation_words(problem.simulation, "steps" if problem.steps else "s")
 
 
 def _limits_of_dynamics(actuators: Actuators) -> SpecError:

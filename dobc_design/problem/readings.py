@@ -39,8 +39,10 @@ class Readings(Shown):
                 key = f"readings.{name}"
                 value = parse_number(getattr(self, name), key)
                 if value < 0 or (name == "event" and value >= 1):
-                    what = "a part, >= 0 and < 1" if name == "event" else ">= 0 (s)"
-                    raise wrong(key, f"must be {what}; got {shown_number(value)}.", "0 is none.")
+                    what, cure = ">= 0 (s)", "0 is none."
+                    if name == "event":
+                        what, cure = "a relative threshold, >= 0 and < 1", "25 % is 0.25."
+                    raise wrong(key, f"must be {what}; got {shown_number(value)}.", cure)
                 put(self, **{name: value})
         with errors:
             if self.period is not None:
@@ -49,7 +51,7 @@ class Readings(Shown):
             lost: object = self.lost
             if type(lost) is not int or not 0 <= lost <= MOST_LOST:
                 what = f"must be a count, 0 to {MOST_LOST}; got {shown(lost)}."
-                raise wrong("readings.lost", what, "For example 2: two readings in a row.")
+                raise wrong("readings.lost", what, "Write 2 where two in a row may be lost.")
         errors.raise_all()
 
     def _card(self) -> Card:

@@ -312,10 +312,10 @@ class ActuatorsTable(_Table):
 class ReadingsTable(_Table):
     """[readings]: how late and how often agents know what they use."""
 
-    delay: Number = _optional("s: readings of neighbours are at most that old.")
-    own_delay: Number = _optional("s: readings of oneself are at most that old.")
+    delay: Number = _optional("s (steps): how old readings of neighbours may be.")
+    own_delay: Number = _optional("s (steps): how old readings of oneself may be.")
     period: Number = _optional("s: couplings and pins are computed so often, and held in between.")
-    lost: Count = _optional("Readings of a neighbour in a row that may be lost.")
+    lost: Count = _optional("With a period: readings of a neighbour in a row that may be lost.")
     event: Number = _optional("Relative threshold of an event trigger or logarithmic quantiser.")
 
 
@@ -358,9 +358,6 @@ class ProblemFile(_Table):
     leader: LeaderTable | None = None
     readings: ReadingsTable | None = None
     processor: ProcessorTable | None = None
-
-
-RESERVED = {"delays"}
 
 
 def json_schema() -> Document:

@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from dobc_design.errors import MOST_ERRORS, SpecError, wrong
 from dobc_design.exact.reading import Document, Texts, named, shown
 
-from .schema import RESERVED, ProblemFile
+from .schema import ProblemFile
 
 Location = tuple[int | str, ...]
 
@@ -40,6 +40,9 @@ EXAMPLES = {
     "formation.offsets": "offsets = { 2 = 1.5, 3 = -1.5 }",
     "region.initial_states": "initial_states = [0, 5]",
     "leader.initial": "initial = [[0, 1], [-1, 1]]",
+    "readings": "[readings] and below it delay = 0.1",
+    "processor": "[processor] and below it period = 0.02",
+    "processor.period": "period = 0.02",
 }
 
 
@@ -96,8 +99,6 @@ def _unknown_key(key: str, location: Location) -> SpecError:
     """Says which key may be meant, or in which table it belongs."""
     table, name = key_text(location[:-1]), str(location[-1])
     what = f"is an unknown key in [{table}]" if table else "is an unknown key"
-    if _without_places(key) in RESERVED:
-        return wrong(key, f"{what}: it is reserved for a later version.", "Remove it for now.")
     known = known_keys(_without_places(table))
     place = f" in [{table}]" if table else ""
     cure = f"Known keys{place}: {', '.join(known)}."

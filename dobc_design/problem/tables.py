@@ -132,10 +132,10 @@ def uncertainty_words(table: Uncertainty) -> str:
     return "; ".join(said)
 
 
-def simulation_words(table: Simulation) -> str:
+def simulation_words(table: Simulation, unit: str) -> str:
     """What [simulation] says, and what runs do without it: how long, from which seed, from
     where."""
-    said = [f"{decimal_text(table.t_final)} s, seed {table.seed}"]
+    said = [f"{decimal_text(table.t_final)} {unit}, seed {table.seed}"]
     if table.x0 is not None:
         where = "every agent at its own"
         if len(table.x0) == 1:

@@ -132,6 +132,7 @@ def design_observer(
         'refuted'
     """
     problem = load_problem(problem)
+    problem.require("the design of an observer")
     if not problem.groups:
         must = "exosystem must be given to design an observer"
         text = f"{must}, because it says what W estimates; got none."

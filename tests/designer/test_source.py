@@ -27,3 +27,13 @@ def test_the_tables_about_the_plant_are_written_too():
     problem = load_problem("paper-fixed").replace(**TABLES)
     assert written(problem) == problem
     assert written(problem.replace(actuators={"limit": 30})) != problem
+
+
+def test_readings_processor_and_time_are_written_too():
+    problem = load_problem("clock-sync")
+    readings = {"delay": "1/10", "own_delay": "1/100", "lost": 2, "event": "1/3"}
+    on_a_processor = problem.replace(readings=readings, processor={"period": "1/50"})
+    assert written(on_a_processor) == on_a_processor
+    in_steps = problem.replace(time="discrete")
+    assert written(in_steps) == in_steps
+    assert written(in_steps) != problem

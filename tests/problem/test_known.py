@@ -25,7 +25,6 @@ WHOLE = (
         gains={1: 2},
         region={"initial_states": [-1, 1]},
         actuators={"limit": 9, "amplitude": 1},
-        readings={"period": 1},
     ),
     Problem(
         network=Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to"),
@@ -34,6 +33,7 @@ WHOLE = (
         dynamics=Dynamics(A=[[0]]),
         switching=Switching(signal="periodic", dwell=1),
         uncertainty={"gains": 0, "disturbance": "1/10"},
+        readings={"period": "1/10", "lost": 1},
     ),
 )
 

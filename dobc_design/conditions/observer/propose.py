@@ -371,9 +371,12 @@ def design_gain(exosystem: Exosystem, *, rate: Fraction | None = None) -> GainDe
     return GainDesign(W=None, rate=wanted, note=note)
 
 
-def design_sampled_gain(exosystem: Exosystem, timing: Timing) -> GainDesign:
-    """Design W (q, m) so that all eigenvalues of Ad - W C Gamma lie inside the unit disk: a Kalman
-    gain, which is that of continuous time as T goes to 0, or all of them at 0."""
+def design_sampled_gain(
+    exosystem: Exosystem, timing: Timing, rate: Fraction | None = None
+) -> GainDesign:
+    """Design W (q, m) so that all eigenvalues of Ad - W C Gamma are smaller than exp(-rate T), or
+    1: a Kalman gain, which is that of continuous time as T goes to 0, or all of them at 0."""
+    rate = rate or ZERO
     reason = too_large(exosystem)
     if reason is not None:
         return GainDesign(W=None, rate=None, note=f"no W is designed: it is {reason}")
@@ -386,10 +389,10 @@ def design_sampled_gain(exosystem: Exosystem, timing: Timing) -> GainDesign:
     ways += [(W, "all eigenvalues at 0, about") for W in placed_gains(pair, rate=-ONE)]
     for L, how in ways:
         W = scale(1 / T, L)
-        if sampled_verdict(exosystem, W, timing) is Verdict.PROVED:
+        if sampled_verdict(exosystem, W, timing, rate) is Verdict.PROVED:
             note = f"W was designed ({how}) for the recursion from sample to sample."
-            return GainDesign(W=W, rate=ZERO, note=note)
-    return GainDesign(W=None, rate=None, note="no W was found for this period.")
+            return GainDesign(W=W, rate=rate, note=note)
+    return GainDesign(W=None, rate=None, note="no W was found for this period and rate.")
 
 
 def _can_reach(exosystem: Exosystem, rate: Fraction) -> bool:
@@ -468,7 +471,7 @@ def design_gains(loop: Loop) -> tuple[GainDesign | None, ...]:
         own = group.observer
         design = None
         if own.W is None and loop.timing is not None and loop.is_sampled:
-            design = design_sampled_gain(group.exosystem, loop.timing)
+            design = design_sampled_gain(group.exosystem, loop.timing, own.rate)
         elif own.W is None:
             design = design_gain(group.exosystem, rate=own.rate)
         designs.append(design)

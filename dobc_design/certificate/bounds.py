@@ -52,7 +52,6 @@ from dobc_design.loop.guarantee import shortest_period
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.pairs import are_pairs, rows_of
-from dobc_design.loop.timing import Timing
 from dobc_design.problem.canonical import loop_sha256
 from dobc_design.problem.problem import Problem
 
@@ -304,8 +303,9 @@ def starts_of(loop: Loop, radius: Number | None, disturbance: Number | None) -> 
 def bound_from(loop: Loop, claims: Claims, starts: Starts) -> CertifiedBound:
     """What ``claims``, which are about ``problem``, prove about |e(t)|_inf from all of these
     starts."""
-    if loop.timing is not None:
-        return _late_bound(loop, claims, starts)
+    if loop.timing is not None:  # at the samples, where something is held
+        late = tuple(check for check in claims.checks if check.id == READINGS)
+        claims = replace(claims, checks=late)
     settling = certified_settling(loop, claims)
     if settling is not None:  # it is about its own box of starts
         outside = starts.box > settling.radius * ROOM
@@ -315,28 +315,6 @@ def bound_from(loop: Loop, claims: Claims, starts: Starts) -> CertifiedBound:
         found = tuple(envelopes_of(loop, claims, starts))
     bound = CertifiedBound(envelopes=found, settling=settling)
     return bound if bound.sources else CertifiedBound(reason=_nothing(claims, starts))
-
-
-def _late_bound(loop: Loop, claims: Claims, starts: Starts) -> CertifiedBound:
-    """The same where readings are late, or held: by the check about them alone."""
-    timing = loop.timing or Timing()
-    if timing.period and loop.groups:
-        reason = "it is about the samples, between which a ripple of the disturbance remains"
-        return CertifiedBound(reason=reason)
-    with reading_claims():
-        for check in claims.checks:
-            claim = claim_of(check, loop, claims.W)
-            proved = check.is_proved and is_inside(check.domain, starts)
-            if proved and isinstance(claim, ReadingsBound):
-                rows = claim.rows
-                first = starts.box * ROOM * rows.spread
-                first += error_share(rows, starts.disturbance * ROOM)
-                # Between two ticks what is held leads straight from one to the next.
-                kept = exp(Interval.point(rows.alpha * timing.period)).hi
-                height = first * rows.reach * kept
-                found = Envelope(id=check.id, height=height, rate=rows.alpha)
-                return CertifiedBound(envelopes=(found,))
-    return CertifiedBound(reason=_nothing(claims, starts))
 
 
 def bound_of_plant(loop: Loop, claims: Claims, starts: Starts) -> CertifiedBound:
@@ -350,9 +328,8 @@ def bound_of_plant(loop: Loop, claims: Claims, starts: Starts) -> CertifiedBound
             "errors that remain"
         )
         return CertifiedBound(reason=reason)
-    if stated.late:  # at the samples, where something is held
-        late = tuple(check for check in claims.checks if check.id == READINGS)
-        return bound_from(loop, replace(claims, checks=late), starts)
+    if stated.late:
+        return bound_from(loop, claims, starts)
     proved = {check.id: check for check in claims.checks if check.is_proved}
     limit = proved.get(LIMIT)
     tolerance = proved.get(TOLERANCE)
@@ -439,6 +416,17 @@ def certified_bound(problem: Problem, claims: Claims, run: RunLike) -> Certified
         claims = replace(claims, checks=tuple(c for c in claims.checks if c.id in OF_PAIRS))
         loop = rows
     bound = bound_from(loop, claims, starts)
+    timing = loop.timing
+    if timing is not None and timing.period:
+        if loop.groups:
+            reason = "it is about the samples, between which a ripple of the disturbance remains"
+            return CertifiedBound(reason=reason)
+        # What is held leads straight from one sample to the next.
+        sizes = []
+        for each in bound.envelopes:
+            kept = exp(Interval.point(each.rate * timing.period)).hi
+            sizes.append(replace(each, height=each.height * kept))
+        bound = replace(bound, envelopes=tuple(sizes))
     # What rests on a guarantee says nothing about a signal that does not keep it.
     if not keeps_guarantee(loop, json.loads(run.signal or "{}")):
         found = tuple(each for each in bound.envelopes if each.id != "schedule")

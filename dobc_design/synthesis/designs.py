@@ -10,8 +10,9 @@ from typing import Literal, TypeVar
 from dobc_design._show.progress import Reports, report_to, shows_progress
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certification.certify import certify
-from dobc_design.errors import SpecError
+from dobc_design.errors import SpecError, wrong
 from dobc_design.exact.number import Number
+from dobc_design.loop.make import timing_of
 from dobc_design.problem.load import Source, load_problem
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
@@ -120,8 +121,9 @@ def design_observer(
 
     ``rate`` (1/s); ``region``: HalfPlane, Disk, Cone or a list; ``noise``: bound on the H-infinity
     norm from measurement noise to dhat, or NoiseLimit; ``digits`` of W; ``period`` (s) of a sampled
-    observer.  Where agents have different exosystems, the W of every group has to do it.  With
-    [dynamics] noise and period are not known.
+    observer, whose gain per sample W is; with [processor] W is the one of the file.  Where agents
+    have different exosystems, the W of every group has to do it.  With [dynamics] noise and period
+    are not known.
     Returns: an ObserverDesign: PROVED; REFUTED with the reason; UNDECIDED. The last two with the
     nearest request.
     Raises: SpecError for a wrong request or a problem without [exosystem].
@@ -132,7 +134,6 @@ def design_observer(
         'refuted'
     """
     problem = load_problem(problem)
-    problem.require("the design of an observer")
     if not problem.groups:
         must = "exosystem must be given to design an observer"
         text = f"{must}, because it says what W estimates; got none."
@@ -140,6 +141,10 @@ def design_observer(
         raise SpecError(text, key="exosystem", cure=cure)
     if rate is None:
         rate = problem.joint_observer.rate
+    timing = timing_of(problem)
+    if period is not None and timing is not None and timing.sampled:
+        message = "is that of [processor] or of a step; leave it out."
+        raise wrong("period", message, "Change the problem for another one.")
     request = read_observer_request(
         rate=rate, region=region, noise=noise, digits=digits, period=period
     )

@@ -11,13 +11,14 @@ from simulated_runs import pair, planar, simulate, single
 import dobc_design as dd
 from dobc_design import Failure, Stress
 from dobc_design.errors import ShapeError, SpecError
+from dobc_design.exact.matrix import scale
+from dobc_design.loop.timing import Timing, sampled
 from dobc_design.simulation.agents import Heard, StressedRuns
 from dobc_design.simulation.field import make_closed_loop
 from dobc_design.simulation.sampled import discretised, integral
 from dobc_design.simulation.setting import make_setting
 from dobc_design.simulation.signals import Mobile, Periodic
 from dobc_design.simulation.stress import stress_to_json
-from dobc_design.synthesis.observer.decide import sampled_matrix
 
 FAILURES = (Failure(agent="3", time=1.0), Failure(agent="7", time=2.0, kind="freeze"))
 SAMPLED = Stress(
@@ -62,7 +63,8 @@ def test_the_discretised_observer_lies_in_its_exact_enclosure():
     problem = planar()
     W = np.array(problem.observer.W) / 10
     gain = tuple(map(tuple, W))
-    exact = sampled_matrix(problem.exosystem, gain, Fraction(1, 4))
+    timing = Timing(period=Fraction(1, 4), sampled=True)
+    exact = sampled(problem.exosystem, timing).error(scale(4, gain), timing.period)
     loop = make_closed_loop(problem, None)
     Ad = integral(loop.A, 0.25)[0]
     _, Cd, L = discretised(loop, 0.25, W.astype(float))

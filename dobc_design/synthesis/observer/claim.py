@@ -21,6 +21,7 @@ from dobc_design.errors import refused, wrong
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import ZERO, parse_number, typed_number
 from dobc_design.exact.reading import Document, is_list, shown, shown_number
+from dobc_design.loop.timing import Timing
 from dobc_design.problem.canonical import matrix_text
 from dobc_design.verdict import Decided, Verdict
 
@@ -169,7 +170,8 @@ def _require_one_of(words: Sequence[str], value: Any, name: str) -> None:
 class ObserverRequest:
     """What a gain W has to do.  Absent limits are None or empty.  ``rate`` (1/s): every eigenvalue
     has Re <= -rate. ``regions``: where else the spectrum must lie.  ``noise``: bounds on norms.
-    ``digits``: significant digits of W. ``period`` (s): sampled observer.  ``norms``: what passes
+    ``digits``: significant digits of W. ``period`` (s): sampled observer, whose gain per sample W
+    is; with ``timing``, that of a processor, W is the one of the problem.  ``norms``: what passes
     through it is stated; not known with [dynamics]."""
 
     rate: Fraction | None = None
@@ -178,6 +180,12 @@ class ObserverRequest:
     digits: int = 4
     period: Fraction | None = None
     norms: bool = True
+    timing: Timing | None = None
+
+    @property
+    def sampling(self) -> Timing:
+        """When the observer samples."""
+        return self.timing or Timing(period=self.period or ZERO, sampled=True)
 
     @property
     def all_regions(self) -> tuple[SpectralRegion, ...]:
@@ -216,11 +224,11 @@ def read_observer_request(
         period=None if period is None else read_positive(period, "period"),
     )
     if request.period is not None:
-        _require_sampled(request)
+        require_sampled(request)
     return request
 
 
-def _require_sampled(request: ObserverRequest) -> None:
+def require_sampled(request: ObserverRequest) -> None:
     """Raises: SpecError for what cannot be asked of a sampled observer."""
     if request.noise:
         raise wrong(

@@ -27,8 +27,6 @@ from dobc_design.exact import polynomial as roots
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
 from dobc_design.exact.interval import (
     Interval,
-    IntervalMatrix,
-    discretise,
     exp,
     interval_characteristic_polynomial,
     interval_routh,
@@ -51,6 +49,7 @@ from dobc_design.exact.observability import decide_detectable, observable_reduct
 from dobc_design.exact.polynomial import Coefficients, characteristic_polynomial
 from dobc_design.exact.reading import Table, counted, shown_number
 from dobc_design.loop.make import loop_of
+from dobc_design.loop.timing import sampled
 from dobc_design.problem.changes import value_text
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.problem import Problem
@@ -82,7 +81,7 @@ def gain_statements(
     """Everything that the request asks of W (q, m), decided for W exactly."""
     noise = [noise_statement(exosystem, W, limit) for limit in request.noise]
     if request.period is not None:
-        return *sampled_statements(exosystem, W, request, request.period), *noise
+        return *sampled_statements(exosystem, W, request), *noise
     F = error_matrix(exosystem, W)
     # Convergence is proved even where a rate or a region implies it: everything else rests on it.
     found = [hurwitz_statement(F)]
@@ -155,30 +154,6 @@ def _none_outside(region: SpectralRegion, F: Matrix) -> bool:
     return roots.count_right_half_plane(mapped) == 0
 
 
-def sampled_matrix(exosystem: Exosystem, W: Matrix, period: Fraction) -> IntervalMatrix:
-    """Enclose Ad - W Cd, Ad = exp(A T), Cd = C (1/T) int_0^T exp(A s) ds, of the observer of means
-    over T."""
-    found = discretise(exosystem.A, period)
-    corrections = _enclosed_product(W, _enclosed_product(exosystem.C, found.mean))
-    closed = []
-    for row, correction in zip(found.transition, corrections, strict=True):
-        closed.append(tuple(x - y for x, y in zip(row, correction, strict=True)))
-    return tuple(closed)
-
-
-def _enclosed_product(M: Matrix, N: IntervalMatrix) -> IntervalMatrix:
-    """M N; zeros of M are left out, so that they do not widen it."""
-    columns = list(zip(*N, strict=True))
-    rows = []
-    for row in M:
-        entries = []
-        for column in columns:
-            parts = (x * y for x, y in zip(column, row, strict=True) if y)
-            entries.append(sum(parts, Interval.point(0)))
-        rows.append(tuple(entries))
-    return tuple(rows)
-
-
 @noun
 class SampledDisk:
     """Where all eigenvalues of the sampled error are asked to lie; the radius is enclosed."""
@@ -203,11 +178,14 @@ class SampledDisk:
 
 
 def sampled_statements(
-    exosystem: Exosystem, W: Matrix, request: ObserverRequest, period: Fraction
+    exosystem: Exosystem, W: Matrix, request: ObserverRequest
 ) -> tuple[Statement, ...]:
     """Schur stability of the sampled error, its rate (|z| <= exp(-rate T)) and disks; UNDECIDED
     close to a border."""
-    closed = sampled_matrix(exosystem, W, period)
+    timing = request.sampling
+    period = timing.period
+    own = W if request.timing else scale(1 / period, W)
+    closed = sampled(exosystem, timing).error(own, period)
     polynomial = interval_characteristic_polynomial(closed)
     widest = max(x.width for x in polynomial)
     shown = {"period": number_text(period), "width": f"{float_above(widest):.1e}"}
@@ -390,6 +368,8 @@ def _proved_near(estimate: float, holds: Callable[[Fraction], bool]) -> float | 
 def why_impossible(exosystem: Exosystem, request: ObserverRequest) -> Statement | None:
     """A proof that no W meets a request, or None; its kind says what fails: detectable, rate,
     region or noise."""
+    if request.timing is not None and request.timing.steps:
+        return None
     found = decide_detectable(exosystem.A, exosystem.C)
     hidden = found.unobservable_text
     if not found.is_proved:

@@ -32,6 +32,7 @@ from dobc_design.exact.number import ONE, ZERO
 from dobc_design.exact.observability import decide_observable, observable_reduction
 from dobc_design.exact.pencil import Pencil, Place, Unknown
 from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.loop.timing import middle_of, sampled
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.solvers.conic import solve_directly
 from dobc_design.solvers.program import GIVEN_UP, Array, Program, round_matrix
@@ -121,12 +122,16 @@ def make_plant(exosystem: Exosystem, request: ObserverRequest) -> Plant:
     if request.period is not None:
         period = float(request.period)
         rate = request.rate
-        # Without a rate half that of the Kalman gain in continuous time.
-        if rate is None:
+        # Without a rate half that of the Kalman gain, in continuous time or of steps.
+        if rate is None and request.sampling.steps:
+            rate = _half_of_steps(A, C)
+        elif rate is None:
             rate = propose.half_rate(A, C, propose.kalman_gain(A, C))
         radius = Fraction(math.exp(-float(rate) * period))
         disk = Disk(centre=0, radius=radius.limit_denominator(10**15))
-        A, C = _sampled(A, C, period)
+        found = sampled(exosystem, request.sampling)
+        unit = period if request.timing else 1.0
+        A, C = to_float(middle_of(found.A)), unit * to_float(middle_of(found.C))
         regions = (disk, *request.regions)
     T = np.eye(len(A))
     if not decide_observable(exosystem.A, exosystem.C).is_proved:
@@ -135,17 +140,14 @@ def make_plant(exosystem: Exosystem, request: ObserverRequest) -> Plant:
         T = np.zeros((0, exosystem.order))
         if rows:
             T = linalg.qr(to_float(rows).T, mode="economic")[0].T
-    sampled = request.period is not None
-    return Plant(A=T @ A @ T.T, C=C @ T.T, T=T, regions=regions, sampled=sampled)
+    held = request.period is not None
+    return Plant(A=T @ A @ T.T, C=C @ T.T, T=T, regions=regions, sampled=held)
 
 
-def _sampled(A: Array, C: Array, period: float) -> tuple[Array, Array]:
-    """Ad = exp(A T) and Cd = C times its mean over a period T (s), of one exponential (Van Loan
-    1978)."""
-    q = len(A)
-    both = np.block([[A, np.eye(q)], [np.zeros((q, 2 * q))]])
-    block = linalg.expm(both * period)
-    return block[:q, :q], C @ block[:q, q:] / period
+def _half_of_steps(A: Array, C: Array) -> Fraction:
+    gain = propose.kalman_gain(A, C, sampled=True)
+    largest = 1.0 if gain is None else float(np.abs(np.linalg.eigvals(A - gain @ C)).max())
+    return Fraction(-math.log(min(1.0, largest)) / 2) if largest else ONE
 
 
 def _gains(plant: Plant, request: ObserverRequest) -> Proposals:

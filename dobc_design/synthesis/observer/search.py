@@ -11,20 +11,24 @@ from dataclasses import replace
 from dobc_design.conditions.numbers import claimed, rounded_up, shorten
 from dobc_design.exact.matrix import Matrix, multiply
 from dobc_design.exact.observability import decide_detectable
-from dobc_design.loop.make import observed
+from dobc_design.loop.make import observed, timing_of
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import join
 from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.observer import decide
 from dobc_design.verdict import Verdict
 
-from .claim import NoiseLimit, ObserverDesign, ObserverRequest
+from .claim import NoiseLimit, ObserverDesign, ObserverRequest, require_sampled
 from .propose import estimate_observer, propose_envelopes, propose_gains
 
 
 def search_groups(problem: Problem, request: ObserverRequest) -> ObserverDesign:
     """Decide a request that every group has to meet with its own W: REFUTED if one is; one group as
     it is."""
+    timing = timing_of(problem)
+    if timing is not None and timing.sampled:
+        request = replace(request, period=timing.period, timing=timing)
+        require_sampled(request)
     groups = observed(problem)
     found = [search_observer(group.exosystem, request) for group in groups]
     if len(groups) == 1:

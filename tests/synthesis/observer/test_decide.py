@@ -14,8 +14,10 @@ from dobc_design import Exosystem, Verdict, exosystems
 from dobc_design.conditions.observer.decide import error_matrix
 from dobc_design.conditions.observer.propose import hinf_norm
 from dobc_design.errors import SpecError
-from dobc_design.exact.matrix import matrix, to_float
+from dobc_design.exact.matrix import matrix, scale, to_float
+from dobc_design.exact.number import ONE
 from dobc_design.exact.polynomial import characteristic_polynomial, decide_hurwitz
+from dobc_design.loop.timing import Timing, sampled
 from dobc_design.synthesis.observer.claim import (
     CHANNELS,
     Cone,
@@ -38,7 +40,6 @@ from dobc_design.synthesis.observer.decide import (
     rate_holds,
     region_statement,
     roots_inside,
-    sampled_matrix,
     sampled_statements,
     why_impossible,
 )
@@ -110,7 +111,8 @@ def test_the_sampled_error_is_that_of_scipy():
     exosystem = exosystems.total(exosystems.ramp(), exosystems.harmonics(3))
     rows = [["0.3"], ["0.2"], ["0.1"], ["-0.4"]]
     gain = matrix(rows)
-    found = sampled_matrix(exosystem, gain, Fraction(1, 4))
+    timing = Timing(period=Fraction(1, 4), sampled=True)
+    found = sampled(exosystem, timing).error(scale(4, gain), timing.period)
     expected = sampled_in_floats(exosystem, gain, 0.25)
     answer = [[float(x.midpoint) for x in row] for row in found]
     assert answer == pytest.approx(expected)
@@ -131,7 +133,7 @@ def test_the_sampled_error_is_that_of_scipy():
 def test_a_sampled_constant_converges_for_gains_between_zero_and_two(gain, verdict):
     """Ad = 1, Cd = 1: the error is multiplied by 1 - W."""
     W = matrix([[gain]])
-    (found,) = sampled_statements(CONSTANT, W, ObserverRequest(), Fraction(1))
+    (found,) = sampled_statements(CONSTANT, W, ObserverRequest(period=ONE))
     assert found.verdict is verdict
 
 
@@ -140,8 +142,8 @@ def test_the_sampled_rate_is_decided_to_many_digits():
     edge = Fraction(1 - math.exp(-1))
 
     def decided(gain: Fraction) -> list[Verdict]:
-        asked = ObserverRequest(rate=Fraction(2))
-        found = sampled_statements(CONSTANT, ((gain,),), asked, Fraction(1, 2))
+        asked = ObserverRequest(rate=Fraction(2), period=Fraction(1, 2))
+        found = sampled_statements(CONSTANT, ((gain,),), asked)
         return [each.verdict for each in found]
 
     assert decided(edge + TINY) == [Verdict.PROVED, Verdict.PROVED]
@@ -151,13 +153,13 @@ def test_the_sampled_rate_is_decided_to_many_digits():
 def test_disks_of_the_sampled_plane_are_decided_and_a_pole_on_the_circle_is_never_proved():
     """W = 0 leaves the harmonic on the unit circle, where an enclosure cannot decide."""
     nothing = matrix([[0], [0]])
-    found = sampled_statements(PAPER, nothing, ObserverRequest(), Fraction(1, 10))
+    found = sampled_statements(PAPER, nothing, ObserverRequest(period=Fraction(1, 10)))
     assert found[0].verdict is not Verdict.PROVED
     regions = (Disk(centre="1/2", radius="1/4"),)
-    asked = ObserverRequest(regions=regions)
+    asked = ObserverRequest(regions=regions, period=ONE)
     for gain, verdict in (("1/2", Verdict.PROVED), ("0.8", Verdict.REFUTED)):
         W = matrix([[gain]])
-        found = sampled_statements(CONSTANT, W, asked, Fraction(1))
+        found = sampled_statements(CONSTANT, W, asked)
         assert found[-1].verdict is verdict
 
 

@@ -6,6 +6,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from networks import floats, linked
 from oracles.observers import control_norm, sampled_in_floats
 
 import dobc_design as dd
@@ -310,3 +311,39 @@ def test_numbers_are_read_as_typed():
 def test_wrong_requests_name_their_key(call, match):
     with pytest.raises(SpecError, match=match):
         call()
+
+
+@pytest.mark.parametrize("period", ["1/20", "1/10", "1/5"])
+@pytest.mark.parametrize("rate", [None, 2])
+def test_a_problem_on_a_processor_gets_the_w_of_its_own_period(period, rate):
+    """Ad - W C Gamma by SciPy: W is the one of the file, the gain per sample divided by T."""
+    paper = dd.load_problem("paper-fixed").replace(processor={"period": period})
+    found = dd.design_observer(paper, rate=rate)
+    assert found.is_proved
+    T = float(Fraction(period))
+    W = [[float(x) * T for x in row] for row in found.W]
+    error = sampled_in_floats(paper.exosystem, W, T)
+    radius = np.abs(np.linalg.eigvals(error)).max()
+    assert radius < np.exp(-(rate or 0) * T)
+    again = dd.certify(paper.replace(observer=dd.Observer(W=found.W)))
+    (check,) = [each for each in again.checks if each.id == "hurwitz"]
+    assert check.is_proved
+
+
+def test_agents_in_steps_get_a_w_for_a_step():
+    steps = linked(
+        [[1, 2, "1/4"]],
+        gains={2: "1/2"},
+        time="discrete",
+        exosystem=dd.Exosystem(A=[["3/5", "4/5"], ["-4/5", "3/5"]], C=[[1, 0]]),
+    )
+    found = dd.design_observer(steps)
+    assert found.is_proved
+    error = floats(steps.exosystem.A) - floats(found.W) @ floats(steps.exosystem.C)
+    assert np.abs(np.linalg.eigvals(error)).max() < 0.95
+
+
+def test_a_period_beside_that_of_a_processor_is_refused():
+    paper = dd.load_problem("paper-fixed").replace(processor={"period": "1/10"})
+    with pytest.raises(SpecError, match="period is that of \\[processor\\] or of a step"):
+        dd.design_observer(paper, period="1/20")

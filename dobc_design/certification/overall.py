@@ -31,6 +31,7 @@ from dobc_design.conditions.reason import Reason, open_reason
 from dobc_design.conditions.schedule.cycles import cycles_of
 from dobc_design.conditions.stated import (
     ACCURACY,
+    CURES,
     LIMIT,
     TOLERANCE,
     answer_of,
@@ -473,6 +474,8 @@ def _reached(loop: Loop, checks: Checks) -> Reason | None:
     smaller = "more pinned agents, larger gains"
     if near:
         smaller = "a smaller [region], larger gains or more pinned agents"
+    if loop.is_sampled:  # larger gains overshoot sooner
+        smaller = CURES[READINGS]
     advice = f"{smaller}. {ALONE}"
     if not proved:
         head = f"no proof reaches the region asked for: {tried[0].reason}"
@@ -570,6 +573,8 @@ def _undecided_reason(loop: Loop, checks: Checks) -> Reason:
     ids = ("lure", *SPEAKING) if loop.slopes_move else SPEAKING
     if loop.agrees:  # linear agents with dynamics: the theorem that is for them
         ids = ("theorem1-weighted", *SPEAKING)
+    if loop.timing is not None:
+        ids = (READINGS, *SPEAKING)
     unproved = [check for check in checks if not check.is_proved]
     speaking = [check for check in unproved if check.id in ids]
     first = min(speaking, key=lambda check: ids.index(check.id), default=None)

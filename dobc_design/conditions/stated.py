@@ -125,7 +125,7 @@ def _are_apart(loop: Loop, checks: Sequence[Check]) -> bool:
     return answer is not None and answer.id in own and LIMIT not in own
 
 
-_CURES = {
+CURES = {
     LIMIT: "a larger limit or, where the disturbance leaves room, a smaller [region] or smaller "
     "gains",
     TOLERANCE: "smaller errors, larger gains or more pinned agents",
@@ -136,7 +136,7 @@ _CURES = {
 #: The same where there is no region.
 _CURES_NEAR = {
     LIMIT: "a larger limit or, where the disturbance leaves room, smaller gains",
-    TOLERANCE: _CURES[TOLERANCE],
+    TOLERANCE: CURES[TOLERANCE],
     ACCURACY: "smaller bounds in [uncertainty], larger gains or more pinned agents",
     READINGS: "shorter times in [readings] and [processor], or smaller gains",
 }
@@ -155,7 +155,7 @@ def _cure(loop: Loop, checks: Sequence[Check], id: str) -> str:
     # Smaller bounds would only scale what is proved.
     if id == ACCURACY and loop.is_linear:
         return "larger gains or more pinned agents"
-    return _CURES[id] if loop.starts is not None else _CURES_NEAR[id]
+    return CURES[id] if loop.starts is not None else _CURES_NEAR[id]
 
 
 def _holds_asked(loop: Loop, check: Check) -> bool:

@@ -25,7 +25,6 @@ from dobc_design.conditions.separable import checks, propose
 from dobc_design.exact.matrix import to_float
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, exhausted, out_of_time
 from dobc_design.loop.loop import Loop
-from dobc_design.loop.timing import timing_words
 from dobc_design.verdict import Verdict
 
 from .claim import EXACT, Errors, Separable, stated_errors
@@ -105,8 +104,9 @@ def readings_stage(asked: Asked, report: Progress) -> list[Check]:
             diverging = checks.diverging_check(loop, roots, domain=asked.domain)
             if diverging is not None:
                 return diverging
-        reason = f"with {timing_words(loop.timing)} no weights v are found."
-        return undecided_check(READINGS, asked.domain, reason)
+        return undecided_check(
+            READINGS, asked.domain, "no weights v are found with these readings."
+        )
 
     return [limited(READINGS, asked.domain, decided)]
 

@@ -93,7 +93,9 @@ def _decided(loop: Loop, checks: Checks, W: Matrix | None) -> Overall:
         proofs = [check for check in proofs if check.id == READINGS]
     if stated:  # the checks of the tables are about the graphs of the modes, not about every graph
         proofs = [check for check in proofs if check.kind.role != "safety"]
-    if proofs:
+    # The model without late readings may converge all the same.
+    diverges = any(x.id == READINGS and x.verdict is Verdict.REFUTED for x in checks)
+    if proofs and not diverges:
         return _proved(rows, checks, min(proofs, key=_preference))
     refuted = refutation(loop, checks, W)
     if refuted is not None:
@@ -249,6 +251,11 @@ def _instability(loop: Loop, check: Check) -> str | None:
     stays = loop.may_stay(check.mode or next(iter(loop.modes)))
     if check.id == READINGS:
         return f"Consensus fails: {check.reason}"
+    # What grows in the flow need not do so from one tick to the next, without couplings or with
+    # dynamics that go on.
+    held = loop.timing is not None and loop.timing.period > 0
+    if held and (loop.drift is not None or check.kind.topic == "schedule"):
+        return None
     if isinstance(check.claim, Unstable) and check.claim.roots and stays:
         where = "" if check.mode is None else f"in mode {check.mode} "
         return (

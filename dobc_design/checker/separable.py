@@ -39,6 +39,7 @@ from .matrices import (
     Vector,
     characteristic,
     diagonal,
+    each_once,
     identity,
     integers,
     is_diagonal,
@@ -611,12 +612,13 @@ def diverges(case: Case, check: Any) -> None:
     need(len(witness.values) == 2, "an eigenvalue has two parts")
     x, y = witness.values
     p = here = (ZERO, ZERO)  # p and p' at x + i y
-    for c in characteristic(opposite(slopes)):
+    polynomial = each_once(characteristic(opposite(slopes)))
+    for c in polynomial:
         here = (here[0] * x - here[1] * y + p[0], here[0] * y + here[1] * x + p[1])
         p = (p[0] * x - p[1] * y + c, p[0] * y + p[1] * x)
-    need(any(here), "it is no simple eigenvalue")
+    need(any(here), "there is no eigenvalue near it")
     # one of n roots is within n |p/p'|
-    square = case.size**2 * (p[0] ** 2 + p[1] ** 2) / (here[0] ** 2 + here[1] ** 2)
+    square = (len(polynomial) - 1) ** 2 * (p[0] ** 2 + p[1] ** 2) / (here[0] ** 2 + here[1] ** 2)
     off = by_decimal("sqrt", (square, square))[1]
     size = by_decimal("sqrt", (x * x + y * y,) * 2)[0] - off
     turn = max(ZERO, size) * min(timing.delay, timing.own_delay)

@@ -55,7 +55,15 @@ SHOWN = 6  # fixed nodes that a sentence names
 MOST_PHASES = 40  # of a guarantee, of which cycles are examined
 MOST = Fraction(10) ** 300  # what a sentence can show of a number
 #: Whose reason is given where nothing is proved or refuted, the most telling first.
-SPEAKING = ("detectability", "hurwitz", "theorem2-weighted", "theorem2", "theorem1", "lemma1")
+SPEAKING = (
+    READINGS,
+    "detectability",
+    "hurwitz",
+    "theorem2-weighted",
+    "theorem2",
+    "theorem1",
+    "lemma1",
+)
 ALONE = "Without [region] the verdict is about the consensus alone."
 HELD_ALWAYS = (
     "An arc that is always there would help as well: in this mode or, with a guarantee in "

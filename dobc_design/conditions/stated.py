@@ -187,11 +187,9 @@ def table_words(loop: Loop, id: str) -> str:
     """What the file states and the check ``id`` answers, with its numbers."""
     if id == LIMIT:
         return _limit_words(loop)
-    if id == READINGS:
-        return timing_words(loop.timing)
     table = loop.uncertainty
     if table is None:
-        return ""
+        return timing_words(loop.timing) if id == READINGS else ""
     relative = [
         f"{name} off by up to {_number(100 * x)} %"
         for name in RELATIVE
@@ -201,6 +199,8 @@ def table_words(loop: Loop, id: str) -> str:
     given = ((name, getattr(table, name)) for name in names if name != "drift" or loop.groups)
     absolute = [f"{names[name]} of up to {_number(x)}" for name, x in given if x]
     parts = relative + absolute if id == ACCURACY else relative
+    if id == READINGS:
+        parts = [*relative, timing_words(loop.timing)]
     if relative and not table.known_to_agents:
         parts.append("observers that do not know the weights")
     return ", ".join(parts[:-1]) + (" and " if len(parts) > 1 else "") + parts[-1]

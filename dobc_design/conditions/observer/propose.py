@@ -383,8 +383,12 @@ def design_sampled_gain(
     found = sampled(exosystem, timing)
     A, C = (middle_of(M) for M in (found.A, found.C))
     T = timing.period
-    kalman = kalman_gain(to_float(A), to_float(C), process=float(T * T), sampled=True)
-    ways = [(W, "Kalman gain") for W in _roundings(kalman)]
+    ways = []
+    with suppress(OverflowError):
+        growth = math.exp(float(rate * T))  # what decays although it grows so fast
+        kalman = kalman_gain(growth * to_float(A), to_float(C), process=float(T * T), sampled=True)
+        if kalman is not None:
+            ways = [(W, "Kalman gain") for W in _roundings(kalman / growth)]
     pair = Exosystem(A=A, C=C)
     ways += [(W, "all eigenvalues at 0, about") for W in placed_gains(pair, rate=-ONE)]
     for L, how in ways:

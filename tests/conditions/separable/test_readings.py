@@ -15,7 +15,11 @@ import dobc_design as dd
 from dobc_design.conditions.coverage import read_region
 from dobc_design.conditions.domain import EVERYWHERE, NEAR_TARGET
 from dobc_design.conditions.observer.decide import sampled_verdict
-from dobc_design.conditions.observer.propose import decay_of_error, observer_gain
+from dobc_design.conditions.observer.propose import (
+    decay_of_error,
+    design_sampled_gain,
+    observer_gain,
+)
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.decide import error_bound_obstacle
 from dobc_design.conditions.separable.propose_observer import propose_error_bound
@@ -291,3 +295,47 @@ def test_errors_of_weights_and_gains_are_counted_with_late_readings():
     # and ten percent more, which overshoots sooner
     late = replace(loop, timing=Timing(own_delay=F("0.35")))
     assert verify_readings(late, None, Separable(v=(F(1),), alpha=F("0.9"), rho=None)).wrong
+
+
+@pytest.mark.parametrize("rate", [None, F(1, 2), F(2), F(10), F(1000)])
+def test_a_gain_is_designed_for_the_recursion_with_the_rate_that_is_asked_for(rate):
+    """rho(A_d - W C Gamma) < exp(-rate T), by the eigenvalues of SciPy's exponential."""
+    T = 0.1
+    timing = Timing(period=F(1, 10), sampled=True)
+    found = design_sampled_gain(WAVE, timing, rate)
+    if rate == 1000:  # of W that are rounded no eigenvalue is so close to 0
+        assert found.W is None
+        return
+    assert found.W is not None
+    block = np.block([[np.array(A, float), np.eye(2)], [np.zeros((2, 4))]])
+    exponential = linalg.expm(block * T)
+    Ad, Gamma = exponential[:2, :2], exponential[:2, 2:]
+    error = Ad - np.array(found.W, float) @ np.array([[1.0, 0.0]]) @ Gamma
+    assert max(abs(np.linalg.eigvals(error))) < math.exp(-float(rate or 0) * T)
+
+
+def test_an_open_verdict_says_what_is_not_known_of_late_readings():
+    problem = dd.Problem(
+        network=dd.Network.from_arcs([[1, 2], [2, 3], [3, 1]], arrow="listens_to"),
+        coupling="tanh(y)",
+        goal="agreement",
+        readings={"delay": "1/10"},
+    )
+    certificate = dd.certify(problem)
+    assert certificate.verdict is UNDECIDED
+    assert "is no difference of states at one time" in certificate.reason
+
+
+def test_a_verdict_names_the_errors_of_weights_that_its_readings_count():
+    problem = dd.Problem(
+        network=dd.Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to"),
+        coupling="y",
+        gains={1: 1, 2: 1},
+        region={"initial_states": [-1, 1]},
+        uncertainty={"weights": "1/50"},
+        processor={"period": "1/10"},
+    )
+    certificate = dd.certify(problem)
+    assert certificate.verdict is PROVED
+    said = "with weights off by up to 2 % and everything computed every 0.1 s and held"
+    assert said in certificate.reason

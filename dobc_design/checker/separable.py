@@ -622,9 +622,9 @@ def diverges(case: Case, check: Any) -> None:
     off = by_decimal("sqrt", (square, square))[1]
     size = by_decimal("sqrt", (x * x + y * y,) * 2)[0] - off
     turn = max(ZERO, size) * min(timing.delay, timing.own_delay)
-    # below pi/2: Re mu < |mu| sin(|mu| tau)
-    sine = ONCE if 2 * turn >= PI[1] else wave((turn, turn), 0)[0]
-    need(turn > 0 and x + off < size * sine, "it is not shown to turn too far")
+    # from pi/2 on at once, below where Re mu < |mu| sin(|mu| tau)
+    too_far = 2 * turn >= PI[1] or (turn > 0 and x + off < size * wave((turn, turn), 0)[0])
+    need(too_far, "it is not shown to turn too far")
 
 
 # --- equilibrium: a box that holds one of h(e) - K e other than 0, by the test of Krawczyk

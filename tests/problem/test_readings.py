@@ -134,7 +134,6 @@ PARTS_OF_THE_PROGRAM: list[Callable[[Problem], object]] = [
     dd.analyse,
     dd.build_model,
     dd.design,
-    dd.design_observer,
     dd.falsify,
     dd.trade_off,
     dd.export.to_sdpa,
@@ -145,10 +144,9 @@ PARTS_OF_THE_PROGRAM: list[Callable[[Problem], object]] = [
 
 @pytest.mark.parametrize("part", PARTS_OF_THE_PROGRAM)
 def test_what_would_speak_of_another_loop_refuses(part):
-    cases = [(PROCESSOR, "processor"), ('[dynamics]\ntime = "discrete"', "dynamics.time")]
-    if part is not dd.design_observer:  # late readings leave the estimation error as it is
-        cases.append(("[readings]\ndelay = 0.1", "readings"))
-    for text, key in cases:
+    steps = '[dynamics]\ntime = "discrete"'
+    cases = {PROCESSOR: "processor", steps: "dynamics.time", "[readings]\ndelay = 0.1": "readings"}
+    for text, key in cases.items():
         with pytest.raises(SpecError, match="does not know") as caught:
             part(of_text(text))
         assert caught.value.key == key

@@ -53,13 +53,19 @@ class Arcs(NamedTuple):
 
 
 def arc_wise(case: Case, check: Any) -> Any:
-    """Arcs take no more than they may, nodes have it, and {V <= level} holds all starts."""
-    apart = case.differences and case.q
-    need(not apart, "differences have two estimation errors each, which are not known to it")
-    need(all(h.single for h in case.functions), "components act on each other")
+    """V decreases, and {V <= level} holds all starts."""
     claim = read_claim(case, check.exact)
     need_rate(check, claim.rate, "the rate is not between 0 and that of V")
     around(case, claim, check.domain)
+    decreases(case, claim)
+    return claim
+
+
+def decreases(case: Case, claim: Any) -> None:
+    """Arcs take no more than they may, and nodes have it."""
+    apart = case.differences and case.q
+    need(not apart, "differences have two estimation errors each, which are not known to it")
+    need(all(h.single for h in case.functions), "components act on each other")
     S = schur(case, claim.P, claim.rate) if case.q else None
     found: dict[Arcs, Arc] = {}  # those that are the same are decided once
     pulls = list(own_pulls(case, claim, S))
@@ -69,7 +75,6 @@ def arc_wise(case: Case, check: Any) -> Any:
             slack = plus(left, -taken[i], identity(case.m))
             need(semidefinite(slack), f"what arcs take of agent {case.labels[i]} is not shown")
     between(case, claim, found)
-    return claim
 
 
 def stated_errors(loop: Loop) -> Errors:

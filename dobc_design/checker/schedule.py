@@ -10,12 +10,24 @@ from functools import partial
 from itertools import pairwise
 from typing import Any, NamedTuple
 
+from .arcs import decreases, read_claim
 from .claims import Case
 from .curves import both_faces
 from .cycles import TIMES, MovingRow, fading, keeps, read_cycles, rises, segment
 from .intervals import enclosed
 from .loop import Loop
-from .matrices import ONE, ZERO, Vector, identity, is_diagonal, nonnegative, paired, plus, root
+from .matrices import (
+    ONE,
+    ZERO,
+    Vector,
+    diagonal,
+    identity,
+    is_diagonal,
+    nonnegative,
+    paired,
+    plus,
+    root,
+)
 from .quadratic import contained, inside, read_quadratic
 from .reading import Object, an_object, need, rational, read, text, weights
 from .separable import composite, pace, read_separable, rows, starts
@@ -120,12 +132,13 @@ class Maximum(NamedTuple):
 def takes_over(case: Case, tube: Any, last: Any, box: Any) -> tuple[Fraction, Fraction]:
     """The certificate at the end of the tube holds, and the last box lies in its level; the speed
     at which it decays from there, and after how long."""
-    need(last.kind in ("max-separable", "quadratic", "schedule"), "the kind is not known")
+    kinds = ("max-separable", "quadratic", "arc-wise", "schedule")
+    need(last.kind in kinds, "the kind is not known")
     need(last.level > 0 and last.height > 0 and last.stretch > 0, "a size is not positive")
     widths = list(map(max, tube.upper[-1], tube.lower[-1]))
     left = noise(case, tube, box, tube.times[-1])
     need(last.kind != "quadratic" or not case.signed, "rows have left out the signs")
-    if last.kind == "quadratic":
+    if last.kind in ("quadratic", "arc-wise"):
         return form_takes_over(case, tube, last, widths, left)
     if last.kind == "schedule":
         found = moving_weights(case, last, tube.times[-1])
@@ -179,12 +192,19 @@ def moving_weights(case: Case, last: Any, end: Fraction) -> Maximum:
 def form_takes_over(
     case: Case, tube: Any, last: Any, widths: Vector, left: Fraction
 ) -> tuple[Fraction, Fraction]:
-    """A quadratic certificate, W = sqrt(V)."""
-    claim = read_quadratic(case, last.certificate)
-    P_e = claim.P_e
+    """A quadratic or arc-wise certificate, W = sqrt(V)."""
+    if last.kind == "quadratic":
+        claim = read_quadratic(case, last.certificate)
+        P_e = claim.P_e
+        contained(case, P_e, last.level**2, claim.radius)
+    else:
+        need(not case.gap, "fixed nodes that differ are not known to it")
+        claim = read_claim(case, last.certificate)
+        decreases(case, claim)
+        P_e = diagonal([identity(case.m, d) for d in claim.d])
+        need(last.level**2 <= claim.level, "the level leaves the region")
     units = identity(len(P_e))
     need(all(inside(P_e, z, Fraction(1), last.height) for z in units), "the height is too small")
-    contained(case, P_e, last.level**2, claim.radius)
     if case.q:
         gap = [[last.stretch**2 * x for x in row] for row in tube.P]
         need(nonnegative(plus(gap, -1, claim.P)), "P' <= stretch^2 P is not shown")

@@ -20,8 +20,6 @@ from dobc_design import (
     what_breaks_first,
 )
 from dobc_design.conditions.domain import Ball, Box
-from dobc_design.conditions.schedule import stage
-from dobc_design.conditions.schedule.settling import Settling
 
 ONE = [[1, 2], [2, 1], [2, 3], [3, 2], [3, 4], [4, 3]]
 OTHER = [[1, 4], [4, 1], [4, 3], [3, 4], [3, 2], [2, 3]]
@@ -103,17 +101,15 @@ def test_a_search_from_its_boundary_finds_no_run_that_leaves_and_names_it():
     assert search.certified_rate < search.observed_rate
 
 
-def test_it_does_not_take_over_from_a_moving_box_and_says_so(monkeypatch):
-    def nothing(loop, W, asked, *, progress):
-        given = {name: getattr(asked, name) for name in ("radius", "disturbance", "tolerance")}
-        reason = "no moving box was found."
-        return Settling(verdict=Verdict.UNDECIDED, reason=reason, problem_name=loop.name, **given)
-
-    monkeypatch.setattr(stage, "settle", nothing)
+def test_a_settling_time_ends_with_it():
+    """From |e| <= 1.6 to a hundredth at its rate."""
     certificate = certify(rows(), settling="1/100")
-    (check,) = (each for each in certificate.checks if each.id == "settling")
-    assert check.reason.startswith("no moving box was found. An arc-wise certificate does not take")
-    assert certificate.settling is None
+    settling = certificate.settling
+    assert settling.verdict is Verdict.PROVED
+    assert float(settling.time) == pytest.approx(math.log(160) / certificate.rate, rel=1e-3)
+    assert "by an arc-wise certificate." in settling.reason
+    assert verify(certificate, rows()).holds
+    assert settling.stages[0].kind == "arc-wise"
 
 
 @pytest.mark.slow

@@ -35,7 +35,7 @@ COUNTS: dict[Callable[[], list[Case]], tuple[int, int, int]] = {
     region_cases: (26, 101, 0),
     quadratic_cases: (6, 13, 0),
     arcs_cases: (26, 53, 0),
-    tube_cases: (14, 101, 0),
+    tube_cases: (17, 109, 0),
     cycles_cases: (18, 81, 0),
     graphs_cases: (20, 101, 0),
     groups_cases: (13, 25, 10),

@@ -11,6 +11,7 @@ from dobc_design.conditions.domain import Ball, Box
 from dobc_design.conditions.numbers import claimed, decimal_below, last_found, shorten, text_below
 from dobc_design.conditions.weighted.propose import even_weights, stiffnesses
 from dobc_design.exact.interval import UndefinedError
+from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.symmetric import Doubles
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, exhausted
 from dobc_design.loop.loop import Loop
@@ -49,24 +50,40 @@ def arcs_stage(asked: Asked, report: Progress) -> list[Check]:
     return [_check(asked, *found)]
 
 
+def claims_in(loop: Loop, W: Matrix | None, box: Box) -> Iterator[ArcWise]:
+    """Proved claims that hold all starts of a box."""
+    if obstacle(loop, W) is None:
+        for search in _searches(loop, W, box.disturbance):
+            found = _fastest(search, box)
+            if found is not None:
+                yield found[0]
+
+
+def _searches(loop: Loop, W: Matrix | None, disturbance: float) -> Iterator[Search]:
+    for d in _weights(loop):
+        yield Search(
+            loop=loop,
+            W=W,
+            d=d,
+            disturbance=claimed(disturbance),
+            known={},
+            splits=list(SPLITS),
+        )
+
+
+def _fastest(search: Search, box: Box) -> Found | None:
+    fastest = sorted(_claims(search, box), key=lambda claim: -claim.rate)
+    return _first_proved(search.loop, [(claim, box) for claim in fastest])
+
+
 def _found(asked: Asked) -> Found | None:
     """A proved claim with its domain: the box asked for, else the largest ball."""
     box = Box(asked.radius, asked.disturbance)
     searches = []
-    for d in _weights(asked.loop):
-        search = Search(
-            loop=asked.loop,
-            W=asked.W,
-            d=d,
-            disturbance=claimed(asked.disturbance),
-            known={},
-            splits=list(SPLITS),
-        )
+    for search in _searches(asked.loop, asked.W, asked.disturbance):
         searches.append(search)
         # Other weights are looked for only where these do not do.
-        claims = _claims(search, box) if asked.wanted else ()
-        fastest = sorted(claims, key=lambda claim: -claim.rate)
-        found = _first_proved(asked.loop, [(claim, box) for claim in fastest])
+        found = _fastest(search, box) if asked.wanted else None
         if found is not None:
             return found
     balls = [_largest(asked, search) for search in searches]

@@ -6,6 +6,7 @@ from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
+from dobc_design.conditions.arcs import claim as arcs
 from dobc_design.conditions.case import Case
 from dobc_design.conditions.check import (
     Check,
@@ -35,6 +36,7 @@ from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
 
 from .claim import (
+    ARC_WISE,
     QUADRATIC,
     SCHEDULE,
     SEPARABLE,
@@ -171,11 +173,13 @@ def _last_from_json(kind: object, data: object, loop: Loop, W: Matrix | None) ->
     """Read the certificate that takes over back; raises as ``read_claim``."""
     if kind == QUADRATIC:
         return lure_from_json(read_object(data, names_of(loop)), loop, W)
+    if kind == ARC_WISE:
+        return arcs.claim_from_json(read_object(data, arcs.names_of(loop)), loop, W)
     if kind == SCHEDULE:
         return cycles_from_json(data, loop)
     if kind == SEPARABLE:
         return separable_from_json(data, loop)
-    raise ValueError(f"kind must be {SEPARABLE}, {QUADRATIC} or {SCHEDULE}")
+    raise ValueError(f"kind must be {SEPARABLE}, {QUADRATIC}, {ARC_WISE} or {SCHEDULE}")
 
 
 def tube_from_json(data: object, loop: Loop) -> Tube:

@@ -25,8 +25,8 @@ one is on.
 
 Proof.  The box is subtangential: on a face that e_i touches, its derivative is no larger than that
 of the face, by the rows.  Where the certificate is max-separable, W = N + kappa E with the P of the
-tube; where it is quadratic, W^2 = e'P_e e + sum eps_i'P' eps_i <= sum |P_e|_kl b_k b_l + n
-stretch^2 E^2 for |e| <= b and P' <= stretch^2 P.  Weights that keep to the guarantee take over
+tube; where it is quadratic or arc-wise, W^2 = e'P_e e + sum eps_i'P' eps_i <= sum |P_e|_kl b_k b_l
++ n stretch^2 E^2 for |e| <= b and P' <= stretch^2 P.  Weights that keep to the guarantee take over
 where a phase begins; without weights W = N + kappa E, v = 1, stays.
 """
 
@@ -38,6 +38,7 @@ from itertools import chain, pairwise
 
 from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Shown
+from dobc_design.conditions.arcs.claim import ArcWise
 from dobc_design.conditions.numbers import fields_to_json
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.sectors import GainRange
@@ -59,6 +60,7 @@ from dobc_design.loop.loop import Loop
 SEPARABLE = "max-separable"
 QUADRATIC = "quadratic"
 SCHEDULE = "schedule"
+ARC_WISE = "arc-wise"
 # of the radius: below this every |e_ic| has settled, where no tolerance is named
 SETTLED = Fraction(1, 100)
 FARTHEST = 10_000  # exp(-x) beyond is bounded by exp(-FARTHEST)
@@ -180,7 +182,7 @@ class Cycles:
         return values | error_to_json(self.error)
 
 
-Last = Separable | Lure | Cycles  # what may take over from a box that moves
+Last = Separable | Lure | ArcWise | Cycles  # what may take over from a box that moves
 
 
 @noun
@@ -270,6 +272,8 @@ class Descent:
         """Of the certificate."""
         if isinstance(self.certificate, Lure):
             return QUADRATIC
+        if isinstance(self.certificate, ArcWise):
+            return ARC_WISE
         return SCHEDULE if isinstance(self.certificate, Cycles) else SEPARABLE
 
     def to_json(self) -> Document:

@@ -11,7 +11,9 @@ from fractions import Fraction
 
 import numpy as np
 
-from dobc_design.conditions.quadratic.claim import Lure
+from dobc_design.conditions.arcs import decide as arcs
+from dobc_design.conditions.arcs.claim import ArcWise
+from dobc_design.conditions.quadratic.claim import Lure, Quadratic
 from dobc_design.conditions.quadratic.decide import diagonal_of_inverse, differences, verify_lure
 from dobc_design.conditions.quadratic.sectors import relied_differences
 from dobc_design.conditions.reason import Need, first_missing, fixed_obstacle, signs_obstacle
@@ -84,7 +86,7 @@ def level_at_the_end(loop: Loop, claim: Descent) -> Interval:
     own = claim.certificate
     left = noise(tube, claim.disturbance, tube.ends)
     widths = tube.widths(-1)
-    if isinstance(own, Lure):
+    if isinstance(own, Quadratic):
         return (left * claim.stretch) ** 2 * loop.n + _largest_form(loop, own, widths)
     weights = weights_then(loop, claim)
     size = max(b / v for b, v in zip(widths, weights, strict=True))
@@ -93,11 +95,20 @@ def level_at_the_end(loop: Loop, claim: Descent) -> Interval:
     return Interval.point(size) + left * own.error.kappa
 
 
-def _largest_form(loop: Loop, lure: Lure, widths: Sequence[Fraction]) -> Fraction:
+def _largest_form(loop: Loop, own: Quadratic, widths: Sequence[Fraction]) -> Fraction:
     """A bound of e'P_e e over the box of these widths, by agent."""
     b = [width for width in widths for _ in range(loop.m)]
-    sizes = {place: abs(entry) for place, entry in lure.P_e.entries.items()}
-    return SparseSymmetric(lure.P_e.size, sizes).quadratic_form(b)
+    sizes = {place: abs(entry) for place, entry in own.P_e.entries.items()}
+    return SparseSymmetric(own.P_e.size, sizes).quadratic_form(b)
+
+
+def largest_square(loop: Loop, own: Lure | ArcWise) -> Fraction | None:
+    """Up to which W^2 a quadratic size is known to decay; None without an end."""
+    if isinstance(own, ArcWise) or own.radius is None:
+        return own.level
+    # With a radius it relies on some differences of errors, which its level set has to bound.
+    widest = max(differences(own.P_e, relied_differences(loop)), default=ZERO)
+    return own.radius**2 / widest if widest else None
 
 
 def weights_then(loop: Loop, claim: Descent) -> Sequence[Fraction]:
@@ -106,7 +117,7 @@ def weights_then(loop: Loop, claim: Descent) -> Sequence[Fraction]:
     turns = loop.guarantee.round
     if isinstance(own, Separable):
         return tuple(own.v)
-    if isinstance(own, Lure) or turns is None or len(own.phases) != len(turns.phases):
+    if isinstance(own, Quadratic) or turns is None or len(own.phases) != len(turns.phases):
         return (ONE,) * loop.n
     # Of weights that move those with which the phase begins.
     place, _, _ = turns.at(claim.tube.ends)
@@ -200,7 +211,7 @@ def _takes_over(loop: Loop, W: Matrix | None, claim: Descent) -> Iterator[Need]:
     """The certificate that takes over, and that the last box lies in its level set."""
     own = claim.certificate
     size = claim.level
-    if isinstance(own, Lure):
+    if isinstance(own, Quadratic):
         yield from _quadratic_holds(loop, W, claim, own)
         size = claim.level**2
     else:
@@ -240,14 +251,20 @@ def _weights_hold(claim: Descent, own: Separable | Cycles) -> Iterator[Need]:
     yield within, "its level set reaches beyond the box of its rows."
 
 
-def _quadratic_holds(loop: Loop, W: Matrix | None, claim: Descent, own: Lure) -> Iterator[Need]:
+def _quadratic_holds(
+    loop: Loop, W: Matrix | None, claim: Descent, own: Lure | ArcWise
+) -> Iterator[Need]:
     """What a quadratic size asks of a claim."""
     yield own.rate > 0, "its rate must be > 0."
-    yield not loop.signed, str(signs_obstacle(loop))
-    obstacle = fixed_obstacle(loop)
-    yield obstacle is None, str(obstacle)
-    decision = verify_lure(loop, own)
-    yield decision.is_proved, decision.reason
+    if isinstance(own, ArcWise):
+        reason = arcs.obstacle(loop, W) or arcs.why_not(loop, own)
+        yield reason is None, str(reason)
+    else:
+        yield not loop.signed, str(signs_obstacle(loop))
+        obstacle = fixed_obstacle(loop)
+        yield obstacle is None, str(obstacle)
+        decision = verify_lure(loop, own)
+        yield decision.is_proved, decision.reason
     error = claim.tube.error
     has_pair = (own.P is not None) == (error is not None)
     yield has_pair, "with an [exosystem] the certificate needs a pair P, Q."
@@ -260,9 +277,5 @@ def _quadratic_holds(loop: Loop, W: Matrix | None, claim: Descent, own: Lure) ->
         yield fits, "stretch^2 P (of the tube) - P is not semidefinite."
     high_enough = claim.height**2 >= max(diagonal_of_inverse(own.P_e))
     yield high_enough, "height^2 must be at least every diagonal entry of P_e^-1."
-    # With a radius it relies on some differences of errors, which its level set has to bound.
-    relied = () if own.radius is None else relied_differences(loop)
-    square = claim.level**2
-    most = (own.radius or ZERO) ** 2
-    inside = all(square * width <= most for width in differences(own.P_e, relied))
-    yield inside, "its level set reaches beyond its radius."
+    most = largest_square(loop, own)
+    yield most is None or claim.level**2 <= most, "its level set reaches beyond its radius."

@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dobc_design._checks import noun
+from dobc_design.conditions.arcs.claim import ArcWise
 from dobc_design.conditions.consensus.propose import decay_rate
 from dobc_design.conditions.numbers import rounded_down
-from dobc_design.conditions.quadratic.claim import Lure
-from dobc_design.conditions.quadratic.decide import diagonal_of_inverse, differences, verify_lure
+from dobc_design.conditions.quadratic.claim import Lure, Quadratic
+from dobc_design.conditions.quadratic.decide import diagonal_of_inverse, verify_lure
 from dobc_design.conditions.quadratic.propose import fast_lures, linear_rate, raise_rate
-from dobc_design.conditions.quadratic.sectors import relied_differences
 from dobc_design.conditions.schedule import decide, propose_cycles
 from dobc_design.conditions.separable.claim import ErrorBound, Separable
 from dobc_design.conditions.separable.coordinates import seen_through
@@ -298,7 +298,7 @@ def _choose(path: _Path, candidates: Sequence[Last]) -> tuple[Fraction, Last] | 
     earliest = math.inf
     best: tuple[int, Last] | None = None
     for each in candidates:
-        if isinstance(each, Lure):
+        if isinstance(each, Quadratic):
             handover = _of_quadratic(path, each, widths, loads)
         else:
             handover = _of_weights(path, each, widths, loads)
@@ -344,7 +344,7 @@ def _of_weights(path: _Path, own: Separable | Cycles, widths: Array, loads: Arra
     )
 
 
-def _of_quadratic(path: _Path, own: Lure, widths: Array, loads: Array) -> _Handover:
+def _of_quadratic(path: _Path, own: Lure | ArcWise, widths: Array, loads: Array) -> _Handover:
     loop = path.rows.loop
     P_e = np.abs(to_float(own.P_e.to_dense()))
     b = np.repeat(widths, loop.m, axis=1)
@@ -352,14 +352,10 @@ def _of_quadratic(path: _Path, own: Lure, widths: Array, loads: Array) -> _Hando
     if own.P is not None and path.error is not None:
         stretch = math.sqrt(float(relative_bound(own.P, path.error.P)))
     squares = np.einsum("ti,ij,tj->t", b, P_e, b) + loop.n * (stretch * loads) ** 2
-    most = math.inf
-    if own.radius is not None:
-        wide = max(differences(own.P_e, relied_differences(loop)), default=ZERO)
-        if wide:
-            most = float(own.radius) / math.sqrt(float(wide))
+    most = decide.largest_square(loop, own)
     return _Handover(
         levels=np.sqrt(squares),
-        most=most,
+        most=math.inf if most is None else math.sqrt(float(most)),
         height=math.sqrt(float(max(diagonal_of_inverse(own.P_e)))),
         rate=float(decide.rate_near(own)),
     )

@@ -22,13 +22,14 @@ from dobc_design.exact.number import ZERO, float_above
 from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
 
-from .claim import QUADRATIC, SCHEDULE, SEPARABLE, Cycles, Descent, Tube
+from .claim import ARC_WISE, QUADRATIC, SCHEDULE, SEPARABLE, Cycles, Descent, Tube
 from .decide import bound_after, rate_near
 
 Array = NDArray[np.float64]
 CALLED = {
     SEPARABLE: "a max-separable certificate",
     QUADRATIC: "a quadratic certificate",
+    ARC_WISE: "an arc-wise certificate",
     SCHEDULE: "weights that keep to the guarantee",
 }
 

@@ -14,14 +14,14 @@ from functools import partial
 from itertools import chain
 from typing import Any
 
-from dobc_design.conditions.arcs.claim import ArcWise
+from dobc_design.conditions.arcs.stage import claims_in
 from dobc_design.conditions.case import Case
 from dobc_design.conditions.check import Check, cut_check, surviving, undecided_check
 from dobc_design.conditions.coverage import Asked as Region
 from dobc_design.conditions.coverage import Progress, asked_radius
-from dobc_design.conditions.domain import Around
+from dobc_design.conditions.domain import Around, Box
 from dobc_design.conditions.numbers import claimed, decimal_above, rounded_up
-from dobc_design.conditions.quadratic.claim import Lure
+from dobc_design.conditions.quadratic.claim import Quadratic
 from dobc_design.conditions.quadratic.decide import diagonal_of_inverse
 from dobc_design.conditions.reason import first_missing, gap_obstacle
 from dobc_design.conditions.schedule import decide, propose, propose_cycles
@@ -58,10 +58,6 @@ DIGITS = 10  # of levels and roots
 EXTRA = Fraction(1, 10**9)  # added to them, for whoever encloses exp more widely
 SMALLEST = Fraction(1, 10**300)
 TIMES = 10**4  # settling times have four decimals
-NO_ARCS = (
-    "An arc-wise certificate does not take over from a moving box; `dobc region` says when its own "
-    "bound settles."
-)
 
 
 def starts_given(loop: Loop, *, tolerance: Any, radius: Any, disturbance: Any) -> Asked | None:
@@ -186,15 +182,18 @@ def settle(loop: Loop, W: Matrix | None, asked: Asked, *, progress: Progress) ->
 
 
 def _by_one_certificate(loop: Loop, W: Matrix | None, asked: Asked) -> Descent | None:
-    """A proved claim by a max-separable certificate that holds all starts."""
+    """A proved claim by a max-separable or arc-wise certificate that holds all starts."""
     plan = Cover(loop=loop, radius=asked.radius, disturbance=asked.disturbance, W=W).fastest()
-    if plan is None:
-        return None
-    for each in chain((plan,), flatter_plans(loop, plan)):
+    plans = () if plan is None else chain((plan,), flatter_plans(loop, plan))
+    for each in plans:
         whole = first_certificate(loop, W, each)
         if whole is not None:
             start = Tube.start(loop, asked.radius, whole.error)
             return _proved(loop, W, asked, start, whole)
+    box = Box(decimal_above(asked.radius), decimal_above(asked.disturbance))
+    for last in claims_in(loop, W, box):
+        start = Tube.start(loop, asked.radius, propose.observed(loop, W))
+        return _proved(loop, W, asked, start, last)
     return None
 
 
@@ -228,7 +227,7 @@ def _proved(
         time=tube.ends,
     )
     size = decide.level_at_the_end(loop, draft)
-    if isinstance(certificate, Lure):
+    if isinstance(certificate, Quadratic):
         level = _up(sqrt(size).hi)
     else:
         level = _up(size.hi)
@@ -245,14 +244,14 @@ def _proved(
 
 def _height(certificate: Last) -> Fraction:
     """The largest |e|_inf of errors whose size is at most 1, rounded up."""
-    if isinstance(certificate, Lure):
+    if isinstance(certificate, Quadratic):
         return _root_above(max(diagonal_of_inverse(certificate.P_e)))
     return decide.tallest(certificate)
 
 
 def _stretch(certificate: Last, tube: Tube) -> Fraction:
     """A number s with P' <= s^2 P, for the observer's P' of a quadratic certificate; else 1."""
-    if not isinstance(certificate, Lure) or certificate.P is None or tube.error is None:
+    if not isinstance(certificate, Quadratic) or certificate.P is None or tube.error is None:
         return ONE
     return _root_above(propose.relative_bound(certificate.P, tube.error.P))
 
@@ -310,8 +309,6 @@ def settling_stage(
     except (ArithmeticError, RuntimeError, ValueError) as error:
         logger.warning("no settling time: %s", error)
         return undecided("no settling time is found: a numerical library broke down.")
-    if found.claim is None and case.proof(ArcWise) is not None:
-        found = replace(found, reason=f"{found.reason} {NO_ARCS}")
     return settling_check(loop, case.W, found, domain=case.domain)
 
 

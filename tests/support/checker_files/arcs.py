@@ -36,6 +36,7 @@ from checker_files.separable import (
     claimed_in,
     given,
 )
+from checker_files.settling import last, settling, tube
 from dobc_design import Group, Network, Observer, Problem
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.conditions.kinds import KINDS
@@ -325,3 +326,8 @@ def _others() -> Iterator[Case]:
     yield holds("signs", "of both signs", both_signs)
     yield wrong("signs", both_signs, "the rate", rate=2.7496, own="2.7496")
     yield fails("apart", "between fixed nodes", changed(SINES, rate=0.1, own="0.1"))
+    near = SINES["exact"] | {"level": "0.5", "rate": "0.6"}
+    at_once = last("arc-wise", near, "0.57", "1")
+    settled = settling(box(0.4), "0.4", "5", tube("0", "0.4 0.4"), at_once)
+    yield fails("apart", "between fixed nodes it settles", settled, **UNDECIDED)
+    yield holds("sines", "it settles", settled, **UNDECIDED)

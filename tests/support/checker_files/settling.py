@@ -126,6 +126,14 @@ STRETCHED = settling(DISTURBED, "0.01", "4.6764", HEARD, DECAYING)
 STAYING = tube("0 1/4", "1 1; 0.65 0.65", **WATCHED | {"beta": "1/1000"})
 KEPT = last("quadratic", STEEP, "1.921", "0.707107", "2")
 STILL = settling(DISTURBED, "0.01", "6", STAYING, KEPT)
+# LINE by V = e'e: 2 x (y - x) <= -x^2 + y^2, so that V' <= -V.  level^2 >= 0.445^2 + 0.835^2 =
+# 0.89525, and 1 + 2 ln 9.4618 = 5.494527.
+SHARES = {"d": ["1", "1"], "a": {"G": ["-1"]}, "b": {"G": ["1"]}, "level": "0.8953", "rate": "1/2"}
+PAID = bent(LINE, last=last("arc-wise", SHARES, "0.94618", "1"), time="5.4946")
+# 12 - 2 rate 2 - 4/8 >= 1 for each arc, which takes 1 of whom it hears.
+EACH = {"d": ["2", "2"], "a": {"G": ["0"] * 2}, "b": {"G": ["1"] * 2}, "level": "0.8483"}
+PAID_BESIDE = last("arc-wise", EACH | {"rate": "1", "P": [["4"]]}, "0.92102", "0.707107", "2")
+PAID_SEEN = bent(STRETCHED, last=PAID_BESIDE)
 GOOD = {"line": LINE, "curved line": CURVE, "cubic": CUBIC, "bent": UNEVEN, "linear matrix": MIXED}
 
 
@@ -152,7 +160,11 @@ _each_wrong = _FORGER.each_wrong
 def _good() -> Iterator[Case]:
     for name, check in GOOD.items():
         yield _holds(name, "true", check)
-    for check in (SEEN, STRETCHED, STILL):
+    yield _holds("line", "arc by arc", PAID)
+    of_modes = {name: dict.fromkeys("AB", SHARES[name]["G"]) for name in "ab"}
+    signed = last("arc-wise", SHARES | of_modes, "0.94618", "1")
+    yield _holds("signed line", "arc by arc", bent(PAID, last=signed))
+    for check in (SEEN, STRETCHED, STILL, PAID_SEEN):
         yield _holds("observed, linear", "true", check)
     yield _holds("observed, linear", "no disturbance", SEEN | {"domain": box(1, 0)})
     start = tube("0", "1 1")
@@ -241,6 +253,17 @@ def _bent_lasts() -> Iterator[Case]:
     yield _wrong("line", LINE, tube=None)
     yield from _each_wrong("line", LINE, certificate=[None, {}])
     yield _wrong("line", LINE, last=WIDE)
+    yield _wrong("line", PAID, time="5.494")
+    yield from _each_wrong("line", PAID, level=["0.94617", "0.94622"], height=["0.9999"])
+    for part in (
+        {"b": {"G": ["0.999"]}},
+        {"a": {"G": ["-0.999"]}},
+        {"rate": "0.5001"},
+        {"rate": "-1"},
+        {"level": "0.8952"},
+    ):
+        yield _wrong("line", PAID, last=last("arc-wise", SHARES | part, "0.94618", "1"))
+    yield _wrong("line", PAID, kind="quadratic")
     wide = bent(CURVE, time="9")
     yield _holds("curved line", "level rho", bent(wide, level="1"))
     yield from _each_wrong("curved line", wide, level=["1.0001", "0.8007"])
@@ -266,7 +289,7 @@ def _bent_lasts() -> Iterator[Case]:
 
 def _bent_observer() -> Iterator[Case]:
     name = "observed, linear"
-    for check, too_large in ((SEEN, "1.1"), (STRETCHED, "1.2")):
+    for check, too_large in ((SEEN, "1.1"), (STRETCHED, "1.2"), (PAID_SEEN, "1.2")):
         for k, value in ((1, "0.614"), (2, "0.378")):
             yield _fails(name, f"agent 1 {value}", moved(check, k, 0, value))
         yield from _each_wrong(name, check, domain=[box(1, 0.51), box(1.001, 0.5)])

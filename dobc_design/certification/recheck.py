@@ -20,7 +20,7 @@ from dobc_design.conditions.check import Check, Checks, withdrawn
 from dobc_design.conditions.consensus import decide as consensus
 from dobc_design.conditions.consensus.claim import Pair, state_theorems
 from dobc_design.conditions.domain import EVERYWHERE, Domain
-from dobc_design.conditions.kinds import ids_in
+from dobc_design.conditions.kinds import READINGS, ids_in
 from dobc_design.conditions.numbers import MATRIX_BITS, doubles_from_json, is_short
 from dobc_design.conditions.reason import open_reason
 from dobc_design.errors import CertificateError, DobcError, reason_of
@@ -382,6 +382,8 @@ def confirm(check: Check, trusted: Trusted) -> str | None:
         if any(part is not None for part in claims):
             return "an undecided check must claim nothing"
         return None
+    if loop.is_sampled and check.kind.role != "part" and check.id != READINGS:
+        return "everything is computed from samples, and it is about a flow"
     return TOPICS[check.kind.topic].confirmed(check, trusted)
 
 

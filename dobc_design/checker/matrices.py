@@ -201,30 +201,6 @@ def meets(rows: Matrix, basis: list[int], box: list[Any]) -> bool:
 
 
 # --- Polynomials
-def each_once(p: Vector) -> Vector:
-    """The polynomial with the same roots, none of them twice: p over what it shares with p'."""
-    degree = len(p) - 1
-    shared = list(p)
-    rest = [(degree - k) * c for k, c in enumerate(p[:-1])]
-    while any(rest):
-        shared, rest = rest, divided(shared, rest)[1]
-    return divided(p, shared)[0]
-
-
-def divided(p: Vector, by: Vector) -> tuple[Vector, Vector]:
-    """Quotient and remainder of polynomials, highest power first; the remainder without zeros in
-    front."""
-    rest = list(p)
-    quotient = []
-    while len(rest) >= len(by):
-        factor = rest[0] / by[0]
-        quotient.append(factor)
-        rest = [a - factor * b for a, b in zip_longest(rest, by, fillvalue=ZERO)][1:]
-    while rest and not rest[0]:
-        rest = rest[1:]
-    return quotient, rest
-
-
 def characteristic(X: Matrix) -> Vector:
     """Coefficients of det(s I - X), highest power first (Faddeev and LeVerrier, in integers)."""
     size = len(X)

@@ -23,6 +23,7 @@ from checker_files.groups import groups_cases
 from checker_files.margins import margins_cases
 from checker_files.mutants import FILES, Removal, removals, with_slip
 from checker_files.quadratic import quadratic_cases
+from checker_files.readings import readings_cases
 from checker_files.removals import EQUIVALENT, noticed_by, outcome
 from checker_files.schedules import cycles_cases
 from checker_files.separable import region_cases
@@ -45,6 +46,7 @@ COUNTS: dict[Callable[[], list[Case]], tuple[int, int, int]] = {
     dynamics_cases: (20, 55, 20),
     agreement_cases: (29, 50, 7),
     containment_cases: (6, 9, 15),
+    readings_cases: (60, 120, 15),
 }
 
 
@@ -126,11 +128,22 @@ FEW = {
     ),
     "files": ("len(echelon(dynamics.B)[0]) == columns", "self.n > 1", "free", "linear"),
     "examine": ("claims.problem_sha256 == case.problem.sha256",),
-    "separable": ("left >= 0", "exact.delay >= 0"),
+    "separable": (
+        "left >= 0",
+        "min(exact.delay, own, event) >= 0",
+        "T * claim.alpha < 1",
+        "plant.known_to_agents",
+        "together or not timing.late",
+        "alone",
+        "held",
+        "straight",
+        "integrators and (not apart)",
+        "turn > 0",
+    ),
     "quadratic": ("claim.level > 0",),
 }
 REMOVED = list(removals("schedule"))
-for file in ("graphs", "coordinates", "arcs"):
+for file in ("graphs", "coordinates", "arcs", "sampled"):
     REMOVED += (each for each in removals(file) if each.text not in EQUIVALENT)
 for file, some in FEW.items():
     REMOVED += (each for each in removals(file) if each.text in some)

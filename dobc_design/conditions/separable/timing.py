@@ -190,7 +190,8 @@ def late_witness_obstacle(loop: Loop, check: Check) -> str | None:
     if M is None or witness.kind != EIGENVALUE or witness.labels:
         return "it needs linear couplings, one mode, and an eigenvalue as its witness"
     if timing.period:
-        return None if overshoots(loop, M) else "no eigenvalue is outside the unit circle"
+        shown = overshoots(loop, M) and not witness.values
+        return None if shown else "no eigenvalue is outside the unit circle"
     x, y = (read_rational(value) for value in witness.values or ())
     return None if turns_too_far(loop, M, (x, y)) else "it does not diverge around this eigenvalue"
 

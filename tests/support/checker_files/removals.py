@@ -14,6 +14,7 @@ from checker_files.groups import groups_cases
 from checker_files.margins import margins_cases
 from checker_files.mutants import FILES, Removal, Watched, removals, without
 from checker_files.quadratic import quadratic_cases
+from checker_files.readings import readings_cases
 from checker_files.schedules import cycles_cases
 from checker_files.separable import region_cases
 from checker_files.settling import tube_cases
@@ -34,6 +35,7 @@ EVERY = (
     dynamics_cases,
     agreement_cases,
     containment_cases,
+    readings_cases,
 )
 #: The cases to try first.
 FIRST: dict[str, tuple[Callable[[], list[Case]], ...]] = {}
@@ -42,7 +44,8 @@ FIRST["pairs"] = (agreement_cases,)
 FIRST["loop"] = (dynamics_cases,)
 FIRST["guarantee"] = cycles_cases, graphs_cases
 FIRST["consensus"] = dynamics_cases, cases
-FIRST["separable"] = (region_cases,)
+FIRST["separable"] = region_cases, readings_cases
+FIRST["sampled"] = (readings_cases,)
 FIRST["margins"] = margins_cases, dynamics_cases, agreement_cases
 FIRST["accuracy"] = (accuracy_cases,)
 FIRST["quadratic"] = (quadratic_cases,)
@@ -81,12 +84,14 @@ EQUIVALENT["not halvings"] = (
 EQUIVALENT["rate * each.times[-1] <= LONGEST"] = (
     "it bounds the work: the weights would have to fall as far."
 )
+EQUIVALENT["norm(whole.entries) >> LARGEST == 0"] = "it bounds the work: the ball is as true."
 EQUIVALENT["low == high"] = (
     "f less an end of an interval is not shown to vanish at the target, which the reader asks."
 )
 EQUIVALENT |= dict.fromkeys(
     (
         "size <= ROWS",
+        "case.size <= MOST",
         "len(X) <= 20",
         "case.n <= AGENTS",
         "m <= MOST",

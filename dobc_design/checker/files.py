@@ -185,6 +185,8 @@ class Problem:
         periods = [each.period for each in periods if each is not None and each.period is not None]
         ticks = len(periods) + (self.stated.time is not None)
         need(ticks <= 1 and min(periods, default=1) > 0, "there are two periods, or one is not > 0")
+        sampled = self.stated.processor is not None or self.stated.time is not None
+        need(self.dynamics is None or not sampled, "agents move by themselves between samples")
         if late is not None:
             need(min(late.delay, late.own_delay, late.event) >= 0, "an age is negative")
             need(late.event < 1, "the threshold of an event is a part")

@@ -562,6 +562,10 @@ def _unreadable() -> Iterator[Case]:
         "two periods": {"readings": now | {"period": "1"}, "processor": {"period": "1"}},
         "steps and ticks": {"processor": {"period": "1"}, "time": "discrete"},
         "another time": {"time": "now"},
+        "dynamics of a processor": {
+            "dynamics": {"A": [["1"]], "B": [["1"]]},
+            "processor": {"period": "1"},
+        },
         "an old version": {"version": 3},
     }
     data, problem = _frames()["now"]

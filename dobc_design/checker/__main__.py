@@ -15,8 +15,8 @@ read.
 To read in this order: reading (how files are read, and ``need``, which every check calls),
 matrices; intervals and expressions (couplings); files (what the problem states), guarantee and loop
 (what is proved about it); claims (what a certificate holds); examine (what is asked in which
-order) and verdict; then one topic after the other: consensus (the target), curves and separable,
-quadratic, coordinates, cycles, schedule, graphs, accuracy, margins; last factors.
+order) and verdict; then one topic after the other: consensus (the target) and sampled, curves and
+separable, quadratic, coordinates, cycles, schedule, graphs, accuracy, margins; last factors.
 """
 
 import sys

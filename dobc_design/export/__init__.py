@@ -38,7 +38,7 @@ MOST_ARCS = 20_000  # of all modes in a Python file: a few MB
 def to_c(
     problem: Source,
     *,
-    period: Any,
+    period: Any = None,
     precision: str = "double",
     agents: Sequence[Any] | str | int | None = None,
     certificate: Certificate | Claims | None = None,
@@ -46,11 +46,12 @@ def to_c(
 ) -> CCode:
     """C99 of the sampled observer and controller, with a self-test; ``save(folder)`` writes it.
 
-    ``period`` in s; ``precision`` "double" or "float"; ``agents``: labels, or one; default all (at
-    most 200), of one group where they have different exosystems; ``certificate``: its check
-    ``sampling`` is compared with the period; ``sampled_gain`` (q, m) in place of the discretised W,
-    as ``design_observer(period=...)`` gives it.  A missing W is designed first, as ``certify``
-    does.
+    ``period`` in s, not needed where the problem has a [processor]: the code is then its recursion,
+    with a function for packets of a known age; ``precision`` "double" or "float"; ``agents``:
+    labels, or one; default all (at most 200), of one group where they have different exosystems;
+    ``certificate``: its check ``sampling`` is compared with the period; ``sampled_gain`` (q, m) in
+    place of the discretised W, as ``design_observer(period=...)`` gives it.  A missing W is
+    designed first, as ``certify`` does.
     Returns: a CCode.  Raises: SpecError for a certificate of another problem, and for a period at
     which the sampled loop diverges; it then names one that works.
     Example:
@@ -79,7 +80,9 @@ def to_c(
     return c_code(recorder.recorded(controller), certified=certified)
 
 
-def to_fmu(problem: Source, *, period: Any, agent: Any = None, sampled_gain: Any = None) -> Fmu:
+def to_fmu(
+    problem: Source, *, period: Any = None, agent: Any = None, sampled_gain: Any = None
+) -> Fmu:
     """One agent's sampled controller as an FMU (FMI 3.0, co-simulation); ``save(path)`` writes it.
 
     ``agent``: its label; default the first pinned one; ``period`` and ``sampled_gain`` as in

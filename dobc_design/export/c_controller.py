@@ -10,6 +10,7 @@ with f up to what changes of f(x) - A x in a period; their sampled network is de
 disturbance.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from fractions import Fraction
 from functools import partial
@@ -23,10 +24,11 @@ from dobc_design.conditions.consensus.claim import (
     linearisation,
 )
 from dobc_design.conditions.consensus.decide import of_differences
-from dobc_design.conditions.domain import EVERYWHERE, Around
+from dobc_design.conditions.domain import EVERYWHERE, Around, Domain
+from dobc_design.conditions.kinds import READINGS
 from dobc_design.conditions.numbers import bisected, rounded_down
 from dobc_design.conditions.statement import Statement, undecided
-from dobc_design.errors import refused
+from dobc_design.errors import refused, wrong
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
 from dobc_design.exact.interval import IntervalMatrix, UndefinedError, discretise
 from dobc_design.exact.matrix import (
@@ -46,7 +48,8 @@ from dobc_design.exact.number import ONE, ZERO, number_text, parse_number
 from dobc_design.exact.polynomial import characteristic_polynomial, decide_images, disk_image
 from dobc_design.exact.reading import named, shown
 from dobc_design.loop.arrays import Gain, chosen_gain
-from dobc_design.loop.make import loop_of
+from dobc_design.loop.make import loop_of, timing_of
+from dobc_design.loop.timing import Timing, timing_words
 from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.exosystems import block_diagonal
 from dobc_design.problem.groups import gains_of, group_numbers
@@ -60,18 +63,15 @@ from .c_text import PRECISIONS, rounded
 
 def certified_sampling(problem: Problem, claims: Claims, period: Fraction) -> Statement:
     """State whether ``period`` (s) is within the one that the certificate proves: PROVED, or
-    UNDECIDED."""
+    UNDECIDED; on a processor, whether it is about this loop."""
+    timing = timing_of(problem)
+    if timing is not None and timing.sampled:
+        return _certified_loop(claims, timing)
     longest = certified_period(loop_of(problem), claims)
     if longest is None:
         return undecided("certified-sampling", "the certificate has no proved check `sampling`.")
     domain = next(check.domain for check in claims.checks if check.id == "sampling")
-    limit = f"{float(longest):.4g} s"
-    if domain == EVERYWHERE:
-        limit += ", from every start"
-    elif isinstance(domain, Around):
-        limit += f", from every start with |e|_inf <= {domain.radius:g}"
-        if domain.disturbance:
-            limit += f" and |eps_i| <= {domain.disturbance:g}"
+    limit = f"{float(longest):.4g} s{_starts(domain)}"
     if period > longest:
         verdict = Verdict.UNDECIDED
         text = (
@@ -85,6 +85,25 @@ def certified_sampling(problem: Problem, claims: Claims, period: Fraction) -> St
             f"held for {limit} (observer and estimate: those of (13), in continuous time)."
         )
     return _about("certified-sampling", longest, verdict, text)
+
+
+def _starts(domain: Domain) -> str:
+    if domain == EVERYWHERE:
+        return ", from every start"
+    if not isinstance(domain, Around):
+        return ""
+    text = f", from every start with |e|_inf <= {domain.radius:g}"
+    return f"{text} and |eps_i| <= {domain.disturbance:g}" if domain.disturbance else text
+
+
+def _certified_loop(claims: Claims, timing: Timing) -> Statement:
+    """What the check about readings says of the loop of a processor."""
+    for check in claims.checks:
+        if check.id == READINGS and check.is_proved:
+            text = "the certificate's check `readings` proves the loop of this code, with "
+            text += f"{timing_words(timing)}{_starts(check.domain)}."
+            return _about("certified-sampling", timing.period, Verdict.PROVED, text)
+    return undecided("certified-sampling", "the certificate has no proved check `readings`.")
 
 
 def _about(kind: str, period: Fraction, verdict: Verdict, text: str) -> Statement:
@@ -283,8 +302,9 @@ class Controller:
     rounded to ``precision``; () without an exosystem.  ``motion`` (m, m), ``push`` (m, p),
     ``watch`` (p, m): of [dynamics], where a state becomes x + motion x + push v in a period without
     a disturbance, or x + motion f(x) + push v. ``period`` in s. ``statements``: what is decided
-    about these numbers.  ``states``: where its exosystem's states stand in a simulation, which
-    holds those of all groups of agents side by side."""
+    about these numbers.  ``oldest``: samples that a packet may be old, None where nobody says.
+    ``states``: where its exosystem's states stand in a simulation, which holds those of all groups
+    of agents side by side."""
 
     problem: Problem
     period: Fraction
@@ -295,6 +315,7 @@ class Controller:
     agents: tuple[AgentNumbers, ...]
     statements: tuple[Statement, ...]
     states: range
+    oldest: int | None = None
     motion: Matrix = ()
     push: Matrix = ()
     watch: Matrix = ()
@@ -336,7 +357,7 @@ def make_controller(
     L = None if sampled_gain is None else matrix(sampled_gain, name="sampled_gain")
     if L is not None:
         check_sampled_gain(shape(L), q=problem.q, m=problem.inputs, grouped=problem.is_grouped)
-    asked = _read_period(period)
+    asked = _read_period(problem, period, L)
     chosen = _chosen(problem, agents)
     numbers = tuple(_numbers(problem, agent) for agent in chosen)
     observed = _observed(problem, W, chosen)
@@ -351,6 +372,9 @@ def make_controller(
     # What is wrong with the arguments is said before anything is discretised or simulated.
     controller = plan.at(asked)
     failed = _obstacle(controller, objection)
+    if failed and problem.processor is not None:
+        message = f"of {float(asked):.4g} s is too long: {failed}"
+        raise wrong("processor.period", message, "Choose a shorter one, or another observer.W.")
     if failed:
         works = longest_period(lambda value: not _obstacle(plan.at(value), objection), asked)
         cure = "No shorter period that was tried works either: look at the gains and at W."
@@ -449,10 +473,15 @@ class _Plan:
             agents=self.agents,
             statements=tuple(statements),
             states=self.observed.states,
+            oldest=self._oldest(period),
             motion=motion,
             push=push,
             watch=watch,
         )
+
+    def _oldest(self, period: Fraction) -> int | None:
+        timing = timing_of(self.problem)
+        return None if timing is None else math.ceil(timing.delay / period) + timing.lost
 
     def _slopes(self) -> Matrix:
         """A of the plant, or the slopes of f at the target, (m, m)."""
@@ -481,6 +510,8 @@ class _Plan:
         if self.sampled_gain is not None:
             return self.sampled_gain
         own = self.observed
+        if self.problem.processor is not None:
+            return scale(period, own.W)
         # W corrects from states; from what the inputs explain of them it is W B.
         gain = multiply(own.W, self.plant.B)
         error = discretise(subtract(own.A, multiply(gain, own.C)), period).mean
@@ -502,7 +533,16 @@ def _middle(found: IntervalMatrix) -> Matrix:
     return tuple(tuple(entry.midpoint for entry in row) for row in found)
 
 
-def _read_period(given: Any) -> Fraction:
+def _read_period(problem: Problem, given: Any, L: Matrix | None) -> Fraction:
+    if problem.processor is not None:
+        stated = problem.processor.period
+        if given is not None and parse_number(given, "--period") != stated:
+            message = f"--period must be that of [processor], {float(stated):.6g} s; got {given}."
+            raise refused("--period", message, "Leave it out, or change the problem.")
+        if L is not None:
+            message = "is period times observer.W where the problem has a [processor]."
+            raise wrong("sampled_gain", message, "Leave it out, or change observer.W.")
+        given = stated
     if given is None:
         raise refused(
             "--period",

@@ -101,6 +101,8 @@ class Recorder:
         run = self.run(controller)
         if not run.diverged:
             return ""
+        if self.problem.processor is not None:
+            return f"in a simulation {run.reason}."
         # Would it converge if nothing were sampled?
         free = self.simulated(controller, None)
         if free.diverged:
@@ -119,6 +121,8 @@ class Recorder:
             limit = None if given is None else float(rounded(given, "double"))
             period = float(controller.period)
             stress = Stress(period=period, sampled_gain=self.sampled, saturation=limit)
+            if self.problem.processor is not None:  # which says both
+                stress = Stress(saturation=limit)
             self.last = controller.period, self.simulated(controller, stress)
         return self.last[1]
 
@@ -131,8 +135,10 @@ class Recorder:
         mode = None
         if self.signal is None:
             mode = next(iter(controller.problem.network.modes))
+        # Packets of the vectors are those that arrive at once.
+        prompt = controller.problem.replace(readings=None)
         setting = make_setting(
-            controller.problem,
+            prompt,
             mode=mode,
             signal=self.signal,
             t_final=times[-1],

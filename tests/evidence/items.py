@@ -96,6 +96,8 @@ def _items() -> Iterator[Item]:
     # the count is runs, of 48 side by side
     yield Item("late-runs", readings.run, 10_000, 7, share=50)
     yield Item("late-margins", readings.margins, 30, 0)
+    # the count is samples
+    yield Item("processor-code", readings.code, 1_000_000, 1)
     # the count is starts
     yield Item("dynamic-regions", published.regions, 10_000, 0, share=0)
     yield Item("decided", certificates.decided, 500, 9000, share=80)

@@ -13,7 +13,9 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
 from itertools import islice
+from pathlib import Path
 from random import Random
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -30,6 +32,7 @@ from oracles.late import (
     on_ticks,
     sampled_error,
 )
+from processor_code import differences
 
 from dobc_design import Exosystem, Observer, Problem
 from dobc_design.conditions.observer.propose import design_gain, design_sampled_gain
@@ -375,3 +378,24 @@ def margins(count: int, seed: int) -> Row:
 
 def _spread(values: list[float]) -> str:
     return f"{min(values):.3f} to {max(values):.3f}, median {np.median(values):.3f}"
+
+
+# --- The code
+def code(count: int, seed: int) -> Row:
+    """``count`` samples of the exported C with sanitizers, against the recursion in long double."""
+    failures = []
+    notes = []
+    kinds = (("saturated", 2.0, False), ("late", 0.0, False), ("measured", 0.0, True))
+    for name, limit, clean in kinds:
+        with TemporaryDirectory() as folder:
+            found = differences(Path(folder), steps=count, seed=seed, limit=limit, clean=clean)
+        worst = max(found.u, found.estimate)
+        if not worst <= 1e-12:
+            failures.append(f"{name}: {found}")
+        notes.append(f"{name}: {worst:.1e}, {found.skipped} bad and {found.late} late inputs.")
+    return Row(
+        what="samples of C code on a processor, within 1e-12 of the recursion",
+        count=len(kinds) * count,
+        failures=failures,
+        notes=notes,
+    )

@@ -12,7 +12,7 @@ from dobc_design.certificate.claims import Claims
 from dobc_design.conditions.observer.propose import observer_gain
 from dobc_design.coupling.expression import formula_text
 from dobc_design.coupling.functions import FUNCTIONS
-from dobc_design.errors import refused
+from dobc_design.errors import refused, wrong
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.exact.reading import Document
 from dobc_design.loop import arrays
@@ -240,7 +240,12 @@ def build_model(problem: Source, *, mode: str | None = None) -> Model:
 
 
 def to_control(
-    problem: Source, *, mode: str | None = None, signal: Any = None, seed: int | None = None
+    problem: Source,
+    *,
+    mode: str | None = None,
+    signal: Any = None,
+    seed: int | None = None,
+    sampled: bool | None = None,
 ) -> ConsensusLoop:
     """The closed loop as a control.NonlinearIOSystem, whose response reproduces the trajectory of
     ``simulate``.
@@ -248,7 +253,9 @@ def to_control(
     ``exosystem`` and ``observer`` of the result are control.StateSpace of one agent;
     ``start_of(trajectory)`` is the initial state.  Modes as in ``simulate``: ``mode``, a ``signal``
     that does not depend on the states, else the problem's [switching], up to its t_final; ``seed``
-    draws the switches.  A missing W is designed first.
+    draws the switches.  ``sampled``: the loop of a [processor] from sample to sample (dt is its
+    period), or of agents that move in steps; False: that of (13), in continuous time; by default as
+    the problem says.  A missing W is designed first.
     Returns: a ConsensusLoop.  Raises: SpecError.
     """
     from dobc_design.simulation.signals import Mobile, signal_of
@@ -267,7 +274,17 @@ def to_control(
             "Give a mode, or another signal.",
         )
     seed = problem.simulation.seed if seed is None else seed
-    return run(problem, mode=mode, signal=signal, seed=seed, gain=observer_gain(loop_of(problem)))
+    loop = loop_of(problem)
+    period = 0.0
+    if sampled or (sampled is None and loop.is_sampled):
+        if loop.timing is None or not loop.is_sampled:
+            raise wrong("sampled", "needs a [processor].", "Give it, with its period.")
+        problem.require("the sampled model of python-control")
+        period = float(loop.timing.period)
+    elif problem.steps:
+        raise wrong("sampled", "cannot be False: agents move in steps.", "Leave it out.")
+    gain = observer_gain(loop)
+    return run(problem, mode=mode, signal=signal, seed=seed, gain=gain, period=period)
 
 
 def python_script(problem: Source) -> str:

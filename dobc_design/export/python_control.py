@@ -24,6 +24,7 @@ from dobc_design.simulation.field import (
     make_closed_loop,
     network_of,
 )
+from dobc_design.simulation.sampled import discretised, transition
 from dobc_design.simulation.signals import Fixed, Scheduled
 from dobc_design.simulation.switches import scheduled_switches
 from dobc_design.simulation.trajectory import Trajectory
@@ -36,7 +37,8 @@ class ConsensusLoop(control.NonlinearIOSystem):  # type: ignore[misc]  # control
     are n p numbers.  ``exosystem`` (12) has no input but a zero one; ``observer`` (13) of one agent
     has the inputs x_i and v_i = couplings + u_i and the output dhat_i; both are None without an
     exosystem, and the observer where [dynamics] has an f, which no StateSpace holds.  The m numbers
-    of a leader are states, too, after the others."""
+    of a leader are states, too, after the others.  On a processor, and of agents that move in
+    steps, all of them are systems from sample to sample, and d and dhat means over a period."""
 
     def __init__(
         self,
@@ -44,6 +46,7 @@ class ConsensusLoop(control.NonlinearIOSystem):  # type: ignore[misc]  # control
         update: Callable[..., Array],
         output: Callable[..., Array],
         name: str,
+        period: float = 0,
     ) -> None:
         n, m, q = loop.n, loop.m, loop.q
         p = len(loop.output)
@@ -57,14 +60,16 @@ class ConsensusLoop(control.NonlinearIOSystem):  # type: ignore[misc]  # control
             inputs=_names("w", n, p),
             outputs=outputs,
             name=name,
-            dt=0,
+            dt=period,
         )
         self.loop = loop
         self.exosystem = None
         self.observer = None
         if q > 0:
-            self.exosystem = exosystem_of(loop)
-            if loop.bend is None:
+            self.exosystem = exosystem_of(loop, period)
+            if period:
+                self.observer = sampled_observer_of(loop, period)
+            elif loop.bend is None:
                 self.observer = observer_of(loop)
 
     def start_of(self, trajectory: Trajectory) -> Array:
@@ -76,14 +81,20 @@ class ConsensusLoop(control.NonlinearIOSystem):  # type: ignore[misc]  # control
 
 
 def to_control(
-    problem: Problem, *, mode: str | None, signal: Scheduled | None, seed: int, gain: Gain | None
+    problem: Problem,
+    *,
+    mode: str | None,
+    signal: Scheduled | None,
+    seed: int,
+    gain: Gain | None,
+    period: float = 0,
 ) -> ConsensusLoop:
     """Build the loop in one mode (the first, or ``mode``), or under a switching ``signal`` up to
     the problem's t_final.
 
     ``seed`` draws the switches as ``simulate`` does; python-control's integrators do not stop at
     them, so a switched response is less accurate than a trajectory.  ``gain`` (q, m) takes the
-    place of problem.observer.W.
+    place of problem.observer.W.  ``period`` (s): everything is computed at its multiples.
     Raises: SpecError for an unknown mode, or if there is an exosystem and no W.
     """
     problem.require("this")  # one exosystem
@@ -99,7 +110,7 @@ def to_control(
     def active_at(time: float) -> Active:
         return Active(names, switches.at(np.array([time])))
 
-    return _system(problem, loop, networks, active_at)
+    return _system(problem, loop, networks, active_at, period)
 
 
 def _system(
@@ -107,7 +118,13 @@ def _system(
     loop: ClosedLoop,
     networks: Mapping[int, Network],
     active_at: Callable[[float], Active],
+    period: float,
 ) -> ConsensusLoop:
+    C, Ad, F = loop.output, loop.A, loop.F
+    if period:
+        C = discretised(loop, period).Cd
+        Ad = transition(loop, period)
+        F = Ad - period * loop.W @ C
     size = loop.n * (loop.m + 2 * loop.q)
 
     @np.errstate(all="ignore")  # trial steps far from the target overflow
@@ -131,29 +148,52 @@ def _system(
         return _flat(_flat(x_dot + d) + w, xi @ loop.A.T, z_dot, s_dot)
 
     @np.errstate(all="ignore")
+    def step(time: float, state: Array, w: Array, params: Any) -> Array:
+        x, xi, z = loop.split(state)
+        (mode,) = active_at(max(0.0, float(time))).modes.tolist()
+        xihat = z + x @ loop.W.T
+        v = networks[mode](_flat(x - loop.goal)).reshape(x.shape) - xihat @ C.T
+        z = xihat @ F.T - (x + period * v) @ loop.W.T
+        x = x + period * (v + xi @ C.T + w.reshape(x.shape))
+        return _flat(x, xi @ Ad.T, z)
+
+    @np.errstate(all="ignore")
     def output(time: float, state: Array, w: Array, params: Any) -> Array:
         x, _, z = loop.split(state[:size])
         s = state[size:]
-        dhat = (z + x @ loop.W.T) @ loop.output.T
+        dhat = (z + x @ loop.W.T) @ C.T
         e = x - loop.goal - (s if len(s) else 0.0)
         u = loop.control(e, dhat, active_at(max(0.0, float(time))))
         return _flat(x, dhat, u)
 
     name = "".join(c if c.isalnum() else "_" for c in problem.name)
-    return ConsensusLoop(loop, update, output, name)
+    return ConsensusLoop(loop, step if period else update, output, name, period)
 
 
-def exosystem_of(loop: ClosedLoop) -> Any:
+def exosystem_of(loop: ClosedLoop, period: float = 0) -> Any:
     """(12) of one agent as control.StateSpace: output d_i; the input is a dummy that does
     nothing."""
     p = len(loop.output)
+    A = transition(loop, period) if period else loop.A
+    C = discretised(loop, period).Cd if period else loop.output
     states = _names("xi", loop.q, 1)
     outputs = _names("d", p, 1)
     # control.ss takes no system without an input.
     B, D = np.zeros((loop.q, 1)), np.zeros((p, 1))
-    return control.ss(
-        loop.A, B, loop.output, D, name="exosystem", states=states, inputs=["none"], outputs=outputs
-    )
+    names = {"states": states, "inputs": ["none"], "outputs": outputs}
+    return control.ss(A, B, C, D, period, name="exosystem", **names)
+
+
+def sampled_observer_of(loop: ClosedLoop, period: float) -> Any:
+    """The same from sample to sample: z+ = F (z + W x) - W (x + T v), F = Ad - T W Cd."""
+    m, W = loop.m, loop.W
+    Cd = discretised(loop, period).Cd
+    F = transition(loop, period) - period * W @ Cd
+    B = np.hstack([F @ W - W, -period * W])
+    D = np.hstack([Cd @ W, np.zeros((m, m))])
+    inputs = _names("x", m, 1) + _names("v", m, 1)
+    names = {"states": _names("z", loop.q, 1), "inputs": inputs, "outputs": _names("dhat", m, 1)}
+    return control.ss(F, B, Cd, D, period, name="observer", **names)
 
 
 def observer_of(loop: ClosedLoop) -> Any:

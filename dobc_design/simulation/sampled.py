@@ -113,6 +113,11 @@ def integral(A: Array, times: float | Array) -> tuple[Array, Array]:
     return both[..., :q, :q], both[..., :q, q:]
 
 
+def transition(loop: ClosedLoop, period: float) -> Array:
+    """Ad, (q, q)."""
+    return loop.A if loop.steps else integral(loop.A, period)[0]
+
+
 class Between(StressedColumns):
     """The agents between two samples: couplings ``felt`` (n, m, R) and inputs ``u`` (n, p, R) are
     held, z is xihat."""
@@ -200,7 +205,7 @@ class Stepper:
         if timing is not None and timing.sampled:
             B = np.eye(self.loop.m) if self.loop.plant is None else self.loop.plant.B
             self.observer = self.observer._replace(L=self.period * self.loop.W @ B)
-        self.Ad = self.loop.A if self.loop.steps else integral(self.loop.A, self.period)[0]
+        self.Ad = transition(self.loop, self.period)
         # nothing is heard between the instants
         self.agents = Agents(runs, self.instants, keep=False)
         self.between: Between | None = None

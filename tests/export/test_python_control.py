@@ -5,6 +5,7 @@ import inspect
 import subprocess
 import sys
 import warnings
+from fractions import Fraction
 from pathlib import Path
 
 import control
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 from c_code import planar
 from known_functions import SOFTSIGN
+from networks import linked
 from simulated_runs import simulate
 
 import dobc_design as dd
@@ -233,3 +235,48 @@ def test_the_file_alone_gives_the_same_derivatives_and_outputs(name: str, asked,
     wanted_poles = np.sort_complex(system.observer.poles())
     np.testing.assert_allclose(found_poles, wanted_poles, atol=1e-9)
     assert found["start"].shape == state.shape
+
+
+NEAR = dd.Region(initial_states=["9/10", "11/10"], initial_disturbance="1/100")
+
+
+@pytest.mark.parametrize(
+    ("period", "radius"), [("1/20", 0.919925), ("1/10", 0.840267), ("1/5", 0.686773)]
+)
+def test_the_sampled_observer_has_the_known_spectral_radius(period, radius):
+    """Theory, section 17."""
+    system = to_control(load_problem("paper-fixed").replace(processor={"period": period}))
+    assert system.dt == system.observer.dt == system.exosystem.dt == float(Fraction(period))
+    assert np.abs(system.observer.poles()).max() == pytest.approx(radius, abs=1e-6)
+    assert np.abs(system.exosystem.poles()) == pytest.approx([1, 1])
+
+
+def test_the_loop_of_a_processor_is_a_discrete_system_that_reproduces_the_run():
+    problem = load_problem("paper-fixed").replace(processor={"period": "1/50"}, region=NEAR)
+    system = to_control(problem)
+    times = [0.02 * k for k in range(101)]
+    run = simulate(problem, t_final=times[-1], samples=times)
+    found = control.input_output_response(system, run.times, 0.0, system.start_of(run))
+    np.testing.assert_allclose(found.outputs[:10].T, run.x[..., 0], atol=1e-11)
+    np.testing.assert_allclose(found.outputs[10:20].T, run.dhat[..., 0], atol=1e-11)
+    np.testing.assert_allclose(found.outputs[20:].T, run.u[..., 0], atol=1e-11)
+    assert to_control(problem, sampled=False).dt == 0
+
+
+def test_agents_in_steps_are_a_system_in_steps():
+    problem = linked([[1, 2, "1/4"], [2, 1, "1/8"]], gains={1: "1/2"}, time="discrete")
+    system = to_control(problem)
+    run = simulate(problem, t_final=20)
+    assert system.dt == 1
+    found = control.input_output_response(system, run.times, 0.0, system.start_of(run))
+    np.testing.assert_allclose(found.outputs[:2].T, run.x[..., 0], atol=1e-12)
+    with pytest.raises(SpecError, match="sampled cannot be False: agents move in steps"):
+        to_control(problem, sampled=False)
+
+
+def test_a_sampled_model_needs_a_processor_and_prompt_readings():
+    problem = load_problem("paper-fixed")
+    with pytest.raises(SpecError, match=r"sampled needs a \[processor\]"):
+        to_control(problem, sampled=True)
+    with pytest.raises(SpecError, match="python-control does not know readings that are late"):
+        to_control(problem.replace(readings={"delay": 1}))

@@ -22,7 +22,7 @@ from dobc_design._show.text import (
 from dobc_design.conditions.check import Check, Checks
 from dobc_design.conditions.coverage import asked_radius, covers
 from dobc_design.conditions.domain import EVERYWHERE, Around, Box
-from dobc_design.conditions.kinds import KINDS
+from dobc_design.conditions.kinds import KINDS, READINGS
 from dobc_design.conditions.numbers import (
     LARGEST,
     as_json,
@@ -315,8 +315,12 @@ class _Gatherer:
             variant = f"P_e {lure.shape}"
         # Without a region nothing is asked that could be covered.
         covering = False
-        if kind != "none" and self.asked is not None:
+        late = self.loop.timing is not None and check.id != READINGS
+        if kind != "none" and self.asked is not None and not late:
             covering = covers(self.loop, check, self.checks)
+        limit = "" if covering else self._limit(check, kind)
+        if late and check.is_proved:
+            limit = "It is about readings of the same instant."
         return RegionClaim(
             id=check.id,
             variant=variant,
@@ -327,9 +331,9 @@ class _Gatherer:
             disturbance=disturbance,
             rate=rate,
             factor=check.factor,
-            time=self._time(check),
+            time=None if late else self._time(check),
             covers=covering,
-            limit="" if covering else self._limit(check, kind),
+            limit=limit,
         )
 
     def _time(self, check: Check) -> float | None:

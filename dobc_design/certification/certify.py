@@ -146,6 +146,8 @@ def certify(
         ('proved', 'theorem1-weighted')
     """
     stated = load_problem(problem)
+    if settling is not None:
+        stated.require("a settling time")
     loop = loop_of(stated)
     options = _Options(
         everything=everything,

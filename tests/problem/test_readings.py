@@ -138,6 +138,7 @@ PARTS_OF_THE_PROGRAM: list[Callable[[Problem], object]] = [
     dd.trade_off,
     dd.export.to_sdpa,
     lambda problem: dd.design_pinning(problem, rate=1),
+    lambda problem: dd.certify(problem, settling="1/100"),
     python_script,
 ]
 

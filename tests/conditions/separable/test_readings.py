@@ -339,3 +339,20 @@ def test_a_verdict_names_the_errors_of_weights_that_its_readings_count():
     assert certificate.verdict is PROVED
     said = "with weights off by up to 2 % and everything computed every 0.1 s and held"
     assert said in certificate.reason
+
+
+def test_only_a_proof_with_late_readings_covers_a_region_where_they_are_stated():
+    problem = dd.Problem(
+        network=dd.Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to"),
+        coupling="y + y**3",
+        gains={1: 1, 2: 1},
+        region={"initial_states": [-1, 1]},
+        readings={"delay": "1/2"},
+    )
+    claims = {each.id: each for each in dd.certify(problem, everything=True).regions.claims}
+    late, instant = claims["readings"], claims["max-separable"]
+    assert late.covers
+    assert late.time is not None
+    assert not instant.covers
+    assert instant.time is None
+    assert instant.limit == "It is about readings of the same instant."

@@ -313,6 +313,8 @@ class _Certification:
 def _value(loop: Loop, W: Matrix | None) -> Agreed | None:
     """What is known of the value on which agents agree, where they do; None if nothing."""
     peaks, ends = None, None
+    if loop.timing is not None:  # sums over ticks are no integrals of the estimation error
+        return None
     weights = weights_of(loop)
     with surviving("the value agreed upon"):
         if loop.agrees and loop.starts is not None and loop.starts.disturbance and W is not None:

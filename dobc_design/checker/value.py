@@ -36,6 +36,7 @@ def agreed_value(case: Case) -> None:
     need(case.agrees and case.claims.verdict == "proved", "agreement is not proved")
     plain = case.drift is None and case.own is None and case.B is None
     need(plain, "nodes move by themselves")
+    need(case.timing is None, "sums over ticks are no integrals of the estimation error")
     need(case.problem.stated.negative is None, "some agree on the value, others on its negative")
     need(case.uncertainty is None and case.actuators is None, "something else acts on the nodes")
     need(value.peaks is None or case.q > 0, "there is no observer")

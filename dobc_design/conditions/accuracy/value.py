@@ -223,6 +223,8 @@ def shifts_of(loop: Loop, W: Matrix | None) -> tuple[Matrix, ...]:
 
 def wrong_value(loop: Loop, W: Matrix | None, value: Agreed) -> str | None:
     """None if what is claimed of the value follows, where the agents do agree."""
+    if loop.timing is not None:
+        return "sums over ticks are no integrals of the estimation error"
     if value.peaks is not None:
         wrong = "it needs an observer"
         if W is not None and loop.groups:

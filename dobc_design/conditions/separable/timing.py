@@ -120,12 +120,7 @@ def verify_readings(loop: Loop, W: Matrix | None, claim: Separable) -> Separable
     answer = verify_separable(loop, claim, stretch=stretch, errors=stated_errors(loop))
     if answer.wrong is not None:
         return answer
-    steep: Fraction | str = ZERO
-    if timing.steepest is not None:
-        steep = steepness(loop, claim, timing)
-    if isinstance(steep, str):
-        return undecided(steep)
-    wrong = too_steep(timing, steep) or _too_small(claim, timing, steep)
+    wrong = _own_obstacle(loop, claim, timing)
     if wrong is not None:
         return undecided(wrong)
     return proved("no reading that is late, held or lost as stated leads out of the box.")
@@ -222,6 +217,16 @@ def readings_obstacle(loop: Loop, W: Matrix | None) -> str | None:
     return observer_obstacle(loop, W) or gap_obstacle(loop) or saturation_obstacle(loop)
 
 
+def _own_obstacle(loop: Loop, claim: Separable, timing: Timing) -> str | None:
+    """Why what an agent knows of itself may lead it out, None if it does not."""
+    steep: Fraction | str = ZERO
+    if timing.steepest is not None:
+        steep = steepness(loop, claim, timing)
+    if isinstance(steep, str):
+        return steep
+    return too_steep(timing, steep) or _too_small(claim, timing, steep)
+
+
 def too_steep(timing: Timing, steep: Fraction) -> str | None:
     """Why own readings may overshoot, None if they do not; ``steep``: the sum of slopes."""
     most = timing.steepest
@@ -261,11 +266,7 @@ def verify_delay(loop: Loop, claim: Separable, bound: DelayBound) -> SeparableAn
     answer = verify_separable(loop, slower, stretch=stretch)
     if answer.wrong is not None or not bound.own_delay:
         return answer
-    timing = Timing(own_delay=bound.own_delay, event=stretch - 1)
-    steep = steepness(loop, slower, timing)
-    if isinstance(steep, str):
-        return undecided(steep)
-    wrong = too_steep(timing, steep) or _too_small(slower, timing, steep)
+    wrong = _own_obstacle(loop, slower, Timing(own_delay=bound.own_delay, event=stretch - 1))
     return answer if wrong is None else undecided(wrong)
 
 

@@ -159,6 +159,13 @@ SLIPS = (
     ("saturation", "z[k] == -w", "z[k] == w", margins_cases),
     ("accuracy", "bottom) + self.noise)[1]", "bottom) - self.noise)[1]", accuracy_cases),
     ("accuracy", "coupling, self.v[i] + self", "coupling, self.v[i] - self", accuracy_cases),
+    ("separable", "(1 + timing.event) * few", "few", readings_cases),
+    ("separable", "timing.lost if T", "0 if T", readings_cases),
+    ("separable", "(d + 1) ** (d + 1)) / T", "(d + 1) ** d) / T", readings_cases),
+    ("separable", "decay = (1 - growth(-beta * T)) / T", "decay = beta", readings_cases),
+    ("separable", "Fraction(min(most, left / since))", "most", readings_cases),
+    ("loop", "-(-age // self.period)", "age // self.period", readings_cases),
+    ("sampled", "plus(identity(size, 0), part**2, P)", "plus(P, 0, P)", readings_cases),
 )
 
 

@@ -341,7 +341,6 @@ def test_a_verdict_names_the_errors_of_weights_that_its_readings_count():
     assert said in certificate.reason
 
 
-<<<<<<< HEAD
 def test_only_a_proof_with_late_readings_covers_a_region_where_they_are_stated():
     problem = dd.Problem(
         network=dd.Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to"),
@@ -357,7 +356,8 @@ def test_only_a_proof_with_late_readings_covers_a_region_where_they_are_stated()
     assert not instant.covers
     assert instant.time is None
     assert instant.limit == "It is about readings of the same instant."
-=======
+
+
 def test_nothing_is_said_of_the_value_agreed_upon_from_tick_to_tick():
     # what estimation errors add is a sum over ticks there, and W is that of the recursion
     problem = pair("y").replace(
@@ -368,4 +368,3 @@ def test_nothing_is_said_of_the_value_agreed_upon_from_tick_to_tick():
     certificate = dd.certify(problem.replace(processor={"period": "0.1"}))
     assert certificate.verdict is PROVED
     assert certificate.value is None
->>>>>>> 0fdc9f3f (Nothing is said of the value agreed upon from tick to tick)

@@ -2,12 +2,12 @@
 once.
 
 h(e) is fast enough for a million agents and for thousands of runs, which are columns of the same
-arrays: arcs are worked through in blocks that fit into the processor's cache, slot by slot.
+arrays: arcs are worked through in blocks that fit into the processor's cache.
 """
 
+import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import field, replace
-from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,7 +32,6 @@ from .switches import drawn_graphs
 ArrayFunction = Callable[[Array], Array]
 
 BLOCK = 1 << 15  # differences held at once: a quarter of a MiB per array
-MOST_SLOTS = 32  # arcs of one agent up to which a block is worked through slot by slot
 LARGEST_PRODUCT = 8  # exponents up to which a power is computed by multiplication
 
 
@@ -43,19 +42,8 @@ class _FastAlgebra(NumpyAlgebra):
         return np.asarray(np.clip(*arguments)) if name == "clip" else super().call(name, arguments)
 
     def power(self, base: Any, exponent: int) -> Any:
-        if not 1 <= exponent <= LARGEST_PRODUCT:
-            return base**exponent
-        result = None
-        # powers by repeated squaring
-        square = base
-        rest = exponent
-        while rest:
-            if rest & 1:
-                result = square if result is None else result * square
-            rest >>= 1
-            if rest:
-                square = square * square
-        return result
+        in_range = 1 <= exponent <= LARGEST_PRODUCT
+        return math.prod([base] * exponent) if in_range else base**exponent
 
 
 def compile_coupling(coupling: Coupling) -> ArrayFunction:
@@ -91,46 +79,25 @@ def _of_rows(coupling: Coupling, m: int) -> ArrayFunction:
 
 @noun(eq=False)
 class _Block:
-    """Some arcs of one coupling: ``rows`` listen to ``speakers`` (arcs,); ``factor``: a common
-    weight, or (arcs,). ``slots``: begin and end of every slot, whose i-th arc ends at the i-th of
-    ``rows``.  Without slots, for hubs, ``counts[i]`` arcs end at the i-th of ``rows``, and the
-    matrix ``factor`` adds them."""
+    """Some arcs of one coupling: ``rows`` listen to ``speakers`` (arcs,), the i-th of them to
+    ``counts[i]`` in turn; ``gather`` adds what they feel, weights included."""
 
     h: ArrayFunction
-    rows: slice | IndexArray
+    rows: slice
     speakers: IndexArray
-    factor: float | Array | csr_array
-    slots: tuple[tuple[int, int], ...] = ()
-    counts: IndexArray | None = None
-    opposes: bool = False  # e of the speakers counts with the other sign
+    counts: IndexArray
+    gather: csr_array
+    opposes: bool  # e of the speakers counts with the other sign
 
     def add(self, total: Array, e: Array) -> None:
         """Add what the listeners feel; ``e`` and ``total`` have a row for every agent."""
-        factor = self.factor
-        own = e[self.rows]
         # take is faster than an index here
         y = e.take(self.speakers, axis=0)
         if self.opposes:
             np.negative(y, out=y)
         # in place: these arrays are as large as the processor's cache allows
-        if self.counts is not None:
-            y -= np.repeat(own, self.counts, axis=0)
-        for begin, end in self.slots:
-            y[begin:end] -= own[: end - begin]
-        felt = self.h(y)
-        if isinstance(factor, csr_array):
-            total[self.rows] += factor @ felt
-            return
-        if isinstance(factor, np.ndarray):
-            felt = felt * (factor if felt.ndim == 1 else factor[:, None])
-        found = felt[: self.slots[0][1]].copy()
-        for begin, end in self.slots[1:]:
-            found[: end - begin] += felt[begin:end]
-        # one product for all slots instead of one for all arcs
-        if not isinstance(factor, np.ndarray) and factor != 1:
-            found *= factor
-        # no agent stands twice in a block, so that nothing is lost here
-        total[self.rows] += found
+        y -= np.repeat(e[self.rows], self.counts, axis=0)
+        total[self.rows] += self.gather @ self.h(y)
 
 
 def _blocks(group: ArcGroup, size: int, m: int) -> Iterator[_Block]:
@@ -159,54 +126,17 @@ def _blocks(group: ArcGroup, size: int, m: int) -> Iterator[_Block]:
 
 def _block_of(h: ArrayFunction, arcs: ArcGroup) -> _Block:
     """One block of arcs that stand in the order of their listeners."""
-    listeners = arcs.listeners
-    lowest = int(listeners[0])
-    rows = int(listeners[-1]) - lowest + 1
+    lowest = int(arcs.listeners[0])
     # how many agents each listener of the block hears
-    counts = np.bincount(listeners - lowest, minlength=rows)
-    if counts.max() <= MOST_SLOTS:
-        return _by_slots(h, arcs, lowest, counts)
+    counts = np.bincount(arcs.listeners - lowest)
     begins = np.concatenate([[0], np.cumsum(counts)])
-    places = np.arange(len(listeners))
-    gather = csr_array((arcs.weights, places, begins), shape=(rows, len(places)))
+    shape = (len(counts), len(arcs.speakers))
     return _Block(
         h=h,
-        rows=slice(lowest, lowest + rows),
-        counts=counts,
+        rows=slice(lowest, lowest + len(counts)),
         speakers=arcs.speakers,
-        factor=gather,
-        opposes=arcs.opposes,
-    )
-
-
-def _by_slots(h: ArrayFunction, arcs: ArcGroup, lowest: int, counts: IndexArray) -> _Block:
-    """Order agents by their number of arcs, and the arcs by slots: the i-th slot has the i-th arc
-    of every agent that has so many."""
-    weights = arcs.weights
-    # those with many arcs first: every slot is a piece from the beginning
-    agents = np.argsort(-counts, kind="stable")
-    begins = np.cumsum(counts) - counts
-    having = []
-    places = []
-    for slot in range(int(counts.max())):
-        many = int(np.count_nonzero(counts > slot))
-        having.append(many)
-        places.append(begins[agents[:many]] + slot)
-    chosen = np.concatenate(places)
-    edges = np.concatenate([[0], np.cumsum(having)]).tolist()
-    rows: slice | IndexArray = lowest + agents[: having[0]]
-    # a slice is no copy
-    if having[0] == len(counts) and (np.diff(agents) == 1).all():
-        rows = slice(lowest, lowest + len(counts))
-    factor: float | Array = float(weights[0])
-    if (weights != weights[0]).any():
-        factor = weights[chosen]
-    return _Block(
-        h=h,
-        rows=rows,
-        speakers=arcs.speakers[chosen],
-        slots=tuple(pairwise(edges)),
-        factor=factor,
+        counts=counts,
+        gather=csr_array((arcs.weights, np.arange(shape[1]), begins), shape=shape),
         opposes=arcs.opposes,
     )
 

@@ -26,10 +26,8 @@ from .arcs_graphs import (
     matrix_market,
     pajek,
 )
-from .arcs_plain import PlainColumns, plain_columns
 from .arcs_text import (
     KNOWN,
-    Table,
     Unfit,
     arcs_of,
     csv_table,
@@ -75,26 +73,22 @@ class _File:
     text: str
     unit: str
 
-    def table(self) -> Table | None:
-        """A CSV file or an edge list; None for other formats.
+    def graph(self, known: Index) -> Graph:
+        """What the file holds.
 
-        The suffix says which; .txt and edge lists may be Matrix Market or Pajek, which say so at
-        the top.
+        The suffix says in which format; .txt and edge lists may be Matrix Market or Pajek, which
+        say so at the top.
         """
         if self.suffix in (".csv", ".tsv"):
-            return csv_table(self.text)
+            return Graph(labels=(), rows=arcs_of(csv_table(self.text), known))
         said = first_word(self.text)
-        if self.suffix in _GRAPHS or said in (MATRIX_MARKET, "*vertices", "*network"):
-            return None
-        return edge_list_table(self.text)
-
-    def graph(self, known: Index) -> Graph:
-        """What the file holds."""
-        table = self.table()
-        if table is not None:
-            return Graph(labels=(), rows=arcs_of(table, known))
-        other = matrix_market if first_word(self.text) == MATRIX_MARKET else pajek
-        return _GRAPHS.get(self.suffix, other)(self.text)
+        if self.suffix in _GRAPHS:
+            return _GRAPHS[self.suffix](self.text)
+        if said == MATRIX_MARKET:
+            return matrix_market(self.text)
+        if said in ("*vertices", "*network"):
+            return pajek(self.text)
+        return Graph(labels=(), rows=arcs_of(edge_list_table(self.text), known))
 
 
 def read_arcs_file(
@@ -125,34 +119,13 @@ def read_arcs_file(
         # Without agents a name at the top may be that of a column, as it was when labels were read.
         known = {} if index is None else index
         places = _places(file) if index is None else index
-        # Plain tables are read many lines at a time; all others, and all mistakes, line by line.
-        table = file.table()
-        plain = None if table is None else plain_columns(file.text, table, places, known)
-        arcs = None if plain is None else _plain_arcs(plain, arrow)
-        if arcs is None:
-            repairs = _Repairs(merge=merge, drop_loops=drop_loops)
-            arcs = _arcs(file, known, index=places, arrow=arrow, repairs=repairs)
+        repairs = _Repairs(merge=merge, drop_loops=drop_loops)
+        arcs = _arcs(file, known, index=places, arrow=arrow, repairs=repairs)
     except Unfit as fault:
         row, what, cure = fault.args
         line = "" if row is None else f" {unit} {row}"
         raise about(key, f'"{named(name)}"{line} {what}.', cure) from None
     return FileArcs(labels=tuple(places), arcs=arcs)
-
-
-def _plain_arcs(plain: PlainColumns, arrow: str) -> Arcs | None:
-    """The arcs of plain columns; None where one is to be refused or repaired, which ``_arcs`` does
-    line by line."""
-    a, b = plain.first, plain.second
-    if np.any(a == b) or len(repeated(a, b)):
-        return None
-    texts = plain.weights
-    if texts is None:
-        return directed(a, b, (ONE,) * len(a), arrow=arrow)
-    try:
-        known = {text: _weight(text, plain.line) for text in dict.fromkeys(texts)}
-    except Unfit:
-        return None
-    return directed(a, b, tuple(map(known.__getitem__, texts)), arrow=arrow)
 
 
 def _places(file: _File) -> dict[str, int]:

@@ -82,13 +82,11 @@ PLAIN = Columns()  # a, b and perhaps a weight, without a header
 
 @noun
 class Table:
-    """The rows of a text as they stand, the header among them, and what separates their cells
-    (None: blanks).
+    """The rows of a text as they stand, the header among them.
 
     ``both``: every row is an undirected edge, as the first comment of the file says.
     """
 
-    separator: str | None
     rows: Rows
     both: bool = False
 
@@ -96,7 +94,7 @@ class Table:
 def csv_table(text: str) -> Table:
     """A CSV file.  Raises: SpecError."""
     separator = csv_separator(text)
-    return Table(separator=separator, rows=lambda: _csv(text, separator))
+    return Table(rows=lambda: _csv(text, separator))
 
 
 def edge_list_table(text: str) -> Table:
@@ -111,11 +109,7 @@ def edge_list_table(text: str) -> Table:
             "Take a network of one kind of nodes.",
         )
     separator = _edge_list_separator(text)
-
-    def rows() -> Iterator[Row]:
-        return _edge_list(text, separator)
-
-    return Table(separator=separator, rows=rows, both=kind == "sym")
+    return Table(rows=lambda: _edge_list(text, separator), both=kind == "sym")
 
 
 def csv_separator(text: str) -> str:

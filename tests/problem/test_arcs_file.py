@@ -180,3 +180,30 @@ def test_a_problem_without_a_folder_has_no_files():
     key = "network.modes.G.file"
     with pytest.raises(SpecError, match="the problem has no folder"):
         read_arcs_file("arcs.csv", folder=None, index={}, arrow="listens_to", key=key)
+
+
+WRONG = {
+    "an unknown label": ("arcs.csv", "1,2\n2,77\n", "line 2"),
+    "a duplicate": ("arcs.csv", "from,to\n1,2\n2,3\n1,2\n", "line 4"),
+    "a self-arc": ("arcs.csv", "1,2\n3,3\n", "line 2"),
+    "a weight of 0": ("arcs.csv", "1,2,1\n2,3,0\n", "line 2"),
+    "a decimal comma": ("arcs.csv", "1;2;0.5\n2;3;0,5\n", "line 2"),
+    "an empty weight": ("arcs.csv", "1,2,1\n2,3,\n", "line 2"),
+    "no weight": ("arcs.edgelist", "1 2 1\n2 3 \n3 4 1\n4 4\n", "line 4"),
+    "only a header": ("arcs.csv", "from,to\n", "empty"),
+}
+
+
+@pytest.mark.parametrize(("name", "text", "said"), WRONG.values(), ids=WRONG)
+def test_a_wrong_line_is_named(name, text, said, tmp_path):
+    tmp_path.joinpath(name).write_text(text)
+    index = {str(place + 1): place for place in range(9)}
+    with pytest.raises(SpecError, match=said):
+        read_arcs_file(name, folder=tmp_path, index=index, arrow="listens_to", key="G")
+
+
+def test_equal_texts_of_weights_are_one_exact_number(tmp_path):
+    tmp_path.joinpath("arcs.csv").write_text("1,2,0.1\n2,3,0.1\n3,1,0.10\n")
+    arcs = read_arcs_file("arcs.csv", folder=tmp_path, arrow="listens_to", key="G").arcs
+    assert arcs.weights == (Fraction(1, 10),) * 3
+    assert arcs.weights[0] is arcs.weights[1]

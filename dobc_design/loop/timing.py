@@ -133,7 +133,7 @@ def timing_words(timing: Timing | None) -> str:
         what = "everything" if timing.sampled else "couplings and pins"
         parts.append(f"{what} computed every {_number(timing.period)} s and held")
     if timing.steps:
-        parts.append("agents that move in steps")
+        parts.append("agents that move in steps, each of which counts as 1 s")
     return ", ".join(parts[:-1]) + (" and " if len(parts) > 1 else "") + "".join(parts[-1:])
 
 

@@ -1,6 +1,7 @@
 """Late, held and lost readings, and the processor: what was asked, what is proved, and the rate
 with shorter and longer times."""
 
+import math
 from collections.abc import Mapping
 from fractions import Fraction
 
@@ -8,6 +9,7 @@ from dobc_design.certificate.topics import TOPICS
 from dobc_design.conditions.domain import Around
 from dobc_design.conditions.kinds import READINGS
 from dobc_design.conditions.separable.propose_readings import rates_around, varied
+from dobc_design.exact.reading import counted
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.timing import Timing, timing_words
 
@@ -24,6 +26,7 @@ _TIMES = {
     "lost": "readings lost in a row",
     "event": "relative error of readings",
 }
+_TICK = {True: "step", False: "sample"}
 _UNITS = {"lost": "", "event": ""}
 
 
@@ -39,17 +42,25 @@ def readings_section(found: Findings) -> Blocks:
     yield Text(told if check is None else sentence(check.reason))
     if check is None or not check.is_proved:
         return
+    if timing.period and check.factor is not None:
+        kept = -math.log1p(-float(timing.period) * (check.rate or 0.0))
+        samples = math.ceil(math.log(100 * check.factor) / kept)
+        yield Text(f"One percent is reached within {counted(samples, _TICK[timing.steps])}.")
     loop, _ = TOPICS["separable"].about(READINGS, agents, found.certificate.claims.W)
     box = check.domain
     tried = loop.n <= MOST_VARIED and isinstance(box, Around) and varied(timing) != "event"
     rates = rates_around(loop, box) if tried and isinstance(box, Around) else {}
-    yield table_of(
-        "What was asked",
-        [name for name in _TIMES if getattr(timing, name)],
-        Column("what", lambda name: _TIMES[name]),
-        Column("proved", lambda name: _shown(name, getattr(timing, name)), style="number"),
-        Column("tried, proved up to", lambda name: _tried(name, rates, timing), style="number"),
-    )
+    asked = [name for name in _TIMES if getattr(timing, name)]
+    if timing.steps:
+        asked.remove("period")
+    if asked:
+        yield table_of(
+            "What was asked",
+            asked,
+            Column("what", lambda name: _TIMES[name]),
+            Column("proved", lambda name: _shown(name, getattr(timing, name)), style="number"),
+            Column("tried, proved up to", lambda name: _tried(name, rates, timing), style="number"),
+        )
     if rates:
         where = domain_words(box, agents.unit)
         yield on_pages(Pictures((_picture(rates, timing, where),)))

@@ -170,8 +170,8 @@ AROUND = tuple(2 ** (3 * k / 4) for k in range(-4, 5))
 
 
 def varied(timing: Timing) -> str:
-    """The stated time that is varied: the period, else a delay."""
-    names = ("period", "delay", "own_delay")
+    """The stated time that is varied: the period, else a delay; "event" where there is none."""
+    names = ("delay", "own_delay") if timing.steps else ("period", "delay", "own_delay")
     return next((name for name in names if getattr(timing, name)), "event")
 
 

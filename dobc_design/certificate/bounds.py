@@ -419,7 +419,7 @@ def certified_bound(problem: Problem, claims: Claims, run: RunLike) -> Certified
     timing = loop.timing
     if timing is not None and timing.period:
         if loop.groups:
-            reason = "it is about the samples, between which a ripple of the disturbance remains"
+            reason = "it would be about the samples, between which the disturbance leaves a ripple"
             return CertifiedBound(reason=reason)
         # What is held leads straight from one sample to the next.
         sizes = []

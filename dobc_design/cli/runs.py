@@ -278,13 +278,15 @@ def _lines(result: Trajectory | Ensemble, document: Document) -> Iterator[str]:
             for k in (0, -1)
         )
         yield f"  {'value at the end':<22} {last}; mean of the starts {first}"
+    in_steps = result.clock == "steps"
     for name, title, unit, nothing in MEASURES:
         values = document[name]
         if document["runs"] == 1:
             values = {"": values["median"]}
         told = []
         for each, value in values.items():
-            shown = nothing if value is None else f"{value:.4g}{unit}"
+            own = unit.replace("1/s", "1/step").replace(" s", " steps") if in_steps else unit
+            shown = nothing if value is None else f"{value:.4g}{own}"
             told.append(f"{each} {shown}")
         yield f"  {title.format(result.measured):<22} {', '.join(told).strip()}"
     for name, interval in document.get("intervals", {}).items():

@@ -82,6 +82,7 @@ class Goals(Protocol):
     """Times (T,) in s; goals (n, m), relative to the states of leaders (T, m) or (runs, T, m);
     slack (m,), half the width of a band about them in which there is no error;
     sides (n,) where agents agree on a value, and have no goals, else empty; what is ``measured``;
+    the unit of times, ``clock``;
     units of the m state components, none where none are given."""
 
     @property
@@ -94,6 +95,8 @@ class Goals(Protocol):
     def slack(self) -> Array: ...
     @property
     def sides(self) -> Array: ...
+    @property
+    def clock(self) -> str: ...
     @property
     def measured(self) -> str: ...
     @property
@@ -169,8 +172,8 @@ def trajectory_sheet(
             errors[f"|d − d̂|∞, {unit}"] = _largest(run.d - run.dhat)
         last = plot_errors(rows[0], run.times, errors, envelope=points, units=run.units)
         if run.diverged:
-            last.set_title(f"ended early, at t = {run.times[-1]:.4g} s")
-        in_time(last, run.times)
+            last.set_title(f"ended early, at t = {run.times[-1]:.4g} {run.clock}")
+        in_time(last, run.times, run.clock)
 
     height = sum(heights) + 0.5 + 0.25 * len(heights)
     return Sheet(draw, width=WIDTH, height=height)
@@ -196,7 +199,7 @@ def ensemble_sheet(runs: Runs, *, envelope: Envelope | None = None) -> Sheet:
             rows[components].set_xlabel("")
             what = "|d − d̂|∞, units of d"
             plot_quantiles(last, runs.times, runs.estimation_error, colour=PURPLE, what=what)
-        in_time(last, runs.times)
+        in_time(last, runs.times, runs.clock)
 
     return Sheet(draw, width=WIDTH, height=0.7 + 2.2 * count)
 
@@ -228,7 +231,7 @@ def plot_bands(ax: Axes, runs: Runs, envelope: Envelope | None) -> Axes:
         title += f", {bad} diverged"
     ax.set_title(title)
     legend_above(ax, right=True, widest=4)
-    return in_time(ax, runs.times)
+    return in_time(ax, runs.times, runs.clock)
 
 
 def plot_error(ax: Axes, run: Run, envelope: Envelope | None) -> Axes:
@@ -236,7 +239,7 @@ def plot_error(ax: Axes, run: Run, envelope: Envelope | None) -> Axes:
     errors = {MEASURED[run.measured]: _largest(run.errors())}
     points = checked_envelope(envelope, run.times)
     plot_errors(ax, run.times, errors, envelope=points, units=run.units)
-    return in_time(ax, run.times)
+    return in_time(ax, run.times, run.clock)
 
 
 def plot_agents(
@@ -507,9 +510,9 @@ def _marker(rows: NDArray[np.intp]) -> str | None:
     return "." if len(rows) == 1 else None
 
 
-def in_time(ax: Axes, times: Array) -> Axes:
+def in_time(ax: Axes, times: Array, clock: str = "s") -> Axes:
     """The axes with time along them, from the first to the last sample."""
-    ax.set_xlabel("time t in s")
+    ax.set_xlabel(f"time t in {clock}")
     if times[-1] > 0:
         ax.set_xlim(0, float(times[-1]))
     return ax

@@ -38,7 +38,7 @@ from .field import ClosedLoop, act, largest
 from .integrate import FARTHEST, Outcome, Progress, Run, Samples
 from .stressed import LEAST_STEPS, StressedColumns, sample_instants
 from .switches import constant_signals
-from .trajectory import SAMPLED
+from .trajectory import SAMPLED, STEPS
 
 REPORTED = 64  # one of so many steps is reported
 
@@ -209,7 +209,7 @@ class Stepper:
         # nothing is heard between the instants
         self.agents = Agents(runs, self.instants, keep=False)
         self.between: Between | None = None
-        self.method = f"exact steps of {self.period:g} s"
+        self.method = STEPS if self.loop.steps else f"exact steps of {self.period:g} s"
         # with dynamics, what agents do between samples need not have a closed form
         bent = self.loop.bend is not None or runs.stress.disturbance
         if self.loop.plant is not None and bent:

@@ -53,11 +53,20 @@ class Sample(NamedTuple):
     u: Array
 
 
+STEPS = "steps of agents"  # so the method of runs begins whose times count steps
+
+
 class Simulated(Headed):
     """How runs show themselves."""
 
     __slots__ = ()
     sides: Array
+    method: str
+
+    @property
+    def clock(self) -> str:
+        """The unit of times."""
+        return "steps" if self.method.startswith(STEPS) else "s"
 
     @property
     def measured(self) -> str:
@@ -301,10 +310,12 @@ class Trajectory(Simulated):
         return arrays_bytes(arrays)
 
     def _card(self) -> Card:
-        end = f"diverged at about {self.times[-1]:.4g} s of" if self.diverged else "ran to"
+        end = "ran to"
+        if self.diverged:
+            end = f"diverged at about {self.times[-1]:.4g} {self.clock} of"
         first, last = self.error()[[0, -1]]
         errors = f"{self.measured} from {first:.4g} to {last:.4g}"
-        text = f'mode "{self.mode}", {end} {self.t_final:.4g} s, {errors}'
+        text = f'mode "{self.mode}", {end} {self.t_final:.4g} {self.clock}, {errors}'
         return Card(title=self.name, text=text, lines=self.notes)
 
 
@@ -446,7 +457,7 @@ class Ensemble(Simulated):
         bad = int(self.diverged.sum()) or "none"
         final = np.sort(self.final_error)
         ends = f"{bad} diverged, final {self.measured} {final[0]:.3g} to {final[-1]:.3g}"
-        text = f'{len(self)} runs of {self.t_final:.4g} s, mode "{self.mode}", {ends}'
+        text = f'{len(self)} runs of {self.t_final:.4g} {self.clock}, mode "{self.mode}", {ends}'
         return Card(title=self.name, text=text, lines=self.notes)
 
 

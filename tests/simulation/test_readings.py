@@ -156,3 +156,39 @@ def test_what_breaks_first_makes_the_stated_period_and_all_delays_longer():
     assert delay.unit == "s"
     assert delay.breaks is not None
     assert delay.breaks > float(Fraction(1, 10))
+
+
+def test_times_of_agents_in_steps_are_counted_in_steps():
+    problem = linked([[1, 2, "1/4"], [2, 1, "1/8"]], gains={1: "1/2"}, time="discrete")
+    run = simulate(problem, t_final=30)
+    assert "ran to 30 steps" in str(run)
+    assert "4 runs of 30 steps" in str(simulate(problem, t_final=30, runs=4))
+    assert b"time t in steps" in run.plot().file("svg")
+    assert run.clock == "steps"
+    assert simulate(paper(), t_final=1).clock == "s"
+
+
+@pytest.mark.parametrize(
+    "stated",
+    [
+        {"readings": {"delay": "1/2", "own_delay": "1/25", "event": "1/20"}},
+        {"processor": {"period": "1/50"}, "readings": {"delay": "1/10", "lost": 1}},
+        {"readings": {"period": "1/20", "delay": "1/10"}},
+    ],
+)
+def test_runs_at_their_worst_stay_below_the_certified_bound(stated):
+    """Without an exosystem the bound holds between samples, too; with one it is about these."""
+    box = Region(initial_states=["9/10", "11/10"])
+    without = {"exosystem": None, "observer": None, "simulation": None, "region": box}
+    problem = paper().replace(**without, **stated)
+    proof = dd.certify(problem)
+    assert proof.verdict is dd.Verdict.PROVED
+    run = simulate(problem, stress="worst", t_final=4)
+    bound = proof.envelope(run)
+    assert bound.sources == ("readings",)
+    assert np.all(run.error() <= bound(run.times))
+    observed = paper(simulation=None, **stated)
+    envelope = dd.certify(observed).envelope(simulate(observed, t_final=1))
+    held = "period" in str(stated)
+    assert bool(envelope.sources) is not held
+    assert ("leaves a ripple" in envelope.reason) is held

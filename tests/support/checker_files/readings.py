@@ -375,7 +375,7 @@ def _observed() -> Iterator[Case]:
         "constant",
         _everywhere(sampled),
         kappa=["0.66666"],
-        beta=["2.000001", "10.1"],
+        beta=["2.000001", "19"],
         size=["0.99"],
         P=[[["0.99"]]],
     )

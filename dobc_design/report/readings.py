@@ -5,10 +5,14 @@ import math
 from collections.abc import Mapping
 from fractions import Fraction
 
+from dobc_design._show.text import significant_towards_zero
+from dobc_design.certificate.claims import claim_of
 from dobc_design.certificate.topics import TOPICS
 from dobc_design.conditions.domain import Around
 from dobc_design.conditions.kinds import READINGS
+from dobc_design.conditions.separable.claim import ReadingsBound
 from dobc_design.conditions.separable.propose_readings import rates_around, varied
+from dobc_design.conditions.separable.timing import shortest_gap
 from dobc_design.exact.reading import counted
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.timing import Timing, timing_words
@@ -46,7 +50,14 @@ def readings_section(found: Findings) -> Blocks:
         kept = -math.log1p(-float(timing.period) * (check.rate or 0.0))
         samples = math.ceil(math.log(100 * check.factor) / kept)
         yield Text(f"One percent is reached within {counted(samples, _TICK[timing.steps])}.")
-    loop, _ = TOPICS["separable"].about(READINGS, agents, found.certificate.claims.W)
+    loop, W = TOPICS["separable"].about(READINGS, agents, found.certificate.claims.W)
+    claim = claim_of(check, loop, W)
+    gap = shortest_gap(loop, claim.rows) if isinstance(claim, ReadingsBound) else None
+    if gap is not None:
+        yield Text(
+            "An agent that broadcasts on events does so at most once in "
+            f"{significant_towards_zero(float(gap))} s."
+        )
     box = check.domain
     tried = loop.n <= MOST_VARIED and isinstance(box, Around) and varied(timing) != "event"
     rates = rates_around(loop, box) if tried and isinstance(box, Around) else {}

@@ -36,7 +36,7 @@ from dobc_design.conditions.reason import (
 from dobc_design.coupling.enclosures import Profile, slope_bound
 from dobc_design.errors import SpecError
 from dobc_design.exact.floats import Floats
-from dobc_design.exact.interval import Interval, UndefinedError, log, pi, sin, sqrt
+from dobc_design.exact.interval import Interval, UndefinedError, exp, log, pi, sin, sqrt
 from dobc_design.exact.matrix import Matrix, identity, scale, subtract
 from dobc_design.exact.number import ONE, ZERO
 from dobc_design.exact.polynomial import (
@@ -404,13 +404,45 @@ def _late_obstacle(loop: Loop, profiles: Sequence[Profile]) -> str | None:
     return None
 
 
+def shortest_gap(loop: Loop, claim: Separable) -> Fraction | None:
+    """The least time (s) between two broadcasts of an agent that sends when its state has moved by
+    event v_i rho exp(-rate t), rounded down; None where readings are held, or a coupling falls.
+    It moves by at most nu rho exp(-rate t), so that t exp(rate t) >= event v_i/nu.  Raises:
+    UndefinedError."""
+    timing = loop.timing or Timing()
+    if timing.period or not timing.event:
+        return None
+    stretch = timing.stretch(claim.alpha)
+    profiles = coupling_profiles(loop, claim.v, rho=claim.rho, stretch=stretch)
+    if not all(kind.is_nondecreasing for kind in profiles):
+        return None
+    slopes = _largest_slopes(profiles)
+    v = (*claim.v, *(ZERO for _ in loop.fixed))
+    left = ZERO if claim.error is None else 1 / claim.error.kappa
+    most = [k * own + left for k, own in zip(held_gains(loop), claim.v, strict=True)]
+    parts = []
+    for arcs in loop.modes.values():
+        speeds = list(most)
+        for i, j, weight in arcs:
+            speeds[i] += weight * slopes[loop.place_of(i, j)] * (stretch * v[j] + v[i])
+        moving = zip(claim.v, speeds, strict=True)
+        parts += [timing.event * own / speed for own, speed in moving if speed]
+    part = min(parts, default=None)
+    return None if part is None else (part * exp(Interval.point(-claim.alpha * part))).lo
+
+
+def _largest_slopes(profiles: Sequence[Profile]) -> list[Fraction]:
+    """The largest slope of each coupling as far out as rows look, at least 0.  Raises:
+    UndefinedError."""
+    return [
+        max(ZERO, slope_bound(kind.curve, Interval(-kind.radius, kind.radius), tolerance=_CLOSE))
+        for kind in profiles
+    ]
+
+
 def _steepest_anywhere(loop: Loop, profiles: Sequence[Profile]) -> Fraction:
-    """The largest sum of slopes and gain, each coupling with its largest slope as far out as rows
-    look.  Raises: UndefinedError."""
-    slopes = []
-    for kind in profiles:
-        place = Interval(-kind.radius, kind.radius)
-        slopes.append(max(ZERO, slope_bound(kind.curve, place, tolerance=_CLOSE)))
+    """The largest sum of slopes and gain.  Raises: UndefinedError."""
+    slopes = _largest_slopes(profiles)
     gains = held_gains(loop)
     most = ZERO
     for arcs in loop.modes.values():

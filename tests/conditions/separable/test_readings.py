@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy import linalg
+from scipy import linalg, optimize
 
 import dobc_design as dd
 from dobc_design.conditions.coverage import read_region
@@ -27,6 +27,7 @@ from dobc_design.conditions.separable.stage import readings_stage
 from dobc_design.conditions.separable.timing import (
     overshoots,
     rest_matrix,
+    shortest_gap,
     steepness,
     turns_too_far,
     verify_readings,
@@ -368,3 +369,15 @@ def test_nothing_is_said_of_the_value_agreed_upon_from_tick_to_tick():
     certificate = dd.certify(problem.replace(processor={"period": "0.1"}))
     assert certificate.verdict is PROVED
     assert certificate.value is None
+
+
+def test_broadcasts_on_events_are_apart_by_the_time_in_which_a_threshold_is_reached():
+    # agent 2: |e'| <= 2 (1.1 * 5/2 + 3) s = 11.5 s, the threshold is 0.3 s; agent 1, which has a
+    # pin: 2 (1.1 * 3 + 1) + 5 = 13.6, and 0.1; the slope of t exp(t/6) at 0 is 1
+    claim = Separable(v=V, alpha=F(1, 12), rho=None)
+    found = float(shortest_gap(with_timing(LINEAR, event="1/10"), claim))
+    root = optimize.brentq(lambda t: t * math.exp(t / 12) - 0.1 / 13.6, 0, 1)
+    assert root * 0.9999 < found <= root
+    assert shortest_gap(with_timing(LINEAR, event="1/10", period="1/50"), claim) is None
+    falling = with_timing(loop_of(pair("sin(y)")), event="1/10")
+    assert shortest_gap(falling, Separable(v=(F(1), F(1)), alpha=F(1, 9), rho=F(2))) is None

@@ -406,17 +406,20 @@ def _late_obstacle(loop: Loop, profiles: Sequence[Profile]) -> str | None:
 
 def shortest_gap(loop: Loop, claim: Separable) -> Fraction | None:
     """The least time (s) between two broadcasts of an agent that sends when its state has moved by
-    event v_i rho exp(-rate t), rounded down; None where readings are held, or a coupling falls.
-    It moves by at most nu rho exp(-rate t), so that t exp(rate t) >= event v_i/nu.  Raises:
-    UndefinedError."""
+    event v_i rho exp(-rate t), rounded down; None where readings are held, or a coupling falls or
+    has no bounded slope.  It moves by at most nu rho exp(-rate t), so that t exp(rate t) >= event
+    v_i/nu."""
     timing = loop.timing or Timing()
     if timing.period or not timing.event:
         return None
     stretch = timing.stretch(claim.alpha)
-    profiles = coupling_profiles(loop, claim.v, rho=claim.rho, stretch=stretch)
+    try:
+        profiles = coupling_profiles(loop, claim.v, rho=claim.rho, stretch=stretch)
+        slopes = _largest_slopes(profiles)
+    except UndefinedError:
+        return None
     if not all(kind.is_nondecreasing for kind in profiles):
         return None
-    slopes = _largest_slopes(profiles)
     v = (*claim.v, *(ZERO for _ in loop.fixed))
     left = ZERO if claim.error is None else 1 / claim.error.kappa
     most = [k * own + left for k, own in zip(held_gains(loop), claim.v, strict=True)]

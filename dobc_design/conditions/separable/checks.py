@@ -94,13 +94,7 @@ def max_separable_check(
     rate = decimal_below(composite_rate(claim))
     if not rate:
         return undecided("the rate of the whole loop is not shown to be positive.")
-    domain: Domain = EVERYWHERE
-    starts = "every start"
-    if claim.rho is not None:
-        domain = Box(radius, asked.disturbance)
-        starts += f" with |e_i| <= {radius:.6g}"
-        if loop.groups:
-            starts += f" and |eps_i| <= {asked.disturbance:.6g}"
+    domain, starts = _starts(asked, claim, radius)
     measure = "max_i |e_i|/v_i" if claim.T is None else "max_ic |(T e_i)_c|/v_ic"
     if claim.error is not None:
         measure += f" + {float(claim.error.kappa):.4g} max_i |eps_i|_P"
@@ -115,6 +109,16 @@ def max_separable_check(
         f"exp(-{text_below(rate)} t)"
         f"{everywhere} (max-separable Lyapunov function).{remark}",
     )
+
+
+def _starts(asked: Asked, claim: Separable, radius: float) -> tuple[Domain, str]:
+    """What a claim about this box holds for, also in words."""
+    if claim.rho is None:
+        return EVERYWHERE, "every start"
+    starts = f"every start with |e_i| <= {radius:.6g}"
+    if asked.loop.groups:
+        starts += f" and |eps_i| <= {asked.disturbance:.6g}"
+    return Box(radius, asked.disturbance), starts
 
 
 def why_no_weights(loop: Loop) -> str | None:
@@ -200,13 +204,7 @@ def readings_check(asked: Asked, claim: Separable, *, radius: float) -> Check:
     if not covers(claim, radius=claimed(radius), disturbance=claimed(asked.disturbance)):
         return undecided("the box asked for is not inside the certified set.")
     rate = decimal_below(claim.alpha)
-    domain: Domain = EVERYWHERE
-    starts = "every start"
-    if claim.rho is not None:
-        domain = Box(radius, asked.disturbance)
-        starts += f" with |e_i| <= {radius:.6g}"
-        if loop.groups:
-            starts += f" and |eps_i| <= {asked.disturbance:.6g}"
+    domain, starts = _starts(asked, claim, radius)
     when = ", at the samples" if loop.timing is not None and loop.timing.period else ""
     reason = (
         f"{starts} reaches the target with {timing_words(loop.timing)}: max_i |e_i|/v_i stays "

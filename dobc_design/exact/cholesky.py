@@ -7,21 +7,17 @@ never answers "not positive definite"; eigenvectors that may show it come from `
 from __future__ import annotations
 
 import heapq
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Iterator, Mapping
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any, Final, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dobc_design._checks import noun, positional
 
-from .number import ZERO, from_fmpq_mat, to_fmpq
-from .symmetric import Entries, IntegerSymmetric, SparseSymmetric
-
-if TYPE_CHECKING:
-    from flint import fmpq_mat
+from .number import to_fmpq
+from .symmetric import IntegerSymmetric, SparseSymmetric
 
 # Fraction, or flint's fmpq for larger matrices; both mix with int.
 Scalar: TypeAlias = Any
@@ -373,79 +369,3 @@ def _factor(A: Floats, shift: float) -> Floats | None:
     except np.linalg.LinAlgError:
         return None
     return L if bool(np.isfinite(L).all()) else None
-
-
-# Bits of a lifted direction; it only has to point near the eigenvector.
-_LIFT_BITS: Final = 12
-# More small eigenvalues than this share of the rows, and elimination is as good.
-_SHARE: Final = 8
-
-
-def decide_lifted(
-    M: SparseSymmetric | IntegerSymmetric,
-    S: Scaled,
-    values: Floats,
-    vectors: Floats,
-    *,
-    strict: bool,
-) -> dict[int, Fraction] | None:
-    """Decide M > 0 (strict) or M >= 0 exactly: {} if proved, else a direction; None if it does not
-    get through.  S: M scaled; values, vectors: the eigenvalues, rising, and eigenvectors of its
-    floats, as guesses only."""
-    few = int(np.count_nonzero(values < 2**10 * margin(S)))
-    # Without small eigenvalues there is nothing to lift, and with many nothing is gained.
-    if not 0 < few <= max(4, S.size // _SHARE):
-        return None
-    # B = D M D + V V' has no small eigenvalues; M > 0 iff G = I - V' B^-1 V > 0 (Schur).
-    lift = np.rint(np.ldexp(vectors[:, :few], _LIFT_BITS)).astype(np.int64)
-    square = lift @ lift.T
-    high = S.high + (square << 2 * (HIGH_BITS - _LIFT_BITS))
-    floats = S.floats + np.ldexp(square, -2 * _LIFT_BITS)
-    if not proves_by_integers(replace(S, high=high, floats=floats)):
-        return None
-    Z = from_fmpq_mat(_solved(M, S, square, lift))
-    unit = Fraction(1, 2**_LIFT_BITS)
-    V = [[unit * x for x in row] for row in lift.tolist()]
-    G: Entries = {}
-    for a in range(few):
-        for b in range(a, few):
-            products = (v[a] * z[b] for v, z in zip(V, Z, strict=True) if v[a])
-            G[a, b] = (a == b) - sum(products, ZERO)
-    found = bad_direction(SparseSymmetric(few, G), strict=strict)
-    if found is None:
-        return {}
-    # With w'Gw <= 0 and v = -Z w: v'(D M D)v <= [v; w]'[[B, V], [V', I]][v; w] = w'Gw.
-    direction: dict[int, Fraction] = {}
-    for i, (row, exponent) in enumerate(zip(Z, S.exponents.tolist(), strict=True)):
-        x = sum((row[b] * w for b, w in found.items()), ZERO)
-        if x:
-            direction[i] = Fraction(2) ** -exponent * x
-    return direction
-
-
-def _solved(
-    M: SparseSymmetric | IntegerSymmetric, S: Scaled, square: Whole, lift: Whole
-) -> fmpq_mat:
-    """Return Z (n, k) with (D M D + V V') Z = V, exactly; M without its denominator if it is an
-    IntegerSymmetric."""
-    from flint import fmpq, fmpq_mat
-
-    n = S.size
-    exponents = S.exponents.tolist()
-    unit = fmpq(1, 2 ** (2 * _LIFT_BITS))
-    entries = [[unit * x for x in row] for row in square.tolist()]
-    places: Iterable[tuple[int, int, fmpq]]
-    if isinstance(M, IntegerSymmetric):
-        values = map(fmpq, M.values.tolist())
-        places = zip(M.rows.tolist(), M.columns.tolist(), values, strict=True)
-    else:
-        places = ((i, j, to_fmpq(x)) for (i, j), x in M.entries.items())
-    for i, j, x in places:
-        power = exponents[i] + exponents[j]
-        entry = x / 2**power if power >= 0 else x * 2**-power
-        entries[i][j] += entry
-        if i != j:
-            entries[j][i] += entry
-    right = [fmpq(x, 2**_LIFT_BITS) for x in lift.ravel().tolist()]
-    left = [x for row in entries for x in row]
-    return fmpq_mat(n, n, left).solve(fmpq_mat(n, lift.shape[1], right))

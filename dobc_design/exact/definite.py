@@ -27,13 +27,13 @@ from .cholesky import (
     Scaled,
     UnfinishedError,
     bad_direction,
-    decide_lifted,
     low_directions,
     margin,
     proves_by_integers,
     scaled,
 )
-from .matrix import Matrix, Vector, from_float, matrix
+from .matrix import Matrix, Vector, from_float, matrix, nullspace
+from .polynomial import characteristic_polynomial
 from .symmetric import IntegerSymmetric, SparseSymmetric, Symmetric, in_integers
 from .zmatrix import is_z_matrix, search
 
@@ -104,6 +104,8 @@ def roundings(vector: Sequence[int]) -> Iterator[list[int]]:
 # flint takes 11 to 60 times as long as the integer rest at 32 rows, over 1000 times as long as the
 # vector on a ring of 400.
 _DENSE_SIZE: Final = 2000
+# A characteristic polynomial of so many rows takes some two minutes.
+_POLYNOMIAL_SIZE: Final = 400
 # Sparse: at most one entry of the upper triangle in so many.
 _SPARSE: Final = 8
 # Eigenvectors tried as witnesses, lowest first.
@@ -127,8 +129,8 @@ def decide_positive_semidefinite(M: Matrix | Symmetric) -> Definiteness:
     """Decide M >= 0 for a symmetric M (n, n); the empty matrix is positive semidefinite.  Returns:
     PROVED, or REFUTED with an integer witness v, v'Mv < 0; never UNDECIDED. Raises: ShapeError if M
     is not square and exactly symmetric.
-    Source: as above. What proves M > 0 proves this; singular M are left to the vector, the lift and
-    LDL'."""
+    Source: as above. What proves M > 0 proves this; singular M are left to the vector, the
+    polynomial and LDL'."""
     return _decide(_Case(given=_symmetric(M), strict=False))
 
 
@@ -186,6 +188,10 @@ class _Case:
         if isinstance(self.matrix, IntegerSymmetric):
             return len(self.matrix.values)
         return len(self.matrix.entries)
+
+    @property
+    def is_sparse(self) -> bool:
+        return _SPARSE * self.entries <= self.size * self.size // 2
 
     @cached_property
     def scaled(self) -> Scaled | list[int] | None:
@@ -249,8 +255,7 @@ def _by_diagonal(case: _Case) -> Definiteness | None:
 def _by_vector(case: _Case) -> Definiteness | None:
     """Of a Z-matrix, or one with few entries, or with too many rows for dense work in any case."""
     # Of dense rows a factor is found sooner, unless the signs are those that a vector needs.
-    few = _SPARSE * case.entries <= case.size * case.size // 2
-    if not (few or case.size > _DENSE_SIZE or is_z_matrix(case.matrix)):
+    if not (case.is_sparse or case.size > _DENSE_SIZE or is_z_matrix(case.matrix)):
         return None
     found = search(case.matrix, strict=case.strict)
     if found.vector is None:
@@ -279,16 +284,24 @@ def _by_eigenvector(case: _Case) -> Definiteness | None:
     return _first(case, low_directions(case.scaled, low), "eigenvector, rounded and multiplied out")
 
 
-def _by_lift(case: _Case) -> Definiteness | None:
-    """Decide next to the edge, where few eigenvalues are small."""
-    if not isinstance(case.scaled, Scaled) or case.spectrum is None:
+def _by_polynomial(case: _Case) -> Definiteness | None:
+    """Decide next to the edge: the eigenvalues are real, so that none is below 0 iff the signs of
+    det(s I - M) alternate (Descartes)."""
+    # Of sparse rows few fill in: LDL' is quick.
+    if case.is_sparse or case.spectrum is None or not isinstance(case.scaled, Scaled):
         return None
-    values, vectors = case.spectrum
-    direction = decide_lifted(case.matrix, case.scaled, values, vectors, strict=case.strict)
-    method = "small eigenvalues lifted, exact linear solve (python-flint)"
-    if direction:
-        return refuted(case.matrix, direction, strict=case.strict, method=case.named(method))
-    return None if direction is None else case.proved(method)
+    M = case.matrix.to_dense()
+    coefficients = characteristic_polynomial(M)
+    alternate = all(x * (-1) ** k >= 0 for k, x in enumerate(coefficients))
+    method = "signs of the characteristic polynomial (python-flint)"
+    if alternate and (coefficients[-1] or not case.strict):
+        return case.proved(method)
+    # u with M u = 0, else with M u = v for the lowest eigenvector v, about: u'Mu = v'M^-1 v < 0,
+    # where an eigenvalue is just below 0.
+    (v,) = low_directions(case.scaled, case.spectrum[1][:, :1])
+    u = nullspace(tuple((*row, Fraction(-x)) for row, x in zip(M, v, strict=True)))[0][:-1]
+    common = math.lcm(*(x.denominator for x in u))
+    return _first(case, ([int(x * common) for x in u],), method)
 
 
 def _first(case: _Case, directions: Iterable[list[int]], method: str) -> Definiteness | None:
@@ -327,5 +340,5 @@ _PATHS: Final[tuple[tuple[float, Callable[[_Case], Definiteness | None]], ...]] 
     (math.inf, _by_vector),
     (_DENSE_SIZE, _by_integers),
     (_DENSE_SIZE, _by_eigenvector),
-    (_DENSE_SIZE, _by_lift),
+    (_POLYNOMIAL_SIZE, _by_polynomial),
 )

@@ -12,12 +12,12 @@ from dobc_design.exact.cholesky import (
     Scaled,
     UnfinishedError,
     bad_direction,
-    decide_lifted,
     integer_factors,
     leaves_dominated_rest,
     proves_by_integers,
     scaled,
 )
+from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
 from dobc_design.verdict import Verdict
 
 
@@ -166,13 +166,6 @@ def test_a_factorisation_that_breaks_down_proves_nothing_and_others_are_passed_o
     S = form(spectral(ladder(4, 0.5)))
     monkeypatch.setattr(np.linalg, "cholesky", lambda A: np.full_like(A, np.nan))
     assert not proves_by_integers(S)
-    # No eigenvalue near 0: nothing to lift. Half of them 0: elimination is as good.
-    matrix = gram(20, 60, seed=0) + 100 * np.eye(20)
-    found = lifted(IntegerSymmetric.from_floats(matrix), strict=True)
-    assert found is None
-    rounded = IntegerSymmetric.from_floats(gram(20, 10, seed=0))
-    found = lifted(rounded, strict=True)
-    assert found is None
 
 
 def test_the_quick_answer_has_three_values():
@@ -202,22 +195,16 @@ def gram(n: int, columns: int, *, seed: int) -> np.ndarray:
     return (G @ G.T).astype(float)
 
 
-def lifted(M: IntegerSymmetric | SparseSymmetric, *, strict: bool) -> dict[int, Fraction] | None:
-    S = form(M)
-    decomposition = np.linalg.eigh(S.floats)
-    return decide_lifted(M, S, *decomposition, strict=strict)
-
-
 @pytest.mark.parametrize(("n", "columns"), [(20, 19), (40, 38), (60, 57), (120, 119)])
 def test_a_singular_gram_matrix_is_semidefinite_and_not_definite(n: int, columns: int):
-    """Closed form: rank below n. The direction is an exact null vector."""
+    """Closed form: rank below n. The witness is an exact null vector."""
     M = IntegerSymmetric.from_floats(gram(n, columns, seed=n))
-    assert lifted(M, strict=False) == {}
-    direction = lifted(M, strict=True)
-    assert direction
-    v = [direction.get(i, Fraction(0)) for i in range(n)]
-    found = M.quadratic_form(v)
-    assert found == 0
+    weak = decide_positive_semidefinite(M)
+    assert weak.verdict is Verdict.PROVED
+    assert weak.method.startswith("signs of the characteristic polynomial")
+    strict = decide_positive_definite(M)
+    assert strict.verdict is Verdict.REFUTED
+    assert strict.value == M.quadratic_form(strict.witness) == 0
 
 
 @pytest.mark.parametrize("shift", [Fraction(1, 10**40), Fraction(-1, 10**40)])
@@ -226,44 +213,9 @@ def test_the_sign_of_a_shift_far_below_the_doubles_is_seen(shift: Fraction):
     n = 30
     gram_matrix = IntegerSymmetric.from_floats(gram(n, n - 1, seed=1))
     M = gram_matrix.to_sparse().shifted(shift)
-    for strict in (True, False):
-        direction = lifted(M, strict=strict)
-        assert direction is not None
-        assert (direction == {}) == (shift > 0)
-        if direction:
-            v = [direction.get(i, Fraction(0)) for i in range(n)]
-            found = M.quadratic_form(v)
-            assert found < 0
-
-
-def test_wrong_eigenvectors_never_give_a_wrong_answer():
-    """The guesses are random directions: it passes on, or is right all the same."""
-    n = 20
-    M = IntegerSymmetric.from_floats(gram(n, n - 1, seed=4))
-    S = form(M)
-    values = np.linalg.eigh(S.floats)[0]
-    for seed in range(5):
-        rng = np.random.default_rng(seed)
-        drawn = rng.standard_normal((n, n))
-        Q, _ = np.linalg.qr(drawn)
-        found = decide_lifted(M, S, values, Q, strict=True)
-        assert found != {}
-        assert not decide_lifted(M, S, values, Q, strict=False)
-
-
-def test_what_is_left_after_the_lift_has_to_be_proved_definite():
-    """One eigenvalue is -1/2; the largest is lifted instead. G > 0 then, and M is not: it has to
-    pass on."""
-    n = 8
-    rng = np.random.default_rng(0)
-    drawn = rng.standard_normal((n, n))
-    Q, _ = np.linalg.qr(drawn)
-    eigenvalues = [-0.5, *range(2, n + 1)]
-    A = (Q * np.array(eigenvalues)) @ Q.T
-    M = IntegerSymmetric.from_floats((A + A.T) / 2)
-    S = form(M)
-    vectors = np.linalg.eigh(S.floats)[1]
-    values = np.array([0.0] + [1.0] * (n - 1))
-    backwards = vectors[:, ::-1]
-    found = decide_lifted(M, S, values, backwards, strict=True)
-    assert found is None
+    for decide in (decide_positive_definite, decide_positive_semidefinite):
+        found = decide(M)
+        assert found.method.startswith("signs of the characteristic polynomial")
+        assert found.is_proved == (shift > 0)
+        if not found.is_proved:
+            assert found.value == M.quadratic_form(found.witness) < 0

@@ -10,7 +10,6 @@ import numpy as np
 from dobc_design.exact.cholesky import (
     Scaled,
     bad_direction,
-    decide_lifted,
     proves_by_integers,
     scaled,
 )
@@ -127,18 +126,6 @@ def by_vector(matrix: np.ndarray) -> Verdict:
     return REFUTED
 
 
-def by_lift(matrix: np.ndarray) -> Verdict:
-    M = IntegerSymmetric.from_floats(matrix)
-    S = scaled(M)
-    if not isinstance(S, Scaled):
-        return UNDECIDED
-    decomposition = np.linalg.eigh(S.floats)
-    direction = decide_lifted(M, S, *decomposition, strict=True)
-    if direction is None:
-        return UNDECIDED
-    return REFUTED if direction else PROVED
-
-
 def by_choice(matrix: np.ndarray) -> Verdict:
     return decide_positive_definite(IntegerSymmetric.from_floats(matrix)).verdict
 
@@ -156,7 +143,6 @@ PATHS: dict[str, Path] = {
     "quick": by_quick,
     "integer rest": by_integers,
     "vector": by_vector,
-    "lift": by_lift,
     "choice": by_choice,
 }
 # They may not pass on.

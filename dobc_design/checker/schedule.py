@@ -37,6 +37,7 @@ def settling(case: Case, check: Any) -> None:
     """The tube holds all starts and its rows hold; its last box lies in the level of what takes
     over, in time."""
     need(check.rate is None, "it has no rate to claim")
+    need(case.timing is None, "a tube is about readings of the same instant")
     starts(case, check.domain, "box")
     boxes = [partial(weights, case.n)]
     tube: Object = {"times": [rational], "upper": boxes, "lower": boxes}

@@ -308,7 +308,9 @@ class _Alone:
         x, xi, z = columns.loop.split(states.T)  # samples in place of runs
         # broadcast: no noise is the same for all agents
         noise = np.zeros(1)
-        last = np.searchsorted(columns.instants, times, side="right") - 1
+        # a run may end at an instant, before anything happens there
+        past = np.searchsorted(columns.instants, times, side="right")
+        last = np.minimum(past, columns.next) - 1
         if agents.stress.noise:
             noise = np.stack(self.noises, axis=2)[..., last]
         e, xihat = columns.known(x, z, noise)

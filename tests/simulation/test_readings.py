@@ -192,3 +192,16 @@ def test_runs_at_their_worst_stay_below_the_certified_bound(stated):
     held = "period" in str(stated)
     assert bool(envelope.sources) is not held
     assert ("leaves a ripple" in envelope.reason) is held
+
+
+def test_a_run_that_diverges_ends_at_an_instant_at_which_nothing_is_read_any_more():
+    steep = linked(
+        [(1, 2), (2, 3), (3, 4), (4, 1)],
+        coupling="exp(y) - 1 + y",
+        gains={1: 5, 3: 5},
+        region=Region(initial_states=[-2, 2]),
+        readings={"delay": "1/2", "own_delay": "1/2"},
+    )
+    run = simulate(steep, t_final=20, seed=0)
+    assert run.times[-1] < 20
+    assert len(run.u) == len(run.times)

@@ -16,7 +16,13 @@ from dobc_design.conditions.arcs.claim import ArcWise
 from dobc_design.conditions.quadratic.claim import Lure, Quadratic
 from dobc_design.conditions.quadratic.decide import diagonal_of_inverse, differences, verify_lure
 from dobc_design.conditions.quadratic.sectors import relied_differences
-from dobc_design.conditions.reason import Need, first_missing, fixed_obstacle, signs_obstacle
+from dobc_design.conditions.reason import (
+    Need,
+    first_missing,
+    fixed_obstacle,
+    signs_obstacle,
+    timing_obstacle,
+)
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.decide import (
     composite_rate,
@@ -156,6 +162,7 @@ def counted_from(claim: Descent) -> Fraction:
 def _needs(loop: Loop, W: Matrix | None, claim: Descent) -> Iterator[Need]:
     """What has to hold, in turn: what is cheap first, and what later needs rely on."""
     tube = claim.tube
+    yield loop.timing is None, str(timing_obstacle(loop))
     yield len(tube.upper[0]) == loop.n, f"a box must have {loop.n} entries, one per agent."
     yield from _observer_holds(loop, W, claim)
     # The starts are a box with equal sides.

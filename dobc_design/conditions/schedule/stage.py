@@ -23,7 +23,7 @@ from dobc_design.conditions.domain import Around, Box
 from dobc_design.conditions.numbers import claimed, decimal_above, rounded_up
 from dobc_design.conditions.quadratic.claim import Quadratic
 from dobc_design.conditions.quadratic.decide import diagonal_of_inverse
-from dobc_design.conditions.reason import first_missing, gap_obstacle
+from dobc_design.conditions.reason import first_missing, gap_obstacle, timing_obstacle
 from dobc_design.conditions.schedule import decide, propose, propose_cycles
 from dobc_design.conditions.separable.checks import obstacle
 from dobc_design.conditions.separable.claim import ErrorBound, Separable, acts_by_component
@@ -288,7 +288,7 @@ def settling_stage(
     those of ``asked_beside``; ``tolerance`` None: a hundredth of the radius."""
     loop = case.loop
     undecided = partial(undecided_check, "settling", case.domain)
-    reason = obstacle(loop, case.W)
+    reason = obstacle(loop, case.W) or timing_obstacle(loop)
     if reason is not None:
         return undecided(reason)
     if loop.size > MOST_ROWS:

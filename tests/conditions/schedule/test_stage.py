@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from certified import coarse_tables, few_chords, rough_settling, settling_alone
+from checker_files.files import accepted_by
 from networks import cycle, pair
 from regional_problems import HARMONIC, listening_pair
 from simulated_runs import INTEGRATION, compare
@@ -343,3 +344,16 @@ def test_the_envelope_has_no_other_times_than_those_from_zero_on():
     for t in (-1.0, float("nan"), float("inf")):
         with pytest.raises(SpecError, match="t must be a time >= 0"):
             certified().settling.envelope(t)
+
+
+def test_readings_of_another_instant_leave_it_undecided_and_both_programs_refuse_a_forged_one():
+    late = listening_pair(reach=1).replace(readings={"delay": "1/10"})
+    case = Case(loop=loop_of(late), W=None, domain=NEAR_TARGET, checks=())
+    found = stage.settling_stage(case, tolerance=F(1, 100), report=lambda text: None)
+    assert found.verdict is Verdict.UNDECIDED
+    assert "readings of the same instant" in found.reason
+    data = json.loads(certificate_bytes(dd.certify(late).claims))
+    assert accepted_by(data, late) == (True, True)
+    (forged,) = [x for x in certified().claims.checks if x.id == "settling"]
+    data["checks"].append(forged.to_json())
+    assert accepted_by(data, late) == (False, False)

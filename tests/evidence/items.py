@@ -95,6 +95,7 @@ def _items() -> Iterator[Item]:
     yield Item("published", published.table, len(PUBLISHED), 0, share=5)
     # the count is runs, of 48 side by side
     yield Item("late-runs", readings.run, 10_000, 7, share=50)
+    yield Item("late-beyond", readings.beyond, 30, 0)
     yield Item("late-margins", readings.margins, 30, 0)
     # the count is samples
     yield Item("processor-code", readings.code, 1_000_000, 1)

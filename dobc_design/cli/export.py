@@ -64,7 +64,7 @@ class Asked:
 
     period: Annotated[
         str | None,
-        Option(metavar="SECONDS", help="With --c, --fmu: seconds from sample to sample."),
+        Option(metavar="SECONDS", help="With --c, --fmu: sampling period; or that of [processor]."),
     ] = None
     precision: Annotated[str | None, Option(help="With --c: double (default) or float.")] = None
     agent: Annotated[

@@ -43,7 +43,7 @@ class Stresses:
     ] = None
     worst: Annotated[
         bool,
-        Option("--worst", help="As bad as [uncertainty], [actuators] and the guarantee allow."),
+        Option("--worst", help="As bad as the tables and the guarantee of the file allow."),
     ] = False
 
     def chosen(self) -> Stress | Literal["worst"] | None:

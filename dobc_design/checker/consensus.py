@@ -306,7 +306,10 @@ def fact(case: Case, check: Any) -> None:
     need(check.margin is None, "it has no margin to claim")
     if check.rate is not None:
         need(check.id == "hurwitz", "it has no rate to claim")
-        shown = case.sampled or stable(closed(own(case, check.group), check.rate))
+        # of samples it is part of what was found
+        shown = found.holds
+        if not case.sampled:
+            shown = stable(closed(own(case, check.group), check.rate))
         need(check.rate > 0 and shown, "the rate is not shown")
     here = "proved" if found.holds else "refuted"
     need((check.verdict == "proved") == found.holds, f"it is {here} here")

@@ -72,7 +72,8 @@ def simulate(
     integrates e with eps known, "full-loop" all equations as printed, "off" leaves the disturbance
     uncompensated.  ``tolerance`` of the integrator is relative.  ``stress``: noise, limits, losses
     and failures; "worst": what [uncertainty], [actuators], [readings] and the guarantee allow, at
-    its worst; by chance what [readings] allows, else.  ``progress``: True for a bar, or a function of the part done, 0 to 1.
+    its worst.  What [readings] and [processor] state is in every run, ages and losses by chance.
+    ``progress``: True for a bar, or a function of the part done, 0 to 1.
     Returns: a Trajectory, or with ``runs`` an Ensemble; ``diverged`` says what had to stop early,
     and ``reason`` why.
     Raises: SpecError for a wrong argument.

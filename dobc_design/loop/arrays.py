@@ -164,8 +164,8 @@ class ArcGroup:
     weights: Array
     opposes: bool = False
 
-    def where(self, chosen: BoolArray) -> ArcGroup:
-        """Some of the arcs."""
+    def where(self, chosen: BoolArray | IndexArray) -> ArcGroup:
+        """Some of the arcs, by truth values or by places."""
         return replace(
             self,
             listeners=self.listeners[chosen],

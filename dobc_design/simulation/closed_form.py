@@ -31,9 +31,7 @@ class ClosedForm:
 
     def at(self, time: float) -> Array:
         """C exp(F t), (p, q)."""
-        number = min(round(time / self.spacing), self.table.shape[1] - 1)
-        powers = (time - number * self.spacing) ** np.arange(TERMS)
-        return np.asarray(powers @ self.table[:, number]).reshape(self.C.shape)
+        return self.many(np.array(time))
 
     def many(self, times: Array) -> Array:
         """C exp(F t) for an array of times: (p, q, *times.shape)."""

@@ -7,7 +7,7 @@ arrays: arcs are worked through in blocks that fit into the processor's cache.
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import field, replace
+from dataclasses import field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -113,14 +113,7 @@ def _blocks(group: ArcGroup, size: int, m: int) -> Iterator[_Block]:
         if last < len(order):
             end = int(np.searchsorted(listeners, listeners[last], side="left"))
             last = end if end > first else last
-        part = order[first:last]
-        arcs = replace(
-            group,
-            listeners=listeners[first:last],
-            speakers=group.speakers[part],
-            weights=group.weights[part],
-        )
-        yield _block_of(h, arcs)
+        yield _block_of(h, group.where(order[first:last]))
         first = last
 
 

@@ -38,7 +38,6 @@ from dobc_design.solvers.program import Array, round_matrix
 from .claim import Lure, Shape, lure_matrix
 from .propose_program import (
     FloatSystem,
-    Gains,
     float_system,
     sample_gains,
 )
@@ -86,16 +85,7 @@ def design_lure(
     search = _begun(loop, W, shape=shape, rate=rate, observer=rate, disturbance=disturbance)
     if search is None:
         return None
-    # Sampled gains are quick, and mostly close enough.
-    tried: Lure | None = None
-    for tried in search.candidates(float(largest)):
-        if holds(tried):
-            return tried
-    if tried is None:
-        return None
-    # enclosures in the search only where the samples have misled
-    careful = replace(search, sampled=False)
-    return next(filter(holds, careful.candidates(float(largest))), None)
+    return next(filter(holds, search.candidates(float(largest))), None)
 
 
 def fast_lures(
@@ -275,15 +265,13 @@ class _Point:
 
 @noun(eq=False)
 class _Search:
-    """A design in progress: what stays the same over all radii.  ``sampled``: gains in floats, not
-    enclosed."""
+    """A design in progress: what stays the same over all radii."""
 
     loop: Loop
     templates: programs.Templates
     basis: Basis
     pair: ScaledPair | None
     rate: Fraction
-    sampled: bool
 
     @property
     def disturbance(self) -> float:
@@ -294,13 +282,7 @@ class _Search:
         """The numbers at a radius; None where the couplings have no bounded gains."""
         exact = None if radius is None else rounded_down(radius, digits=6)
         reach = None if exact is None else float(exact)
-        gains: Gains | None = None
-        if self.sampled:
-            gains = sample_gains(self.loop, 1.0 if reach is None else reach)
-        else:
-            ranges = _ranges(self.loop, exact)
-            if ranges is not None:
-                gains = programs.range_gains(ranges, len(self.loop.functions), self.loop.m)
+        gains = sample_gains(self.loop, 1.0 if reach is None else reach)
         if gains is None:
             return None
         S = None if self.pair is None else _of_agents(self.loop, self.pair.S)
@@ -569,7 +551,7 @@ def _begun(
         return None
     templates = programs.make_templates(loop)
     basis = make_basis(loop.size, shape)
-    return _Search(loop=loop, templates=templates, basis=basis, pair=pair, rate=rate, sampled=True)
+    return _Search(loop=loop, templates=templates, basis=basis, pair=pair, rate=rate)
 
 
 def _point(system: FloatSystem, radius: float | None, Y: Array, x: Array) -> _Point:

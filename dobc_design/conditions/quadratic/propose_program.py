@@ -27,7 +27,7 @@ from dobc_design.loop.matrices import pull_matrix
 from dobc_design.solvers.barrier import Basis, Block, Indices, Inequalities
 from dobc_design.solvers.program import Array
 
-from .sectors import GainRange, is_sum_of_curves
+from .sectors import is_sum_of_curves
 
 Gains = tuple[Array, Array]  # lowest and highest, (couplings, m, m)
 
@@ -137,15 +137,6 @@ def sample_gains(loop: Loop, radius: float) -> Gains | None:
     largest = np.maximum(np.abs(low), np.abs(high))
     margin = WIDER * np.where(bent, largest, 0.0)
     return low - margin, high + margin
-
-
-def range_gains(ranges: Sequence[GainRange], count: int, m: int) -> Gains:
-    """The same arrays from enclosures; zero where a coupling is not used."""
-    ends = np.zeros((2, count, m, m))
-    for each in ranges:
-        ends[0, each.coupling] = [[nearest(gain.lo) for gain in row] for row in each.entries]
-        ends[1, each.coupling] = [[nearest(gain.hi) for gain in row] for row in each.entries]
-    return ends[0], ends[1]
 
 
 def _sampled(coupling: Coupling, radius: float) -> Gains:

@@ -304,15 +304,15 @@ def worst_ratio(
 def run(count: int, seed: int) -> Row:
     """``count`` runs, spread over the networks."""
     rng = np.random.default_rng(seed)
-    networks = list(islice(cases(), NETWORKS))
+    networks = list(islice(cases(), min(NETWORKS, -(-count // PER_HABIT))))
     failures = []
     done = 0
     kinds = Counter(case.kind for case in networks)
     most: dict[str, float] = {}
     number = 0
     while done < count:
-        case = networks[number % NETWORKS]
-        turn = number // NETWORKS
+        case = networks[number % len(networks)]
+        turn = number // len(networks)
         habit = (AGES[turn % len(AGES)], MARKS[(turn + number) % len(MARKS)])
         ratio = worst_ratio(case, habit, rng)
         most[case.kind] = max(most.get(case.kind, 0.0), ratio)

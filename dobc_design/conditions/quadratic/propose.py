@@ -8,7 +8,7 @@ accepts, exactly, is returned.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from functools import partial
@@ -20,9 +20,13 @@ from scipy import linalg, optimize
 from dobc_design._checks import noun
 from dobc_design.conditions.consensus.claim import omega
 from dobc_design.conditions.consensus.propose import decay_of
+from dobc_design.conditions.coverage import Asked
 from dobc_design.conditions.numbers import (
     bisected,
+    claimed,
+    golden_section,
     rounded_down,
+    time_to_one_percent,
 )
 from dobc_design.conditions.quadratic import propose_program as programs
 from dobc_design.errors import SpecError
@@ -61,6 +65,9 @@ MOST_CENTRES = 60
 TRIED = (1.0, 0.998, 0.9, 0.6)  # of the largest radius, before the ball is given up
 CONDITION = 100.0  # how far apart the eigenvalues of Y may lie at least
 _EDGE = 1e-3  # beside C'C, which need not be definite, in the equation of the observer
+# How far inside of a proved certificate the search for a flatter one begins ...
+_INSIDE = 1e-4
+_EVEN = 1e-2  # ... and how close it comes
 _SHORTFALL = 1e-8  # of the level, for the rounding of its estimate
 # Where no arc needs the radius every level will do: one that holds balls of a hundred times the
 # radius, about.
@@ -108,6 +115,69 @@ def fast_lures(
     growing = list(islice(search.faster(radius, fastest), MOST_CENTRES))
     for there, point in reversed(growing[1:]):
         yield from there.roundings(point)
+
+
+def sooner_lures(
+    asked: Asked, lures: Sequence[Lure], *, holds: Holds, steps: int, least: float
+) -> Iterator[Lure]:
+    """Certificates that ``holds`` accepts with smaller rates and flatter P_e, which promise the
+    least time to one percent first; each covers what is ``asked``.  ``lures`` do, with growing
+    rates > 0: the search begins at the next faster one.  ``steps``: rates that are tried, all of
+    them at least ``least`` (1/s)."""
+    found: list[_Flat] = []
+
+    def time_at(rate: float) -> float:
+        exact = rounded_down(rate, digits=4)
+        # What holds at a rate holds at a slower one: the search begins inside.
+        near = next((each for each in lures if each.rate >= exact), lures[-1])
+        flat = _flattest(asked, near, rate=exact)
+        if flat is None:
+            return math.inf
+        found.append(flat)
+        return flat.time
+
+    times = [time_to_one_percent(float(x.rate), math.sqrt(condition_of(x))) for x in lures]
+    first = min(times)
+    # No P_e is flatter than I, for which the time is log(100) over the rate.
+    shortest = max(math.log(100) / first, least)
+    longest = float(lures[-1].rate)
+    if longest <= shortest:
+        return
+    golden_section(time_at, shortest, longest, steps=steps)
+    for flat in sorted(found, key=lambda each: each.time):
+        if flat.time < first:
+            yield from islice(filter(holds, flat.search.roundings(flat.point)), 1)
+
+
+@noun(eq=False)
+class _Flat:
+    """A point with a flat P_e, and the time to one percent (s) that it promises, about."""
+
+    time: float
+    search: _Search
+    point: _Point
+
+
+def _flattest(asked: Asked, near: Lure, *, rate: Fraction) -> _Flat | None:
+    """The flattest P_e for this rate that covers what is asked, from a certificate with a larger
+    one; None if none is found."""
+    begun = _begun(
+        asked.loop,
+        asked.W,
+        shape=near.shape,
+        rate=near.rate,
+        observer=near.rate,
+        disturbance=claimed(asked.disturbance),
+    )
+    start = None if begun is None else begun.point_of(near)
+    if begun is None or start is None:
+        return None
+    search = replace(begun, rate=rate)
+    point = search.flattest(start, asked.ball)
+    if point is None:
+        return None
+    time = time_to_one_percent(float(rate), math.sqrt(np.linalg.cond(point.Y)))
+    return _Flat(time=time, search=search, point=point)
 
 
 def condition_of(lure: Lure) -> float:
@@ -389,6 +459,62 @@ class _Search:
         )
         if point[kappa] <= needed:
             return None
+        return _point(system, start.radius, *program.split(point))
+
+    def point_of(self, lure: Lure) -> _Point | None:
+        """The point from which ``roundings`` would make this certificate, about; None where it is
+        of another search."""
+        radius = None if lure.radius is None else float(lure.radius)
+        system = self.system(radius)
+        if system is None:
+            return None
+        unit = 1.0 if lure.level is None else float(lure.level)
+        sectors = build_sectors(self.loop, lure.ranges, radius=lure.radius)
+        t: list[float] = []
+        for mode in system.modes:
+            known: dict[tuple[int, ...], float] = {}
+            taus = lure.multipliers[mode.name]
+            for channel, tau in zip(sectors.modes[mode.name], taus, strict=True):
+                known[channel.target, channel.plus, channel.minus] = float(tau)
+            values = [known.get(place, 0.0) for place in map(tuple, mode.where.T.tolist())]
+            if not all(values):
+                return None
+            t += (unit / (2 * mode.d * np.array(values))).tolist()
+        kappa = None
+        if self.pair is not None and lure.P is not None:
+            kappa = unit * float(self.pair.P[0][0] / lure.P[0][0])
+        Y = unit * np.linalg.inv(to_float(lure.P_e.to_dense()))
+        return _Point(radius=radius, Y=(Y + Y.T) / 2, t=np.array(t), kappa=kappa)
+
+    def flattest(self, start: _Point, ball: float) -> _Point | None:
+        """The point with the least largest eigenvalue of Y that covers the ball; None if ``start``
+        is not inside."""
+        system = self.system(start.radius)
+        if system is None or system.multipliers != len(start.t):
+            return None
+        size = 1 - _INSIDE
+        if start.radius is None:  # all scales are alike
+            ball = 1.0
+            size = 1.1 / float(np.linalg.eigvalsh(start.Y)[0])
+        inner = start.scaled(size)
+        disturbed = inner.kappa is not None and self.disturbance > 0 and start.radius is not None
+        program = programs.flattening(
+            system,
+            self.basis,
+            ball=ball * (1 + _INSIDE),
+            disturbance=self.disturbance if disturbed else 0.0,
+        )
+        values = np.linalg.eigvalsh(inner.Y)
+        scalars = list(inner.scalars)
+        if disturbed and inner.kappa is not None:
+            share = (1 + _INSIDE) * self.disturbance / inner.kappa
+            scalars += [(1 - _INSIDE) * float(values[0]), share]
+        point = program.join(inner.Y, [*scalars, 1.5 * float(values[-1])])
+        if not program.holds(point):
+            return None
+        cost = np.zeros(len(point))
+        cost[-1] = 1.0
+        point = minimise(program, point, cost, accuracy=_EVEN)
         return _point(system, start.radius, *program.split(point))
 
     def path(self, largest: float) -> list[_Point]:

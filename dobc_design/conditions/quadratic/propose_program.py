@@ -393,14 +393,51 @@ def covering(
         R = lambda_ + 1
         share = lambda_ + 2
         # [[lambda, R], [R, 1 - b]] > 0: the ball of radius R takes at most the part 1 - b.
-        corner, other = np.diag([1.0, 0.0]), np.diag([0.0, 1.0])
-        off = np.array([[0.0, 1.0], [1.0, 0.0]])
+        corner, other, off = _unit_forms()
         blocks.append(Block(constant=other, dense={lambda_: corner, R: off, share: -other}))
-        # b kappa > disturbance: what the errors of the observers take of the level.
-        taken = np.sqrt(disturbance) * off
-        blocks.append(Block(constant=taken, dense={kappa: corner, share: other}))
+        blocks.append(_disturbance_block(disturbance, kappa=kappa, share=share))
     count = lambda_ + 1 + 2 * disturbed
     return _within_radii(system, basis, blocks, count=count, positive=np.arange(kappa, lambda_))
+
+
+def _unit_forms() -> tuple[Array, Array, Array]:
+    """The symmetric 2 x 2 matrices with a 1 at the first place, at the second, and beside the
+    diagonal."""
+    return np.diag([1.0, 0.0]), np.diag([0.0, 1.0]), np.array([[0.0, 1.0], [1.0, 0.0]])
+
+
+def _disturbance_block(disturbance: float, *, kappa: int, share: int) -> Block:
+    """b kappa > disturbance: what the errors of the observers take of the level."""
+    corner, other, off = _unit_forms()
+    root = np.sqrt(disturbance)
+    return Block(constant=root * off, dense={kappa: corner, share: other})
+
+
+def flattening(
+    system: FloatSystem, basis: Basis, *, ball: float, disturbance: float
+) -> Inequalities:
+    """Find Y, t, kappa and mu with ball^2 I < Y < mu I in the radii, so that mu bounds the
+    condition of Y.  With a ``disturbance`` n lambda_max(P) s^2 at kappa = 1: lambda I < Y and the
+    share b of it, before mu."""
+    kappa = system.multipliers
+    first = kappa + (system.S is not None)
+    disturbed = system.S is not None and disturbance > 0
+    mu = first + 2 * disturbed
+    eye = np.eye(system.size)
+    blocks = _decrease(system)
+    # Y < mu I; and Y > ball^2 I, or with the part that the disturbance takes
+    blocks.append(Block(constant=np.zeros_like(eye), plain=-1.0, dense={mu: eye}))
+    if disturbed:
+        share = first + 1
+        corner, other, off = _unit_forms()
+        blocks.append(Block(constant=np.zeros_like(eye), plain=1.0, dense={first: -eye}))
+        blocks.append(Block(constant=other + ball * off, dense={first: corner, share: -other}))
+        blocks.append(_disturbance_block(disturbance, kappa=kappa, share=share))
+    else:
+        blocks.append(Block(constant=-(ball**2) * eye, plain=1.0))
+    # The unknown scalars in this order: t, kappa, lambda and b, mu.
+    positive = np.arange(kappa, mu + 1)
+    return _within_radii(system, basis, blocks, count=mu + 1, positive=positive)
 
 
 def _within_radii(

@@ -6,6 +6,7 @@ do not apply, first a diagonal one; ``verify_lure`` decides.
 """
 
 import math
+from collections.abc import Sequence
 from contextlib import suppress
 from fractions import Fraction
 from functools import partial
@@ -31,6 +32,7 @@ from .propose import (
     design_lure,
     linear_rate,
     raise_rate,
+    sooner_lures,
 )
 
 #: Rows n m up to which quadratic certificates are looked for, and up to which with a full P_e; with
@@ -46,6 +48,9 @@ FEWER_STEPS = 3
 MANY_ROWS = 11
 LONG_ROWS = 13  # from which on one rate is tried where arc-wise certificates are faster
 MODE = 20  # steps of work for the inequality of a mode
+SOONER = 5  # rates that are tried for the least time to one percent
+FLAT = 1.01  # times are next to that of P_e = I below this part
+KEPT = 0.002  # how much faster than wanted, for digits that are cut
 # no |e_j - e_i| beyond is looked at, unless the region asks for more
 _LARGEST = Fraction(400)
 
@@ -161,8 +166,8 @@ def _timed(asked: Asked, first: Lure) -> tuple[Lure, str]:
     seen = _faster(asked, first)
     fastest = seen[-1]
     fast = [each for each in seen if each.rate >= asked.rate] or [fastest]
-    # Of equal times the faster one.
-    best = min(reversed(fast), key=_time)
+    # Of equal times the flatter, then the faster one.
+    best = min([*_flatter(asked, seen), *reversed(fast)], key=_time)
     with suppress(WorkLimitError):
         best = raise_rate(loop, best, holds=partial(holds, loop))
     if best.rate >= fastest.rate:
@@ -173,6 +178,31 @@ def _timed(asked: Asked, first: Lure) -> tuple[Lure, str]:
 def _time(lure: Lure) -> float:
     """The time to one percent (s) that a certificate promises."""
     return time_to_one_percent(float(lure.rate), math.sqrt(condition_of(lure)))
+
+
+def _flatter(asked: Asked, seen: Sequence[Lure]) -> list[Lure]:
+    """A certificate of the same region with a smaller rate and a flatter P_e than those seen with
+    growing rates."""
+    timed = [each for each in seen if each.rate]
+    first = min(map(_time, timed), default=math.inf)
+    if not timed or not math.isfinite(first):
+        return []
+    # Its P_e is nearly a multiple of I already: a smaller rate gains nothing.
+    if first * float(timed[-1].rate) < FLAT * math.log(100):
+        return []
+    with surviving("no flatter quadratic proposal", WorkLimitError):
+        spend(_steps(asked.loop))
+        sooner = sooner_lures(
+            asked,
+            timed,
+            holds=partial(holds, asked.loop),
+            steps=SOONER,
+            least=asked.rate * (1 + KEPT),
+        )
+        for lure in sooner:
+            if _ball(asked, lure) >= asked.ball:
+                return [lure]
+    return []
 
 
 def _faster(asked: Asked, best: Lure) -> list[Lure]:

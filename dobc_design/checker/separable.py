@@ -518,7 +518,8 @@ def readings(case: Case, check: Any) -> Any:
 def known_late(case: Case, timing: Timing) -> None:
     """What is not followed together with readings."""
     plant = case.uncertainty
-    known = plant is None or (plant.known_to_agents and not plant.drift and not case.disturbed)
+    seen = plant is None or plant.known_to_agents or case.q == 0
+    known = seen and (plant is None or not (plant.drift or case.disturbed))
     need(known, "disturbances beside the exosystem are not known with readings")
     limits = case.actuators is not None and case.actuators.limit
     need(not limits, "limits of inputs are not known with readings")

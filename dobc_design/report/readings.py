@@ -55,8 +55,9 @@ def readings_section(found: Findings) -> Blocks:
     gap = shortest_gap(loop, claim.rows) if isinstance(claim, ReadingsBound) else None
     if gap is not None:
         yield Text(
-            "An agent that broadcasts on events does so at most once in "
-            f"{significant_towards_zero(float(gap))} s."
+            "An agent that broadcasts when it has moved by the event's part of the bound on it, "
+            f"which falls in time, does so at most once in {significant_towards_zero(float(gap))} "
+            "s."
         )
     box = check.domain
     tried = loop.n <= MOST_VARIED and isinstance(box, Around) and varied(timing) != "event"

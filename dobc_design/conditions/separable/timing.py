@@ -57,7 +57,6 @@ from .claim import (
     Term,
     acts_by_component,
     held_gains,
-    holding_gains,
     rows,
     stated_errors,
 )
@@ -199,7 +198,7 @@ def readings_obstacle(loop: Loop, W: Matrix | None) -> str | None:
     held = timing.period > 0
     unsaid = [] if plant is None else [name for name in ABSOLUTE if getattr(plant, name)]
     limited = loop.actuators is not None and bool(loop.actuators.limit)
-    blind = plant is not None and not plant.known_to_agents
+    blind = bool(loop.groups) and plant is not None and not plant.known_to_agents
     needs: list[Need] = [
         (not unsaid, f"[uncertainty] {', '.join(unsaid)} is not counted with late readings."),
         (not limited, "the limits of [actuators] are not counted with late readings."),
@@ -399,18 +398,24 @@ def _late_obstacle(loop: Loop, profiles: Sequence[Profile]) -> str | None:
                 f"does not apply: own readings may be late where couplings rise, and h = "
                 f'"{coupling.texts[0]}" is not shown to do so on |y| <= {float(kind.radius):.6g}.'
             )
-    if held_gains(loop) != holding_gains(loop):
+    kept = loop.pulls.each(is_diagonal)
+    if not all(kept.values()):
         return "does not apply: a gain mixes components, and own readings may be late."
     return None
+
+
+def is_diagonal(k: Matrix) -> bool:
+    """Whether a gain acts on every component by itself."""
+    return not any(x for c, row in enumerate(k) for x in row[:c] + row[c + 1 :])
 
 
 def shortest_gap(loop: Loop, claim: Separable) -> Fraction | None:
     """The least time (s) between two broadcasts of an agent that sends when its state has moved by
     event v_i rho exp(-rate t), rounded down; None where readings are held, or a coupling falls or
-    has no bounded slope.  It moves by at most nu rho exp(-rate t), so that t exp(rate t) >= event
-    v_i/nu."""
+    has no bounded slope, and with an exosystem, whose error may move it where the threshold is
+    next to 0.  It moves by at most nu rho exp(-rate t), so that t exp(rate t) >= event v_i/nu."""
     timing = loop.timing or Timing()
-    if timing.period or not timing.event:
+    if timing.period or not timing.event or claim.error is not None:
         return None
     stretch = timing.stretch(claim.alpha)
     try:
@@ -421,15 +426,18 @@ def shortest_gap(loop: Loop, claim: Separable) -> Fraction | None:
     if not all(kind.is_nondecreasing for kind in profiles):
         return None
     v = (*claim.v, *(ZERO for _ in loop.fixed))
-    left = ZERO if claim.error is None else 1 / claim.error.kappa
-    most = [k * own + left for k, own in zip(held_gains(loop), claim.v, strict=True)]
+    # what it knew of itself was larger then
+    late = exp(Interval.point(claim.alpha * timing.own_delay)).hi
+    more = 1 + max(stated_errors(loop))
+    pulls = loop.pulls.each(lambda k: max(sum(map(abs, row)) for row in k))
+    most = [late * pulls.get(i, ZERO) * own for i, own in enumerate(claim.v)]
     parts = []
     for arcs in loop.modes.values():
         speeds = list(most)
         for i, j, weight in arcs:
-            speeds[i] += weight * slopes[loop.place_of(i, j)] * (stretch * v[j] + v[i])
+            speeds[i] += weight * slopes[loop.place_of(i, j)] * (stretch * v[j] + late * v[i])
         moving = zip(claim.v, speeds, strict=True)
-        parts += [timing.event * own / speed for own, speed in moving if speed]
+        parts += [timing.event * own / (more * speed) for own, speed in moving if speed]
     part = min(parts, default=None)
     return None if part is None else (part * exp(Interval.point(-claim.alpha * part))).lo
 

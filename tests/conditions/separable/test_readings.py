@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from networks import network_of
 from scipy import linalg, optimize
 
 import dobc_design as dd
@@ -20,7 +21,7 @@ from dobc_design.conditions.observer.propose import (
     design_sampled_gain,
     observer_gain,
 )
-from dobc_design.conditions.separable.claim import Separable
+from dobc_design.conditions.separable.claim import ErrorBound, Separable
 from dobc_design.conditions.separable.decide import error_bound_obstacle
 from dobc_design.conditions.separable.propose_observer import propose_error_bound
 from dobc_design.conditions.separable.stage import readings_stage
@@ -260,7 +261,13 @@ def test_linear_couplings_are_proved_everywhere_or_refuted():
     ("more", "words"),
     [
         ({"uncertainty": {"disturbance": "0.1"}}, "disturbance"),
-        ({"uncertainty": {"weights": "0.1", "known_to_agents": False}}, "do not know"),
+        (
+            {
+                "uncertainty": {"weights": "0.1", "known_to_agents": False},
+                "exosystem": Exosystem(A=[[0]], C=[[1]]),
+            },
+            "do not know",
+        ),
         ({"actuators": {"limit": 5}}, "limit"),
     ],
 )
@@ -379,5 +386,44 @@ def test_broadcasts_on_events_are_apart_by_the_time_in_which_a_threshold_is_reac
     root = optimize.brentq(lambda t: t * math.exp(t / 12) - 0.1 / 13.6, 0, 1)
     assert root * 0.9999 < found <= root
     assert shortest_gap(with_timing(LINEAR, event="1/10", period="1/50"), claim) is None
+    late = with_timing(LINEAR, event="1/10", own_delay="1/50")
+    grown = math.exp(1 / 600)  # of what it knew of itself
+    root = 0.1 / (2 * (1.1 * 3 + grown) + 5 * grown)
+    assert root * 0.999 < float(shortest_gap(late, claim)) < root
+    # next to the target it moves by C eps, and its threshold is next to 0
+    error = ErrorBound(P=((F(1),),), beta=F(1), kappa=F(9), size=F(1))
+    assert shortest_gap(with_timing(LINEAR, event="1/10"), replace(claim, error=error)) is None
     falling = with_timing(loop_of(pair("sin(y)")), event="1/10")
     assert shortest_gap(falling, Separable(v=(F(1), F(1)), alpha=F(1, 9), rho=F(2))) is None
+
+
+def test_broadcasts_on_events_count_errors_of_weights_and_gains_that_mix_components():
+    # |e_c'| <= 1.1 (2 + 1/2) s of an agent that hears nobody
+    alone = dd.Problem(
+        network=network_of([], 1),
+        coupling="y",
+        target=[0, 0],
+        gains={1: [["2", "1/2"], ["-1/2", "2"]]},
+        uncertainty={"gains": "1/10"},
+    )
+    claim = Separable(v=(F(1),), alpha=F(1), rho=F(1))
+    found = float(shortest_gap(with_timing(loop_of(alone), event="1/10"), claim))
+    root = optimize.brentq(lambda t: t * math.exp(t) - 0.1 / 2.75, 0, 1)
+    assert root * 0.99 < found <= root
+
+
+def test_diagonal_gains_may_be_late_and_observers_that_are_not_there_need_no_weights():
+    alone = dd.Problem(
+        network=network_of([], 1),
+        coupling="y",
+        target=[0, 0],
+        gains={1: [[2, 0], [0, 3]]},
+        uncertainty={"weights": "1/10", "known_to_agents": False},
+        readings={"own_delay": "1/10"},
+    )
+    claim = Separable(v=(F(1),), alpha=F(2), rho=None)
+    assert verify_readings(loop_of(alone), None, claim).verdict is PROVED
+    mixed = alone.replace(gains={1: [[3, "1/10"], [0, 2]]})
+    found = verify_readings(loop_of(mixed), None, claim)
+    assert found.verdict is UNDECIDED
+    assert "a gain mixes components" in found.reason

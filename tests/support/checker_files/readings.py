@@ -139,6 +139,10 @@ def _settings() -> dict[str, Document]:
     found["led, late"] = moves | late(delay="1/10")
     for name, table in UNCERTAIN.items():
         found[name] = alone | {"uncertainty": table} | late(own_delay="1/5")
+    blind = {"uncertainty": UNCERTAIN["gains"] | {"known_to_agents": False}}
+    found["blind"] = found["gains"] | blind
+    found["watched"] = found["gains"] | CONSTANT
+    found["blind, watched"] = found["watched"] | blind
     found["limited"] = given("tanh(y)", actuators={"limit": 9}, **late())
     saturates = {"actuators": {"limit": 9, "saturates": True}}
     found["saturated"] = given("tanh(y)", **saturates, **late())
@@ -171,7 +175,6 @@ def _settings() -> dict[str, Document]:
 
 UNCERTAIN: dict[str, Document] = {
     "gains": {"gains": "1/10"},
-    "blind": {"gains": "1/10", "known_to_agents": False},
     "pushed": {"disturbance": "1/10"},
     "noisy": {"measurement": "1/10"},
     "drifting": {"drift": "1/10"},
@@ -501,6 +504,12 @@ def _others() -> Iterator[Case]:
     for name in UNCERTAIN:
         if name != "gains":
             yield fails(name, "not counted", readings(GLOBAL, 0.5, "1", "1/2"))
+    yield holds("blind", "nobody watches", less)
+    # 2 - 1/2 - 11/10 (exp(2/5) - 1) = 0.959
+    seen = readings(GLOBAL, 0.5, "1", "1/2")
+    seen["exact"] |= {"P": [["1"]], "beta": "2", "kappa": "1.05", "size": "1"}
+    yield holds("watched", "counted", seen)
+    yield fails("blind, watched", "not counted", seen)
     wide = readings(box(1), 2.9, "1 1", "2.9", "1")
     yield holds("amplitude", "no limit", wide)
     late_nodes = claim("delay", GLOBAL, 1, {"delay": "1/10", "rate": "1", "own_delay": "1/100"})

@@ -67,10 +67,8 @@ class ConsensusLoop(control.NonlinearIOSystem):  # type: ignore[misc]  # control
         self.observer = None
         if q > 0:
             self.exosystem = exosystem_of(loop, period)
-            if period:
-                self.observer = sampled_observer_of(loop, period)
-            elif loop.bend is None:
-                self.observer = observer_of(loop)
+            if period or loop.bend is None:
+                self.observer = observer_of(loop, period)
 
     def start_of(self, trajectory: Trajectory) -> Array:
         """The state at which a trajectory begins: x, xi and z = xihat - W x at its first sample."""
@@ -184,36 +182,26 @@ def exosystem_of(loop: ClosedLoop, period: float = 0) -> Any:
     return control.ss(A, B, C, D, period, name="exosystem", **names)
 
 
-def sampled_observer_of(loop: ClosedLoop, period: float) -> Any:
-    """The same from sample to sample: z+ = F (z + W x) - W (x + T v), F = Ad - T W Cd."""
-    m, W = loop.m, loop.W
-    Cd = discretised(loop, period).Cd
-    F = transition(loop, period) - period * W @ Cd
-    B = np.hstack([F @ W - W, -period * W])
-    D = np.hstack([Cd @ W, np.zeros((m, m))])
-    inputs = _names("x", m, 1) + _names("v", m, 1)
-    names = {"states": _names("z", loop.q, 1), "inputs": inputs, "outputs": _names("dhat", m, 1)}
-    return control.ss(F, B, Cd, D, period, name="observer", **names)
-
-
-def observer_of(loop: ClosedLoop) -> Any:
+def observer_of(loop: ClosedLoop, period: float = 0) -> Any:
     """(13) of one agent as control.StateSpace: inputs x_i and v_i = couplings + u_i, output
-    dhat_i."""
-    p = len(loop.output)
-    F = loop.A - loop.W @ loop.C
+    dhat_i; from sample to sample z+ = F (z + W x) - W (x + T v), F = Ad - T W Cd."""
+    C, W = loop.output, loop.W
+    p = len(C)
+    F = loop.A - W @ loop.C
     # z = xihat - W x takes the place of the estimate: no derivative of x is needed.
-    by_x, by_v = F @ loop.W, -loop.W
-    if loop.plant is not None:
-        by_x = by_x - loop.W @ loop.plant.A
+    by_x, by_v = F @ W, -W
+    if period:
+        C = discretised(loop, period).Cd
+        F = transition(loop, period) - period * W @ C
+        by_x, by_v = F @ W - W, -period * W
+    elif loop.plant is not None:
+        by_x = by_x - W @ loop.plant.A
         by_v = by_v @ loop.plant.B
     B = np.hstack([by_x, by_v])
-    D = np.hstack([loop.output @ loop.W, np.zeros((p, p))])
-    states = _names("z", loop.q, 1)
+    D = np.hstack([C @ W, np.zeros((p, p))])
     inputs = _names("x", loop.m, 1) + _names("v", p, 1)
-    outputs = _names("dhat", p, 1)
-    return control.ss(
-        F, B, loop.output, D, name="observer", states=states, inputs=inputs, outputs=outputs
-    )
+    names = {"states": _names("z", loop.q, 1), "inputs": inputs, "outputs": _names("dhat", p, 1)}
+    return control.ss(F, B, C, D, period, name="observer", **names)
 
 
 def _flat(*parts: ArrayLike) -> Array:

@@ -7,7 +7,6 @@ import resource
 import shutil
 import subprocess
 import tempfile
-import time
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -31,7 +30,6 @@ class Judgement:
     accepted: bool
     coq: str
     sha256: str
-    seconds: float
     axioms: tuple[str, ...] = ()
     message: str = ""
 
@@ -58,7 +56,7 @@ def judged(text: str) -> Judgement:
     asked = subprocess.run([coqc, "--print-version"], capture_output=True, text=True, check=False)
     version = asked.stdout.split()
     # A proof that needs more would take the machine with it.
-    begun, most = time.monotonic(), GIBIBYTES * 2**30
+    most = GIBIBYTES * 2**30
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / FILE
         path.write_text(text, "ascii")
@@ -83,7 +81,6 @@ def judged(text: str) -> Judgement:
         accepted=done.returncode == 0,
         coq=version[0] if version else "",
         sha256=hashlib.sha256(text.encode("ascii")).hexdigest(),
-        seconds=time.monotonic() - begun,
         axioms=tuple(
             re.findall(r"^([A-Za-z_.0-9]+)\s*:", done.stdout.partition("Axioms:")[2], re.MULTILINE)
         ),

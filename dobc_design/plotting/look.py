@@ -18,7 +18,7 @@ from matplotlib import style
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, Locator, LogLocator, StrMethodFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, StrMethodFormatter
 from numpy.typing import NDArray
 
 from dobc_design.errors import refused
@@ -61,10 +61,14 @@ class Sheet:
     """A finished figure that shows itself in a notebook; ``figure`` is Matplotlib's, for changes
     before it is saved."""
 
-    def __init__(self, draw: Callable[[Figure], object], *, width: float, height: float) -> None:
+    def __init__(
+        self, draw: Callable[[Figure], object], *, width: float, height: float, title: str = ""
+    ) -> None:
         with styled(), np.errstate(all="ignore"):
             self.figure = Figure(figsize=(width, height), layout="constrained")
             draw(self.figure)
+            if title:
+                self.figure.suptitle(title, fontsize=10, x=0.01, ha="left", parse_math=False)
 
     def file(self, kind: str) -> bytes:
         """The figure as a file: "png", "svg" or "pdf"; no dates in it."""
@@ -120,9 +124,9 @@ def power_of_ten(value: float, _: object = None) -> str:
     return {0: "1", 1: "10", -1: "0.1"}.get(exponent, "10" + str(exponent).translate(_RAISED))
 
 
-def tick_numbers(axis: Axis, locator: Locator | None = None) -> None:
-    """Numbers along an axis, by default at 1, 2 and 5 of every decade."""
-    axis.set_major_locator(locator or LogLocator(subs=(1, 2, 5)))
+def tick_numbers(axis: Axis) -> None:
+    """Numbers along an axis, at 1, 2 and 5 of every decade."""
+    axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     axis.set_major_formatter(StrMethodFormatter("{x:g}"))
 
 
@@ -133,7 +137,12 @@ def fit_heights(ax: Axes, values: NDArray[np.float64] | None = None) -> None:
         values = np.concatenate([np.asarray(line.get_ydata(), float) for line in ax.lines])
     if spans_decades(values):
         ax.set_yscale("log")
-        _tick_decades(ax)
+        low, high = ax.get_ylim()
+        if high >= 10**FEW_DECADES * low:
+            ax.yaxis.set_major_formatter(FuncFormatter(power_of_ten))
+        else:
+            tick_numbers(ax.yaxis)
+        ax.minorticks_off()
     elif np.nanmin(values, initial=0.0) >= 0:
         ax.set_ylim(bottom=0)
 
@@ -142,16 +151,6 @@ def spans_decades(values: NDArray[np.float64]) -> bool:
     """Whether the values, nan left out, are for a logarithmic axis."""
     known = values[np.isfinite(values)]
     return bool(len(known) and known.min() > 0 and known.max() > STEEP * known.min())
-
-
-def _tick_decades(ax: Axes) -> None:
-    """Ticks at powers of ten; at 1, 2 and 5 of each where these are few."""
-    low, high = ax.get_ylim()
-    if high >= 10**FEW_DECADES * low:
-        ax.yaxis.set_major_formatter(FuncFormatter(power_of_ten))
-    else:
-        tick_numbers(ax.yaxis)
-    ax.minorticks_off()
 
 
 def in_units(*units: str) -> str:

@@ -95,7 +95,6 @@ def network_sheet(
         return draw(ax, next(iter(shown)))
 
     def draw_all(figure: Figure) -> None:
-        figure.suptitle(name, x=0.01, ha="left", fontsize=10, parse_math=False)
         for place, mode in enumerate(shown, 1):
             draw(figure.add_subplot(rows, columns, place), mode)
         signs = _signs(has_pins, word, any(lost.values()))
@@ -104,7 +103,7 @@ def network_sheet(
     rows = math.ceil(len(shown) / 3)
     columns = math.ceil(len(shown) / rows)
     height = rows * (3.4 * proportions(places) + 0.3) + 0.7
-    return Sheet(draw_all, width=max(3.4 * columns, 4.6), height=height)
+    return Sheet(draw_all, width=max(3.4 * columns, 4.6), height=height, title=name)
 
 
 def _unreached(arcs: Iterable[Pair], pinned: Collection[int], n: int) -> set[int]:

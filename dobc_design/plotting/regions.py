@@ -260,9 +260,8 @@ def side_by_side(name: str, drawn: Sequence[Callable[[Axes], object]], height: f
     """Drawings beside each other under a name."""
 
     def draw(figure: Figure) -> None:
-        figure.suptitle(name, x=0.01, ha="left", fontsize=10, parse_math=False)
         spaces = figure.subplots(1, len(drawn), squeeze=False)[0]
         for space, each in zip(spaces, drawn, strict=True):
             each(space)
 
-    return Sheet(draw, width=ALONE * len(drawn), height=height)
+    return Sheet(draw, width=ALONE * len(drawn), height=height, title=name)

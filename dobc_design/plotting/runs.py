@@ -434,8 +434,7 @@ def plot_quantiles(ax: Axes, times: Array, errors: Array, *, colour: str, what: 
     sizes = np.where(np.isnan(chosen), np.inf, chosen)
     ordered = np.sort(sizes, axis=0)
     # Of the sorted runs the first that at least this part of them do not exceed.
-    counts = [int(np.ceil(level * len(ordered))) for level in LEVELS]
-    places = [max(0, count - 1) for count in counts]
+    places = np.ceil(np.multiply(LEVELS, len(ordered))).astype(int) - 1
     bands = np.clip(ordered[places], SMALLEST, None)
     finite = bands[np.isfinite(bands)]
     # Bands that end in infinity leave the picture at its top; a median stops there.

@@ -85,9 +85,6 @@ class Cases:
         """The names of the lines, at most six."""
         return list(dict.fromkeys(self.series))[:MOST_SERIES]
 
-    def with_outcome(self, name: str) -> NDArray[np.bool_]:
-        return np.array([each == name for each in self.outcome])
-
     def of(self, line: str) -> NDArray[np.bool_]:
         """The cases of a line."""
         return np.array([each == line for each in self.series])
@@ -192,7 +189,7 @@ def _points(ax: Axes, position: Array, cases: Cases) -> None:
         for name, shade in zip(names, SERIES, strict=False):
             _marks(ax, (), (), marker="s", color=shade).set_label(short(name))
     for outcome, (_, marker, colour) in MARKS.items():
-        own = cases.with_outcome(outcome) & np.isfinite(cases.value)
+        own = np.array([each == outcome for each in cases.outcome]) & np.isfinite(cases.value)
         if own.any():
             entry = _marks(ax, (), (), marker=marker, color=MUTED if several else colour)
             entry.set_label(outcome)
@@ -332,10 +329,9 @@ def breaking_sheet(
                 ax.set_ylabel("late error / start")
         for ax in grid[len(sweeps) :]:
             ax.set_axis_off()
-        title = f"{name}: what breaks first"
-        figure.suptitle(title, fontsize=10, x=0.01, ha="left", parse_math=False)
 
-    return Sheet(draw, width=7.4, height=0.5 + 2.1 * rows)
+    title = f"{name}: what breaks first"
+    return Sheet(draw, width=7.4, height=0.5 + 2.1 * rows, title=title)
 
 
 def _limits(sweeps: Sequence[Sweep], tolerance: float) -> tuple[float, float]:

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 
 from dobc_design._checks import noun
 
-from .look import DOTTED, MUTED, SERIES, fit_heights, legend_above, short
+from .look import DOTTED, MUTED, SERIES, fit_heights, legend_above, short, thinned_rows
 from .runs import MOST_NAMED_MODES, Switches, plot_modes
 
 
@@ -78,11 +78,9 @@ def _drawn_agents(weights: Sequence[Weights]) -> list[int]:
     """At most four, from the one with the largest weight to the one with the least."""
     tallest = [np.array(each.v, dtype=float).max(axis=0) for each in weights]
     heights = np.max(tallest, axis=0)
-    # Evenly among the ranks: a few agents stand for all.
-    evenly = np.linspace(0, len(heights) - 1, min(4, len(heights)))
-    ranks = evenly.round().astype(int)
     descending = np.argsort(-heights, kind="stable")
-    chosen: list[int] = descending[ranks].tolist()
+    # Evenly among the ranks: a few agents stand for all.
+    chosen: list[int] = descending[thinned_rows(len(heights), 4)].tolist()
     return chosen
 
 

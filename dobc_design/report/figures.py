@@ -7,11 +7,12 @@ given by users are never read as mathematics.
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from dobc_design._checks import positional
 from dobc_design.conditions.schedule.settling import Settling
@@ -55,19 +56,17 @@ ENVELOPE_SAMPLES = 201
 BELOW = 0.5  # of the least bound, at the foot of its picture
 
 
-def plot_spectrum(ax: Axes, spectra: Mapping[str, ArrayLike]) -> Axes:
+def plot_spectrum(ax: Axes, spectra: Mapping[str, NDArray[Any]]) -> Axes:
     """Eigenvalues in the complex plane, one marker per name; the half-plane that must stay empty is
     shaded. ``spectra``: name -> complex eigenvalues, in 1/s.  At most 400 of each are drawn,
     rightmost and leftmost included."""
-    known = {name: np.atleast_1d(np.asarray(each, dtype=complex)) for name, each in spectra.items()}
-    everything = np.concatenate(list(known.values()))
-    real = everything.real
-    reach = max(float(abs(real).max(initial=0.0)), 1e-3)
-    left = min(float(real.min(initial=0.0)), 0.0)
-    right = max(float(real.max(initial=0.0)), 0.0)
+    everything = np.concatenate(list(spectra.values()))
+    left = everything.real.min(initial=0.0)
+    right = everything.real.max(initial=0.0)
+    reach = max(-left, right, 1e-3)
     ax.set_xlim(left - 0.12 * reach, right + 0.2 * reach)
     _shade(ax, right + 10 * reach)
-    for place, (name, values) in enumerate(known.items()):
+    for place, (name, values) in enumerate(spectra.items()):
         # Sorted, so that thinning keeps the rightmost, which decides.
         order = np.argsort(values.real, kind="stable")
         points = values[order][thinned_rows(len(values))]
@@ -82,7 +81,7 @@ def plot_spectrum(ax: Axes, spectra: Mapping[str, ArrayLike]) -> Axes:
             label=short(name),
         )
     # Real eigenvalues only: the vertical axis has nothing to say.
-    if float(abs(everything.imag).max(initial=0.0)) < 1e-9:
+    if abs(everything.imag).max(initial=0.0) < 1e-9:
         ax.set_ylim(-1, 1)
         ax.set_yticks([0])
     else:
@@ -97,12 +96,11 @@ def plot_lambda(
     """Eigenvalues of Lambda(J), one row per mode, against 0 and against the ``bounds`` of given
     matrices P. ``spectra``: mode -> real eigenvalues, in 1/s.  ``bounds``: name -> number that the
     largest must stay below."""
-    known = {name: np.sort(np.asarray(each, dtype=float).ravel()) for name, each in spectra.items()}
-    everything = np.concatenate(list(known.values()))
-    # The bounds belong to the range, so that none of them lies outside the picture.
+    known = {name: np.sort(each) for name, each in spectra.items()}
     limits = list((bounds or {}).values())
-    low = min(everything.min(initial=0.0), 0.0, *limits)
-    high = max(everything.max(initial=0.0), 0.0, *limits)
+    # The bounds belong to the range, so that none of them lies outside the picture.
+    everything = np.concatenate([*known.values(), limits])
+    low, high = everything.min(initial=0.0), everything.max(initial=0.0)
     reach = max(high - low, 1e-3)
     ax.set_xlim(low - 0.06 * reach, high + 0.14 * reach)
     _shade(ax, high + 10 * reach)

@@ -9,13 +9,13 @@ from typer import Argument, Option
 from dobc_design._checks import noun
 from dobc_design.errors import refused
 
-from .options import in_groups
 from .output import (
     Document,
     Json,
     Progress,
     Stage,
     check_target,
+    in_groups,
     load_problem,
     naming_options,
     print_json,

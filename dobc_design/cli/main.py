@@ -18,7 +18,7 @@ import sys
 import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from functools import cache
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
@@ -462,16 +462,6 @@ def _internal(error: Exception) -> _Failure:
     )
 
 
-@cache
-def _commands() -> Callable[..., Any]:
-    """The commands as typer reads them from the signatures, once."""
-    return get_command(app)
-
-
-def _run(arguments: list[str]) -> Any:
-    return _commands()(args=arguments, prog_name="dobc", standalone_mode=False)
-
-
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run the command line and leave with its exit code.  No exception gets out of here."""
     given = list(sys.argv[1:] if arguments is None else arguments)
@@ -487,7 +477,8 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     try:
         if sys.stdout is None:
             raise NoOutput("it is closed")
-        code = _guarded(lambda: _run(given), as_json="--json" in given)
+        run = partial(get_command(app), args=given, prog_name="dobc", standalone_mode=False)
+        code = _guarded(run, as_json="--json" in given)
         sys.stdout.flush()
     # nobody reads standard output, or there is no room for it
     except (NoOutput, OSError) as error:

@@ -13,7 +13,6 @@ from dobc_design._checks import noun
 from dobc_design.errors import CertificateError, refused
 from dobc_design.loop.make import loop_of
 
-from .options import in_groups
 from .output import (
     MISTAKE,
     Document,
@@ -25,6 +24,7 @@ from .output import (
     check_target,
     fail,
     folder_name,
+    in_groups,
     load_problem,
     print_json,
     read_certificate,

@@ -16,7 +16,6 @@ from dobc_design._checks import noun
 from dobc_design.errors import refused
 from dobc_design.loop.make import loop_of
 
-from .options import in_groups
 from .output import (
     Document,
     File,
@@ -25,6 +24,7 @@ from .output import (
     Quiet,
     Stage,
     Verbose,
+    in_groups,
     json_bytes,
     load_problem,
     naming_options,

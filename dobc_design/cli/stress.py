@@ -13,8 +13,7 @@ from typer import Option
 from dobc_design._checks import noun
 from dobc_design.errors import SpecError, refused
 
-from .options import in_groups
-from .output import Document, File, load_problem, naming_options
+from .output import Document, File, in_groups, load_problem, naming_options
 from .runs import ARGUMENTS, BREAKING, OBSERVER, SUMMARY, Answer, Files, Runs, make_runs
 
 if TYPE_CHECKING:

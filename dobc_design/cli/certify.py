@@ -41,7 +41,7 @@ from .output import (
     naming_options,
     print_json,
     remark_lines,
-    require_toml,
+    require_suffix,
     say,
     search_parts,
     settling_parts,
@@ -57,7 +57,7 @@ if TYPE_CHECKING:
     from dobc_design.certificate.certificate import Certificate
     from dobc_design.conditions.check import Check
     from dobc_design.conditions.reason import Reason
-    from dobc_design.falsification.beside import Searched
+    from dobc_design.falsification.falsify import Searched
     from dobc_design.problem.problem import Problem
 
 REASONS_BESIDE = 120  # columns from which reasons stand beside the verdicts
@@ -129,7 +129,7 @@ def certify(
         _require_known(theorem)
         if apply_fix is not None:
             check_target(apply_fix, force=force, key="--apply-fix")
-            require_toml(apply_fix, key="--apply-fix")
+            require_suffix(apply_fix, ".toml", key="--apply-fix")
         for key, start in (
             ("--settling-radius", settling_radius),
             ("--settling-disturbance", settling_disturbance),
@@ -367,7 +367,7 @@ def _searched(certificate: Certificate, progress: Stage, *, wanted: bool) -> Sea
     """The certificate, and where it is wanted what a search for starts that do not converge
     found."""
     from dobc_design.falsification import falsify as falsification
-    from dobc_design.falsification.beside import Searched
+    from dobc_design.falsification.falsify import Searched
 
     if not wanted:
         return Searched(certificate=certificate, searches=())

@@ -94,7 +94,7 @@ def design(
     stages = output.Progress(quiet=quiet, verbose=verbose)
     if out is not None:
         output.check_target(out, force=force, key="--out")
-        output.require_toml(out, key="--out")
+        output.require_suffix(out, ".toml", key="--out")
     problem = output.load_problem(file)
     if further is None:
         further = PRICED if problem.n <= MOST_PRICED else 0

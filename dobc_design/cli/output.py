@@ -454,13 +454,13 @@ def check_target(path: Path, *, force: bool, key: str) -> None:
     require_free(path.parent, [path.name], force=force, key=key)
 
 
-def require_toml(path: Path, *, key: str) -> None:
-    """Refuse a file to be written that is no .toml file.  Raises: SpecError."""
-    if path.suffix.lower() != ".toml":
+def require_suffix(path: Path, suffix: str, *, key: str) -> None:
+    """Refuse a file to be written that does not end in ``suffix``.  Raises: SpecError."""
+    if path.suffix.lower() != suffix:
         raise refused(
             key,
-            f"{key} must name a .toml file; got {str(path)!r}.",
-            f"For example {path.with_suffix('.toml').name}.",
+            f"{key} must name a {suffix} file; got {str(path)!r}.",
+            f"For example {path.with_suffix(suffix).name}.",
         )
 
 

@@ -31,6 +31,7 @@ from .output import (
     refuse_option,
     require_folder,
     require_free,
+    require_suffix,
     say,
 )
 
@@ -87,10 +88,7 @@ class Asked:
         pdf = self.pdf
         if pdf is not None:
             check_target(pdf, force=self.force, key="--pdf")
-            if pdf.suffix.lower() != ".pdf":
-                raise refused(
-                    "--pdf", f"{str(pdf)!r} must end in .pdf.", f"For example {pdf.name}.pdf."
-                )
+            require_suffix(pdf, ".pdf", key="--pdf")
         if self.lmi and given != 1:
             raise refused("--lmi", "--lmi asks a solver about one certificate.", "Name one.")
         if self.latex is not None and given != 1:

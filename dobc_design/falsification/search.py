@@ -17,7 +17,6 @@ from numpy.random import Generator, default_rng
 
 from dobc_design._checks import noun
 from dobc_design._show.progress import Reports, report_to
-from dobc_design.conditions.check import Check
 from dobc_design.conditions.coverage import Progress
 from dobc_design.conditions.equilibrium.decide import LARGEST, Equilibrium, refuting_check
 from dobc_design.conditions.equilibrium.propose import (
@@ -375,6 +374,9 @@ class _Search:
             notes.append(
                 "The observer is too fast for its closed form: every run starts with xihat = xi."
             )
+        loop = loop_of(self.problem)
+        # the first equilibrium that refutes the region asked for
+        refuting = (refuting_check(loop, claim) for claim in proved)
         certified = None
         observed = None
         if self.level is not None:
@@ -387,18 +389,13 @@ class _Search:
             unfinished=unfinished,
             suspects=tuple(suspects),
             proved=tuple(proved),
-            check=self.refuting(proved),
+            check=next(filter(None, refuting), None),
             horizon=self.horizon,
             seed=self.seed,
             certified_rate=certified,
             observed_rate=observed,
             notes=tuple(notes),
         )
-
-    def refuting(self, proved: list[Equilibrium]) -> Check | None:
-        """The check of the first equilibrium that refutes the region asked for."""
-        checks = (refuting_check(loop_of(self.problem), claim) for claim in proved)
-        return next(filter(None, checks), None)
 
 
 def _is_same(end: Array, other: Array) -> bool:

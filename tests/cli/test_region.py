@@ -12,7 +12,7 @@ from problem_texts import listening_pair_text
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certification import certify as certification
 from dobc_design.falsification import falsify as falsification
-from dobc_design.falsification.beside import Searched, search_beside
+from dobc_design.falsification.falsify import Searched, search_beside
 
 SINES = """\
 name = "sines"

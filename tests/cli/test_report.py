@@ -135,7 +135,7 @@ def test_a_pdf_is_refused_before_anything_is_computed(dobc, monkeypatch):
     monkeypatch.setitem(sys.modules, "typst", None)
     for name, words in (
         ("there.pdf", "--force"),
-        ("new.txt", "new.txt.pdf"),
+        ("new.txt", "must name a .pdf file"),
         ("new.pdf", "dobc_design[pdf]"),
     ):
         code, _, err = dobc("report", "A", "--pdf", name)

@@ -12,7 +12,7 @@ from regional_problems import half_difference, listening_pair
 import dobc_design as dd
 from dobc_design import Check, Verdict
 from dobc_design.conditions.reason import Reason
-from dobc_design.falsification.beside import Searched
+from dobc_design.falsification.falsify import Searched
 from dobc_design.falsification.suspect import RESTS, STAYS_AWAY
 from dobc_design.report.document import Text
 from dobc_design.report.figures import plot_search
@@ -71,7 +71,7 @@ def test_a_suspect_alone_refutes_nothing(monkeypatch):
     assert runs
     bare = replace(region, suspects=runs, proved=(), check=None)
     monkeypatch.setattr(
-        "dobc_design.falsification.beside.search_starts", lambda *args, **settings: bare
+        "dobc_design.falsification.falsify.search_starts", lambda *args, **settings: bare
     )
     after = dd.falsify(overlooked(), runs=RUNS)
     assert after.certificate == overlooked()
@@ -85,7 +85,7 @@ def test_a_proof_is_not_shaken_by_a_check_from_the_search(monkeypatch):
     proved = dd.certify(listening_pair(reach=0.5))
     contradicting = found().searches[0]
     monkeypatch.setattr(
-        "dobc_design.falsification.beside.search_starts", lambda *args, **settings: contradicting
+        "dobc_design.falsification.falsify.search_starts", lambda *args, **settings: contradicting
     )
     assert isinstance(contradicting.check, Check)
     after = dd.falsify(proved).certificate

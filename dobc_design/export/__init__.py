@@ -322,7 +322,7 @@ def python_script(problem: Source) -> str:
         nodes=() if own is None else own.f or (),
         named=named,
         gains=zip(K.row.tolist(), K.col.tolist(), K.data.tolist(), strict=True),
-        arcs={repr(mode): _numbered_groups(problem, mode) for mode in problem.network.modes},
+        arcs={repr(mode): arrays.plant_arcs(problem, mode) for mode in problem.network.modes},
     )
 
 
@@ -339,12 +339,6 @@ def _imports() -> list[str]:
         elif row.formula is not None:
             defined.append(f"\n\ndef {row.name}(y):\n    return {formula_text(row)}")
     return [f"from numpy import {', '.join(sorted(plain))}", *renamed, *defined]
-
-
-def _numbered_groups(problem: Problem, mode: str) -> list[tuple[int, arrays.ArcGroup]]:
-    """The arcs of each coupling, with its place among the couplings."""
-    groups = arrays.plant_arcs(problem, mode)
-    return [(problem.couplings.index(group.coupling), group) for group in groups]
 
 
 def _inside_docstring(text: str) -> str:

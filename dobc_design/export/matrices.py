@@ -167,7 +167,7 @@ def sdpa_text(
         )
     lambdas = tuple(statements.lambdas.values())
     if any(not isinstance(each.constant, SparseSymmetric) for each in lambdas):
-        raise _too_large(len(problem.network.labels), "agents with so many arcs")
+        raise _too_large(problem.n, "agents with so many arcs")
     pencils = lambdas if problem.exosystem is None else statements.psi()
     limits = normalisation(pair)
     places = [place for unknown in pencils[0].unknowns for place in unknown.places()]

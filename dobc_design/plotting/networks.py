@@ -206,7 +206,7 @@ def _radius(places: Positions) -> float:
     points = places @ _PLANE
     apart = np.abs(np.subtract.outer(points, points))
     # Nodes must not overlap: they shrink with the least distance.
-    nearest = float(apart[~np.eye(len(places), dtype=bool)].min())
+    nearest = apart[~np.eye(len(places), dtype=bool)].min()
     return float(np.clip(0.3 * nearest, 0.012, 0.12))
 
 
@@ -249,7 +249,7 @@ def draw_arcs(ax: Axes, arcs: Weights, positions: Positions, radius: float) -> N
     bends = _bends(arcs, places, _CLEAR * radius)
     shafts, heads = list[Path](), list[Path]()
     # Heads stay visible where nodes are tiny.
-    size = max(0.75 * radius, 0.015 * float(np.ptp(positions, axis=0).max(initial=0.0)))
+    size = max(0.75 * radius, 0.015 * np.ptp(positions, axis=0).max(initial=0.0))
     for (listener, speaker), bend in bends.items():
         start, end = places[speaker], places[listener]
         # Nodes that touch leave no room for an arrow.
@@ -421,7 +421,7 @@ def _scaled(layout: Mapping[int, Any], agents: Iterable[int]) -> Positions:
 
 def _fitted(places: Positions) -> Positions:
     low, high = places.min(axis=0), places.max(axis=0)
-    size = float((high - low).max()) or 1.0
+    size = (high - low).max() or 1.0
     return np.asarray(np.round((places - (low + high) / 2) * (2 / size), 3), dtype=np.float64)
 
 

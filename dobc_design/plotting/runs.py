@@ -162,7 +162,7 @@ def trajectory_sheet(
         panels = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights)
         rows = list(np.atleast_1d(panels))
         if has_band:
-            plot_modes(rows.pop(0), run.switches, float(run.times[-1]))
+            plot_modes(rows.pop(0), run.switches, run.times[-1])
         for c in range(components):
             plot_agents(rows.pop(0), run, component=c, pinned=pinned, ends=ends)
         errors = {MEASURED[run.measured]: _largest(run.errors())}
@@ -301,11 +301,11 @@ def _goals(
     times = run.times[rows]
     # One leader for one run, or one for each of the runs whose states are drawn.
     leaders = run.leader[..., component].reshape(-1, len(run.times))
-    slack = float(run.slack[component])
+    slack = run.slack[component]
     between: list[float] = []
     label = "between the fixed nodes"
     if slack:
-        middle = float(run.goal[0, component])
+        middle = run.goal[0, component]
         between = [middle - slack, middle + slack]
     elif ends is not None:
         between = ends[:, component].tolist()
@@ -317,7 +317,7 @@ def _goals(
             line.set(linestyle=DASHED, label=label)
     if between or run.sides.size:
         return _unit_label(ax, run, component)
-    for goal in sorted({float(run.goal[agent, component]) for agent in chosen})[:12]:
+    for goal in np.unique(run.goal[chosen, component])[:12]:
         if run.leader.any():
             drawn = [ax.plot(times, s[rows] + goal, label="leader")[0] for s in leaders]
         else:
@@ -348,7 +348,7 @@ def plot_plane(
     rows = thinned_rows(len(run.times))
     chosen = shown_agents(run.x.shape[1], set(pinned))
     ends = run.x[-1, :, :2]
-    size = float(np.ptp(ends[chosen], axis=0).max())
+    size = np.ptp(ends[chosen], axis=0).max()
     shown = {pair: 1 for pair in arcs if set(pair) <= set(chosen)}
     draw_arcs(ax, shown, ends, _NODE * size)
     for agent in chosen:
@@ -418,7 +418,7 @@ def plot_errors(
         exponent = -rate * (times[rows] - times[0])
         slope = error[0] * np.exp(np.clip(exponent, -700, 0))
         # Not below the errors: the line would stretch the axis.
-        lowest = max(0.5 * float(np.nanmin(error)), SMALLEST)
+        lowest = max(0.5 * np.nanmin(error), SMALLEST)
         visible = np.where(slope > lowest, slope, np.nan)
         _draw_bound(ax, times[rows], visible, "slope of the certified rate")
     fit_heights(ax)
@@ -438,7 +438,7 @@ def plot_quantiles(ax: Axes, times: Array, errors: Array, *, colour: str, what: 
     bands = np.clip(ordered[places], SMALLEST, None)
     finite = bands[np.isfinite(bands)]
     # Bands that end in infinity leave the picture at its top; a median stops there.
-    top = 10 * float(finite.max()) if len(finite) else 1.0
+    top = 10 * finite.max() if len(finite) else 1.0
     low, lower, _, upper, high = np.where(np.isfinite(bands), bands, top)
     median = np.where(np.isfinite(bands[2]), bands[2], np.nan)
     shown = times[rows]
@@ -513,7 +513,7 @@ def in_time(ax: Axes, times: Array, clock: str = "s") -> Axes:
     """The axes with time along them, from the first to the last sample."""
     ax.set_xlabel(f"time t in {clock}")
     if times[-1] > 0:
-        ax.set_xlim(0, float(times[-1]))
+        ax.set_xlim(0, times[-1])
     return ax
 
 

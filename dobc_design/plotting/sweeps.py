@@ -338,8 +338,8 @@ def _limits(sweeps: Sequence[Sweep], tolerance: float) -> tuple[float, float]:
     """Where the axis of late errors, which all panels share, begins, and half way of its end."""
     finite = [each.late[np.isfinite(each.late)] for each in sweeps]
     shown = [each for each in finite if len(each)]
-    largest = max((float(each.max()) for each in shown), default=1.0)
-    smallest = [float(each.min()) for each in shown]
+    largest = max((each.max() for each in shown), default=1.0)
+    smallest = [each.min() for each in shown]
     least = min([tolerance / 3, *smallest])
     begin = max(least / 2, 1e-12)
     return begin, max(10 * tolerance, 2 * largest)
@@ -387,7 +387,7 @@ def _panel(ax: Axes, sweep: Sweep, *, tolerance: float, limits: tuple[float, flo
         tick_numbers(ax.xaxis)
     elif sweep.option == "failures":
         ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-        ax.set_xlim(0, float(sweep.severity[-1]) + 1)
+        ax.set_xlim(0, sweep.severity[-1] + 1)
     ax.minorticks_off()
 
 

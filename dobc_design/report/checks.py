@@ -107,9 +107,6 @@ def _checks_table(checks: Checks, unit: str) -> Blocks:
     """The checks as rows; of very many, those not proved first, and a sentence about the others."""
     own_cures = {id(each) for each in other_cures(checks)}
 
-    def reason(check: Check) -> Reason:
-        return _reason(check, own_cure=id(check) in own_cures)
-
     # Of very many checks those that are not proved are the ones to be seen.
     ordered = sorted(range(len(checks)), key=lambda i: _ORDER.index(checks[i].verdict))
     yield table_of(
@@ -129,7 +126,13 @@ def _checks_table(checks: Checks, unit: str) -> Blocks:
         ),
         Column("rate", lambda check: rate_text(check.rate), 0.8, unit="1/s", style="number"),
         Column("factor", lambda check: upper(check.factor), 0.8, style="number"),
-        Column("reason", reason, 3, style="why", only=READ),
+        Column(
+            "reason",
+            lambda check: _reason(check, own_cure=id(check) in own_cures),
+            3,
+            style="why",
+            only=READ,
+        ),
         Column("reason", _brief_reason, 3, only=("latex",)),
         cards=True,
     )

@@ -127,7 +127,7 @@ def plot_envelope(ax: Axes, settling: Settling) -> Axes:
     certificate takes over. Solid: no start of the box leaves it.  Dashed: the tolerance."""
     times, bounds = settling.curve(samples=ENVELOPE_SAMPLES)
     # Room below the least bound, on an axis that has no 0.
-    foot, top = float(bounds.min()) * BELOW, float(bounds.max()) * 1.6
+    foot, top = bounds.min() * BELOW, bounds.max() * 1.6
     ax.set_yscale("log")
     ax.plot(times, bounds, color=BLUE, linewidth=1.6, zorder=3, label="certified bound")
     ax.fill_between(times, bounds, foot, color=BLUE, alpha=0.10, linewidth=0)
@@ -140,7 +140,7 @@ def plot_envelope(ax: Axes, settling: Settling) -> Axes:
         taken.set(label=f"next {stage.kind}", marker=marker, markersize=4.5, linestyle="", zorder=4)
     tolerance = ax.axhline(float(settling.tolerance), color=VERMILLION, label="tolerance")
     tolerance.set(linewidth=1.2, linestyle=DASHED, zorder=2)
-    ax.set(ylim=(foot, top), xlim=(0, float(times[-1])))
+    ax.set(ylim=(foot, top), xlim=(0, times[-1]))
     ax.yaxis.set_major_formatter(FuncFormatter(power_of_ten))
     ax.minorticks_off()
     ax.set_xlabel("time t in s")
@@ -195,8 +195,8 @@ def plot_search(ax: Axes, search: Falsification, *, unit: str = "") -> Axes:
         ax.plot(suspect.times, error, color=colour, linestyle=DASHED, linewidth=1.1, label=label)
     for rank, suspect in enumerate(each for each in shown if each.kind == RESTS):
         label = None if rank else "another equilibrium, proved"
-        ax.axhline(float(suspect.error[0]), color=INK, linewidth=1.8, label=label)
-    end = max((float(suspect.times[-1]) for suspect in shown), default=search.horizon)
+        ax.axhline(suspect.error[0], color=INK, linewidth=1.8, label=label)
+    end = max((suspect.times[-1] for suspect in shown), default=search.horizon)
     ax.set(xlim=(0, end or 1.0), ylim=(0, None))
     ax.set_xlabel("time t in s")
     ax.set_ylabel(f"|e|∞, {in_units(unit)}", parse_math=False)

@@ -268,7 +268,7 @@ def _state_picture(certificate: Certificate, trajectory: Trajectory, component: 
     def draw(ax: Axes) -> object:
         pinned = problem.pinning.agents
         drawn = runs.plot_agents(ax, trajectory, component=component, pinned=pinned, ends=ends)
-        return draw_band(runs.in_time(drawn, times), trajectory.switches, float(times[-1]))
+        return draw_band(runs.in_time(drawn, times), trajectory.switches, times[-1])
 
     return Picture(
         f"states-{component + 1}",
@@ -287,7 +287,7 @@ def _estimate_picture(trajectory: Trajectory) -> Picture:
 
     def draw(ax: Axes) -> object:
         drawn = runs.in_time(runs.plot_estimates(ax, trajectory), trajectory.times)
-        return draw_band(drawn, trajectory.switches, float(trajectory.times[-1]))
+        return draw_band(drawn, trajectory.switches, trajectory.times[-1])
 
     return Picture(
         "estimates",
@@ -343,7 +343,7 @@ def error_picture(
             rate=certificate.rate,
             units=certificate.problem.units,
         )
-        return draw_band(runs.in_time(ax, times), switches, float(times[-1]))
+        return draw_band(runs.in_time(ax, times), switches, times[-1])
 
     return Picture(
         "error",

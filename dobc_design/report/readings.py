@@ -60,8 +60,9 @@ def readings_section(found: Findings) -> Blocks:
             "s."
         )
     box = check.domain
-    tried = loop.n <= MOST_VARIED and isinstance(box, Around) and varied(timing) != "event"
-    rates = rates_around(loop, box) if tried and isinstance(box, Around) else {}
+    rates: Mapping[float, float] = {}
+    if loop.n <= MOST_VARIED and isinstance(box, Around) and varied(timing) != "event":
+        rates = rates_around(loop, box)
     asked = [name for name in _TIMES if getattr(timing, name)]
     if timing.steps:
         asked.remove("period")

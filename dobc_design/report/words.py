@@ -495,7 +495,7 @@ def agents_table(problem: Problem) -> Table | None:
     columns = [Column("agent", lambda i: labels[i], 1.2)]
     weights = mean_weights(problem)
     if weights is not None:
-        columns.append(Column("ends at", lambda i: _limit(problem, weights, i), 1.5))
+        columns.append(Column("ends at", lambda i: typeset(limit_words(problem, weights[i])), 1.5))
     elif problem.goal == "containment":
         near = list(reached_from(loop_of(problem)))
 
@@ -515,11 +515,6 @@ def agents_table(problem: Problem) -> Table | None:
     if not problem.has_target:
         caption = "Whom each agent listens to"
     return table_of(caption, range(problem.n), *columns, cards=True)
-
-
-def _limit(problem: Problem, weights: Matrix, i: int) -> str:
-    """Where an agent between fixed nodes ends."""
-    return typeset(limit_words(problem, weights[i]))
 
 
 def _heard(arcs: Arcs, labels: Names) -> list[str]:

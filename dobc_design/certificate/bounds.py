@@ -52,6 +52,7 @@ from dobc_design.loop.guarantee import shortest_period
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.pairs import are_pairs, rows_of
+from dobc_design.loop.timing import Timing
 from dobc_design.problem.canonical import loop_sha256
 from dobc_design.problem.problem import Problem
 
@@ -303,7 +304,7 @@ def starts_of(loop: Loop, radius: Number | None, disturbance: Number | None) -> 
 def bound_from(loop: Loop, claims: Claims, starts: Starts) -> CertifiedBound:
     """What ``claims``, which are about ``problem``, prove about |e(t)|_inf from all of these
     starts."""
-    if loop.timing is not None:  # at the samples, where something is held
+    if loop.timing is not None:
         late = tuple(check for check in claims.checks if check.id == READINGS)
         claims = replace(claims, checks=late)
     settling = certified_settling(loop, claims)
@@ -314,7 +315,24 @@ def bound_from(loop: Loop, claims: Claims, starts: Starts) -> CertifiedBound:
     with reading_claims():
         found = tuple(envelopes_of(loop, claims, starts))
     bound = CertifiedBound(envelopes=found, settling=settling)
-    return bound if bound.sources else CertifiedBound(reason=_nothing(claims, starts))
+    if not bound.sources:
+        return CertifiedBound(reason=_nothing(claims, starts))
+    return bound if loop.timing is None else _between_samples(loop, loop.timing, bound)
+
+
+def _between_samples(loop: Loop, timing: Timing, bound: CertifiedBound) -> CertifiedBound:
+    """The same at all times, of what is proved at the samples, where something is held."""
+    if not timing.period or timing.steps:
+        return bound
+    if loop.groups:
+        reason = "it would be about the samples, between which the disturbance leaves a ripple"
+        return CertifiedBound(reason=reason)
+    # What is held leads straight from one sample to the next.
+    sizes = []
+    for each in bound.envelopes:
+        kept = exp(Interval.point(each.rate * timing.period)).hi
+        sizes.append(replace(each, height=each.height * kept))
+    return replace(bound, envelopes=tuple(sizes))
 
 
 def bound_of_plant(loop: Loop, claims: Claims, starts: Starts) -> CertifiedBound:
@@ -416,24 +434,14 @@ def certified_bound(problem: Problem, claims: Claims, run: RunLike) -> Certified
         claims = replace(claims, checks=tuple(c for c in claims.checks if c.id in OF_PAIRS))
         loop = rows
     bound = bound_from(loop, claims, starts)
-    timing = loop.timing
-    if timing is not None and timing.period:
-        if loop.groups:
-            reason = "it would be about the samples, between which the disturbance leaves a ripple"
-            return CertifiedBound(reason=reason)
-        # What is held leads straight from one sample to the next.
-        sizes = []
-        for each in bound.envelopes:
-            kept = exp(Interval.point(each.rate * timing.period)).hi
-            sizes.append(replace(each, height=each.height * kept))
-        bound = replace(bound, envelopes=tuple(sizes))
     # What rests on a guarantee says nothing about a signal that does not keep it.
-    if not keeps_guarantee(loop, json.loads(run.signal or "{}")):
-        found = tuple(each for each in bound.envelopes if each.id != "schedule")
-        settling = bound.settling
-        if settling is not None and settling.guarantee is not None:
-            settling = None
-        bound = CertifiedBound(envelopes=found, settling=settling)
+    if keeps_guarantee(loop, json.loads(run.signal or "{}")):
+        return bound
+    found = tuple(each for each in bound.envelopes if each.id != "schedule")
+    settling = bound.settling
+    if settling is not None and settling.guarantee is not None:
+        settling = None
+    bound = CertifiedBound(envelopes=found, settling=settling)
     return bound if bound.sources else CertifiedBound(reason=_nothing(claims, starts))
 
 

@@ -174,7 +174,7 @@ class Certificate(Headed):
         it.
         Raises: SpecError without a [region] and without a radius, and where nothing is proved about
         these starts, as under a disturbance, drift or noise of [uncertainty], which leave errors
-        for ever.
+        for ever, and with an exosystem where something is held: a ripple remains between samples.
         Example:
             >>> bound = dd.certify("clock-sync").bound([0, 1000], radius=1, disturbance=0)
             >>> bound.round(6).tolist()[1]

@@ -187,11 +187,16 @@ def test_runs_at_their_worst_stay_below_the_certified_bound(stated):
     bound = proof.envelope(run)
     assert bound.sources == ("readings",)
     assert np.all(run.error() <= bound(run.times))
+    assert np.all(run.error() <= proof.bound(run.times))
     observed = paper(simulation=None, **stated)
-    envelope = dd.certify(observed).envelope(simulate(observed, t_final=1))
+    proof = dd.certify(observed)
+    envelope = proof.envelope(simulate(observed, t_final=1))
     held = "period" in str(stated)
     assert bool(envelope.sources) is not held
     assert ("leaves a ripple" in envelope.reason) is held
+    if held:
+        with pytest.raises(SpecError, match="leaves a ripple"):
+            proof.bound([0.01])
 
 
 def test_a_run_that_diverges_ends_at_an_instant_at_which_nothing_is_read_any_more():

@@ -40,6 +40,7 @@ from .matrices import (
 from .reading import Refused, need
 from .signs import without_signs
 
+TICKS = 1000  # that a reading may be old
 PIECES = 4096  # of a face of a leader's box
 
 
@@ -401,6 +402,9 @@ def timing_of(stated: Any) -> Timing | None:
         period = processor.period
     elif late is not None and late.period is not None:
         period = late.period
+    # more ticks would fill the memory
+    few = not period or max(delay, own) <= TICKS * period
+    need(few, f"readings are older than {TICKS} periods")
     return Timing(delay, own, period, lost, event, processor is not None or steps, steps)
 
 

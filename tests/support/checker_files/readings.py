@@ -565,6 +565,7 @@ def _unreadable() -> Iterator[Case]:
         "a negative count": {"readings": now | {"lost": -1, "period": "1"}},
         "half a reading": {"readings": now | {"lost": "1/2", "period": "1"}},
         "too many": {"readings": now | {"lost": 1001, "period": "1"}},
+        "older than 1000 ticks": {"readings": now | {"own_delay": "1001", "period": "1"}},
         "lost at no tick": {"readings": now | {"lost": 1}},
         "a period of 0": {"readings": now | {"period": "0"}},
         "no period": {"processor": {}},

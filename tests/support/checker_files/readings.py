@@ -43,6 +43,7 @@ from checker_files.separable import (
     separable,
     weights,
 )
+from checker_files.settling import LINE
 from dobc_design import Dynamics, Exosystem, Network, Observer, Problem, load_problem
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.conditions.kinds import KINDS
@@ -160,6 +161,7 @@ def _settings() -> dict[str, Document]:
     found["modes"] = given("y", network=one_each, gains=1, **late(own_delay="1/10"))
     found["modes, far"] = given("y", network=one_each, gains=1, **late(period=3))
     found["line, far"] = given("y", network=LINE_NET, gains=1, **late(period="2.1"))
+    found["line, late"] = given("y", network=LINE_NET, gains=1, **late(delay="1/10"))
     found["curved, far"] = given("tanh(y)", network=LINE_NET, gains=1, **late(period="2.1"))
     found["signs"] = given("y", network=turned, gains={1: 1}, **late(own_delay="1/10"))
     found["signs, far"] = given("y", network=turned, gains={1: 1}, **late(period=3))
@@ -519,6 +521,7 @@ def _others() -> Iterator[Case]:
     yield fails("nodes", "their own", there, flow, late_nodes)
     for name in ("limited", "saturated"):
         yield fails(name, "not counted", wide)
+    yield fails("line, late", "a tube", LINE, **UNDECIDED)
     # pairs: 1 of each agent
     ones = "1 1 1 1 1 1"
     rings = readings(GLOBAL, 1, ones, "1")

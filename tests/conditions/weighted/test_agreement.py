@@ -14,10 +14,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from certified import consensus_claims
 from checker_files.files import accepted_by
 from networks import around, linked
 
 from dobc_design import Certificate, Exosystem, Network, Problem, Verdict, certify, verify
+from dobc_design.certificate.claims import Claims
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.weighted.stage import weighted_stage
@@ -81,8 +83,9 @@ def weighted_of(certificate: Certificate) -> Any:
     return check
 
 
-def document_of(certificate: Certificate) -> dict[str, Any]:
-    document: dict[str, Any] = json.loads(certificate_bytes(certificate.claims))
+def document_of(certificate: Certificate | Claims) -> dict[str, Any]:
+    claims = certificate if isinstance(certificate, Claims) else certificate.claims
+    document: dict[str, Any] = json.loads(certificate_bytes(claims))
     return document
 
 
@@ -244,7 +247,7 @@ def test_both_programs_refuse_it_of_graphs_and_couplings_that_it_is_not_about(
     arcs: Any, n: int, coupling: str
 ):
     problem = agreeing(arcs, n, coupling=coupling)
-    document = document_of(certify(problem))
+    document = document_of(consensus_claims(problem))
     assert document["verdict"] != "proved"
     assert accepted_by(document, problem) == (True, True)
     assert accepted_by(forged(document), problem) == (False, False)
@@ -254,7 +257,7 @@ def test_both_programs_refuse_it_where_an_arc_comes_and_goes():
     network = Network.from_arcs(around(31), optional=[[1, 3]], arrow="listens_to", agents=31)
     problem = agreeing([], 31, network=network)
     assert "always there" in found_by_stage(problem).reason
-    document = forged(document_of(certify(problem)))
+    document = forged(document_of(consensus_claims(problem)))
     assert accepted_by(document, problem) == (False, False)
 
 

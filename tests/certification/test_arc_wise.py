@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 from arc_wise import radius_of, searched
+from certified import only
 
 from dobc_design import (
     Certificate,
@@ -19,7 +20,9 @@ from dobc_design import (
     verify,
     what_breaks_first,
 )
+from dobc_design.conditions.arcs.stage import arcs_stage
 from dobc_design.conditions.domain import Ball, Box
+from dobc_design.conditions.separable.stage import separable_stage
 
 ONE = [[1, 2], [2, 1], [2, 3], [3, 2], [3, 4], [4, 3]]
 OTHER = [[1, 4], [4, 1], [4, 3], [3, 4], [3, 2], [2, 3]]
@@ -48,6 +51,7 @@ def test_it_covers_a_region_for_which_no_common_box_exists():
     assert verify(certificate, rows()).holds
 
 
+@only(separable_stage, arcs_stage)
 def test_it_answers_for_weights_and_gains_that_err_and_a_limit_stays_open_beside_it():
     """Of inputs it says nothing."""
     off = {"weights": "1/5", "gains": "1/10"}
@@ -101,6 +105,7 @@ def test_a_search_from_its_boundary_finds_no_run_that_leaves_and_names_it():
     assert search.certified_rate < search.observed_rate
 
 
+@only(separable_stage, arcs_stage)
 def test_a_settling_time_ends_with_it():
     """From |e| <= 1.6 to a hundredth at its rate."""
     certificate = certify(rows(), settling="1/100")

@@ -61,7 +61,7 @@ def _false() -> Iterator[Case]:
             forged = true | {"checks": [*others, check]}
             yield of(f"between: {check['id']} of one target", forged, problem, FAILS)
     watched = {"exosystem": Exosystem(A=[[0]], C=[[1]]), "observer": Observer(W=[[2]])}
-    twin = document(between(0, 0, **watched), everything=True)
+    twin = document(between(0, 0, **watched))
     problem = between(0, 1, **watched)
     true = document(problem)
     for check in twin["checks"]:

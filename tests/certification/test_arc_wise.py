@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 from arc_wise import radius_of, searched
-from certified import only
+from certified import only, rough_settling
 
 from dobc_design import (
     Certificate,
@@ -105,6 +105,7 @@ def test_a_search_from_its_boundary_finds_no_run_that_leaves_and_names_it():
     assert search.certified_rate < search.observed_rate
 
 
+@rough_settling()
 @only(separable_stage, arcs_stage)
 def test_a_settling_time_ends_with_it():
     """From |e| <= 1.6 to a hundredth at its rate."""

@@ -8,6 +8,7 @@ import random
 from dataclasses import replace
 
 import pytest
+from certified import few_chords
 
 from dobc_design import Exosystem, Network, Problem, Switching, Verdict, certify, verify
 from dobc_design.certification.recheck import _work_of, verify_twice
@@ -129,6 +130,7 @@ def in_turn(modes, *, agents, **more):
     return agreeing(modes, agents=agents, switching=Switching(**SWITCHING), **more)
 
 
+@few_chords()
 def test_two_graphs_in_turn_whose_union_has_a_root_lead_to_agreement():
     """Neither graph has a root: 2 hears 1; 3 hears 2 and 1 hears 3 (Moreau 2005)."""
     problem = in_turn({"A": [[2, 1]], "B": [[3, 2], [1, 3]]}, agents=3, coupling="y")

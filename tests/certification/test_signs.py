@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from certified import rough_settling
+from certified import few_chords, rough_settling
 from published import curved_ring
 
 import dobc_design as dd
@@ -280,6 +280,7 @@ def test_the_loop_as_printed_and_held_readings_know_who_opposes_whom():
     assert held == pytest.approx(wanted, abs=1e-2)
 
 
+@few_chords()
 def test_schedules_of_signed_graphs_go_to_zero_iff_no_balanced_set_rests_over_a_round():
     modes = {"a": [[1, 2, 1]], "b": [[2, 1, -1]]}
     switching = dd.Switching(guarantee="sequence", sequence=["a", "b"], dwell=1)

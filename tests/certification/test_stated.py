@@ -9,7 +9,7 @@ import json
 from typing import Any
 
 import pytest
-from certified import certified
+from certified import certified, few_chords
 from networks import listening
 from stated_tables import broken, kept
 
@@ -416,6 +416,7 @@ def in_turns(a: list[list[int]], b: list[list[int]]) -> Network:
     return Network.from_arcs(modes, agents=labels, arrow="listens_to")
 
 
+@few_chords()
 @pytest.mark.parametrize(
     "table",
     [

@@ -3,6 +3,7 @@
 from fractions import Fraction
 
 import pytest
+from certified import few_chords
 from hypothesis import given
 from hypothesis import strategies as st
 from networks import linked
@@ -126,6 +127,7 @@ def test_weights_and_undirected_arcs_are_said_in_words(problem_with):
     assert pin_sentence(problem) == "No agent is pinned."
 
 
+@few_chords()
 def test_a_proof_under_a_guarantee_says_for_which_signals_it_holds(drawn_only):
     """Two agents, the second hears the first every other second: nothing is said about arbitrary
     switching."""

@@ -132,7 +132,7 @@ FEW = {
         "left >= 0",
         "min(exact.delay, own, event) >= 0",
         "T * claim.alpha < 1",
-        "plant.known_to_agents",
+        "seen",
         "together or not timing.late",
         "alone",
         "held",

@@ -147,7 +147,7 @@ def test_other_stresses_act_beside_what_is_stated():
 
 def test_what_breaks_first_makes_the_stated_period_and_all_delays_longer():
     problem = linked([[1, 2], [2, 1]], gains={1: 1}, processor={"period": "1/10"})
-    found = dd.what_breaks_first(problem, options=["period", "delay"], t_final=60)
+    found = dd.what_breaks_first(problem, options=["period", "delay"], t_final=30)
     period, delay = found.sweeps
     # I - T M has the eigenvalue 1 - T (3 + sqrt 5)/2
     limit = 4 / (3 + np.sqrt(5))

@@ -17,6 +17,7 @@ import numpy as np
 from dobc_design._checks import noun
 from dobc_design.conditions.domain import Around
 from dobc_design.conditions.numbers import (
+    bisected,
     claimed,
     last_found,
     rounded_down,
@@ -166,6 +167,7 @@ class Search:
 
 
 #: Times tried beside the stated one, as parts of it.
+CLOSELY = 5
 AROUND = tuple(2 ** (3 * k / 4) for k in range(-4, 5))
 
 
@@ -178,11 +180,12 @@ def varied(timing: Timing) -> str:
 def rates_around(loop: Loop, box: Around) -> dict[float, float]:
     """Proved rates (1/s) of the same box with shorter and longer times than the stated one (s); 0
     where none is found.  A gain W that nobody gave is designed for each period."""
-    found = {}
+    found: dict[float, float] = {}
     timing = loop.timing or Timing()
     name = varied(timing)
-    for part in AROUND:
-        time = rounded_down(float(getattr(timing, name)) * part, digits=3)
+
+    def look(stated: float) -> bool:
+        time = rounded_down(stated, digits=3)
         changed: dict[str, Any] = {name: time}
         other = replace(loop, timing=replace(timing, **changed))
         W = observer_gain(other)
@@ -195,4 +198,11 @@ def rates_around(loop: Loop, box: Around) -> dict[float, float]:
         )
         proved = (x.alpha for x in search.claims() if verify_readings(other, W, x).wrong is None)
         found[float(time)] = float(next(proved, ZERO))
-    return found
+        return found[float(time)] > 0
+
+    first = float(getattr(timing, name))
+    held = [part for part in AROUND if look(first * part)]
+    lost = [part for part in AROUND if part > max(held, default=0.0)]
+    if held and lost:  # the longest of them closely
+        bisected(lambda part: look(first * part), held[-1], lost[0], steps=CLOSELY)
+    return dict(sorted(found.items()))

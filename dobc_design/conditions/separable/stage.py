@@ -33,7 +33,14 @@ from .propose import Cover, SeparablePlan
 from .propose_coordinates import propose_coordinates
 from .propose_limits import longest_delay
 from .propose_readings import Search
-from .timing import delay_obstacle, readings_obstacle, rest_matrix, with_own_delay
+from .timing import (
+    delay_obstacle,
+    readings_obstacle,
+    rest_matrix,
+    steepness,
+    too_steep,
+    with_own_delay,
+)
 
 #: A second program with simpler enclosures has to confirm the rows, so they keep this part of alpha
 #: in hand.
@@ -42,6 +49,7 @@ IN_HAND = Fraction(1, 10**4)
 CLOSE = ((60, 0.002), (2000, 0.02), (10**9, 0.25))
 ROUGHLY = ((60, 9), (2000, 7), (10**9, 4))  # agents, and bisections in coordinates
 HALVINGS = 12
+NEAREST = Fraction(1, 10**9)  # a rate, and a radius next to the target
 NEARLY = 1.01  # rates that differ by a smaller factor are the same
 AS_PLANNED = 0.97  # of a planned rate: where less is proved, other plans may be better
 WIDER = Fraction(2)  # how much further out the agent is looked for that is no longer held
@@ -104,11 +112,20 @@ def readings_stage(asked: Asked, report: Progress) -> list[Check]:
             diverging = checks.diverging_check(loop, roots, domain=asked.domain)
             if diverging is not None:
                 return diverging
-        return undecided_check(
-            READINGS, asked.domain, "no weights v are found with these readings."
-        )
+        return undecided_check(READINGS, asked.domain, _not_late(loop))
 
     return [limited(READINGS, asked.domain, decided)]
+
+
+def _not_late(loop: Loop) -> str:
+    """Why nothing is found: agents overshoot even next to the target, or something else."""
+    timing = loop.timing
+    found = "no weights v are found with these readings."
+    if timing is None or timing.steepest is None:
+        return found
+    near = Separable(v=(Fraction(1),) * loop.n, alpha=NEAREST, rho=NEAREST)
+    steep = steepness(loop, near, timing)
+    return steep if isinstance(steep, str) else too_steep(timing, steep) or found
 
 
 def _largest_late(asked: Asked) -> Check | None:

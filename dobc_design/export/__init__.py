@@ -62,7 +62,8 @@ def to_c(
     from .c_controller import certified_sampling
     from .c_folder import Recorder, c_code
 
-    problem = _loaded(problem, "C code")
+    problem = _loaded(problem)
+    problem.require("C code")
     claims = certificate.claims if isinstance(certificate, Certificate) else certificate
     # Its period would be that of another loop.
     if claims is not None and claims.problem_sha256 != problem_sha256(problem):
@@ -91,7 +92,8 @@ def to_fmu(
     from .c_folder import Recorder
     from .fmu import make_fmu
 
-    problem = _loaded(problem, "an FMU")
+    problem = _loaded(problem)
+    problem.require("an FMU")
     if agent is None:
         # A pinned agent has everything that the code can do.
         pinned = problem.pinning.agents
@@ -199,10 +201,9 @@ def _matrices(source: Source | Certificate) -> tuple[dict[str, Matrix], Problem]
     return exact_matrices(problem, W=own.W, P=own.P), problem
 
 
-def _loaded(problem: Source, what: str = "an export") -> Problem:
+def _loaded(problem: Source) -> Problem:
     problem = arrays.require_floats(load_problem(problem))
     problem.require("an export")
-    problem.require(what)
     return problem
 
 
@@ -261,7 +262,8 @@ def to_control(
 
     from .python_control import to_control as run
 
-    problem = _loaded(problem, "the model of python-control")
+    problem = _loaded(problem)
+    problem.require("the model of python-control")
     if signal is None and mode is None:
         signal = signal_of(problem)[0]
     if isinstance(signal, Mobile):
@@ -290,7 +292,8 @@ def python_script(problem: Source) -> str:
     Numbers are floats in their shortest exact form, couplings the text of the problem, which is
     Python once its functions are named; text of users appears in strings only.  Raises: SpecError
     for more than 20 000 arcs."""
-    problem = _loaded(problem, "the Python file")
+    problem = _loaded(problem)
+    problem.require("the Python file")
     loop = loop_of(problem)
     gain = observer_gain(loop)
     arcs = sum(len(each) for each in problem.network.modes.values())

@@ -38,6 +38,9 @@ def test_the_oracle_tells_claims_that_are_true_from_their_twins(
     for case in cases():
         document = json.loads(case.certificate)
         problem = json.loads(case.problem)
+        # of arc-wise ends runs are the oracle: tests/conditions/arcs
+        if "arc-wise" in case.certificate.decode():
+            continue
         W = (document["observer"] or {"W": None})["W"]
         oracle = Regions(problem, W)
         checks = document["checks"]

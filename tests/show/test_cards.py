@@ -183,6 +183,8 @@ def nouns(problem: dd.Problem) -> Iterator[Any]:
     yield problem.switching
     yield problem.groups[0]
     yield dd.Dynamics(A=np.eye(14).astype(int).tolist())
+    yield dd.Readings(delay="0.1", lost=2, period="0.05")
+    yield dd.Processor(period="0.05")
     yield dd.poles.HalfPlane(left_of=-2)
     yield dd.poles.Disk(centre=-3, radius=2)
     yield dd.poles.Cone(damping="0.7")

@@ -165,7 +165,7 @@ initial_disturbance = 1
 COMMANDS = """
 problems; schema; doctor; explain; explain hurwitz; check line.toml
 check groups.toml --canonical problem.json
-check alone.toml
+check alone.toml; check late.toml
 certify line.toml --no-report
 certify free.toml --no-report --theorem lemma1 --apply-fix cured.toml --search
 verify line-certificate --problem line.toml; region line.toml; region line.toml --all --search
@@ -210,6 +210,7 @@ def test_the_json_documents_have_the_keys_of_the_reference_and_no_others(
     Path("groups.toml").write_text('units = "m"\n' + LINE.replace("C = [[1]]\n", own), "utf-8")
     one = '[[exosystem.groups]]\nagents = [3]\nkind = "ramp"\n'
     Path("alone.toml").write_text(LINE.replace("A = [[0]]\nC = [[1]]\n", one), "utf-8")
+    Path("late.toml").write_text(f"{LINE}\n[processor]\nperiod = 0.1\n", "utf-8")
     documented, seen = keys_of_documents(), {}
 
     def look(heading: str, document: dict[str, object]) -> None:

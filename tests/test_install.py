@@ -17,7 +17,7 @@ BUILD = (
     "sys.argv[1])(sys.argv[2]))"
 )
 SOURCE = ("pyproject.toml", "README.md", "LICENSE")
-MOST = 1_420_000  # bytes of either; sources with named steps and comments are 1.3 million
+MOST = 1_480_000  # bytes of either; sources with named steps and comments are 1.4 million
 
 pytestmark = pytest.mark.slow
 

@@ -24,7 +24,7 @@ from machine import kernels, versions
 from dobc_design import Exosystem, Network, Problem
 
 # No deadline: a first call may import a large package, which is slow and not a defect.
-settings.register_profile("fast", max_examples=50, deadline=None)
+settings.register_profile("fast", max_examples=40, deadline=None)
 settings.register_profile(
     "ci", parent=settings.get_profile("fast"), derandomize=True, print_blob=True
 )

@@ -46,12 +46,12 @@ def test_one_agent_with_a_late_reading_of_itself_diverges_from_pi_over_two_on(si
     assert (after(plant, continuous(0, sigma, 0, fastest=1.0), 150) > 1) is grows
 
 
-@pytest.mark.parametrize(("tau", "grows"), [(0.215, False), (0.235, True)])
+@pytest.mark.parametrize(("tau", "grows"), [(0.2, False), (0.25, True)])
 def test_the_linearised_paper_diverges_from_its_exact_margin_on(tau, grows):
     """0.222832 (theory, section 15)."""
     plant = Plant(arcs=CYCLE, weights=np.ones((1, 10)), h=linear, gains=PINS)
     start = np.random.default_rng(2).normal(size=(10, 1, 1))
-    found = after(plant, continuous(tau, tau, 0, fastest=10.0), 60, start=start)
+    found = after(plant, continuous(tau, tau, 0, fastest=10.0), 20, start=start)
     assert (found > 1) is grows
 
 

@@ -149,6 +149,7 @@ for file, some in FEW.items():
     REMOVED += (each for each in removals(file) if each.text in some)
 
 
+@pytest.mark.slow  # what each case shows is among the fast ones
 @pytest.mark.parametrize("removal", REMOVED, ids=str)
 def test_the_removal_of_a_check_is_noticed(removal: Removal):
     assert noticed_by(removal) is not None

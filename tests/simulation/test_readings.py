@@ -171,9 +171,12 @@ def test_times_of_agents_in_steps_are_counted_in_steps():
 @pytest.mark.parametrize(
     "stated",
     [
-        {"readings": {"delay": "1/2", "own_delay": "1/25", "event": "1/20"}},
+        pytest.param(
+            {"readings": {"delay": "1/2", "own_delay": "1/25", "event": "1/20"}},
+            marks=pytest.mark.slow,
+        ),
         {"processor": {"period": "1/50"}, "readings": {"delay": "1/10", "lost": 1}},
-        {"readings": {"period": "1/20", "delay": "1/10"}},
+        pytest.param({"readings": {"period": "1/20", "delay": "1/10"}}, marks=pytest.mark.slow),
     ],
 )
 def test_runs_at_their_worst_stay_below_the_certified_bound(stated):

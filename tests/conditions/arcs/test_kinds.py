@@ -151,6 +151,7 @@ def test_where_no_search_for_failures_helps_v_falls_on_samples_of_its_set(name: 
             assert np.all(rise <= -fall * (1 - 1e-9))
 
 
+@pytest.mark.slow  # every run; that nothing larger is claimed is among the fast ones
 @pytest.mark.parametrize("name", [name for name in PROBLEMS if name not in BY_HAND])
 def test_runs_from_the_boundary_of_what_is_proved_stay_and_are_no_slower(name: str):
     problem = PROBLEMS[name]

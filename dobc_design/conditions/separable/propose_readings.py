@@ -166,9 +166,9 @@ class Search:
             return least_solution(field, alpha=float(alpha * MORE), start=np.ones(self.loop.n))
 
 
-#: Times tried beside the stated one, as parts of it.
-CLOSELY = 5
+#: Times tried beside the stated one, as parts of it, and bisections after the longest of them.
 AROUND = tuple(2 ** (3 * k / 4) for k in range(-4, 5))
+CLOSELY = 5
 
 
 def varied(timing: Timing) -> str:

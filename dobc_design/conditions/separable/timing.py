@@ -132,7 +132,9 @@ EIGENVALUE = "eigenvalue"
 def rest_matrix(loop: Loop) -> Matrix | None:
     """M of e' = -M e (n m, n m); None where couplings are curved, modes switch, agents have no
     target, or there are too many."""
-    known = loop.is_linear and not loop.switches and loop.drift is None
+    # Agents that fit no two sides have rows of e and -e, which move together: M has eigenvalues
+    # that they do not have.
+    known = loop.is_linear and not (loop.switches or loop.drift or loop.signed)
     if not known or loop.goal != "target" or loop.size > MOST_ROWS:
         return None
     (mode,) = jacobians_at_consensus(loop).modes
@@ -232,8 +234,9 @@ def too_steep(timing: Timing, steep: Fraction) -> str | None:
     if most is None or steep <= most:
         return None
     return (
-        f"slopes and gains of an agent add up to {float(steep):.6g} 1/s, and it may overshoot from "
-        f"{float(most):.6g} on: try a shorter period or own_delay, or smaller gains."
+        f"slopes and gains of an agent add up to {float(steep):.6g} 1/s; above {float(most):.6g} "
+        "1/s it may overshoot before it reads itself again: try a shorter period or own_delay, or "
+        "smaller gains."
     )
 
 

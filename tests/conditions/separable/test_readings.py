@@ -430,3 +430,16 @@ def test_diagonal_gains_may_be_late_and_observers_that_are_not_there_need_no_wei
     found = verify_readings(loop_of(mixed), None, claim)
     assert found.verdict is UNDECIDED
     assert "a gain mixes components" in found.reason
+
+
+def test_agents_that_fit_no_two_sides_are_not_refuted_by_the_network_without_signs():
+    # eigenvalues 2 - sqrt(2) and 2 + sqrt(2): they go to 0 for T < 2/(2 + sqrt(2)) = 0.586; the
+    # ring without signs has the eigenvalue 0
+    arcs = [[1, 2], [2, 3], [3, 4], [4, 1, -1]]
+    both = arcs + [[j, i, *w] for i, j, *w in arcs]
+    network = dd.Network.from_arcs(both, arrow="listens_to", negative="opposes")
+    ring = dd.Problem(network=network, coupling="y", processor={"period": "0.4"})
+    certificate = dd.certify(ring)
+    assert certificate.verdict is UNDECIDED
+    (check,) = [each for each in certificate.checks if each.id == "readings"]
+    assert "second checker" not in check.reason

@@ -8,7 +8,6 @@ from fractions import Fraction
 from dobc_design._show.text import significant_towards_zero
 from dobc_design.certificate.claims import claim_of
 from dobc_design.certificate.topics import TOPICS
-from dobc_design.conditions.domain import Around
 from dobc_design.conditions.kinds import READINGS
 from dobc_design.conditions.separable.claim import ReadingsBound
 from dobc_design.conditions.separable.propose_readings import rates_around, varied
@@ -59,10 +58,9 @@ def readings_section(found: Findings) -> Blocks:
             f"which falls in time, does so at most once in {significant_towards_zero(float(gap))} "
             "s."
         )
-    box = check.domain
     rates: Mapping[float, float] = {}
-    if loop.n <= MOST_VARIED and isinstance(box, Around) and varied(timing) != "event":
-        rates = rates_around(loop, box)
+    if loop.n <= MOST_VARIED and varied(timing) != "event":
+        rates = rates_around(loop, check.domain)
     asked = [name for name in _TIMES if getattr(timing, name)]
     if timing.steps:
         asked.remove("period")
@@ -75,7 +73,7 @@ def readings_section(found: Findings) -> Blocks:
             Column("tried, proved up to", lambda name: _tried(name, rates, timing), style="number"),
         )
     if rates:
-        where = domain_words(box, agents.unit)
+        where = domain_words(check.domain, agents.unit)
         yield on_pages(Pictures((_picture(rates, timing, where),)))
 
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from dobc_design._checks import noun
-from dobc_design.conditions.domain import Around
+from dobc_design.conditions.domain import Around, Domain
 from dobc_design.conditions.numbers import (
     bisected,
     claimed,
@@ -177,12 +177,15 @@ def varied(timing: Timing) -> str:
     return next((name for name in names if getattr(timing, name)), "event")
 
 
-def rates_around(loop: Loop, box: Around) -> dict[float, float]:
-    """Proved rates (1/s) of the same box with shorter and longer times than the stated one (s); 0
-    where none is found.  A gain W that nobody gave is designed for each period."""
+def rates_around(loop: Loop, domain: Domain) -> dict[float, float]:
+    """Proved rates (1/s) from the same starts with shorter and longer times than the stated one
+    (s); 0 where none is found.  A gain W that nobody gave is designed for each period."""
     found: dict[float, float] = {}
     timing = loop.timing or Timing()
     name = varied(timing)
+    # Linear couplings have one box, of any size.
+    sizes = (domain.radius, domain.disturbance) if isinstance(domain, Around) else (1.0, 0.0)
+    radius, disturbance = map(claimed, sizes)
 
     def look(stated: float) -> bool:
         time = rounded_down(stated, digits=3)
@@ -192,9 +195,9 @@ def rates_around(loop: Loop, box: Around) -> dict[float, float]:
         search = Search(
             loop=other,
             W=W,
-            radius=claimed(box.radius),
-            disturbance=claimed(box.disturbance),
-            everywhere=False,
+            radius=radius,
+            disturbance=disturbance,
+            everywhere=not isinstance(domain, Around),
         )
         proved = (x.alpha for x in search.claims() if verify_readings(other, W, x).wrong is None)
         found[float(time)] = float(next(proved, ZERO))

@@ -15,6 +15,7 @@ from operator import mul
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
+from .bands import need_bands
 from .claims import Case
 from .consensus import closed, jacobian, own
 from .coordinates import inverse, shown, sizes
@@ -61,7 +62,7 @@ AGENTS = 500
 PRODUCTS = 20_000_000  # of numbers, along the steps of a whole loop
 NAMES = ("disturbance", "drift", "measurement")
 #: The plant of a file without `uncertainty`.
-EXACT = SimpleNamespace(**dict.fromkeys(ERRORS, ZERO), known_to_agents=True)
+EXACT = SimpleNamespace(**dict.fromkeys(ERRORS, ZERO), known_to_agents=True, bands=None)
 
 
 def accuracy(case: Case, check: Any) -> None:
@@ -81,7 +82,17 @@ def accuracy(case: Case, check: Any) -> None:
 
 def acting(plant: Any, peaks: Any) -> Any:
     """What acts on every agent in the end, as an input: w + C eps."""
-    return plant.disturbance * (1 + peaks.disturbance) + plant.drift * peaks.drift
+    passed = plant.disturbance * (1 + peaks.disturbance) + plant.drift * peaks.drift
+    return passed + sines(plant, peaks)
+
+
+def sines(plant: Any, peaks: Any) -> Fraction:
+    """What is left of the sines in bands: each component's own share of all components."""
+    left = ZERO
+    if peaks.bands:
+        for (_, _, amplitude), gains in paired(plant.bands, peaks.bands):
+            left += amplitude * norm(gains)
+    return left
 
 
 # --- Boxes
@@ -232,7 +243,7 @@ class Loads:
         modes = [heard[i] for heard in self.loop.heard.values()]
         k = (1 + plant.gains) * self.loop.gain_size(i)
         number = plant.disturbance * peaks.disturbance + plant.drift * peaks.drift
-        number += plant.measurement * (peaks.measurement + k)
+        number += plant.measurement * (peaks.measurement + k) + sines(plant, peaks)
         number += peaks.disturbance * max(self.by_noise(i, heard) for heard in modes)
         if plant.known_to_agents or not plant.weights * peaks.disturbance:
             return Added(ZERO, number)
@@ -305,8 +316,13 @@ def with_peaks(case: Case, check: Any, shape: Object) -> tuple[Any, Any]:
     """What a claim says, and the peak gains of its observer, which are shown here; 0 without an
     exosystem."""
     if case.q == 0:
-        return read(check.exact, shape), SimpleNamespace(**dict.fromkeys(NAMES, ZERO))
-    exact = read(check.exact, shape | {"peaks": steps_of(*NAMES, "step")})
+        return read(check.exact, shape), SimpleNamespace(**dict.fromkeys(NAMES, ZERO), bands=None)
+    wanted = steps_of(*NAMES, "step")
+    if case.bands:
+        p = case.m if case.B is None else len(case.B[0])
+        wanted["bands"] = [matrix(p, p)]
+    exact = read(check.exact, shape | {"peaks": wanted})
+    exact.peaks.bands = wanted.get("bands") and exact.peaks.bands
     for name in case.names:
         need_peaks(case, own(case, name), exact.peaks)
     return exact, exact.peaks
@@ -320,6 +336,8 @@ def need_peaks(case: Case, residual: Residual, peaks: Any) -> None:
     if case.B is not None:  # what acts, and what is asked, is in the inputs
         C = product(case.node.left, C)
         W = product(W, case.B)
+    if case.bands:
+        need_bands(case.bands, F, C, W, peaks.bands)
     for drift, disturbance, noise in gains_by_row(F, C, [W, product(F, W)], peaks):
         small_enough = drift <= peaks.drift and disturbance <= peaks.disturbance
         need(small_enough, "the peak gains are not shown")

@@ -63,6 +63,9 @@ class Problem:
         self.read_fixed("fixed" in source)
         self.read_agreement()
         self.read_times()
+        bands = (self.stated.uncertainty and self.stated.uncertainty.bands) or []
+        ordered = all(0 <= low <= high and size > 0 for low, high, size in bands)
+        need(ordered, "a band has bounds in the wrong order, or no amplitude")
         modes = self.stated.modes
         different = 0 < len(modes) == len({mode.name for mode in modes})
         need(different, "modes have to be different, and at least one")
@@ -79,6 +82,7 @@ class Problem:
         gains = [(agent, matrix(self.inputs, self.m))]
         uncertainty = dict.fromkeys(ERRORS, rational)
         uncertainty["known_to_agents"] = partial(one_of, (bool,))
+        uncertainty["bands?"] = [(rational,) * 3]
         region = {"initial_states": sides, "initial_disturbance": maybe(rational)}
         return {
             "version": None,

@@ -280,7 +280,13 @@ class Loop:
         plant = self.uncertainty
         if plant is None:
             return False
-        return bool(plant.disturbance or plant.measurement or (plant.drift and self.q))
+        observed = plant.drift or self.bands
+        return bool(plant.disturbance or plant.measurement or (observed and self.q))
+
+    @property
+    def bands(self) -> list[Any]:
+        """Sines of unknown frequencies: the least and the largest (rad/s), and the amplitude."""
+        return (self.uncertainty and self.uncertainty.bands) or []
 
     # --- pins
     def pinned(self, modes: Iterable[str], loose: bool = False) -> list[int]:

@@ -179,6 +179,7 @@ def loaded(case: Case, check: Any, claim: Any, acts: bool) -> list[Added]:
     if case.q and acts:
         given = an_object(an_object(proof.exact).get("peaks"))
     peaks = SimpleNamespace(**{name: rational(given.get(name)) for name in NAMES})
+    peaks.bands = read(given.get("bands", []), [matrix(case.m, case.m)])
     need(claim.alpha > 0 and claim.level > 0, "a number of the box is not positive")
     holds_starts(case, check.domain, claim)
     rho = None if case.domain == "global" else claim.rho

@@ -65,6 +65,7 @@ def rows_of(case: Case) -> Case:
     if case.uncertainty is not None:  # so are disturbances, and noise of a difference
         stated = vars(case.uncertainty)
         both = {name: 2 * stated[name] for name in ("disturbance", "measurement")}
+        both["bands"] = [(low, high, 2 * size) for low, high, size in case.bands]
         rows.uncertainty = SimpleNamespace(**stated | both)
     rows.C = diagonal([residual.C for residual in rows.residuals]) or [[]] * rows.m
     rows.W = halved_gain(case.W)

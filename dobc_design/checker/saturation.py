@@ -180,7 +180,8 @@ def amplitude(case: Case, i: int) -> Fraction:
     need(is_diagonal(square), "d is no sum of sines")
     z = [row[k] for k, row in enumerate(square)]
     slopes = product(residual.A, x)
-    sums = [ZERO] * case.m
+    # sines of unknown frequencies come on top
+    sums = [sum((band[2] for band in case.bands), ZERO)] * case.m
     # A^2 = -w on the components of one frequency: each is a sine of size sqrt(x^2 + x'^2 / w)
     for w in {-entry for entry in z}:
         for c, row in enumerate(residual.C):

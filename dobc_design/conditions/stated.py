@@ -15,6 +15,7 @@ from fractions import Fraction
 from dobc_design._checks import noun
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.timing import timing_words
+from dobc_design.problem.bands import band_words
 from dobc_design.problem.uncertainty import ABSOLUTE, RELATIVE
 from dobc_design.verdict import Verdict
 
@@ -75,7 +76,7 @@ def stated_in(loop: Loop) -> Stated:
     return Stated(
         limit=actuators is not None and bool(actuators.limit),
         relative=table is not None and any(getattr(table, name) for name in RELATIVE),
-        absolute=any(name != "drift" or loop.groups for name in acts),
+        absolute=any(name not in ("drift", "bands") or loop.groups for name in acts),
         late=loop.timing is not None,
     )
 
@@ -198,6 +199,7 @@ def table_words(loop: Loop, id: str) -> str:
     names = {"disturbance": "a disturbance", "drift": "a drift", "measurement": "measurement noise"}
     given = ((name, getattr(table, name)) for name in names if name != "drift" or loop.groups)
     absolute = [f"{names[name]} of up to {_number(x)}" for name, x in given if x]
+    absolute += map(band_words, loop.bands)
     parts = relative + absolute if id == ACCURACY else relative
     if id == READINGS:
         parts = [*relative, timing_words(loop.timing)]

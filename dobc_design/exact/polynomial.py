@@ -269,6 +269,45 @@ def has_root_up_to_zero(coefficients: Sequence[Fraction]) -> bool:
     return _changes_at_minus_infinity(chain) > at_zero
 
 
+def squared_modulus(coefficients: Sequence[Fraction]) -> Coefficients:
+    """Return the polynomial in x = w^2, highest power first, that is |p(jw)|^2."""
+    # p(jw) = even(x) + jw odd(x): powers of j give the signs.
+    signs = (1, 1, -1, -1)
+    rising = [x * signs[k % 4] for k, x in enumerate(reversed(coefficients))]
+    even = _flint(rising[0::2][::-1])
+    odd = _flint(rising[1::2][::-1])
+    total = even * even + _flint([ONE, ZERO]) * odd * odd
+    return tuple(map(from_fmpq, reversed(total.coeffs())))
+
+
+def is_nonnegative(coefficients: Sequence[Fraction], low: Fraction, high: Fraction) -> bool:
+    """Return whether p(x) >= 0 for all x in [low, high], 0 <= low <= high (Sturm); roots of even
+    order are allowed."""
+    polynomial = _flint(coefficients)
+    if not polynomial:
+        return True
+    ends = [to_fmpq(low), to_fmpq(high)]
+    if any(polynomial(x) < 0 for x in ends):
+        return False
+    # p changes its sign at the roots of odd order only; at an end of the interval it may.
+    _, factors = polynomial.factor_squarefree()
+    odd = _flint([ONE])
+    for factor, order in factors:
+        if order % 2:
+            odd *= factor
+    for x in ends:
+        if odd(x) == 0:
+            odd //= _flint([ONE, -from_fmpq(x)])
+    chain = _sturm_chain(odd, odd.derivative())
+    lost = [_changes(each(x) > 0 for each in chain if each(x) != 0) for x in ends]
+    if lost[0] != lost[1]:
+        return False
+    # Without a change of sign inside, one point that is no root speaks for all.
+    step = (ends[1] - ends[0]) / (polynomial.degree() + 2)
+    inside = (ends[0] + step * k for k in range(1, polynomial.degree() + 2))
+    return all(polynomial(x) >= 0 for x in inside)
+
+
 def _cosines(count: int, squared: Fraction) -> list[Fraction]:
     """cos(k phi) for even k and cos(k phi) / cos phi for odd k, from cos^2 phi, by Chebyshev's
     recursion."""

@@ -20,6 +20,7 @@ from dobc_design.coupling.coupling import Coupling
 from dobc_design.exact.interval import Box, Interval, UndefinedError
 from dobc_design.exact.matrix import Matrix, Vector, left_inverse
 from dobc_design.exact.reading import Texts, is_scalar_matrix
+from dobc_design.problem.bands import Band
 from dobc_design.problem.groups import (
     Group,
     Grouped,
@@ -272,6 +273,11 @@ class Loop(Grouped):
     def slopes(self) -> Matrix:
         """The A of the drift, () without one: it is in the gains of ``pulls``."""
         return () if self.drift is None else self.drift.A
+
+    @property
+    def bands(self) -> tuple[Band, ...]:
+        """The bands in which sines of an unknown frequency lie; () without any."""
+        return () if self.uncertainty is None else self.uncertainty.bands or ()
 
     @property
     def saturates(self) -> bool:

@@ -175,6 +175,8 @@ def largest_disturbance(loop: Loop) -> Vector | None:
         return None
     starts = loop.xi0 if len(loop.xi0) > 1 else loop.xi0 * loop.n
     known: dict[tuple[int, Vector], Fraction | None] = {}  # agents often start alike
+    # Sines of unknown frequencies come on top of what the exosystem generates.
+    sines = sum((band.amplitude for band in loop.bands), ZERO)
     found: list[Fraction] = []
     for pair in zip(group_numbers(loop.groups, loop.labels), starts, strict=True):
         number, start = pair
@@ -184,7 +186,7 @@ def largest_disturbance(loop: Loop) -> Vector | None:
         amplitude = known[pair]
         if amplitude is None:
             return None
-        found.append(amplitude)
+        found.append(amplitude + sines)
     return tuple(found)
 
 

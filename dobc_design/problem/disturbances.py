@@ -6,12 +6,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import field
+from fractions import Fraction
 from typing import Any
 
 from dobc_design._checks import noun
 from dobc_design.errors import Mistakes, SpecError, wrong
 from dobc_design.exact.reading import Names, is_list, is_text, shown
 
+from .bands import KEYS, Band, bands_of, nodes, pairs_of
 from .exosystems import PARTS, Exosystem, of_parts
 from .groups import Group, Groups, Observer, check_rest, group_key, in_another, renamed
 from .network import no_agent
@@ -23,10 +25,12 @@ from .schema_errors import EXAMPLES
 @noun
 class Disturbances:
     """What [exosystem] says: the exosystem of the agents in no group (None: they have no
-    disturbance), the groups, and the lists of agents without a disturbance, with their keys."""
+    disturbance), the groups, the bands of sines of unknown frequencies, and the lists of agents
+    without a disturbance, with their keys."""
 
     exosystem: Exosystem | None = None
     groups: Groups = ()
+    bands: tuple[Band, ...] = ()
     without: Mapping[str, Sequence[Any]] = field(default_factory=dict)
 
     @property
@@ -50,7 +54,7 @@ class Disturbances:
         own = Observer() if observer is None else Observer(W=observer.W, P=observer.P)
         check_rest(rest, self.exosystem, own, states)
         group = Group(agents=rest, exosystem=self.exosystem, observer=own)
-        return Disturbances(groups=(*self.groups, group))
+        return Disturbances(groups=(*self.groups, group), bands=self.bands)
 
     def _check_without(self, labels: Names) -> None:
         owner: dict[str, str] = {}
@@ -82,12 +86,19 @@ def read_exosystem(
     for number, group in enumerate(table.groups):
         places[group_key(number)] = group
     found = {place: _explicit(each, place, errors) for place, each in places.items()}
+    bands: tuple[Band, ...] = ()
+    pairs = 1
+    with errors:
+        bands = bands_of(table)
+        pairs = pairs_of(table)
     errors.raise_all()
     # Disturbances in words have one part for each component, so how many there are comes first.
     m = dimension_of(next((each for each in found.values() if each is not None), None))
     for place, each in places.items():
         if found[place] is None:
-            found[place] = _in_words(each, place, m, errors)
+            own = bands if place == "exosystem" else ()
+            poles = [w for band in own for w in nodes(band.low, band.high, pairs)]
+            found[place] = _in_words(each, place, m, errors, poles)
             if steps and found[place] is not None:
                 what = "is known by its parts in continuous time only."
                 cure = "Give A and C; a constant in discrete time is A = [[1]]."
@@ -107,7 +118,9 @@ def read_exosystem(
         except SpecError as error:
             errors.append(renamed(error, place))
     errors.raise_all()
-    return Disturbances(exosystem=found["exosystem"], groups=tuple(groups), without=without)
+    return Disturbances(
+        exosystem=found["exosystem"], groups=tuple(groups), bands=bands, without=without
+    )
 
 
 def _labels(agents: Any, key: str) -> list[Any]:
@@ -140,9 +153,11 @@ def _explicit(table: ExosystemTable | GroupTable, place: str, errors: Mistakes) 
         )
     if parts:
         return None
-    # [exosystem] may be there for its groups alone.
-    if isinstance(table, ExosystemTable) and table.groups and not matrices:
-        return None
+    # [exosystem] may be there for its groups alone; bands alone are given poles.
+    if isinstance(table, ExosystemTable) and not matrices:
+        banded = any(getattr(table, key) is not None for key in KEYS)
+        if table.groups or banded:
+            return None
     for name in ("A", "C"):
         if name not in matrices:
             example = EXAMPLES[f"exosystem.{name}"]
@@ -187,10 +202,19 @@ def _check_none(table: GroupTable, place: str, given: Names, errors: Mistakes) -
 
 
 def _in_words(
-    table: ExosystemTable | GroupTable, place: str, components: int, errors: Mistakes
+    table: ExosystemTable | GroupTable,
+    place: str,
+    components: int,
+    errors: Mistakes,
+    poles: Sequence[Fraction],
 ) -> Exosystem | None:
-    """The exosystem of parts that are named, such as hz; None where there are none."""
+    """The exosystem of parts that are named, such as hz, and of sines at the ``poles`` of bands
+    (rad/s); None where there are none."""
     parts = {name: getattr(table, name) for name in PARTS}
+    if poles:
+        given = parts["frequencies"]
+        own = list(given) if is_list(given) else [given] * (given is not None)
+        parts["frequencies"] = [*own, *poles]
     if all(value is None for value in parts.values()):
         return None
     try:

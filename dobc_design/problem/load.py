@@ -309,6 +309,9 @@ def _build(tables: ProblemFile, *, folder: Path | None, name: str) -> Problem:
         for field in ProblemFile.model_fields
         if field not in _READ_HERE
     }
+    if given.bands:
+        # What no exosystem generates is bounded with the rest of that kind.
+        others["uncertainty"] = (others["uncertainty"] or {}) | {"bands": given.bands}
     problem = errors.tried(
         Problem,
         name=name,

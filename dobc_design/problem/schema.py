@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema
 
 from dobc_design.exact.reading import Document
 
+from .bands import KEYS
 from .exosystems import KINDS, PARTS
 from .network import ARROWS, LONGEST_LABEL, MOST_AGENTS
 from .readings import TIMES
@@ -114,6 +115,7 @@ Guarantee = Annotated[Any, WithJsonSchema({"enum": list(GUARANTEES)})]
 _COUNT = {"type": "integer", "minimum": 1, "maximum": MOST_AGENTS}
 Agents = Annotated[Any, WithJsonSchema(_either(_COUNT, _list_of(_LABEL)))]
 Pairs = Annotated[Any, WithJsonSchema(_either(_INTERVAL, _any_list_of(_INTERVAL)))]
+Bands = Annotated[Any, WithJsonSchema(_any_list_of(_INTERVAL))]
 Box = Annotated[Any, WithJsonSchema(_either(_NUMBER, _list_of(_either(_NUMBER, _INTERVAL))))]
 Rows = Annotated[Any, WithJsonSchema(_either(_NUMBERS, _any_list_of(_NUMBERS)))]
 ModeNames = Annotated[Any, WithJsonSchema(_list_of(_TEXT))]
@@ -215,9 +217,15 @@ class ExosystemTable(_Disturbance):
     """[exosystem]: xi' = A xi, d = C xi, of the agents that are in no group; without A, C or a part
     they have none."""
 
-    model_config = ConfigDict(json_schema_extra={"anyOf": [*_WAYS, {"required": ["groups"]}]})
+    model_config = ConfigDict(
+        json_schema_extra={"anyOf": [*_WAYS, *({"required": [key]} for key in ("groups", *KEYS))]}
+    )
 
     groups: list[GroupTable] = []
+    bands: Bands = _optional("rad/s: sines of a frequency somewhere in each band.")
+    bands_hz: Bands = _optional("The same in Hz.")
+    amplitude: NumberOrList = _optional("Of the sines in the bands, at most: for all, or for each.")
+    pairs: Count = _optional("Pairs of poles that A is given for each band; 1 by default.")
 
 
 class ObserverTable(_Table):

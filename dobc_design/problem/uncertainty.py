@@ -12,8 +12,12 @@ from dobc_design.errors import Mistakes, wrong
 from dobc_design.exact.number import ZERO, parse_number
 from dobc_design.exact.reading import Document, Names, items, positive_number, shown, shown_number
 
+from .bands import Band, band_words, read_bands
+
 RELATIVE = ("weights", "gains")
-ABSOLUTE = ("disturbance", "drift", "measurement")
+BOUNDS = ("disturbance", "drift", "measurement")
+#: What acts on the plant however near the target it is.
+ABSOLUTE = (*BOUNDS, "bands")
 
 
 @noun
@@ -26,6 +30,8 @@ class Uncertainty(Shown):
     disturbance: bound on every component of the part of d_i that the exosystem does not generate.
     drift: bound on xi' - A xi.
     measurement: bound on the noise of every measured state.
+    bands: (low, high, amplitude) of sines of an unknown frequency in d_i, low and high in rad/s;
+        None without any.
     Raises: SpecError that names every wrong key.
     """
 
@@ -35,10 +41,13 @@ class Uncertainty(Shown):
     disturbance: Fraction = ZERO
     drift: Fraction = ZERO
     measurement: Fraction = ZERO
+    bands: tuple[Band, ...] | None = later()
 
     def __post_init__(self) -> None:
         errors = Mistakes()
-        for name in (*RELATIVE, *ABSOLUTE):
+        with errors:
+            put(self, bands=read_bands(self.bands))
+        for name in (*RELATIVE, *BOUNDS):
             with errors:
                 value, key = getattr(self, name), f"uncertainty.{name}"
                 put(self, **{name: _bound(value, key, below=name in RELATIVE)})
@@ -54,8 +63,9 @@ class Uncertainty(Shown):
         errors.raise_all()
 
     def _card(self) -> Card:
-        bounds = [(name, getattr(self, name)) for name in (*RELATIVE, *ABSOLUTE)]
+        bounds = [(name, getattr(self, name)) for name in (*RELATIVE, *BOUNDS)]
         facts = [(name, x) for name, x in bounds if x]
+        facts += [("of d_i", band_words(band)) for band in self.bands or ()]
         if not self.known_to_agents:
             facts.append(("the agents' couplings", "off by as much"))
         return Card(title="Uncertainty", text="at most", facts=facts)

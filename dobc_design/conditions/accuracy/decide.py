@@ -47,6 +47,7 @@ from dobc_design.conditions.numbers import (
     fields_to_json,
     form_from_json,
     known_to_json,
+    matrix_from_json,
     rational_or_none,
     read_rational,
     read_rationals,
@@ -90,11 +91,14 @@ from dobc_design.exact.reading import Document, Table
 from dobc_design.exact.symmetric import Doubles, least
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.pairs import are_pairs
-from dobc_design.problem.uncertainty import Uncertainty
+from dobc_design.problem.bands import Band, band_words
+from dobc_design.problem.uncertainty import BOUNDS, Uncertainty
 from dobc_design.verdict import Verdict
 
+from .bands import are_bounded
+
 MOST_STAGES = 30
-INPUTS = ("disturbance", "drift", "measurement")
+INPUTS = BOUNDS
 
 
 @noun
@@ -123,17 +127,22 @@ class Peaks:
     """How far the observer passes on what the model leaves out, F = A - WC: upper bounds of the
     integrals of |C exp(F t) W| (``disturbance``), |C exp(F t)| (``drift``), and of |C exp(F t) F
     W|, plus |C W| (``measurement``), row sums, in every group of agents.  Shown in ``steps`` steps
-    of ``step`` (s)."""
+    of ``step`` (s).  ``bands``: for each band of sines bounds (p, p) of what is left of them
+    (``bands``); () without any."""
 
     disturbance: Fraction
     drift: Fraction
     measurement: Fraction
     step: Fraction
     steps: int
+    bands: tuple[Matrix, ...] = ()
 
     def to_json(self) -> Document:
         """The exact values as text."""
-        return fields_to_json(self, *INPUTS, "step", "steps")
+        names = [*INPUTS, "step", "steps"]
+        if self.bands:
+            names.append("bands")
+        return fields_to_json(self, *names)
 
 
 @noun
@@ -218,7 +227,7 @@ def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Accuracy:
     read = {label: _read_bounds(bounds[label], entries) for label in loop.labels}
     peaks = None
     if loop.groups:
-        peaks = peaks_from_json(values["peaks"])
+        peaks = peaks_from_json(values["peaks"], loop.bands)
     if linear:
         response = Response(**_read_steps(values["response"], ("step",)))
         return Accuracy(stages=(), bounds=read, peaks=peaks, response=response)
@@ -233,9 +242,15 @@ def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Accuracy:
     )
 
 
-def peaks_from_json(data: Any) -> Peaks:
-    """Peak gains as a certificate has them."""
-    return Peaks(**_read_steps(data, (*INPUTS, "step")))
+def peaks_from_json(data: Any, bands: Sequence[Band] = ()) -> Peaks:
+    """Peak gains as a certificate has them, with bounds for so many bands."""
+    if not bands:
+        return Peaks(**_read_steps(data, (*INPUTS, "step")))
+    values = read_object(data, (*INPUTS, "step", "steps", "bands"))
+    gains = tuple(map(matrix_from_json, values.pop("bands")))
+    if len(gains) != len(bands):
+        raise ValueError("it needs gains for every band")
+    return replace(peaks_from_json(values), bands=gains)
 
 
 def _read_steps(data: Any, names: tuple[str, ...]) -> Document:
@@ -409,13 +424,24 @@ class Plant:
 
     @property
     def input(self) -> Fraction:
-        """b = omega (1 + peak of W) + gamma (peak of I): what acts on the inputs of every agent in
-        the end."""
+        """b = omega (1 + peak of W) + gamma (peak of I) and what is left of sines in bands: what
+        acts on the inputs of every agent in the end."""
         omega = self.stated.disturbance
         peaks = self.peaks
         if peaks is None:
             return omega
-        return omega + (omega * peaks.disturbance + self.stated.drift * peaks.drift)
+        passed = omega * peaks.disturbance + self.stated.drift * peaks.drift
+        return omega + passed + self.sines
+
+    @property
+    def sines(self) -> Fraction:
+        """What the observers leave of all sines whose frequencies lie in bands."""
+        left = Fraction(0)
+        if self.peaks is not None:
+            for band, gains in zip(self.loop.bands, self.peaks.bands, strict=True):
+                left += band.amplitude * row_norm(gains)
+        # Those of two agents may be in opposite phases.
+        return 2 * left if self.loop.is_apart else left
 
     def load_in(self, T: Matrix) -> Vector:
         """|T B| b by agent and component of z = T e, (n m,): what acts on every agent."""
@@ -460,7 +486,7 @@ class Plant:
         if peaks is not None:
             passed = peaks.disturbance
             by_model = plant.disturbance * passed
-            by_model += plant.drift * peaks.drift + noise * peaks.measurement
+            by_model += plant.drift * peaks.drift + noise * peaks.measurement + self.sines
         # Observers with other weights take sum dw h for a disturbance, which W passes on.
         if not plant.known_to_agents:
             unknown = errors.weights * passed * (1 + self.room)
@@ -597,13 +623,13 @@ def _told(loop: Loop, claim: Accuracy, domain: Domain) -> str:
         starts += f" with |e_i| <= {domain.radius:.6g}"
         starts += f" and |eps_i| <= {domain.disturbance:.6g}" if loop.groups else ""
     sizes = {name: getattr(loop.uncertainty, name) for name in INPUTS}
-    inputs = ", ".join(f"{name} {float(x):.6g}" for name, x in sizes.items() if x)
+    acting = [f"{name} {float(x):.6g}" for name, x in sizes.items() if x]
+    within = f" within the bounds of [uncertainty]: {', '.join(acting)}" if acting else ""
+    sines = " and ".join(map(band_words, loop.bands))
     listed = ", ".join(told).replace(", ..., ", " ... ")
     each = "the components of |e_i|" if claim.by_component else "|e_i|"
-    return (
-        f"{starts} ends with {each} <= {listed}, whatever acts within the bounds of "
-        f"[uncertainty]: {inputs}."
-    )
+    acts = f"whatever acts{within}" + (", and for " if within else " as ") * bool(sines) + sines
+    return f"{starts} ends with {each} <= {listed}, {acts}."
 
 
 def confirm(check: Check, case: Case) -> str | None:
@@ -635,6 +661,11 @@ def wrong_peaks(loop: Loop, W: Matrix, peaks: Peaks) -> str | None:
     own = observer_peaks(loop, W, step=peaks.step, steps=peaks.steps)
     if own is None:
         return "the peak gains of the observer are not shown with these steps."
+    if len(peaks.bands) != len(loop.bands):
+        return "it needs gains for every band"
+    for band, gains in zip(loop.bands, peaks.bands, strict=True):
+        if not are_bounded(loop, W, band, gains):
+            return f"more may be left of {band_words(band)}."
     # A claim may be larger than what is shown here, never smaller.
     for name in INPUTS:
         claimed = getattr(peaks, name)

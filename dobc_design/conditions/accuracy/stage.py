@@ -51,11 +51,14 @@ from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Matrix, Vector, identity, row_norm, to_float
 from dobc_design.exact.number import ONE, ZERO, root_above
 from dobc_design.exact.peaks import MOST_GROWTH, MOST_STEPS
+from dobc_design.exact.polynomial import Coefficients, squared_modulus
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, out_of_time
 from dobc_design.loop.arcs import coupling_places
 from dobc_design.loop.loop import Loop
+from dobc_design.problem.bands import Band
 from dobc_design.solvers.program import Array
 
+from .bands import Entries, filters
 from .decide import (
     ID,
     INPUTS,
@@ -119,7 +122,37 @@ def propose_peaks(loop: Loop, W: Matrix) -> Peaks | None:
     raised: dict[str, Any] = {}
     for name in INPUTS:
         raised[name] = rounded_up(getattr(found, name) * (1 + MORE), digits=7)
-    return replace(found, **raised)
+    return replace(found, **raised, bands=tuple(band_gains(loop, W, band) for band in loop.bands))
+
+
+def band_gains(loop: Loop, W: Matrix, band: Band) -> Matrix:
+    """What is left of sines in a band, (p, p), the most of all groups, a little above."""
+    tables = [_largest(below, rows, band) for below, rows in filters(loop, W)]
+    raised = []
+    for row in np.max(tables, axis=0).tolist():
+        raised.append(tuple(rounded_up(Fraction(x) * (1 + MORE), digits=7) for x in row))
+    return tuple(raised)
+
+
+def _largest(below: Coefficients, rows: Entries, band: Band) -> list[list[float]]:
+    """The largest |N/chi_F| on a band, for every numerator N."""
+    low, high = float(band.low), float(band.high)
+    bottom = np.array(squared_modulus(below), dtype=float)
+    found = []
+    for row in rows:
+        sizes = []
+        for numerator in row:
+            top = np.array(squared_modulus(numerator), dtype=float)
+            # The quotient is largest at an end or where its slope is 0.
+            slope = np.polysub(
+                np.polymul(np.polyder(top), bottom), np.polymul(top, np.polyder(bottom))
+            )
+            places = [x.real for x in np.roots(slope) if low**2 < x.real < high**2]
+            at = np.array([low**2, high**2, *places])
+            ratio = np.polyval(top, at) / np.polyval(bottom, at)
+            sizes.append(math.sqrt(max(0.0, float(np.max(ratio)))))
+        found.append(sizes)
+    return found
 
 
 def _row_norm(matrix: Array) -> float:

@@ -61,6 +61,8 @@ GROWTH = 2000  # of |F| h steps
 AGENTS = 500
 PRODUCTS = 20_000_000  # of numbers, along the steps of a whole loop
 NAMES = ("disturbance", "drift", "measurement")
+#: Of an observer that passes nothing on.
+NOTHING: Object = {**dict.fromkeys(NAMES, ZERO), "bands": None}
 #: The plant of a file without `uncertainty`.
 EXACT = SimpleNamespace(**dict.fromkeys(ERRORS, ZERO), known_to_agents=True, bands=None)
 
@@ -316,16 +318,23 @@ def with_peaks(case: Case, check: Any, shape: Object) -> tuple[Any, Any]:
     """What a claim says, and the peak gains of its observer, which are shown here; 0 without an
     exosystem."""
     if case.q == 0:
-        return read(check.exact, shape), SimpleNamespace(**dict.fromkeys(NAMES, ZERO), bands=None)
-    wanted = steps_of(*NAMES, "step")
+        return read(check.exact, shape), SimpleNamespace(**NOTHING)
+    wanted = steps_of(*NAMES, "step") if takes_integrals(case) else {}
     if case.bands:
         p = case.m if case.B is None else len(case.B[0])
         wanted["bands"] = [matrix(p, p)]
     exact = read(check.exact, shape | {"peaks": wanted})
-    exact.peaks.bands = wanted.get("bands") and exact.peaks.bands
+    peaks = SimpleNamespace(**NOTHING | vars(exact.peaks))
     for name in case.names:
-        need_peaks(case, own(case, name), exact.peaks)
-    return exact, exact.peaks
+        need_peaks(case, own(case, name), peaks)
+    return exact, peaks
+
+
+def takes_integrals(case: Case) -> bool:
+    """Whether something is stated of which an observer passes on up to an integral."""
+    plant = case.uncertainty
+    felt = plant.weights and not plant.known_to_agents
+    return bool(felt or plant.disturbance or plant.drift or plant.measurement)
 
 
 def need_peaks(case: Case, residual: Residual, peaks: Any) -> None:
@@ -338,6 +347,8 @@ def need_peaks(case: Case, residual: Residual, peaks: Any) -> None:
         W = product(W, case.B)
     if case.bands:
         need_bands(case.bands, F, C, W, peaks.bands)
+    if not takes_integrals(case):
+        return
     for drift, disturbance, noise in gains_by_row(F, C, [W, product(F, W)], peaks):
         small_enough = drift <= peaks.drift and disturbance <= peaks.disturbance
         need(small_enough, "the peak gains are not shown")

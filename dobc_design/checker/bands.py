@@ -12,9 +12,10 @@ where one is are halved.
 
 import math
 from fractions import Fraction
+from itertools import pairwise
 from typing import Any
 
-from .matrices import ZERO, Matrix, Vector, characteristic, combined, paired, product
+from .matrices import ZERO, Matrix, Vector, characteristic, combined, paired, product, stable
 from .reading import need
 
 PARTS = 2000  # of a band
@@ -22,6 +23,7 @@ PARTS = 2000  # of a band
 
 def need_bands(bands: list[Any], F: Matrix, C: Matrix, W: Matrix, gains: list[Matrix]) -> None:
     """Of every band no more is left than its gains (p, p) say."""
+    need(stable(F), "A - W C is not Hurwitz")
     need(len(bands) == len(gains), "there are not gains for every band")
     chi = characteristic(F)
     entries = numerators(F, C, W, chi)
@@ -107,5 +109,5 @@ def halves(form: Vector) -> list[Vector]:
     while form:
         left.append(form[0])
         right.append(form[-1])
-        form = [(x + y) / 2 for x, y in zip(form, form[1:], strict=False)]
+        form = [(x + y) / 2 for x, y in pairwise(form)]
     return [left, right[::-1]]

@@ -80,7 +80,7 @@ class Problem:
         arcs = [(agent, node, rational)]
         exception = {"arc": (agent, node), "h": self.read_h}
         gains = [(agent, matrix(self.inputs, self.m))]
-        uncertainty = dict.fromkeys(ERRORS, rational)
+        uncertainty: Object = dict.fromkeys(ERRORS, rational)
         uncertainty["known_to_agents"] = partial(one_of, (bool,))
         uncertainty["bands?"] = [(rational,) * 3]
         region = {"initial_states": sides, "initial_disturbance": maybe(rational)}

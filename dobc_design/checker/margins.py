@@ -12,7 +12,7 @@ from .curves import secants
 from .expressions import Coupling
 from .intervals import enclosed
 from .matrices import ZERO, form, root, transpose
-from .reading import Object, an_object, need, rational, read, weights
+from .reading import Object, an_object, matrix, need, rational, read, weights
 from .saturation import allowed, amplitude, left
 from .separable import Errors, beside, holds_box, observed, pace, read_separable, rows, starts
 
@@ -178,7 +178,7 @@ def loaded(case: Case, check: Any, claim: Any, acts: bool) -> list[Added]:
     given = dict.fromkeys(NAMES, "0")
     if case.q and acts:
         given = an_object(an_object(proof.exact).get("peaks"))
-    peaks = SimpleNamespace(**{name: rational(given.get(name)) for name in NAMES})
+    peaks = SimpleNamespace(**{name: rational(given.get(name, "0")) for name in NAMES})
     peaks.bands = read(given.get("bands", []), [matrix(case.m, case.m)])
     need(claim.alpha > 0 and claim.level > 0, "a number of the box is not positive")
     holds_starts(case, check.domain, claim)

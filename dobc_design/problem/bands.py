@@ -135,9 +135,6 @@ def nodes(low: Fraction, high: Fraction, pairs: int) -> list[Fraction]:
 
 def band_words(band: Band) -> str:
     """A band in words, with its numbers."""
-    low, high, amplitude = (f"{nearest(x):.6g}" for x in band)
-    hz = [f"{nearest(x) / math.tau:.6g}" for x in band[:2]]
-    return (
-        f"a sine of a frequency between {low} and {high} rad/s ({hz[0]} and {hz[1]} Hz) with an "
-        f"amplitude of at most {amplitude}"
-    )
+    low, high, amplitude = map(nearest, band)
+    hz = f"{low / math.tau:.4g} to {high / math.tau:.4g} Hz"
+    return f"a sine of {low:.6g} to {high:.6g} rad/s ({hz}) of amplitude up to {amplitude:.6g}"

@@ -96,8 +96,8 @@ def read_exosystem(
     m = dimension_of(next((each for each in found.values() if each is not None), None))
     for place, each in places.items():
         if found[place] is None:
-            own = bands if place == "exosystem" else ()
-            poles = [w for band in own for w in nodes(band.low, band.high, pairs)]
+            banded = bands if place == "exosystem" else ()
+            poles = [w for band in banded for w in nodes(band.low, band.high, pairs)]
             found[place] = _in_words(each, place, m, errors, poles)
             if steps and found[place] is not None:
                 what = "is known by its parts in continuous time only."
@@ -213,8 +213,8 @@ def _in_words(
     parts = {name: getattr(table, name) for name in PARTS}
     if poles:
         given = parts["frequencies"]
-        own = list(given) if is_list(given) else [given] * (given is not None)
-        parts["frequencies"] = [*own, *poles]
+        stated = list(given) if is_list(given) else [given] * (given is not None)
+        parts["frequencies"] = [*stated, *poles]
     if all(value is None for value in parts.values()):
         return None
     try:

@@ -191,6 +191,8 @@ class PinningTable(_Table):
 
 _WAYS: Any = [{"required": list(keys)} for keys in (("A", "C"), *((part,) for part in PARTS))]
 
+_BANDS: Any = [{"required": [key, "amplitude"]} for key in KEYS]
+
 
 class _Disturbance(_Table):
     A: NumberMatrix = None
@@ -218,7 +220,7 @@ class ExosystemTable(_Disturbance):
     they have none."""
 
     model_config = ConfigDict(
-        json_schema_extra={"anyOf": [*_WAYS, *({"required": [key]} for key in ("groups", *KEYS))]}
+        json_schema_extra={"anyOf": [*_WAYS, *_BANDS, {"required": ["groups"]}]}
     )
 
     groups: list[GroupTable] = []

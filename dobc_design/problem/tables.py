@@ -14,6 +14,7 @@ from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import decimal_text
 from dobc_design.exact.reading import Names, counted, is_scalar_matrix, some
 
+from .bands import band_words
 from .groups import Observer
 from .region import Region
 from .simulation import Simulation
@@ -125,6 +126,7 @@ def uncertainty_words(table: Uncertainty) -> str:
     ):
         if bound:
             said.append(f"{what} is at most {decimal_text(bound)}")
+    said += [f"the disturbance of every agent has {band_words(band)}" for band in table.bands or ()]
     if not said:
         said.append("nothing is uncertain")
     if not table.known_to_agents:

@@ -25,10 +25,11 @@ from dobc_design.problem.network import IndexArray
 from .field import Active, Links
 from .mobile import Nearby
 from .setting import WITHOUT, Setting
+from .sines import Sines, drawn_sines
 from .starts import Start
 from .stress import Stress
 from .switches import Switches
-from .worst import worst_signs
+from .worst import Signs, Worst
 
 NOISE, LOSS, PHASE, AGES = 2, 3, 4, 6  # streams beside that of the switches
 BLOCK = 32  # instants whose random numbers are drawn at once
@@ -99,18 +100,8 @@ class Agents:
         # random numbers of the noise, and of the disturbance
         self.noises = runs.streams(NOISE)
         self.drawn: Array = np.zeros((0, *self.shape, len(runs.seeds)))
-        ports = (self.loop.n, len(self.loop.output))
-        phases = [rng.uniform(0, 2 * np.pi, size=ports) for rng in runs.streams(PHASE)]
-        self.phase = np.stack(phases, axis=2)
-        self.signs = None
-        if runs.stress.worst:
-            self.signs = worst_signs(
-                setting.problem,
-                self.loop,
-                horizon=setting.horizon,
-                seeds=runs.seeds,
-                observed=self.estimates,
-            )
+        self.ports = (self.loop.n, len(self.loop.output), len(runs.seeds))
+        self.forces = _forces(runs, self.ports[:2], estimates=self.estimates)
 
     def noise(self, k: int) -> Array:
         """The noise that holds from the k-th instant on, (n, m, R); instants come in order."""
@@ -168,33 +159,42 @@ class Agents:
     def extra(self, times: float | Array, chosen: Chosen = ALL) -> Array:
         """The disturbance that no exosystem knows, (n, p, R); times (R,), or any number of them for
         a single run."""
-        phase = self.phase[..., chosen]
-        size = self.stress.disturbance
-        if not size:
-            return np.zeros_like(times + phase)
-        if self.signs is not None:
-            runs = np.arange(self.phase.shape[2])[chosen]
-            return size * self.signs.at(times, runs)
-        # every agent and input has a phase of its own
-        return size * np.sin(self.stress.frequency * times + phase)
+        found = np.zeros_like(times + np.zeros(self.ports)[..., chosen])
+        for force in self.forces:
+            found = found + force.at(times, chosen)
+        return found
 
     def extra_integral(self, begin: float, end: float) -> Array:
         """Its integral between two times, (n, m, R), or 0."""
-        size = self.stress.disturbance
-        if not size:
-            return np.zeros(1)
-        if self.signs is not None:
-            return size * self.signs.integral(begin, end)
-        frequency = self.stress.frequency
-        half = (end - begin) / 2
-        # The mean value times the length: no cancellation where the frequency is small.
-        shrink = np.sinc(frequency * half / np.pi)
-        middle = np.sin(frequency * (begin + half) + self.phase)
-        return size * 2 * half * shrink * middle
+        found: Array = np.zeros(1)
+        for force in self.forces:
+            found = found + force.integral(begin, end)
+        return found
 
     def believed(self, estimate: Array) -> Array:
         """An estimate of xi or d as it is acted on: 0 where nothing is estimated."""
         return estimate if self.estimates else np.zeros_like(estimate)
+
+
+def _forces(runs: StressedRuns, ports: tuple[int, int], *, estimates: bool) -> list[Sines | Signs]:
+    """What acts beside the disturbance of the exosystem on every agent and input (n, p)."""
+    stress = runs.stress
+    if not stress.acts:
+        return []
+    streams = runs.streams(PHASE)
+    forces: list[Sines | Signs] = []
+    if stress.worst:
+        worst = Worst(runs.setting.problem, runs.setting.loop, runs.seeds, observed=estimates)
+        if stress.disturbance:
+            forces.append(worst.signs(stress.disturbance, horizon=runs.setting.horizon))
+        return [*forces, *map(worst.sines, stress.bands)]
+    if stress.disturbance:
+        # every agent and input has a phase of its own
+        phases = [rng.uniform(0, 2 * np.pi, size=ports) for rng in streams]
+        phase = np.stack(phases, axis=2)
+        frequency = np.full_like(phase, stress.frequency)
+        forces.append(Sines(size=stress.disturbance, frequency=frequency, phase=phase))
+    return [*forces, *(drawn_sines(band, streams, ports) for band in stress.bands)]
 
 
 def _limit(runs: StressedRuns) -> float | Array | None:

@@ -20,7 +20,7 @@ from dobc_design.loop.make import loop_of
 from dobc_design.problem.canonical import loop_sha256
 from dobc_design.problem.load import Source, load_problem
 from dobc_design.problem.problem import Problem
-from dobc_design.problem.uncertainty import ABSOLUTE, RELATIVE
+from dobc_design.problem.uncertainty import BOUNDS, RELATIVE
 
 from .execution import run_many, run_once
 from .setting import TOLERANCE, WITHOUT, Options, make_setting
@@ -130,7 +130,7 @@ def _left_out(problem: Problem) -> list[str]:
     """What the file states about the plant, of which a run without stress knows nothing."""
     tables = []
     allowed = problem.uncertainty
-    if allowed is not None and any(getattr(allowed, key) for key in (*RELATIVE, *ABSOLUTE)):
+    if allowed is not None and any(getattr(allowed, key) for key in (*RELATIVE, *BOUNDS)):
         tables.append("[uncertainty]")
     actuators = problem.actuators
     if actuators is not None and actuators.limit and not actuators.saturates:

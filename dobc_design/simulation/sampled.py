@@ -211,7 +211,7 @@ class Stepper:
         self.between: Between | None = None
         self.method = STEPS if self.loop.steps else f"exact steps of {self.period:g} s"
         # with dynamics, what agents do between samples need not have a closed form
-        bent = self.loop.bend is not None or runs.stress.disturbance
+        bent = self.loop.bend is not None or runs.stress.acts
         if self.loop.plant is not None and bent:
             self.between = Between(runs, self.agents)
             self.method = f"DOP853 between samples, every {self.period:g} s"

@@ -36,7 +36,7 @@ from .integrate import STIFF, fastest_decay, observer_decay
 from .mobile import groups_of, motion_switches
 from .signals import Fixed, Mobile, Signal
 from .starts import Given, Starts, make_starts
-from .stress import EXCHANGE, Stress, stress_to_json, worst_stress
+from .stress import EXCHANGE, Stress, stated_bands, stress_to_json, worst_stress
 from .switches import Switches, drawn_graphs, drawn_switches
 
 TOLERANCE = 1e-9  # relative, of the integrator; the absolute one is a hundredth of it
@@ -101,6 +101,7 @@ class Setting:
     def under(self, stress: Stress, timing: Timing | None) -> Setting:
         """The same with another stress, and other times of readings and processors."""
         exact = replace(self.exact, timing=timing)
+        stress = replace(stress, bands=self.stress.bands)
         return replace(self, exact=exact, stress=stated_times(stress, timing))
 
     @property
@@ -219,7 +220,10 @@ def make_setting(problem: Problem, *, gain: Gain | None, **given: Unpack[Options
     # without a disturbance there is nothing to compensate
     if observer == WITHOUT and problem.q:
         notes = [*notes, OFF]
-    stress = stress or Stress()
+    bands = stated_bands(problem)
+    if bands:
+        problem.require("a stress, or the full loop as printed,")
+    stress = replace(stress or Stress(), bands=bands)
     stress.failing(problem)  # refuses agents that are not there
     if exact.timing is not None:
         problem.require("a simulation of [readings], [processor] or steps")

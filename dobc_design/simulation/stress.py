@@ -17,6 +17,7 @@ import numpy as np
 from dobc_design._checks import noun, put
 from dobc_design._show.cards import Shown, Told
 from dobc_design.errors import refused, wrong
+from dobc_design.exact.number import nearest
 from dobc_design.exact.reading import shown
 from dobc_design.problem.network import one_form
 from dobc_design.problem.problem import Problem
@@ -67,6 +68,8 @@ class Stress(Told):
     period where there is one, else 0.05 s.  ``failures``: agents that fail.  ``worst``: noise and
     disturbance take the values + and - only, the disturbance so that it drives one agent, the seed
     modulo n, as far as the linearised loop can be driven; agents have the limits of [actuators].
+    ``bands``: (low, high, amplitude), low and high in rad/s, of sines beside d in every component,
+    each of a frequency and a phase by chance; at the worst of those that drive that agent most.
     """
 
     noise: float = 0.0
@@ -79,6 +82,7 @@ class Stress(Told):
     exchange: float | None = None
     failures: tuple[Failure, ...] = ()
     worst: bool = False
+    bands: tuple[tuple[float, float, float], ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("noise", "disturbance", "frequency", "loss"):
@@ -134,6 +138,11 @@ class Stress(Told):
         return replace(self, frequency=1.0) == Stress()
 
     @property
+    def acts(self) -> bool:
+        """Whether something acts beside the disturbance of the exosystem."""
+        return bool(self.disturbance or self.bands)
+
+    @property
     def exchanges(self) -> float | None:
         """Time in s between two exchanges; None where states are heard continuously."""
         if self.period is not None:
@@ -172,6 +181,9 @@ class Stress(Told):
             if self.worst:
                 how = "switched to be as bad as it can be"
             words.append(f"unmodelled disturbance {self.disturbance:g} {how}")
+        for low, high, amplitude in self.bands:
+            chosen = "the worst frequency and phase" if self.worst else "frequencies by chance"
+            words.append(f"a sine of {amplitude:g} in {low:g} to {high:g} rad/s, {chosen}")
         if self.saturation is not None:
             words.append(f"|u| at most {self.saturation:g}")
         if self.exchanges is not None:
@@ -187,20 +199,29 @@ def worst_stress(problem: Problem) -> Stress:
     """What [uncertainty] and [actuators] allow, at its worst; no stress where they allow
     nothing."""
     allowed = problem.uncertainty or Uncertainty()
+    bands = stated_bands(problem)
     noise = float(allowed.measurement)
     disturbance = float(allowed.disturbance)
     limit = None if problem.actuators is None else problem.actuators.limit
-    if not noise and not disturbance and limit is None and problem.readings is None:
+    if not (noise or disturbance or bands) and limit is None and problem.readings is None:
         return Stress()
     # limits by agent are those of [actuators], which the run looks up
     common = None if limit is None or isinstance(limit, Mapping) else float(limit)
-    return Stress(noise=noise, disturbance=disturbance, saturation=common, worst=True)
+    return Stress(noise=noise, disturbance=disturbance, saturation=common, worst=True, bands=bands)
+
+
+def stated_bands(problem: Problem) -> tuple[tuple[float, float, float], ...]:
+    """Those of [exosystem], which act in every run."""
+    table = problem.uncertainty
+    bands = () if table is None else table.bands or ()
+    return tuple((nearest(low), nearest(high), nearest(size)) for low, high, size in bands)
 
 
 def stress_to_json(stress: Stress) -> str:
     """A stress as one JSON object."""
     given = asdict(stress)
     # left out where it says nothing
-    if not stress.worst:
-        del given["worst"]
+    for name in ("worst", "bands"):
+        if not given[name]:
+            del given[name]
     return json.dumps(given, ensure_ascii=False)

@@ -130,7 +130,7 @@ class StressedColumns:
 
     def forces(self, times: Array, runs: IndexArray) -> Array:
         """The disturbance that no exosystem knows, (S, n p, k); nothing without one."""
-        if not self.agents.stress.disturbance:
+        if not self.agents.stress.acts:
             return np.zeros((len(times), 0, len(runs)))
         extra = self.agents.extra(times[:, None, None, :], self.alive[runs])
         return extra.reshape(len(times), -1, len(runs))

@@ -18,7 +18,9 @@ from dobc_design.problem.problem import Problem
 
 from .field import ClosedLoop
 from .signals import Periodic
+from .sines import Band, Sines
 
+FREQUENCIES = 41  # of a band that are tried
 STEPS = 500  # stretches of constant sign in a run
 LARGEST = 600  # states of [e; eps] up to which the sensitivity is computed; beyond, all signs are +
 # compared of one length; these times (n m)^3
@@ -30,17 +32,18 @@ Turn = tuple[int, float]  # a mode by its place, and how long it lasts in s
 
 @positional(eq=False)
 class Signs:
-    """+1 and -1 by stretch, agent, component and run: ``values`` (STEPS, n, m, R); a stretch takes
-    ``length`` s."""
+    """+size and -size by stretch, agent, component and run: ``values`` (STEPS, n, m, R); a stretch
+    takes ``length`` s."""
 
     values: Array
     length: float
 
-    def at(self, times: float | Array, chosen: IndexArray) -> Array:
+    def at(self, times: float | Array, chosen: IndexArray | slice) -> Array:
         """The signs at times (k,) of the runs ``chosen``, as many or one: (n, m, k)."""
         stretches = (np.atleast_1d(times) / self.length).astype(np.int64)
         places = np.minimum(stretches, STEPS - 1)
-        places, runs = np.broadcast_arrays(places, chosen)
+        runs = np.arange(self.values.shape[3])[chosen]
+        places, runs = np.broadcast_arrays(places, runs)
         return np.moveaxis(self.values[places, :, :, runs], 0, -1)
 
     def integral(self, begin: float, end: float) -> Array:
@@ -53,38 +56,65 @@ class Signs:
         return np.tensordot(np.maximum(overlap, 0.0), self.values, axes=1)
 
 
-def worst_signs(
-    problem: Problem, loop: ClosedLoop, *, horizon: float, seeds: Sequence[int], observed: bool
-) -> Signs:
-    """For each run the signs of the impulse response, from every residual to the agent whose turn
-    it is (the seed modulo n), reversed in time: they attain the largest error at the horizon of the
-    loop, linearised in the first mode."""
-    n = loop.n
-    length = horizon / STEPS
-    values = np.ones((STEPS, n, len(loop.output), len(seeds)))
-    slopes = consensus_jacobian(errors_of(problem), next(iter(problem.network.modes)))
-    q = loop.q if observed else 0
-    size = n * (loop.m + q)
-    if slopes is None or size > LARGEST:
+class Worst:
+    """What drives one agent most in each run, whose turn it is (the seed modulo n), as far as the
+    loop can be driven, linearised in the first mode: z' = M z + (residual by agent and input)."""
+
+    def __init__(
+        self, problem: Problem, loop: ClosedLoop, seeds: Sequence[int], *, observed: bool
+    ) -> None:
+        self.ports = (loop.n, len(loop.output), len(seeds))
+        self.M: Array | None = None
+        slopes = consensus_jacobian(errors_of(problem), next(iter(problem.network.modes)))
+        q = loop.q if observed else 0
+        size = loop.n * (loop.m + q)
+        if slopes is None or size > LARGEST:
+            return
+        pulled = slopes.toarray() - loop.K.toarray()
+        if q:
+            self.M, self.entry = _with_observer(loop, pulled)
+        else:
+            self.M = pulled
+            self.entry = np.eye(len(pulled))
+        if loop.plant is not None:
+            self.entry = self.entry @ np.kron(np.eye(loop.n), loop.plant.B)
+        turns = [seed % len(pulled) for seed in seeds]
+        self.rows = np.eye(len(pulled), size)[turns]
+
+    def signs(self, size: float, *, horizon: float) -> Signs:
+        """Those of the impulse response, from every residual to the agent, reversed in time: they
+        attain its largest error at the horizon."""
+        length = horizon / STEPS
+        values = np.full((STEPS, *self.ports), size)
+        if self.M is None:
+            return Signs(values, length)
+        rows = self.rows
+        step = expm(self.M * length)
+        for k in range(STEPS):
+            # how much the end moves with every residual in this stretch
+            response = (rows @ self.entry).reshape(len(rows), self.ports[0], -1)
+            response = np.moveaxis(response, 0, -1)
+            values[STEPS - 1 - k] = np.where(response < 0, -size, size)
+            rows = rows @ step
         return Signs(values, length)
-    pulled = slopes.toarray() - loop.K.toarray()
-    if q:
-        M, entry = _with_observer(loop, pulled)
-    else:
-        M, entry = pulled, np.eye(len(pulled))
-    if loop.plant is not None:
-        entry = entry @ np.kron(np.eye(n), loop.plant.B)
-    turns = [seed % len(pulled) for seed in seeds]
-    # the response of the agent whose turn it is, backwards from the horizon
-    rows = np.eye(len(pulled), size)[turns]
-    step = expm(M * length)
-    for k in range(STEPS):
-        # how much the end moves with every residual in this stretch
-        response = (rows @ entry).reshape(len(seeds), n, -1)
-        response = np.moveaxis(response, 0, -1)
-        values[STEPS - 1 - k] = np.where(response < 0, -1.0, 1.0)
-        rows = rows @ step
-    return Signs(values, length)
+
+    def sines(self, band: Band) -> Sines:
+        """At the frequency of the band to which the agent responds most, with the phases at which
+        all residuals add up."""
+        low, high, size = band
+        best = np.zeros(self.ports)
+        frequency = np.full(self.ports, low)
+        if self.M is not None:
+            most = np.full(self.ports[2], -1.0)
+            for w in np.linspace(low, high, FREQUENCIES):
+                passed = np.linalg.solve(1j * w * np.eye(len(self.M)) - self.M, self.entry)
+                response = np.moveaxis((self.rows @ passed).reshape(-1, *self.ports[:2]), 0, -1)
+                gain = np.abs(response).sum(axis=(0, 1))
+                more = gain > most
+                most = np.maximum(gain, most)
+                best[..., more] = -np.angle(response[..., more])
+                frequency[..., more] = w
+        return Sines(size=size, frequency=frequency, phase=best)
 
 
 def _with_observer(loop: ClosedLoop, pulled: Array) -> tuple[Array, Array]:

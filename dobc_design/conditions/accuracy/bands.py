@@ -20,6 +20,7 @@ from dobc_design.exact.polynomial import (
     Coefficients,
     characteristic_polynomial,
     is_nonnegative,
+    routh,
     squared_modulus,
 )
 from dobc_design.loop.loop import Loop
@@ -56,11 +57,13 @@ def _row(F: Matrix, C: Matrix, gain: Matrix, k: int) -> tuple[Coefficients, ...]
 
 
 def are_bounded(loop: Loop, W: Matrix, band: Band, gains: Matrix) -> bool:
-    """Whether every entry of |S(jw)| is at most that of ``gains`` (p, p), >= 0, for all w in the
-    band, in every group."""
+    """Whether, in every group, A - W C is Hurwitz and every entry of |S(jw)| is at most that of
+    ``gains`` (p, p), >= 0, for all w in the band."""
     low = band.low**2
     high = band.high**2
     for below, entries in filters(loop, W):
+        if not routh(below).is_proved:
+            return False
         most = squared_modulus(below)
         for row, claimed in zip(entries, gains, strict=True):
             for above, gain in zip(row, claimed, strict=True):

@@ -91,7 +91,7 @@ from dobc_design.exact.reading import Document, Table
 from dobc_design.exact.symmetric import Doubles, least
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.pairs import are_pairs
-from dobc_design.problem.bands import Band, band_words
+from dobc_design.problem.bands import band_words
 from dobc_design.problem.uncertainty import BOUNDS, Uncertainty
 from dobc_design.verdict import Verdict
 
@@ -127,22 +127,31 @@ class Peaks:
     """How far the observer passes on what the model leaves out, F = A - WC: upper bounds of the
     integrals of |C exp(F t) W| (``disturbance``), |C exp(F t)| (``drift``), and of |C exp(F t) F
     W|, plus |C W| (``measurement``), row sums, in every group of agents.  Shown in ``steps`` steps
-    of ``step`` (s).  ``bands``: for each band of sines bounds (p, p) of what is left of them
-    (``bands``); () without any."""
+    of ``step`` (s); all 0 where nothing of that kind is stated.  ``bands``: for each band of sines
+    bounds (p, p) of what is left of them (``bands``)."""
 
-    disturbance: Fraction
-    drift: Fraction
-    measurement: Fraction
-    step: Fraction
-    steps: int
+    disturbance: Fraction = Fraction(0)
+    drift: Fraction = Fraction(0)
+    measurement: Fraction = Fraction(0)
+    step: Fraction = Fraction(0)
+    steps: int = 0
     bands: tuple[Matrix, ...] = ()
 
     def to_json(self) -> Document:
         """The exact values as text."""
-        names = [*INPUTS, "step", "steps"]
+        names = [*INPUTS, "step", "steps"] if self.steps else []
         if self.bands:
             names.append("bands")
         return fields_to_json(self, *names)
+
+
+def takes_integrals(loop: Loop) -> bool:
+    """Whether something is stated of which an observer passes on up to an integral."""
+    plant = loop.uncertainty
+    if plant is None:
+        return True
+    felt = bool(plant.weights) and not plant.known_to_agents
+    return felt or any(getattr(plant, name) for name in INPUTS)
 
 
 @noun
@@ -227,7 +236,7 @@ def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Accuracy:
     read = {label: _read_bounds(bounds[label], entries) for label in loop.labels}
     peaks = None
     if loop.groups:
-        peaks = peaks_from_json(values["peaks"], loop.bands)
+        peaks = peaks_from_json(values["peaks"], loop)
     if linear:
         response = Response(**_read_steps(values["response"], ("step",)))
         return Accuracy(stages=(), bounds=read, peaks=peaks, response=response)
@@ -242,15 +251,15 @@ def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Accuracy:
     )
 
 
-def peaks_from_json(data: Any, bands: Sequence[Band] = ()) -> Peaks:
-    """Peak gains as a certificate has them, with bounds for so many bands."""
-    if not bands:
-        return Peaks(**_read_steps(data, (*INPUTS, "step")))
-    values = read_object(data, (*INPUTS, "step", "steps", "bands"))
-    gains = tuple(map(matrix_from_json, values.pop("bands")))
-    if len(gains) != len(bands):
-        raise ValueError("it needs gains for every band")
-    return replace(peaks_from_json(values), bands=gains)
+def peaks_from_json(data: Any, loop: Loop | None = None) -> Peaks:
+    """Peak gains as a certificate has them; without a ``loop`` those of the integrals."""
+    names = [*INPUTS, "step", "steps"] if loop is None or takes_integrals(loop) else []
+    banded = loop is not None and loop.bands
+    values = dict(read_object(data, [*names, *["bands"] * bool(banded)]))
+    bands = tuple(map(matrix_from_json, values.pop("bands", ())))
+    if not names:
+        return Peaks(bands=bands)
+    return Peaks(**_read_steps(values, (*INPUTS, "step")), bands=bands)
 
 
 def _read_steps(data: Any, names: tuple[str, ...]) -> Document:
@@ -383,7 +392,13 @@ def observer_peaks(loop: Loop, W: Matrix, *, step: Fraction, steps: int) -> Peak
         measurement = by_change + row_norm(multiply(C, entering))
         for name, x in zip(INPUTS, (disturbance, drift, measurement), strict=True):
             worst[name] = max(worst[name], x)
-    return Peaks(**worst, step=step, steps=steps)
+    return Peaks(
+        disturbance=worst["disturbance"],
+        drift=worst["drift"],
+        measurement=worst["measurement"],
+        step=step,
+        steps=steps,
+    )
 
 
 @noun
@@ -624,12 +639,14 @@ def _told(loop: Loop, claim: Accuracy, domain: Domain) -> str:
         starts += f" and |eps_i| <= {domain.disturbance:.6g}" if loop.groups else ""
     sizes = {name: getattr(loop.uncertainty, name) for name in INPUTS}
     acting = [f"{name} {float(x):.6g}" for name, x in sizes.items() if x]
-    within = f" within the bounds of [uncertainty]: {', '.join(acting)}" if acting else ""
-    sines = " and ".join(map(band_words, loop.bands))
+    acts = (
+        [f"whatever acts within the bounds of [uncertainty]: {', '.join(acting)}"] if acting else []
+    )
+    if loop.bands:
+        acts.append(f"with {' and '.join(map(band_words, loop.bands))} in every disturbance")
     listed = ", ".join(told).replace(", ..., ", " ... ")
     each = "the components of |e_i|" if claim.by_component else "|e_i|"
-    acts = f"whatever acts{within}" + (", and for " if within else " as ") * bool(sines) + sines
-    return f"{starts} ends with {each} <= {listed}, {acts}."
+    return f"{starts} ends with {each} <= {listed}, {', '.join(acts)}."
 
 
 def confirm(check: Check, case: Case) -> str | None:
@@ -658,14 +675,16 @@ def confirm(check: Check, case: Case) -> str | None:
 
 def wrong_peaks(loop: Loop, W: Matrix, peaks: Peaks) -> str | None:
     """None if the observer passes on no more than these peak gains say."""
-    own = observer_peaks(loop, W, step=peaks.step, steps=peaks.steps)
-    if own is None:
-        return "the peak gains of the observer are not shown with these steps."
     if len(peaks.bands) != len(loop.bands):
         return "it needs gains for every band"
     for band, gains in zip(loop.bands, peaks.bands, strict=True):
         if not are_bounded(loop, W, band, gains):
             return f"more may be left of {band_words(band)}."
+    if not takes_integrals(loop):
+        return None
+    own = observer_peaks(loop, W, step=peaks.step, steps=peaks.steps)
+    if own is None:
+        return "the peak gains of the observer are not shown with these steps."
     # A claim may be larger than what is shown here, never smaller.
     for name in INPUTS:
         claimed = getattr(peaks, name)

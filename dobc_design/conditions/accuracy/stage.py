@@ -51,14 +51,14 @@ from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Matrix, Vector, identity, row_norm, to_float
 from dobc_design.exact.number import ONE, ZERO, root_above
 from dobc_design.exact.peaks import MOST_GROWTH, MOST_STEPS
-from dobc_design.exact.polynomial import Coefficients, squared_modulus
+from dobc_design.exact.polynomial import routh
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, out_of_time
 from dobc_design.loop.arcs import coupling_places
 from dobc_design.loop.loop import Loop
 from dobc_design.problem.bands import Band
 from dobc_design.solvers.program import Array
 
-from .bands import Entries, filters
+from .bands import are_bounded, filters
 from .decide import (
     ID,
     INPUTS,
@@ -74,6 +74,7 @@ from .decide import (
     observer_peaks,
     obstacle,
     response_obstacle,
+    takes_integrals,
 )
 
 DECAYED = 12.0  # exponents of the slowest mode that the steps follow
@@ -86,6 +87,8 @@ COARSE = 0.4  # the same, where there are not enough finer ones
 SPREADS = (1.0, 1.1, 1.2, 1.4, 1.7, 2.2, 3.0, 5.0, 8.0, 20.0, 60.0, 200.0)
 ABOVE = Fraction(1, 50_000)  # of a level, left to two programs that round apart
 MORE = Fraction(1, 10**6)  # the same, of a peak gain
+FREQUENCIES = 4001  # of a band
+MISSED = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2)  # parts of a gain
 WORTH = Fraction(998, 1000)  # what a stage has to leave of the largest bound, or less
 HALVINGS = 10
 DEEPEST = 1e-4  # part of rho down to which the lowest level is looked for
@@ -107,6 +110,10 @@ TIGHTER = 1 + 1e-6  # what is left to rounding
 
 def propose_peaks(loop: Loop, W: Matrix) -> Peaks | None:
     """Proved upper bounds of the peak gains, a little above; None where none are found."""
+    bands = tuple(band_gains(loop, W, band) for band in loop.bands)
+    if not takes_integrals(loop):
+        stable = all(routh(below).is_proved for below, _ in filters(loop, W))
+        return Peaks(bands=bands) if stable else None
     matrices = [to_float(error_matrix(group.exosystem, k)) for group, k in loop.observed(W)]
     decay = min(map(decay_of, matrices))
     size = max(map(_row_norm, matrices))
@@ -122,36 +129,25 @@ def propose_peaks(loop: Loop, W: Matrix) -> Peaks | None:
     raised: dict[str, Any] = {}
     for name in INPUTS:
         raised[name] = rounded_up(getattr(found, name) * (1 + MORE), digits=7)
-    return replace(found, **raised, bands=tuple(band_gains(loop, W, band) for band in loop.bands))
+    return replace(found, **raised, bands=bands)
 
 
 def band_gains(loop: Loop, W: Matrix, band: Band) -> Matrix:
     """What is left of sines in a band, (p, p), the most of all groups, a little above."""
-    tables = [_largest(below, rows, band) for below, rows in filters(loop, W)]
-    raised = []
-    for row in np.max(tables, axis=0).tolist():
-        raised.append(tuple(rounded_up(Fraction(x) * (1 + MORE), digits=7) for x in row))
-    return tuple(raised)
-
-
-def _largest(below: Coefficients, rows: Entries, band: Band) -> list[list[float]]:
-    """The largest |N/chi_F| on a band, for every numerator N."""
-    low, high = float(band.low), float(band.high)
-    bottom = np.array(squared_modulus(below), dtype=float)
-    found = []
-    for row in rows:
-        sizes = []
-        for numerator in row:
-            top = np.array(squared_modulus(numerator), dtype=float)
-            # The quotient is largest at an end or where its slope is 0.
-            slope = np.polysub(
-                np.polymul(np.polyder(top), bottom), np.polymul(top, np.polyder(bottom))
-            )
-            places = [x.real for x in np.roots(slope) if low**2 < x.real < high**2]
-            at = np.array([low**2, high**2, *places])
-            ratio = np.polyval(top, at) / np.polyval(bottom, at)
-            sizes.append(math.sqrt(max(0.0, float(np.max(ratio)))))
-        found.append(sizes)
+    jw = 1j * np.linspace(float(band.low), float(band.high), FREQUENCIES)
+    most: Any = 0.0
+    for below, rows in filters(loop, W):
+        bottom = np.polyval(np.array(below, dtype=float), jw)
+        tables = [[np.array(x, dtype=float) for x in row] for row in rows]
+        sizes = [[np.max(np.abs(np.polyval(x, jw) / bottom)) for x in row] for row in tables]
+        most = np.maximum(most, sizes)
+    found: Matrix = ()
+    # Between two frequencies, and in floats, a little may be missed.
+    for more in MISSED:
+        raised = (most * (1 + more)).tolist()
+        found = tuple(tuple(rounded_up(Fraction(x), digits=7) for x in row) for row in raised)
+        if are_bounded(loop, W, band, found):
+            break
     return found
 
 

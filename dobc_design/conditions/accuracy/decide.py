@@ -55,6 +55,7 @@ from dobc_design.conditions.numbers import (
     vector_from_json,
     vector_to_json,
 )
+from dobc_design.conditions.observer.bands import are_bounded
 from dobc_design.conditions.observer.decide import error_matrix
 from dobc_design.conditions.quadratic.sectors import GainRange, ranges_from_json
 from dobc_design.conditions.reason import fixed_obstacle
@@ -94,8 +95,6 @@ from dobc_design.loop.pairs import are_pairs
 from dobc_design.problem.bands import band_words
 from dobc_design.problem.uncertainty import BOUNDS, Uncertainty
 from dobc_design.verdict import Verdict
-
-from .bands import are_bounded
 
 MOST_STAGES = 30
 INPUTS = BOUNDS

@@ -25,7 +25,9 @@ from dobc_design.conditions.numbers import (
     rounded_down,
     rounded_up,
 )
+from dobc_design.conditions.observer.bands import filters
 from dobc_design.conditions.observer.decide import error_matrix
+from dobc_design.conditions.observer.propose import band_gains
 from dobc_design.conditions.separable.checks import why_no_weights
 from dobc_design.conditions.separable.claim import (
     ErrorBound,
@@ -55,10 +57,8 @@ from dobc_design.exact.polynomial import routh
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, out_of_time
 from dobc_design.loop.arcs import coupling_places
 from dobc_design.loop.loop import Loop
-from dobc_design.problem.bands import Band
 from dobc_design.solvers.program import Array
 
-from .bands import are_bounded, filters
 from .decide import (
     ID,
     INPUTS,
@@ -87,8 +87,6 @@ COARSE = 0.4  # the same, where there are not enough finer ones
 SPREADS = (1.0, 1.1, 1.2, 1.4, 1.7, 2.2, 3.0, 5.0, 8.0, 20.0, 60.0, 200.0)
 ABOVE = Fraction(1, 50_000)  # of a level, left to two programs that round apart
 MORE = Fraction(1, 10**6)  # the same, of a peak gain
-FREQUENCIES = 4001  # of a band
-MISSED = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2)  # parts of a gain
 WORTH = Fraction(998, 1000)  # what a stage has to leave of the largest bound, or less
 HALVINGS = 10
 DEEPEST = 1e-4  # part of rho down to which the lowest level is looked for
@@ -130,25 +128,6 @@ def propose_peaks(loop: Loop, W: Matrix) -> Peaks | None:
     for name in INPUTS:
         raised[name] = rounded_up(getattr(found, name) * (1 + MORE), digits=7)
     return replace(found, **raised, bands=bands)
-
-
-def band_gains(loop: Loop, W: Matrix, band: Band) -> Matrix:
-    """What is left of sines in a band, (p, p), the most of all groups, a little above."""
-    jw = 1j * np.linspace(float(band.low), float(band.high), FREQUENCIES)
-    most: Any = 0.0
-    for below, rows in filters(loop, W):
-        bottom = np.polyval(np.array(below, dtype=float), jw)
-        tables = [[np.array(x, dtype=float) for x in row] for row in rows]
-        sizes = [[np.max(np.abs(np.polyval(x, jw) / bottom)) for x in row] for row in tables]
-        most = np.maximum(most, sizes)
-    found: Matrix = ()
-    # Between two frequencies, and in floats, a little may be missed.
-    for more in MISSED:
-        raised = (most * (1 + more)).tolist()
-        found = tuple(tuple(rounded_up(Fraction(x), digits=7) for x in row) for row in raised)
-        if are_bounded(loop, W, band, found):
-            break
-    return found
 
 
 def _row_norm(matrix: Array) -> float:

@@ -10,6 +10,7 @@ import math
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from fractions import Fraction
 from itertools import product
 from random import Random
@@ -21,6 +22,7 @@ from scipy import linalg
 from dobc_design._checks import noun
 from dobc_design.conditions.consensus.claim import reduced, with_gain
 from dobc_design.conditions.consensus.propose import decay_of, decay_rate
+from dobc_design.conditions.numbers import rounded_up
 from dobc_design.exact import observability
 from dobc_design.exact.matrix import (
     Matrix,
@@ -38,12 +40,14 @@ from dobc_design.exact.matrix import (
 from dobc_design.exact.number import ONE, ZERO
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.timing import Timing, middle_of, sampled
+from dobc_design.problem.bands import Band
 from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import join
+from dobc_design.problem.groups import Group, join
 from dobc_design.solvers.conic import solve_in_turn
 from dobc_design.solvers.program import GIVEN_UP, Array, Program, Solution, round_matrix
 from dobc_design.verdict import Verdict
 
+from .bands import are_bounded, filters
 from .decide import error_matrix, hurwitz_with_rate, sampled_verdict, too_large
 
 # Order up to which semidefinite programs are solved: their unknowns grow with its square.
@@ -62,6 +66,11 @@ STEPS = 60
 TOLERANCE = 1e-10  # relative
 SMALLEST = 1e-140  # its square is still a float
 SAMPLES = 400  # points of t
+# Of bands:
+FREQUENCIES = 4001
+MISSED = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2)  # parts of a gain
+RESIDUAL = Fraction(1, 10)  # what a designed W is to leave of a sine
+DOUBLINGS = 12  # of the rate
 AROUND = (0.3, 0.7, 1.0, 1.4, 3.0, 10.0)  # frequencies tried, in parts of the size of each pole
 
 
@@ -476,10 +485,31 @@ def design_gains(loop: Loop) -> tuple[GainDesign | None, ...]:
         design = None
         if own.W is None and loop.timing is not None and loop.is_sampled:
             design = design_sampled_gain(group.exosystem, loop.timing, own.rate)
+        elif own.W is None and loop.bands and own.rate is None:
+            design = _design_filter(loop, group)
         elif own.W is None:
             design = design_gain(group.exosystem, rate=own.rate)
         designs.append(design)
     return tuple(designs)
+
+
+def _design_filter(loop: Loop, group: Group) -> GainDesign:
+    """A gain so fast that little is left of sines in the bands; as fast as it gets where that is
+    not enough."""
+    first = design_gain(group.exosystem)
+    found = first
+    for power in range(DOUBLINGS):
+        if found.W is None or first.rate is None:
+            break
+        alone = replace(loop, groups=(group,))
+        left = [max(map(max, band_gains(alone, found.W, band))) for band in loop.bands]
+        if max(left) <= RESIDUAL:
+            break
+        faster = design_gain(group.exosystem, rate=first.rate * 2 ** (power + 1))
+        if faster.W is not None:
+            left_words = f"so that at most {float(RESIDUAL):.0%} of a sine in a band is left"
+            found = replace(faster, note=faster.note.replace("as asked", left_words))
+    return found
 
 
 def chosen_gains(loop: Loop, designs: Sequence[GainDesign | None]) -> tuple[Matrix | None, ...]:
@@ -492,3 +522,22 @@ def observer_gain(loop: Loop) -> Matrix | None:
     """The W (q, m) that ``certify`` uses: the one given, else the designed one; None without
     either."""
     return join(chosen_gains(loop, design_gains(loop)))
+
+
+def band_gains(loop: Loop, W: Matrix, band: Band) -> Matrix:
+    """What is left of sines in a band, (p, p), the most of all groups, a little above."""
+    jw = 1j * np.linspace(float(band.low), float(band.high), FREQUENCIES)
+    most: Any = 0.0
+    for below, rows in filters(loop, W):
+        bottom = np.polyval(np.array(below, dtype=float), jw)
+        tables = [[np.array(x, dtype=float) for x in row] for row in rows]
+        sizes = [[np.max(np.abs(np.polyval(x, jw) / bottom)) for x in row] for row in tables]
+        most = np.maximum(most, sizes)
+    found: Matrix = ()
+    # Between two frequencies, and in floats, a little may be missed.
+    for more in MISSED:
+        raised = (most * (1 + more)).tolist()
+        found = tuple(tuple(rounded_up(Fraction(x), digits=7) for x in row) for row in raised)
+        if are_bounded(loop, W, band, found):
+            break
+    return found

@@ -14,7 +14,6 @@ the observer's state is from the one that it comes to.
 from collections.abc import Iterator
 from fractions import Fraction
 
-from dobc_design.conditions.observer.decide import error_matrix
 from dobc_design.exact.matrix import Matrix, add, multiply
 from dobc_design.exact.polynomial import (
     Coefficients,
@@ -25,6 +24,8 @@ from dobc_design.exact.polynomial import (
 )
 from dobc_design.loop.loop import Loop
 from dobc_design.problem.bands import Band
+
+from .decide import error_matrix
 
 Entries = tuple[tuple[Coefficients, ...], ...]
 

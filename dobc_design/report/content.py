@@ -13,6 +13,7 @@ from dobc_design.report import pictures, words
 from dobc_design.verdict import Verdict
 
 from .arcs import arcs_section
+from .bands import bands_section
 from .checks import (
     VERIFY,
     checks_section,
@@ -168,6 +169,7 @@ OPEN: tuple[Part, ...] = (
     _summary,
     _meaning,
     plant_section,
+    bands_section,
     readings_section,
     loop_section,
     bound_section,

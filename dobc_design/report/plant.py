@@ -92,6 +92,9 @@ def _assumed(problem: Problem) -> Iterator[Fact]:
             bound = getattr(table, key)
             if bound:
                 yield name, decimal(bound)
+        for band in table.bands or ():
+            ends = f"{decimal(band.low)} to {decimal(band.high)} rad/s"
+            yield f"sine of one frequency in {ends}", decimal(band.amplitude)
         for key, name in _RELATIVE:
             part = getattr(table, key)
             if part:

@@ -132,6 +132,21 @@ function drawResponse(holder, title) {
   };
 }
 
+function drawRates(holder, { points: seen, text, unit }) { // proved rate over the time that is varied
+  const width = 380, height = 130, left = 46, right = 14, bottom = 40, upper = 20;
+  const svg = made(holder, "svg:svg", { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": `Proved rate over the time, ${text}` });
+  const end = Math.max(...seen.map(([time]) => time)), top = Math.max(...seen.map(([, rate]) => rate)) || 1;
+  const x = (time) => left + (width - left - right) * time / end;
+  const y = (rate) => height - bottom - (height - bottom - upper) * rate / top;
+  made(svg, "svg:text", { x: 2, y: 11 }, "proved rate in 1/s");
+  for (const value of [0, top]) made(svg, "svg:text", { x: left - 6, y: y(value), dy: "0.35em", "text-anchor": "end" }, digits(value, 3));
+  for (const value of ticks(end)) made(svg, "svg:text", { x: x(value), y: y(0) + 16, "text-anchor": "middle", class: "dobc-time" }, digits(value, 3));
+  made(svg, "svg:line", { x1: left, y1: y(0), x2: width - right, y2: y(0), class: "dobc-axis" });
+  made(svg, "svg:text", { x: (left + width - right) / 2, y: height - 6, "text-anchor": "middle" }, `time in ${unit}`);
+  made(svg, "svg:polyline", { class: "dobc-curve dobc-bound", points: points(seen.map(([, rate]) => rate), (i) => x(seen[i][0]), y) });
+  made(holder, "div", { class: "dobc-hint" }, text);
+}
+
 const points = (row, x, y) => row.map((e, i) => `${x(i).toFixed(1)},${y(e).toFixed(1)}`).join(" ");
 
 function legend(parent, items) { // [class, what it means]
@@ -324,6 +339,7 @@ function render({ model, el }) {
     proved.replaceChildren();
     if (isDrawn) legend(proved, [["dobc-line dobc-bound", bound.text]]);
     else made(proved, "div", { class: "dobc-hint" }, bound.tube.length || bound.level ? `${bound.text} (above the drawing)` : bound.text);
+    if (decided.rates) drawRates(proved, decided.rates);
   };
   const showVerdict = () => {
     clearTimeout(lost);

@@ -12,6 +12,7 @@ from dobc_design._checks import noun
 from dobc_design._show.text import significant_away_from_zero, significant_towards_zero
 from dobc_design.certificate.bounds import is_inside, keeps_guarantee, starts_of
 from dobc_design.certificate.certificate import Certificate
+from dobc_design.conditions.separable.propose_readings import varied
 from dobc_design.conditions.stated import (
     ACCURACY,
     LIMIT,
@@ -27,6 +28,7 @@ from dobc_design.loop.make import loop_of
 from dobc_design.loop.pairs import are_pairs, required_rows
 from dobc_design.problem.problem import Problem
 from dobc_design.report.plant import numbers_of, plant_numbers
+from dobc_design.report.readings import TIMES, varied_rates
 from dobc_design.report.words import said_here, sentence
 from dobc_design.verdict import Verdict
 
@@ -61,6 +63,19 @@ def shown(certificate: Certificate, times: Sequence[float], radius: Fraction) ->
         "limit": _limit_state(certificate),
         "bound": asdict(_bound(certificate, times, radius)),
     }
+
+
+def shown_rates(certificate: Certificate) -> Document:
+    """Proved rates (1/s) with shorter and longer readings than stated, as points and in words; {}
+    where there are none."""
+    points = [[time, rate] for time, rate in varied_rates(certificate).items()]
+    timing = loop_of(certificate.problem).timing
+    if not points or timing is None:
+        return {}
+    longest = max((time for time, rate in points if rate > 0), default=0.0)
+    unit = "steps" if timing.steps else "s"
+    text = f"proved up to {significant_towards_zero(longest)} {unit}: {TIMES[varied(timing)]}"
+    return {"points": points, "text": text, "unit": unit}
 
 
 def limit_words(problem: Problem) -> str:

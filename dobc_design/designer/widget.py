@@ -29,14 +29,16 @@ from dobc_design.errors import DobcError, refused
 from dobc_design.exact.number import number_text, parse_number
 from dobc_design.exact.reading import Document, is_scalar_matrix
 from dobc_design.loop.make import loop_of
+from dobc_design.loop.timing import Timing
 from dobc_design.plotting.networks import positions
 from dobc_design.problem.changes import problem_text
 from dobc_design.problem.load import Source, load_problem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.runs import simulate
+from dobc_design.synthesis.pinning.propose_regions import late_caps
 
-from .shown import limit_words, shown
+from .shown import limit_words, shown, shown_rates
 from .source import python_source
 
 try:
@@ -67,7 +69,8 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
 
     Estimates in floating point follow every change; the exact verdict comes after a short rest.
     With it comes the proved bound, drawn against the run: no agent is ever above it from starts
-    within the radius; and whether inputs keep the limit of [actuators].
+    within the radius; whether inputs keep the limit of [actuators]; and the proved rate where
+    readings are older or younger than stated.
     ``problem`` is the problem as it stands now, equal to the one given until something is changed;
     ``certificate`` is that of the last exact verdict, or None if something was changed since.
     ``save`` writes a problem file: after a restart of the kernel, ``Designer(path)`` goes on from
@@ -160,7 +163,11 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
             certificate = certify(self.problem)
             if version == self.version:  # else it is out of date already
                 self.certificate = certificate
-                self.verdict = shown(certificate, self.numbers["times"], exact(self.radius))
+                told = shown(certificate, self.numbers["times"], exact(self.radius))
+                self.verdict = told
+                rates = shown_rates(certificate)
+                if rates and version == self.version:
+                    self.verdict = told | {"rates": rates}
             return certificate
 
     def save(self, path: str | PathLike[str], *, force: bool = False) -> Path:
@@ -337,12 +344,20 @@ def _reach(problem: Problem, radius: float, rate: float) -> float:
 
 
 def _shrinks(problem: Problem, radius: float, rate: float) -> bool:
+    loop = loop_of(problem)
+    timing = loop.timing or Timing()
     try:
-        field = field_of(loop_of(problem), rho=radius)
+        field = field_of(loop, rho=radius)
+        stretch = float(timing.stretch(exact(rate)))
     except (ArithmeticError, DobcError):
         return False
     # enough for an estimate
-    field = replace(field, grid=field.grid[:: max(1, len(field.grid) // SCALES)])
+    grid = field.grid[:: max(1, len(field.grid) // SCALES)]
+    field = replace(field, grid=grid, stretch=stretch)
+    if timing.steepest is not None:
+        caps = late_caps(field, timing, {})
+        if any(k > caps[i] for i, k in enumerate(field.gains.tolist())):
+            return False
     return least_above(field, alpha=rate, lower=np.ones(problem.n)) is not None
 
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from fractions import Fraction
 
 from dobc_design._show.text import significant_towards_zero
+from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.claims import claim_of
 from dobc_design.certificate.topics import TOPICS
 from dobc_design.conditions.kinds import READINGS
@@ -22,7 +23,7 @@ from .findings import Findings
 from .words import FIXED, domain_words, number, sentence
 
 MOST_VARIED = 60  # agents of a network of which other times are tried
-_TIMES = {
+TIMES = {
     "period": "computed and held over",
     "delay": "age of readings of neighbours",
     "own_delay": "age of own readings",
@@ -58,23 +59,32 @@ def readings_section(found: Findings) -> Blocks:
             f"which falls in time, does so at most once in {significant_towards_zero(float(gap))} "
             "s."
         )
-    rates: Mapping[float, float] = {}
-    if loop.n <= MOST_VARIED and varied(timing) != "event":
-        rates = rates_around(loop, check.domain)
-    asked = [name for name in _TIMES if getattr(timing, name)]
+    rates = varied_rates(found.certificate)
+    asked = [name for name in TIMES if getattr(timing, name)]
     if timing.steps:
         asked.remove("period")
     if asked:
         yield table_of(
             "What was asked",
             asked,
-            Column("what", lambda name: _TIMES[name]),
+            Column("what", lambda name: TIMES[name]),
             Column("proved", lambda name: _shown(name, getattr(timing, name)), style="number"),
             Column("tried, proved up to", lambda name: _tried(name, rates, timing), style="number"),
         )
     if rates:
         where = domain_words(check.domain, agents.unit)
         yield on_pages(Pictures((_picture(rates, timing, where),)))
+
+
+def varied_rates(certificate: Certificate) -> Mapping[float, float]:
+    """Proved rates (1/s) by the stated time that is varied (s); none where the network is large, or
+    nothing is proved with readings."""
+    check = next((each for each in certificate.checks if each.id == READINGS), None)
+    loop = loop_of(certificate.problem)
+    if check is None or not check.is_proved or loop.n > MOST_VARIED:
+        return {}
+    loop, _ = TOPICS["separable"].about(READINGS, loop, certificate.claims.W)
+    return {} if varied(loop.timing or Timing()) == "event" else rates_around(loop, check.domain)
 
 
 def _shown(name: str, value: Fraction | float) -> str:
@@ -91,7 +101,7 @@ def _picture(rates: Mapping[float, float], timing: Timing, where: str) -> Pictur
     pairs = "; ".join(f"{number(time)}: {number(rate)}" for time, rate in rates.items())
     return Picture(
         "readings",
-        f"Proved rate over the time: {_TIMES[name]}",
+        f"Proved rate over the time: {TIMES[name]}",
         caption=f"It holds for {where}. {FIXED['readings']}",
         alt=f"Proved rates in 1/s over times in s. {pairs}.",
         draw=lambda ax: plot_rates(ax, rates, stated=float(getattr(timing, name))),

@@ -183,8 +183,9 @@ def design_pinning(
     likewise.  ``pins``: at most so many agents, or "fewest".  ``digits`` of the gains, which are
     rounded up. ``progress``: True for a bar, or a function of what is being done.  Gains that the
     problem has are not looked at. With [dynamics] V = e'(D (x) R)e decides, gains are multiples of
-    the coupling, and ``cost``, ``region`` and ``conservative`` are not known; ``coupling``: h of
-    every arc is designed, too.
+    the coupling; ``coupling``: h of every arc is designed, too.  With [readings] or [processor]
+    max-separable rows decide, which count them.  With any of these ``cost``, ``region`` and
+    ``conservative`` are not known.
     Returns: a PinningDesign: PROVED; REFUTED with the reason; UNDECIDED.  The last two with the
     nearest request.
     Raises: SpecError for a wrong request, or couplings without a derivative at the consensus.
@@ -209,7 +210,8 @@ def design_pinning(
     )
     request = read_request(problem.network.labels, asked)
     report = report_to(progress)
-    if problem.dynamics is not None:
+    # What readings allow is decided for whole designs only.
+    if problem.dynamics is not None or timing_of(problem) is not None:
         found = search_agents(problem, request, report, coupling=coupling)
         return _under_guarantee(problem, found)
     if region is None:

@@ -214,3 +214,26 @@ def test_a_kink_at_the_target_leaves_the_eigenvalue_out():
         dd.Designer(problem("y + abs(y)/2", [[2, 1]], 2, gains={1: 1, 2: 1})).numbers["lambda_max"]
         is None
     )
+
+
+def test_readings_stay_and_the_proved_rate_is_given_with_other_ages():
+    """The rate falls with the age; an age of eight times the stated one is proved, too."""
+    given = problem("y", [[2, 1], [3, 2]], 3, gains={1: 3}, name="late", readings={"delay": "1/2"})
+    designer = dd.Designer(given, rate=0.1)
+    assert designer.problem == given
+    certificate = designer.certify()
+    rates = dict(designer.verdict["rates"]["points"])
+    assert len(rates) > 3 and 0.5 in rates
+    falling = [rates[time] for time in sorted(rates)]
+    assert falling == sorted(falling, reverse=True) and falling[-1] > 0
+    # The verdict may rest on a slower one with an earlier time to one percent.
+    assert rates[0.5] >= certificate.rate > 0
+    assert "4 s" in designer.verdict["rates"]["text"]
+
+
+def test_a_gain_that_overshoots_between_samples_is_not_previewed_as_converging():
+    """T = 0.4 allows slopes and gains up to 2.5: 1 + 1 is held, 1 + 3 is not; theory, 15."""
+    given = problem("y", [[2, 1], [1, 2]], 2, gains={1: 1}, processor={"period": "2/5"})
+    assert preview(given, radius=1.0, rate=0.1, t_final=5.0).reach == 1.0
+    steep = given.replace(gains={1: 3})
+    assert preview(steep, radius=1.0, rate=0.1, t_final=5.0).reach == 0.0

@@ -60,14 +60,15 @@ class Search:
         """What is stated."""
         return self.loop.timing or Timing()
 
-    def claims(self) -> Iterator[Separable]:
-        """Claims worth deciding, with each observer's part in turn."""
+    def claims(self, least: float = 0.0) -> Iterator[Separable]:
+        """Claims worth deciding, with each observer's part in turn; first one a little faster than
+        ``least`` (1/s)."""
         for error in self._observers():
             claim = self._largest(error)
             if claim is None:
                 continue
-            for part in KEPT:
-                slower = self.at(part * float(claim.alpha), error)
+            for rate in (least * float(MORE), *(part * float(claim.alpha) for part in KEPT)):
+                slower = self.at(rate, error)
                 if slower is not None:
                     yield slower
 
@@ -79,7 +80,7 @@ class Search:
             rate = float(claim.alpha)
             return rate < least, time_to_one_percent(rate, float(claim.factor))
 
-        return sorted(self.claims(), key=time)
+        return sorted(self.claims(least), key=time)
 
     def _observers(self) -> Iterator[ErrorBound | None]:
         exosystem = self.loop.joint_exosystem

@@ -18,7 +18,7 @@ from dobc_design.certification.certify import certify
 from dobc_design.certification.cures import missing_arcs
 from dobc_design.conditions.consensus.pinning import network_blocks
 from dobc_design.conditions.coverage import Progress, asked_radius, covering
-from dobc_design.conditions.numbers import bisected, claimed, shorten
+from dobc_design.conditions.numbers import bisected, claimed, shorten, text_below
 from dobc_design.conditions.observer.decide import too_large
 from dobc_design.conditions.separable.claim import acts_by_component
 from dobc_design.conditions.statement import Statement, undecided
@@ -279,8 +279,9 @@ def attempt(
     # Agents that agree have no pins.
     if obstacle is None and not bare.agrees:
         obstacle = agents.obstacle(bare, request, ground.structure)
-    # What no gains reach is known of agents that are integrators.
-    if obstacle is None and not bare.agrees and bare.dynamics is None:
+    # What no gains reach is known of agents that are integrators, and know themselves at once.
+    is_late = loop_of(bare).timing is not None
+    if obstacle is None and not bare.agrees and bare.dynamics is None and not is_late:
         obstacle = too_fast(bare, request, slow_directions)
     if obstacle is None and large:
         obstacle = undecided("exosystem", f"what an observer has to do is {large}")
@@ -331,6 +332,10 @@ def _none_proved(ground: Ground, tries: int, last: Design | None) -> Statement:
     if ground.request.rate is not None:
         asked = f" at {typed_number(ground.request.rate)} 1/s"
     none = f"no gains on the allowed agents were found for which {what} is proved{asked}"
+    timing = loop_of(ground.problem).timing
+    if timing is not None and timing.steepest is not None:
+        most = text_below(float(timing.steepest))
+        none += f" (slopes and gains of an agent may add up to {most} 1/s with these readings)"
     return undecided("gains", f"{none}, and no proof that there are none.")
 
 
@@ -403,9 +408,11 @@ def _proof(ground: Ground, designed: Problem, aim: float) -> tuple[Certificate, 
 def _rate_of(proof: Certificate) -> float | None:
     """The largest rate (1/s) of a check that covers what is asked; the one that carries the
     verdict, with the least time to one percent, may have a smaller one."""
-    if proof.rate is None:
-        return None
-    proofs = covering(loop_of(proof.problem), proof.checks)
+    loop = loop_of(proof.problem)
+    # Beside readings other checks have rates that are none of theirs.
+    if proof.rate is None or loop.timing is not None:
+        return proof.rate
+    proofs = covering(loop, proof.checks)
     return max((each.rate for each in proofs if each.rate is not None), default=proof.rate)
 
 
@@ -520,7 +527,10 @@ def of_region(ground: Ground) -> Iterator[Proposal]:
     if problem.dynamics is not None:
         yield from of_agents(ground, problem.dynamics)
         return
-    if problem.region is None or not acts_by_component(loop_of(problem)):
+    loop = loop_of(problem)
+    # With readings only rows say something, next to the consensus, too.
+    is_near = problem.region is None and loop.timing is None
+    if is_near or not acts_by_component(loop):
         yield from of_consensus(ground)
         return
     searches = dict[int, RegionSearch]()
@@ -578,7 +588,8 @@ def of_agents(ground: Ground, dynamics: Dynamics) -> Iterator[Proposal]:
 def search_agents(
     problem: Problem, request: PinningRequest, progress: Progress, *, coupling: bool
 ) -> PinningDesign:
-    """``design_pinning`` for agents with [dynamics]: as a whole design without a disturbance."""
+    """``design_pinning`` for agents with [dynamics], or readings: as a whole design without a
+    disturbance."""
     alone = problem.replace(
         exosystem=None, observer=None, groups=None, region=None, simulation=None
     )

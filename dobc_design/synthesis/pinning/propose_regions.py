@@ -19,13 +19,15 @@ from scipy import optimize
 from scipy.sparse import csr_array, diags_array, eye_array, hstack, vstack
 
 from dobc_design._checks import noun
-from dobc_design.conditions.consensus.propose import decay_rate
-from dobc_design.conditions.numbers import last_found, quickly_down
-from dobc_design.conditions.separable.claim import ErrorBound
+from dobc_design.conditions.numbers import claimed, last_found, quickly_down
+from dobc_design.conditions.observer.propose import decay_of_error
+from dobc_design.conditions.separable.claim import EXACT, ErrorBound, stated_errors
 from dobc_design.conditions.separable.propose import LARGEST_RADIUS, Field, field_of, least_above
 from dobc_design.conditions.separable.propose_observer import propose_error_bound, radius_needed
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.loop.make import loop_of
+from dobc_design.loop.timing import Timing
+from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import Array, factored
 
@@ -47,6 +49,8 @@ CLOSE, ROUGH = 1e-3, 2e-2  # relative accuracy of the fastest rate, and where ma
 BISECTIONS = 14
 # of the observer's decay, for kappa
 PARTS = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
+PER_TICK = 0.99  # of 1/T, above which no rate per tick lies
+BELOW = 0.98  # of the slopes at which an agent may overshoot, for gains that are rounded up
 # points of s while v is looked for and where many sets are compared; all of them for the gains
 COARSE = 8
 
@@ -270,39 +274,63 @@ class RegionSearch:
 
     def __post_init__(self) -> None:
         self.exosystem = self.problem.joint_exosystem
+        self.timing = loop_of(self.problem).timing or Timing()
         self.decay = math.inf
+        if self.timing.period:
+            self.decay = PER_TICK / float(self.timing.period)
         if self.exosystem is not None and self.W is not None:
-            self.decay = decay_rate(self.exosystem, self.W)
+            observer = decay_of_error(self.exosystem, self.W, self.timing)
+            self.decay = min(self.decay, observer)
+        rho = self.reach(0.0)
+        if self.timing.steepest is not None and rho is not None:
+            self.caps = late_caps(self._field(rho), self.timing, self.caps)
 
     def reach(self, rate: float) -> Fraction | None:
         """The rho that the region needs at a rate (1/s); None where the observer is too slow for
         it."""
         decay = self.decay
-        if math.isinf(decay):
+        if self.exosystem is None or self.W is None:
             return self.radius
         part = next((each for each in PARTS if each * decay >= rate), None)
-        if part is None or self.exosystem is None or self.W is None:
+        if part is None:
             return None
         if part not in self._bounds:
-            pace = part * decay
-            self._bounds[part] = propose_error_bound(self.exosystem, self.W, rate=pace)
+            self._bounds[part] = self._bound(self.exosystem, self.W, part * decay)
         bound = self._bounds[part]
         if bound is None:
             return None
         return radius_needed(self.radius, bound, self.disturbance)
+
+    def _bound(self, exosystem: Exosystem, W: Matrix, pace: float) -> ErrorBound | None:
+        """What the observer adds at a rate (1/s): more, the later agents know themselves."""
+        timing = self.timing
+        bound = propose_error_bound(exosystem, W, rate=pace, timing=timing)
+        if bound is None or not (timing.period or timing.own_delay):
+            return bound
+        drag = (timing.steepest or 0) * (timing.lag(bound.beta) - 1)
+        left = timing.decay(bound.beta) - claimed(pace) - drag
+        return replace(bound, kappa=1 / left) if left > 0 else None
+
+    def _field(self, rho: Fraction) -> Field:
+        """All rows without gains."""
+        loop = loop_of(self.problem)
+        # What is stated beside readings is in one claim with them.
+        errors = EXACT if loop.timing is None else stated_errors(loop)
+        rows = field_of(loop, rho=float(rho), errors=errors)
+        return replace(rows, gains=np.zeros(loop.n))
 
     def rows(self, rate: float, *, coarse: bool = False) -> Field | None:
         """All rows without gains, for the rho of a rate; fewer points of s with ``coarse``.  None
         as in ``reach``."""
         problem = self.problem
         rho = self.reach(rate)
-        if rho is None:
+        if rho is None or rate > self.decay:
             return None
         size = float(rho)
         if size not in self._fields:
-            rows = field_of(loop_of(problem), rho=size)
-            self._fields[size] = replace(rows, gains=np.zeros(problem.n))
-        found = self._fields[size]
+            self._fields[size] = self._field(rho)
+        stretch = float(self.timing.stretch(claimed(rate)))
+        found = replace(self._fields[size], stretch=stretch)
         if problem.is_linear:  # all s say the same
             return replace(found, grid=found.grid[-1:])
         return _coarse(found) if coarse else found
@@ -397,6 +425,25 @@ class RegionSearch:
             most = max(most, float(np.max(heard)))
         scale = rows.rows(np.ones(self.problem.n), alpha=0.0)[2]
         return float(np.max(scale, initial=0.0)) + most
+
+
+def late_caps(rows: Field, timing: Timing, caps: Gains) -> Gains:
+    """Caps of gains (1/s) with which no agent overshoots, about, before it reads itself again; v =
+    1."""
+    y = 2 * float(rows.stretch) * np.concatenate([-rows.grid[::-1], rows.grid])
+    slopes = np.zeros(rows.size)
+    for groups in rows.modes:
+        sums = np.zeros(rows.size)
+        for group in groups:
+            values = group.h(y)
+            # Held from tick to tick the mean counts, of late own readings every slope.
+            steep = np.diff(values) / np.diff(y) if timing.own_delay else values / y
+            weights = group.weights * max(np.max(steep), 0.0)
+            sums += np.bincount(group.listeners, weights, minlength=rows.size)
+        slopes = np.maximum(slopes, sums)
+    most = BELOW * float(timing.steepest or 0)
+    left = {i: claimed(max(most - steep, 0.0)) for i, steep in enumerate(slopes.tolist())}
+    return {i: min(caps.get(i, cap), cap) for i, cap in left.items()}
 
 
 def _prices(field: Field, v: Array, agents: Any, rate: float) -> Array:

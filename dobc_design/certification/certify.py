@@ -261,9 +261,11 @@ class _Certification:
         if case is None:
             return agents
         loop = case.loop
+        asked = read_region(loop, case.W, domain=case.domain, everything=everything)
+        if loop.is_sampled and loop.saturates:
+            case = case.and_(inputs_stage(asked, case.checks, report))
         if loop.goal == "roots" or loop.is_sampled:
             return replace(agents, checks=case.checks)
-        asked = read_region(loop, case.W, domain=case.domain, everything=everything)
         # All but weights that move, and boxes, are about one target.
         if not loop.gap:
             case = case.and_(safety_stage(asked, report))

@@ -23,6 +23,7 @@ from dobc_design.conditions.domain import EVERYWHERE, Domain
 from dobc_design.conditions.kinds import READINGS, ids_in
 from dobc_design.conditions.numbers import MATRIX_BITS, doubles_from_json, is_short
 from dobc_design.conditions.reason import open_reason
+from dobc_design.conditions.stated import LIMIT
 from dobc_design.errors import CertificateError, DobcError, reason_of
 from dobc_design.exact.matrix import is_symmetric, multiply
 from dobc_design.exact.reading import Texts, shown
@@ -382,7 +383,8 @@ def confirm(check: Check, trusted: Trusted) -> str | None:
         if any(part is not None for part in claims):
             return "an undecided check must claim nothing"
         return None
-    if loop.is_sampled and check.kind.role != "part" and check.id != READINGS:
+    known = (READINGS, LIMIT) if loop.saturates else (READINGS,)
+    if loop.is_sampled and check.kind.role != "part" and check.id not in known:
         return "everything is computed from samples, and it is about a flow"
     return TOPICS[check.kind.topic].confirmed(check, trusted)
 

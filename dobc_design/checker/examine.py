@@ -54,10 +54,10 @@ KNOWN_TO = {
     "lure arc-wise schedule safety settling accuracy",
     "leaders that move on": "max-separable readings tolerance actuators lure arc-wise schedule "
     "markov safety settling accuracy",
-    # what is left bounds a pin from below: it says nothing of rest, nor of steps
-    "inputs that saturate": "max-separable delay tolerance actuators lure arc-wise schedule markov "
-    "safety settling accuracy",
-    "pins that are cut": "max-separable arc-wise delay schedule settling",
+    # what is left bounds a pin from below: it says nothing of rest
+    "inputs that saturate": "max-separable delay sampling readings tolerance actuators lure "
+    "arc-wise schedule markov safety settling accuracy",
+    "pins that are cut": "max-separable arc-wise delay sampling readings schedule settling",
     "fixed nodes that differ or move": "max-separable delay schedule settling",
     # delay: a late state and one of now make no difference that is followed
     "differences of agents": "max-separable arc-wise sampling readings schedule settling markov "
@@ -166,7 +166,8 @@ def confirm(case: Case, check: Any) -> None:
         check.verdict in ("proved", "refuted"),
         "the verdict is none of proved, refuted and undecided",
     )
-    about_flow = check.id not in (*FACTS, "readings")
+    rooms = saturates(case) and check.id == "actuators"
+    about_flow = check.id not in (*FACTS, "readings") and not rooms
     need(not (case.sampled and about_flow), "all is computed from samples, and it is about a flow")
     # by now id, mode and group are known, and the observer is the one of the problem
     decide = regional if about_region else decider(case, check.id)

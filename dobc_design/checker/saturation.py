@@ -5,13 +5,14 @@ dbar_i): an arc to a node whose error is 0. dbar_i is the amplitude of d_i and a
 """
 
 import copy
+import math
 from collections.abc import Iterator
 from fractions import Fraction
 from functools import lru_cache
 
 from .claims import Case
 from .expressions import LONGEST_MADE, read_coupling
-from .loop import Arc, Loop, Residual
+from .loop import Arc, Loop, Residual, Timing
 from .matrices import (
     ZERO,
     Matrix,
@@ -27,10 +28,12 @@ from .matrices import (
     transpose,
 )
 from .reading import Refused, need, rational, read
+from .sampled import BITS, Ball, multiplied, ticks
 
 MOST = 12  # states of an exosystem
 MORE = 1 + Fraction(1, 10**6)  # of the errors at the start that are asked for
 UNIT = 10**9
+DOUBLINGS = 12  # of the samples over which errors are followed
 POWER = 3  # lambda_max(P) <= the root of order 2^POWER of the trace of that power
 
 
@@ -85,7 +88,7 @@ def left(case: Case, most: Fraction) -> Iterator[tuple[int, Fraction]]:
     stated = case.agrees or case.region is not None
     need(known and stated, "what saturation leaves is not known here")
     # no estimate without an exosystem
-    errors = [error(each, most) for each in gains(case, most)]
+    errors = [error(each, most, case.timing) for each in gains(case, most)]
     for i, limit in case.actuators.limit.items():
         needed = amplitude(case, i)
         if i in case.place:
@@ -105,7 +108,7 @@ def gains(case: Case, most: Fraction) -> Iterator[Residual]:
         column += case.m
 
 
-def error(residual: Residual, most: Fraction) -> Fraction:
+def error(residual: Residual, most: Fraction, timing: Timing | None) -> Fraction:
     """A bound of |C eps_i| for all time: eps'P eps falls where F'P + P F = -N < 0, F = A - W C, and
     (c eps)^2 <= (c P^-1 c') (eps'P eps)."""
     if not most:
@@ -113,6 +116,8 @@ def error(residual: Residual, most: Fraction) -> Fraction:
     C = residual.C
     q = len(residual.A)
     need(q <= MOST, "the exosystem is too large")
+    if timing is not None and timing.sampled:
+        return over_ticks(residual, timing) * most
     seen = product(transpose(C), C)
     tilt = (trace(seen) or Fraction(1)) / 100
     N = plus(seen, tilt, identity(q))
@@ -123,6 +128,35 @@ def error(residual: Residual, most: Fraction) -> Fraction:
     need(is_form(P) and falls, "errors of the estimates do not decay")
     inverted = solved(P, identity(q))
     return root(max(form(c, inverted, c) for c in C) * largest(P)) * most
+
+
+def over_ticks(residual: Residual, timing: Timing) -> Fraction:
+    """A bound of |c F^k| for every row c of C and every k: that for k < K, where |F^K| <= 1."""
+    found = ticks(residual, timing)
+    power = ball(found.F, found.off)
+    rows = ball(found.C, found.around)
+    for _ in range(DOUBLINGS):
+        if sum(length(power)) <= 1:
+            return root(max(length(rows)))
+        more = multiplied(rows, power)
+        rows = Ball(rows.entries + more.entries, max(rows.missed, more.missed))
+        power = multiplied(power, power)
+    raise Refused("errors of the estimates are not seen to decay")
+
+
+def ball(X: Matrix, off: Fraction) -> Ball:
+    """A matrix whose rows may miss ``off``, and less than one unit more for each entry."""
+    entries = [[int(x * 2**BITS // 1) for x in row] for row in X]
+    return Ball(entries, math.ceil(off * 2**BITS) + len(X[0]))
+
+
+def length(X: Ball) -> list[Fraction]:
+    """A bound of the square of the length of every row."""
+    miss = Fraction(X.missed, 2**BITS)
+    found = []
+    for row in X.middle:
+        found.append(sum((abs(x) + miss) ** 2 for x in row) + ZERO)
+    return found
 
 
 def trace(X: Matrix) -> Fraction:
@@ -167,6 +201,8 @@ def amplitude(case: Case, i: int) -> Fraction:
         return Fraction(case.actuators.amplitude or 0)
     if i not in case.place:
         return ZERO
+    steps = case.timing is not None and case.timing.steps
+    need(not steps, "agents move in steps, and no amplitude is given")
     plant = case.uncertainty
     # with a drift d leaves the sines that its start gives
     need(plant is None or plant.drift == 0, "amplitudes drift, and none is given")

@@ -66,6 +66,7 @@ from .reading import (
     weights,
 )
 from .sampled import inside, shrinks, ticks
+from .saturation import saturates
 
 EQUATIONS = 60  # of an equilibrium at most
 ONCE = Fraction(1)
@@ -521,7 +522,7 @@ def known_late(case: Case, timing: Timing) -> None:
     seen = plant is None or plant.known_to_agents or case.q == 0
     known = seen and (plant is None or not (plant.drift or case.disturbed))
     need(known, "disturbances beside the exosystem are not known with readings")
-    limits = case.actuators is not None and case.actuators.limit
+    limits = case.actuators is not None and case.actuators.limit and not saturates(case)
     need(not limits, "limits of inputs are not known with readings")
     # A x and f go on while readings are held
     alone = case.B is None or not (timing.own_delay or timing.period)
@@ -599,7 +600,7 @@ def diverges(case: Case, check: Any) -> None:
     witness = read(check.witness, {"kind": text, "values": [rational]})
     one = check.exact is None and witness.kind == "eigenvalue"
     need(one, "it claims a value, or its witness is no eigenvalue")
-    apart = case.differences or case.gap or case.switches
+    apart = case.differences or case.gap or case.switches or saturates(case)
     integrators = case.B is None and all(h.straight for h in case.functions)
     need(integrators and not apart, "it is about linear couplings to one target")
     need(case.size <= MOST, "so many eigenvalues are not looked at")

@@ -69,15 +69,15 @@ def covering(case: Case) -> Any:
 def tables(loop: Loop) -> list[str]:
     """The checks that have to be proved because of `actuators` and `uncertainty`, or of how
     readings are taken; the last one carries the verdict, unless it is about limits alone."""
-    if loop.timing is not None:
-        return ["readings"]
     plant = loop.uncertainty
     found = []
     if loop.actuators is not None and loop.actuators.limit:
         found.append("actuators")
-    if plant is None:
+    if loop.timing is not None:
+        found.append("readings")
+    elif plant is None:
         return found
-    if loop.disturbed:
+    elif loop.disturbed:
         found.append("accuracy")
     elif plant.weights or plant.gains:
         found.append("tolerance")

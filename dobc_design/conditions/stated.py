@@ -50,10 +50,10 @@ class Stated:
     def wanted(self) -> tuple[str, ...]:
         """The ids of the checks that have to be proved; the last one of them that is about
         [uncertainty] carries the verdict."""
+        answers = (ACCURACY,) if self.absolute else (TOLERANCE,) if self.relative else ()
         # Readings count errors of weights and gains, and say why where more is stated.
         if self.late:
-            return (READINGS,)
-        answers = (ACCURACY,) if self.absolute else (TOLERANCE,) if self.relative else ()
+            answers = (READINGS,)
         return (*((LIMIT,) if self.limit else ()), *answers)
 
 

@@ -13,6 +13,7 @@ from functools import lru_cache
 from dobc_design._checks import noun
 from dobc_design.coupling.coupling import Coupling, make_coupling
 from dobc_design.exact.definite import decide_positive_definite
+from dobc_design.exact.interval import Box, IntervalMatrix, interval_product
 from dobc_design.exact.matrix import (
     Matrix,
     Vector,
@@ -34,10 +35,12 @@ from dobc_design.problem.uncertainty import ABSOLUTE
 
 from .arcs import Pin, with_pins
 from .loop import Loop, pins_of
+from .timing import sampled
 
 ROOTS = 10**15  # roots are rounded up to multiples of 1/ROOTS
 LARGEST_ORDER = 12  # of an exosystem, whose Lyapunov equation is solved exactly
 TILT = Fraction(1, 100)  # of the norm of C'C, which makes the Lyapunov equation definite
+DOUBLINGS = 12  # of the samples over which errors are followed
 SQUARINGS = 3  # lambda_max(P) <= the 8th root of tr P^8
 #: Rooms are rounded down, and count for errors of estimates that are a little larger than asked.
 UNIT = 10**9
@@ -126,7 +129,11 @@ def _largest_errors(
         return None
     found = []
     for group, gain in loop.observed(W):
-        peak = _peak(group.exosystem, gain)
+        if loop.timing is not None and loop.is_sampled:
+            ticks = sampled(group.exosystem, loop.timing)
+            peak = _sampled_peak(ticks.error(gain, loop.timing.period), ticks.C)
+        else:
+            peak = _peak(group.exosystem, gain)
         if peak is None:
             return None
         found.append(peak * allowed)
@@ -153,6 +160,26 @@ def _peak(exosystem: Exosystem, W: Matrix) -> Fraction | None:
     return root_above(most * _largest_eigenvalue(P), unit=ROOTS)
 
 
+def _sampled_peak(F: IntervalMatrix, C: IntervalMatrix) -> Fraction | None:
+    """A bound of |c F^k|_2 for every row c of C and every k: that for k < K, where |F^K| <= 1.
+    None where no such K is found."""
+    if len(F) > LARGEST_ORDER:
+        return None
+    rows = C
+    power = F
+    for _ in range(DOUBLINGS):
+        if sum(map(_square, power)) <= 1:
+            return root_above(max(map(_square, rows)), unit=ROOTS)
+        rows = (*rows, *interval_product(rows, power))
+        power = interval_product(power, power)
+    return None
+
+
+def _square(row: Box) -> Fraction:
+    """A bound of the square of its length."""
+    return sum((x.magnitude**2 for x in row), ZERO)
+
+
 def _largest_eigenvalue(P: Matrix) -> Fraction:
     """A bound of lambda_max(P) of a P > 0."""
     size = trace(P)
@@ -167,11 +194,12 @@ def _largest_eigenvalue(P: Matrix) -> Fraction:
 
 def largest_disturbance(loop: Loop) -> Vector | None:
     """For each agent a bound of |d_i(t)|, t >= 0, by component; None where neither [actuators] nor
-    xi0 gives one, as where amplitudes drift."""
+    xi0 gives one, as where amplitudes drift, or agents move in steps."""
     given = None if loop.actuators is None else loop.actuators.amplitude
     if given is not None or not loop.groups:
         return (given or ZERO,) * loop.n
-    if not loop.xi0 or (loop.uncertainty is not None and loop.uncertainty.drift):
+    steps = loop.timing is not None and loop.timing.steps
+    if steps or not loop.xi0 or (loop.uncertainty is not None and loop.uncertainty.drift):
         return None
     starts = loop.xi0 if len(loop.xi0) > 1 else loop.xi0 * loop.n
     known: dict[tuple[int, Vector], Fraction | None] = {}  # agents often start alike

@@ -83,7 +83,6 @@ def varied_rates(certificate: Certificate) -> Mapping[float, float]:
     loop = loop_of(certificate.problem)
     if check is None or not check.is_proved or loop.n > MOST_VARIED:
         return {}
-    loop, _ = TOPICS["separable"].about(READINGS, loop, certificate.claims.W)
     return {} if varied(loop.timing or Timing()) == "event" else rates_around(loop, check.domain)
 
 

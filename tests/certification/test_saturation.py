@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from networks import around, network_of
+from oracles.late import sampled_error
 from published import saturating
 from scipy.linalg import expm
 
@@ -65,6 +66,11 @@ def disturbed(limit: Any = 5, s: Any = "1/2", **more: Any) -> dd.Problem:
         simulation={"xi0": ["3/10", "2/5"]},
         **more,
     )
+
+
+def numbers_of_paper() -> list[Any]:
+    """A, C and W in floats."""
+    return [np.array([[float(F(x)) for x in row] for row in PAPER[k]]) for k in "ACW"]
 
 
 @lru_cache(maxsize=1)
@@ -149,13 +155,85 @@ def test_where_no_input_saturates_in_the_box_the_rate_is_that_of_the_model():
     assert with_limit.rate == pytest.approx(without.rate, rel=1e-6)
 
 
+# --- Readings and processors
+NEAR = {"initial_states": [-1, 1]}
+
+
+@pytest.mark.parametrize(
+    ("stated", "longest", "longer"),
+    [
+        (lambda time: {"readings": {"own_delay": time}}, "0.0613", "0.0614"),
+        (lambda time: {"readings": {"period": time}}, "1/6", "0.1667"),
+        (lambda time: {"processor": {"period": time}}, "1/6", "0.1667"),
+    ],
+    ids=["own_delay", "period", "processor"],
+)
+def test_late_and_held_pins_cost_nothing_until_slopes_and_gain_overshoot(
+    stated: Any, longest: str, longer: str
+):
+    """k = 5 and a slope of 1: 1/(6 e) = 0.06131 s and 1/6 s, although the pin is cut to 1/2."""
+    problem = ring(coupling="y", region=NEAR, **stated(longest))
+    certificate = dd.certify(problem)
+    assert certificate.verdict is PROVED
+    assert 0.45 < certificate.rate <= 0.5
+    assert "saturate at the limit of 0.5" in certificate.reason
+    assert dd.verify(certificate, problem).holds
+    late = dd.certify(ring(coupling="y", region=NEAR, **stated(longer)))
+    assert late.verdict is UNDECIDED
+    assert "slopes and gains of an agent add up to 6 1/s" in late.reason
+
+
+def test_on_a_processor_the_room_is_the_limit_less_the_largest_error_at_the_samples():
+    """sup |C_d F_d^k| by powers in NumPy; with |d| = 1/2 half of that takes all of a limit."""
+    period = 0.1
+    problem = disturbed(processor={"period": "1/10"})
+    loop = loop_of(problem)
+    F_d, added = sampled_error(*numbers_of_paper(), period)
+    powers = [np.linalg.matrix_power(F_d, k) for k in range(200)]
+    peak = max(np.linalg.norm(added @ power) for power in powers) / period
+    found = rooms_of(loop, loop.observer.W)
+    assert isinstance(found, Rooms)
+    assert list(found.room.values()) == pytest.approx([5 - 0.5 - 0.5 * peak] * 3, rel=1e-5)
+    near = {"initial_states": ["-1/2", "1/2"], "initial_disturbance": "1/2"}
+    problem = problem.replace(region=near)
+    certificate = dd.certify(problem)
+    assert certificate.verdict is PROVED
+    assert dd.verify(certificate, problem).holds
+    tight = dd.certify(problem.replace(actuators={"limit": 0.5 + 0.5 * peak, "saturates": True}))
+    assert tight.verdict is UNDECIDED
+    assert "nothing is left for its pin" in tight.check("actuators").reason
+
+
+def test_an_observer_that_is_fed_the_applied_input_is_not_disturbed_by_saturation():
+    """eps+ = F_d eps at every sample, although inputs stay at their limit at first."""
+    problem = disturbed(processor={"period": "1/10"})
+    times = [0.1 * k for k in range(101)]
+    run = dd.simulate(problem, start=[[4]] * 3, t_final=times[-1], samples=times)
+    assert np.abs(run.u[:5]).max() == 5
+    F_d, _ = sampled_error(*numbers_of_paper(), 0.1)
+    eps = run.xi - run.xihat
+    assert np.allclose(eps[1:], eps[:-1] @ F_d.T, atol=1e-12)
+
+
+@pytest.mark.parametrize("stress", [None, "worst"])
+def test_runs_with_late_readings_and_cut_inputs_stay_below_the_certified_bound(stress: Any):
+    problem = ring(region=NEAR, readings={"own_delay": "0.02", "delay": "0.1", "event": "0.05"})
+    certificate = dd.certify(problem)
+    assert certificate.verdict is PROVED
+    times = np.linspace(0, 4, 21)
+    starts = [[1], [-1], [1], [1]]
+    run = dd.simulate(problem, start=starts, t_final=4, samples=times, stress=stress)
+    assert np.abs(run.u).max() == 0.5
+    assert np.all(np.abs(run.x).max(axis=(1, 2)) <= np.exp(-certificate.rate * times) + 1e-6)
+
+
 # --- Rooms
 def test_a_room_is_the_limit_less_the_amplitude_and_the_largest_estimation_error():
     """|xi0| = 1/2, so |d| <= 1/2; sup |C exp((A - WC) t)| = 1 at t = 0, found by expm."""
     loop = loop_of(disturbed())
     found = rooms_of(loop, loop.observer.W)
     assert isinstance(found, Rooms)
-    A, C, W = (np.array([[float(F(x)) for x in row] for row in PAPER[k]]) for k in "ACW")
+    A, C, W = numbers_of_paper()
     peak = max(np.linalg.norm(C @ expm((A - W @ C) * t)) for t in np.linspace(0, 10, 2001))
     assert peak == pytest.approx(1)
     for room in found.room.values():
@@ -252,7 +330,7 @@ def test_larger_rooms_and_wider_starts_are_refused_by_both_programs():
         checks["max-separable"]["domain"]["disturbance"] = 0.5001
 
     def sampled(checks: Any) -> None:
-        values = {"period": "1/1000", "factor": "0.9999"}
+        values = {"period": "1", "factor": "0.99"}
         checks["sampling"] |= {"verdict": "proved", "exact": values}
         checks["sampling"]["domain"] = checks["max-separable"]["domain"]
 

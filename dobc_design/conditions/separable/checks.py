@@ -23,7 +23,7 @@ from dobc_design.conditions.numbers import (
     shorten,
     text_below,
 )
-from dobc_design.conditions.reason import observer_obstacle, saturation_obstacle
+from dobc_design.conditions.reason import observer_obstacle
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import number_text
 from dobc_design.loop.loop import Loop
@@ -255,9 +255,6 @@ def sampling_check(
     """Decide how long couplings and pinning may be held, for the ``claim`` of ``beside``, or its
     ``own`` for other v."""
     loop = case.loop
-    reason = saturation_obstacle(loop)
-    if reason is not None:
-        return undecided_check("sampling", case.domain, reason)
     if own is not None and _not_proved(own, beside, case) is not None:
         own = None
     claim = own or claim

@@ -29,6 +29,7 @@ from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import ZERO
 from dobc_design.exact.work import spend
 from dobc_design.loop.loop import Loop
+from dobc_design.loop.pairs import gain_of_rows, required_rows
 from dobc_design.loop.timing import Timing
 from dobc_design.solvers.program import Array
 
@@ -178,21 +179,24 @@ def varied(timing: Timing) -> str:
     return next((name for name in names if getattr(timing, name)), "event")
 
 
-def rates_around(loop: Loop, domain: Domain) -> dict[float, float]:
+def rates_around(agents: Loop, domain: Domain) -> dict[float, float]:
     """Proved rates (1/s) from the same starts with shorter and longer times than the stated one
     (s); 0 where none is found.  A gain W that nobody gave is designed for each period."""
     found: dict[float, float] = {}
-    timing = loop.timing or Timing()
+    timing = agents.timing or Timing()
     name = varied(timing)
     # Linear couplings have one box, of any size.
     sizes = (domain.radius, domain.disturbance) if isinstance(domain, Around) else (1.0, 0.0)
     radius, disturbance = map(claimed, sizes)
 
-    def look(stated: float) -> bool:
-        time = rounded_down(stated, digits=3)
+    def look(wanted: float) -> bool:
+        time = rounded_down(wanted, digits=3)
         changed: dict[str, Any] = {name: time}
-        other = replace(loop, timing=replace(timing, **changed))
-        W = observer_gain(other)
+        stated = replace(agents, timing=replace(timing, **changed))
+        W = observer_gain(stated)
+        # what saturation leaves of pins may depend on both
+        other = required_rows(stated, W)
+        W = gain_of_rows(stated, W)
         search = Search(
             loop=other,
             W=W,

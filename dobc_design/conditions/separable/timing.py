@@ -31,7 +31,6 @@ from dobc_design.conditions.reason import (
     first_missing,
     gap_obstacle,
     observer_obstacle,
-    saturation_obstacle,
 )
 from dobc_design.coupling.enclosures import Profile, slope_bound
 from dobc_design.errors import SpecError
@@ -199,7 +198,7 @@ def readings_obstacle(loop: Loop, W: Matrix | None) -> str | None:
     own = timing.own_delay > 0
     held = timing.period > 0
     unsaid = [] if plant is None else [name for name in ABSOLUTE if getattr(plant, name)]
-    limited = loop.actuators is not None and bool(loop.actuators.limit)
+    limited = loop.actuators is not None and bool(loop.actuators.limit) and not loop.saturates
     blind = bool(loop.groups) and plant is not None and not plant.known_to_agents
     needs: list[Need] = [
         (not unsaid, f"[uncertainty] {', '.join(unsaid)} is not counted with late readings."),
@@ -215,7 +214,7 @@ def readings_obstacle(loop: Loop, W: Matrix | None) -> str | None:
         return f"does not apply: {wrong}"
     if timing.is_late and (reason := delay_obstacle(loop)) is not None:
         return reason
-    return observer_obstacle(loop, W) or gap_obstacle(loop) or saturation_obstacle(loop)
+    return observer_obstacle(loop, W) or gap_obstacle(loop)
 
 
 def _own_obstacle(loop: Loop, claim: Separable, timing: Timing) -> str | None:
@@ -318,9 +317,6 @@ def verify_sampling(loop: Loop, claim: Separable, bound: SamplingBound) -> Separ
     <= factor < 1."""
     if bound.period <= 0:
         raise SpecError("a sampling period must be > 0.", key="period")
-    reason = saturation_obstacle(loop)
-    if reason is not None:
-        return undecided(reason)
     if bound.factor >= 1 or bound.factor < 1 - bound.period * claim.alpha:
         return refuted("the factor must be < 1 and at least 1 - T alpha.")
     stiffest = steepness(loop, claim, replace(HELD, period=bound.period))

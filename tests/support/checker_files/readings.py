@@ -80,6 +80,27 @@ def ticks(period: Any, **table: Any) -> Document:
 STEPS: Document = {"time": "discrete"}
 
 
+#: What takes 1.0000005 of the limit leaves 0.4 or less of it; Q T <= 1 with Q = 4.
+CUT = (
+    ("saturated, ticks", "1.401", "1/4"),
+    ("saturated, less left", "1.4", "1/4"),
+    ("saturated, longer", "1.401", "0.2501"),
+)
+
+
+def _limit(limit: Any, **more: Any) -> Document:
+    return {"actuators": {"limit": limit, "saturates": True} | more}
+
+
+def _cut(limit: Any, **more: Any) -> Document:
+    known = {"amplitude": "1/2"} if "processor" in more else {}
+    return given("tanh(y)", **_limit(limit, **known) | more)
+
+
+def _rooms(domain: Any, room: Any) -> Document:
+    return claim("actuators", domain, None, {"rooms": dict.fromkeys("12", str(room))})
+
+
 def _settings() -> dict[str, Document]:
     whole: Document = {"network": PAPER.network, "coupling": "2*y", "gains": GAINS}
     cubes = given("exp(y) - 1 + y")
@@ -145,8 +166,14 @@ def _settings() -> dict[str, Document]:
     found["watched"] = found["gains"] | CONSTANT
     found["blind, watched"] = found["watched"] | blind
     found["limited"] = given("tanh(y)", actuators={"limit": 9}, **late())
-    saturates = {"actuators": {"limit": 9, "saturates": True}}
-    found["saturated"] = given("tanh(y)", **saturates, **late())
+    found["saturated"] = _cut(1, **late(own_delay="0.0919"))
+    found["saturated, later"] = _cut(1, **late(own_delay="0.0921"))
+    half = CONSTANT | {"region": asked("1/2", "1/2")}
+    for name, limit, period in CUT:
+        found[name] = _cut(limit, **half, **ticks(period))
+    known = {"simulation": {"xi0": [0]}, "observer": Observer(W=[["1/2"]])}
+    found["saturated, steps"] = _cut(9, **half | known | {"gains": "1/4"} | STEPS)
+    found["saturated, far"] = given("0*y", **_limit(9, amplitude=9), **half, **late(period=1))
     found["nodes, far"] = given("y", dynamics=Dynamics(A=[[-1]]), **late(period=3))
     unstable = {"dynamics": Dynamics(A=[[1]]), "gains": {1: "1/2"}, "region": None}
     found["growing nodes, held"] = given("y", **unstable, **late(period="1/100"))
@@ -255,6 +282,7 @@ def readings_cases() -> Iterator[Case]:
     yield from _observers()
     yield from _curved()
     yield from _others()
+    yield from _saturated()
     yield from _frames_of_others()
     yield from _unreadable()
 
@@ -519,8 +547,7 @@ def _others() -> Iterator[Case]:
     there = readings(GLOBAL, 3.5, "1 1", "3.5")
     yield holds("nodes", "neighbours", there, flow, changed(late_nodes, own_delay="0"))
     yield fails("nodes", "their own", there, flow, late_nodes)
-    for name in ("limited", "saturated"):
-        yield fails(name, "not counted", wide)
+    yield fails("limited", "not counted", wide)
     yield fails("line, late", "a tube", LINE, **UNDECIDED)
     # pairs: 1 of each agent
     ones = "1 1 1 1 1 1"
@@ -533,6 +560,34 @@ def _others() -> Iterator[Case]:
     yield holds("agreeing, watched", "two errors", watched)
     yield from each_wrong("agreeing, watched", watched, P=[[["3.99"]]], kappa=["0.999"])
     yield holds("apart, processor", "agent 2 hears nobody", **REFUTED)
+
+
+def _saturated() -> Iterator[Case]:
+    """min(3 s, room) where s = 1; slopes and gain of an agent add up to 4, however far it is cut."""
+    slow = readings(box(1), 0.99, "1 1", "0.99", "1")
+    all_of_it = _rooms(box(1), 1)
+    yield holds("saturated", "a part of its pin", slow, all_of_it)
+    yield fails("saturated", "nothing is said of its limit", slow)
+    yield fails("saturated", "its whole pin", changed(slow, alpha="1.01"), all_of_it)
+    yield fails("saturated, later", "1/(4 e)", slow, all_of_it)
+    held = claim("sampling", box(1), None, {"period": "1/4", "factor": "0.7525"})
+    flow = separable(box(1), 0.99, "1 1", "0.99", "1")
+    yield holds("saturated", "a step", slow, all_of_it, flow, held)
+    far = changed(held, period="0.2501")
+    yield fails("saturated", "a step that is too long", slow, all_of_it, flow, far)
+    # eps+ = (1 - 2 T) eps: 1/2 + 1/2 of the limit compensates
+    seen: Document = {"P": [["1.0001"]], "beta": "1.99", "kappa": "0.63", "size": "1.0001"}
+    there = box(0.5, 0.5)
+    ticking = readings(there, 0.4, "1 1", "0.4", "1", **seen)
+    room = _rooms(there, "0.399999")
+    for name, limit, _ in CUT:
+        good = name == "saturated, ticks"
+        left = room if limit != "1.4" else _rooms(there, "0.3999994")
+        yield made(name, 0 if good else 1, "an observer", ticking, left)
+    yield fails("saturated, ticks", "more than is left", ticking, _rooms(there, "0.42"))
+    yield fails("saturated, steps", "no amplitude", _rooms(there, "0.1"))
+    overshooting = diverging() | {"domain": "consensus"}
+    yield fails("saturated, far", "about the target", overshooting, **REFUTED)
 
 
 def _frames_of_others() -> Iterator[Case]:

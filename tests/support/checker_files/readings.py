@@ -563,7 +563,7 @@ def _others() -> Iterator[Case]:
 
 
 def _saturated() -> Iterator[Case]:
-    """min(3 s, room) where s = 1; slopes and gain of an agent add up to 4, however far it is cut."""
+    """min(3 s, room) where s = 1; slopes and gain of an agent add up to 4, whatever is cut."""
     slow = readings(box(1), 0.99, "1 1", "0.99", "1")
     all_of_it = _rooms(box(1), 1)
     yield holds("saturated", "a part of its pin", slow, all_of_it)

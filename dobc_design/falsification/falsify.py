@@ -92,10 +92,9 @@ def falsify(
     Of a ``problem``: the starts of its region; with ``radius`` those of the box |e|_inf <= radius;
     without both |e|_inf <= 1; with ``certified`` those on the boundary of a certified set: that of
     a certificate, of one of its checks, or of a max-separable, arc-wise or Lur'e claim.
-    ``disturbance`` bounds |eps_i|.  ``runs`` starts (500) are simulated: corners, edges, random
-    ones, and the worst of them after gradient ascent through CasADi.  ``t_final`` in s;
-    ``progress``: as in ``certify``.  The same ``seed`` gives the same search.  A missing W is
-    designed first, as ``certify`` does.
+    ``disturbance`` bounds |eps_i|.  ``runs`` starts (500) are simulated: corners, edges and random
+    ones.  ``t_final`` in s; ``progress``: as in ``certify``.  The same ``seed`` gives the same
+    search.  A missing W is designed first, as ``certify`` does.
 
     Of a certificate in place of the problem: both in the region asked for and on the boundary of
     the certified set, with W of the certificate; ``runs`` are fewer for large networks.  A missing

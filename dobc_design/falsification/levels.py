@@ -44,34 +44,10 @@ class BoxLevel:
     P: Array | None
     T: Array | None = None
 
-    @property
-    def lengths(self) -> Array:
-        """How far the set reaches from side to side, about, by component of e: (n m,)."""
-        if self.T is None:
-            return 2 * self.height
-        return 2 * turned(np.abs(inverse(self.T)), self.height)
-
     def value(self, e: Array, eps: Array) -> Array:
         """V of states e (n m, R) and eps (n, q, R): (R,)."""
         sides = np.abs(turned(self.T, e)) / self.height[:, None]
         return np.asarray(sides.max(axis=0) + observer_norms(self.P, eps).max(axis=0, initial=0.0))
-
-    def gradient(self, e: Array, eps: Array) -> Pair:
-        """A (sub)gradient of V at one state e (n m,), eps (n, q) with V > 0."""
-        z = turned(self.T, e)
-        # V is a maximum: only its largest term moves it
-        place = int(np.argmax(np.abs(z) / self.height))
-        along = np.zeros_like(e)
-        along[place] = np.sign(z[place]) / self.height[place]
-        if self.T is not None:
-            along = turned(self.T.T, along)
-        along_eps = np.zeros_like(eps)
-        # of each maximum the largest term alone
-        own = observer_norms(self.P, eps[:, :, None])[:, 0]
-        if self.P is not None and own.max(initial=0.0) > 0:
-            agent = int(np.argmax(own))
-            along_eps[agent] = self.P @ eps[agent] / own[agent]
-        return along, along_eps
 
     def directions(self, standard: Array) -> Array:
         """Errors (n m, R) that are spread over the set, from standard ones."""
@@ -113,12 +89,6 @@ class Ellipsoid:
         squares = np.maximum(0.0, np.sum((self.P_e @ e) * e, axis=0))
         of_observers = np.sum(observer_norms(self.P, eps) ** 2, axis=0)
         return np.asarray(np.sqrt(squares + of_observers))
-
-    def gradient(self, e: Array, eps: Array) -> Pair:
-        """The gradient of V at one state."""
-        size = float(self.value(e[:, None], eps[:, :, None])[0])
-        along_eps = np.zeros_like(eps) if self.P is None else eps @ self.P / size
-        return np.asarray(self.P_e @ e / size), np.asarray(along_eps)
 
     def directions(self, standard: Array) -> Array:
         """Errors that are spread over the set."""
@@ -231,14 +201,9 @@ class Boundary:
         return f"the boundary of the {self.level.name} set"
 
     @property
-    def reach(self) -> Pair:
-        """How far the set reaches from side to side, by number of e and of eps."""
-        width = 0.0
-        if self.level.P is not None:
-            # of the axes of |eps_i|_P <= 1 about the middle one
-            mean = float(np.trace(self.level.P)) / self.loop.q
-            width = 2 / np.sqrt(max(TINY, mean))
-        return self.level.lengths, width * self.loop.owned
+    def has_disturbance(self) -> bool:
+        """Whether starts have eps != 0."""
+        return self.level.P is not None
 
     def draw(self, rng: Generator, count: int, kind: str) -> Pair:
         """Starts of one kind."""
@@ -259,13 +224,9 @@ class Boundary:
             share = np.zeros(count)
             eps = 0 * eps
         e = e * ((1 - share) / np.maximum(sizes, TINY))
-        return self.project(e, eps * (share / np.maximum(sizes_eps, TINY)))
-
-    def project(self, e: Array, eps: Array) -> Pair:
-        """Starts on the same rays from the target."""
-        eps = np.zeros_like(eps) if self.level.P is None else eps * self.loop.owned[:, :, None]
+        eps = eps * (share / np.maximum(sizes_eps, TINY))
         # V grows along every ray in proportion to the distance
-        size = np.maximum(self.level.value(e, eps), TINY)
+        size = np.maximum(level.value(e, eps), TINY)
         return e / size, eps / size
 
     def holds(self, e: Array) -> bool:

@@ -1,5 +1,4 @@
-"""The search for starts that contradict: at random, at corners and edges, uphill, and by Newton's
-method.
+"""The search for starts that contradict: at random, at corners and edges, and by Newton's method.
 
 Without a certificate: does every start asked for converge?  With one: does V of the certified set
 decay as certified from its whole boundary?  What is found is a suspect; only a proved equilibrium
@@ -10,7 +9,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import cache, partial
 
 import numpy as np
 from numpy.random import Generator, default_rng
@@ -30,13 +28,10 @@ from dobc_design.exact.reading import Texts
 from dobc_design.loop.arrays import Gain, chosen_gain
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.matrices import Array
-from dobc_design.model.flow import Flow, build_flow
-from dobc_design.problem.network import IndexArray
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation._arguments import positive, seconds, whole
-from dobc_design.simulation.integrate import fastest_decay
-from dobc_design.simulation.starts import CORNERS, EDGES, RANDOM, TINY, asked_box
-from dobc_design.simulation.switches import ModeTable, constant_signals
+from dobc_design.simulation.starts import CORNERS, EDGES, RANDOM, asked_box
+from dobc_design.simulation.switches import ModeTable
 from dobc_design.simulation.trials import (
     Arena,
     Batch,
@@ -47,16 +42,14 @@ from dobc_design.simulation.trials import (
     settling_horizon,
 )
 
-from .ascent import ascend, final_error, final_level
 from .levels import Boundary, Certified, Level, StartSet, level_of
 from .paces import drawn_signals
 from .suspect import LEAVES, RESTS, STAYS_AWAY, Falsification, Suspect
 
 RUNS = 500
 TOLERANCE = 1e-9
-# of the runs; a fifth at most goes uphill, the rest is at random
+# of the runs; the rest is at random
 SHARES = {CORNERS: 0.2, EDGES: 0.2}
-MOST_ASCENTS = 12
 MOST_AGAIN = 16  # runs that stall and are repeated ...
 LONGER = 4.0  # ... for so many times as long
 SAME_END = 1e-3  # relative distance of ends that are one
@@ -64,10 +57,6 @@ MOST_SUSPECTS = 50
 NEWTON_STARTS = 48
 BEYOND, FLOOR = 1e-6, 1e-7  # by which V may exceed its bound: relative, and as a part of the level
 SPENT = 1e-5  # V below this part of its start no longer counts for the observed rate
-MOST_STEPS, LEAST_STEPS = 2000, 60  # of the flow that is climbed ...
-MOST_WORK = 40_000  # ... and steps times states
-ASCENT_PART = 0.25  # of the horizon that it lasts
-STEEPER = 3.0  # couplings may be so many times as steep far out as at the target
 
 
 @noun
@@ -131,7 +120,6 @@ def search_starts(
             starts=starts,
             level=level,
             horizon=horizon,
-            gain=gain,
             seed=seed,
             say=report_to(progress),
         )
@@ -144,7 +132,6 @@ class _Search:
     starts: StartSet
     level: Level | None
     horizon: float
-    gain: Gain | None
     seed: int
     say: Progress
 
@@ -152,29 +139,18 @@ class _Search:
     def problem(self) -> Problem:
         return self.arena.problem
 
-    @property
-    def is_small(self) -> bool:
-        """Whether the loop is small enough for derivatives and exact boxes."""
-        return self.problem.n * self.problem.m <= LARGEST
-
     def run(self, count: int) -> Falsification:
         """Search with so many runs."""
         rng = default_rng(self.seed)
-        # derivatives of a large loop cost more than many more runs
-        uphill = min(MOST_ASCENTS, count // 5) if self.is_small else 0
         self.say("simulating random starts, corners and edges")
-        first = self.simulate(self.drawn(rng, count - uphill))
-        done = [first]
-        if uphill:
-            self.say("climbing from the worst starts")
-            done.append(self.climb(first, uphill))
-        leaving = [suspect for trials in done for suspect in self.beyond(trials)]
+        trials = self.simulate(self.drawn(rng, count))
+        leaving = self.beyond(trials)
         self.say("repeating what stalls")
-        away = self.stay_away(done)
+        away = self.stay_away(trials)
         self.say("looking for equilibria")
-        proved = self.equilibria(done, rng)
+        proved = self.equilibria(trials, rng)
         suspects = [*map(self.resting, proved), *leaving, *away]
-        return self.result(done, suspects[:MOST_SUSPECTS], proved)
+        return self.result(trials, suspects[:MOST_SUSPECTS], proved)
 
     def drawn(self, rng: Generator, count: int) -> Batch:
         """Starts of every kind."""
@@ -198,63 +174,6 @@ class _Search:
         value = None if self.level is None else self.level.value
         return run_starts(self.arena, starts, effort, value=value)
 
-    def badness(self, trials: Trials) -> Array:
-        """What the ascent begins with: how far V is above its bound, or |e| at the end; (R,)."""
-        if self.level is None:
-            last = trials.error[-1]
-            # a run that ended early has diverged
-            last = np.where(np.isnan(last), np.inf, last)
-            return np.where(trials.unfinished, -np.inf, last)
-        values = trials.values
-        first = values[0]
-        # by how much V has decayed less than certified
-        growth = np.log(np.maximum(values, TINY) / np.maximum(first, TINY))
-        certified = self.level.rate * trials.times[:, None]
-        early = np.where(values > SPENT * first, growth + certified, -np.inf)
-        return np.asarray(np.max(early[1:], axis=0))
-
-    def worst(self, trials: Trials) -> IndexArray:
-        """The runs, the worst first."""
-        return np.asarray(np.argsort(-self.badness(trials), kind="stable"), dtype=np.int64)
-
-    def climb(self, trials: Trials, count: int) -> Trials:
-        """Gradient ascent from the worst starts, each in the mode that it began in; simulated
-        again."""
-        starts = trials.starts
-        rows = len(starts.e)
-        worst = self.worst(trials)[:count]
-        modes = starts.switches.modes[worst, 0]
-        objective = partial(final_error, rows)
-        if self.level is not None:
-            objective = partial(final_level, self.level, rows, self.arena.loop.q)
-        flow = cache(self.flow)  # to build one takes longer than to climb it
-        climbed = []
-        for run, mode in zip(worst.tolist(), modes.tolist(), strict=True):
-            start = (starts.e[:, run], starts.eps[:, :, run])
-            climbed.append(ascend(flow(mode), self.starts, start, objective))
-        e, eps = zip(*climbed, strict=True)
-        # where no mode may last for ever the climbed starts are tried with other signals
-        switches = constant_signals(modes)
-        if not all(loop_of(self.problem).may_stay(mode) for mode in self.arena.modes):
-            rng = default_rng(self.seed)
-            switches = self.signals(rng, count)
-        higher = Batch(e=np.stack(e, axis=1), eps=np.stack(eps, axis=2), switches=switches)
-        return self.simulate(higher)
-
-    def flow(self, mode: int) -> Flow:
-        """The flow that is climbed in one mode: as long as its steps allow."""
-        loop = self.arena.loop
-        # fixed steps have to follow the fastest motion on the way
-        fastest = STEEPER * fastest_decay(loop, self.arena.networks(mode).groups)
-        if loop.q:
-            fastest = max(fastest, float(np.linalg.norm(loop.F, 2)))
-        most = MOST_WORK // (loop.n * (loop.m + loop.q))
-        most = max(LEAST_STEPS, min(MOST_STEPS, most))
-        horizon = min(ASCENT_PART * self.horizon, most / fastest)
-        steps = min(most, max(LEAST_STEPS, math.ceil(horizon * fastest)))
-        name = self.arena.modes[mode]
-        return build_flow(loop_of(self.problem), name, horizon=horizon, steps=steps, gain=self.gain)
-
     def beyond(self, trials: Trials) -> list[Suspect]:
         """Runs in which V exceeds its certified bound, the worst first."""
         if self.level is None:
@@ -269,37 +188,36 @@ class _Search:
         order = np.argsort(-over[bad], kind="stable")
         return [self.suspect(LEAVES, trials, run) for run in bad[order].tolist()]
 
-    def stay_away(self, done: list[Trials]) -> list[Suspect]:
-        """Runs that stall and still do when they last longer; one of those that end at one
-        place."""
+    def stay_away(self, trials: Trials) -> list[Suspect]:
+        """Runs that stall and still do when they last longer, the farthest first; one of those that
+        end at one place."""
+        stalled = np.flatnonzero(trials.stalled)
+        if not len(stalled):
+            return []
+        # a run that ended early has diverged
+        last = np.nan_to_num(trials.error[-1, stalled], nan=np.inf)
+        farthest = stalled[np.argsort(-last, kind="stable")]
+        # slow runs look like those that rest: only more time tells them apart
+        again = self.simulate(trials.starts.of(farthest[:MOST_AGAIN]), longer=LONGER)
         found = []
-        for trials in done:
-            worst = self.worst(trials)
-            chosen = worst[trials.stalled[worst]][:MOST_AGAIN]
-            if not len(chosen):
-                continue
-            # slow runs look like those that rest: only more time tells them apart
-            again = self.simulate(trials.starts.of(chosen), longer=LONGER)
-            ends: list[Array] = []
-            for run in np.flatnonzero(again.stalled).tolist():
-                end = again.ends[:, run]
-                if not any(_is_same(end, other) for other in ends):
-                    ends.append(end)
-                    found.append(self.suspect(STAYS_AWAY, again, run))
+        ends: list[Array] = []
+        for run in np.flatnonzero(again.stalled).tolist():
+            end = again.ends[:, run]
+            if not any(_is_same(end, other) for other in ends):
+                ends.append(end)
+                found.append(self.suspect(STAYS_AWAY, again, run))
         return sorted(found, key=lambda suspect: -suspect.final_error)
 
-    def equilibria(self, done: list[Trials], rng: Generator) -> list[Equilibrium]:
+    def equilibria(self, trials: Trials, rng: Generator) -> list[Equilibrium]:
         """Equilibria within the set of starts, proved: from where runs stall, and from other
         starts."""
         # linear couplings have the target alone, or a whole space
         loop = loop_of(self.problem)
-        if loop.is_linear or not self.is_small:
+        if loop.is_linear or loop.size > LARGEST:
             return []
         # the same effort for one mode and for many
         count = max(1, NEWTON_STARTS // len(self.arena.modes))
-        stalled = []
-        for trials in done:
-            stalled += trials.resting_points
+        stalled = trials.resting_points
         found = []
         for mode in self.arena.modes:
             corners, _ = self.starts.draw(rng, count, CORNERS)
@@ -361,16 +279,15 @@ class _Search:
         return tuple(self.problem.network.labels[agent] for agent in far)
 
     def result(
-        self, done: list[Trials], suspects: list[Suspect], proved: list[Equilibrium]
+        self, trials: Trials, suspects: list[Suspect], proved: list[Equilibrium]
     ) -> Falsification:
         """The outcome of all of it."""
         notes = []
-        unfinished = sum(int(trials.unfinished.sum()) for trials in done)
+        unfinished = int(trials.unfinished.sum())
         if unfinished:
             notes.append(f"{unfinished} runs took too many steps; nothing is said about them.")
-        # whether a disturbance was asked for that no run has
-        asked = self.starts.reach[1].any()
-        if asked and not any(trials.starts.eps.any() for trials in done):
+        # where a disturbance was asked for that no run has
+        if self.starts.has_disturbance and not trials.starts.eps.any():
             notes.append(
                 "The observer is too fast for its closed form: every run starts with xihat = xi."
             )
@@ -381,11 +298,11 @@ class _Search:
         observed = None
         if self.level is not None:
             certified = self.level.rate
-            observed = _observed_rate(done)
+            observed = _observed_rate(trials)
         return Falsification(
             name=self.problem.name,
             target=self.starts.words,
-            tried=sum(map(len, done)),
+            tried=len(trials),
             unfinished=unfinished,
             suspects=tuple(suspects),
             proved=tuple(proved),
@@ -403,15 +320,14 @@ def _is_same(end: Array, other: Array) -> bool:
     return bool(np.max(np.abs(end - other)) <= SAME_END * (1 + np.max(np.abs(end))))
 
 
-def _observed_rate(done: list[Trials]) -> float | None:
+def _observed_rate(trials: Trials) -> float | None:
     """The slowest average decay of V over a run, up to where it is spent (1/s)."""
+    values = trials.values
+    # up to where V is spent; below that integration errors decay no more
+    counts = np.sum(values > SPENT * values[0], axis=0)
     rates = []
-    for trials in done:
-        values = trials.values
-        # up to where V is spent; below that integration errors decay no more
-        counts = np.sum(values > SPENT * values[0], axis=0)
-        for run in np.flatnonzero((counts > 1) & ~trials.unfinished):
-            last = int(counts[run]) - 1
-            left = values[last, run] / values[0, run]
-            rates.append(-math.log(left) / trials.times[last])
+    for run in np.flatnonzero((counts > 1) & ~trials.unfinished):
+        last = int(counts[run]) - 1
+        left = values[last, run] / values[0, run]
+        rates.append(-math.log(left) / trials.times[last])
     return min(rates, default=None)

@@ -334,8 +334,7 @@ def _tried(search: Falsification) -> str:
     where = search.target.replace("|e|_inf", "|e|∞").replace("<=", "≤")
     return (
         f"{search.tried} starts from {where} were simulated for {number(search.horizon)} s (seed"
-        f" {search.seed}): corners, edges, random ones, and the worst of them, moved along "
-        "the gradient."
+        f" {search.seed}): corners, edges and random ones."
     )
 
 

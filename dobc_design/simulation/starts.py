@@ -266,9 +266,9 @@ class Box:
     radius: float
 
     @property
-    def reach(self) -> Pair:
-        """How far the set reaches from side to side, by number of e and of eps."""
-        return self.high - self.low, 2 * self.radius * self.loop.owned
+    def has_disturbance(self) -> bool:
+        """Whether starts have eps != 0."""
+        return self.radius > 0 and bool(self.loop.owned.any())
 
     def draw(self, rng: Generator, count: int, kind: str) -> Pair:
         """Starts of one kind: anywhere, at corners, or on sides; eps anywhere or at the most."""
@@ -282,13 +282,6 @@ class Box:
             sizes = np.maximum(1.0, own.sum(axis=1))[:, None, None]
             lengths = rng.random((len(own), 1, count)) ** (1 / sizes)
         return e, self.radius * lengths * sphere(rng, own, count)
-
-    def project(self, e: Array, eps: Array) -> Pair:
-        """The nearest starts of the set, about."""
-        eps = eps * self.loop.owned[:, :, None]
-        lengths = np.linalg.norm(eps, axis=1, keepdims=True)
-        factor = np.minimum(1.0, self.radius / np.maximum(lengths, TINY))
-        return np.clip(e, self.low[:, None], self.high[:, None]), eps * factor
 
     def holds(self, e: Array) -> bool:
         """Whether e (n m,) with eps = 0 is in the set, but for rounding."""

@@ -1,4 +1,4 @@
-"""Starts on the boundary of proved sets, at random, at corners, at edges and uphill: none may leave
+"""Starts on the boundary of proved sets, at random, at corners and at edges: none may leave
 or be slower."""
 
 import itertools

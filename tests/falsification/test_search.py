@@ -3,11 +3,11 @@ find."""
 
 from dataclasses import replace
 from fractions import Fraction
-from functools import cache, partial
+from functools import cache
 
 import numpy as np
 import pytest
-from networks import cycle, random_problem
+from networks import cycle
 from regional_problems import cycle as lure_cycle
 from regional_problems import field, half_difference, is_proved, listening_pair
 from scipy.integrate import solve_ivp
@@ -24,14 +24,9 @@ from dobc_design.conditions.separable.propose_limits import largest_rate
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import scale
 from dobc_design.falsification import search
-from dobc_design.falsification.ascent import ascend, final_error, final_level
-from dobc_design.falsification.levels import Boundary, level_of
 from dobc_design.falsification.suspect import LEAVES, RESTS, STAYS_AWAY, Falsification
 from dobc_design.loop.make import loop_of
-from dobc_design.model.flow import build_flow
 from dobc_design.problem.changes import changed_problem, gain_changes
-from dobc_design.simulation.field import make_closed_loop
-from dobc_design.simulation.starts import asked_box
 
 F = Fraction
 SADDLE = float(half_difference(3.3))
@@ -224,45 +219,6 @@ def test_a_certificate_without_a_region_and_a_check_that_is_not_proved_are_refus
         dd.falsify(problem, certified=other)
 
 
-def test_the_ascent_leaves_the_basin_from_a_start_that_converges():
-    """In the box of 1.7 only two corners lie beyond the saddle; uphill leads there from (1.5,
-    -1.5)."""
-    problem = listening_pair(reach=1.7)
-    box = asked_box(problem, make_closed_loop(problem, None))
-    flow = build_flow(loop_of(problem), "G", horizon=8.0, steps=200)
-    start = np.array([1.5, -1.5])
-    start_alone = (start, np.zeros((2, 0)))
-    e, _ = ascend(flow, box, start_alone, partial(final_error, 2))
-    assert np.all(np.abs(e) <= 1.7)
-    at_rest = flown(problem, "G", start, 200)
-    assert np.max(np.abs(at_rest)) < 1e-6
-    away = flown(problem, "G", e, 200)
-    assert np.max(np.abs(away)) > 2
-
-
-@pytest.mark.parametrize("seed", [pytest.param(0, marks=pytest.mark.slow), 1])
-def test_the_ascent_never_ends_lower_than_it_began(seed: int):
-    """On the boundary of a certified set, V after a second."""
-    problem = random_problem(80 + seed, couplings=("tanh(y)", "atan(2*y)"), modes=1, n=3, held=True)
-    level = level_of(problem, certificate_of(problem, F(2)))
-    starts = Boundary(level=level, loop=make_closed_loop(problem, None))
-    flow = build_flow(loop_of(problem), "G0", horizon=1.0, steps=200)
-    objective = partial(final_level, level, 3, 0)
-    e, eps = starts.draw(np.random.default_rng(seed), 5, "random")
-    gains = []
-    for run in range(5):
-        errors = eps[:, :, run]
-        both = (e[:, run], errors)
-        higher, _ = ascend(flow, starts, both, objective)
-        assert level.value(higher[:, None], eps[:, :, :1])[0] == pytest.approx(1.0, rel=1e-9)
-        reached = objective(flow.end(higher))[0]
-        start_end = flow.end(e[:, run])
-        end = objective(start_end)[0]
-        gains.append(reached - end)
-    assert min(gains) >= 0
-    assert max(gains) > 0.01
-
-
 @pytest.mark.usefixtures("few_looks_for_equilibria")
 def test_the_same_seed_gives_the_same_search_and_another_one_other_starts():
     problem = listening_pair()
@@ -279,7 +235,7 @@ def test_the_same_seed_gives_the_same_search_and_another_one_other_starts():
 def test_stages_are_told_and_names_and_results_show_themselves():
     stages: list[str] = []
     found = dd.falsify("paper-fixed", runs=5, t_final=1.0, progress=stages.append)
-    assert len(stages) >= 4
+    assert len(stages) == 3
     assert found.tried == 5
     assert "<p><b>paper-fixed" in found._repr_html_()
     one = found_of_the_pair().suspects[0]

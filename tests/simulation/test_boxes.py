@@ -1,4 +1,4 @@
-"""Boxes of starts: where starts lie, and that what leaves a box is brought back."""
+"""Boxes of starts: where starts lie."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def test_the_box_is_the_region_less_the_goals():
 
 
 @pytest.mark.parametrize("kind", [RANDOM, CORNERS, EDGES])
-def test_starts_of_a_box_lie_in_it_and_steps_are_brought_back(kind: str):
+def test_starts_of_a_box_lie_in_it(kind: str):
     arcs = [[2, 1], [3, 2]]
     network = Network.from_arcs(arcs, arrow="listens_to", agents=3)
     A = [[0, 1], [-1, 0]]
@@ -55,9 +55,6 @@ def test_starts_of_a_box_lie_in_it_and_steps_are_brought_back(kind: str):
         assert at_end.all()
     else:
         assert at_end.any(axis=0).all()
-    back, back_eps = box.project(5 * e, 5 * eps)
-    assert np.all(np.abs(back) <= 2)
-    assert np.all(np.linalg.norm(back_eps, axis=1) <= 0.5 + 1e-12)
 
 
 def test_all_corners_are_taken_where_there_are_few():

@@ -63,13 +63,11 @@ class Problem:
         self.read_fixed("fixed" in source)
         self.read_agreement()
         self.read_times()
-        bands = (self.stated.uncertainty and self.stated.uncertainty.bands) or []
-        ordered = all(0 <= low <= high and size > 0 for low, high, size in bands)
-        need(ordered, "a band has bounds in the wrong order, or no amplitude")
         modes = self.stated.modes
         different = 0 < len(modes) == len({mode.name for mode in modes})
         need(different, "modes have to be different, and at least one")
         self.groups = self.read_groups(self.stated.exosystem, self.stated.observer)
+        self.read_bands()
 
     def shape(self) -> Object:
         """The shape of the file."""
@@ -196,6 +194,14 @@ class Problem:
             need(late.event < 1, "the threshold of an event is a part")
             need(0 <= late.lost <= LOST, "so many readings are not lost")
             need(ticks == 1 or not late.lost, "readings are lost at the ticks of a period")
+
+    def read_bands(self) -> None:
+        """Sines of unknown frequencies, of which observers in continuous time make little."""
+        bands = (self.stated.uncertainty and self.stated.uncertainty.bands) or []
+        ordered = all(0 <= low <= high > 0 and size > 0 for low, high, size in bands)
+        need(ordered, "a band has bounds in the wrong order, or no amplitude")
+        observed = bool(self.groups) and self.stated.time is None
+        need(observed or not bands, "there are bands, and no observer in continuous time")
 
     def read_limit(self, value: Any) -> dict[int, Any]:
         """The limits of the inputs: one for all agents, or one for some."""

@@ -16,6 +16,8 @@ from dobc_design.exact.reading import is_list, shown, shown_number
 
 KEYS = ("bands", "bands_hz")
 MOST_PAIRS = 10
+#: Frequencies far beyond any have no floats.
+LEAST, MOST = Fraction(1, 10**100), Fraction(10**100)
 #: 2 pi lies between these; a band in Hz becomes a little wider.
 TAU = (Fraction(6283185307179, 10**12), Fraction(6283185307180, 10**12))
 _DIGITS = 8  # of the frequency of a pole
@@ -48,10 +50,10 @@ def _band(row: Any, key: str) -> Band:
     if not is_list(row) or len(row) != len(Band._fields):
         raise wrong(key, f"must be [low, high, amplitude]; got {shown(row)}.", _EXAMPLE)
     low, high, amplitude = (parse_number(x, key) for x in row)
-    if not 0 <= low <= high or high == 0:
+    if not 0 <= low <= high or not LEAST < high < MOST:
         raise wrong(
             key,
-            "must be [low, high] with 0 <= low <= high and high > 0; got "
+            "must be [low, high] with 0 <= low <= high, and 1e-100 < high < 1e100 rad/s; got "
             f"[{shown_number(low)}, {shown_number(high)}].",
             _EXAMPLE,
         )
@@ -124,12 +126,12 @@ def pairs_of(table: Any) -> int:
 def nodes(low: Fraction, high: Fraction, pairs: int) -> list[Fraction]:
     """Frequencies (rad/s) for so many pairs of poles: the Chebyshev nodes of w^2 in the band, at
     which the largest of |chi_A| on it is least.  Rounded: they are a choice."""
-    middle = nearest((low**2 + high**2) / 2)
-    half = nearest((high**2 - low**2) / 2)
+    least = nearest(low / high) ** 2
     found = []
     for k in range(pairs):
-        square = middle + half * math.cos(math.pi * (2 * k + 1) / (2 * pairs))
-        found.append(Fraction(f"{math.sqrt(square):.{_DIGITS}g}"))
+        part = (1 + math.cos(math.pi * (2 * k + 1) / (2 * pairs))) / 2
+        w = nearest(high) * math.sqrt(least + (1 - least) * part)
+        found.append(Fraction(f"{w:.{_DIGITS}g}"))
     return sorted(set(found))
 
 

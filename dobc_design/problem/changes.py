@@ -37,6 +37,7 @@ from .network import Arcs, Network
 from .problem import Problem
 from .readings import TIMES
 from .region import Pairs
+from .uncertainty import BOUNDS, RELATIVE
 
 INLINE = 10  # labels up to which a table of gains stands in one line
 
@@ -418,6 +419,7 @@ def _settings(problem: Problem, labels: Names) -> dict[str, Document]:
     tables = converted(settings_of(problem), typed_number)
     for group in (tables["exosystem"] or {}).get("groups", ()):
         group["agents"] = [labels[i] for i in group["agents"]]
+    _state_bands(problem, tables)
     offsets = {labels[i]: typed_matrix([x])[0] for i, x in problem.offsets.items()}
     mode_gains = {mode: gain_table(k, labels) for mode, k in problem.pinning.modes.items()}
     fixed = {label: _place(place) for label, place in problem.fixed.items()}
@@ -436,6 +438,23 @@ def _settings(problem: Problem, labels: Names) -> dict[str, Document]:
     }
     kept = {name: _given(table or {}) for name, table in ordered.items()}
     return {name: table for name, table in kept.items() if table}
+
+
+def _state_bands(problem: Problem, tables: dict[str, Document]) -> None:
+    """Bands stand in [exosystem], where agents in no group would be given poles for them."""
+    plant = tables.get("uncertainty") or {}
+    bands = plant.pop("bands", None)
+    if bands is None:
+        return
+    given = {"bands": [row[:2] for row in bands], "amplitude": [row[2] for row in bands]}
+    own = {**given, **tables["exosystem"]}
+    tables["exosystem"] = own
+    if not any(plant[name] for name in (*RELATIVE, *BOUNDS)):
+        del tables["uncertainty"]
+    disturbed = {agent for group in problem.groups for agent in group.agents}
+    others = [name for name in problem.network.labels if name not in disturbed]
+    if others:
+        own["groups"] = [*own["groups"], {"agents": others, "none": True}]
 
 
 def _place(place: Pairs) -> Any:

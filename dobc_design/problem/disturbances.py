@@ -5,12 +5,14 @@ the groups of agents that have one of their own, or none.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import field
 from fractions import Fraction
 from typing import Any
 
 from dobc_design._checks import noun
 from dobc_design.errors import Mistakes, SpecError, wrong
+from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import Names, is_list, is_text, shown
 
 from .bands import KEYS, Band, bands_of, nodes, pairs_of
@@ -32,6 +34,7 @@ class Disturbances:
     groups: Groups = ()
     bands: tuple[Band, ...] = ()
     without: Mapping[str, Sequence[Any]] = field(default_factory=dict)
+    for_bands: bool = False  # whether ``exosystem`` is there for the bands alone
 
     @property
     def first(self) -> Exosystem | None:
@@ -47,10 +50,12 @@ class Disturbances:
         without a disturbance that are not there, or in a group."""
         self._check_without(labels)
         listed = {str(agent) for agents in self.without.values() for agent in agents}
-        if not listed or self.exosystem is None:
-            return self
         others = {agent for group in self.groups for agent in group.agents} | listed
         rest = [label for label in labels if label not in others]
+        if self.for_bands and self.groups and not rest:
+            return Disturbances(groups=self.groups, bands=self.bands)
+        if not listed or self.exosystem is None:
+            return self
         own = Observer() if observer is None else Observer(W=observer.W, P=observer.P)
         check_rest(rest, self.exosystem, own, states)
         group = Group(agents=rest, exosystem=self.exosystem, observer=own)
@@ -118,8 +123,13 @@ def read_exosystem(
         except SpecError as error:
             errors.append(renamed(error, place))
     errors.raise_all()
+    own = [name for name in ("A", *PARTS) if getattr(table, name) is not None]
     return Disturbances(
-        exosystem=found["exosystem"], groups=tuple(groups), bands=bands, without=without
+        exosystem=found["exosystem"],
+        groups=tuple(groups),
+        bands=bands,
+        without=without,
+        for_bands=not own,
     )
 
 
@@ -214,7 +224,13 @@ def _in_words(
     if poles:
         given = parts["frequencies"]
         stated = list(given) if is_list(given) else [given] * (given is not None)
-        parts["frequencies"] = [*stated, *poles]
+        # A pole that is there already makes little of the band as it is.
+        there = set()
+        for x in stated:
+            with suppress(SpecError):  # which ``of_parts`` says
+                there.add(parse_number(x, place))
+        fresh = dict.fromkeys(w for w in poles if w not in there)
+        parts["frequencies"] = [*stated, *fresh]
     if all(value is None for value in parts.values()):
         return None
     try:

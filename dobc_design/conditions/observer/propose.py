@@ -37,7 +37,8 @@ from dobc_design.exact.matrix import (
     transpose,
     zeros,
 )
-from dobc_design.exact.number import ONE, ZERO
+from dobc_design.exact.number import ONE, ZERO, nearest
+from dobc_design.exact.polynomial import Coefficients
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.timing import Timing, middle_of, sampled
 from dobc_design.problem.bands import Band
@@ -69,6 +70,7 @@ SAMPLES = 400  # points of t
 # Of bands:
 FREQUENCIES = 4001
 MISSED = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2)  # parts of a gain
+LEAST_GAIN = 1e-9
 RESIDUAL = Fraction(1, 10)  # what a designed W is to leave of a sine
 DOUBLINGS = 12  # of the rate
 AROUND = (0.3, 0.7, 1.0, 1.4, 3.0, 10.0)  # frequencies tried, in parts of the size of each pole
@@ -526,13 +528,16 @@ def observer_gain(loop: Loop) -> Matrix | None:
 
 def band_gains(loop: Loop, W: Matrix, band: Band) -> Matrix:
     """What is left of sines in a band, (p, p), the most of all groups, a little above."""
-    jw = 1j * np.linspace(float(band.low), float(band.high), FREQUENCIES)
+    jw = 1j * np.linspace(nearest(band.low / band.high), 1, FREQUENCIES)
     most: Any = 0.0
     for below, rows in filters(loop, W):
-        bottom = np.polyval(np.array(below, dtype=float), jw)
-        tables = [[np.array(x, dtype=float) for x in row] for row in rows]
-        sizes = [[np.max(np.abs(np.polyval(x, jw) / bottom)) for x in row] for row in tables]
-        most = np.maximum(most, sizes)
+        with np.errstate(all="ignore"):  # gains far beyond the band have no floats
+            bottom = np.polyval(_in_units(below, band.high), jw)
+            tables = [[np.polyval(_in_units(x, band.high), jw) for x in row] for row in rows]
+            sizes = [[np.max(np.abs(x / bottom)) for x in row] for row in tables]
+        most = np.maximum(most, np.nan_to_num(sizes, nan=1.0, posinf=1.0))
+    if not np.any(most):  # nothing at all is left only after all time
+        most = most + LEAST_GAIN
     found: Matrix = ()
     # Between two frequencies, and in floats, a little may be missed.
     for more in MISSED:
@@ -541,3 +546,8 @@ def band_gains(loop: Loop, W: Matrix, band: Band) -> Matrix:
         if are_bounded(loop, W, band, found):
             break
     return found
+
+
+def _in_units(coefficients: Coefficients, unit: Fraction) -> Array:
+    """A polynomial of s / unit, divided by unit^degree, in floats."""
+    return np.array([nearest(x / unit**k) for k, x in enumerate(coefficients)])

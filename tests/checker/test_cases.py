@@ -7,6 +7,7 @@ import pytest
 from checker_files.accuracy import accuracy_cases
 from checker_files.agreement import agreement_cases
 from checker_files.arcs import arcs_cases
+from checker_files.bands import bands_cases
 from checker_files.containment import containment_cases
 from checker_files.dynamics import dynamics_cases
 from checker_files.files import (
@@ -47,6 +48,7 @@ COUNTS: dict[Callable[[], list[Case]], tuple[int, int, int]] = {
     agreement_cases: (29, 50, 7),
     containment_cases: (6, 9, 15),
     readings_cases: (60, 120, 15),
+    bands_cases: (5, 20, 8),
 }
 
 
@@ -143,7 +145,7 @@ FEW = {
     "quadratic": ("claim.level > 0",),
 }
 REMOVED = list(removals("schedule"))
-for file in ("graphs", "coordinates", "arcs", "sampled"):
+for file in ("graphs", "coordinates", "arcs", "sampled", "bands"):
     REMOVED += (each for each in removals(file) if each.text not in EQUIVALENT)
 for file, some in FEW.items():
     REMOVED += (each for each in removals(file) if each.text in some)
@@ -167,6 +169,8 @@ SLIPS = (
     ("separable", "Fraction(min(most, left / since))", "most", readings_cases),
     ("loop", "-(-age // self.period)", "age // self.period", readings_cases),
     ("sampled", "plus(identity(size, 0), part**2, P)", "plus(P, 0, P)", readings_cases),
+    ("bands", "(rest, low * low", "(rest, high * high", bands_cases),
+    ("accuracy", "norm(gains)", "gains[0][0]", bands_cases),
 )
 
 

@@ -43,6 +43,7 @@ FILES = (
     "cycles",
     "schedule",
     "graphs",
+    "bands",
     "accuracy",
     "value",
     "factors",

@@ -6,6 +6,7 @@ from functools import cache
 from checker_files.accuracy import accuracy_cases
 from checker_files.agreement import agreement_cases
 from checker_files.arcs import arcs_cases
+from checker_files.bands import bands_cases
 from checker_files.containment import containment_cases
 from checker_files.dynamics import dynamics_cases
 from checker_files.files import FAILS, HOLDS, UNREADABLE, Case, cases
@@ -36,6 +37,7 @@ EVERY = (
     agreement_cases,
     containment_cases,
     readings_cases,
+    bands_cases,
 )
 #: The cases to try first.
 FIRST: dict[str, tuple[Callable[[], list[Case]], ...]] = {}
@@ -47,7 +49,8 @@ FIRST["consensus"] = dynamics_cases, cases
 FIRST["separable"] = region_cases, readings_cases
 FIRST["sampled"] = (readings_cases,)
 FIRST["margins"] = margins_cases, dynamics_cases, agreement_cases
-FIRST["accuracy"] = (accuracy_cases,)
+FIRST["accuracy"] = accuracy_cases, bands_cases
+FIRST["bands"] = (bands_cases,)
 FIRST["quadratic"] = (quadratic_cases,)
 FIRST["arcs"] = (arcs_cases,)
 FIRST["schedule"] = tube_cases, cycles_cases
@@ -78,6 +81,9 @@ EQUIVALENT["done > PIECES or b - a <= rho * SHORTEST or (not a < middle < b)"] =
 EQUIVALENT["size <= EQUATIONS"] = "it bounds the work; what is shown beyond it is true."
 EQUIVALENT["pivots == [*range(m)]"] = (
     "the rows of a singular T are dependent, so that no T X S dominates on its diagonal."
+)
+EQUIVALENT["min(form[0], form[-1]) < 0"] = (
+    "it ends the search: a part on which the polynomial is negative is halved for ever."
 )
 EQUIVALENT["not halvings"] = (
     "it ends the search: without it a part, or a box, that is not shown is halved for ever."

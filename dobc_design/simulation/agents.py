@@ -115,17 +115,20 @@ class Agents:
                 self.drawn = np.sign(self.drawn)
         return np.asarray(self.stress.noise * self.drawn[k % BLOCK])
 
-    def command(self, e: Array, dhat: Array, modes: IndexArray) -> Array:
-        """The input of agents that work: (19), limited; ``modes`` (R,) are on, by index."""
-        believed = dhat * self.estimates
+    def pulled(self, e: Array, modes: IndexArray) -> Array:
+        """The input of agents without an estimate, (n, p, R); ``modes`` (R,) are on, by index."""
         active = Active(self.names, modes)
-        u = self.loop.control(e.transpose(2, 0, 1), believed.transpose(2, 0, 1), active)
-        u = u.transpose(1, 2, 0)
+        nothing = np.zeros((e.shape[2], *self.ports[:2]))
+        return self.loop.control(e.transpose(2, 0, 1), nothing, active).transpose(1, 2, 0)
+
+    def command(self, pulled: Array, dhat: Array) -> Array:
+        """The input of agents that work: (19), limited."""
+        u = pulled - dhat * self.estimates
         return u if self.limit is None else np.asarray(np.clip(u, -self.limit, self.limit))
 
-    def control(self, e: Array, dhat: Array, modes: IndexArray, chosen: Chosen = ALL) -> Array:
+    def control(self, pulled: Array, dhat: Array, chosen: Chosen = ALL) -> Array:
         """The input that is applied in all or the chosen runs."""
-        u = self.command(e, dhat, modes)
+        u = self.command(pulled, dhat)
         for agent, left in self.stopped.items():
             u[agent] = left.input[:, chosen]
         return u
@@ -139,7 +142,7 @@ class Agents:
         if not due:
             return
         # what the agents that fail now command last
-        u = self.control(e, dhat, modes)
+        u = self.control(self.pulled(e, modes), dhat)
         for agent in due:
             if self.failing[agent].kind == "freeze":
                 self.stopped[agent] = Left(u[agent].copy(), e[agent].copy())

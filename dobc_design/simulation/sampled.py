@@ -367,7 +367,7 @@ class Stepper:
         known = agents.heard.own(e)
         for links, runs, held in exchanged:
             felt[..., runs] = links.felt(known[..., runs], held)
-        u = agents.control(known, dhat, modes)
+        u = agents.control(agents.pulled(known, modes), dhat)
         return Hold(begin=instant, measured=measured, felt=felt, u=u, dhat=dhat)
 
     def end(self, which: BoolArray, count: int, reason: str) -> None:

@@ -257,7 +257,8 @@ def _whole(times: Array) -> Array:
     return np.unique(np.round(times))
 
 
-READINGS_AT_ONCE = 4  # in the shortest time that readings may be late
+# readings in the shortest time that they may be late; at the worst more of them, all nearly as late
+AT_ONCE, AT_WORST = 2, 4
 
 
 def stated_times(stress: Stress, timing: Timing | None) -> Stress:
@@ -284,7 +285,8 @@ def stated_times(stress: Stress, timing: Timing | None) -> Stress:
     if stress.period or not (period or timing.is_late):
         return stress
     late = [float(x) for x in (timing.delay, timing.own_delay) if x]
-    exchange = min(late) / READINGS_AT_ONCE if late else EXCHANGE
+    count = AT_WORST if stress.worst else AT_ONCE
+    exchange = min(late) / count if late else EXCHANGE
     return replace(stress, exchange=period or exchange)
 
 

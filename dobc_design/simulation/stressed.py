@@ -109,14 +109,22 @@ class StressedColumns:
         if agents.stress.exchanges is not None:
             held = heard.values[heard.places[mode]].take(chosen, axis=2)
 
+        def reactions(known: Array, arrived: Array) -> tuple[Array, Array]:
+            return links.felt(known, arrived), agents.pulled(known, modes)
+
+        still = None  # what nothing changes up to the next instant
+        if heard.holds_own and held is not None:
+            still = reactions(self.own[..., chosen], held)
+
         def derivative(y: Array, force: Array) -> Array:
             x, xi, z = self.loop.split(y)
             e, xihat = self.known(x, z, noise)
-            # without exchanges neighbours are heard as they are now
-            arrived = agents.said(e, chosen)[links.speakers] if held is None else held
-            known = self.own[..., chosen] if heard.holds_own else e
-            felt = links.felt(known, arrived)
-            u = agents.control(known, act(loop.output, xihat), modes, chosen)
+            felt, pulled = still or reactions(
+                # without exchanges neighbours are heard as they are now
+                e,
+                agents.said(e, chosen)[links.speakers] if held is None else held,
+            )
+            u = agents.control(pulled, act(loop.output, xihat), chosen)
             d = act(loop.output, xi)
             if len(force):
                 d = d + force.reshape(d.shape)
@@ -317,7 +325,7 @@ class _Alone:
         if agents.heard.holds_own:
             e = np.stack(self.owns, axis=2)[..., last]
         dhat = act(C, xihat)
-        u = agents.command(e, dhat, self.modes.switches.at(times))
+        u = agents.command(agents.pulled(e, self.modes.switches.at(times)), dhat)
         # u was computed as if all agents worked
         for agent, left in agents.stopped.items():
             u[agent][:, times >= agents.failing[agent].time] = left.input

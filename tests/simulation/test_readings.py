@@ -12,6 +12,7 @@ from oracles.late import Plant, held_error, late_runs, on_ticks, sampled_error
 import dobc_design as dd
 from dobc_design import Observer, Region, Stress, load_problem, simulate
 from dobc_design.errors import SpecError
+from dobc_design.simulation import integrate
 
 A = np.array([[0.0, 2.0], [-2.0, 0.0]])
 C = np.array([[1.0, 0.0]])
@@ -213,3 +214,16 @@ def test_a_run_that_diverges_ends_at_an_instant_at_which_nothing_is_read_any_mor
     run = simulate(steep, t_final=20, seed=0)
     assert run.times[-1] < 20
     assert len(run.u) == len(run.times)
+
+
+@pytest.mark.parametrize("region", [[0, 2], [0, 5]])
+def test_a_short_step_between_two_readings_ends_where_the_integrator_does(monkeypatch, region):
+    """From [0, 5] couplings are so steep at first that the first steps are not accurate, and left
+    to the integrator."""
+    states = Region(initial_states=region, initial_disturbance="1/2")
+    problem = paper(readings={"delay": "1/10", "own_delay": "1/500"}).replace(region=states)
+    run = simulate(problem, t_final=0.3, seed=3)
+    monkeypatch.setattr(integrate, "SHORT", 0.0)
+    slow = simulate(problem, t_final=0.3, seed=3)
+    assert np.abs(run.x - slow.x).max() < 1e-8
+    assert run.evaluations < 0.7 * slow.evaluations

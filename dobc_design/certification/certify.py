@@ -579,7 +579,9 @@ class _Run:
 
     def observer_checks(self, gains: Sequence[Matrix | None]) -> list[Check]:
         """Observability, detectability, Hurwitz, for every group of agents."""
-        groups = self.loop.groups
+        groups = self.loop.observers
+        if self.loop.sensed:
+            gains = [group.observer.W for group in groups]
         if not self.loop.is_grouped:
             return _checks_of(groups[0], gains[0], self.loop, timing=self.loop.timing)
         lacking = next((g for g, W in zip(groups, gains, strict=True) if W is None), None)

@@ -101,6 +101,9 @@ def _decided(loop: Loop, checks: Checks, W: Matrix | None) -> Overall:
         proofs = [check for check in proofs if check.id == READINGS]
     if stated:  # the checks of the tables are about the graphs of the modes, not about every graph
         proofs = [check for check in proofs if check.kind.role != "safety"]
+    # States converge where their estimates do and the errors of these decay.
+    if loop.sensed and any(x.id == "hurwitz" and not x.is_proved for x in checks):
+        proofs = []
     # The model without late readings may converge all the same.
     diverges = any(x.id == READINGS and x.verdict is Verdict.REFUTED for x in checks)
     if proofs and not diverges:
@@ -239,7 +242,8 @@ def _refuted_reason(loop: Loop, checks: Checks, W: Matrix | None) -> str | None:
 def _failing_gain(loop: Loop, W: Matrix | None) -> str | None:
     """That an error of the estimates does not decay with a W that was given.  A designed one says
     nothing against the problem."""
-    for group in loop.groups:
+    # Of measured outputs nothing is said: where estimates diverge states need not.
+    for group in () if loop.sensed else loop.groups:
         own = group.observer.W
         is_given = own is not None and (loop.is_grouped or own == W)
         if not is_given or own is None or too_large(group.exosystem) is not None:

@@ -298,9 +298,9 @@ def fact(case: Case, check: Any) -> None:
         found = from_tick_to_tick(case, check)
     elif check.id == "detectability":
         steps = case.timing is not None and case.timing.steps
-        found = detectability(own(case, check.group), steps)
+        found = detectability(own(case, check.group).observed, steps)
     elif check.id in OF_GROUPS:
-        found = OF_GROUPS[check.id](own(case, check.group))
+        found = OF_GROUPS[check.id](own(case, check.group).observed)
     else:
         found = reachability(case, check.mode)
     need(check.margin is None, "it has no margin to claim")
@@ -309,7 +309,7 @@ def fact(case: Case, check: Any) -> None:
         # of samples it is part of what was found
         shown = found.holds
         if not case.sampled:
-            shown = stable(closed(own(case, check.group), check.rate))
+            shown = stable(closed(own(case, check.group).observed, check.rate))
         need(check.rate > 0 and shown, "the rate is not shown")
     here = "proved" if found.holds else "refuted"
     need((check.verdict == "proved") == found.holds, f"it is {here} here")

@@ -58,6 +58,10 @@ class Problem:
         need(ordered, "a fixed node has bounds in the wrong order")
         #: How many inputs an agent has: what couplings, gains and disturbances act on.
         self.inputs = self.m if self.dynamics is None else len(self.dynamics.B[0])
+        #: What couplings and pins act on: states, or measured outputs.
+        self.felt = self.m
+        if self.dynamics is not None and self.dynamics.acts_on is not None:
+            self.felt = len(self.dynamics.H)
         self.stated = read(source, self.shape())
         self.read_leader()
         self.read_fixed("fixed" in source)
@@ -77,7 +81,7 @@ class Problem:
         sides = matrix(self.m, 2)
         arcs = [(agent, node, rational)]
         exception = {"arc": (agent, node), "h": self.read_h}
-        gains = [(agent, matrix(self.inputs, self.m))]
+        gains = [(agent, matrix(self.inputs, self.felt))]
         uncertainty: Object = dict.fromkeys(ERRORS, rational)
         uncertainty["known_to_agents"] = partial(one_of, (bool,))
         uncertainty["bands?"] = [(rational,) * 3]
@@ -130,7 +134,15 @@ class Problem:
         columns = len(rows[0]) if type(rows) is list and type(rows[0]) is list else 0
         need(1 <= columns <= self.m, "B has to have 1 to m columns")
         shape = {"A?": matrix(self.m, self.m), "f?": (text,) * self.m, "B": matrix(self.m, columns)}
+        measured = an_object(value).get("H")
+        r = len(measured) if type(measured) is list else 1
+        shape |= {"H?": matrix(r, self.m), "acts_on?": partial(word, ("outputs",))}
         dynamics = read(value, shape)
+        if dynamics.H is not None:
+            independent = 0 < r == len(echelon(dynamics.H)[0])
+            need(independent, "H has dependent rows, or none")
+            need(dynamics.A is not None, "outputs are known for linear agents")
+        need(dynamics.H is not None or dynamics.acts_on is None, "there are no outputs to act on")
         # `A` and `f` say the same thing in two ways
         need((dynamics.A is None) is not (dynamics.f is None), "there has to be either A or f")
         # else B+ = (B'B)^-1 B' does not exist
@@ -243,17 +255,24 @@ class Problem:
         rows = value.get("A")
         q = len(rows) if type(rows) is list else 0
         need(q > 0, "an exosystem has no state")
+        estimated = q
+        columns = self.columns_of(value.get("W"))
+        measured = self.dynamics and self.dynamics.H
+        if measured:
+            estimated += self.m
+            columns = len(measured)
         shape = {
             "agents": [partial(index, self.n)],
             "A": matrix(q, q),
             "C": matrix(self.inputs, q),
-            "W": maybe(matrix(q, self.columns_of(value.get("W")))),
-            "P": maybe(matrix(q, q)),
+            "W": maybe(matrix(estimated, columns)),
+            "P": maybe(matrix(estimated, estimated)),
         }
         group = read(value, shape)
         ordered = bool(group.agents) and group.agents == sorted(set(group.agents))
         need(ordered, "the agents of a group are not in order")
         need(group.P is None or group.W is not None, "there is a P without a W")
+        need(not measured or group.W is not None, "what is measured needs a W")
         return group
 
     def columns_of(self, W: Any) -> int:

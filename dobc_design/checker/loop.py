@@ -37,6 +37,7 @@ from .matrices import (
     solved,
     transpose,
 )
+from .outputs import error_of, pair_of
 from .reading import Refused, need
 from .signs import without_signs
 
@@ -62,6 +63,13 @@ class Node(NamedTuple):
     left: Matrix  # B+ = (B'B)^-1 B'; 1 for integrators
     flow: Sequence[Expression] = ()  # f(target + e), where the file has f
     own: Coupling | None = None  # f(target + e) - f(target), unless f is linear
+    H: Any = None  # (r, m): couplings and pins act on H x; none where they act on states
+
+    def pull(self, k: Matrix) -> Matrix:
+        """What a gain of the file does to the states."""
+        if self.H is not None:
+            k = product(k, self.H)
+        return k if self.B is None else product(self.B, k)
 
 
 class Residual(NamedTuple):
@@ -74,6 +82,16 @@ class Residual(NamedTuple):
     W: Matrix | None  # (q, m), where the problem has one
     P: Matrix | None
     name: str | None  # by which checks name it; none if it is that of all nodes
+    #: The pair (A, C) that its observers work with, and its gain, where these are others.
+    sensed: tuple[Matrix, Matrix, Matrix] | None = None
+
+    @property
+    def observed(self) -> "Residual":
+        """With that pair."""
+        if self.sensed is None:
+            return self
+        A, C, W = self.sensed
+        return self._replace(A=A, C=C, W=W, sensed=None)
 
 
 class Timing(NamedTuple):
@@ -149,6 +167,16 @@ class Loop:
         self.signed = without_signs(self, stated)
         self.guarantee = Guarantee(stated.switching, list(self.modes))
         self.observe(problem)
+        self.estimate(problem)
+
+    def estimate(self, problem: Problem) -> None:
+        """Where errors are those of estimates, these start off the states."""
+        own = problem.dynamics
+        if own is None or own.H is None or own.acts_on is not None or self.region is None:
+            return
+        off = self.region.initial_disturbance or ZERO
+        starts = [[lo - off, hi + off] for lo, hi in self.region.initial_states]
+        self.region = SimpleNamespace(initial_states=starts, initial_disturbance=off)
 
     def between(self, places: list[Matrix]) -> None:
         """Errors are distances to the box of all fixed nodes; from one of no width, a target."""
@@ -168,10 +196,11 @@ class Loop:
     def connect(self, stated: Any) -> None:
         """The arcs of every mode, with their functions."""
         m = self.m
-        h = through(self.node, stated.coupling.h, m)
+        H = self.node.H
+        h = through(self.node, of_outputs(H, stated.coupling.h), m)
         exceptions = {}
         for each in stated.coupling.exceptions:
-            exceptions[tuple(each.arc)] = through(self.node, each.h, m)
+            exceptions[tuple(each.arc)] = through(self.node, of_outputs(H, each.h), m)
         known = {each: read_coupling(each, m, LONGEST_MADE) for each in (h, *exceptions.values())}
         #: All different: h, the exceptions, and last what a node does beside A.
         self.functions = list(known.values())
@@ -202,7 +231,7 @@ class Loop:
         for mode in stated.modes:
             pins = []
             for i, k in mode.gains or []:
-                pull = k if self.B is None else product(self.B, k)
+                pull = self.node.pull(k)
                 if not any(map(any, pull)):
                     continue
                 h, w = self.function_of(pull)
@@ -394,6 +423,22 @@ def through(node: Node, h: tuple[str, ...], m: int) -> tuple[str, ...]:
     return tuple(sums)
 
 
+def of_outputs(H: Any, h: tuple[str, ...]) -> tuple[str, ...]:
+    """A coupling of outputs, written for the states."""
+    if H is None:
+        return h
+    r = len(H)
+    if len(h) == 1 < r:
+        h = tuple(re.sub(r"\by\b", f"y{k + 1}", h[0]) for k in range(r))
+    if len(H[0]) == 1:
+        return tuple(re.sub(r"\by\b", f"(({H[0][0]})*y)", each) for each in h)
+    # in one go: what is put in has such names, too
+    return tuple(
+        re.sub(r"\by([0-9]*)\b", lambda y: f"({linear_text(H[int(y[1] or 1) - 1])})", each)
+        for each in h
+    )
+
+
 def timing_of(stated: Any) -> Timing | None:
     """What is stated of the times at which readings are taken, and used."""
     late = stated.readings
@@ -419,7 +464,7 @@ def pins_of(problem: Problem, node: Node) -> dict[int, Matrix]:
     gains = dict(problem.stated.gains)
     if node.B is None:
         return gains
-    return {i: product(node.B, k) for i, k in gains.items() if any(map(any, k))}
+    return {i: node.pull(k) for i, k in gains.items() if any(map(any, k))}
 
 
 def linear_text(row: Vector) -> str:
@@ -447,11 +492,17 @@ def residuals_of(problem: Problem, node: Node) -> list[Residual]:
     alone = len(groups) == 1 and len(groups[0].agents) == problem.n
     found = []
     for group in groups:
+        name = None if alone else problem.labels[group.agents[0]]
+        if problem.dynamics is not None and problem.dynamics.H is not None:
+            F, E = error_of(problem.dynamics, group.A, group.C, group.W)
+            none = [[ZERO] * problem.m for _ in F]
+            sensed = (*pair_of(problem.dynamics, group.A, group.C), group.W)
+            found.append(Residual(group.agents, F, E, none, group.P, name, sensed))
+            continue
         C = group.C if node.B is None else product(node.B, group.C)
         W = group.W
         if W is not None and len(W[0]) != problem.m:
             W = product(W, node.left)
-        name = None if alone else problem.labels[group.agents[0]]
         found.append(Residual(group.agents, group.A, C, W, group.P, name))
     return found
 
@@ -476,7 +527,7 @@ def node_of(problem: Problem, goals: Matrix) -> Node:
     if dynamics.A is not None:
         targets = transpose([problem.stated.target, *goals])
         rests(B, left, product(dynamics.A, targets))
-        return Node(dynamics.A, B, left)
+        return Node(dynamics.A, B, left, H=dynamics.acts_on and dynamics.H)
 
     flow, values = moved(problem)
     falls = tuple(f"({f.source}) - ({x})" for f, x in paired(flow, values))

@@ -91,9 +91,10 @@ def version_of(problem: Object) -> int:
     actuators = problem.get("actuators")
     if type(actuators) is dict and "saturates" in actuators:
         return 4
-    uncertainty = problem.get("uncertainty")
-    if type(uncertainty) is dict and "bands" in uncertainty:
-        return 4
+    for name, key in (("uncertainty", "bands"), ("dynamics", "H")):
+        table = problem.get(name)
+        if type(table) is dict and key in table:
+            return 4
     if in_a_mode(problem, "optional"):
         return 3
     if "dynamics" in problem:

@@ -47,6 +47,10 @@ def covering(case: Case) -> Any:
     # with late readings all others are about another plant
     if any(check.id == "readings" and check.verdict == "refuted" for check in case.checks):
         return None
+    # states converge where their estimates do and the errors of these decay
+    for residual in case.residuals:
+        if residual.sensed is not None and not stable(closed(residual)):
+            return None
     proofs = [check for check in proofs if check.id == "readings"] or proofs
     lemmas = [check for check in proofs if check.id == "lemma1"]
     slowest = None
@@ -200,7 +204,8 @@ def watched_parts(loop: Loop) -> Iterator[bool]:
     if loop.region is not None and not loop.region.initial_disturbance:
         return  # estimates are exact from the start
     for residual in loop.residuals:
-        if residual.W is None or takes_long(residual):
+        # where estimates diverge states need not
+        if residual.W is None or residual.sensed is not None or takes_long(residual):
             continue
         T, columns = observable(residual)
         if loop.sampled:

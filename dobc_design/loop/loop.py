@@ -178,6 +178,8 @@ class Loop(Grouped):
     without one. ``signed``: arcs of negative weight couple by |w| h(-e_j - e_i), which
     rows do not see: in their loop all weights are positive (``pairs.rows_of``), and ``signs`` has
     the arcs as they were.
+    ``sensed``: the groups with the pairs and gains that their observers work with, where these are
+    others than those of ``groups`` (``outputs``).
     ``turned``: errors are s_i e_i (``signs``). ``timing``: how late and how often nodes know what
     they use; None where they always do.
     """
@@ -206,6 +208,7 @@ class Loop(Grouped):
     signs: Modes | None = None
     turned: bool = False
     timing: Timing | None = None
+    sensed: Groups = ()
 
     @property
     def n(self) -> int:
@@ -299,6 +302,11 @@ class Loop(Grouped):
     def is_grouped(self) -> bool:
         """Whether nodes differ in their exosystems."""
         return are_different(self.groups, self.n)
+
+    @property
+    def observers(self) -> Groups:
+        """The groups with what their observers work with."""
+        return self.sensed or self.groups
 
     @property
     def observer(self) -> Observer:

@@ -21,6 +21,7 @@ from typing import NamedTuple
 from dobc_design._checks import noun
 from dobc_design.coupling.coupling import Coupling, make_coupling
 from dobc_design.coupling.expression import LONGEST_MADE
+from dobc_design.coupling.tree import variable_names
 from dobc_design.exact.interval import Box, Interval
 from dobc_design.exact.matrix import Matrix, multiply, subtract, zeros
 from dobc_design.exact.number import ONE, ZERO, number_text
@@ -38,6 +39,7 @@ from dobc_design.problem.region import Pairs
 from .arcs import Pin, with_pins
 from .guarantee import guarantee_of
 from .loop import Drift, Goals, Loop, Pins, Starts, pins_of, zero_goals
+from .outputs import is_estimated, residual, sensed, through
 from .signs import turned
 from .timing import Timing
 
@@ -167,6 +169,15 @@ def _with_dynamics(loop: Loop, problem: Problem, dynamics: Dynamics) -> Loop:
         place = len(functions)
         functions = (*functions, curve)
     pins, pulls = _pins_with_dynamics(problem, dynamics, A)
+    if dynamics.H is None:
+        groups = tuple(_seen_in_states(group, dynamics) for group in problem.groups)
+    else:
+        groups = tuple(residual(group, dynamics) for group in problem.groups)
+        loop = replace(
+            loop,
+            sensed=tuple(sensed(group, dynamics) for group in problem.groups),
+            starts=_estimated(loop.starts) if is_estimated(dynamics) else loop.starts,
+        )
     return replace(
         loop,
         functions=functions,
@@ -174,9 +185,17 @@ def _with_dynamics(loop: Loop, problem: Problem, dynamics: Dynamics) -> Loop:
         pins=pins,
         pulls=pulls,
         drift=Drift(A=A, B=dynamics.B, place=place),
-        groups=tuple(_seen_in_states(group, dynamics) for group in problem.groups),
+        groups=groups,
         goals=_goals(problem, is_curved=curve is not None),
     )
+
+
+def _estimated(starts: Starts | None) -> Starts | None:
+    """Where estimated states start: off the states by no more than estimation errors."""
+    if starts is None or starts.disturbance is None:
+        return starts
+    off = starts.disturbance
+    return replace(starts, states=tuple((lo - off, hi + off) for lo, hi in starts.states))
 
 
 def _pins_of_modes(loop: Loop, problem: Problem) -> Iterator[tuple[str, list[Pin]]]:
@@ -185,7 +204,7 @@ def _pins_of_modes(loop: Loop, problem: Problem) -> Iterator[tuple[str, list[Pin
     for mode, gains in problem.pinning.modes.items():
         pins = []
         for i, K in gains.items():
-            pull = K if problem.dynamics is None else multiply(problem.dynamics.B, K)
+            pull = K if problem.dynamics is None else pull_of(problem.dynamics, K)
             if is_scalar_matrix(pull) and pull[0][0] > 0:
                 pins.append(Pin(i, y, pull[0][0]))
             else:
@@ -232,16 +251,24 @@ def _pins_with_dynamics(problem: Problem, dynamics: Dynamics, A: Matrix) -> tupl
     """The pins B K_i, and B K_i - A of every agent; agents often share one matrix."""
     stated = problem.pinning.gains
     # Agents without a pin share one gain of 0, so that it is multiplied once.
-    none = zeros(dynamics.inputs, dynamics.dimension)
+    none = zeros(dynamics.inputs, dynamics.felt)
     acting = {}
     pulling = {}
     for K in (none, *stated.values()):
-        acting[id(K)] = multiply(dynamics.B, K)
+        acting[id(K)] = pull_of(dynamics, K)
         pulling[id(K)] = subtract(acting[id(K)], A)
     pins = {i: acting[id(K)] for i, K in stated.items()}
     # An agent without a pin has its drift all the same.
     pulls = {i: pulling[id(stated.get(i, none))] for i in range(problem.n)}
     return pins_of(pins), pins_of(pulls)
+
+
+def pull_of(dynamics: Dynamics, K: Matrix) -> Matrix:
+    """B K, or B K H where pins act on outputs: a gain as it acts on the states."""
+    pull = multiply(dynamics.B, K)
+    if dynamics.acts_on and dynamics.H is not None:
+        pull = multiply(pull, dynamics.H)
+    return pull
 
 
 def _seen_in_states(group: Group, dynamics: Dynamics) -> Group:
@@ -274,10 +301,8 @@ def on_states(W: Matrix | None, dynamics: Dynamics) -> Matrix | None:
 
 def _acting(problem: Problem, dynamics: Dynamics) -> Functions:
     """The functions B h of the arcs, each different one once."""
-    B = dynamics.B
-    m = dynamics.dimension
-    first = _times(B, problem.coupling, m)
-    special = {arc: _times(B, coupling, m) for arc, coupling in problem.exceptions.items()}
+    first = _times(dynamics, problem.coupling)
+    special = {arc: _times(dynamics, coupling) for arc, coupling in problem.exceptions.items()}
     # Couplings of the file that differ may be the same after B, and count once then.
     different = tuple(dict.fromkeys((first, *special.values())))
     places = {function: place for place, function in enumerate(different)}
@@ -285,16 +310,22 @@ def _acting(problem: Problem, dynamics: Dynamics) -> Functions:
     return Functions(different, MappingProxyType(exceptions))
 
 
-def _times(B: Matrix, coupling: Coupling, m: int) -> Coupling:
-    """B h, with as many expressions as state components."""
+def _times(dynamics: Dynamics, coupling: Coupling) -> Coupling:
+    """B h, with as many expressions as state components; of H y where couplings act on outputs."""
+    B = dynamics.B
+    m = dynamics.dimension
+    H = dynamics.H if dynamics.acts_on else None
     texts = coupling.texts
-    if coupling.by_component and is_scalar_matrix(B):
+    if coupling.by_component and is_scalar_matrix(B) and H is None:
         if B[0][0] == 1:
             return coupling
         return _made(f"({number_text(B[0][0])})*({texts[0]})", m)
     if coupling.by_component:
         # y of the file stands for every component in turn.
-        texts = tuple(re.sub(r"\by\b", f"y{c + 1}", texts[0]) for c in range(m))
+        names = variable_names(dynamics.felt)
+        texts = tuple(re.sub(r"\by\b", name, texts[0]) for name in names)
+    if H is not None:
+        texts = through(H, texts)
     rows = []
     for row in B:
         parts = [f"({number_text(b)})*({h})" for b, h in zip(row, texts, strict=True) if b]

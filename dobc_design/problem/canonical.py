@@ -262,9 +262,10 @@ def _version_of(document: Table) -> int:
     actuators = document.get("actuators")
     if isinstance(actuators, dict) and "saturates" in actuators:
         return VERSION_OPEN
-    uncertainty = document.get("uncertainty")
-    if isinstance(uncertainty, dict) and "bands" in uncertainty:
-        return VERSION_OPEN
+    for name, key in (("uncertainty", "bands"), ("dynamics", "H")):
+        table = document.get(name)
+        if isinstance(table, dict) and key in table:
+            return VERSION_OPEN
     if _in_a_mode(document, "optional"):
         return VERSION_OPTIONAL
     return VERSION_DYNAMICS if "dynamics" in document else VERSION

@@ -16,6 +16,7 @@ from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import Names, is_list, is_text, shown
 
 from .bands import KEYS, Band, bands_of, nodes, pairs_of
+from .dynamics import Dynamics
 from .exosystems import PARTS, Exosystem, of_parts
 from .groups import Group, Groups, Observer, check_rest, group_key, in_another, renamed
 from .network import no_agent
@@ -43,10 +44,12 @@ class Disturbances:
             return self.groups[0].exosystem
         return self.exosystem
 
-    def divided(self, labels: Names, observer: Observer | None, states: int | None) -> Disturbances:
+    def divided(
+        self, labels: Names, observer: Observer | None, dynamics: Dynamics | None
+    ) -> Disturbances:
         """The exosystem and the groups of a Problem, in which agents in no group have no
         disturbance where there is no exosystem: agents that share it then are a group like others.
-        ``states``: how many an agent with [dynamics] has.  Raises: SpecError, also for agents
+        Raises: SpecError, also for agents
         without a disturbance that are not there, or in a group."""
         self._check_without(labels)
         listed = {str(agent) for agents in self.without.values() for agent in agents}
@@ -57,7 +60,7 @@ class Disturbances:
         if not listed or self.exosystem is None:
             return self
         own = Observer() if observer is None else Observer(W=observer.W, P=observer.P)
-        check_rest(rest, self.exosystem, own, states)
+        check_rest(rest, self.exosystem, own, dynamics)
         group = Group(agents=rest, exosystem=self.exosystem, observer=own)
         return Disturbances(groups=(*self.groups, group), bands=self.bands)
 

@@ -35,6 +35,7 @@ from dobc_design.exact.matrix import (
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import Names, Texts, counted, is_list, read_matrix, shown
 
+ACTS_ON = ("states", "outputs")
 NEAR = Fraction(1, 2**40)  # of a goal, where slopes of f have to be bounded
 _EXAMPLE = 'For example f = ["x2", "-sin(x1)"].'
 
@@ -45,8 +46,10 @@ class Dynamics(Shown):
     place of A x_i.
 
     Shapes: A (m, m) in 1/s, f m expressions in x1..xm, B (m, p) with full column rank; without B it
-    is the identity, p = m.  Raises: ShapeError, SpecError or ExpressionError naming dynamics.A,
-    dynamics.f or dynamics.B.
+    is the identity, p = m.  H (r, m), of full row rank: y_i = H x_i is measured; without H all
+    states are.  ``acts_on``: couplings and pins act on estimated states ("states", None stands for
+    it) or on the measured outputs ("outputs").
+    Raises: ShapeError, SpecError or ExpressionError naming dynamics.A, f, B, H or acts_on.
     Example:
         >>> dd.Dynamics(A=[[0, 1], [0, 0]], B=[[0], [1]]).inputs
         1
@@ -55,8 +58,12 @@ class Dynamics(Shown):
     A: Matrix | None = later()
     f: Texts | None = later()
     B: Matrix
+    H: Matrix | None = later()
+    acts_on: str | None = later()
 
-    def __init__(self, *, A: Any = None, f: Any = None, B: Any = None) -> None:
+    def __init__(
+        self, *, A: Any = None, f: Any = None, B: Any = None, H: Any = None, acts_on: Any = None
+    ) -> None:
         if (A is None) is (f is None):
             raise wrong(
                 "dynamics",
@@ -86,6 +93,12 @@ class Dynamics(Shown):
                 "Remove inputs that act like others, or not at all.",
             )
         put(self, A=drift, f=texts, B=enters)
+        put(self, H=_read_outputs(H, m, curved=f is not None), acts_on=_read_acts_on(acts_on, H))
+
+    @property
+    def felt(self) -> int:
+        """How many components couplings and pins act on: states, or measured outputs."""
+        return len(self.H) if self.H is not None and self.acts_on else self.dimension
 
     @property
     def dimension(self) -> int:
@@ -181,6 +194,36 @@ class Dynamics(Shown):
         seen = tuple(dot(each, goal) for each in basis)
         parts = tuple(dot(row, seen) for row in inverse(multiply(basis, N)))
         return tuple(dot(row, parts) for row in N)
+
+
+def _read_outputs(H: Any, m: int, *, curved: bool) -> Matrix | None:
+    """What is measured.  Raises: SpecError, ShapeError."""
+    if H is None:
+        return None
+    key = "dynamics.H"
+    if curved:
+        what = "is known for linear agents only: the observer of all states needs A."
+        raise wrong(key, what, "Give A in place of f, or measure all states.")
+    read = read_matrix(H, key)
+    if len(read[0]) != m:
+        what = f"must have {counted(m, 'column')}, one per state component; got {len(read[0])}."
+        raise misshapen(key, what, "Row k says how y_k is made of the states.")
+    if rank(read) < len(read):
+        what = "must have full row rank, so that no output repeats others."
+        raise wrong(key, what, "Remove rows that others give.")
+    return read
+
+
+def _read_acts_on(value: Any, H: Any) -> str | None:
+    """None for estimated states.  Raises: SpecError."""
+    if value is None or value == ACTS_ON[0]:
+        return None
+    key = "dynamics.acts_on"
+    if value != ACTS_ON[1]:
+        raise wrong(key, f'must be "states" or "outputs"; got {shown(value)}.', "Choose one.")
+    if H is None:
+        raise wrong(key, "needs H, which says what the outputs are.", "Give dynamics.H.")
+    return ACTS_ON[1]
 
 
 def expressions_of(dynamics: Dynamics) -> tuple[Expression, ...]:

@@ -32,6 +32,7 @@ from dobc_design.exact.reading import (
     some,
 )
 
+from .dynamics import Dynamics
 from .exosystems import Exosystem, block_diagonal, stacked
 from .network import no_agent
 
@@ -90,16 +91,26 @@ def _check_symmetric(P: Matrix) -> None:
                 )
 
 
-def check_observer(observer: Observer, exosystem: Exosystem, states: int | None) -> None:
+def check_observer(observer: Observer, exosystem: Exosystem, dynamics: Dynamics | None) -> None:
     """Check the shapes of W and P against the exosystem (q states, m outputs); W may also act on
-    all ``states``.  Raises ShapeError."""
+    all states of the ``dynamics``.  Where outputs are measured, W is the gain of an observer of
+    states and exosystem, (m + q, r).  Raises ShapeError."""
     q = exosystem.order
     of_w = "one row per exosystem state, one column per state component"
-    W, P = observer.W, observer.P
-    if W is not None and (len(W), len(W[0])) != (q, states):
-        check_shape(W, "observer.W", (q, exosystem.outputs), of_w)
-    if P is not None:
-        check_shape(P, "observer.P", (q, q), "one row and column per exosystem state")
+    of_p = "one row and column per exosystem state"
+    columns = exosystem.outputs
+    if dynamics is not None and dynamics.H is not None:
+        q += dynamics.dimension
+        columns = len(dynamics.H)
+        of_w = "a row per state and exosystem state, a column per measured output"
+        of_p = "one row and column per state and exosystem state"
+    elif dynamics is not None and observer.W is not None:
+        whole = (q, dynamics.dimension)
+        columns = whole[1] if (len(observer.W), len(observer.W[0])) == whole else columns
+    if observer.W is not None:
+        check_shape(observer.W, "observer.W", (q, columns), of_w)
+    if observer.P is not None:
+        check_shape(observer.P, "observer.P", (q, q), of_p)
 
 
 _SHOWN = 6  # agents in a sentence
@@ -163,16 +174,16 @@ def read_groups(
     observer: Observer | None,
     labels: Texts,
     m: int,
-    states: int | None,
+    dynamics: Dynamics | None,
 ) -> Groups:
     """Divide the agents into groups: those given, and the others, who have ``exosystem`` and
     ``observer``, or without an ``exosystem`` no disturbance.  Returns: the groups ordered by their
     first agent, agents in the order of the labels; none without a disturbance.  ``m``: how many
-    components a disturbance has; ``states``: how many an agent has, where these are others.
+    components a disturbance has.
     Raises: SpecError or ShapeError naming the key."""
     # The observer of the problem serves all agents that are in no group.
     common = Observer() if observer is None else observer
-    if exosystem is not None and states is not None and exosystem.outputs != m:
+    if exosystem is not None and dynamics is not None and exosystem.outputs != m:
         rows = counted(m, "row")
         raise misshapen(
             "exosystem.C",
@@ -180,7 +191,7 @@ def read_groups(
             f"Give {rows}: d = C xi acts through B.",
         )
     if not groups and exosystem is not None:
-        check_observer(common, exosystem, states)
+        check_observer(common, exosystem, dynamics)
         return (Group(agents=labels, exosystem=exosystem, observer=common),)
     if not groups and observer is not None:
         what = "has no meaning without an [exosystem]: there is no disturbance to estimate."
@@ -191,11 +202,11 @@ def read_groups(
     owner = _owners(groups, labels, errors)
     for number, group in enumerate(groups):
         with errors:
-            _check_group(group, number, m=m, states=states, rate=common.rate)
+            _check_group(group, number, m=m, dynamics=dynamics, rate=common.rate)
     # With a mistake above, "in no group" would be said of agents that are meant to be in one.
     errors.raise_all()
     rest = [label for label in labels if label not in owner]
-    check_rest(rest, exosystem, common, states)
+    check_rest(rest, exosystem, common, dynamics)
     every = list(groups)
     if exosystem is not None:
         every.append(Group(agents=rest, exosystem=exosystem, observer=common))
@@ -257,7 +268,7 @@ def in_another(label: str, where: str, key: str) -> SpecError:
 
 
 def _check_group(
-    group: Group, number: int, *, m: int, states: int | None, rate: Fraction | None
+    group: Group, number: int, *, m: int, dynamics: Dynamics | None, rate: Fraction | None
 ) -> None:
     """The sizes of a group fit, and it asks for no rate of its own.  Raises: SpecError."""
     key, outputs = group_key(number), group.exosystem.outputs
@@ -279,14 +290,14 @@ def _check_group(
             )
         )
     try:
-        check_observer(group.observer, group.exosystem, states)
+        check_observer(group.observer, group.exosystem, dynamics)
     except SpecError as error:
         errors.append(renamed(error, key))
     errors.raise_all()
 
 
 def check_rest(
-    rest: Names, exosystem: Exosystem | None, common: Observer, states: int | None
+    rest: Names, exosystem: Exosystem | None, common: Observer, dynamics: Dynamics | None
 ) -> None:
     """Those in no group have [exosystem]'s own A and C, or no disturbance; of nobody nothing may be
     said."""
@@ -300,7 +311,7 @@ def check_rest(
             "exosystem.A", f"and exosystem.C {nobody}", "Remove A and C (or kind) from [exosystem]."
         )
     if exosystem is not None:
-        check_observer(common, exosystem, states)
+        check_observer(common, exosystem, dynamics)
     elif common.W is not None or common.P is not None:
         raise wrong("observer.W", f"and observer.P {nobody}", "Give W and P in the groups.")
 

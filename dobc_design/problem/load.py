@@ -295,14 +295,14 @@ def _build(tables: ProblemFile, *, folder: Path | None, name: str) -> Problem:
     if network is None or p is None:
         raise SpecError.several(errors)
     # With [dynamics] couplings take m states to p inputs; else both are the same.
-    states = None if dynamics is None else dynamics.dimension
-    divided = errors.tried(given.divided, network.labels, observer, states)
+    felt = p if dynamics is None else dynamics.felt
+    divided = errors.tried(given.divided, network.labels, observer, dynamics)
     if divided is None:
         raise SpecError.several(errors)
     # W and P are those of the last group now
     if divided is not given and observer is not None:
         observer = None if observer.rate is None else Observer(rate=observer.rate)
-    made = partial(make_coupling, dimension=p if states is None else states, outputs=p)
+    made = partial(make_coupling, dimension=felt, outputs=p)
     exceptions = None if read is None else errors.tried(_exceptions, tables, read, made)
     others = {
         field: _given(getattr(tables, field))

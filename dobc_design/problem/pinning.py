@@ -116,9 +116,10 @@ class GainForm:
         """The form for m states; ``coupling`` is None where it was refused, and then nothing is
         said of gains."""
         # With as many inputs as states a number is a multiple of the identity.
-        if dynamics is None or dynamics.inputs == m:
-            return cls(unit=identity(m), shape=(m, m), pulling=dynamics is None)
-        shape = (dynamics.inputs, m)
+        felt = m if dynamics is None else dynamics.felt
+        if dynamics is None or dynamics.inputs == felt:
+            return cls(unit=identity(felt), shape=(felt, felt), pulling=dynamics is None)
+        shape = (dynamics.inputs, felt)
         if coupling is None:
             return cls(unit=zeros(*shape), shape=shape, pulling=False)
         if not coupling.is_linear:

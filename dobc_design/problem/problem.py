@@ -217,7 +217,7 @@ class Problem(Grouped, Shown):
         m = dimension_of(first, target or length_of(fixed), coupling, own)
         p = m if own is None else own.inputs
         labels = network.labels
-        made = partial(_read_coupling, dimension=m, outputs=p)
+        made = partial(_read_coupling, dimension=m if own is None else own.felt, outputs=p)
         put(self, network=network, dynamics=own)
 
         def read_gains() -> Pinning:
@@ -241,7 +241,7 @@ class Problem(Grouped, Shown):
                 observer=observer,
                 labels=labels,
                 m=p,
-                states=None if own is None else m,
+                dynamics=own,
             ),
             "goal": lambda: read_goal(goal),
             "fixed": lambda: read_fixed(fixed, names=network.fixed, dimension=m),

@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema
 from dobc_design.exact.reading import Document
 
 from .bands import KEYS
+from .dynamics import ACTS_ON
 from .exosystems import KINDS, PARTS
 from .network import ARROWS, LONGEST_LABEL, MOST_AGENTS
 from .readings import TIMES
@@ -143,6 +144,7 @@ Fixed = Annotated[
     ),
 ]
 Goal = Annotated[Any, WithJsonSchema({"enum": list(GOALS)})]
+ActsOn = Annotated[Any, WithJsonSchema({"enum": list(ACTS_ON)})]
 Time = Annotated[Any, WithJsonSchema({"enum": list(TIMES)})]
 Kind = Annotated[Any, WithJsonSchema({"enum": list(KINDS)})]
 Flag = Annotated[Any, WithJsonSchema({"type": "boolean"})]
@@ -301,6 +303,8 @@ class DynamicsTable(_Table):
         "In place of A: m expressions in x1..xm, x_i' = f(x_i) + ..."
     )
     B: NumberMatrix = _optional("m x p with full column rank; by default the identity.")
+    H: NumberMatrix = _optional("r x m with full row rank: y = H x is measured; by default x.")
+    acts_on: ActsOn = _optional("Couplings and pins act on estimated states, or on the outputs y.")
     time: Time = _optional('"discrete", alone: x_i+ = x_i + couplings + u_i + d_i, xi+ = A xi.')
 
 

@@ -28,7 +28,7 @@ from dobc_design.loop.loop import Loop
 from dobc_design.loop.timing import Timing, sampled
 from dobc_design.problem.changes import typed_matrix
 from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import blocks_of
+from dobc_design.problem.groups import blocks_of, join
 from dobc_design.verdict import Verdict
 
 _check = partial(Check, domain=EVERYWHERE)
@@ -244,7 +244,10 @@ def confirm(check: Check, loop: Loop, W: Matrix | None) -> str | None:
 def group_of(name: object, loop: Loop, W: Matrix | None) -> tuple[Exosystem, Matrix | None]:
     """Exosystem and gain of the group (None: the only one).  Raises: ValueError if there is none,
     or W mixes groups."""
-    groups = loop.groups
+    groups = loop.observers
+    if loop.sensed:
+        # Its gain is that of the file; W is 0, and says nothing of it.
+        W = join([group.observer.W for group in groups])
     if not loop.is_grouped:
         if name is not None or not groups:
             raise ValueError("there are no groups" if groups else "there is no exosystem")

@@ -58,6 +58,7 @@ from dobc_design.conditions.observer.propose import (
     decay_of_error,
     design_gains,
     propose_pairs,
+    with_observer,
 )
 from dobc_design.conditions.quadratic.stage import SMALL_ROWS, quadratic_stage
 from dobc_design.conditions.schedule.propose import Asked as SettlingStarts
@@ -145,7 +146,7 @@ def certify(
         >>> certificate.verdict.value, certificate.covered_by
         ('proved', 'theorem1-weighted')
     """
-    stated = load_problem(problem)
+    stated = with_observer(load_problem(problem))
     if settling is not None:
         stated.require("a settling time")
     loop = loop_of(stated)
@@ -381,7 +382,7 @@ def verify(certificate: Certificate | Claims | bytes, problem: Source) -> Rechec
         True
     """
     claims = certificate.claims if isinstance(certificate, Certificate) else certificate
-    return verify_twice(claims, load_problem(problem))
+    return verify_twice(claims, with_observer(load_problem(problem)))
 
 
 def region_checks(case: Case, *, everything: bool, report: Progress, rate: float) -> list[Check]:
@@ -784,7 +785,7 @@ def _observer_notes(
         who = ""
         if loop.is_grouped:
             who = f"Group of agent {group.name} ({name_some(group.agents)}): "
-        if design is None:
+        if design is None and not any(note.startswith("No W was given") for note in problem.notes):
             yield f"{who}The observer gain W was given."
-        else:
+        elif design is not None:
             yield f"{who}No W was given. {capitalize_first(design.note)}"

@@ -475,10 +475,16 @@ def write_file(path: Path, data: bytes, *, key: str) -> None:
 
 
 def load_problem(file: str) -> Problem:
-    """A problem file, or a built-in problem by its name."""
+    """A problem file, or a built-in problem by its name; agents with measured outputs have an
+    observer."""
     from dobc_design.problem.load import load_problem as load
 
-    return load(file)
+    problem = load(file)
+    if problem.dynamics is None or problem.dynamics.H is None:
+        return problem
+    from dobc_design.conditions.observer.propose import with_observer
+
+    return with_observer(problem)
 
 
 def read_claims(certificate: Path, problem: Problem | None = None) -> Claims:

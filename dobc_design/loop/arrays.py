@@ -17,7 +17,7 @@ from dobc_design._checks import noun, require_shape
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.tree import postorder
 from dobc_design.errors import wrong
-from dobc_design.exact.matrix import Matrix, matrix, to_float
+from dobc_design.exact.matrix import Matrix, matrix, multiply, to_float
 from dobc_design.exact.reading import Names, shown
 from dobc_design.problem.groups import gains_of, group_numbers
 from dobc_design.problem.network import Arcs, BoolArray, IndexArray, Places, distinct_weights
@@ -365,5 +365,9 @@ def pinning_matrix(problem: Problem, mode: str | None = None) -> sp.csr_array:
 def block_gains(gains: Mapping[int, Matrix], problem: Problem) -> sp.csr_array:
     """K of these gains, by agent."""
     agents = np.fromiter(gains, dtype=np.int64, count=len(gains))
-    blocks = np.array([to_float(k) for k in gains.values()]).reshape(-1, problem.inputs, problem.m)
+    own = problem.dynamics
+    acting = list(gains.values())
+    if own is not None and own.acts_on and own.H is not None:
+        acting = [multiply(k, own.H) for k in acting]
+    blocks = np.array([to_float(k) for k in acting]).reshape(-1, problem.inputs, problem.m)
     return block_sparse(blocks, agents, agents, size=problem.n)

@@ -288,6 +288,9 @@ def _seen_in_states(group: Group, dynamics: Dynamics) -> Group:
 def observed(problem: Problem) -> Groups:
     """The groups whose C is what a gain W of the file acts on: C of the inputs, or B C where W acts
     on x (p = m)."""
+    own = problem.dynamics
+    if own is not None and own.H is not None:
+        return tuple(sensed(group, own) for group in problem.groups)
     return loop_of(problem).groups if problem.inputs == problem.m else problem.groups
 
 

@@ -23,6 +23,7 @@ from .field import Active, Networks, largest, network_of
 from .integrate import Integration, Outcome, Progress, Samples, errors, silent
 from .measures import length_of_pairs
 from .mobile import Modes, Nearby
+from .outputs import seen_samples
 from .sampled import Stepper, run_sampled_alone
 from .setting import WITHOUT, Setting
 from .signals import Mobile, signal_to_json
@@ -141,8 +142,12 @@ def _calm(setting: Setting, start: Start, modes: Modes, progress: Progress) -> O
     cut = len(e0)
     xi = evolve(loop.A, start.xi, run.times)
     eps = run.states[:, cut:].reshape(xi.shape) if both else evolve(F, eps0, run.times)
-    xihat = np.zeros_like(xi) if setting.observer == WITHOUT else xi - eps
     active = Active(modes.switches.names, modes.switches.at(run.times))
+    if setting.exact.sensed:
+        e = run.states[:, :cut].reshape(-1, loop.n, loop.m)
+        seen = seen_samples(setting.problem, loop, e, eps, run.times, active)
+        return Outcome(run=run, samples=seen)
+    xihat = np.zeros_like(xi) if setting.observer == WITHOUT else xi - eps
     return Outcome(run=run, samples=_samples(setting, run.states[:, :cut], xi, xihat, active))
 
 
@@ -185,6 +190,8 @@ def _why_one_by_one(setting: Setting, closed: ClosedForm | None) -> str:
         return "every run has graphs of its own"
     if setting.loop.moves:
         return "fixed nodes move"
+    if setting.exact.sensed:
+        return "states are estimated"
     if setting.stress.period is not None:
         return ""
     if setting.stress.worst and setting.stress.disturbance:

@@ -335,7 +335,7 @@ def make_closed_loop(
     return ClosedLoop(
         n=problem.n,
         m=problem.m,
-        q=problem.q,
+        q=loop.q,
         A=disturbance.A,
         C=disturbance.C,
         F=disturbance.F,

@@ -14,7 +14,7 @@ from typing import Literal, Unpack, overload
 
 from dobc_design._show.progress import Reports, report_to, shows_progress
 from dobc_design.certificate.bounds import keeps_guarantee
-from dobc_design.conditions.observer.propose import observer_gain
+from dobc_design.conditions.observer.propose import observer_gain, with_observer
 from dobc_design.exact.matrix import Matrix
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.canonical import loop_sha256
@@ -82,7 +82,7 @@ def simulate(
         >>> run.x.shape, run.diverged, run.final_error < 0.3
         ((61, 10, 1), False, True)
     """
-    problem = load_problem(problem)
+    problem = with_observer(load_problem(problem))
     remarks = []
     if signal is None and mode is None:
         if stress == "worst":

@@ -20,7 +20,9 @@ from dobc_design._checks import noun
 from dobc_design.errors import misshapen, wrong
 from dobc_design.exact.matrix import Vector, to_float
 from dobc_design.exact.reading import Table, shown
+from dobc_design.loop.make import errors_of
 from dobc_design.loop.matrices import Array
+from dobc_design.loop.outputs import is_estimated
 from dobc_design.problem.load import read_bytes
 from dobc_design.problem.network import BoolArray
 from dobc_design.problem.problem import Problem
@@ -28,6 +30,7 @@ from dobc_design.problem.problem import Problem
 from ._arguments import finite_array
 from .field import ClosedLoop
 from .npz import Shapes, UnfitError, describing, read_arrays, require
+from .outputs import initial_errors, off
 
 Given = Table | Array | list[Any] | str | PathLike[str]
 
@@ -79,6 +82,7 @@ class Starts:
     own: BoolArray | None = None
     leads: Array | None = None
     relative: bool = False
+    problem: Problem | None = None  # where states are estimated
 
     def draw(self, seed: int) -> Start:
         """The start of one seed."""
@@ -94,6 +98,10 @@ class Starts:
             s = low + (high - low) * rng.random(len(low))
             if self.relative:
                 x = x + s
+        if self.problem is not None:
+            xi = initial_errors(self.problem, xi)
+            if is_estimated(self.problem.dynamics):
+                x = x - off(self.problem, xi)
         return Start(x=x, xi=xi, xihat=self.xihat, s=s)
 
     def drawn_xi(self, rng: Generator) -> Array:
@@ -135,7 +143,8 @@ def make_starts(problem: Problem, loop: ClosedLoop, given: Given | None) -> Star
     if x is None and problem.simulation.x0 is not None:
         x = np.array(np.broadcast_to(to_float(problem.simulation.x0), goal.shape))
     xi = rows.get("xi")
-    if xi is None and problem.simulation.xi0 is not None:
+    sensed = bool(errors_of(problem).sensed)
+    if xi is None and problem.simulation.xi0 is not None and not sensed:
         xi = _placed(problem.simulation.xi0, loop)
     radius = 0.0
     if xi is None and region is not None and region.initial_disturbance is not None:
@@ -152,6 +161,7 @@ def make_starts(problem: Problem, loop: ClosedLoop, given: Given | None) -> Star
         own=loop.own,
         leads=None if problem.leader is None else to_float(problem.leads).T,
         relative=x is None and region is None,
+        problem=problem if sensed else None,
     )
 
 

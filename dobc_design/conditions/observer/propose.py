@@ -20,9 +20,11 @@ import numpy as np
 from scipy import linalg
 
 from dobc_design._checks import noun
+from dobc_design._show.text import capitalize_first
 from dobc_design.conditions.consensus.claim import reduced, with_gain
 from dobc_design.conditions.consensus.propose import decay_of, decay_rate
 from dobc_design.conditions.numbers import rounded_up
+from dobc_design.errors import wrong
 from dobc_design.exact import observability
 from dobc_design.exact.matrix import (
     Matrix,
@@ -40,10 +42,12 @@ from dobc_design.exact.matrix import (
 from dobc_design.exact.number import ONE, ZERO, nearest
 from dobc_design.exact.polynomial import Coefficients
 from dobc_design.loop.loop import Loop
+from dobc_design.loop.outputs import sensed
 from dobc_design.loop.timing import Timing, middle_of, sampled
 from dobc_design.problem.bands import Band
 from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Group, join
+from dobc_design.problem.groups import Group, Observer, join
+from dobc_design.problem.problem import Problem
 from dobc_design.solvers.conic import solve_in_turn
 from dobc_design.solvers.program import GIVEN_UP, Array, Program, Solution, round_matrix
 from dobc_design.verdict import Verdict
@@ -551,3 +555,26 @@ def band_gains(loop: Loop, W: Matrix, band: Band) -> Matrix:
 def _in_units(coefficients: Coefficients, unit: Fraction) -> Array:
     """A polynomial of s / unit, divided by unit^degree, in floats."""
     return np.array([nearest(x / unit**k) for k, x in enumerate(coefficients)])
+
+
+def with_observer(problem: Problem) -> Problem:
+    """The problem with the gains that agents with measured outputs need, where it gives none: loops
+    depend on them.  A note says so."""
+    own = problem.dynamics
+    if own is None or own.H is None or all(each.observer.W for each in problem.groups):
+        return problem
+    groups = []
+    notes = list(problem.notes)
+    for group in problem.groups:
+        observer = group.observer
+        if observer.W is None:
+            design = design_gain(sensed(group, own).exosystem, rate=observer.rate)
+            if design.W is None:
+                cure = "Measure more, or change the exosystem: dobc check says what is hidden."
+                raise wrong("observer.W", f"is not given, and {design.note}", cure)
+            observer = Observer(W=design.W)
+            notes.append(f"No W was given. {capitalize_first(design.note)}")
+        groups.append(Group(agents=group.agents, exosystem=group.exosystem, observer=observer))
+    if problem.is_grouped:
+        return problem.replace(groups=groups, notes=notes)
+    return problem.replace(observer=groups[0].observer, notes=notes)

@@ -22,6 +22,7 @@ from dobc_design.loop.loop import Loop
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.pairs import rows_of
 from dobc_design.problem.canonical import canonical_bytes
+from dobc_design.problem.groups import join
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
@@ -104,7 +105,7 @@ class Certificate(Headed):
     def W(self) -> NDArray[np.float64] | None:  # noqa: N802 - the paper's letter
         """The observer gain as floats, (q, m) in 1/s; None without one.  What is proved is about
         ``W_exact``."""
-        return None if self.claims.W is None else to_float(self.claims.W)
+        return None if self.W_exact is None else to_float(self.W_exact)
 
     @property
     def W_exact(self) -> Matrix | None:  # noqa: N802 - the paper's letter
@@ -115,6 +116,9 @@ class Certificate(Headed):
             >>> certificate.W.round(1).tolist(), certificate.W_exact[0][0]
             ([[3.2], [2.4]], Fraction(16, 5))
         """
+        # Claims about measured outputs are about F = A - W H, in which the gain of the file is.
+        if self._loop.sensed:
+            return join([group.observer.W for group in self._loop.sensed])
         return self.claims.W
 
     @property

@@ -50,6 +50,7 @@ from dobc_design.conditions.observer.decide import (
     detectability_check,
     hurwitz_check,
     observability_check,
+    of_outputs,
     too_large,
 )
 from dobc_design.conditions.observer.propose import (
@@ -584,12 +585,13 @@ class _Run:
         if self.loop.sensed:
             gains = [group.observer.W for group in groups]
         if not self.loop.is_grouped:
-            return _checks_of(groups[0], gains[0], self.loop, timing=self.loop.timing)
+            found = _checks_of(groups[0], gains[0], self.loop, timing=self.loop.timing)
+            return self.in_words(found, groups[0])
         lacking = next((g for g, W in zip(groups, gains, strict=True) if W is None), None)
         checks = []
         for group, W in zip(groups, gains, strict=True):
             known = None if lacking is not None else W
-            own = _checks_of(group, known, None, timing=self.loop.timing)
+            own = self.in_words(_checks_of(group, known, None, timing=self.loop.timing), group)
             if W is not None and lacking is not None:  # a certificate holds all gains or none
                 reason = (
                     f"it is left open, because the group of agent {lacking.name} has no gain W."
@@ -601,6 +603,12 @@ class _Run:
                 named = replace(check, group=group.name, fix=None, reason=who + check.reason)
                 checks.append(named)
         return checks
+
+    def in_words(self, checks: list[Check], group: Group) -> list[Check]:
+        """The checks of a group as they are said of its observer."""
+        if not self.loop.sensed:
+            return checks
+        return [of_outputs(check, group, self.loop.m) for check in checks]
 
     def theorem_checks(
         self,
@@ -732,6 +740,12 @@ def notes_of(problem: Problem, designs: Sequence[GainDesign | None], how: str) -
     yield from _observer_notes(problem, loop, designs)
     if how:
         yield how
+    if loop.estimated:
+        yield (
+            "Outputs are measured: e_i is that of the estimate, xhat_i less the target, and states "
+            "follow as eps_i, how far x_i and xi_i are off their estimates, decays. Estimates "
+            "start off the states of the region by no more than region.initial_disturbance."
+        )
     if not loop.is_pulled and not loop.agrees:
         yield "No agent is pinned."
     own = loop.joint_observer

@@ -196,11 +196,10 @@ class Loop:
     def connect(self, stated: Any) -> None:
         """The arcs of every mode, with their functions."""
         m = self.m
-        H = self.node.H
-        h = through(self.node, of_outputs(H, stated.coupling.h), m)
+        h = through(self.node, of_outputs(self.node, stated.coupling.h), m)
         exceptions = {}
         for each in stated.coupling.exceptions:
-            exceptions[tuple(each.arc)] = through(self.node, of_outputs(H, each.h), m)
+            exceptions[tuple(each.arc)] = through(self.node, of_outputs(self.node, each.h), m)
         known = {each: read_coupling(each, m, LONGEST_MADE) for each in (h, *exceptions.values())}
         #: All different: h, the exceptions, and last what a node does beside A.
         self.functions = list(known.values())
@@ -423,12 +422,14 @@ def through(node: Node, h: tuple[str, ...], m: int) -> tuple[str, ...]:
     return tuple(sums)
 
 
-def of_outputs(H: Any, h: tuple[str, ...]) -> tuple[str, ...]:
+def of_outputs(node: Node, h: tuple[str, ...]) -> tuple[str, ...]:
     """A coupling of outputs, written for the states."""
+    H = node.H
     if H is None:
         return h
     r = len(H)
-    if len(h) == 1 < r:
+    if len(h) == 1 < len(node.left):
+        need(r == len(node.left), "there is not one expression for each input")
         h = tuple(re.sub(r"\by\b", f"y{k + 1}", h[0]) for k in range(r))
     if len(H[0]) == 1:
         return tuple(re.sub(r"\by\b", f"(({H[0][0]})*y)", each) for each in h)

@@ -179,7 +179,7 @@ class Loop(Grouped):
     rows do not see: in their loop all weights are positive (``pairs.rows_of``), and ``signs`` has
     the arcs as they were.
     ``sensed``: the groups with the pairs and gains that their observers work with, where these are
-    others than those of ``groups`` (``outputs``).
+    others than those of ``groups`` (``outputs``); ``estimated``: errors are those of estimates.
     ``turned``: errors are s_i e_i (``signs``). ``timing``: how late and how often nodes know what
     they use; None where they always do.
     """
@@ -209,6 +209,7 @@ class Loop(Grouped):
     turned: bool = False
     timing: Timing | None = None
     sensed: Groups = ()
+    estimated: bool = False
 
     @property
     def n(self) -> int:

@@ -177,6 +177,7 @@ def _with_dynamics(loop: Loop, problem: Problem, dynamics: Dynamics) -> Loop:
             loop,
             sensed=tuple(sensed(group, dynamics) for group in problem.groups),
             starts=_estimated(loop.starts) if is_estimated(dynamics) else loop.starts,
+            estimated=is_estimated(dynamics),
         )
     return replace(
         loop,

@@ -133,7 +133,10 @@ def _matrices(certificate: Certificate) -> Iterator[ShownMatrix]:
         return
     yield ShownMatrix("A", "generator of the disturbance", exosystem.A)
     yield ShownMatrix("C", "output matrix: d = C ξ acts on the agent", exosystem.C)
-    if problem.dynamics is not None:
+    if loop_of(problem).sensed:
+        yield ShownMatrix("F", "how the estimation errors of x and ξ move", felt.A)
+        yield ShownMatrix("E", "what of them acts on the errors, in place of C", felt.C)
+    elif problem.dynamics is not None:
         yield ShownMatrix("B C", "what takes the place of C in the condition", felt.C)
     # A reader wants to know whether W was given or designed.
     source = f" ({claims.gain_source})" if claims.gain_source else ""
@@ -141,7 +144,7 @@ def _matrices(certificate: Certificate) -> Iterator[ShownMatrix]:
     effect = "effect of the observer: Λ + I ⊗ S has to be negative definite"
     # Any of these may be missing: it depends on what was given and on what is proved.
     for name, what, matrix in (
-        ("W", f"observer gain{source}", claims.W),
+        ("W", f"observer gain{source}", certificate.W_exact),
         ("P", "Lyapunov matrix of the estimation error, found and proved", claims.P),
         ("Q", "P W", claims.Q),
         ("S", effect, found.get(words.FOUND)),

@@ -398,7 +398,7 @@ def loop_facts(certificate: Certificate) -> Iterator[Fact]:
     if problem.region is not None:
         yield "Starts asked for", _starts(problem.region, problem.units)
     # A large W stands among the matrices only.
-    W = claims.W
+    W = certificate.W_exact
     if W is not None and len(W) * len(W[0]) <= MOST_NAMES:
         rows = ["; ".join(map(decimal, row)) for row in W]
         yield "Observer gain W", f"({', '.join(rows)})′, {claims.gain_source or 'given'}"

@@ -3,6 +3,7 @@ Hurwitz."""
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 
@@ -23,12 +24,12 @@ from dobc_design.exact.observability import (
     observable_reduction,
 )
 from dobc_design.exact.polynomial import decide_hurwitz, decide_images, disk_image
-from dobc_design.exact.reading import Document
+from dobc_design.exact.reading import Document, some
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.timing import Timing, sampled
 from dobc_design.problem.changes import typed_matrix
 from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import blocks_of, join
+from dobc_design.problem.groups import Group, blocks_of, join
 from dobc_design.verdict import Verdict
 
 _check = partial(Check, domain=EVERYWHERE)
@@ -97,6 +98,34 @@ def detectability_check(
         witness=Witness(kind="polynomial", values=(polynomial,)),
         fix=_reduction(exosystem, loop),
     )
+
+
+def of_outputs(check: Check, group: Group, states: int) -> Check:
+    """The same check of a pair whose outputs are measured (``loop.outputs``), in its words: what is
+    hidden is a state of the agent or of the exosystem, which no other exosystem cures."""
+    pair = group.exosystem
+    own = replace(check, fix=None)
+    if check.id == "hurwitz":
+        return own
+    found = decide_observable(pair.A, pair.C)
+    if check.id == "observability" and found.is_proved:
+        told = "of states and exosystem together"
+        return replace(own, reason=f"y = H x shows all {pair.order} numbers {told}.")
+    if check.is_proved:
+        return replace(own, reason="what y = H x does not show, if anything, decays.")
+    names = [f"x{c + 1}" for c in range(states)]
+    names += [f"xi{c + 1}" for c in range(pair.order - states)]
+    hidden = [n for n, *each in zip(names, *found.unobservable, strict=True) if any(each)]
+    what = f"{hidden[0]} does" if len(hidden) == 1 else f"changes of {some(hidden, 6)} do"
+    reason = f"{what} not show in y = H x"
+    if check.id == "detectability":
+        polynomial = (check.exact or {})["unobservable_polynomial"]
+        reason += (
+            f" and need not decay (characteristic polynomial {polynomial}), so that no gain W "
+            "estimates all states and the disturbance. Measure more, or leave out of [exosystem] "
+            "what cannot be told from a state"
+        )
+    return replace(own, reason=f"{reason}.")
 
 
 def _is_inside(polynomial: Sequence[Fraction]) -> bool:

@@ -28,6 +28,7 @@ FILES = (
     "matrices",
     "sampled",
     "signs",
+    "outputs",
     "files",
     "guarantee",
     "loop",

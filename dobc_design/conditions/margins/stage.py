@@ -9,7 +9,6 @@ from functools import partial
 from itertools import chain
 
 import numpy as np
-from scipy import sparse
 
 from dobc_design._checks import noun
 from dobc_design.conditions.accuracy.decide import Accuracy, Level, Plant
@@ -32,71 +31,45 @@ from dobc_design.conditions.separable.claim import (
     Errors,
     Separable,
     acts_by_component,
-    holding_gains,
     stated_errors,
 )
 from dobc_design.conditions.separable.decide import NOT_BY_COMPONENT, verify_separable
+from dobc_design.conditions.separable.propose import field_of, least_above
 from dobc_design.conditions.separable.propose_limits import largest_rate
 from dobc_design.conditions.separable.propose_observer import propose_error_bound
 from dobc_design.conditions.separable.stage import IN_HAND, TIMED_ARCS
 from dobc_design.conditions.stated import NO_ROOM, stated_in
 from dobc_design.conditions.weighted.propose import rounded
+from dobc_design.coupling.coupling import make_coupling
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.number import ONE, ZERO, root_above
-from dobc_design.exact.work import spend
-from dobc_design.loop.arcs import coupling_places
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.pairs import are_pairs
 from dobc_design.loop.saturation import largest_disturbance, rooms_of
-from dobc_design.solvers.program import Array, factored
+from dobc_design.solvers.program import Array
 from dobc_design.verdict import Verdict
 
 from .decide import Inputs, LeftRooms, Part, Tolerance, limit_of
 
-ROUNDS = 100  # of policy iteration
-CLOSE = 1e-9  # relative, of v from round to round
+LOAD = 1e-6  # of the largest gain: v may be larger by many powers of ten
+ALONE = 0.5  # of v without what others add, which is where the search begins
 
 
 @np.errstate(all="ignore")
 def common_vector(loop: Loop, errors: Errors) -> Array | None:
     """v > 0 (n,) with M v >= 1, M = L(w h'(0)) + K, in every mode and for all errors; None if none
-    is seen.  Policy iteration: given v every agent takes the mode and the ends of its weights that
-    pull it out most.
-    Raises: OverflowError beyond the floats."""
-    n = loop.n
-    spreads = np.repeat([float(errors.weights), float(max(errors))], [n, len(loop.fixed)])
-    slopes = np.array([float(each.jacobian_at_zero()[0][0].midpoint) for each in loop.functions])
-    gains = np.array(holding_gains(loop, error=errors.gains), dtype=float)
-    modes = []
-    for arcs in loop.modes.values():
-        weights = np.array(arcs.weights, dtype=float) * slopes[coupling_places(loop, arcs)]
-        places = arcs.listeners, arcs.speakers
-        modes.append(sparse.csr_array((weights, places), shape=(n, loop.nodes)))
-    v = np.ones(n)
-    for _ in range(ROUNDS):
-        spend(0)  # many pairs take long
-        tables = []
-        for mode in modes:
-            heard = np.append(v, np.zeros(len(loop.fixed)))[mode.indices]
-            spread = spreads[mode.indices]
-            outward = heard > np.repeat(v, np.diff(mode.indptr))
-            ends = mode.data * np.where(outward, 1 + spread, 1 - spread)
-            table = sparse.csr_array((ends, mode.indices, mode.indptr), shape=mode.shape)
-            diagonal = sparse.diags_array(gains + table.sum(axis=1))
-            tables.append(sparse.csr_array(diagonal - table[:, :n]))
-        worst = np.argmin([table @ v for table in tables], axis=0)
-        chosen = [sparse.diags_array((worst == k).astype(float)) for k in range(len(tables))]
-        M = sum(own @ table for own, table in zip(chosen, tables, strict=True))
-        try:
-            found = factored(M).solve(np.ones(n))
-        except RuntimeError:  # singular
-            return None
-        if not np.all(np.isfinite(found)) or not np.all(found > 0):
-            return None
-        if np.all(np.abs(found - v) <= CLOSE * found):
-            return np.asarray(found)
-        v = found
-    return None
+    is seen.  Raises: OverflowError beyond the floats."""
+    slopes = (float(h.jacobian_at_zero()[0][0].midpoint) for h in loop.functions)
+    lines = tuple(make_coupling(f"{slope!r}*y", dimension=loop.m) for slope in slopes)
+    field = field_of(replace(loop, functions=lines), rho=1.0, errors=errors)
+    size = LOAD * field.limit
+    field = replace(field, grid=np.ones(1), load=size)
+    # what an agent would need by itself
+    alone = -size / field.rows(np.ones(loop.n), alpha=0.0)[1].diagonal()
+    if not np.all(alone > 0):
+        return None
+    v = least_above(field, alpha=0.0, lower=ALONE * alone)
+    return None if v is None else v / size
 
 
 LARGEST = Fraction(999, 1000)  # of the errors that are tried, as parts of 1 or of those stated

@@ -15,6 +15,7 @@ import math
 from base64 import b64decode, b64encode
 from collections.abc import Callable, Iterable, Mapping
 from fractions import Fraction
+from operator import itemgetter
 from typing import Any, TypeVar
 
 import numpy as np
@@ -194,6 +195,32 @@ def golden_section(f: Callable[[float], float], low: float, high: float, *, step
             left = right
             right = low + part * (high - low)
             values[right] = f(right)
+
+
+def soonest(
+    find: Callable[[float], tuple[float, T] | None],
+    *,
+    first: float,
+    longest: float,
+    least: float,
+    steps: int,
+) -> list[tuple[float, T]]:
+    """What ``find`` gives at rates from ``least`` to ``longest`` (1/s), with its time to one
+    percent (s): by a search for the least time, the soonest first.  Rates at which nothing is
+    sooner than ``first`` (s), even with the factor 1, are left out."""
+    found: list[tuple[float, T]] = []
+
+    def time_at(rate: float) -> float:
+        there = find(rate)
+        if there is None:
+            return math.inf
+        found.append(there)
+        return there[0]
+
+    shortest = max(math.log(100) / first, least)
+    if shortest < longest:
+        golden_section(time_at, shortest, longest, steps=steps)
+    return sorted(found, key=itemgetter(0))
 
 
 def follows(rate: float | None, proved: Fraction) -> bool:

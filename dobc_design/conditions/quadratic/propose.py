@@ -13,6 +13,7 @@ from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 from itertools import islice
+from typing import TypeAlias
 
 import numpy as np
 from scipy import linalg, optimize
@@ -24,8 +25,8 @@ from dobc_design.conditions.coverage import Asked
 from dobc_design.conditions.numbers import (
     bisected,
     claimed,
-    golden_section,
     rounded_down,
+    soonest,
     time_to_one_percent,
 )
 from dobc_design.conditions.quadratic import propose_program as programs
@@ -53,6 +54,7 @@ from .sectors import (
 )
 
 Holds = Callable[[Lure], bool]
+Found: TypeAlias = "tuple[_Search, _Point]"
 
 DIGITS = (5, 7, 9, 12)
 BALLS = 4  # points tried, the largest ball first
@@ -124,41 +126,26 @@ def sooner_lures(
     least time to one percent first; each covers what is ``asked``.  ``lures`` do, with growing
     rates > 0: the search begins at the next faster one.  ``steps``: rates that are tried, all of
     them at least ``least`` (1/s)."""
-    found: list[_Flat] = []
 
-    def time_at(rate: float) -> float:
+    def at(rate: float) -> tuple[float, Found] | None:
         exact = rounded_down(rate, digits=4)
         # What holds at a rate holds at a slower one: the search begins inside.
         near = next((each for each in lures if each.rate >= exact), lures[-1])
         flat = _flattest(asked, near, rate=exact)
         if flat is None:
-            return math.inf
-        found.append(flat)
-        return flat.time
+            return None
+        condition = np.linalg.cond(flat[1].Y)
+        return time_to_one_percent(float(exact), math.sqrt(condition)), flat
 
-    times = [time_to_one_percent(float(x.rate), math.sqrt(condition_of(x))) for x in lures]
-    first = min(times)
-    # No P_e is flatter than I, for which the time is log(100) over the rate.
-    shortest = max(math.log(100) / first, least)
+    first = min(time_to_one_percent(float(x.rate), math.sqrt(condition_of(x))) for x in lures)
     longest = float(lures[-1].rate)
-    if longest <= shortest:
-        return
-    golden_section(time_at, shortest, longest, steps=steps)
-    for flat in sorted(found, key=lambda each: each.time):
-        if flat.time < first:
-            yield from islice(filter(holds, flat.search.roundings(flat.point)), 1)
+    found = soonest(at, first=first, longest=longest, least=least, steps=steps)
+    for time, (search, point) in found:
+        if time < first:
+            yield from islice(filter(holds, search.roundings(point)), 1)
 
 
-@noun(eq=False)
-class _Flat:
-    """A point with a flat P_e, and the time to one percent (s) that it promises, about."""
-
-    time: float
-    search: _Search
-    point: _Point
-
-
-def _flattest(asked: Asked, near: Lure, *, rate: Fraction) -> _Flat | None:
+def _flattest(asked: Asked, near: Lure, *, rate: Fraction) -> Found | None:
     """The flattest P_e for this rate that covers what is asked, from a certificate with a larger
     one; None if none is found."""
     begun = _begun(
@@ -174,10 +161,7 @@ def _flattest(asked: Asked, near: Lure, *, rate: Fraction) -> _Flat | None:
         return None
     search = replace(begun, rate=rate)
     point = search.flattest(start, asked.ball)
-    if point is None:
-        return None
-    time = time_to_one_percent(float(rate), math.sqrt(np.linalg.cond(point.Y)))
-    return _Flat(time=time, search=search, point=point)
+    return None if point is None else (search, point)
 
 
 def condition_of(lure: Lure) -> float:
@@ -542,7 +526,7 @@ class _Search:
                 return point
         return None
 
-    def faster(self, radius: float | None, fastest: float) -> Iterator[tuple[_Search, _Point]]:
+    def faster(self, radius: float | None, fastest: float) -> Iterator[Found]:
         """Centres at growing rates, at a radius, from this rate on; none if there is none at this
         rate."""
         search = self

@@ -8,7 +8,6 @@ once: the largest over modes, faces and a grid of s.
 """
 
 import logging
-import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from fractions import Fraction
@@ -21,9 +20,9 @@ from scipy import sparse
 from dobc_design._checks import noun
 from dobc_design.conditions.consensus.propose import decay_rate
 from dobc_design.conditions.numbers import (
-    golden_section,
     last_found,
     quickly_down,
+    soonest,
     time_to_one_percent,
 )
 from dobc_design.coupling.expression import numpy_function
@@ -644,30 +643,27 @@ class Cover:
 
         The least v >= 1 of a rate has the least max v as well, so that one search over the rate
         does."""
-        longest = plan.whole_rate
-        # Slower ones than that are later even with v = 1.
-        shortest = max(longest * math.log(100) / math.log(100 * plan.factor), least * (1 + KEPT))
-        if plan.factor < FLAT or longest <= shortest:
+        least *= 1 + KEPT
+        if plan.factor < FLAT:
             return plan
         if is_large(self.loop):  # another v takes long
-            met = (replace(plan, v=v, rate=rate) for rate, v in plan.slower if rate >= shortest)
+            met = (replace(plan, v=v, rate=rate) for rate, v in plan.slower if rate >= least)
             best = min(met, key=lambda each: each.time, default=plan)
             return best if best.time <= plan.time * EARLIER else plan
-        best = plan
         field = self._field(plan.rho)
 
-        def at(rate: float) -> float:
-            nonlocal best
+        def at(rate: float) -> tuple[float, SeparablePlan] | None:
             v = _flattest(field, rate)
             if v is None:
-                return math.inf
+                return None
             found = replace(plan, v=v, rate=rate)
-            best = min(best, found, key=lambda each: each.time)
-            return found.time
+            return found.time, found
 
-        golden_section(at, shortest, longest, steps=SOONER)
-        if best.time > plan.time * EARLIER:
+        longest = plan.whole_rate
+        found = soonest(at, first=plan.time, longest=longest, least=least, steps=SOONER)
+        if not found or found[0][0] > plan.time * EARLIER:
             return plan
+        best = found[0][1]
         # A slower V leaves kappa less to do, and then rho is smaller.
         nearer = None if best.error is None else self.flat(best.whole_rate)
         if nearer is None:

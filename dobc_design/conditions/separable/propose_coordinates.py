@@ -21,9 +21,9 @@ from scipy import linalg, sparse
 from dobc_design._checks import positional
 from dobc_design.conditions.consensus.propose import decay_rate
 from dobc_design.conditions.numbers import (
-    golden_section,
     rounded_down,
     rounded_up,
+    soonest,
     time_to_one_percent,
 )
 from dobc_design.conditions.quadratic.sectors import GainRange, gains_at
@@ -491,25 +491,19 @@ class Search:
         first = time_to_one_percent(longest, _factor(T, v))
         if not 0 < first * longest < math.inf or self.agents.size > LARGE:
             return None
-        shortest = max(math.log(100) / first, self.least * (1 + KEPT))
         rows = self.rows(v)
-        if rows is None or longest <= shortest:
+        if rows is None:
             return None
-        found: list[Rated] = []
 
-        def at(alpha: float) -> float:
+        def at(alpha: float) -> Rated | None:
             flat = rows.least(alpha)
             if flat is None:
-                return math.inf
-            time = time_to_one_percent(min(alpha, limit), _factor(T, flat))
-            found.append((time, flat))
-            return time
+                return None
+            return time_to_one_percent(min(alpha, limit), _factor(T, flat)), flat
 
-        golden_section(at, shortest, longest, steps=SOONER)
-        if not found:
-            return None
-        time, best = min(found, key=lambda each: each[0])
-        return best if time < EARLIER * first else None
+        least = self.least * (1 + KEPT)
+        found = soonest(at, first=first, longest=longest, least=least, steps=SOONER)
+        return next((flat for time, flat in found if time < EARLIER * first), None)
 
     def weights(self, enough: float) -> tuple[float, Array | None]:
         """v (n, m) with min v = 1 that goes with the gains where it is used, and its rate; the

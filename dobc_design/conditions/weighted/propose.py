@@ -26,8 +26,8 @@ from dobc_design.conditions.consensus.propose import DENSE, decay_rate, is_symme
 from dobc_design.conditions.numbers import (
     MANY_AGENTS,
     bisected,
-    golden_section,
     shorten,
+    soonest,
     time_to_one_percent,
 )
 from dobc_design.errors import SpecError
@@ -75,6 +75,7 @@ CLOSE = (1e-2, 1e-5)  # where iterations stop
 QUICK = 400  # steps of an iteration
 #: M of every mode.
 Tables = Mapping[str, Any]
+Rated = tuple[float, Array]  # a rate, and weights for it
 GIVEN_UP = (ArithmeticError, RuntimeError, ValueError, MemoryError, np.linalg.LinAlgError)
 
 
@@ -106,7 +107,7 @@ def proposals(
     if sooner:
         best = soonest_weights(tables, most, None if alone is None else alone.u / alone.w, least)
         if best is not None:
-            planned.append((best.rate, best.D))
+            planned.append(best)
     planned += [(shorten(part * most, digits=6), None) for part in PARTS]
     for rate, D in planned:
         with suppress(*GIVEN_UP):
@@ -131,48 +132,33 @@ def _perron_pairs(tables: Tables) -> list[Perron]:
     return known if len(known) == len(tables) else []
 
 
-@positional(eq=False)
-class Sooner:
-    """Weights D > 0 (n m,) that seem to do for a rate (1/s), and the time to one percent that they
-    promise."""
-
-    time: float
-    rate: float
-    D: Array
-
-
 def soonest_weights(
     tables: Tables, most: float, fastest: Array | None, least: float = 0.0
-) -> Sooner | None:
-    """The weights and the rate from ``least`` to ``most`` (1/s) with the least ln(100 sqrt(max D /
-    min D)) / rate.
+) -> Rated | None:
+    """The rate from ``least`` to ``most`` (1/s) and the weights D > 0 (n m,) that seem to do for it
+    with the least ln(100 sqrt(max D / min D)) / rate.
 
     ``fastest``: weights for the rate ``most``, where they are known.  None where a slower rate is
     not worth it."""
     size = _rows(tables)
-    found: list[Sooner] = []
 
-    def time_at(rate: float) -> float:
+    def at(rate: float) -> tuple[float, Rated] | None:
         rate = shorten(rate, digits=6)
         with suppress(*GIVEN_UP):
             D = even_weights(tables, rate)
             if D is not None:
-                time = _promised_time(rate, D)
-                found.append(Sooner(time, rate, D))
-                return time
-        return math.inf
+                return _promised_time(rate, D), (rate, D)
+        return None
 
-    first = time_at(most) if fastest is None else _promised_time(most, fastest)
+    if fastest is not None:
+        first = _promised_time(most, fastest)
+    else:
+        first, _ = at(most) or (math.inf, None)
     if not most > 0 or not math.isfinite(first) or first * most < FLAT * math.log(100):
         return None
-    shortest = max(math.log(100) / first, least)  # slower ones are later even with D = I
-    if shortest >= most:
-        return None
-    golden_section(time_at, shortest, most, steps=SOONER if size <= DENSE else SOONER_LARGE)
-    best = min(found, key=lambda each: each.time, default=None)
-    if best is None or not best.time < EARLIER * first:
-        return None
-    return best
+    steps = SOONER if size <= DENSE else SOONER_LARGE
+    found = soonest(at, first=first, longest=most, least=least, steps=steps)
+    return next((best for time, best in found if time < EARLIER * first), None)
 
 
 def _promised_time(rate: float, D: Array) -> float:

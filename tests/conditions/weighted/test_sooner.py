@@ -3,13 +3,17 @@
 import math
 
 import numpy as np
-import pytest
 from certified import certified
 
 from dobc_design import Dynamics, Network, Problem
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.numbers import time_to_one_percent
-from dobc_design.conditions.weighted.propose import proposals, soonest_weights, stiffness
+from dobc_design.conditions.weighted.propose import (
+    even_weights,
+    proposals,
+    soonest_weights,
+    stiffness,
+)
 from dobc_design.loop.make import loop_of
 
 CHAIN = Network.from_arcs([[2, 1], [3, 2], [4, 3], [5, 4], [6, 5]], arrow="listens_to", agents=6)
@@ -34,14 +38,16 @@ def test_the_weights_do_for_their_rate():
     M = stiffness(loop_of(SLOW), mode)
     found = soonest_weights({"G": M}, 1.99, None)
     assert found is not None
-    shift = found.rate * np.eye(6)
-    shifted = M.toarray() - shift
-    X = np.diag(found.D) @ shifted
+    rate, D = found
+    shifted = M.toarray() - rate * np.eye(6)
+    X = np.diag(D) @ shifted
     answer = np.linalg.eigvalsh(X + X.T)
     assert answer[0] > 0
-    largest = found.D.max()
-    factor = math.sqrt(largest / found.D.min())
-    assert found.time == pytest.approx(time_to_one_percent(found.rate, factor))
+    fastest = even_weights({"G": M}, 1.99)
+    assert fastest is not None
+    times = [(rate, D), (1.99, fastest)]
+    now, then = (time_to_one_percent(r, math.sqrt(d.max() / d.min())) for r, d in times)
+    assert now < then
 
 
 def test_an_undirected_network_needs_no_weights():

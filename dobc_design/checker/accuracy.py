@@ -333,6 +333,8 @@ def with_peaks(case: Case, check: Any, shape: Object) -> tuple[Any, Any]:
 def takes_integrals(case: Case) -> bool:
     """Whether something is stated of which an observer passes on up to an integral."""
     plant = case.uncertainty
+    if plant is None:  # the value that is agreed on rests on them
+        return True
     felt = plant.weights and not plant.known_to_agents
     return bool(felt or plant.disturbance or plant.drift or plant.measurement)
 

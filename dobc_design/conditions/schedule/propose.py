@@ -17,8 +17,10 @@ from numpy.typing import NDArray
 
 from dobc_design._checks import noun
 from dobc_design.conditions.arcs.claim import ArcWise
+from dobc_design.conditions.arcs.stage import claims_in
 from dobc_design.conditions.consensus.propose import decay_rate
-from dobc_design.conditions.numbers import rounded_down
+from dobc_design.conditions.domain import Box as Starts
+from dobc_design.conditions.numbers import decimal_above, rounded_down
 from dobc_design.conditions.quadratic.claim import Lure, Quadratic
 from dobc_design.conditions.quadratic.decide import diagonal_of_inverse, verify_lure
 from dobc_design.conditions.quadratic.propose import fast_lures, linear_rate, raise_rate
@@ -45,6 +47,7 @@ WIDER = 1.25  # times what a box grows to where couplings rise; beyond it is giv
 # parts of the radius for which certificates near the target are sought
 LEVELS = (1.0, 0.3, 0.1, 0.03, 0.01)
 RADII = (0.03, 0.08, 0.16, 0.25)  # of quadratic ones
+OF_ARCS = (1.0, 0.95, 0.9, 0.8, 0.6, 0.3)  # of arc-wise ones, which need not rise
 ROOM = 0.999  # of a level
 SMALLEST = 1e-300
 # of the decay rate of A - WC: that of E; 0.7 for the observer's pair of quadratic certificates
@@ -363,7 +366,7 @@ def _of_quadratic(path: _Path, own: Lure | ArcWise, widths: Array, loads: Array)
 
 def _near(
     loop: Loop, W: Matrix | None, asked: Asked, error: ErrorBound | None
-) -> Iterator[Separable | Lure]:
+) -> Iterator[Separable | Lure | ArcWise]:
     """Certificates that may take over near the target."""
     # Linear couplings look the same from everywhere; else a smaller box may have a faster rate.
     levels = [1.0]
@@ -387,6 +390,10 @@ def _near(
             yield found
     radii = [part * float(asked.radius) for part in RADII]
     yield from _quadratic(loop, W, radii, slowest)
+    # No box serves all modes there, or couplings fall: what arcs take may be paid for even so.
+    for part in () if slowest else OF_ARCS:
+        radius = decimal_above(asked.radius * Fraction(part))
+        yield from claims_in(loop, W, Starts(radius, decimal_above(asked.disturbance)))
 
 
 def _kept(loop: Loop, W: Matrix | None, asked: Asked, error: ErrorBound | None) -> Iterator[Cycles]:

@@ -25,6 +25,7 @@ Table = Mapping[str, Any]
 Document = dict[str, Any]  # of JSON or TOML
 
 LONGEST_SHOWN = 60
+MOST_NAMES = 12  # that a message lists
 
 _SHORT = reprlib.Repr()
 _SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = LONGEST_SHOWN
@@ -168,6 +169,40 @@ def keyed(value: Any, keys: Sequence[str], *, key: str) -> list[Any]:
             cure = f"Known keys: {', '.join(keys)}."
             raise wrong(f"{key}.{named(str(name))}", "is an unknown key.", cure)
     return [value.get(name) for name in keys]
+
+
+def one_of(value: Any, names: Iterable[str], key: str, cure: str = "Choose one.") -> str:
+    """A text that is one of these names.  Raises: SpecError."""
+    if isinstance(value, str) and value in names:
+        return value
+    raise wrong(key, f"must be one of {some([*names], MOST_NAMES)}; got {shown(value)}.", cure)
+
+
+def whole_number(value: Any, key: str, *, least: int, most: int, cure: str) -> int:
+    """An integer from ``least`` to ``most``.  Raises: SpecError."""
+    # True and False are integers of Python.
+    if isinstance(value, int) and not isinstance(value, bool) and least <= value <= most:
+        return value
+    raise wrong(key, f"must be an integer from {least} to {most}; got {shown(value)}.", cure)
+
+
+def flag(value: Any, key: str, cure: str = "For example true.") -> bool:
+    """True or false.  Raises: SpecError."""
+    # "false" in quotes would be true.
+    if isinstance(value, bool):
+        return value
+    raise wrong(key, f"must be true or false; got {shown(value)}.", cure)
+
+
+def least_number(
+    value: Any, key: str, what: str, cure: str, *, below: Fraction | None = None
+) -> Fraction:
+    """A number >= 0, and less than ``below`` where that is given; ``what`` it is.  Raises:
+    SpecError."""
+    number = parse_number(value, key)
+    if number < 0 or (below is not None and number >= below):
+        raise wrong(key, f"must be {what}; got {shown_number(number)}.", cure)
+    return number
 
 
 def positive_number(value: Any, key: str, unit: str) -> Fraction:

@@ -14,7 +14,7 @@ from dobc_design.coupling.expression import formula_text
 from dobc_design.coupling.functions import FUNCTIONS
 from dobc_design.errors import refused, wrong
 from dobc_design.exact.matrix import Matrix, to_float
-from dobc_design.exact.reading import Document
+from dobc_design.exact.reading import Document, one_of
 from dobc_design.loop import arrays
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.canonical import problem_sha256
@@ -145,11 +145,7 @@ def to_casadi(problem: Source, function: str = "closed_loop", *, mode: str | Non
     problem = _loaded(problem)
     model = build_model(problem, mode, gain=observer_gain(loop_of(problem)))
     found = {each.name(): each for each in model.functions}
-    if function not in found:
-        raise refused(
-            "function", f"function must be one of {', '.join(found)}; got {function[:60]!r}."
-        )
-    return found[function]
+    return found[one_of(function, found, "function")]
 
 
 def to_numpy(source: Source | Certificate) -> Document:

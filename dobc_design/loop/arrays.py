@@ -18,7 +18,7 @@ from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.tree import postorder
 from dobc_design.errors import wrong
 from dobc_design.exact.matrix import Matrix, matrix, multiply, to_float
-from dobc_design.exact.reading import Names, shown
+from dobc_design.exact.reading import Names, one_of
 from dobc_design.problem.groups import gains_of, group_numbers
 from dobc_design.problem.network import Arcs, BoolArray, IndexArray, Places, distinct_weights
 from dobc_design.problem.problem import Problem
@@ -185,14 +185,7 @@ def chosen_mode(problem: Problem, mode: str | None) -> str:
 
 def mode_index(mode: str, names: Names) -> int:
     """The index of a mode.  Raises: SpecError if there is no such mode."""
-    if mode not in names:
-        known = ", ".join(names[:6]) + (", ..." if len(names) > 6 else "")
-        raise wrong(
-            "mode",
-            f"must be one of the problem's modes ({known}); got {shown(mode)}.",
-            "Leave it out for the first one.",
-        )
-    return names.index(mode)
+    return names.index(one_of(mode, names, "mode", "Leave it out for the first one."))
 
 
 def chosen_gain(loop: Loop, gain: Gain | None) -> Matrix | None:

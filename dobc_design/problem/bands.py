@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from dobc_design.errors import Mistakes, wrong
 from dobc_design.exact.number import nearest, parse_number
-from dobc_design.exact.reading import is_list, shown, shown_number
+from dobc_design.exact.reading import is_list, shown, shown_number, whole_number
 
 KEYS = ("bands", "bands_hz")
 MOST_PAIRS = 10
@@ -116,11 +116,10 @@ def _amplitudes(value: Any, count: int) -> Sequence[Any]:
 
 def pairs_of(table: Any) -> int:
     """How many pairs of poles a band is given.  Raises: SpecError."""
-    pairs = 1 if table.pairs is None else table.pairs
-    if type(pairs) is not int or not 1 <= pairs <= MOST_PAIRS:
-        what = f"must be a whole number from 1 to {MOST_PAIRS}; got {shown(pairs)}."
-        raise wrong("exosystem.pairs", what, "It is how many pairs of poles each band is given.")
-    return pairs
+    if table.pairs is None:
+        return 1
+    cure = "It is how many pairs of poles each band is given."
+    return whole_number(table.pairs, "exosystem.pairs", least=1, most=MOST_PAIRS, cure=cure)
 
 
 def nodes(low: Fraction, high: Fraction, pairs: int) -> list[Fraction]:

@@ -201,7 +201,7 @@ def _table_of(noun: Any) -> Document | None:
 
 def _later_keys(noun: Any) -> Texts:
     """The fields that a noun has in problem.json only where they were given."""
-    return tuple(each.name for each in fields(noun) if each.metadata == LATER)
+    return tuple(each.name for each in fields(noun) if LATER.keys() <= each.metadata.keys())
 
 
 def converted(value: Any, number: Callable[[Fraction], Any]) -> Any:

@@ -21,8 +21,8 @@ from .exosystems import PARTS, Exosystem, of_parts
 from .groups import Group, Groups, Observer, check_rest, group_key, in_another, renamed
 from .network import no_agent
 from .readings import TIMES
-from .schema import ExosystemTable, GroupTable, ProblemFile
-from .schema_errors import EXAMPLES
+from .schema import EXAMPLES
+from .schema_errors import Given
 
 
 @noun
@@ -78,9 +78,7 @@ class Disturbances:
                 owner[agent] = key
 
 
-def read_exosystem(
-    tables: ProblemFile, dimension_of: Callable[[Exosystem | None], int]
-) -> Disturbances:
+def read_exosystem(tables: Given, dimension_of: Callable[[Exosystem | None], int]) -> Disturbances:
     """The disturbances of all agents.  Raises: SpecError naming the keys.  ``dimension_of``: how
     many state components there are, for the first exosystem given by A and C, or None; one given in
     words has that many."""
@@ -90,8 +88,8 @@ def read_exosystem(
     errors = Mistakes()
     steps = tables.dynamics is not None and tables.dynamics.time == TIMES[1]
     # [exosystem] itself and its groups are read alike, each under its own key.
-    places: dict[str, ExosystemTable | GroupTable] = {"exosystem": table}
-    for number, group in enumerate(table.groups):
+    places: dict[str, Given] = {"exosystem": table}
+    for number, group in enumerate(table.groups or ()):
         places[group_key(number)] = group
     found = {place: _explicit(each, place, errors) for place, each in places.items()}
     bands: tuple[Band, ...] = ()
@@ -113,7 +111,7 @@ def read_exosystem(
                 errors.append(wrong(place, what, cure))
     groups = []
     without = {}
-    for number, group in enumerate(table.groups):
+    for number, group in enumerate(table.groups or ()):
         place = group_key(number)
         exosystem = found[place]
         try:
@@ -148,12 +146,12 @@ def _labels(agents: Any, key: str) -> list[Any]:
     return list(agents)
 
 
-def _explicit(table: ExosystemTable | GroupTable, place: str, errors: Mistakes) -> Exosystem | None:
+def _explicit(table: Given, place: str, errors: Mistakes) -> Exosystem | None:
     """The exosystem of A and C; None where a kind stands in their place, or where groups alone are
     given."""
     matrices = [name for name in ("A", "C") if getattr(table, name) is not None]
     parts = [name for name in PARTS if getattr(table, name) is not None]
-    if isinstance(table, GroupTable) and table.none is not None:
+    if getattr(table, "none", None) is not None:
         _check_none(table, place, [*matrices, *parts], errors)
         return None
     if parts and matrices:
@@ -167,7 +165,7 @@ def _explicit(table: ExosystemTable | GroupTable, place: str, errors: Mistakes) 
     if parts:
         return None
     # [exosystem] may be there for its groups alone; bands alone are given poles.
-    if isinstance(table, ExosystemTable) and not matrices:
+    if hasattr(table, "groups") and not matrices:
         banded = any(getattr(table, key) is not None for key in KEYS)
         if table.groups or banded:
             return None
@@ -191,7 +189,7 @@ def _explicit(table: ExosystemTable | GroupTable, place: str, errors: Mistakes) 
         return None
 
 
-def _check_none(table: GroupTable, place: str, given: Names, errors: Mistakes) -> None:
+def _check_none(table: Given, place: str, given: Names, errors: Mistakes) -> None:
     """``none`` is true, and says all that there is to say of the disturbance of its agents."""
     key = f"{place}.none"
     observed = [name for name in ("W", "P") if getattr(table, name) is not None]
@@ -215,7 +213,7 @@ def _check_none(table: GroupTable, place: str, given: Names, errors: Mistakes) -
 
 
 def _in_words(
-    table: ExosystemTable | GroupTable,
+    table: Given,
     place: str,
     components: int,
     errors: Mistakes,

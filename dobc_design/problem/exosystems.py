@@ -20,7 +20,17 @@ from dobc_design._show.cards import Shown
 from dobc_design.errors import misshapen, refused, wrong
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import nearest, parse_number, typed_number
-from dobc_design.exact.reading import counted, is_list, read_matrix, shown, shown_number
+from dobc_design.exact.reading import (
+    counted,
+    flag,
+    is_list,
+    one_of,
+    positive_number,
+    read_matrix,
+    shown,
+    shown_number,
+    whole_number,
+)
 
 __all__ = [
     "KINDS",
@@ -114,12 +124,7 @@ def of_parts(
     rounded to 12 digits) and ``frequencies`` (rad/s) numbers or lists; ``kind`` names a single
     part.  Raises: SpecError naming the key."""
     if kind is not None:
-        if kind not in KINDS:
-            raise wrong(
-                "exosystem.kind",
-                f"must be one of {', '.join(KINDS)}; got {shown(kind)}.",
-                "For another shape give A and C.",
-            )
+        one_of(kind, KINDS, "exosystem.kind", "For another shape give A and C.")
         beside = {"constant": constant, "ramp": ramp, "hz": hz}
         if kind != "harmonics":
             beside["frequencies"] = frequencies
@@ -139,12 +144,8 @@ def of_parts(
         constant = kind == "constant"
         ramp = kind == "ramp"
     for key, value in (("constant", constant), ("ramp", ramp)):
-        if not isinstance(value, bool | None):
-            raise wrong(
-                f"exosystem.{key}",
-                f"must be true or false; got {shown(value)}.",
-                f"Write {key} = true.",
-            )
+        if value is not None:
+            flag(value, f"exosystem.{key}", f"Write {key} = true.")
     # A ramp starts somewhere: it has the constant in it.
     shapes = [polynomial(1 if ramp else 0)] if constant or ramp else []
     # Sines of both keys are compared with each other: 0.5 Hz and 3.14 rad/s may be one.
@@ -216,13 +217,8 @@ def ramp() -> Exosystem:
 def polynomial(degree: Any) -> Exosystem:
     """An unknown polynomial in time; the state holds the disturbance and its derivatives.  Raises:
     SpecError unless ``degree`` is an integer from 0 to 20."""
-    if type(degree) is not int or not 0 <= degree <= LARGEST_DEGREE:
-        raise wrong(
-            "degree",
-            f"must be an integer from 0 to {LARGEST_DEGREE}; got {shown(degree)}.",
-            "0 is a constant, 1 a ramp.",
-        )
-    order = degree + 1
+    cure = "0 is a constant, 1 a ramp."
+    order = 1 + whole_number(degree, "degree", least=0, most=LARGEST_DEGREE, cure=cure)
     A = [[int(j == i + 1) for j in range(order)] for i in range(order)]
     return Exosystem(A=A, C=[[1] + [0] * degree])
 
@@ -248,19 +244,13 @@ def periodic(fundamental: Any, *, harmonics_kept: Any, mean: bool = True) -> Exo
     ``fundamental`` is the angular frequency (rad/s); ``mean`` keeps the constant term. What is cut
     off is an unmodelled disturbance for the observer. Raises: SpecError unless fundamental > 0 and
     harmonics_kept is an integer >= 1."""
-    w = parse_number(fundamental, "fundamental")
+    w = positive_number(fundamental, "fundamental", "rad/s")
     kept = harmonics_kept
     if type(kept) is not int or kept < 1:
         raise wrong(
             "harmonics_kept",
             f"must be an integer >= 1; got {shown(kept)}.",
             "For a constant disturbance use constant().",
-        )
-    if w <= 0:
-        raise wrong(
-            "fundamental",
-            f"must be > 0 (rad/s); got {shown_number(w)}.",
-            "It is 2 pi divided by the period.",
         )
     sines = harmonics([w * k for k in range(1, kept + 1)])
     return total(constant(), sines) if mean else sines

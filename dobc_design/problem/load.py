@@ -22,8 +22,6 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, TypeVar
 
-from pydantic import BaseModel, ValidationError
-
 from dobc_design.coupling.coupling import Coupling, make_coupling
 from dobc_design.errors import Mistakes, SpecError, about, refused, wrong
 from dobc_design.exact.reading import (
@@ -56,13 +54,14 @@ from .network import (
     one_form,
 )
 from .problem import Problem, dimension_of, is_name
-from .schema import SCHEMA_VERSION, ProblemFile
-from .schema_errors import explain, known_keys
+from .schema import known_keys
+from .schema_errors import Given, tables_of
 from .switching import Switching
 
 MAX_BYTES = 16 * 1024 * 1024
 MAX_NESTING = 50
 PROBLEM = "problem file"
+SCHEMA_VERSION = 1
 T = TypeVar("T")
 
 # Strings and comments; possessive, so that no byte is looked at twice. A string that is not closed
@@ -212,10 +211,7 @@ def read_problem_text(
 def read_problem_tables(document: Table, *, folder: Path | None, default_name: str) -> Problem:
     """Read a problem from the tables of a TOML file, as ``parse_toml`` gives them."""
     _check_version(document)
-    try:
-        tables = ProblemFile.model_validate(document)
-    except ValidationError as error:
-        raise explain(error) from None
+    tables = tables_of(document)
     # A file may be called in ways in which no problem may be.
     name = default_name if is_name(default_name) else "problem"
     if tables.name is not None:
@@ -243,18 +239,18 @@ def _check_version(document: Table) -> None:
 
 def _given(value: Any) -> Any:
     """A table as a dict; what is no table as it is."""
-    return value.model_dump() if isinstance(value, BaseModel) else value
+    return vars(value) if isinstance(value, Given) else value
 
 
-def _noun(kind: Callable[..., T], table: BaseModel | None) -> T | None:
+def _noun(kind: Callable[..., T], table: Given | None) -> T | None:
     """The noun that a table states; None without the table."""
-    return None if table is None else kind(**table.model_dump())
+    return None if table is None else kind(**vars(table))
 
 
 #: What is made into a noun here.  All else of a file is an argument of Problem, which reads it: a
 #: key of that kind needs no line in this module.
 _READ_HERE = (
-    "schema_",
+    "schema",
     "name",
     "network",
     "coupling",
@@ -267,10 +263,10 @@ _READ_HERE = (
 )
 
 
-def _build(tables: ProblemFile, *, folder: Path | None, name: str) -> Problem:
+def _build(tables: Given, *, folder: Path | None, name: str) -> Problem:
     """The nouns of all tables, and the Problem of them.  Raises: SpecError with every mistake."""
     errors = Mistakes()
-    own = {} if tables.dynamics is None else tables.dynamics.model_dump()
+    own = {} if tables.dynamics is None else dict(vars(tables.dynamics))
     time = own.pop("time", None)
     # The time alone says nothing about A and B.
     alone = time is not None and not any(own.values())
@@ -305,9 +301,9 @@ def _build(tables: ProblemFile, *, folder: Path | None, name: str) -> Problem:
     made = partial(make_coupling, dimension=felt, outputs=p)
     exceptions = None if read is None else errors.tried(_exceptions, tables, read, made)
     others = {
-        field: _given(getattr(tables, field))
-        for field in ProblemFile.model_fields
-        if field not in _READ_HERE
+        key: _given(value)
+        for key, value in vars(tables).items()
+        if value is not None and key not in _READ_HERE
     }
     if given.bands:
         # What no exosystem generates is bounded with the rest of that kind.
@@ -334,7 +330,7 @@ def _build(tables: ProblemFile, *, folder: Path | None, name: str) -> Problem:
     return problem
 
 
-def _without_arcs(tables: ProblemFile) -> Network | None:
+def _without_arcs(tables: Given) -> Network | None:
     """The agents and modes of a network whose arcs cannot be read; None where these cannot."""
     table = tables.network
     with suppress(SpecError):
@@ -344,7 +340,7 @@ def _without_arcs(tables: ProblemFile) -> Network | None:
     return None
 
 
-def _network(tables: ProblemFile, folder: Path | None) -> Network:
+def _network(tables: Given, folder: Path | None) -> Network:
     """[network]: labels, and the arcs of every mode.  Raises: SpecError with every mistake."""
     table = tables.network
     errors = Mistakes()
@@ -406,7 +402,7 @@ def _mode(value: Any, *, index: Index, arrow: str, key: str, folder: Path | None
 
 
 def _exceptions(
-    tables: ProblemFile, network: Network, made: Callable[..., Coupling]
+    tables: Given, network: Network, made: Callable[..., Coupling]
 ) -> dict[Arc, Coupling]:
     """The couplings of single arcs; ``made`` makes one of its text."""
     given = tables.coupling.exceptions

@@ -33,6 +33,7 @@ from dobc_design.exact.reading import (
     counted,
     is_list,
     named,
+    one_of,
     shown,
     shown_number,
 )
@@ -501,12 +502,8 @@ class Network(Shown):
             check_arcs(self.modes, self.labels, mode=name, negative=self.negative, fixed=self.fixed)
         if self.negative is None:
             return
-        if self.negative not in NEGATIVE:
-            raise wrong(
-                "network.negative",
-                f'must be "opposes" or "repels"; got {shown(self.negative)}.',
-                "It says what a negative weight means; without one leave it out.",
-            )
+        cure = "It says what a negative weight means; without one leave it out."
+        one_of(self.negative, NEGATIVE, "network.negative", cure)
         # A file may give the key before it has such an arc.
         if all(w > 0 for arcs in self.modes.values() for w in arcs.weights):
             put(self, negative=None)
@@ -615,9 +612,7 @@ class Network(Shown):
 
     def require_mode(self, mode: str) -> str:
         """The name of a mode.  Raises: SpecError where there is none of that name."""
-        if mode not in self.modes:
-            raise wrong("mode", f"must be one of {', '.join(self.modes)}; got {shown(mode)}.")
-        return mode
+        return one_of(mode, self.modes, "mode", "Leave it out for the first one.")
 
     def arc_codes(self) -> set[int]:
         """listener * number of nodes + speaker of every arc of every mode."""

@@ -59,7 +59,6 @@ from .readings import (
     Processor,
     Readings,
     read_processor,
-    read_readings,
     read_time,
 )
 from .region import GOALS, Pairs, Region, read_goal, read_region, read_units
@@ -79,7 +78,7 @@ from .tables import (
     switching_words,
     uncertainty_words,
 )
-from .uncertainty import Actuators, Uncertainty, read_actuators, read_uncertainty
+from .uncertainty import Actuators, Uncertainty, read_actuators
 
 #: What is for the package itself; completion and the reference leave it out.
 INTERNAL = frozenset(
@@ -253,10 +252,10 @@ class Problem(Grouped, Shown):
             "region": lambda: read_region(region, dimension=m, with_exosystem=first is not None),
             "switching": lambda: check_switching(switching, tuple(network.modes)),
             "simulation": read_runs,
-            "uncertainty": lambda: read_uncertainty(uncertainty),
+            "uncertainty": lambda: Uncertainty.stated(uncertainty),
             "actuators": lambda: read_actuators(actuators, labels),
             "leader": lambda: read_leader(leader, dynamics=own),
-            "readings": lambda: read_readings(readings),
+            "readings": lambda: Readings.stated(readings),
             "processor": lambda: read_processor(processor),
             "steps": lambda: read_time(time),
             "notes": lambda: _read_notes(notes),

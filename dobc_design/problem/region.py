@@ -14,6 +14,8 @@ from dobc_design.exact.reading import (
     is_list,
     is_text,
     keyed,
+    least_number,
+    one_of,
     shown,
     shown_number,
 )
@@ -28,14 +30,7 @@ Pairs = tuple[Pair, ...]  # one for each state component
 
 def read_goal(goal: object) -> str:
     """What agents are to reach; None stands for the target.  Raises: SpecError."""
-    if goal is None:
-        return GOALS[0]
-    if not isinstance(goal, str) or goal not in GOALS:
-        known = ", ".join(f'"{each}"' for each in GOALS)
-        raise wrong(
-            "goal", f"must be one of {known}; got {shown(goal)}.", 'For example "agreement".'
-        )
-    return goal
+    return GOALS[0] if goal is None else one_of(goal, GOALS, "goal", 'For example "agreement".')
 
 
 @noun
@@ -150,13 +145,7 @@ def _read_disturbance(value: Any, *, with_exosystem: bool) -> Fraction | None:
         )
     if value is None:
         return None
-    number = parse_number(value, key)
-    if number < 0:
-        raise wrong(
-            key,
-            f"must be >= 0, because it is a length; got {shown_number(number)}.",
-            "Give 0 or more.",
-        )
+    number = least_number(value, key, ">= 0, because it is a length", "Give 0 or more.")
     if not with_exosystem:
         raise wrong(
             key, "has no meaning without an [exosystem].", "Remove it, or give the exosystem."

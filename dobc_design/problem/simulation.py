@@ -15,6 +15,7 @@ from dobc_design.exact.reading import (
     positive_number,
     read_vector,
     shown,
+    whole_number,
 )
 
 Rows = tuple[Vector, ...]
@@ -38,15 +39,15 @@ def read_simulation(value: Any, *, n: int, orders: tuple[int, ...], m: int) -> S
     table = {} if value is None else value
     t_final, seed, xi0, x0 = keyed(table, ("t_final", "seed", "xi0", "x0"), key="simulation")
     errors = Mistakes()
-    time = Fraction(20)
+    time, start = Fraction(20), 0
     disturbances = states = None
     if t_final is not None:
         with errors:
             time = positive_number(t_final, "simulation.t_final", "s")
-    seed = 0 if seed is None else seed
-    if type(seed) is not int or not 0 <= seed < 2**63:
-        what = f"must be a whole number from 0 to 2^63 - 1; got {shown(seed)}."
-        errors.append(wrong("simulation.seed", what, "For example seed = 0."))
+    if seed is not None:
+        cure = "For example seed = 0."
+        with errors:
+            start = whole_number(seed, "simulation.seed", least=0, most=2**63 - 1, cure=cure)
     if xi0 is not None:
         with errors:
             disturbances = _read_xi0(xi0, n=n, orders=orders)
@@ -54,7 +55,7 @@ def read_simulation(value: Any, *, n: int, orders: tuple[int, ...], m: int) -> S
         with errors:
             states = _read_x0(x0, n=n, m=m)
     errors.raise_all()
-    return Simulation(t_final=time, seed=seed, xi0=disturbances, x0=states)
+    return Simulation(t_final=time, seed=start, xi0=disturbances, x0=states)
 
 
 def _read_xi0(value: Any, *, n: int, orders: tuple[int, ...]) -> Rows:

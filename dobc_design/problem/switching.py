@@ -5,13 +5,14 @@ What a proof makes of a guarantee is in ``loop/guarantee.py``.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import fields
 from fractions import Fraction
+from functools import partial
 from itertools import accumulate, pairwise
 from typing import Any
 
-from dobc_design._checks import later, noun, put
+from dobc_design._checks import later, noun, put, require_square
 from dobc_design._show.cards import Shown
 from dobc_design.errors import Mistakes, SpecError, misshapen, wrong
 from dobc_design.exact.matrix import Matrix
@@ -22,10 +23,13 @@ from dobc_design.exact.reading import (
     counted,
     is_list,
     is_text,
+    least_number,
+    one_of,
     positive_number,
     read_matrix,
     shown,
     shown_number,
+    whole_number,
 )
 
 Schedule = tuple[tuple[Fraction, str], ...]
@@ -38,6 +42,7 @@ KEYS = {
     "mobile": ("radius", "neighbours", "hysteresis"),
 }
 SIGNALS = tuple(KEYS)
+OF_ALL = ("guarantee", "dwell", "longest")
 #: What proofs may assume, and the signal that is simulated unless another is named.
 GUARANTEES = {
     "arbitrary": "random",
@@ -107,36 +112,31 @@ class Switching(Shown):
         longest: Any = None,
     ) -> None:
         errors = Mistakes()
-        if guarantee is not None and (
-            not isinstance(guarantee, str) or guarantee not in GUARANTEES
-        ):
-            what = f"must be one of {', '.join(GUARANTEES)}; got {shown(guarantee)}."
-            errors.append(wrong("switching.guarantee", what, 'For example guarantee = "dwell".'))
-            guarantee = None
-            signal = "random" if signal is None else signal  # it need not be named then
         if guarantee is not None:
+            cure = 'For example guarantee = "dwell".'
+            guarantee = errors.tried(one_of, guarantee, GUARANTEES, "switching.guarantee", cure)
             # Simulations show a signal that keeps the guarantee, unless another is asked for.
-            signal = GUARANTEES[guarantee] if signal is None else signal
-            # Modes of different length are a schedule that begins anew.
-            if guarantee == "sequence" and is_list(dwell):
-                for name, other in (("period", period), ("schedule", schedule)):
-                    if other is not None:
-                        raise wrong(
-                            f"switching.{name}",
-                            "has no meaning beside a list as dwell.",
-                            "Remove it.",
-                        )
-                schedule, period = _instants(sequence, dwell)
-                sequence = None
-                dwell = None
-        if not isinstance(signal, str) or signal not in SIGNALS:
-            what = f"must be one of {', '.join(SIGNALS)}; got {shown(signal)}."
-            cure = 'For example signal = "random".'
+            signal = GUARANTEES.get(guarantee, "random") if signal is None else signal
+        # Modes of different length are a schedule that begins anew.
+        if guarantee == "sequence" and is_list(dwell):
+            for name, other in (("period", period), ("schedule", schedule)):
+                if other is not None:
+                    raise wrong(
+                        f"switching.{name}", "has no meaning beside a list as dwell.", "Remove it."
+                    )
+            schedule, period = _instants(sequence, dwell)
+            sequence = None
+            dwell = None
+        with errors:
             if signal is None:
-                what = "is required and missing; a guarantee may stand in its place."
-                cure = 'Write guarantee = "dwell" if proofs may rely on the dwell time, or signal '
-                cure += '= "random" for simulations.'
-            errors.append(wrong("switching.signal", what, cure))
+                raise wrong(
+                    "switching.signal",
+                    "is required and missing; a guarantee may stand in its place.",
+                    'Write guarantee = "dwell" if proofs may rely on the dwell time, or signal = '
+                    '"random" for simulations.',
+                )
+            one_of(signal, SIGNALS, "switching.signal", 'For example signal = "random".')
+        if signal not in SIGNALS:
             raise SpecError.several(errors)
         given = {
             "dwell": dwell,
@@ -203,38 +203,14 @@ def check_switching(switching: Switching | None, modes: Names) -> Switching | No
 def _read(signal: str, name: str, value: Any) -> Any:
     """The value of one key, which this signal has to know.  Raises: SpecError."""
     key = f"switching.{name}"
-    if name == "guarantee":
-        return value
-    if name not in ("dwell", "longest") and name not in KEYS[signal]:
+    if name not in (*OF_ALL, *KEYS[signal]):
         owners = [f'"{each}"' for each, names in KEYS.items() if name in names]
         raise wrong(
             key,
             f'has no meaning for signal = "{signal}"; it belongs to {" and ".join(owners)}.',
             f"Remove it, or write signal = {owners[-1]}.",
         )
-    if name == "radius":
-        return positive_number(value, key, "a distance in the unit of x")
-    if name in ("dwell", "longest", "period"):
-        return positive_number(value, key, "s")
-    if name == "hysteresis":
-        number = parse_number(value, key)
-        if number < 0:
-            raise wrong(
-                key,
-                f"must be >= 0 (a distance in the unit of x); got {shown_number(number)}.",
-                f"Write {_EXAMPLES[name]}.",
-            )
-        return number
-    if name == "neighbours":
-        if type(value) is not int or not 1 <= value < 2**31:
-            raise wrong(
-                key,
-                f"must be a whole number >= 1; got {shown(value)}.",
-                f"Write {_EXAMPLES[name]}.",
-            )
-        return value
-    readers = {"sequence": _read_sequence, "generator": _read_generator, "schedule": _read_schedule}
-    return readers[name](value, key)
+    return _READERS[name](value, key)
 
 
 def _misfits(own: Switching) -> Iterator[SpecError]:
@@ -351,13 +327,7 @@ def _read_sequence(value: Any, key: str) -> Texts:
 def _read_generator(value: Any, key: str) -> Matrix:
     """The rates of a Markov chain: a square matrix whose rows add up to 0."""
     matrix = read_matrix(value, key)
-    rows, columns = len(matrix), len(matrix[0])
-    if rows != columns:
-        raise misshapen(
-            key,
-            f"must be square, one row and one column per mode; got shape ({rows}, {columns}).",
-            f"For two modes {_EXAMPLES['generator']}.",
-        )
+    require_square(matrix, key, "one row and one column per mode")
     for k, row in enumerate(matrix):
         for other, rate in enumerate(row):
             if other != k and rate < 0:
@@ -414,3 +384,23 @@ def _mode(value: Any, key: str) -> str:
 
 def _no_list(key: str, what: str, value: Any, name: str) -> SpecError:
     return wrong(key, f"must be {what}; got {shown(value)}.", f"For example {_EXAMPLES[name]}.")
+
+
+_seconds = partial(positive_number, unit="s")
+_LENGTH = "a distance in the unit of x"
+_READERS: dict[str, Callable[[Any, str], Any]] = {
+    "guarantee": lambda value, key: value,
+    "dwell": _seconds,
+    "longest": _seconds,
+    "period": _seconds,
+    "sequence": _read_sequence,
+    "generator": _read_generator,
+    "schedule": _read_schedule,
+    "radius": partial(positive_number, unit=_LENGTH),
+    "hysteresis": partial(
+        least_number, what=f">= 0 ({_LENGTH})", cure=f"Write {_EXAMPLES['hysteresis']}."
+    ),
+    "neighbours": partial(
+        whole_number, least=1, most=2**31 - 1, cure=f"Write {_EXAMPLES['neighbours']}."
+    ),
+}

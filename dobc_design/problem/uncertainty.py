@@ -3,25 +3,44 @@
 
 from collections.abc import Mapping
 from fractions import Fraction
+from functools import partial
 from types import MappingProxyType
 from typing import Any
 
-from dobc_design._checks import later, noun, put
-from dobc_design._show.cards import Card, Shown
+from dobc_design._checks import noun
+from dobc_design._show.cards import Card
 from dobc_design.errors import Mistakes, wrong
-from dobc_design.exact.number import ZERO, parse_number
-from dobc_design.exact.reading import Document, Names, items, positive_number, shown, shown_number
+from dobc_design.exact.number import ONE, ZERO
+from dobc_design.exact.reading import Names, flag, least_number, positive_number, shown
 
 from .bands import Band, band_words, read_bands
+from .stated import Stated, read_by
 
 RELATIVE = ("weights", "gains")
 BOUNDS = ("disturbance", "drift", "measurement")
 #: What acts on the plant however near the target it is.
 ABSOLUTE = (*BOUNDS, "bands")
+_bound = partial(least_number, what=">= 0, because it is a bound", cure="For example 0.05.")
+_relative = partial(
+    least_number, what="a relative error, >= 0 and < 1", cure="For example 0.05.", below=ONE
+)
+_positive = partial(positive_number, unit="unit of u")
+
+
+def _read_limit(value: Any, key: str) -> Fraction | Mapping[str, Fraction]:
+    """One number for all agents, or label -> number."""
+    if not isinstance(value, Mapping):
+        return _positive(value, key)
+    return MappingProxyType({str(x): _positive(u, f"{key}.{x}") for x, u in value.items()})
+
+
+def _read_saturates(value: Any, key: str) -> bool | None:
+    """A flag; false is the same as none."""
+    return flag(value, key) or None
 
 
 @noun
-class Uncertainty(Shown):
+class Uncertainty(Stated):
     """How far the plant may be from the model; numbers are exact, 0 where nothing is given.
 
     weights, gains: largest relative error of every arc weight and every pinning gain, >= 0 and < 1.
@@ -35,32 +54,13 @@ class Uncertainty(Shown):
     Raises: SpecError that names every wrong key.
     """
 
-    weights: Fraction = ZERO
-    gains: Fraction = ZERO
-    known_to_agents: bool = True
-    disturbance: Fraction = ZERO
-    drift: Fraction = ZERO
-    measurement: Fraction = ZERO
-    bands: tuple[Band, ...] | None = later()
-
-    def __post_init__(self) -> None:
-        errors = Mistakes()
-        with errors:
-            put(self, bands=read_bands(self.bands))
-        for name in (*RELATIVE, *BOUNDS):
-            with errors:
-                value, key = getattr(self, name), f"uncertainty.{name}"
-                put(self, **{name: _bound(value, key, below=name in RELATIVE)})
-        with errors:
-            # "false" in quotes would be true.
-            known: object = self.known_to_agents
-            if not isinstance(known, bool):
-                raise wrong(
-                    "uncertainty.known_to_agents",
-                    f"must be true or false; got {shown(known)}.",
-                    "Leave it out where the agents know their couplings.",
-                )
-        errors.raise_all()
+    weights: Fraction = read_by(_relative, ZERO)
+    gains: Fraction = read_by(_relative, ZERO)
+    known_to_agents: bool = read_by(flag, default=True)
+    disturbance: Fraction = read_by(_bound, ZERO)
+    drift: Fraction = read_by(_bound, ZERO)
+    measurement: Fraction = read_by(_bound, ZERO)
+    bands: tuple[Band, ...] | None = read_by(read_bands, later=True)
 
     def _card(self) -> Card:
         bounds = [(name, getattr(self, name)) for name in (*RELATIVE, *BOUNDS)]
@@ -72,7 +72,7 @@ class Uncertainty(Shown):
 
 
 @noun
-class Actuators(Shown):
+class Actuators(Stated):
     """What actuators can give.
 
     limit: bound on every component of u_i, a number for all agents, or label -> number.
@@ -82,26 +82,15 @@ class Actuators(Shown):
     Raises: SpecError that names every wrong key.
     """
 
-    limit: Fraction | Mapping[str, Fraction] | None = None
-    amplitude: Fraction | None = None
-    saturates: bool | None = later()
+    limit: Fraction | Mapping[str, Fraction] | None = read_by(_read_limit)
+    amplitude: Fraction | None = read_by(_bound)
+    saturates: bool | None = read_by(_read_saturates, later=True)
 
     def __post_init__(self) -> None:
-        errors = Mistakes()
-        with errors:
-            _read_saturates(self)
-        with errors:
-            if isinstance(self.limit, Mapping):
-                limits = {}
-                for x, u in self.limit.items():
-                    limits[str(x)] = positive_number(u, f"actuators.limit.{x}", "unit of u")
-                put(self, limit=MappingProxyType(limits))
-            elif self.limit is not None:
-                put(self, limit=positive_number(self.limit, "actuators.limit", "unit of u"))
-        with errors:
-            if self.amplitude is not None:
-                put(self, amplitude=_bound(self.amplitude, "actuators.amplitude"))
-        errors.raise_all()
+        Stated.__post_init__(self)
+        if self.saturates and not self.limit:
+            what = "needs a limit at which inputs saturate."
+            raise wrong("actuators.saturates", what, "Give actuators.limit.")
 
     def __hash__(self) -> int:
         return hash(self.amplitude)
@@ -122,21 +111,12 @@ class Actuators(Shown):
         return Card(title="Actuators", text=text, facts=facts)
 
 
-def read_uncertainty(value: Any) -> Uncertainty | None:
-    """Read the [uncertainty] table.  Raises: SpecError that names every wrong key."""
-    if value is None or isinstance(value, Uncertainty):
-        return value
-    return Uncertainty(**_known(value, Uncertainty))
-
-
 def read_actuators(value: Any, labels: Names) -> Actuators | None:
     """Read the [actuators] table.  Raises: SpecError that names every wrong key and every unknown
     agent."""
-    if value is None:
-        return None
-    found = value if isinstance(value, Actuators) else Actuators(**_known(value, Actuators))
+    found = Actuators.stated(value)
     errors = Mistakes()
-    if isinstance(found.limit, Mapping):
+    if found is not None and isinstance(found.limit, Mapping):
         for label in set(found.limit) - set(labels):
             errors.append(
                 wrong(
@@ -148,32 +128,3 @@ def read_actuators(value: Any, labels: Names) -> Actuators | None:
     errors.sort(key=str)
     errors.raise_all()
     return found
-
-
-def _read_saturates(table: Actuators) -> None:
-    """A flag, which says something where there is a limit; false is the same as none."""
-    key = "actuators.saturates"
-    given: object = table.saturates
-    if given is not None and not isinstance(given, bool):
-        raise wrong(key, f"must be true or false; got {shown(given)}.", "For example true.")
-    put(table, saturates=given or None)
-    if given and not table.limit:
-        raise wrong(key, "needs a limit at which inputs saturate.", "Give actuators.limit.")
-
-
-def _known(value: Any, noun: Any) -> Document:
-    """The keys of a table that say something; no other may stand there."""
-    key, names = noun.__name__.lower(), noun.__dataclass_fields__
-    for name, _ in items(value, key):
-        if name not in names:
-            raise wrong(f"{key}.{name}", "is an unknown key.", f"Known keys: {', '.join(names)}.")
-    return {name: each for name, each in value.items() if each is not None}
-
-
-def _bound(value: Any, key: str, *, below: bool = False) -> Fraction:
-    """A number >= 0; of relative errors one ``below`` 1."""
-    number = parse_number(value, key)
-    if number < 0 or (below and number >= 1):
-        what = "a relative error, >= 0 and < 1" if below else ">= 0, because it is a bound"
-        raise wrong(key, f"must be {what}; got {shown_number(number)}.", "For example 0.05.")
-    return number

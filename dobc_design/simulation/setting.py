@@ -12,7 +12,7 @@ import numpy as np
 
 from dobc_design._checks import noun
 from dobc_design.errors import refused, wrong
-from dobc_design.exact.reading import Texts
+from dobc_design.exact.reading import Texts, one_of
 from dobc_design.loop.arrays import (
     ArcGroups,
     Gain,
@@ -195,10 +195,8 @@ def make_setting(problem: Problem, *, gain: Gain | None, **given: Unpack[Options
     exact = errors_of(problem)
     stress = _stress(problem, given.get("stress"))
     signal = _signal(problem, given.get("signal"), given.get("mode"))
-    observer = given.get("observer", CLOSED_FORM)
-    if observer not in OBSERVERS:
-        message = f"must be one of {', '.join(OBSERVERS)}; got {str(observer)[:40]}."
-        raise wrong("observer", message, '"closed-form" is the fast one.')
+    asked, cure = given.get("observer", CLOSED_FORM), '"closed-form" is the fast one.'
+    observer = one_of(asked, OBSERVERS, "observer", cure)
     horizon = _horizon(problem, given.get("t_final"))
     require_float_errors(exact)
     require_floats(problem)

@@ -18,7 +18,7 @@ from dobc_design._checks import noun, put
 from dobc_design._show.cards import Shown, Told
 from dobc_design.errors import refused, wrong
 from dobc_design.exact.number import nearest
-from dobc_design.exact.reading import shown
+from dobc_design.exact.reading import one_of, shown
 from dobc_design.problem.network import one_form
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.uncertainty import Uncertainty
@@ -44,9 +44,7 @@ class Failure(Shown):
 
     def __post_init__(self) -> None:
         put(self, agent=str(self.agent), time=not_negative(self.time, "failure.time"))
-        if self.kind not in KINDS:
-            message = f"must be one of {', '.join(KINDS)}; got {shown(self.kind)}."
-            raise wrong("failure.kind", message, '"vanish" is the default.')
+        one_of(self.kind, KINDS, "failure.kind", '"vanish" is the default.')
 
     def __str__(self) -> str:
         return f"agent {self.agent} fails at {self.time:g} s ({self.kind})"

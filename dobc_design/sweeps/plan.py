@@ -20,7 +20,7 @@ from dobc_design._checks import noun, put
 from dobc_design.conditions.numbers import time_to_one_percent
 from dobc_design.errors import refused, wrong
 from dobc_design.exact.number import float_above
-from dobc_design.exact.reading import Document, Table, Texts, shown
+from dobc_design.exact.reading import Document, Table, Texts, one_of
 from dobc_design.problem.canonical import problem_sha256
 from dobc_design.problem.changes import problem_text
 from dobc_design.problem.load import (
@@ -100,13 +100,7 @@ class Task:
     runs: int = 1
 
     def __post_init__(self) -> None:
-        kind = self.kind
-        if kind not in COLUMNS:
-            raise wrong(
-                "task",
-                f"must be one of {', '.join(COLUMNS)}; got {shown(kind)}.",
-                "Choose one.",
-            )
+        kind = one_of(self.kind, COLUMNS, "task")
         put(self, runs=whole(self.runs, "runs", least=1))
         if kind == "certify" and self.runs != 1:
             raise wrong(

@@ -12,6 +12,7 @@ from dobc_design.certificate.certificate import Certificate
 from dobc_design.certification.certify import certify
 from dobc_design.errors import SpecError, wrong
 from dobc_design.exact.number import Number
+from dobc_design.exact.reading import flag, whole_number
 from dobc_design.loop.make import timing_of
 from dobc_design.problem.load import Source, load_problem
 from dobc_design.problem.problem import Problem
@@ -35,14 +36,12 @@ from .observer.claim import (
     NoiseLimit,
     ObserverDesign,
     SpectralRegion,
-    check_count,
     read_observer_request,
 )
 from .observer.search import search_groups
 from .pinning.claim import (
     AskedGains,
     PinningDesign,
-    check_yes_or_no,
     read_request,
 )
 from .pinning.search import search_pinning
@@ -100,7 +99,7 @@ def _check(problem: Problem, *, coupling: bool, others: bool) -> None:
     """``coupling`` is for agents with [dynamics], ``others`` (a limit that is asked for) for those
     without."""
     problem.require("a design")
-    check_yes_or_no(coupling, "coupling", cure="True asks for a coupling, too.")
+    flag(coupling, "coupling", "True asks for a coupling, too.")
     if coupling and problem.dynamics is None:
         text = "coupling can be designed for agents with [dynamics] only."
         raise SpecError(text, key="coupling")
@@ -277,7 +276,7 @@ def design(
         coupling=coupling,
     )
     request = read_design_request(problem.network.labels, asked)
-    check_count(further, "further", least=0, most=20, cure="Three are a good choice.")
+    whole_number(further, "further", least=0, most=20, cure="Three are a good choice.")
     report = report_to(progress)
     # An explicit rate overrules that of the own gains.
     given = None if request.rate is not None else _given_gains(problem, report)

@@ -230,7 +230,7 @@ mistake("region", "must be", region=Simulation(t_final=Fraction(1), seed=0, xi0=
 INTERVAL = (Fraction(0), Fraction(1))
 REGION = Region(initial_states=(INTERVAL,), initial_disturbance=None)
 mistake("simulation", "must be", simulation=REGION)
-mistake("simulation.seed", "whole number from 0 to", simulation={"seed": 2**63})
+mistake("simulation.seed", "integer from 0 to", simulation={"seed": 2**63})
 mistake("simulation.xi0", "must have 2 numbers", exosystem=SINE, simulation={"xi0": [1]})
 mistake("simulation.xi0", "must have 3 rows", exosystem=SINE, simulation={"xi0": [[1, 0]] * 2})
 

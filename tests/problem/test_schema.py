@@ -10,10 +10,10 @@ import pytest
 from bad_files import BAD_FILES, UNKNOWN_KEYS, VALID, VALID_BUT_NASTY
 
 from dobc_design.problem.exosystems import PARTS
-from dobc_design.problem.load import builtin_names, builtin_text
-from dobc_design.problem.network import ARROWS
-from dobc_design.problem.schema import json_schema
-from dobc_design.problem.schema_errors import known_keys
+from dobc_design.problem.load import SCHEMA_VERSION, builtin_names, builtin_text
+from dobc_design.problem.network import ARROWS, LONGEST_LABEL, MOST_AGENTS
+from dobc_design.problem.region import LONGEST_UNIT
+from dobc_design.problem.schema import json_schema, known_keys
 from dobc_design.problem.switching import GUARANTEES, KEYS, SIGNALS
 
 TABLES = (
@@ -34,7 +34,7 @@ CONTRACT = {
     "coupling": {"h", "exceptions"},
     "coupling.exceptions": {"arcs", "h"},
     "pinning": {"gains", "modes"},
-    "exosystem": {"A", "C", "groups", *PARTS},
+    "exosystem": {"A", "C", "groups", "bands", "bands_hz", "amplitude", "pairs", *PARTS},
     "exosystem.groups": {"agents", "none", "A", "C", "W", "P", *PARTS},
     "observer": {"W", "P", "rate"},
     "formation": {"offsets"},
@@ -95,7 +95,8 @@ def test_what_must_be_there_is_required():
 
 
 WORDS = [{part} for part in PARTS]
-WAYS = [("exosystem", [{"A", "C"}, *WORDS, {"groups"}])]
+BANDS = [{key, "amplitude"} for key in ("bands", "bands_hz")]
+WAYS = [("exosystem", [{"A", "C"}, *WORDS, *BANDS, {"groups"}])]
 WAYS.append(("exosystem.groups", [{"A", "C"}, *WORDS, {"none"}]))
 
 
@@ -112,6 +113,14 @@ def test_words_to_choose_from_are_those_of_the_reader():
     assert table(schema, "network")["properties"]["arrow"]["enum"] == list(ARROWS)
     assert table(schema, "switching")["properties"]["signal"]["enum"] == list(SIGNALS)
     assert table(schema, "switching")["properties"]["guarantee"]["enum"] == list(GUARANTEES)
+
+
+def test_limits_of_the_schema_are_those_of_the_reader():
+    forms = json_schema()["$defs"]
+    assert forms["version"]["const"] == SCHEMA_VERSION
+    assert forms["agents"]["anyOf"][0]["maximum"] == MOST_AGENTS
+    assert forms["label"]["anyOf"][0]["maxLength"] == LONGEST_LABEL
+    assert forms["unit"]["maxLength"] == LONGEST_UNIT
 
 
 def test_the_schema_is_plain_json_that_names_its_dialect():

@@ -19,7 +19,7 @@ from dobc_design.conditions.numbers import fields_to_json, time_to_one_percent
 from dobc_design.errors import Mistakes, SpecError
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import ZERO, float_above, number_text, typed_number
-from dobc_design.exact.reading import counted
+from dobc_design.exact.reading import counted, flag
 from dobc_design.problem.changes import typed_matrix, value_text
 from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.observer.claim import Answer, NoiseLimit, ObserverDesign, read_noise
@@ -28,7 +28,6 @@ from dobc_design.synthesis.pinning.claim import (
     Limits,
     PinningDesign,
     Structure,
-    check_yes_or_no,
     read_request,
 )
 from dobc_design.verdict import Verdict
@@ -113,7 +112,7 @@ def read_design_request(labels: Sequence[str], asked: AskedDesign) -> DesignRequ
         noise = read_noise(asked.noise)
     with errors:
         cure = "True lets the observable part take the exosystem's place."
-        check_yes_or_no(asked.reduce, "reduce", cure=cure)
+        flag(asked.reduce, "reduce", cure)
     errors.raise_all()
     return DesignRequest(
         rate=None if asked.rate is None else found.rate,

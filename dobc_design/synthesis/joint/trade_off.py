@@ -8,10 +8,10 @@ from dobc_design._checks import noun
 from dobc_design.conditions.coverage import Progress
 from dobc_design.conditions.numbers import claimed
 from dobc_design.errors import SpecError
-from dobc_design.exact.reading import shown
+from dobc_design.exact.reading import one_of, whole_number
 from dobc_design.problem.changes import changed_problem
 from dobc_design.problem.problem import Problem
-from dobc_design.synthesis.observer.claim import ObserverDesign, check_count
+from dobc_design.synthesis.observer.claim import ObserverDesign
 from dobc_design.synthesis.pinning.decide import structure_of
 
 from .claim import AXES, Design, DesignRequest, TradeOff, TradePoint
@@ -60,10 +60,8 @@ def trade_off_of(
 
 def _check_curve(problem: Problem, curve: str, points: int) -> None:
     """Raises: SpecError where there is no such curve, or not with so many points."""
-    if curve not in AXES:
-        text = f"curve must be one of {', '.join(AXES)}; got {shown(curve)}."
-        raise SpecError(text, key="curve", cure='"gain" is the sum of the gains against the rate.')
-    check_count(points, "points", least=2, most=200, cure="Ten are a good choice.")
+    one_of(curve, AXES, "curve", '"gain" is the sum of the gains against the rate.')
+    whole_number(points, "points", least=2, most=200, cure="Ten are a good choice.")
     if curve == "noise" and not problem.groups:
         text = "the noise curve needs an exosystem: without one there is no observer."
         raise SpecError(text, key="curve", cure='Ask for "gain" or "pins".')

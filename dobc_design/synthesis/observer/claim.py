@@ -20,7 +20,7 @@ from dobc_design.conditions.statement import Statement
 from dobc_design.errors import refused, wrong
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import ZERO, parse_number, typed_number
-from dobc_design.exact.reading import Document, is_list, shown, shown_number
+from dobc_design.exact.reading import Document, is_list, one_of, shown, shown_number, whole_number
 from dobc_design.loop.timing import Timing
 from dobc_design.problem.canonical import matrix_text
 from dobc_design.verdict import Decided, Verdict
@@ -145,25 +145,14 @@ class NoiseLimit(Told):
     bound: Fraction
 
     def __init__(self, *, bound: Any, channel: str = "measurement", norm: str = "hinf") -> None:
-        _require_one_of(CHANNELS, channel, "channel")
-        _require_one_of(sorted(NORMS), norm, "norm")
+        one_of(channel, CHANNELS, "noise.channel")
+        one_of(norm, sorted(NORMS), "noise.norm")
         put(self, channel=channel, norm=norm, bound=read_positive(bound, "noise"))
 
     def __str__(self) -> str:
         norm = NORMS[self.norm]
         sign = "<=" if self.norm == "h2" else "<"
         return f"{norm} norm of the {self.channel} channel {sign} {typed_number(self.bound)}"
-
-
-def _require_one_of(words: Sequence[str], value: Any, name: str) -> None:
-    """Raises: SpecError unless the value is one of the words."""
-    if value in words:
-        return
-    raise wrong(
-        f"noise.{name}",
-        f"must be one of {', '.join(words)}; got {shown(value)}.",
-        f'For example {name}="{words[0]}".',
-    )
 
 
 @noun
@@ -246,15 +235,7 @@ def require_sampled(request: ObserverRequest) -> None:
 
 def check_digits(digits: Any) -> None:
     """Raises: SpecError if ``digits`` is not a number of significant digits."""
-    check_count(digits, "digits", least=1, most=15, cure="Four digits are a good choice.")
-
-
-def check_count(value: Any, key: str, *, least: int, most: int, cure: str) -> None:
-    """Raises: SpecError unless the value is an integer from ``least`` to ``most``."""
-    # True and False are integers of Python.
-    is_number = isinstance(value, int) and not isinstance(value, bool)
-    if not is_number or not least <= value <= most:
-        raise wrong(key, f"must be an integer from {least} to {most}; got {shown(value)}.", cure)
+    whole_number(digits, "digits", least=1, most=15, cure="Four digits are a good choice.")
 
 
 def read_positive(

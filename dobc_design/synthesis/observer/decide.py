@@ -22,7 +22,6 @@ from dobc_design._checks import noun
 from dobc_design.conditions.numbers import bisected, claimed, largest_proved
 from dobc_design.conditions.observer.decide import detectability_check, error_matrix
 from dobc_design.conditions.statement import Statement, proved, refuted, undecided
-from dobc_design.errors import wrong
 from dobc_design.exact import polynomial as roots
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
 from dobc_design.exact.interval import (
@@ -47,7 +46,7 @@ from dobc_design.exact.matrix import (
 from dobc_design.exact.number import ONE, ZERO, float_above, number_text
 from dobc_design.exact.observability import decide_detectable, observable_reduction
 from dobc_design.exact.polynomial import Coefficients, characteristic_polynomial
-from dobc_design.exact.reading import Table, counted, shown_number
+from dobc_design.exact.reading import Table, counted, one_of, shown_number
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.timing import sampled
 from dobc_design.problem.changes import value_text
@@ -222,8 +221,7 @@ class StateSpace:
 def channel(exosystem: Exosystem, W: Matrix, name: str) -> StateSpace:
     """The transfer function of one channel, exactly.  Raises: SpecError for a name that is none of
     CHANNELS."""
-    if name not in CHANNELS:
-        raise wrong("channel", f"must be one of {', '.join(CHANNELS)}; got {name!r}.")
+    one_of(name, CHANNELS, "channel")
     F = error_matrix(exosystem, W)
     C = exosystem.C
     if name == "measurement":

@@ -25,7 +25,16 @@ from dobc_design.conditions.weighted.decide import Weighted
 from dobc_design.errors import Mistakes, about, wrong
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.number import ONE, ZERO, float_above, float_below, number_text
-from dobc_design.exact.reading import Document, Names, Texts, is_list, named, shown, shown_number
+from dobc_design.exact.reading import (
+    Document,
+    Names,
+    Texts,
+    flag,
+    is_list,
+    named,
+    shown,
+    shown_number,
+)
 from dobc_design.problem.changes import changed_problem
 from dobc_design.problem.network import Index, one_form
 from dobc_design.problem.problem import Problem
@@ -91,7 +100,7 @@ def read_request(labels: Names, asked: AskedGains) -> PinningRequest:
     errors = Mistakes()
     with errors:
         cure = "True asks for V = e'e, without weights."
-        check_yes_or_no(asked.conservative, "conservative", cure=cure)
+        flag(asked.conservative, "conservative", cure)
     with errors:
         check_digits(asked.digits)
     with errors:
@@ -116,12 +125,6 @@ def read_request(labels: Names, asked: AskedGains) -> PinningRequest:
         digits=asked.digits,
         conservative=asked.conservative,
     )
-
-
-def check_yes_or_no(value: Any, key: str, *, cure: str) -> None:
-    """Raises: SpecError unless the value is True or False."""
-    if not isinstance(value, bool):
-        raise wrong(key, f"must be True or False; got {shown(value)}.", cure)
 
 
 def _check_pins(pins: Any) -> None:

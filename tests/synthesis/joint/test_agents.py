@@ -204,7 +204,7 @@ def test_wrong_arguments():
         dd.design(agents(), conservative=True)
     with pytest.raises(SpecError, match=r"agents with \[dynamics\] only"):
         dd.design("clock-sync", coupling=True)
-    with pytest.raises(SpecError, match="coupling must be True or False"):
+    with pytest.raises(SpecError, match="coupling must be true or false"):
         dd.design(agents(), coupling=1)
 
 

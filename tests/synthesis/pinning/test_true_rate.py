@@ -150,5 +150,5 @@ def test_an_undirected_network_keeps_the_bound_of_the_plain_v_which_has_the_true
 
 
 def test_conservative_must_be_true_or_false():
-    with pytest.raises(SpecError, match="conservative must be True or False; got 'yes'"):
+    with pytest.raises(SpecError, match="conservative must be true or false; got 'yes'"):
         dd.design_pinning(ring(3), rate=1, conservative="yes")

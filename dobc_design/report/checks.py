@@ -1,6 +1,7 @@
 """Checks in the report: what was decided, with which numbers and why, where it stands, how to
 decide it once more."""
 
+import re
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -63,9 +64,9 @@ Margins and rates are in 1/s and rounded towards zero, factors up: they hold as 
 Rate and factor: |e(t)| ≤ factor · |e(0)| · exp(−rate t) + what the estimation error adds."""
 #: Options of `dobc certify` that change a certificate or its report; what a file says beside them
 #: is not repeated.
-SWITCHES = ("--all", "--search")
-SETTLING = "--settling "
-TIMED = "--time-limit "
+_OPTION = re.compile(
+    "--(?:all|search|(?:settling|settling-radius|settling-disturbance|rate|time-limit) (.+))"
+)
 VERIFY = "dobc verify certificate.json --problem problem.json"
 ALONE = "python -I -S dobc_design/checker certificate.json problem.json"
 
@@ -277,31 +278,8 @@ def recheck_section(found: Findings) -> Blocks:
 
 
 def certify_command(certificate: Certificate) -> str:
-    """The command that decides the same conditions: options that are known here, and the settling
-    time proved."""
-    options = certificate.claims.options
-    typed = ["dobc certify problem.json"]
-    typed += [option for option in SWITCHES if option in options]
+    """The command that decides the same conditions, with the options that are known here."""
     # A certificate comes from a file: of its texts only numbers become part of a command.
-    timed = (option for option in options if option.startswith(TIMED))
-    limits = [each for each in timed if rational(each.removeprefix(TIMED)) is not None]
-    typed += limits[:1]
-    tolerances = [rational(text) for text in _tolerances(certificate)]
-    # The first that is asked for is the one that the command repeats.
-    known = [number for number in tolerances if number is not None]
-    if known:
-        typed.append(f"{SETTLING}{known[0]}")
-    return " ".join([*typed, "--out again"])
-
-
-def _tolerances(certificate: Certificate) -> Iterator[str]:
-    """Tolerances of settling times that were asked for, then those that were proved unasked."""
-    options = certificate.claims.options
-    for option in options:
-        if option.startswith(SETTLING):
-            yield option.removeprefix(SETTLING)
-    if "--all" in options:
-        return
-    for check in certificate.checks:
-        if check.kind.role == "settling" and check.is_proved:
-            yield str((check.exact or {}).get("tolerance"))
+    found = map(_OPTION.fullmatch, certificate.claims.options)
+    typed = [each[0] for each in found if each and rational(each[1] or "0") is not None]
+    return " ".join(["dobc certify problem.json", *typed, "--out again"])

@@ -9,12 +9,9 @@ from reports import html_report, markdown_report
 
 import dobc_design
 from dobc_design.checker.examine import OF_GROUPS, REGIONAL
-from dobc_design.conditions.check import Check, Values
-from dobc_design.conditions.domain import EVERYWHERE
 from dobc_design.conditions.kinds import KINDS
 from dobc_design.report.checks import ALONE, VERIFY, certify_command, trace_section
 from dobc_design.report.findings import Findings, fingerprints
-from dobc_design.verdict import Verdict
 
 PACKAGE = Path(dobc_design.__file__).parent
 
@@ -46,52 +43,26 @@ def test_the_fingerprint_of_the_certificate_is_that_of_its_file(certificate, tmp
     assert dict(fingerprints(certificate)) == expected
 
 
-@pytest.mark.parametrize(
-    ("exact", "verdict", "command"),
-    [
-        (
-            {"tolerance": "1/20"},
-            Verdict.PROVED,
-            "dobc certify problem.json --settling 1/20 --out again",
-        ),
-        ({"tolerance": "1; rm"}, Verdict.PROVED, "dobc certify problem.json --out again"),
-        ({"tolerance": "1/20"}, Verdict.UNDECIDED, "dobc certify problem.json --out again"),
-    ],
-)
-def test_the_command_asks_for_the_settling_time_that_is_proved(
-    certificate_of, exact, verdict, command: str
-):
-    check = Check(
-        id="settling", verdict=verdict, domain=EVERYWHERE, reason="r", claim=Values(exact)
-    )
-    assert certify_command(certificate_of(checks=(check,))) == command
+PLAIN = "dobc certify problem.json --out again"
 
 
 @pytest.mark.parametrize(
     ("options", "command"),
     [
-        (("--search", "--all"), "dobc certify problem.json --all --search --out again"),
+        (("--all", "--search"), "dobc certify problem.json --all --search --out again"),
         (("--settling 1/20",), "dobc certify problem.json --settling 1/20 --out again"),
         (
-            ("--all; rm", "--settling 1 --force", "--force"),
-            "dobc certify problem.json --settling 1/7 --out again",
+            ("--rate 1/2", "--settling-radius 3", "--time-limit 9"),
+            "dobc certify problem.json --rate 1/2 --settling-radius 3 --time-limit 9 --out again",
         ),
+        (("--all; rm", "--settling 1; rm", "--rate 1 --force", "--force", "--settling"), PLAIN),
     ],
 )
 def test_the_command_has_the_options_of_the_certificate_that_are_known(
     certificate_of, options, command: str
 ):
     """A file may say anything: only what can be an option is repeated."""
-    claim = Values({"tolerance": "1/7"})
-    proved = Check(
-        id="settling",
-        verdict=Verdict.PROVED,
-        domain=EVERYWHERE,
-        reason="r",
-        claim=claim,
-    )
-    certificate = certificate_of(checks=() if "--search" in options else (proved,), options=options)
-    assert certify_command(certificate) == command
+    assert certify_command(certificate_of(options=options)) == command
 
 
 def test_both_reports_have_the_table_the_commands_and_lines_to_sign(certificate):

@@ -14,7 +14,7 @@ from dobc_design.problem.canonical import problem_from_canonical
 
 
 def test_saved_files_are_enough_to_check_it_again(tmp_path):
-    certificate = certified("paper-switching")
+    certificate = certified("paper-fixed")
     claims_file, problem_file = certificate.save(tmp_path / "out")
     problem = problem_from_canonical(problem_file.read_bytes())
     assert problem == certificate.problem

@@ -369,7 +369,7 @@ def test_a_bound_that_is_too_long_is_left_out_and_the_refutation_stays():
     [
         (hidden_problem, 3, "detectability", REFUTED),
         pytest.param(hidden_problem, 7, "detectability", UNDECIDED, marks=pytest.mark.slow),
-        (companion_problem, 6, "hurwitz", PROVED),
+        (companion_problem, 4, "hurwitz", PROVED),
         pytest.param(companion_problem, 14, "hurwitz", UNDECIDED, marks=pytest.mark.slow),
     ],
 )

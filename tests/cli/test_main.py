@@ -278,11 +278,11 @@ def test_problems_and_conditions_are_listed_and_explained(dobc):
     )
     assert [line.split()[0] for line in dobc("problems").out.splitlines()] == list(builtin_names())
     assert [line.split()[0] for line in dobc("explain").out.splitlines()] == list(KINDS)
-    for id in KINDS:
-        title = dobc("explain", id, "--json").json["title"]
+    for id, kind in KINDS.items():
         words = dobc("explain", id).out
-        for part in (title, "Proved: ", "Refuted: "):
+        for part in (kind.title, "Proved: ", "Refuted: "):
             assert part in words
+    assert dobc("explain", "hurwitz", "--json").json["title"] == KINDS["hurwitz"].title
 
 
 def test_an_unknown_condition_is_refused_with_those_that_are_known(dobc):

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from certified import certified
 from networks import linked, network_of
 from reports import Page
 
@@ -264,7 +265,7 @@ def test_mathematics_is_mathml_and_latex_and_text_says_what_was_typed():
 
 
 def test_a_check_prints_itself_as_sentences_and_lines():
-    certificate = dd.certify(dd.load_problem("paper-fixed"))
+    certificate = certified("paper-fixed")
     told = str(certificate.check("max-separable")).splitlines()
     assert told[0].startswith("max-separable: PROVED. Every start with |e_i| <= 4 and |eps_i|")
     assert told[1] == "  starts: |e|_inf <= 4 and |eps_i| <= 0.5"

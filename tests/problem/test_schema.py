@@ -56,7 +56,7 @@ CONTRACT = {
         "measurement",
     },
     "actuators": {"limit", "amplitude", "saturates"},
-    "dynamics": {"A", "f", "B", "time"},
+    "dynamics": {"A", "f", "B", "H", "acts_on", "time"},
     "readings": {"delay", "own_delay", "period", "lost", "event"},
     "processor": {"period"},
     "leader": {"initial", "stays_in"},

@@ -56,6 +56,7 @@ _NAMES = {
     "synthesis.block_lmi": "BlockLMI block_lmi",
     "synthesis.designs": "design design_observer design_pinning trade_off",
     "synthesis.joint.claim": "Design TradeOff",
+    "synthesis.observer.bands": "BandDesign design_bands",
     "synthesis.observer.claim": "ObserverDesign poles",
     "synthesis.pinning.claim": "PinningDesign",
     "verdict": "Verdict",
@@ -65,8 +66,8 @@ _HOMES = {name: module for module, names in _NAMES.items() for name in names.spl
 #: Types that functions return (the widget needs an extra): here for annotations, and no part of
 #: ``__all__``.
 _TYPES = (
-    "Analysis BlockLMI Designer Falsification Model ObserverDesign Pinning PinningDesign Settling "
-    "Suspect SweepResult TradeOff"
+    "Analysis BandDesign BlockLMI Designer Falsification Model ObserverDesign Pinning "
+    "PinningDesign Settling Suspect SweepResult TradeOff"
 )
 __all__ = sorted({"__version__", *_HOMES} - set(_TYPES.split()))  # noqa: PLE0605
 

@@ -20,7 +20,7 @@ _NAMES = """
 Certificate Check Coupling Design Dynamics Ensemble Exosystem Failure Group Network Observer
 Problem Processor Readings Region Stress
 Switching Trajectory Verdict __version__ analyse block_lmi build_model certify
-describe design design_observer
+describe design design_bands design_observer
 design_pinning exact exosystems export falsify from_pandapower load_problem load_trajectory poles
 problem_from_file
 signals simulate sweep trade_off verify what_breaks_first write_comparison
@@ -28,7 +28,7 @@ write_report
 """
 #: Types that functions return, and what the modules among the names hold for users.
 TYPES = (
-    "Analysis BlockLMI Falsification Model ObserverDesign Pinning PinningDesign Settling Suspect "
+    "Analysis BandDesign BlockLMI Falsification Model ObserverDesign Pinning PinningDesign Settling Suspect "
     "SweepResult TradeOff"
 )
 INSIDE = """

@@ -307,7 +307,7 @@ def _build(tables: Given, *, folder: Path | None, name: str) -> Problem:
     }
     if given.bands:
         # What no exosystem generates is bounded with the rest of that kind.
-        others["uncertainty"] = (others["uncertainty"] or {}) | {"bands": given.bands}
+        others["uncertainty"] = others.get("uncertainty", {}) | {"bands": given.bands}
     problem = errors.tried(
         Problem,
         name=name,

@@ -25,7 +25,7 @@ from dobc_design.problem.network import IndexArray
 from .field import Active, Links
 from .mobile import Nearby
 from .setting import WITHOUT, Setting
-from .sines import Sines, drawn_sines
+from .sines import Band, Sines, drawn_sines
 from .starts import Start
 from .stress import Stress
 from .switches import Switches
@@ -190,14 +190,23 @@ def _forces(runs: StressedRuns, ports: tuple[int, int], *, estimates: bool) -> l
         worst = Worst(runs.setting.problem, runs.setting.loop, runs.seeds, observed=estimates)
         if stress.disturbance:
             forces.append(worst.signs(stress.disturbance, horizon=runs.setting.horizon))
-        return [*forces, *map(worst.sines, stress.bands)]
+        return [*forces, *(worst.sines(_felt(runs, band)) for band in stress.bands)]
     if stress.disturbance:
         # every agent and input has a phase of its own
         phases = [rng.uniform(0, 2 * np.pi, size=ports) for rng in streams]
         phase = np.stack(phases, axis=2)
         frequency = np.full_like(phase, stress.frequency)
         forces.append(Sines(size=stress.disturbance, frequency=frequency, phase=phase))
-    return [*forces, *(drawn_sines(band, streams, ports) for band in stress.bands)]
+    return [*forces, *(drawn_sines(_felt(runs, band), streams, ports) for band in stress.bands)]
+
+
+def _felt(runs: StressedRuns, band: tuple[float, float, float]) -> Band:
+    """A band with the amplitude of every agent, (n, 1, 1): 0 of those without a disturbance."""
+    low, high, amplitude = band
+    problem = runs.setting.problem
+    felt = {agent for group in problem.groups for agent in group.agents}
+    own = [amplitude * (label in felt) for label in problem.network.labels]
+    return low, high, np.array(own)[:, None, None]
 
 
 def _limit(runs: StressedRuns) -> float | Array | None:

@@ -9,15 +9,15 @@ from dobc_design._checks import noun
 from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import IndexArray
 
-Band = tuple[float, float, float]  # low, high (rad/s), amplitude
+Band = tuple[float, float, Array]  # low, high (rad/s), amplitude by agent (n, 1, 1)
 
 
 @noun(eq=False)
 class Sines:
     """size sin(frequency t + phase) by agent, input and run: ``frequency`` (rad/s) and ``phase``
-    are (n, p, R)."""
+    are (n, p, R); ``size`` is one, or (n, 1, 1)."""
 
-    size: float
+    size: float | Array
     frequency: Array
     phase: Array
 

@@ -512,9 +512,18 @@ def _design_filter(loop: Loop, group: Group) -> GainDesign:
             break
         faster = design_gain(group.exosystem, rate=first.rate * 2 ** (power + 1))
         if faster.W is not None:
-            left_words = f"so that at most {float(RESIDUAL):.0%} of a sine in a band is left"
-            found = replace(faster, note=faster.note.replace("as asked", left_words))
+            why = "so that little is left of sines in bands"
+            found = replace(faster, note=faster.note.replace("as asked", why))
     return found
+
+
+def filter_rate(loop: Loop) -> Fraction | None:
+    """The largest decay rate of designed gains that leave little of sines in the bands; None
+    without bands, and where a rate is asked for."""
+    if not loop.bands or any(group.observer.rate is not None for group in loop.groups):
+        return None
+    rates = (_design_filter(loop, group).rate for group in loop.groups)
+    return max((rate for rate in rates if rate is not None), default=None)
 
 
 def chosen_gains(loop: Loop, designs: Sequence[GainDesign | None]) -> tuple[Matrix | None, ...]:

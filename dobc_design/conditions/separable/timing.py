@@ -198,10 +198,12 @@ def readings_obstacle(loop: Loop, W: Matrix | None) -> str | None:
     own = timing.own_delay > 0
     held = timing.period > 0
     unsaid = [] if plant is None else [name for name in ABSOLUTE if getattr(plant, name)]
+    if unsaid:  # bands stand in another table
+        unsaid.insert(0, "[exosystem]" if unsaid == ["bands"] else "[uncertainty]")
     limited = loop.actuators is not None and bool(loop.actuators.limit) and not loop.saturates
     blind = bool(loop.groups) and plant is not None and not plant.known_to_agents
     needs: list[Need] = [
-        (not unsaid, f"[uncertainty] {', '.join(unsaid)} is not counted with late readings."),
+        (not unsaid, f"{' '.join(unsaid)} is not counted with late readings."),
         (not limited, "the limits of [actuators] are not counted with late readings."),
         (not blind, "observers that do not know the weights are not counted with late readings."),
         (

@@ -20,6 +20,7 @@ from dobc_design.conditions.consensus.pinning import network_blocks
 from dobc_design.conditions.coverage import Progress, asked_radius, covering
 from dobc_design.conditions.numbers import bisected, claimed, shorten, text_below
 from dobc_design.conditions.observer.decide import too_large
+from dobc_design.conditions.observer.propose import filter_rate
 from dobc_design.conditions.separable.claim import acts_by_component
 from dobc_design.conditions.statement import Statement, undecided
 from dobc_design.exact.number import ONE, ZERO, typed_number
@@ -121,9 +122,9 @@ class Ground:
 
     def _first_observer(self) -> ObserverDesign:
         """The slowest observer worth trying: of the usual rate, or faster than the rate asked
-        for."""
+        for; with bands so fast that little is left of their sines."""
         self.progress("designing the observer")
-        first = observer_at(self.problem, self.request, None)
+        first = observer_at(self.problem, self.request, filter_rate(loop_of(self.problem)))
         asked = self.request.rate
         if asked is None or first.W is None or _pace(first) >= MARGIN * asked:
             return first

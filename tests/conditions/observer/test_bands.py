@@ -1,6 +1,7 @@
 """Sines of unknown frequencies: what is left of them by closed forms, NumPy and both programs."""
 
 from fractions import Fraction
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -281,7 +282,7 @@ def test_signs_on_an_interval_agree_with_the_roots(roots, ends, factor, extra):
         coefficients = np.convolve(coefficients, np.array([ONE, 0, ONE], dtype=object))
     low, high = ends
     points = sorted({low, high, *(x for x in roots if low < x < high)})
-    between = [(a + b) / 2 for a, b in zip(points, points[1:], strict=False)]
+    between = [(a + b) / 2 for a, b in pairwise(points)]
 
     def value(x: Fraction) -> Fraction:
         found = Fraction(factor)

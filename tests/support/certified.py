@@ -22,6 +22,7 @@ from dobc_design.certificate.claims import Claims
 from dobc_design.certificate.topics import Trusted
 from dobc_design.certification import certify as certification
 from dobc_design.certification.recheck import confirm
+from dobc_design.conditions.accuracy import stage as accuracy
 from dobc_design.conditions.check import Check, check_from_json
 from dobc_design.conditions.consensus.claim import Statements
 from dobc_design.conditions.coverage import asked_radius
@@ -51,7 +52,7 @@ MADE: dict[tuple[object, ...], Certificate] = {}
 def made_once(key: str, make: Callable[[], Any]) -> Any:
     """What ``make`` returns, made by the first worker that asks for ``key``."""
     folder = os.environ.get(FOLDER)
-    if folder is None:
+    if folder is None or FRESH in os.environ:
         return make()
     path = Path(folder) / hashlib.sha256(key.encode()).hexdigest()
     lock = path.with_suffix(".lock")
@@ -211,6 +212,12 @@ def rough_settling() -> Any:
     fewer_cells = (rows, "CELLS", 256)
     one_radius = (propose, "RADII", propose.RADII[:1])
     return _in_place(fewer_cells, (propose, "TRIED", BENT_BOXES), one_radius)
+
+
+def few_steps() -> Any:
+    """The response of an observer is followed in an eighth of the steps.  A context, or a decorator
+    of a test."""
+    return _in_place((accuracy, "FINEST", 8 * accuracy.FINEST))
 
 
 def only(*stages: Callable[..., Any]) -> Any:

@@ -4,10 +4,10 @@ twins."""
 import json
 from collections.abc import Iterator
 from fractions import Fraction
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
-from certified import certified
+from certified import few_steps, made_once
 from texts import matrix, vector
 
 from checker_files.files import (
@@ -22,7 +22,7 @@ from checker_files.files import (
     collected,
     scalar,
 )
-from dobc_design import Network, Observer, Problem
+from dobc_design import Network, Observer, Problem, certify
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.problem.canonical import canonical_bytes
 from dobc_design.problem.exosystems import Exosystem, harmonics
@@ -49,7 +49,13 @@ def one(**more: Any) -> Problem:
 
 @cache
 def _made(problem: Problem) -> tuple[bytes, bytes]:
-    return canonical_bytes(problem), certificate_bytes(certified(problem).claims)
+    text = canonical_bytes(problem)
+    return text, made_once(f"margins {text.decode()}", partial(_certified, problem))
+
+
+def _certified(problem: Problem) -> bytes:
+    with few_steps():
+        return certificate_bytes(certify(problem).claims)
 
 
 def _claimed(problem: Problem, id: str) -> Document:

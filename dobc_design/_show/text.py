@@ -14,7 +14,7 @@ MAX_SHOWN = 12
 NEGLIGIBLE = 1e-9  # 1/s: thirty years
 Real = float | Fraction
 _POWER = re.compile(r"e([+-]\d+)")
-_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 # Written outside \text{}: inside, converters to MathML take a backslash literally and end at the
 # first brace.
 _SPECIAL = {"\\": r"\backslash", "^": r"\wedge", "~": r"\sim", "<": "<", ">": ">"} | {
@@ -92,7 +92,7 @@ def _rounded(value: Fraction, digits: int, rounding: str) -> Decimal:
 def typeset(text: str) -> str:
     """Write a number given as text with a real minus and a power of ten: -1.5e-08 as −1.5·10⁻⁸."""
     return _POWER.sub(
-        lambda match: "·10" + str(int(match.group(1))).translate(_RAISED), text
+        lambda match: "·10" + str(int(match.group(1))).translate(RAISED), text
     ).replace("-", "−")
 
 

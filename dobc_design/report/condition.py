@@ -13,7 +13,6 @@ from .document import (
     IN_TEXT,
     Blocks,
     Formula,
-    Math,
     Matrices,
     Only,
     ShownMatrix,
@@ -21,6 +20,7 @@ from .document import (
     on_pages,
     section,
     to_read,
+    worded,
 )
 from .findings import Findings
 
@@ -75,27 +75,24 @@ def _asked(problem: Problem) -> Blocks:
         yield Text(words.FIXED["agreement"])
     if not problem.has_target:
         return
-    jacobian = Math("J", "J")
     if not problem.groups:
         yield on_pages(Text("Without a disturbance, Lemma 1 asks in every mode for"))
         yield Formula(_LATEX["lambda"] + " < 0", typst="lemma 1")
-        yield on_pages(Text(("where ", jacobian, " is the Jacobian of the couplings.")))
+        yield on_pages(Text(worded("where $J$ is the Jacobian of the couplings.")))
         return
     asks = (
-        "Theorems 1 and 2 ask for matrices ",
-        Math("P > 0", "P > 0"),
-        " and ",
-        Math("Q", "Q"),
-        ", with ",
-        Math("W = P⁻¹ Q", "W = P^{-1} Q"),
-        ", such that in every mode",
+        "Theorems 1 and 2 ask for matrices $P > 0$ and $Q$, with $W = P^{-1} Q$, such that in "
+        "every mode"
     )
-    yield on_pages(Text(asks))
+    yield on_pages(Text(worded(asks)))
     yield Formula(_LATEX["psi"], number="(18)", typst="psi")
     for name in ("lambda", "omega"):
         yield Formula(_LATEX[name], typst=name)
-    smaller = " is the Jacobian of the couplings. An equivalent condition of smaller size is used:"
-    yield on_pages(Text(("where ", jacobian, smaller)))
+    smaller = (
+        "where $J$ is the Jacobian of the couplings. An equivalent condition of smaller size is "
+        "used:"
+    )
+    yield on_pages(Text(worded(smaller)))
     yield Formula(_LATEX["reduced"], typst="reduced")
     yield on_pages(Text("and, if P and Q are free,"))
     yield Formula(_LATEX["existence"], typst="existence")

@@ -7,6 +7,7 @@ a column's ``only``.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import KW_ONLY, fields, is_dataclass, replace
 from fractions import Fraction
@@ -15,7 +16,7 @@ from itertools import chain, compress
 from typing import TYPE_CHECKING, Any, Literal, ParamSpec
 
 from dobc_design._checks import noun, positional
-from dobc_design._show.text import latex_matrix
+from dobc_design._show.text import RAISED, latex_matrix
 from dobc_design.exact.matrix import Matrix
 
 if TYPE_CHECKING:
@@ -52,6 +53,17 @@ class Math:
 
 
 Words = str | tuple[str | Math, ...]
+
+
+def worded(text: str) -> Words:
+    """A sentence in which mathematics stands as LaTeX between dollars."""
+    parts = text.split("$")
+    return tuple(_math(part) if place % 2 else part for place, part in enumerate(parts))
+
+
+def _math(latex: str) -> Math:
+    raised = re.sub(r"\^{?(-?\d+)}?", lambda found: found[1].translate(RAISED), latex)
+    return Math(raised.replace("{", "").replace("}", ""), latex)
 
 
 def pieces(words: Words) -> tuple[str | Math, ...]:

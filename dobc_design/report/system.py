@@ -23,7 +23,6 @@ from .document import (
     Facts,
     Formula,
     List,
-    Math,
     Matrices,
     Only,
     Pictures,
@@ -36,6 +35,7 @@ from .document import (
     on_pages,
     section,
     table_of,
+    worded,
 )
 from .findings import Findings
 from .words import number
@@ -193,45 +193,30 @@ def _leader(leader: Leader, dynamics: Dynamics) -> str:
 
 def _letters(problem: Problem) -> Words:
     """What the letters of the equations mean."""
-    heard = (
-        "Here ",
-        Math("N_i", "N_i"),
-        " are the agents that i listens to, ",
-        Math("w_ij", "w_{ij}"),
-        " weights (1 unless said), ",
-    )
+    heard = "Here $N_i$ are the agents that i listens to, $w_{ij}$ weights (1 unless said), "
     if problem.dynamics is not None:
-        return (*heard, *_letters_of_errors(problem))
-    gain = (Math("k_i", "k_i"), " the gain of a pin (a number or a matrix), 0 without one.")
+        return worded(heard + _letters_of_errors(problem))
+    said = "$k_i$ the gain of a pin (a number or a matrix), 0 without one."
     if not problem.has_target:
-        what = " the states on which agents agree." if problem.agrees else " the states."
-        gain = (Math("x_i", "x_i"), what)
-    if not problem.offsets:
-        return (*heard, *gain)
-    keep = " Agents keep their formation: "
-    measured = " is measured from the offset of agent i."
-    return (*heard, *gain, keep, Math("x_i", "x_i"), measured)
+        said = "$x_i$ the states on which agents agree." if problem.agrees else "$x_i$ the states."
+    if problem.offsets:
+        said += " Agents keep their formation: $x_i$ is measured from the offset of agent i."
+    return worded(heard + said)
 
 
-def _letters_of_errors(problem: Problem) -> Iterator[str | Math]:
+def _letters_of_errors(problem: Problem) -> str:
     """The letters that only agents with [dynamics] have, in their errors."""
     leader = problem.leader
     goal = "target" if leader is None else "leader s"
     if problem.offsets:
         goal += " plus its offset"
-    yield Math("e_i", "e_i")
-    yield f" how far agent i is from the {goal}, "
-    yield Math("K_i", "K_i")
-    gain = " the gain of a pin, 0 without one"
+    said = f"$e_i$ how far agent i is from the {goal}, $K_i$ the gain of a pin, 0 without one"
     if leader is not None:
-        gain += " (pinned agents know s, the others do not)"
+        said += " (pinned agents know s, the others do not)"
     # Beside a leader an agent without an offset is held by no constant input.
     if leader is None or problem.offsets:
-        yield f"{gain}, and "
-        yield Math("u⁰_i", "u^0_i")
-        yield " the constant input that holds the agent at its goal."
-    else:
-        yield f"{gain}."
+        said += ", and $u^0_i$ the constant input that holds the agent at its goal"
+    return f"{said}."
 
 
 @section("Who listens to whom", "network", "Network")

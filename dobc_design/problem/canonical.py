@@ -42,6 +42,7 @@ from .readings import TIMES, Processor, Readings
 from .region import GOALS, Region
 from .simulation import Simulation
 from .switching import Switching
+from .uncertainty import Actuators, Uncertainty
 
 FORMAT = "dobc-problem"
 #: Other problems keep their version, and their hash.
@@ -60,7 +61,10 @@ _KEYS = (
     "gains",
 )
 _TABLES = ("exosystem", "observer", "offsets", "region", "switching", "simulation")
-_LATER_TABLES = ("uncertainty", "actuators", "dynamics", "leader", "readings", "processor")
+#: Tables whose keys are the fields of a noun; those after the first two came later.
+_NOUNS = (Region, Simulation, Uncertainty, Actuators, Dynamics, Leader, Readings, Processor)
+_STATED: dict[str, Any] = {noun.__name__.lower(): noun for noun in _NOUNS}
+_LATER_TABLES = tuple(_STATED)[2:]
 _NEW = ("goal", "fixed", "negative", "readings", "processor", "time")
 _LATER = (*_LATER_TABLES, *_NEW, "units")
 _ALWAYS = ("observer", "simulation")  # tables that are never null
@@ -310,15 +314,16 @@ class _Reader:
         exosystem = None if groups else self.table(Exosystem, "exosystem")
         observer = self.table(Observer, "observer") or {}
         switching = self.table(Switching, "switching")
-        region = self.table(Region, "region")
-        simulation = self.table(Simulation, "simulation")
         coupling = _object(document["coupling"], "coupling", "h", "exceptions")
         fixed = self.fixed()
         estimates = any(value is not None for value in observer.values())
+        for key in ("notes", "target", "units"):
+            _list(document.get(key, []), key)
+        own: Document = {key: self.table(noun, key) for key, noun in _STATED.items()}
+        own |= {key: document.get(key) for key in ("notes", "target", "units", "time")}
         return Problem(
+            **own,
             name=_text(document["name"], "name"),
-            notes=_list(document["notes"], "notes"),
-            units=_list(document["units"], "units") if "units" in document else None,
             goal=self.goal(),
             network=Network(
                 labels=labels_of(self.labels),
@@ -329,23 +334,13 @@ class _Reader:
             fixed=fixed,
             coupling=coupling["h"],
             exceptions=self.exceptions(coupling["exceptions"]),
-            target=_list(document["target"], "target"),
             gains=self.by_label(self.document["gains"], "gains"),
             mode_gains=self.mode_gains(),
             exosystem=Exosystem(**exosystem) if exosystem else None,
             observer=Observer(**observer) if estimates else None,
             groups=groups,
             offsets=self.by_label(self.document["offsets"], "offsets"),
-            region=region,
             switching=Switching(**switching) if switching else None,
-            simulation=simulation,
-            uncertainty=document.get("uncertainty"),
-            actuators=document.get("actuators"),
-            dynamics=self.table(Dynamics, "dynamics"),
-            leader=self.table(Leader, "leader"),
-            readings=self.table(Readings, "readings"),
-            processor=self.table(Processor, "processor"),
-            time=document.get("time"),
         )
 
     def table(self, noun: Any, key: str) -> Document | None:

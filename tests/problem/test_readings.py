@@ -133,11 +133,9 @@ PROCESSOR = "[processor]\nperiod = 0.1"
 PARTS_OF_THE_PROGRAM: list[Callable[[Problem], object]] = [
     dd.analyse,
     dd.build_model,
-    dd.design,
     dd.falsify,
     dd.trade_off,
     dd.export.to_sdpa,
-    lambda problem: dd.design_pinning(problem, rate=1),
     lambda problem: dd.certify(problem, settling="1/100"),
     python_script,
 ]

@@ -40,7 +40,7 @@ THIRD_PARTY = {
     "simulation": {"pandas", *NUMBERS},
     "solvers": {"clarabel", *NUMBERS},
     "sweeps": {"distributed", "joblib", "numpy", "pandas", "pyarrow"},
-    "synthesis": {"control", "cvxpy", "pandas", *NUMBERS},
+    "synthesis": {"cvxpy", "pandas", *NUMBERS},
 }
 # Packages that only some modules of their room may use.
 ONLY_IN = {"typst": ("report.pdf",)}

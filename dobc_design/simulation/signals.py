@@ -298,7 +298,7 @@ def signal_of(problem: Problem) -> tuple[Signal, str | None]:
     if kind == "periodic":
         return Periodic(dwell=dwell, order=own.sequence), remark
     remark = "Markov: stays last switching.dwell on average, all other modes are equally likely."
-    return _even_chain(dwell, len(names)), remark
+    return even_chain(dwell, len(names)), remark
 
 
 def _mobile(own: Switching) -> Mobile:
@@ -331,7 +331,7 @@ def _rounds(own: Switching, names: Texts) -> Periodic:
     return Periodic(dwell=tuple(stays), order=tuple(mode for _, mode in own.schedule))
 
 
-def _even_chain(dwell: float, count: int) -> Markov:
+def even_chain(dwell: float, count: int) -> Markov:
     """A chain that stays in every mode for ``dwell`` s on average, and leaves for each other mode
     alike."""
     rate = 1 / (dwell * (count - 1))

@@ -16,9 +16,11 @@ from itertools import product
 from typing import Any
 
 import numpy as np
+from scipy import linalg
 
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.numbers import bisected
+from dobc_design.conditions.observer.propose import half_rate, kalman_gain
 from dobc_design.conditions.reason import Reason
 from dobc_design.conditions.statement import Statement, refuted, undecided
 from dobc_design.conditions.weighted.network import network_of
@@ -204,7 +206,9 @@ def _couplings(a: Array, b: Array, rate: float) -> list[Array]:
     rate for half of what unit weights give one agent alone."""
     found = list[Array]()
     with suppress(*GIVEN_UP):
-        faster = a + (FASTER * rate or _usual_rate(a, b)) * np.eye(len(a))
+        # The gain of one agent alone is that of an observer of (A', B').
+        usual = half_rate(a.T, b.T, kalman_gain(a.T, b.T))
+        faster = a + float(FASTER * rate or usual) * np.eye(len(a))
         found.append(_by_riccati(faster, b))
         R = _by_program(faster, b)
         if R is not None:
@@ -212,20 +216,9 @@ def _couplings(a: Array, b: Array, rate: float) -> list[Array]:
     return sorted(found, key=lambda R: float(np.linalg.norm(b.T @ R)))
 
 
-def _usual_rate(a: Array, b: Array) -> float:
-    """Half the decay rate of one agent alone with unit weights."""
-    import control
-
-    gain = control.lqr(a, b, np.eye(len(a)), np.eye(b.shape[1]))[0]
-    rate: float = -np.linalg.eigvals(a - b @ gain).real.max() / 2
-    return rate
-
-
 def _by_riccati(a: Array, b: Array) -> Array:
     """R of the Riccati equation, scaled down as far as the rate allows."""
-    import control
-
-    R = np.asarray(control.care(a, b, np.eye(len(a)))[0])
+    R = linalg.solve_continuous_are(a, b, np.eye(len(a)), np.eye(b.shape[1]))
 
     def holds(strength: float) -> bool:
         decay = R @ a + a.T @ R - 2 * strength * R @ b @ b.T @ R

@@ -43,8 +43,7 @@ from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Vector
 from dobc_design.exact.number import ONE, ZERO, number_text, typed_number
 from dobc_design.exact.reading import Names, counted
-from dobc_design.exact.symmetric import SparseSymmetric, Symmetric
-from dobc_design.exact.zmatrix import proves
+from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.loop.arcs import closed_groups
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.problem import Problem
@@ -52,7 +51,6 @@ from dobc_design.problem.problem import Problem
 from .claim import Agents, AgentSet, Bound, Gains, Limits, PinningRequest, Structure
 
 BITS = 40  # of the largest entry of a rounded multiplier
-HINT_BITS = 50  # of the largest entry of a vector that shows definiteness
 LARGEST = 300  # rows that are eliminated in the search for a witness
 MOST_ROWS = 200  # of Lambda, up to which slow directions are counted
 Vectors = Sequence[tuple[str, Any]]  # a mode, and numbers (n m) in a list or an array
@@ -76,18 +74,13 @@ class Ground:
     lambdas: Mapping[str, Enclosed]
 
 
-def reaches(ground: Ground, gains: Gains, *, hints: Vectors = ()) -> bool:
-    """Whether Lambda0 - 2 K < -2 rate I is proved in every mode.  ``hints``: v > 0 that may show it
-    quickly."""
+def reaches(ground: Ground, gains: Gains) -> bool:
+    """Whether Lambda0 - 2 K < -2 rate I is proved in every mode."""
     m = ground.problem.m
-    rate = ground.request.rate
     held = SparseSymmetric(ground.problem.n * m, _diagonal(gains, m))
-    for mode, enclosed in ground.lambdas.items():
+    for enclosed in ground.lambdas.values():
         matrix = Enclosed(middle=enclosed.middle + held, deviations=enclosed.deviations)
-        upper = matrix.middle.shifted(matrix.radius + 2 * rate).negated()
-        own = [v for name, v in hints if name == mode]
-        # A hint that fits shows it at once; elimination takes long in large networks.
-        if not _shown(upper, own) and not is_negative(matrix, shift=2 * rate):
+        if not is_negative(matrix, shift=2 * ground.request.rate):
             return False
     return True
 
@@ -214,15 +207,6 @@ def obstacle_to(
         if vector is not None:
             return mode, vector
     return None
-
-
-def _shown(upper: Symmetric, hints: Sequence[Sequence[float]]) -> bool:
-    """Whether the sum of the hints, as whole numbers, shows that the matrix is definite."""
-    if any(len(each) != upper.size for each in hints):
-        return False
-    total = [sum(column) for column in zip(*hints, strict=True)]
-    whole = _in_integers(total, 2**HINT_BITS)
-    return bool(whole) and proves(upper, whole)
 
 
 def _in_integers(values: Sequence[float], largest: int) -> list[int]:

@@ -411,11 +411,11 @@ def _proved_gains(task: Task, agents: AgentSet) -> Gains | None:
     digit = max(Fraction(1, 10 ** (request.digits + 2)), Fraction(1, 10**10))
     for tilt in TILTS:
         speed = float(request.rate * (1 + digit * tilt))
-        proposed, vectors = task.plain.relax(agents, speed)
+        proposed = task.plain.relax(agents, speed)[0]
         if proposed is None or not agents:
             continue
         gains = typed_gains({i: proposed[i] for i in agents}, request)
-        if decide.reaches(task.ground, gains, hints=vectors):
+        if decide.reaches(task.ground, gains):
             return gains
     return None
 

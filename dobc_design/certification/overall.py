@@ -326,7 +326,7 @@ def _disagreement_in(loop: Loop, cycle: Names, arcs: Sequence[Arcs]) -> str | No
     starts = loop.starts
     if len(closed_groups(loop, arcs)) < 2:
         return None
-    wide = [lo < hi for lo, hi in starts.states] if starts is not None else [True]
+    wide = [lo < hi for lo, hi in starts.exact] if starts is not None else [True]
     if not any(wide):
         return None
     # What agents do by themselves may bring them together.
@@ -423,7 +423,7 @@ def _target_is_interior(loop: Loop) -> bool:
 
 def _room(loop: Loop, group: Sequence[int]) -> list[tuple[Fraction, Fraction]]:
     """By component, where x_i - goal_i may start for all agents of a group alike."""
-    pairs = loop.starts.states if loop.starts is not None else ()
+    pairs = loop.starts.exact if loop.starts is not None else ()
     goals = {loop.goals.of(agent) for agent in group} if loop.goals.offsets else {loop.goals.target}
     return [
         (max(lo - goal[c] for goal in goals), min(hi - goal[c] for goal in goals))

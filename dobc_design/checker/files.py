@@ -72,6 +72,7 @@ class Problem:
         need(different, "modes have to be different, and at least one")
         self.groups = self.read_groups(self.stated.exosystem, self.stated.observer)
         self.read_bands()
+        self.read_outputs()
 
     def shape(self) -> Object:
         """The shape of the file."""
@@ -214,6 +215,18 @@ class Problem:
         need(ordered, "a band has bounds in the wrong order, or no amplitude")
         observed = bool(self.groups) and self.stated.time is None
         need(observed or not bands, "there are bands, and no observer in continuous time")
+
+    def read_outputs(self) -> None:
+        """States are estimated with the disturbance, by agents whose inputs are what they ask."""
+        if self.dynamics is None or self.dynamics.H is None:
+            return
+        observed = sum(len(group.agents) for group in self.groups) == self.n
+        need(observed, "an agent whose outputs are measured has no exosystem")
+        stated = self.stated
+        plant = stated.uncertainty
+        acts = plant is not None and any(getattr(plant, name) for name in (*ERRORS, "bands"))
+        alone = not acts and stated.readings is None and stated.actuators is None
+        need(alone, "nothing is known of measured outputs with this table")
 
     def read_limit(self, value: Any) -> dict[int, Any]:
         """The limits of the inputs: one for all agents, or one for some."""

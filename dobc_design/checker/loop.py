@@ -171,6 +171,8 @@ class Loop:
 
     def estimate(self, problem: Problem) -> None:
         """Where errors are those of estimates, these start off the states."""
+        #: Where they start with estimates that are right, which refutes what fails from there.
+        self.exact_region = self.region
         own = problem.dynamics
         if own is None or own.H is None or own.acts_on is not None or self.region is None:
             return

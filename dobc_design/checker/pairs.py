@@ -52,7 +52,7 @@ def rows_of(case: Case) -> Case:
     rows.nodes = range(rows.n)
     rows.size = rows.n * rows.m
     # of agents, which nodes no longer are; whatever asks for them fails
-    del rows.goals, rows.place, rows.region
+    del rows.goals, rows.place, rows.region, rows.exact_region
     if case.drift is not None:  # A x_i - A x_j
         rows.hold = dict.fromkeys(rows.nodes, opposite(case.drift))
     rows.collect()

@@ -661,10 +661,11 @@ def equilibrium(case: Case, check: Any) -> None:
     need(same(check.witness, witness), "the witness is not the middle of the box")
     # the target itself is an equilibrium, which refutes nothing
     need(any(lo > 0 or hi < 0 for lo, hi in box), "the box contains the target")
-    if case.region is not None:
+    region = case.exact_region
+    if region is not None:
         for k, (lo, hi) in enumerate(box):
             i, c = divmod(k, case.m)
-            low, high = case.region.initial_states[c]
+            low, high = region.initial_states[c]
             goal = case.goals[i][c]
             need(low <= lo + goal and hi + goal <= high, "the box leaves the region")
     rests = is_rest(case, exact.mode, box)

@@ -224,9 +224,9 @@ def of(rows: Any, columns: list[int]) -> list[Any]:
 def starts_around_goals(loop: Loop) -> bool:
     """Whether the region, if there is one, holds starts on all sides of the goals, for some start
     of the leader: then instability at the target is seen."""
-    if loop.region is None:
+    if loop.exact_region is None:
         return True
-    sides = paired(loop.region.initial_states, loop.leads)
+    sides = paired(loop.exact_region.initial_states, loop.leads)
     for c, ((lo, hi), (first, last)) in enumerate(sides):
         low = max(lo - goal[c] for goal in loop.goals)
         high = min(hi - goal[c] for goal in loop.goals)
@@ -245,8 +245,8 @@ def stays_apart(loop: Loop) -> bool:
     all_modes, *cycles = loop.guarantee.allowed()
     if loop.agrees:
         wide = [True]
-        if loop.region is not None:
-            wide = [lo < hi for lo, hi in loop.region.initial_states]
+        if loop.exact_region is not None:
+            wide = [lo < hi for lo, hi in loop.exact_region.initial_states]
         # what agents do by themselves may bring them together
         kept = loop.drift is None or (all(wide) and not stable(loop.drift))
         if not (any(wide) and kept):
@@ -301,11 +301,11 @@ def leaves_free(loop: Loop, group: set[int]) -> bool:
     rows, pivots = echelon([row for i in group for row in loop.hold.get(i, [])])
     if len(pivots) == loop.m:
         return False
-    if loop.region is None:
+    if loop.exact_region is None:
         return True
 
     box: list[Exact] = []
-    for c, (lo, hi) in enumerate(loop.region.initial_states):
+    for c, (lo, hi) in enumerate(loop.exact_region.initial_states):
         low = lo - min(loop.goals[i][c] for i in group)
         high = hi - max(loop.goals[i][c] for i in group)
         if low > high:

@@ -152,10 +152,17 @@ def zero_goals(m: int) -> Goals:
 @noun(eq=False)
 class Starts:
     """The starts that a proof has to hold for: every component of every x_i(0) in ``states`` (m
-    pairs), and |eps_i(0)| <= ``disturbance`` (None without an exosystem)."""
+    pairs), and |eps_i(0)| <= ``disturbance`` (None without an exosystem).  ``off``: what of the
+    width of ``states`` is there only because estimates start that far off."""
 
     states: Pairs
     disturbance: Fraction | None
+    off: Fraction = Fraction(0)
+
+    @property
+    def exact(self) -> Pairs:
+        """Where nodes may start with eps_i = 0: what fails from there refutes."""
+        return tuple((lo + self.off, hi - self.off) for lo, hi in self.states)
 
 
 @noun(eq=False)

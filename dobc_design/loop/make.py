@@ -196,7 +196,8 @@ def _estimated(starts: Starts | None) -> Starts | None:
     if starts is None or starts.disturbance is None:
         return starts
     off = starts.disturbance
-    return replace(starts, states=tuple((lo - off, hi + off) for lo, hi in starts.states))
+    wider = tuple((lo - off, hi + off) for lo, hi in starts.states)
+    return replace(starts, states=wider, off=off)
 
 
 def _pins_of_modes(loop: Loop, problem: Problem) -> Iterator[tuple[str, list[Pin]]]:

@@ -36,7 +36,7 @@ from dobc_design.problem.groups import Group
 from dobc_design.problem.network import Arc, Arcs, IndexArray, sized
 
 from .arcs import coupling_places
-from .loop import Loop, Pair, Starts, pins_of, zero_goals
+from .loop import Loop, Pair, pins_of, zero_goals
 from .saturation import saturated
 
 #: Largest |C eps_i - C eps_j|, in parts of the largest |C eps_i|.
@@ -121,7 +121,7 @@ def _of_disagreements(loop: Loop, count: int) -> Loop:
     starts = loop.starts
     if starts is not None:
         apart = tuple((lo - hi, hi - lo) for lo, hi in shared_starts(loop))
-        starts = Starts(states=apart, disturbance=starts.disturbance)
+        starts = replace(starts, states=apart, off=2 * starts.off)
     drift = {}
     if loop.slopes:
         drift = dict.fromkeys(range(count), scale(-1, loop.slopes))

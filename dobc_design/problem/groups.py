@@ -312,7 +312,13 @@ def check_rest(
         )
     if exosystem is not None:
         check_observer(common, exosystem, dynamics)
-    elif common.W is not None or common.P is not None:
+        return
+    # Their states would be known to nobody.
+    if rest and dynamics is not None and dynamics.H is not None:
+        what = f"must be for every agent with dynamics.H, for {name_some(rest)} too."
+        cure = "Give them one; a disturbance that is none has A = [[-1]] and a C of zeros."
+        raise wrong("exosystem.groups", what, cure)
+    if common.W is not None or common.P is not None:
         raise wrong("observer.W", f"and observer.P {nobody}", "Give W and P in the groups.")
 
 

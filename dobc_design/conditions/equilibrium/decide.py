@@ -199,7 +199,7 @@ def lies_in_region(loop: Loop, claim: Equilibrium) -> bool:
     region."""
     if loop.starts is None:
         return True
-    pairs = list(loop.starts.states) * loop.n
+    pairs = list(loop.starts.exact) * loop.n
     goals = [goal for agent in range(loop.n) for goal in loop.goals.of(agent)]
     sides = zip(pairs, goals, claim.box, strict=True)
     return all(lo <= side.lo + goal and side.hi + goal <= hi for (lo, hi), goal, side in sides)

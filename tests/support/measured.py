@@ -1,0 +1,177 @@
+"""Agents that measure y = H x: random problems, and their whole loop, of states and estimates as
+they stand, beside the errors that the package works with."""
+
+from collections.abc import Iterator
+from random import Random
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from dobc_design import Exosystem, Group, Network, Observer, Problem
+from dobc_design.errors import SpecError
+from dobc_design.problem.dynamics import Dynamics
+
+Floats = NDArray[np.float64]
+
+
+def floats(M: Any) -> Floats:
+    return np.array([[float(x) for x in row] for row in M])
+
+
+def by_agent(problem: Problem) -> list[tuple[Floats, Floats, Floats]]:
+    """A, C and W of every agent."""
+    found = {}
+    for group in problem.groups:
+        own = (floats(group.exosystem.A), floats(group.exosystem.C), floats(group.observer.W))
+        found |= dict.fromkeys(group.agents, own)
+    return [found[label] for label in problem.network.labels]
+
+
+def whole_loop(problem: Problem, mode: str) -> Floats:
+    """The matrix of x, xhat and xi - xihat of all agents about the target, couplings linear; what
+    agents that agree have in common is left out."""
+    own = problem.dynamics
+    assert own is not None and own.A is not None and own.H is not None
+    A, B, H = floats(own.A), floats(own.B), floats(own.H)
+    n, m = problem.n, problem.m
+    systems = by_agent(problem)
+    sizes = [len(each[0]) for each in systems]
+    first = 2 * n * m + np.cumsum([0, *sizes])
+    M = np.zeros((first[-1], first[-1]))
+
+    def x(i: int) -> slice:
+        return slice(i * m, (i + 1) * m)
+
+    def xhat(i: int) -> slice:
+        return slice((n + i) * m, (n + i + 1) * m)
+
+    felt = H if own.acts_on else np.eye(m)
+    used = x if own.acts_on else xhat
+    pins = dict(problem.pinning.gains) | dict(problem.pinning.modes.get(mode, {}))
+    for i, (A_xi, C, W) in enumerate(systems):
+        xi = slice(first[i], first[i + 1])
+        for rows in (x(i), xhat(i)):
+            M[rows, rows] += A
+            if i in pins:
+                M[rows, used(i)] -= B @ floats(pins[i]) @ felt
+            for listener, speaker, w in problem.network.modes[mode]:
+                if listener != i:
+                    continue
+                h = problem.exceptions.get((i, speaker), problem.coupling)
+                G = float(w) * floats([[g.midpoint for g in row] for row in h.jacobian_at_zero()])
+                M[rows, used(speaker)] += B @ G @ felt
+                M[rows, used(i)] -= B @ G @ felt
+        # The disturbance acts on x, and its estimate takes it away from both.
+        M[x(i), xi] += B @ C
+        M[xhat(i), x(i)] += W[:m] @ H
+        M[xhat(i), xhat(i)] -= W[:m] @ H
+        M[xi, xi] += A_xi
+        M[xi, x(i)] -= W[m:] @ H
+        M[xi, xhat(i)] += W[m:] @ H
+    if problem.goal == "agreement":
+        return _without_common(M, n, m)
+    return M
+
+
+def _without_common(M: Floats, n: int, m: int) -> Floats:
+    """What is left of M where all x and xhat may be moved by the same."""
+    common = np.zeros((len(M), m))
+    common[: 2 * n * m] = np.tile(np.eye(m), (2 * n, 1))
+    others = linalg.null_space(common.T)
+    return others.T @ M @ others
+
+
+def growth(problem: Problem) -> dict[str, float]:
+    """The largest real part of an eigenvalue of the whole loop, by mode."""
+    found = {}
+    for mode in problem.network.modes:
+        M = whole_loop(problem, mode)
+        found[mode] = float(np.max(np.linalg.eigvals(M).real)) if len(M) else -np.inf
+    return found
+
+
+def _matrix(random: Random, rows: int, columns: int, low: int, high: int) -> list[list[int]]:
+    return [[random.randint(low, high) for _ in range(columns)] for _ in range(rows)]
+
+
+def _rows(gain: Any) -> list[str]:
+    """The coupling y -> gain y."""
+    texts = []
+    for row in gain:
+        names = ["y"] if len(row) == 1 else [f"y{k + 1}" for k in range(len(row))]
+        texts.append(" + ".join(f"({x})*{name}" for x, name in zip(row, names, strict=True)))
+    return texts
+
+
+def _regulator(A: Any, B: Any, seen: Floats) -> Any:
+    """A gain of seen x that holds one agent, if all states are seen; a guess otherwise."""
+    X = linalg.solve_continuous_are(floats(A), floats(B), np.eye(len(A)), np.eye(len(B[0])))
+    gain = floats(B).T @ X @ np.linalg.pinv(seen)
+    return np.round(1.5 * gain, 2).tolist()
+
+
+def _exosystem(random: Random, inputs: int) -> Exosystem:
+    w = random.randint(1, 3)
+    A = random.choice([[[0]], [[0, w], [-w, 0]], [[-1]]])
+    return Exosystem(A=A, C=_matrix(random, inputs, len(A), -1, 1))
+
+
+def random_problem(seed: int) -> Problem | None:
+    """A problem with linear couplings; None where its matrices make none."""
+    random = Random(seed)
+    n, m = random.randint(2, 4), random.randint(1, 3)
+    inputs, outputs = random.randint(1, m), random.randint(1, m)
+    A = _matrix(random, m, m, -2, 1)
+    B = _matrix(random, m, inputs, -1, 1)
+    H = _matrix(random, outputs, m, -1, 1)
+    acts_on = random.choice(["states", "outputs"])
+    felt = floats(H) if acts_on == "outputs" else np.eye(m)
+    labels = range(1, n + 1)
+    pairs = [[i, j] for i in labels for j in labels if i != j]
+    modes = {}
+    for name in "AB"[: random.randint(1, 2)]:
+        modes[name] = [each for each in pairs if random.random() < 0.6]
+    more: dict[str, Any] = {}
+    try:
+        gain = _regulator(A, B, felt)
+        if random.random() < 0.2:
+            gain = _matrix(random, inputs, len(felt), -1, 2)
+        if random.random() < 0.3:
+            more["goal"] = "agreement"
+        else:
+            more["gains"] = {i: gain for i in labels if random.random() < 0.7} or {1: gain}
+        if random.random() < 0.3:
+            special = [[round(2 * x, 3) for x in row] for row in gain]
+            more["exceptions"] = {tuple(modes["A"][0]): _one(_rows(special))}
+        if random.random() < 0.3:
+            one, two = _exosystem(random, inputs), _exosystem(random, inputs)
+            more["groups"] = [
+                Group(agents=[1], exosystem=one),
+                Group(agents=list(labels)[1:], exosystem=two),
+            ]
+        else:
+            more["exosystem"] = _exosystem(random, inputs)
+            if random.random() < 0.3:
+                q = more["exosystem"].order
+                more["observer"] = Observer(W=_matrix(random, m + q, outputs, -3, 6))
+        return Problem(
+            network=Network.from_arcs(modes, arrow="listens_to", agents=n),
+            coupling=_one(_rows(gain)),
+            dynamics=Dynamics(A=A, B=B, H=H, acts_on=acts_on),
+            **more,
+        )
+    except (SpecError, ValueError, IndexError, np.linalg.LinAlgError):
+        return None
+
+
+def _one(texts: list[str]) -> Any:
+    return texts[0] if len(texts) == 1 else texts
+
+
+def random_problems(seeds: range) -> Iterator[tuple[int, Problem]]:
+    for seed in seeds:
+        problem = random_problem(seed)
+        if problem is not None:
+            yield seed, problem

@@ -34,9 +34,7 @@ if TYPE_CHECKING:
 FORMAT, VERSION = "dobc-trajectory", 1
 SAMPLED = ("x", "xi", "xihat", "d", "dhat", "u")  # (T, n, width)
 STORED = ("times", ABOUT, "goal", "switch_times", "switch_modes", "graph_arcs", "graph_sizes")
-LEADER = "leader"  # stored where there is one
-SLACK = "slack"
-SIDES = "sides"
+OPTIONAL = ("leader", "slack", "sides")  # stored where they are not 0
 
 
 class Sample(NamedTuple):
@@ -296,12 +294,9 @@ class Trajectory(Simulated):
             "goal": self.goal,
         }
         # left out otherwise, as in files of older versions
-        if self.leader.any():
-            arrays[LEADER] = self.leader
-        if self.slack.any():
-            arrays[SLACK] = self.slack
-        if self.sides.size:
-            arrays[SIDES] = self.sides
+        for name in OPTIONAL:
+            if getattr(self, name).any():
+                arrays[name] = getattr(self, name)
         arrays["switch_times"] = switches.times
         arrays["switch_modes"] = switches.modes
         arrays["graph_arcs"] = np.concatenate(arcs, axis=1)
@@ -387,7 +382,7 @@ class Ensemble(Simulated):
     def _arrays(self) -> dict[str, Any]:
         values = {each.name: getattr(self, each.name) for each in fields(self)}
         # What came later is left out where it is 0, as in files of older versions.
-        for name in (SLACK, SIDES):
+        for name in ("slack", "sides"):
             if not values[name].any():
                 del values[name]
         return {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
@@ -483,21 +478,19 @@ def load_trajectory(path: str | PathLike[str]) -> Trajectory:
     place = Path(path)
     cure = "Give a file that Trajectory.save wrote."
     with describing(place, key="path", what="trajectory", cure=cure):
-        arrays = read_arrays(place, (*STORED, *SAMPLED, LEADER, SLACK, SIDES), _require_shapes)
+        arrays = read_arrays(place, (*STORED, *SAMPLED, *OPTIONAL), _require_shapes)
         facts = json.loads(str(arrays.pop(ABOUT)))
         plain = _plain_facts(facts)
         _require_texts(facts, plain)
         _require_numbers(arrays, plain)
         switches = _switches(facts, arrays)
         plain |= {name: arrays[name] for name in ("times", "goal", *SAMPLED)}
+        plain |= {name: arrays[name] for name in OPTIONAL if name in arrays}
         m = arrays["x"].shape[2]
         units = facts.get("units", [])
         require(len(units) in (0, m), f"its units are not those of {m} state components")
         return Trajectory(
             **plain,  # what an older file does not have is as by default
-            leader=arrays.get(LEADER, np.zeros(0)),
-            slack=arrays.get(SLACK, np.zeros(0)),
-            sides=arrays.get(SIDES, np.zeros(0)),
             labels=tuple(facts["labels"]),
             notes=tuple(facts["notes"]),
             units=tuple(units),
@@ -527,12 +520,8 @@ def _require_shapes(shapes: Shapes) -> None:
         "xi": (samples, n, q),
         "xihat": (samples, n, q),
     }
-    if LEADER in shapes:
-        wanted[LEADER] = (samples, m)
-    if SLACK in shapes:
-        wanted[SLACK] = (m,)
-    if SIDES in shapes:
-        wanted[SIDES] = (n,)
+    optional = {"leader": (samples, m), "slack": (m,), "sides": (n,)}
+    wanted |= {name: shape for name, shape in optional.items() if name in shapes}
     wanted["graph_arcs"] = (2, *shapes["graph_arcs"][1:2])
     wanted["graph_sizes"] = shapes["graph_sizes"][:1]
     wrong = [name for name, shape in wanted.items() if shapes[name] != shape]

@@ -30,12 +30,10 @@ from dobc_design.conditions.observer.decide import error_matrix
 from dobc_design.exact.matrix import Matrix, scale, to_float, zeros
 from dobc_design.exact.number import ONE, ZERO
 from dobc_design.exact.observability import decide_observable, observable_reduction
-from dobc_design.exact.pencil import Pencil, Place, Unknown
-from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.loop.timing import middle_of, sampled
 from dobc_design.problem.exosystems import Exosystem
-from dobc_design.solvers.conic import solve_directly
-from dobc_design.solvers.program import GIVEN_UP, Array, Program, round_matrix
+from dobc_design.solvers import conic
+from dobc_design.solvers.program import GIVEN_UP, Array, round_matrix
 
 from .claim import (
     CHANNELS,
@@ -54,11 +52,12 @@ from .decide import channel
 SLACKS = (1e-6, 1e-3, 0.01, 0.1)
 MORE_DIGITS = (6, 9, 12, 15)
 STEPS = 6  # halvings of the default rate
+TIME_LIMIT = 60.0  # s, of one of Clarabel's answers
 INEQUALITIES = "linear matrix inequalities"
 SHIFTS = (1.0, 1.05, 1.5, 2.0)  # of the spectrum for a Kalman gain, in parts of the rate
 # of process to measurement noise, from fast to slow
 RATIOS = tuple(10.0 ** (k / 2) for k in range(6, -13, -1))
-FLOORS = tuple(Fraction(10) ** k / 3**j for k in range(2, -7, -1) for j in (0, 1))  # of P
+FLOORS = tuple(10.0**k / 3**j for k in range(2, -7, -1) for j in (0, 1))  # of P
 PARTS = (1.0, 0.9, 0.5)  # of the rate asked, where the border cannot be reached with one P
 DIGITS = (4, 6, 9, 14)  # of P
 
@@ -206,15 +205,22 @@ def lmi_gain(plant: Plant, *, noise: Sequence[NoiseLimit] = (), slack: float) ->
     ``slack`` keeps the answer inside, relative to P.  Time is in units of the fastest rate in play,
     so that an H-infinity norm of the exosystem channel is so many times as large."""
     asked = _Inequalities(plant=plant, noise=noise, time=_time_unit(plant), slack=slack)
+    m, q = plant.C.shape
+    # The unknowns are the entries of a symmetric P and of Q.
+    units = [(P, np.zeros((q, m))) for P in conic.symmetric_basis(q)]
+    units += [(np.zeros((q, q)), Q) for Q in np.eye(q * m).reshape(-1, q, m)]
+    cones = asked.cones(units)
+    cost = np.array([np.trace(P) for P, _ in units])
+    # |Q|^2 keeps W = P^-1 Q small; half of x'diag(squares)x is minimised, hence 2.
+    squares = np.array([2 * np.sum(Q) for _, Q in units])
     # A bound on a norm fixes the scale of P; the largest floor of P that has an answer keeps W =
     # P^-1 Q small.
-    floors = FLOORS if noise else (ONE,)
-    pencils = asked.pencils()
-    for floor in floors:
-        answer = solve_directly(Program(pencils=pencils, floor=floor))
+    for floor in FLOORS if noise else (1.0,):
+        above = conic.affine_cone([P for P, _ in units], -floor * np.eye(q))
+        answer = conic.solve_cones(cost, [*cones, above], squares=squares, time_limit=TIME_LIMIT)
         if answer.found:
-            Q = asked.time * answer.values["Q"]
-            W: Array = np.asarray(linalg.lstsq(answer.values["P"], Q)[0])
+            P, Q = (np.tensordot(answer.x, part, 1) for part in zip(*units, strict=True))
+            W: Array = np.asarray(linalg.lstsq(P, asked.time * Q)[0])
             return W if np.all(np.isfinite(W)) else None
     return None
 
@@ -238,40 +244,17 @@ class _Inequalities:
     time: float
     slack: float
 
-    def pencils(self) -> tuple[Pencil, ...]:
-        """The conditions as pencils.  They are affine, so that their values at 0 and at unit
-        entries give them."""
+    def cones(self, units: Sequence[tuple[Array, Array]]) -> list[conic.Cone]:
+        """The conditions as cones, for these (P, Q).  They are affine, so that their values at 0
+        and at the units give them."""
         m, q = self.plant.C.shape
-        unknowns = (
-            Unknown(name="P", rows=q, columns=q, symmetric=True),
-            Unknown(name="Q", rows=q, columns=m, symmetric=False),
-        )
-        values = dict(self._at_unit_entries(unknowns))
-        pencils = []
-        for k, constant in enumerate(self._blocks(np.zeros((q, q)), np.zeros((q, m)))):
-            coefficients = {place: _sparse(value[k] - constant) for place, value in values.items()}
-            pencils.append(
-                Pencil(
-                    name="observer",
-                    constant=_sparse(constant),
-                    unknowns=unknowns,
-                    coefficients=coefficients,
-                )
-            )
-        return tuple(pencils)
-
-    def _at_unit_entries(
-        self, unknowns: tuple[Unknown, ...]
-    ) -> Iterator[tuple[Place, list[Array]]]:
-        """The matrices where one entry of one unknown is 1, by its place."""
-        for number, unknown in enumerate(unknowns):
-            for place in unknown.places():
-                arrays = [np.zeros((u.rows, u.columns)) for u in unknowns]
-                row, column = place[1:]
-                arrays[number][row, column] = 1.0
-                if unknown.symmetric:
-                    arrays[number][column, row] = 1.0
-                yield place, self._blocks(*arrays)
+        constants = self._blocks(np.zeros((q, q)), np.zeros((q, m)))
+        values = [self._blocks(*unit) for unit in units]
+        found = []
+        for k, constant in enumerate(constants):
+            slopes = [constant - each[k] for each in values]
+            found.append(conic.affine_cone(slopes, -constant))
+        return found
 
     def _blocks(self, P: Array, Q: Array) -> list[Array]:
         """The matrices that are negative semidefinite where (P, Q) meet what is asked."""
@@ -321,14 +304,6 @@ class _Inequalities:
         square = bound**2 * (1 / time)
         m = len(C)
         return [gramian, -np.block([[square / m * np.eye(m), Q.T], [Q, P]])]
-
-
-def _sparse(matrix: Array) -> SparseSymmetric:
-    """A symmetric array, exactly."""
-    entries = {}
-    for i, j in zip(*np.nonzero(np.triu(matrix)), strict=True):
-        entries[int(i), int(j)] = Fraction(float(matrix[i, j]))
-    return SparseSymmetric(len(matrix), entries)
 
 
 def _faster_sampled(plant: Plant) -> Proposals:

@@ -324,15 +324,17 @@ def bound_from(loop: Loop, claims: Claims, starts: Starts) -> CertifiedBound:
 
 def _between_samples(loop: Loop, timing: Timing, bound: CertifiedBound) -> CertifiedBound:
     """The same at all times, of what is proved at the samples, where something is held."""
-    if not timing.period or timing.steps:
+    if (not timing.period or timing.steps) and not timing.ahead:
         return bound
     if loop.groups:
         reason = "it would be about the samples, between which the disturbance leaves a ripple"
+        if timing.ahead:
+            reason = "the disturbance moves agents before the first input acts"
         return CertifiedBound(reason=reason)
-    # What is held leads straight from one sample to the next.
+    # What is held leads straight from one sample to the next; what acts late stays until then.
     sizes = []
     for each in bound.envelopes:
-        kept = exp(Interval.point(each.rate * timing.period)).hi
+        kept = exp(Interval.point(each.rate * (timing.period + timing.ahead))).hi
         sizes.append(replace(each, height=each.height * kept))
     return replace(bound, envelopes=tuple(sizes))
 

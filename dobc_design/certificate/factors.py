@@ -23,6 +23,7 @@ from dobc_design.conditions.schedule.claim import Cycles
 from dobc_design.conditions.separable.claim import DelayBound, ReadingsBound, Separable
 from dobc_design.conditions.weighted.decide import Weighted
 from dobc_design.conditions.weighted.network import Alike
+from dobc_design.exact.interval import Interval, exp
 from dobc_design.exact.number import ONE, ZERO, root_above
 from dobc_design.exact.symmetric import Doubles, SparseSymmetric, largest, least
 from dobc_design.loop.loop import Loop
@@ -73,7 +74,13 @@ def factor_of(check: Check, case: Case) -> Fraction | None:
 
 def _of_claim(claim: Claim | None, loop: Loop) -> Fraction | None:
     if isinstance(claim, ReadingsBound):
-        claim = claim.rows
+        # before the first input acts nothing decays, and a disturbance moves agents
+        ahead = ZERO if loop.timing is None else loop.timing.ahead
+        if not ahead:
+            return claim.rows.factor
+        if loop.groups:
+            return None
+        return claim.rows.factor * exp(Interval.point(claim.rows.alpha * ahead)).hi * (1 + IN_HAND)
     if isinstance(claim, Separable):
         return claim.factor
     if isinstance(claim, Tolerance) and claim.v is not None:

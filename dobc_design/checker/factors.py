@@ -63,8 +63,13 @@ def least_factor(case: Case, check: Any, claim: Any) -> Fraction:
         if check.id == "delay" and case.q:
             need(rational(check.exact["rate"]) < claim.beta, "no bound follows at the rate beta")
         T = frame(claim)
+        before = ONE
+        if check.id == "readings":
+            # nothing decays before the first input acts, and a disturbance moves nodes
+            need(case.q == 0 or case.timing.ahead == 0, "no bound follows where inputs act late")
+            before = growth(claim.alpha * case.timing.ahead)
         # max v / min v without T
-        return spread(T, claim.v) * max(map(max, sizes(inverse(T), claim.v)))
+        return before * spread(T, claim.v) * max(map(max, sizes(inverse(T), claim.v)))
     mean = check.id == "markov" and claim.kind == "mean"
     need(mean, "no bound follows from this check")
     w: list[Vector] = list(claim.parts.values())

@@ -112,6 +112,7 @@ class Problem:
                 "limit": self.read_limit,
                 "amplitude": maybe(rational),
                 "saturates?": partial(one_of, (bool,)),
+                "delay?": rational,
             },
             "readings?": {**dict.fromkeys(AGES, rational), "period?": rational, "lost": integer},
             "processor?": {"period": rational},
@@ -207,6 +208,11 @@ class Problem:
             need(late.event < 1, "the threshold of an event is a part")
             need(0 <= late.lost <= LOST, "so many readings are not lost")
             need(ticks == 1 or not late.lost, "readings are lost at the ticks of a period")
+        table = self.stated.actuators
+        if table is not None and table.delay is not None:
+            alone = not (ticks or self.dynamics or self.fixed or self.stated.goal)
+            known = alone and not table.saturates and table.delay > 0
+            need(known, "inputs that act late do so at all times, uncut, and towards a target")
 
     def read_bands(self) -> None:
         """Sines of unknown frequencies, of which observers in continuous time make little."""

@@ -98,7 +98,8 @@ class Timing(NamedTuple):
     """Readings of neighbours are up to ``delay`` old, and off by a part of up to ``event``; own
     ones up to ``own_delay``. With a ``period`` that is not 0 couplings and pins are held over it,
     and up to ``lost`` readings in a row do not arrive; ``sampled``: so is all that observers do, in
-    ``steps`` agents themselves move at its ticks."""
+    ``steps`` agents themselves move at its ticks. What acts is ``ahead`` late, which both ages
+    count, and estimates are predicted by as much."""
 
     delay: Fraction
     own_delay: Fraction
@@ -107,6 +108,7 @@ class Timing(NamedTuple):
     event: Fraction
     sampled: bool
     steps: bool
+    ahead: Fraction = ZERO
 
     @property
     def late(self) -> bool:
@@ -447,9 +449,13 @@ def timing_of(stated: Any) -> Timing | None:
     late = stated.readings
     processor = stated.processor
     steps = stated.time is not None
-    if late is None and processor is None and not steps:
+    ahead = ZERO if stated.actuators is None else stated.actuators.delay or ZERO
+    if late is None and processor is None and not (steps or ahead):
         return None
-    delay, own = (ZERO, ZERO) if late is None else (late.delay, late.own_delay)
+    delay, own = (ahead, ahead)
+    if late is not None:
+        delay += late.delay
+        own += late.own_delay
     lost, event = (0, ZERO) if late is None else (late.lost, late.event)
     period = Fraction(steps)  # of discrete time 1
     if processor is not None:
@@ -459,7 +465,7 @@ def timing_of(stated: Any) -> Timing | None:
     # more ticks would fill the memory
     few = not period or max(delay, own) <= TICKS * period
     need(few, f"readings are older than {TICKS} periods")
-    return Timing(delay, own, period, lost, event, processor is not None or steps, steps)
+    return Timing(delay, own, period, lost, event, processor is not None or steps, steps, ahead)
 
 
 def pins_of(problem: Problem, node: Node) -> dict[int, Matrix]:

@@ -89,7 +89,7 @@ def version_of(problem: Object) -> int:
     if leaves_agents(problem) or in_a_mode(problem, "gains"):
         return 4
     actuators = problem.get("actuators")
-    if type(actuators) is dict and "saturates" in actuators:
+    if type(actuators) is dict and not actuators.keys().isdisjoint(("saturates", "delay")):
         return 4
     for name, key in (("uncertainty", "bands"), ("dynamics", "H")):
         table = problem.get(name)

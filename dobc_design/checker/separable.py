@@ -45,10 +45,12 @@ from .matrices import (
     is_diagonal,
     is_form,
     nonnegative,
+    norm,
     opposite,
     paired,
     plus,
     product,
+    root,
     solved,
     transpose,
 )
@@ -65,8 +67,8 @@ from .reading import (
     text,
     weights,
 )
-from .sampled import inside, shrinks, ticks
-from .saturation import saturates
+from .sampled import BITS, exponential, inside, shrinks, ticks
+from .saturation import amplitude, saturates
 
 EQUATIONS = 60  # of an equilibrium at most
 ONCE = Fraction(1)
@@ -132,11 +134,16 @@ def pace(case: Case, claim: Any) -> Fraction:
 def contains(case: Case, claim: Any, domain: Any) -> None:
     """The observer's part, and all starts of the domain."""
     composite(case, claim)
+    holds_starts(case, claim, domain)
+
+
+def holds_starts(case: Case, claim: Any, domain: Any, drift: Fraction = ZERO) -> None:
+    """All starts of the domain, and what is up to ``drift`` farther."""
     if claim.rho is None:
         need(domain == "global" == case.domain, "it has no rho and is not global")
     else:
         starts(case, domain, "box")
-        holds_box(claim, domain.radius, domain.disturbance, claim.rho)
+        holds_box(claim, domain.radius + drift, domain.disturbance, claim.rho)
 
 
 def frame(claim: Any) -> Matrix:
@@ -149,8 +156,8 @@ def spread(T: Matrix, v: Vector) -> Fraction:
     return max(Fraction(sum(map(abs, row))) / min(v[c :: len(T)]) for c, row in enumerate(T))
 
 
-def composite(case: Case, claim: Any) -> None:
-    """The observer's part, if there is an exosystem."""
+def composite(case: Case, claim: Any, ahead: Fraction = ZERO) -> None:
+    """The observer's part, if there is an exosystem; estimates are predicted by ``ahead``."""
     if case.q == 0:
         return
     P = claim.P
@@ -166,6 +173,10 @@ def composite(case: Case, claim: Any) -> None:
         need(left > 0 and shrinks(P, found, left), "beta is not shown")
     else:
         need(nonnegative(opposite(omega(case, P, claim.beta))), "beta is not shown")
+        if ahead:
+            moved = exponential([[x * ahead for x in row] for row in case.A])
+            around = norm(C) * Fraction(moved.missed, 2**BITS)
+            C = product(C, moved.middle)
     if T != PLAIN:
         C = product(diagonal([T] * len(case.residuals)), C)  # of z
     for c in C:
@@ -506,13 +517,23 @@ def readings(case: Case, check: Any) -> Any:
     T = timing.period
     need_rate(check, claim.alpha, "the rate is not between 0 and that of the rows")
     need(T * claim.alpha < 1, "nothing would be left after a period")
-    contains(case, claim, check.domain)
+    composite(case, claim, timing.ahead)
     plant = case.uncertainty
     errors = EXACT if plant is None else Errors(plant.weights, plant.gains)
     age = timing.ticks(timing.delay) + timing.lost if T else timing.delay
     theta = (1 + timing.event) * few_bits(grown(timing, claim.alpha, age, T > 0))
     rows(case, claim, claim.alpha, theta, errors)
-    know_themselves(case, claim, claim.alpha, timing, theta, errors)
+    drift = ZERO
+    if timing.ahead and case.q and claim.rho is not None:
+        drift = timing.ahead * max(amplitude(case, i) for i in case.nodes)
+    holds_starts(case, claim, check.domain, drift)
+    most = None
+    if drift:
+        # what was read before the first input acted counts as an error of the estimates
+        left = claim.rho - (check.domain.radius + drift) / min(claim.v)
+        left = left / claim.kappa - check.domain.disturbance * root(claim.size)
+        most = left / (drift * grown(timing, claim.beta, timing.own_delay, False))
+    know_themselves(case, claim, claim.alpha, timing, theta, errors, most)
     return claim
 
 
@@ -547,11 +568,14 @@ def know_themselves(
     timing: Timing,
     theta: Fraction,
     errors: Errors = EXACT,
+    allowed: Fraction | None = None,
 ) -> None:
-    """No node goes too far, although it knows itself late or now and then."""
+    """No node goes too far, although it knows itself late or now and then; slopes and gains add up
+    to no more than is ``allowed``."""
     most = overshoot(case, claim, alpha, timing)
     if most is None:
         return
+    most = min(most, most if allowed is None else allowed)
     late = timing.own_delay > 0
     if late:
         unmixed(case, claim, theta)

@@ -121,19 +121,22 @@ def _made_once(same: _Same) -> Loop:
 
 
 def timing_of(problem: Problem) -> Timing | None:
-    """[readings] and [processor], or discrete time, whose tick is 1."""
+    """[readings], [processor] and the delay of actuators, or discrete time, whose tick is 1."""
     given, processor = problem.readings, problem.processor
-    if given is None and processor is None and not problem.steps:
+    acts = None if problem.actuators is None else problem.actuators.delay
+    if given is None and processor is None and not problem.steps and acts is None:
         return None
     table = given or Readings()
+    ahead = acts or ZERO
     return Timing(
-        delay=table.delay,
-        own_delay=table.own_delay,
+        delay=table.delay + ahead,
+        own_delay=table.own_delay + ahead,
         period=problem.period or ZERO,
         lost=table.lost,
         event=table.event,
         sampled=processor is not None or problem.steps,
         steps=problem.steps,
+        ahead=ahead,
     )
 
 

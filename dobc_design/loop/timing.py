@@ -6,6 +6,9 @@ ones at most ``own_delay``.  With a ``period`` T couplings and pins are computed
 and held, so that ages are counted in ticks.  With ``sampled`` the compensation is computed there,
 too, and the observer is the recursion eps+ = (Ad - W C Gamma) eps; then rates are slopes per tick:
 N falls by the factor 1 - T rate, which is at most exp(-rate T).
+
+What acts is ``ahead`` s late, which both ages count.  Estimates are predicted by as much: from
+``ahead`` on d - dhat is C exp(A ahead) eps(t - ahead), and before nothing is applied.
 """
 
 import math
@@ -41,6 +44,7 @@ class Timing:
     event: Fraction = ZERO
     sampled: bool = False
     steps: bool = False
+    ahead: Fraction = ZERO
 
     @property
     def own_ticks(self) -> int:
@@ -110,6 +114,15 @@ def sampled(exosystem: Exosystem, timing: Timing) -> Sampled:
     return Sampled(A=found.transition, C=interval_product(points(exosystem.C), found.mean))
 
 
+@lru_cache(maxsize=16)
+def predicted(exosystem: Exosystem, timing: Timing | None) -> IntervalMatrix:
+    """C exp(A ahead), enclosed: what is left of the disturbance by an error of the estimate."""
+    C = points(exosystem.C)
+    if timing is None or not timing.ahead:
+        return C
+    return interval_product(C, discretise(exosystem.A, timing.ahead).transition)
+
+
 def middle_of(M: IntervalMatrix) -> Matrix:
     """A rational matrix inside M, to be proposed with."""
     return tuple(tuple(x.midpoint for x in row) for row in M)
@@ -121,10 +134,14 @@ def timing_words(timing: Timing | None) -> str:
         return "readings of the same instant"
     parts = []
     unit = "steps" if timing.steps else "s"
-    if timing.delay:
-        parts.append(f"readings of neighbours up to {_number(timing.delay)} {unit} old")
-    if timing.own_delay:
-        parts.append(f"own readings up to {_number(timing.own_delay)} {unit} old")
+    if timing.ahead:
+        parts.append(f"all that agents compute acting {_number(timing.ahead)} s late")
+    if timing.delay > timing.ahead:
+        age = timing.delay - timing.ahead
+        parts.append(f"readings of neighbours up to {_number(age)} {unit} old")
+    if timing.own_delay > timing.ahead:
+        age = timing.own_delay - timing.ahead
+        parts.append(f"own readings up to {_number(age)} {unit} old")
     if timing.lost:
         parts.append(f"{counted(timing.lost, 'reading')} of a neighbour lost in a row")
     if timing.event:

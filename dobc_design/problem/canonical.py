@@ -264,7 +264,7 @@ def _version_of(document: Table) -> int:
     if new or _in_a_mode(document, "gains") or _leaves_agents_undisturbed(document):
         return VERSION_OPEN
     actuators = document.get("actuators")
-    if isinstance(actuators, dict) and "saturates" in actuators:
+    if isinstance(actuators, dict) and not actuators.keys().isdisjoint(("saturates", "delay")):
         return VERSION_OPEN
     for name, key in (("uncertainty", "bands"), ("dynamics", "H")):
         table = document.get(name)

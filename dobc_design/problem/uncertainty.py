@@ -39,6 +39,11 @@ def _read_saturates(value: Any, key: str) -> bool | None:
     return flag(value, key) or None
 
 
+def _read_delay(value: Any, key: str) -> Fraction | None:
+    """A time in s; 0 is the same as none."""
+    return _bound(value, key) or None
+
+
 @noun
 class Uncertainty(Stated):
     """How far the plant may be from the model; numbers are exact, 0 where nothing is given.
@@ -79,12 +84,14 @@ class Actuators(Stated):
     amplitude: bound on every component of d_i, by default that of the runs from simulation.xi0.
     saturates: whether inputs may reach their limits, so that a proof has to count what is left of
         them; else it shows that none is reached.
+    delay: s, a constant delay between what is measured and what acts, sensor and actuator together.
     Raises: SpecError that names every wrong key.
     """
 
     limit: Fraction | Mapping[str, Fraction] | None = read_by(_read_limit)
     amplitude: Fraction | None = read_by(_bound)
     saturates: bool | None = read_by(_read_saturates, later=True)
+    delay: Fraction | None = read_by(_read_delay, later=True)
 
     def __post_init__(self) -> None:
         Stated.__post_init__(self)
@@ -107,6 +114,8 @@ class Actuators(Stated):
             facts += [(f"|u| of {label} at most", x) for label, x in self.limit.items()]
         elif self.limit is not None:
             facts.append(("|u_i| at most", self.limit))
+        if self.delay is not None:
+            facts.append(("late by (s)", self.delay))
         text = "inputs saturate at their limits" if self.saturates else ""
         return Card(title="Actuators", text=text, facts=facts)
 

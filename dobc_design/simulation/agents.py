@@ -239,6 +239,8 @@ class Heard:
         self.event = float(timing.event)
         self.worst = stress.worst
         oldest, own = _oldest(timing, stress.period, stress.exchanges)
+        constant = Timing(delay=timing.ahead)
+        self.least, _ = _oldest(constant, stress.period, stress.exchanges)
         self.loss = stress.loss
         self.lost = 0  # so many in a row at most; 0: any
         if self.worst:
@@ -327,17 +329,21 @@ class Heard:
         if self.own_past.maxlen == 1:
             return e
         self.own_past.append(e)
-        past = np.stack(self.own_past)
+        past = self.late(self.own_past)
         if self.worst:
             return np.asarray(np.where(e > 0, past.min(axis=0), past.max(axis=0)))
         return _taken(past, self.at_random[2], np.arange(len(e)))
+
+    def late(self, past: Sequence[Array]) -> Array:
+        """Of the past, the newest last, what may act now, (T, n, m, R)."""
+        return np.stack(past)[: max(1, len(past) - self.least)]
 
     def said(self, links: Links) -> Array:
         """What arrives on the arcs, (arcs, m, R)."""
         speakers, listeners = links.speakers, links.listeners
         if self.past.maxlen == 1 and not self.event:
             return np.asarray(self.past[0][speakers])
-        past = np.stack(self.past)
+        past = self.late(self.past)
         if self.worst:
             room = self.event * np.abs(past)
             high = (past + room).max(axis=0)[speakers]

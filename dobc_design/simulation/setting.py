@@ -256,7 +256,7 @@ def _whole(times: Array) -> Array:
 
 
 # readings in the shortest time that they may be late; at the worst more of them, all nearly as late
-AT_ONCE, AT_WORST = 2, 4
+AT_ONCE, AT_WORST, AT_A_KNOWN_TIME = 2, 4, 8
 
 
 def stated_times(stress: Stress, timing: Timing | None) -> Stress:
@@ -264,6 +264,9 @@ def stated_times(stress: Stress, timing: Timing | None) -> Stress:
     for options that say otherwise."""
     if timing is None:
         return stress
+    if timing.ahead and (stress.noise or stress.acts):
+        message = "has noise or a disturbance, and with actuators.delay runs know none of them."
+        raise refused("stress", message, "Leave them out, or the delay.")
     period = float(timing.period) or None
     table = "[processor]" if timing.sampled else "[readings]"
     if timing.steps:
@@ -284,6 +287,8 @@ def stated_times(stress: Stress, timing: Timing | None) -> Stress:
         return stress
     late = [float(x) for x in (timing.delay, timing.own_delay) if x]
     count = AT_WORST if stress.worst else AT_ONCE
+    if timing.ahead:  # a known delay, not a bound
+        count = AT_A_KNOWN_TIME
     exchange = min(late) / count if late else EXCHANGE
     return replace(stress, exchange=period or exchange)
 

@@ -9,6 +9,7 @@ from functools import partial
 from itertools import pairwise
 
 import numpy as np
+from scipy.linalg import expm
 
 from dobc_design.errors import refused
 from dobc_design.loop.matrices import Array
@@ -55,6 +56,12 @@ class StressedColumns:
         self.instants = instants[instants < horizon]
         times = {failure.time for failure in runs.stress.failures}
         self.failures = sorted(time for time in times if time < horizon)
+        timing = runs.setting.exact.timing
+        #: What acts is so late (s), and ``left`` is what then remains of an error of the estimate.
+        self.ahead = 0.0 if timing is None else float(timing.ahead)
+        left = expm(self.loop.A * self.ahead) @ expm(-self.loop.F * self.ahead)
+        self.left = self.loop.output @ left
+        self.acts = not self.ahead
         self.agents = agents or Agents(runs, self.instants, keep=True)
         self.goal = self.loop.goal[..., None]
         self.alive = np.arange(len(runs.seeds))
@@ -75,6 +82,12 @@ class StressedColumns:
         measured = x + noise
         return measured - self.goal, z + act(self.loop.W, measured)
 
+    def dhat(self, xi: Array, xihat: Array) -> Array:
+        """The estimate of d that acts: that of ``ahead`` s ago, predicted.  As eps' = F eps, the
+        one of now says what it was."""
+        C = self.loop.output
+        return act(C, xi) - act(self.left, xi - xihat) if self.ahead else act(C, xihat)
+
     def wait(self, time: float, y: Array, modes: IndexArray) -> None:
         """All runs have come to a time, in these modes (R,): draw, fail and exchange what is
         due."""
@@ -94,6 +107,8 @@ class StressedColumns:
             else:
                 agents.heard.tune(np.arange(len(modes)), modes)
         self.next += due
+        # the first input that was computed
+        self.acts = time >= self.ahead * (1 - 1e-9)
 
     def part(self, mode: int, runs: IndexArray) -> RightHandSide:
         """The derivative of runs, named by their places among the living, in one mode."""
@@ -124,7 +139,9 @@ class StressedColumns:
                 e,
                 agents.said(e, chosen)[links.speakers] if held is None else held,
             )
-            u = agents.control(pulled, act(loop.output, xihat), chosen)
+            u = agents.control(pulled, self.dhat(xi, xihat), chosen)
+            if not self.acts:
+                felt, u = 0 * felt, 0 * u
             d = act(loop.output, xi)
             if len(force):
                 d = d + force.reshape(d.shape)
@@ -159,7 +176,7 @@ class StressedColumns:
         if not self.agents.estimates:
             return d
         _, xihat = self.known(x, z, self.noise[..., chosen])
-        return d - act(C, xihat)
+        return d - self.dhat(xi, xihat)
 
 
 class Together:
@@ -324,8 +341,9 @@ class _Alone:
         e, xihat = columns.known(x, z, noise)
         if agents.heard.holds_own:
             e = np.stack(self.owns, axis=2)[..., last]
-        dhat = act(C, xihat)
+        dhat = columns.dhat(xi, xihat)
         u = agents.command(agents.pulled(e, self.modes.switches.at(times)), dhat)
+        u[..., times < columns.ahead * (1 - 1e-9)] = 0
         # u was computed as if all agents worked
         for agent, left in agents.stopped.items():
             u[agent][:, times >= agents.failing[agent].time] = left.input

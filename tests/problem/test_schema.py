@@ -55,7 +55,7 @@ CONTRACT = {
         "drift",
         "measurement",
     },
-    "actuators": {"limit", "amplitude", "saturates"},
+    "actuators": {"limit", "amplitude", "saturates", "delay"},
     "dynamics": {"A", "f", "B", "H", "acts_on", "time"},
     "readings": {"delay", "own_delay", "period", "lost", "event"},
     "processor": {"period"},

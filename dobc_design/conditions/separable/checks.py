@@ -27,7 +27,7 @@ from dobc_design.conditions.reason import observer_obstacle
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import number_text
 from dobc_design.loop.loop import Loop
-from dobc_design.loop.timing import timing_words
+from dobc_design.loop.timing import Timing, timing_words
 from dobc_design.verdict import Verdict
 
 from .claim import (
@@ -50,6 +50,7 @@ from .decide import (
 )
 from .timing import (
     EIGENVALUE,
+    covers_late,
     largest_period,
     late_witness_obstacle,
     overshoots,
@@ -201,11 +202,15 @@ def readings_check(asked: Asked, claim: Separable, *, radius: float) -> Check:
     wrong = verify_readings(loop, asked.W, claim).wrong
     if wrong is not None:
         return undecided(wrong)
-    if not covers(claim, radius=claimed(radius), disturbance=claimed(asked.disturbance)):
+    disturbance = claimed(asked.disturbance)
+    if not covers_late(loop, claim, radius=claimed(radius), disturbance=disturbance):
         return undecided("the box asked for is not inside the certified set.")
     rate = decimal_below(claim.alpha)
     domain, starts = _starts(asked, claim, radius)
-    when = ", at the samples" if loop.timing is not None and loop.timing.period else ""
+    timing = loop.timing or Timing()
+    when = ", at the samples" if timing.period else ""
+    if timing.ahead:
+        when = f", t from {float(timing.ahead):.6g} s on, when the first input acts"
     reason = (
         f"{starts} reaches the target with {timing_words(loop.timing)}: max_i |e_i|/v_i stays "
         f"below a multiple of exp(-{text_below(rate)} t){when}."
@@ -351,7 +356,7 @@ def _not_read(check: Check, case: Case) -> str | None:
             return "without rho the domain must be global, and every coupling linear"
     else:
         radius, disturbance = read_domain(check.domain, loop, kind=Box)
-        if not covers(claim, radius=radius, disturbance=disturbance):
+        if not covers_late(loop, claim, radius=radius, disturbance=disturbance):
             return "the box is not inside the certified set"
     return verify_readings(loop, case.W, claim).wrong or _too_fast(check, claim.alpha)
 

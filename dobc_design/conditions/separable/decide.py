@@ -28,6 +28,7 @@ from dobc_design.exact.definite import decide_positive_definite, decide_positive
 from dobc_design.exact.floats import Floats
 from dobc_design.exact.interval import (
     Interval,
+    IntervalMatrix,
     UndefinedError,
     interval_product,
     middle,
@@ -38,7 +39,7 @@ from dobc_design.exact.number import float_below
 from dobc_design.exact.symmetric import Doubles
 from dobc_design.exact.work import spend
 from dobc_design.loop.loop import Loop
-from dobc_design.loop.timing import Timing, sampled
+from dobc_design.loop.timing import Timing, predicted, sampled
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.verdict import Verdict
 
@@ -607,19 +608,23 @@ def _sides(
     if timing is None or not timing.sampled:
         PE = exact.multiply(P, exact.subtract(exosystem.A, exact.multiply(W, exosystem.C)))
         decay = exact.add(exact.add(exact.transpose(PE), PE), exact.scale(2 * error.beta, P))
-        squares = [tuple(tuple(x * y for y in c) for x in c) for c in exosystem.C]
-        return exact.scale(-1, decay), squares
+        return exact.scale(-1, decay), _squares(predicted(exosystem, timing))
     found = sampled(exosystem, timing)
     F = found.error(W, timing.period)
     turned = tuple(zip(*F, strict=True))
     moved = middle(interval_product(interval_product(turned, points(P)), F))
     left = exact.scale((1 - timing.period * error.beta) ** 2, P)
     decay = exact.subtract(left, exact.add(moved.centre, moved.room))
+    return decay, _squares(found.C)
+
+
+def _squares(C: IntervalMatrix) -> list[Matrix]:
+    """c'c of every row, or a matrix above it."""
     squares = []
-    for c in found.C:
+    for c in C:
         square = middle(tuple(tuple(x * y for y in c) for x in c))
         squares.append(exact.add(square.centre, square.room))
-    return decay, squares
+    return squares
 
 
 def composite_rate(claim: Separable) -> Fraction:

@@ -17,7 +17,7 @@ from dobc_design._checks import noun
 from dobc_design.conditions.consensus.propose import decay_of
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.exact.number import float_above
-from dobc_design.loop.timing import Timing, middle_of, sampled
+from dobc_design.loop.timing import Timing, middle_of, predicted, sampled
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.solvers.conic import affine_cone, solve_cones, symmetric_basis
 from dobc_design.solvers.program import Array, round_matrix
@@ -82,7 +82,8 @@ class _Pair:
 def _pair(exosystem: Exosystem, W: Matrix, timing: Timing | None) -> _Pair:
     C = to_float(exosystem.C)
     if timing is None or not timing.sampled:
-        return _Pair(F=to_float(exosystem.A) - to_float(W) @ C, C=C)
+        ahead = to_float(middle_of(predicted(exosystem, timing)))
+        return _Pair(F=to_float(exosystem.A) - to_float(W) @ C, C=ahead)
     found = sampled(exosystem, timing)
     F = middle_of(found.error(W, timing.period))
     return _Pair(F=to_float(F), C=to_float(middle_of(found.C)), period=float(timing.period))

@@ -36,7 +36,7 @@ from dobc_design.solvers.program import Array
 from .claim import ErrorBound, Separable, stated_errors
 from .propose import Field, SeparablePlan, field_of, least_solution, rounded_vectors
 from .propose_observer import propose_error_bound, radius_needed
-from .timing import steepness, too_steep, verify_readings
+from .timing import drift_before, more_error, steepness, too_steep, verify_readings
 
 OBSERVERS = (0.25, 0.5, 0.75)  # parts of the observer's decay that are left to V
 ROUNDS = 4  # of kappa, rho and slopes
@@ -131,14 +131,15 @@ class Search:
         if not alpha > 0:
             return None
         timing = self.timing
-        drag = ZERO
+        drag = more = ZERO
+        drift = drift_before(self.loop)
         for _ in range(ROUNDS):
             if error is not None:
                 left = timing.decay(error.beta) - alpha - drag
                 if left <= 0:
                     return None
                 error = replace(error, kappa=rounded_up(MORE / left, digits=6))
-            rho = radius_needed(self.radius, error, self.disturbance)
+            rho = radius_needed(self.radius + drift, error, self.disturbance) + more
             found = self._weights(alpha, rho)
             if found is None:
                 return None
@@ -153,9 +154,11 @@ class Search:
             if isinstance(steep, str) or too_steep(timing, steep) is not None:
                 return None
             needed = ZERO if error is None else steep * (timing.lag(error.beta) - 1)
-            if needed <= drag:
+            wider = drift * more_error(self.loop, claim)
+            if needed <= drag and wider * MORE <= more:
                 return claim
             drag = needed * MORE
+            more = rounded_up(wider * MORE**2, digits=4)
         return None
 
     def _weights(self, alpha: Fraction, rho: Fraction) -> Array | None:

@@ -15,6 +15,10 @@ and goes within T a part is left, for which both hold.
 With the observer, |C eps_i| <= E <= E_0 exp(-beta t): kappa v_min (beta - rate - Q (lag - 1)) >= 1
 keeps N <= rho exp(-rate t) - kappa E_0 exp(-beta t), lag = exp(beta sigma), or (1 - T beta)^-d with
 rates per tick.
+
+Inputs that act ``ahead`` s late.  Until then |e_i'| = |d_i| <= dbar, so that N rises by ahead dbar
+/ v_min at most; let its bound rise as much.  What an agent then reads of that time is as much
+nearer to 0, which Q ahead dbar lag more of E_0 stands for.  Time counts from ``ahead`` on.
 """
 
 from collections.abc import Callable, Sequence
@@ -45,6 +49,7 @@ from dobc_design.exact.polynomial import (
     without_repeats,
 )
 from dobc_design.loop.loop import Loop
+from dobc_design.loop.saturation import largest_disturbance
 from dobc_design.loop.timing import E, Timing
 from dobc_design.problem.uncertainty import ABSOLUTE
 
@@ -62,6 +67,7 @@ from .claim import (
 from .decide import (
     SeparableAnswer,
     coupling_profiles,
+    covers,
     error_bound_obstacle,
     proved,
     refuted,
@@ -197,6 +203,7 @@ def readings_obstacle(loop: Loop, W: Matrix | None) -> str | None:
     plant = loop.uncertainty
     own = timing.own_delay > 0
     held = timing.period > 0
+    drifts = timing.ahead > 0 and not loop.is_linear
     unsaid = [] if plant is None else [name for name in ABSOLUTE if getattr(plant, name)]
     if unsaid:  # bands stand in another table
         unsaid.insert(0, "[exosystem]" if unsaid == ["bands"] else "[uncertainty]")
@@ -210,6 +217,11 @@ def readings_obstacle(loop: Loop, W: Matrix | None) -> str | None:
             loop.drift is None or not (own or held),
             "what agents do by themselves goes on while readings are late or held.",
         ),
+        (
+            not drifts or largest_disturbance(loop) is not None,
+            "how far agents drift before the first input acts is not known: give "
+            "actuators.amplitude.",
+        ),
     ]
     wrong = first_missing(needs)
     if wrong is not None:
@@ -217,6 +229,35 @@ def readings_obstacle(loop: Loop, W: Matrix | None) -> str | None:
     if timing.is_late and (reason := delay_obstacle(loop)) is not None:
         return reason
     return observer_obstacle(loop, W) or gap_obstacle(loop)
+
+
+def covers_late(loop: Loop, claim: Separable, *, radius: Fraction, disturbance: Fraction) -> bool:
+    """Whether every start with |e|_inf <= radius and |eps_i| <= disturbance is kept by ``claim``,
+    although nothing acts for ``ahead`` s."""
+    drift = drift_before(loop)
+    if drift and claim.rho is not None:
+        rho = claim.rho - drift * more_error(loop, claim)
+        if rho <= 0:
+            return False
+        claim = replace(claim, rho=rho)
+        radius += drift
+    return covers(claim, radius=radius, disturbance=disturbance)
+
+
+def drift_before(loop: Loop) -> Fraction:
+    """How far the disturbance moves agents before the first input acts; 0 where no bound of it is
+    known."""
+    ahead = ZERO if loop.timing is None else loop.timing.ahead
+    return ahead * max(largest_disturbance(loop) or (ZERO,)) if ahead else ZERO
+
+
+def more_error(loop: Loop, claim: Separable) -> Fraction:
+    """kappa Q lag: what N is kept below by, for every unit of that drift."""
+    timing = loop.timing or Timing()
+    steep = steepness(loop, claim, timing)
+    if claim.error is None or isinstance(steep, str):
+        return ZERO
+    return claim.error.kappa * steep * timing.lag(claim.error.beta)
 
 
 def _own_obstacle(loop: Loop, claim: Separable, timing: Timing) -> str | None:

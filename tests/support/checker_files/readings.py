@@ -92,6 +92,10 @@ def _limit(limit: Any, **more: Any) -> Document:
     return {"actuators": {"limit": limit, "saturates": True} | more}
 
 
+def _acting(delay: str, **more: Any) -> Document:
+    return {"actuators": {"delay": delay} | more}
+
+
 def _cut(limit: Any, **more: Any) -> Document:
     known = {"amplitude": "1/2"} if "processor" in more else {}
     return given("tanh(y)", **_limit(limit, **known) | more)
@@ -173,6 +177,20 @@ def _settings() -> dict[str, Document]:
         found[name] = _cut(limit, **half, **ticks(period))
     known = {"simulation": {"xi0": [0]}, "observer": Observer(W=[["1/2"]])}
     found["saturated, steps"] = _cut(9, **half | known | {"gains": "1/4"} | STEPS)
+    for delay in ("0.0919", "0.092"):
+        found[f"acting {delay} late"] = given("tanh(y)", **_acting(delay))
+    for own in ("0.0418", "0.042"):
+        found[f"acting late, own {own}"] = given(
+            "tanh(y)", **_acting("1/20"), **late(own_delay=own)
+        )
+    growing = {
+        "exosystem": scalar(1),
+        "observer": Observer(W=[[3]]),
+        "region": asked("1/2", "1/10"),
+    }
+    found["acting late, watched"] = given("tanh(y)", **growing | _acting("1/20", amplitude="1/2"))
+    found["acting late, drifting"] = given("tanh(y)", **growing | _acting("1/20", amplitude="0.51"))
+    found["acting late, unknown"] = given("tanh(y)", **growing | _acting("1/20"))
     found["saturated, far"] = given("0*y", **_limit(9, amplitude=9), **half, **late(period=1))
     found["nodes, far"] = given("y", dynamics=Dynamics(A=[[-1]]), **late(period=3))
     unstable = {"dynamics": Dynamics(A=[[1]]), "gains": {1: "1/2"}, "region": None}
@@ -283,6 +301,7 @@ def readings_cases() -> Iterator[Case]:
     yield from _curved()
     yield from _others()
     yield from _saturated()
+    yield from _acting_late()
     yield from _frames_of_others()
     yield from _unreadable()
 
@@ -590,6 +609,30 @@ def _saturated() -> Iterator[Case]:
     yield fails("saturated, far", "about the target", overshooting, **REFUTED)
 
 
+def _acting_late() -> Iterator[Case]:
+    """Slopes and gain add up to 4, and 4 (delay + own_delay) <= 1/e; exp(2.5/20) = 1.13315."""
+    slow = readings(box(1), 2, "1 1", "2", "1")
+    yield holds("acting 0.0919 late", "1/(4 e)", slow)
+    yield fails("acting 0.092 late", "1/(4 e)", slow)
+    faster = readings(box(1), 2.5, "1 1", "2.5", "1")
+    kept = {"factor": 1.1332}
+    yield made("acting late, own 0.0418", 0, "ages add up", faster | kept, **kept)
+    yield fails("acting late, own 0.0418", "before it acts", faster | {"factor": 1.133})
+    yield fails("acting late, own 0.042", "ages add up", faster)
+    # F = -2, c = exp(1/20), g = exp(0.095), so that 1.9 - 1/2 - 4 (g - 1) = 1.0013
+    seen: Document = {"P": [["1.1053"]], "beta": "1.9", "kappa": "1", "size": "1.1053"}
+    there = box(0.5, 0.1)
+    # 1/2 + 1/40 + 0.1 sqrt(1.1053) + 4 g/40 = 0.7401
+    good = readings(there, 0.5, "1 1", "1/2", "0.7403", **seen)
+    yield holds("acting late, watched", "c exp(A delay)", good)
+    drifting = good | {"factor": 1000}
+    yield fails("acting late, watched", "no factor of what drifts", drifting, factor=1000)
+    smaller: Document = {"rho": ["0.74"], "kappa": ["0.9986"], "beta": ["1.898"]}
+    yield from each_wrong("acting late, watched", good, P=[[["1.1051"]]], **smaller)
+    for name in ("drifting", "unknown"):
+        yield fails(f"acting late, {name}", "as far as it drifts before", good)
+
+
 def _frames_of_others() -> Iterator[Case]:
     """What else is claimed, and what it answers."""
     boxed = separable(box(1), 3, "1 1", "3", "1")
@@ -608,6 +651,10 @@ def _frames_of_others() -> Iterator[Case]:
     everywhere = separable(GLOBAL, 0.3, V, "0.3")
     yield fails("processor", "a flow", THIRD, everywhere)
     yield holds("held", "beside", THIRD, everywhere)
+
+
+def _late_inputs(delay: str, **more: Any) -> Document:
+    return {"actuators": {"limit": None, "amplitude": None, "delay": delay} | more}
 
 
 def _unreadable() -> Iterator[Case]:
@@ -636,6 +683,11 @@ def _unreadable() -> Iterator[Case]:
             "processor": {"period": "1"},
         },
         "an old version": {"version": 3},
+        "inputs that act before": _late_inputs("-1"),
+        "inputs that act at once": _late_inputs("0"),
+        "inputs that act late and saturate": _late_inputs("1", limit="1", saturates=True),
+        "inputs that act late, held": _late_inputs("1") | {"processor": {"period": "1"}},
+        "inputs that act late, to no target": _late_inputs("1") | {"goal": "agreement"},
     }
     data, problem = _frames()["now"]
     for what, changes in bent.items():

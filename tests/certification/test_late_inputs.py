@@ -1,0 +1,185 @@
+"""Inputs that act a known time after what they were computed from was measured (theory, section 15:
+a known constant delay of actuator or sensor).
+
+Oracle: agents, controllers and observers in NumPy that pass commands through a buffer.
+"""
+
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import pytest
+from networks import around, network_of
+from scipy.linalg import expm
+
+import dobc_design as dd
+from dobc_design import Verdict
+from dobc_design.errors import SpecError
+from dobc_design.problem.canonical import (
+    canonical_bytes,
+    canonical_document,
+    problem_from_canonical,
+)
+
+PROVED, UNDECIDED = Verdict.PROVED, Verdict.UNDECIDED
+A = np.array([[0.0, 2.0], [-2.0, 0.0]])
+C = np.array([[1.0, 0.0]])
+W = np.array([[3.2], [2.4]])
+F = A - W @ C
+LATE = 0.04
+
+
+def ring(delay: Any, **more: Any) -> dd.Problem:
+    """A directed cycle of three agents, all pinned with 5, from |e| <= 1/2."""
+    given = {
+        "network": network_of(around(3), 3),
+        "coupling": "tanh(y)",
+        "gains": dict.fromkeys(range(1, 4), 5),
+        "actuators": {"delay": delay},
+        "region": {"initial_states": ["-1/2", "1/2"]},
+    }
+    return dd.Problem(**given | more)
+
+
+def watched(delay: str = "0.04", **more: Any) -> dd.Problem:
+    """The same with the disturbance and the gain of the paper."""
+    return ring(
+        delay,
+        exosystem=dd.Exosystem([[0, 2], [-2, 0]], [[1, 0]]),
+        observer=dd.Observer(W=[["16/5"], ["12/5"]]),
+        region={"initial_states": ["-1/2", "1/2"], "initial_disturbance": "1/10"},
+        simulation={"xi0": ["3/10", "2/5"]},
+        **more,
+    )
+
+
+def buffered(x: Any, xi: Any, xihat: Any, *, time: float, step: float = 1e-3) -> list[Any]:
+    """States, disturbances, estimates and what is applied in every step (n, ...), by Heun's method
+    where it is not exact: a controller computes at once, and what it commands waits in a buffer."""
+    waiting = [np.zeros(len(x))] * round(LATE / step)
+    z = xihat - x[:, None] * W[:, 0]
+    turn = expm(A * step)
+    mean = np.linalg.solve(A, turn - np.eye(2))
+    seen = []
+    for _ in range(round(time / step) + 1):
+        xihat = z + x[:, None] * W[:, 0]
+        predicted = xihat @ expm(A * LATE).T @ C.T
+        waiting.append(np.tanh(np.roll(x, -1) - x) - 5 * x - predicted[:, 0])
+        applied = waiting.pop(0)
+        seen.append((x, xi, xihat, applied))
+        after = x + step * applied + (xi @ mean.T @ C.T)[:, 0]
+        fed = applied[:, None] * W[:, 0]
+        first = xihat @ F.T - fed
+        last = (z + step * first + after[:, None] * W[:, 0]) @ F.T - fed
+        z = z + step * (first + last) / 2
+        x = after
+        xi = xi @ turn.T
+    return [np.array(each) for each in zip(*seen, strict=True)]
+
+
+def test_the_residual_is_the_error_of_then_carried_on_and_runs_are_those_of_a_buffer():
+    """d(t) - dhat(t) = C exp(A delay) eps(t - delay), exactly; runs differ by the steps in which
+    readings are held, an eighth of the delay."""
+    times = np.linspace(0, 2, 41)
+    run = dd.simulate(watched(), start=[[0.5], [-0.5], [0.4]], t_final=2, samples=times)
+    x, xi, xihat, _ = buffered(run.x[0, :, 0], run.xi[0], run.xihat[0], time=2)
+    late = round(LATE / 1e-3)
+    eps = xi - xihat
+    residual = (xi[late:] - xihat[:-late] @ expm(A * LATE).T) @ C.T
+    assert np.allclose(residual, eps[:-late] @ expm(A * LATE).T @ C.T, atol=1e-12)
+    assert np.allclose(eps[-1], eps[0] @ expm(2 * F).T, atol=1e-5)
+    assert np.allclose(run.xihat[-1], xihat[-1], atol=1e-2)
+    assert np.abs(run.x[:, :, 0] - x[::50]).max() < 0.006
+    # what acts is the prediction, and nothing before
+    assert np.allclose(run.d[1:] - run.dhat[1:], residual[50 - late :: 50], atol=1e-2)
+    assert not run.u[0].any()
+
+
+def test_slopes_and_gain_may_add_up_to_one_over_e_delay():
+    """6 delay <= 1/e: 0.06131 s; nothing decays before the first input acts, so that the factor is
+    at least exp(rate delay)."""
+    certificate = dd.certify(ring("0.0613", coupling="y"))
+    assert certificate.verdict is PROVED
+    assert dd.verify(certificate, ring("0.0613", coupling="y")).holds
+    assert "acting 0.0613 s late" in certificate.reason
+    assert certificate.factor >= np.exp(0.0613 * certificate.rate)
+    later = dd.certify(ring("0.0614", coupling="y"))
+    assert later.verdict is UNDECIDED
+    assert "slopes and gains of an agent add up to 6 1/s" in later.reason
+
+
+def test_a_disturbed_network_is_proved_and_keeps_its_bound():
+    """From corners of the region, with the largest error and several phases of the disturbance."""
+    certificate = dd.certify(watched())
+    assert certificate.verdict is PROVED
+    assert dd.verify(certificate, watched()).holds
+    claim = certificate.check("readings").claim.rows
+    v = np.array([float(each) for each in claim.v])
+    for phase in np.linspace(0, 6, 5):
+        xi = np.tile([np.cos(phase) / 2, np.sin(phase) / 2], (3, 1))
+        x, *_ = buffered(np.full(3, 0.5), xi, xi - [[0.1, 0]], time=3)
+        times = 1e-3 * np.arange(len(x))
+        kept = float(claim.rho) * np.exp(-float(claim.alpha) * np.maximum(times - LATE, 0))
+        assert np.all(np.abs(x) / v <= kept[:, None])
+
+
+def test_how_far_agents_drift_before_the_first_input_acts_has_to_be_known():
+    """A larger amplitude leaves less of the region; without any there is no proof."""
+    reached = []
+    for amplitude in ("1/10", 4):
+        actuators = {"delay": "0.01", "amplitude": amplitude}
+        problem = watched(coupling="exp(y) - 1 + y", actuators=actuators)
+        check = dd.certify(problem).check("readings")
+        reached.append(check.domain.radius if check.verdict is PROVED else 0)
+    assert reached[0] == 0.5 > reached[1] + 0.1
+    unknown = watched().replace(simulation={"xi0": None})
+    assert "give actuators.amplitude" in dd.certify(unknown).check("readings").reason
+
+
+def test_without_a_disturbance_a_run_stays_below_its_certified_bound():
+    problem = ring("0.05")
+    certificate = dd.certify(problem)
+    times = np.linspace(0, 3, 61)
+    run = dd.simulate(problem, start=[[0.5]] * 3, t_final=3, samples=times)
+    assert np.all(run.x[times < 0.05] == 0.5)
+    allowed = certificate.factor * 0.5 * np.exp(-certificate.rate * times)
+    assert np.all(np.abs(run.x).max(axis=(1, 2)) <= allowed + 1e-9)
+
+
+@pytest.mark.parametrize(
+    ("changes", "match"),
+    [
+        ({"processor": {"period": 1}}, "processor is not known together with actuators.delay"),
+        ({"readings": {"period": 1}}, r"readings\.period is not known together"),
+        ({"actuators": {"delay": 1, "limit": 9, "saturates": True}}, r"actuators\.saturates is"),
+        ({"goal": "agreement", "gains": None}, "goal is not known together"),
+        ({"actuators": {"delay": -1}}, r"actuators\.delay must be >= 0"),
+    ],
+)
+def test_what_does_not_go_with_a_delay_is_refused_by_name(changes: Any, match: str):
+    with pytest.raises(SpecError, match=match):
+        ring("0.1", **changes)
+
+
+@pytest.mark.parametrize(
+    "ask",
+    [
+        dd.falsify,
+        dd.build_model,
+        dd.export.python_script,
+        lambda problem: dd.simulate(problem, stress=dd.Stress(noise=0.1)),
+        lambda problem: dd.export.to_c(problem, period="0.1"),
+    ],
+    ids=["falsify", "build_model", "python", "noise", "c"],
+)
+def test_what_does_not_know_late_inputs_refuses_them_by_name(ask: Any):
+    with pytest.raises(SpecError, match=r"actuators\.delay"):
+        ask(ring("0.1"))
+
+
+def test_the_key_needs_version_four_and_zero_is_none():
+    document = canonical_document(ring("0.1"))
+    assert (document["version"], document["actuators"]["delay"]) == (4, "1/10")
+    assert problem_from_canonical(canonical_bytes(ring("0.1"))) == ring("0.1")
+    assert canonical_document(ring(0))["version"] == 1
+    assert ring(Fraction(1, 10)).actuators.delay == Fraction(1, 10)

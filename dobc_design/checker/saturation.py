@@ -197,8 +197,10 @@ def lyapunov(F: Matrix, N: Matrix) -> Matrix:
 def amplitude(case: Case, i: int) -> Fraction:
     """A bound of every component of d_i: given, or of the sines that xi0 starts; there A^2 has to
     be diagonal."""
+    # sines of unknown frequencies come on top
+    beside = sum((band[2] for band in case.bands), ZERO)
     if case.actuators.amplitude is not None or not case.q:
-        return Fraction(case.actuators.amplitude or 0)
+        return Fraction(case.actuators.amplitude or 0) + beside
     if i not in case.place:
         return ZERO
     steps = case.timing is not None and case.timing.steps
@@ -216,8 +218,7 @@ def amplitude(case: Case, i: int) -> Fraction:
     need(is_diagonal(square), "d is no sum of sines")
     z = [row[k] for k, row in enumerate(square)]
     slopes = product(residual.A, x)
-    # sines of unknown frequencies come on top
-    sums = [sum((band[2] for band in case.bands), ZERO)] * case.m
+    sums = [beside] * case.m
     # A^2 = -w on the components of one frequency: each is a sine of size sqrt(x^2 + x'^2 / w)
     for w in {-entry for entry in z}:
         for c, row in enumerate(residual.C):

@@ -196,25 +196,26 @@ def largest_disturbance(loop: Loop) -> Vector | None:
     """For each agent a bound of |d_i(t)|, t >= 0, by component; None where neither [actuators] nor
     xi0 gives one, as where amplitudes drift, or agents move in steps."""
     given = None if loop.actuators is None else loop.actuators.amplitude
+    # Sines of unknown frequencies come on top of what the exosystem generates.
+    sines = sum((band.amplitude for band in loop.bands), ZERO)
     if given is not None or not loop.groups:
-        return (given or ZERO,) * loop.n
+        return ((given or ZERO) + sines,) * loop.n
     steps = loop.timing is not None and loop.timing.steps
     if steps or not loop.xi0 or (loop.uncertainty is not None and loop.uncertainty.drift):
         return None
     starts = loop.xi0 if len(loop.xi0) > 1 else loop.xi0 * loop.n
     known: dict[tuple[int, Vector], Fraction | None] = {}  # agents often start alike
-    # Sines of unknown frequencies come on top of what the exosystem generates.
-    sines = sum((band.amplitude for band in loop.bands), ZERO)
     found: list[Fraction] = []
     for pair in zip(group_numbers(loop.groups, loop.labels), starts, strict=True):
         number, start = pair
         if pair not in known:
             is_free = number == len(loop.groups)  # of disturbances
-            known[pair] = ZERO if is_free else _amplitude(loop.groups[number].exosystem, start)
+            own = ZERO if is_free else _amplitude(loop.groups[number].exosystem, start)
+            known[pair] = own if is_free or own is None else own + sines
         amplitude = known[pair]
         if amplitude is None:
             return None
-        found.append(amplitude + sines)
+        found.append(amplitude)
     return tuple(found)
 
 

@@ -8,6 +8,7 @@ from evidence import (
     agreement,
     arcs,
     bad_samples,
+    bands,
     certificates,
     designs,
     enclosures,
@@ -66,6 +67,7 @@ def _items() -> Iterator[Item]:
     # a fast test runs 60
     yield Item("outside", certificates.outside, 300, 6000, share=0)
     yield Item("accuracy", accuracy.run, 100, 0, share=100)
+    yield Item("sines", bands.run, 100, 100)
     yield Item("tolerances", margins.tolerances, 1000, 12_000)
     yield Item("inputs", margins.inputs, 10_000, 12_000)
     yield Item("stated-broken", stated.not_kept, 60, 0, share=20)

@@ -85,7 +85,12 @@ def test_the_differences_of_agents_that_agree_feel_the_sines_of_both():
     text = TEXT.replace("modes.G = [[2, 1], [3, 2]]\n", "")
     problem = read_problem_text(
         text.format(
-            top='goal = "agreement"', modes=modes, h="y", pinning="", groups="", observer=GIVEN,
+            top='goal = "agreement"',
+            modes=modes,
+            h="y",
+            pinning="",
+            groups="",
+            observer=GIVEN,
             more="",
         ).encode(),
         folder=None,
@@ -213,5 +218,3 @@ def test_the_package_runs_at_the_worst_frequency_it_finds():
     late = np.abs(run.x[200:, 0, 0]).max()
     assert late == pytest.approx(worst_errors(network)[0], rel=0.02)
     assert late <= bounds(dd.certify(network.problem))[0]
-
-

@@ -8,10 +8,12 @@ opposite phases. What [uncertainty] states beside, peak gains pass on: 0.25892 a
 
 import json
 from collections.abc import Iterator
+from fractions import Fraction
 
 from texts import matrix
 
-from checker_files.accuracy import accuracy, bent, peaks, put, scaled, stage, stated
+from checker_files import margins
+from checker_files.accuracy import BOX, accuracy, bent, peaks, put, scaled, stage, stated
 from checker_files.files import HOLDS, UNREADABLE, Case, collected, scalar
 from checker_files.margins import SEEN, one
 from checker_files.separable import GLOBAL
@@ -105,6 +107,13 @@ def bands_cases() -> Iterator[Case]:
     yield bent(*sine, "bands: a slower observer", stated("8/5", "observer.W.0.0"))
     yield bent(*sine, "bands: another pole", stated("21/10", "exosystem.A.0.1"))
     yield bent(plain.replace(uncertainty=ALL), SINE, "bands: none stated")
+    table = {"limit": 9, "amplitude": 1}
+    held = about(one(coupling="tanh(y)", region=BOX, actuators=table, **SEEN), BAND)
+    least = Fraction(margins.claimed(held, "actuators")["inputs"]["1"])
+    yield margins.bent(held, "actuators", code=HOLDS)
+    # the sine of 1/2 that is compensated, and what is left of it
+    for less in ("1/2", "1/20"):
+        yield margins.bent(held, "actuators", inputs={"1": str(least - Fraction(less))})
     undamped = plain.replace(observer=Observer(W=matrix("0; 0")))
     yield bent(about(undamped, BAND), _all_left(), "bands: nothing decays", answers=False)
     blind = about(plain.replace(observer=None), BAND)

@@ -58,7 +58,7 @@ def _certified(problem: Problem) -> bytes:
         return certificate_bytes(certify(problem).claims)
 
 
-def _claimed(problem: Problem, id: str) -> Document:
+def claimed(problem: Problem, id: str) -> Document:
     """What `certify` claims in the check with that id."""
     exact = check_of(json.loads(_made(problem)[1]), id)["exact"]
     return dict(exact)
@@ -67,12 +67,12 @@ def _claimed(problem: Problem, id: str) -> Document:
 def _slower(problem: Problem, part: str) -> Document:
     """alpha = kappa eta + r/2 of a tolerance, r the rate that max-separable gives, and this part of
     r as the rate: at most 1/2 follows."""
-    beside = _claimed(problem, "max-separable")
+    beside = claimed(problem, "max-separable")
     beta = Fraction(beside["beta"])
     kappa = Fraction(beside["kappa"])
     lightest = min(map(Fraction, beside["v"]))
     rate = min(Fraction(beside["alpha"]), beta - 1 / (kappa * lightest))
-    eta = Fraction(_claimed(problem, "tolerance")["eta"])
+    eta = Fraction(claimed(problem, "tolerance")["eta"])
     slower = float(rate * Fraction(part))
     alpha = str(kappa * eta + rate / 2)
     return {"alpha": alpha, "rate": float(f"{slower:.6g}"), "factor": None}
@@ -151,7 +151,7 @@ def margins_cases() -> Iterator[Case]:
     led = two(**SEEN, **WIDE, coupling="tanh(y)")
     # What the errors need, and sqrt(1/2) of the sine that starts at (1/2, 1/2): |C xi0|^2 + |C A
     # xi0|^2 / 4.
-    beside = Fraction(_claimed(sine, "actuators")["inputs"]["1"]) - 9
+    beside = Fraction(claimed(sine, "actuators")["inputs"]["1"]) - 9
     acts = {
         "disturbance": "1/10",
         "drift": "1/10",
@@ -201,7 +201,7 @@ def margins_cases() -> Iterator[Case]:
     yield bent(sine, "actuators", table=start, inputs=less)
     yield bent(sine, "actuators", table=start, inputs={"1": str(beside)})
     yield bent(led, "actuators", code=HOLDS)
-    inputs = _claimed(led, "actuators")["inputs"]
+    inputs = claimed(led, "actuators")["inputs"]
     inputs["2"] = str(Fraction(inputs["2"]) - Fraction(1, 100))
     yield bent(led, "actuators", inputs=inputs)
     yield bent(near, "tolerance", weights="1/20")

@@ -19,7 +19,9 @@ def left_of(A: Any, C: Any, W: Any, w: np.ndarray) -> np.ndarray:
     """|I - C (jw - A + W C)^-1 W|, (frequencies, m, m)."""
     A, C, W = (np.array(x, dtype=float) for x in (A, C, W))
     inner = 1j * w[:, None, None] * np.eye(len(A)) - (A - W @ C)
-    return np.abs(np.eye(len(C)) - C @ np.linalg.solve(inner, np.broadcast_to(W, (len(w), *W.shape))))
+    return np.abs(
+        np.eye(len(C)) - C @ np.linalg.solve(inner, np.broadcast_to(W, (len(w), *W.shape)))
+    )
 
 
 def drawn_observer(r: Random) -> tuple[Exosystem, list[list[Fraction]]]:

@@ -10,7 +10,7 @@ from simulated_runs import HARMONIC, PRINTED
 import dobc_design as dd
 from dobc_design.simulation import worst
 from dobc_design.simulation.setting import make_setting
-from dobc_design.simulation.worst import STEPS, worst_signal, worst_signs
+from dobc_design.simulation.worst import STEPS, Worst, worst_signal
 
 BOUND = 0.1 * (1 + 1.33276)  # theory, section 12: omega (1 + |C e^(F t) W|_1) for the paper's data
 SHARES = (1, 3, 5 / 2, 2, 3 / 2) * 2  # M^-1 1 of the linearised network
@@ -106,7 +106,7 @@ def test_signs_of_a_run_are_those_of_the_impulse_response_reversed():
     """The response of the observer's error turns: d = w + C eps rings at 2 rad/s."""
     gain = dd.load_problem("paper-fixed").observer.W
     setting = make_setting(paper(), gain=gain, t_final=10.0)
-    signs = worst_signs(paper(), setting.loop, horizon=10.0, seeds=[0], observed=True)
+    signs = Worst(paper(), setting.loop, [0], observed=True).signs(1.0, horizon=10.0)
     assert signs.values.shape == (STEPS, 10, 1, 1)
     own = signs.values[:, 0, 0, 0]
     assert own[-1] == 1

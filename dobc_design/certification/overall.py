@@ -144,8 +144,10 @@ def _proved(loop: Loop, checks: Checks, best: Check) -> Overall:
     for id in (READINGS, ACCURACY, TOLERANCE):
         if id in stated.wanted:
             carrier = answer_of(loop, checks, id) or best
-    reason = _arrival(loop, best, pace=carrier, final=carrier if carrier.id == ACCURACY else None)
-    if carrier is not best or carrier.id == READINGS or stated.relative:
+    late = f", with {table_words(loop, READINGS)}" if carrier.id == READINGS else ""
+    final = carrier if carrier.id == ACCURACY else None
+    reason = _arrival(loop, best, pace=carrier, final=final, late=late)
+    if not late and (carrier is not best or stated.relative):
         reason += f", with {table_words(loop, carrier.id)}"
     if loop.saturates:
         reason += f", with inputs that saturate at {table_words(loop, LIMIT)}"
@@ -435,9 +437,11 @@ def _local_words(check: Check) -> str:
     return " The proof is local: it states no radius." if check.domain == NEAR_TARGET else ""
 
 
-def _arrival(loop: Loop, check: Check, *, pace: Check, final: Check | None = None) -> str:
+def _arrival(
+    loop: Loop, check: Check, *, pace: Check, final: Check | None = None, late: str = ""
+) -> str:
     """Who arrives where, from which starts and how fast, without a full stop.  ``pace``: the check
-    whose rate counts; ``final``: a proved ``accuracy``."""
+    whose rate counts; ``final``: a proved ``accuracy``; ``late``: what is said of readings."""
     switching = f" {signals_in_words(loop, check)}".rstrip()
     shown = check if final is None else final
     elsewhere = " in the region"
@@ -457,7 +461,8 @@ def _arrival(loop: Loop, check: Check, *, pace: Check, final: Check | None = Non
     arrive = "reach the target" if not loop.goals.moves else "follow the leader"
     if loop.gap:
         arrive = f"end between the fixed nodes {some(loop.fixed, SHOWN)}"
-    return f"All agents {arrive} from every start{which}{switching}{_pace_in_words(loop, pace)}"
+    starts = f"{which}{switching}{late}"
+    return f"All agents {arrive} from every start{starts}{_pace_in_words(loop, pace)}"
 
 
 def _pace_in_words(loop: Loop, check: Check) -> str:

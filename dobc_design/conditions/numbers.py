@@ -68,8 +68,9 @@ def shorten(value: float | Fraction, *, digits: int = 9) -> float:
 
 def text_below(value: float | Fraction, *, digits: int = 4) -> str:
     """A number > 0 as a sentence shows it, with so many digits, rounded down: a rate that is shown
-    is one that is proved."""
-    return f"{shorten(value, digits=digits):.{digits}g}"
+    is one that is proved, and a float is the decimal that it is claimed as."""
+    exact = claimed(value) if isinstance(value, float) else value
+    return f"{float(rounded_down(exact, digits=digits)):.{digits}g}"
 
 
 def text_above(value: Fraction, *, digits: int) -> str:

@@ -141,7 +141,8 @@ def timing_words(timing: Timing | None) -> str:
         parts.append(f"readings of neighbours up to {_number(age)} {unit} old")
     if timing.own_delay > timing.ahead:
         age = timing.own_delay - timing.ahead
-        parts.append(f"own readings up to {_number(age)} {unit} old")
+        own = "own ones" if timing.delay > timing.ahead else "own readings"
+        parts.append(f"{own} up to {_number(age)} {unit} old")
     if timing.lost:
         parts.append(f"{counted(timing.lost, 'reading')} of a neighbour lost in a row")
     if timing.event:

@@ -152,11 +152,32 @@ def lines(x: Places, cases: Cases, *, ax: Axes | None = None) -> Sheet | Axes:
         if spans_decades(cases.value):
             fit_heights(ax, cases.value)
         ax.set_ylabel(cases.label)
-        if cases.drawn or len(cases.lines) > 1:
+        empty = _without_number(ax, x, cases)
+        if cases.drawn or empty or len(cases.lines) > 1:
             ax.legend(loc="best", handlelength=1.6)
         return _title(ax, cases.title, cases.note)
 
     return sheet_or_axes(draw, ax, width=6.2, height=3.8)
+
+
+def _without_number(ax: Axes, x: Places, cases: Cases) -> bool:
+    """Mark cases without a number on the axis, where there are any: an open one is an answer,
+    too."""
+    empty = ~np.isfinite(cases.value)
+    for outcome, (_, marker, colour) in MARKS.items():
+        own = empty & (np.array(cases.outcome) == outcome)
+        if own.any():
+            ax.plot(
+                x.position[own],
+                np.zeros(np.count_nonzero(own)),
+                linestyle="none",
+                marker=marker,
+                color=colour,
+                label=f"{outcome}, no number",
+                transform=ax.get_xaxis_transform(),
+                clip_on=False,
+            )
+    return bool(empty.any())
 
 
 def _line(ax: Axes, x: Places, cases: Cases, *, name: str, place: int) -> None:

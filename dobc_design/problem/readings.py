@@ -6,7 +6,7 @@ from fractions import Fraction
 from functools import partial
 from typing import Any
 
-from dobc_design._checks import noun
+from dobc_design._checks import noun, positional
 from dobc_design._show.cards import Card
 from dobc_design.errors import wrong
 from dobc_design.exact.number import ONE, ZERO
@@ -45,7 +45,7 @@ class Readings(Stated):
     event: Fraction = read_by(_threshold, ZERO)
 
 
-@noun
+@positional
 class Processor(Stated):
     """Every agent computes all that it does from samples: couplings, pin and compensation.
 

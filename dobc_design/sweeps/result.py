@@ -48,6 +48,7 @@ TIME = "time"  # kind of error of a case that was given up
 OUTCOMES = ("proved", "refuted", "undecided", "converged", "diverged", "failed")
 LEAST, MOST = 1e-150, 1e150  # positive numbers along an axis of a figure
 DRAWN = {"certify": "rate", "simulate": "settling_time"}  # the column of a figure, if none is named
+TIMES = ("period", "delay", "own_delay", "dwell", "longest", "lag", "t_final")  # keys of times
 DTYPES = {"text": "string", "number": "float64", "truth": "boolean", "count": "Int64"}  # of pandas
 
 
@@ -462,6 +463,10 @@ class SweepResult(Headed):
 
         place = self.axes.index(name)
         axis = self.plan.axes[place]
+        label = name
+        if name.rpartition(".")[2] in TIMES:
+            steps = self.plan.tables.get("dynamics", {}).get("time") == "discrete"
+            label += " in steps" if steps else " in s"
         if self._is_number(place):
             # Numbers stand where they are, unless no axis of a drawing can hold them ...
             numbers = np.array(self.column(name), dtype=np.float64)
@@ -470,7 +475,7 @@ class SweepResult(Headed):
                 even_ratios = _has_even_ratios(ticks)
                 if axis.draw is not None:
                     even_ratios = axis.draw.kind == "loguniform"
-                return Places(name=name, position=numbers, ticks=ticks, even_ratios=even_ratios)
+                return Places(name=label, position=numbers, ticks=ticks, even_ratios=even_ratios)
         # ... all else side by side.
         texts = [line["values"][place] for line in self.lines]
         names = axis.values
@@ -479,7 +484,7 @@ class SweepResult(Headed):
         order = {text: k for k, text in enumerate(names)}
         position = np.array([order[text] for text in texts], dtype=np.float64)
         ticks = np.arange(len(names), dtype=np.float64)
-        return Places(name=name, position=position, ticks=ticks, names=names)
+        return Places(name=label, position=position, ticks=ticks, names=names)
 
     def _series(self, x: str) -> tuple[list[str], list[str]]:
         """The name of each case's line, and the axes that make the lines: listed ones, as long as

@@ -176,6 +176,13 @@ def test_a_sentence_shows_a_number_that_holds(value: Fraction, digits: int):
     assert above - below <= value * Fraction(25, 10**digits)
 
 
+def test_a_sentence_shows_the_decimal_that_a_float_is_claimed_as():
+    """The double 0.1475 lies below 1475/10000, which it stands for, as in tables of a sweep."""
+    assert Fraction(0.1475) < Fraction("0.1475")
+    assert text_below(0.1475) == "0.1475"
+    assert text_below(0.14759) == "0.1475"
+
+
 @pytest.mark.parametrize(("low", "high"), [(0.0, 8.0), (8.0, 0.0)])
 def test_a_bisection_halves_from_the_end_that_holds_whichever_is_larger(low: float, high: float):
     """Three halvings of eight leave one."""

@@ -136,6 +136,7 @@ PARTS_OF_THE_PROGRAM: list[Callable[[Problem], object]] = [
     dd.falsify,
     dd.trade_off,
     dd.export.to_sdpa,
+    lambda problem: dd.design_pinning(problem, rate=1, cost=2),
     lambda problem: dd.certify(problem, settling="1/100"),
     python_script,
 ]
@@ -201,3 +202,7 @@ def test_a_problem_shows_its_readings_and_its_processor():
     assert "lost=3" in shown
     assert "Processor(period=1/10)" in shown
     assert "time: discrete" in str(of_text('[dynamics]\ntime = "discrete"'))
+
+
+def test_a_processor_is_made_by_position_too():
+    assert dd.Processor(0.5) == dd.Processor(period="1/2")

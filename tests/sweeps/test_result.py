@@ -185,3 +185,24 @@ def test_what_cannot_be_drawn_is_refused_with_what_can(tmp_path):
     ):
         with pytest.raises(SpecError, match=words):
             result.plot(**options)
+
+
+def test_a_case_without_a_number_stands_on_the_axis_and_is_named():
+    """The last one is open: a reader sees where, and the scale is that of the numbers."""
+    times = np.array([1.0, 2.0, 3.0])
+    places = Places(name="period in s", position=times, ticks=times)
+    value = np.array([0.5, 0.4, np.nan])
+    outcome = ["proved", "proved", "undecided"]
+    cases = Cases(
+        value=value, outcome=outcome, label="rate", title="", note="", series=["", "", ""]
+    )
+    (ax,) = lines(places, cases).figure.axes
+    (mark,) = (each for each in ax.lines if each.get_label() == "undecided, no number")
+    assert mark.get_xdata().tolist() == [3.0]
+    assert ax.get_ylim()[0] > 0.3
+    assert [text.get_text() for text in ax.get_legend().texts] == ["undecided, no number"]
+
+
+def test_an_axis_of_times_says_its_unit(tmp_path):
+    result = made(["processor.period=1/10,1/5"], tmp_path)
+    assert result.plot().figure.axes[0].get_xlabel() == "processor.period in s"

@@ -443,3 +443,13 @@ def test_agents_that_fit_no_two_sides_are_not_refuted_by_the_network_without_sig
     assert certificate.verdict is UNDECIDED
     (check,) = [each for each in certificate.checks if each.id == "readings"]
     assert "second checker" not in check.reason
+
+
+def test_a_verdict_says_first_what_agents_read_then_how_fast_they_arrive():
+    late = pair("y", readings={"delay": "1/10", "own_delay": "1/50"})
+    with only(separable_stage, readings_stage):
+        reason = dd.certify(late).reason
+    who, _, pace = reason.partition(", at a rate of at least ")
+    assert who.endswith("with readings of neighbours up to 0.1 s old and own ones up to 0.02 s old")
+    assert "falls to one percent within" in pace
+    assert ",," not in reason

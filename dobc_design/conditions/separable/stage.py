@@ -2,6 +2,7 @@
 sampling (section 5)."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
 from itertools import pairwise
@@ -148,18 +149,15 @@ def _largest_late(asked: Asked) -> Check | None:
             found = next((check for check in checked if check.is_proved), None)
         return found
 
-    def holds(halvings: float) -> bool:
+    def holds(radius: float) -> bool:
         nonlocal reached
-        radius = _short(asked.radius / 2**halvings) if halvings else asked.radius
         if proved(radius, soonest=False) is None:
             return False
         reached = radius
         return True
 
     with at_most(STAGE):
-        if not holds(0) and not everywhere and holds(HALVINGS):
-            steps = next(steps for n, steps in ROUGHLY if asked.loop.n <= n)
-            bisected(holds, float(HALVINGS), 0.0, steps=steps)
+        _try_boxes(asked, holds)
     if not reached:
         return None
     with at_most(STAGE):
@@ -179,8 +177,7 @@ def _in_coordinates(asked: Asked) -> tuple[dict[float, Separable], str | None]:
     claims: dict[float, Separable] = {}
     everywhere = asked.domain == EVERYWHERE
 
-    def holds(halvings: float) -> bool:
-        radius = _short(asked.radius / 2**halvings) if halvings else asked.radius
+    def holds(radius: float) -> bool:
         with surviving(f"no coordinates for radius {radius}", WorkLimitError):
             claim = propose_coordinates(
                 _Box(asked, radius).cover, everywhere=everywhere, least=asked.rate
@@ -190,11 +187,20 @@ def _in_coordinates(asked: Asked) -> tuple[dict[float, Separable], str | None]:
         return radius in claims
 
     with at_most(STAGE):
-        if not holds(0) and not everywhere and holds(HALVINGS):
-            steps = next(steps for n, steps in ROUGHLY if asked.loop.n <= n)
-            bisected(holds, float(HALVINGS), 0.0, steps=steps)
+        _try_boxes(asked, holds)
         cut = exhausted()
     return claims, cut
+
+
+def _try_boxes(asked: Asked, holds: Callable[[float], bool]) -> None:
+    """Ask whether the box that is asked for holds, else by bisection which is about the largest."""
+
+    def at(halvings: float) -> bool:
+        return holds(_short(asked.radius / 2**halvings) if halvings else asked.radius)
+
+    if not at(0) and asked.domain != EVERYWHERE and at(HALVINGS):
+        steps = next(steps for n, steps in ROUGHLY if asked.loop.n <= n)
+        bisected(at, float(HALVINGS), 0.0, steps=steps)
 
 
 def _by_component(asked: Asked, report: Progress) -> list[Check]:

@@ -279,7 +279,9 @@ def test_what_is_not_counted_is_said(more, words):
     assert words in check.reason
 
 
-def test_own_readings_may_be_late_only_where_couplings_rise():
+def test_own_readings_may_be_late_only_where_couplings_rise(monkeypatch: pytest.MonkeyPatch):
+    # how much smaller a box has to be is not asked closely
+    monkeypatch.setattr("dobc_design.conditions.separable.stage.ROUGHLY", ((60, 2),))
     region = {"initial_states": [-1, 1]}
     assert staged(pair("sin(y)", region=region, readings={"own_delay": "0.1"})).verdict is PROVED
     wide = {"initial_states": [-3, 3]}

@@ -28,8 +28,8 @@ write_report
 """
 #: Types that functions return, and what the modules among the names hold for users.
 TYPES = (
-    "Analysis BandDesign BlockLMI Falsification Model ObserverDesign Pinning PinningDesign Settling "
-    "Suspect SweepResult TradeOff"
+    "Analysis BandDesign BlockLMI Falsification Model ObserverDesign Pinning PinningDesign "
+    "Settling Suspect SweepResult TradeOff"
 )
 INSIDE = """
 export.to_c export.to_casadi export.to_control export.to_fmu export.to_latex export.to_numpy

@@ -63,9 +63,11 @@ def _identity(found: Findings) -> tuple[Fact, ...]:
 
 
 def _facts(found: Findings) -> list[Fact]:
-    """What is certified in a few words; of an undecided certificate only what is known."""
-    facts = words.facts(found.certificate).items()
-    return [(name, told) for name, told in facts if found.proved or told != "–"]
+    """What is certified in a few words; without a certified rate, as where errors do not vanish,
+    only what is known."""
+    certificate = found.certificate
+    facts = words.facts(certificate).items()
+    return [(name, told) for name, told in facts if certificate.rate is not None or told != "–"]
 
 
 def _summary(found: Findings) -> Blocks:

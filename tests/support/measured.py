@@ -1,7 +1,7 @@
 """Agents that measure y = H x: random problems, and their whole loop, of states and estimates as
 they stand, beside the errors that the package works with."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from random import Random
 from typing import Any
 
@@ -170,7 +170,7 @@ def _one(texts: list[str]) -> Any:
     return texts[0] if len(texts) == 1 else texts
 
 
-def random_problems(seeds: range) -> Iterator[tuple[int, Problem]]:
+def random_problems(seeds: Iterable[int]) -> Iterator[tuple[int, Problem]]:
     for seed in seeds:
         problem = random_problem(seed)
         if problem is not None:

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from statistics import median
 
 import numpy as np
-from scipy.special import bdtr, betaincinv
 
 from dobc_design.exact.reading import Document
 from dobc_design.loop.matrices import Array
@@ -114,27 +113,17 @@ def quantile(values: Array, level: float) -> Array:
 def quantile_interval(values: Array, level: float, confidence: float) -> tuple[float, float] | None:
     """Bounds of a quantile with this confidence by order statistics, for any distribution; None for
     too few values."""
-    ordered = np.sort(np.where(np.isnan(values), np.inf, values))
-    count = len(ordered)
-    tail = (1 - confidence) / 2
-    below = bdtr(np.arange(count), count, level)  # P(at most k values lie below the quantile)
-    # the largest order statistic that is below the quantile with enough probability
-    low = int(np.searchsorted(below, tail, side="right")) - 1
-    high = int(np.searchsorted(below, 1 - tail, side="left"))
-    if low < 0 or high >= count:
-        return None
-    return float(ordered[low]), float(ordered[high])
+    from scipy.stats import quantile_test  # slow to import, and hardly ever needed
+
+    test = quantile_test(np.where(np.isnan(values), np.inf, values), p=level)
+    low, high = test.confidence_interval(confidence)
+    return None if np.isnan(low) or np.isnan(high) else (float(low), float(high))
 
 
 def proportion_interval(successes: int, count: int, confidence: float) -> tuple[float, float]:
     """Clopper and Pearson's bounds of a probability, after ``successes`` of ``count`` independent
     trials."""
-    tail = (1 - confidence) / 2
-    failures = count - successes
-    low = 0.0
-    if successes > 0:
-        low = float(betaincinv(successes, failures + 1, tail))
-    high = 1.0
-    if failures > 0:
-        high = float(betaincinv(successes + 1, failures, 1 - tail))
-    return low, high
+    from scipy.stats import binomtest
+
+    low, high = binomtest(successes, count).proportion_ci(confidence)
+    return float(low), float(high)

@@ -32,6 +32,8 @@ from dobc_design.conditions.schedule import propose, propose_cycles, rows
 from dobc_design.conditions.schedule.settling import Settling
 from dobc_design.conditions.schedule.stage import settle, starts_given
 from dobc_design.conditions.separable import propose_coordinates
+from dobc_design.conditions.weighted import propose as weighted_network
+from dobc_design.conditions.weighted import propose_alike as weighted_alike
 from dobc_design.exact.matrix import Matrix
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.canonical import (
@@ -122,6 +124,9 @@ def claimed_afresh(problem: Problem) -> Claims:
         patch.setattr(certification, "with_cures", lambda problem, found, **options: found.checks)
         patch.setattr(certification, "agreed", lambda claims, problem: claims)
         patch.setattr(certification, "with_factors", lambda case: case.checks)
+        # without factors no smaller rate is sooner
+        patch.setattr(weighted_network, "soonest_weights", lambda *arguments: None)
+        patch.setattr(weighted_alike, "_soonest", lambda *arguments: iter(()))
         return certify(problem).claims
 
 

@@ -137,20 +137,14 @@ def hurwitz_statement(F: Matrix) -> Statement:
 
 def rate_holds(F: Matrix, rate: Fraction) -> bool:
     """Whether every eigenvalue of F has a real part <= -rate, the border included."""
-    return _none_outside(HalfPlane(left_of=-rate), F)
+    return roots_inside(characteristic_polynomial(F), HalfPlane(left_of=-rate))[0]
 
 
 def damping_holds(F: Matrix, damping: Fraction) -> bool:
     """Whether the damping ratio of F is at least ``damping``: exact; false outside (0, 1)."""
     if not 0 < damping < 1:
         return False
-    return _none_outside(Cone(damping=damping), F)
-
-
-def _none_outside(region: SpectralRegion, F: Matrix) -> bool:
-    """Whether no eigenvalue of F lies outside the closed region: exact."""
-    mapped = image(region, characteristic_polynomial(F))
-    return roots.count_right_half_plane(mapped) == 0
+    return roots_inside(characteristic_polynomial(F), Cone(damping=damping))[0]
 
 
 @noun

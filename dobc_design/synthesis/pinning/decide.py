@@ -37,7 +37,7 @@ from dobc_design.conditions.consensus.network import (
     rounded,
 )
 from dobc_design.conditions.numbers import text_above
-from dobc_design.conditions.statement import Statement, refuted
+from dobc_design.conditions.statement import Statement, proved, refuted, undecided
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Vector
@@ -326,6 +326,22 @@ def _too_few(pins: int, structure: Structure, labels: Names, scope: Scope) -> St
         f"{fails}: {least}, {because} and needs a pin of its own: {named}.",
         least=str(structure.least),
         groups=every,
+    )
+
+
+def fewest(pins: int, needed: int) -> Statement:
+    """What is known of fewer pins than do, where so many are needed."""
+    if pins <= needed:
+        return proved(
+            "pins",
+            f"No fewer than {counted(pins, 'pinned agent')} reach this rate.",
+            least=str(pins),
+        )
+    unknown = "whether fewer do was not decided"
+    return undecided(
+        "pins",
+        f"{pins} pinned agents do; {unknown}, but at least {needed} are needed.",
+        least=str(needed),
     )
 
 

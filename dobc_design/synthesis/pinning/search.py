@@ -18,7 +18,7 @@ from dobc_design.conditions.consensus.decide import enclosed_lambda
 from dobc_design.conditions.consensus.network import carriers, name_agents
 from dobc_design.conditions.coverage import Progress
 from dobc_design.conditions.numbers import bisected, claimed, rounded_up, shorten
-from dobc_design.conditions.statement import Statement, proved, refuted, undecided
+from dobc_design.conditions.statement import Statement, proved, refuted
 from dobc_design.conditions.weighted.decide import network_holds, why_not
 from dobc_design.conditions.weighted.propose import network_claim
 from dobc_design.errors import refused
@@ -209,7 +209,7 @@ def _fewest_in(task: Task, pins: int) -> Statement:
         fewer = replace(request, pins=pins - 1)
         if decide.too_fast(task.bare, fewer, slow_directions) is not None:
             needed = pins
-    return _fewest(pins, needed)
+    return decide.fewest(pins, needed)
 
 
 def _unbounded(design: PinningDesign) -> PinningDesign:
@@ -319,7 +319,7 @@ def _fewest_chosen(task: Task, needed: int) -> Chosen:
         task.progress(f"looking for {counted(number, 'agent')} that will do")
         choice = _choice(task, number)
         if choice.agents is not None:
-            return choice, (_fewest(len(choice.agents), needed), choice.statement())
+            return choice, (decide.fewest(len(choice.agents), needed), choice.statement())
         # Neither found nor excluded: larger sets would say nothing about fewer.
         if not choice.impossible:
             break
@@ -327,7 +327,7 @@ def _fewest_chosen(task: Task, needed: int) -> Chosen:
     if start is None:
         start = _greedy(task, enough)
     choice = _choice(task, enough, start=start)
-    return choice, (_fewest(len(choice.agents or ()), needed), choice.statement())
+    return choice, (decide.fewest(len(choice.agents or ()), needed), choice.statement())
 
 
 def _greedy(task: Task, pins: int | None) -> Agents | None:
@@ -342,21 +342,6 @@ def _choice(task: Task, pins: int, *, start: Agents | None = None) -> Choice:
         pins=pins,
         groups=task.structure.groups,
         start=start,
-    )
-
-
-def _fewest(pins: int, needed: int) -> Statement:
-    if pins <= needed:
-        return proved(
-            "pins",
-            f"No fewer than {counted(pins, 'pinned agent')} reach this rate.",
-            least=str(pins),
-        )
-    unknown = "whether fewer do was not decided"
-    return undecided(
-        "pins",
-        f"{pins} pinned agents do; {unknown}, but at least {needed} are needed.",
-        least=str(needed),
     )
 
 

@@ -19,7 +19,7 @@ from dobc_design.conditions.statement import Statement, proved, refuted, undecid
 from dobc_design.errors import refused, wrong
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.number import ONE, ZERO, number_text
-from dobc_design.exact.reading import counted, shown_number
+from dobc_design.exact.reading import shown_number
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.changes import changed_problem
 from dobc_design.problem.problem import Problem
@@ -178,17 +178,8 @@ def _with_fewest(task: Task, found: PinningDesign) -> PinningDesign:
             found = fewer
         else:
             low = middle + 1
-    return replace(found, statements=(*found.statements, _fewest(task, len(found.gains))))
-
-
-def _fewest(task: Task, pins: int) -> Statement:
-    least = task.structure.least
-    if pins <= max(1, least):
-        return proved(
-            "pins", f"No fewer than {counted(pins, 'pinned agent')} can do.", least=str(least)
-        )
-    fewer = f"at least {least} are needed, and fewer than {pins} were not found"
-    return undecided("pins", f"{pins} pinned agents do; {fewer}.", least=str(least))
+    known = decide.fewest(len(found.gains), max(1, task.structure.least))
+    return replace(found, statements=(*found.statements, known))
 
 
 def _unordered(task: Task) -> Statement | None:

@@ -41,7 +41,7 @@ from dobc_design.conditions.statement import Statement, proved, refuted, undecid
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Vector
-from dobc_design.exact.number import ONE, ZERO, number_text, typed_number
+from dobc_design.exact.number import ZERO, number_text, typed_number
 from dobc_design.exact.reading import Names, counted
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.loop.arcs import closed_groups
@@ -115,17 +115,22 @@ def bound_from(ground: Ground, vectors: Vectors, allowed: AgentSet) -> Bound:
     rate = request.rate
     top = max((abs(x) for _, v in vectors for x in v), default=0.0)
     # Without numbers nothing is proved, as without vectors.
-    rows = list[tuple[str, list[int]]]()
-    unit = ONE
-    if 0 < top < math.inf:
-        # Entries of so many bits at most.
-        largest = Fraction(top)
-        bits = largest.numerator.bit_length() - largest.denominator.bit_length()
-        unit = Fraction(2) ** (bits - BITS)
-        for mode, v in vectors:
-            rows.append((mode, [round(Fraction(x) / unit) for x in v]))
-    multipliers = Multipliers(rows=rows, unit=unit, width=ground.problem.m)
-    loads = [multipliers.load(i) for i in range(ground.problem.n)]
+    if not 0 < top < math.inf:
+        vectors = ()
+        top = 1.0
+    # Entries of so many bits at most.
+    largest = Fraction(top)
+    bits = largest.numerator.bit_length() - largest.denominator.bit_length()
+    unit = Fraction(2) ** (bits - BITS)
+    n = ground.problem.n
+    rows = [[round(Fraction(x) / unit) for x in v] for _, v in vectors]
+    # Whole numbers by vector, agent and component, in this unit.
+    table = np.array(rows, dtype=object).reshape(len(rows), n, ground.problem.m)
+
+    def load(agent: int) -> Fraction:
+        return Fraction(int(np.sum(table[:, agent] ** 2))) * unit**2
+
+    loads = [load(i) for i in range(n)]
     prices = {}
     for i in sorted(set(allowed)):
         cost = request.costs[i]
@@ -134,11 +139,15 @@ def bound_from(ground: Ground, vectors: Vectors, allowed: AgentSet) -> Bound:
         if i in request.caps:
             prices[i] = loads[i] - cost
         else:
-            # part <= sqrt(part), so that the squares of what is left fit
-            multipliers.shrink(i, cost / loads[i])
-            loads[i] = multipliers.load(i)
+            # part <= sqrt(part), so that the squares of what is left, rounded towards 0, fit
+            part = cost / loads[i]
+            sizes = abs(table[:, i]) * part.numerator // part.denominator
+            table[:, i] = np.sign(table[:, i]) * sizes
+            loads[i] = load(i)
     # Every step above keeps the vectors feasible, so that their value is a bound.
-    exact = multipliers.exact()
+    flat = table.reshape(len(rows), -1).tolist()
+    modes = (mode for mode, _ in vectors)
+    exact = tuple((mode, tuple(x * unit for x in v)) for mode, v in zip(modes, flat, strict=True))
     squares = sum(loads, ZERO)
     value = sum((ground.lambdas[mode].value(v).lo for mode, v in exact), ZERO) / 2 + rate * squares
     value -= sum((price * request.caps[i] for i, price in prices.items()), ZERO)
@@ -150,35 +159,6 @@ def bound_from(ground: Ground, vectors: Vectors, allowed: AgentSet) -> Bound:
         cap_prices=prices,
         rate_price=squares,
     )
-
-
-@noun
-class Multipliers:
-    """Vectors of whole numbers in one ``unit``, with m ``width`` rows for each agent."""
-
-    rows: list[tuple[str, list[int]]]
-    unit: Fraction
-    width: int
-
-    def load(self, agent: int) -> Fraction:
-        """The sum of the squares of the agent's entries."""
-        own = self._places(agent)
-        whole = sum(v[row] * v[row] for _, v in self.rows for row in own)
-        return whole * self.unit * self.unit
-
-    def shrink(self, agent: int, part: Fraction) -> None:
-        """Multiply the agent's entries by a part below 1, rounded towards 0."""
-        for _, v in self.rows:
-            for row in self._places(agent):
-                size = abs(v[row]) * part.numerator // part.denominator
-                v[row] = size if v[row] > 0 else -size
-
-    def exact(self) -> tuple[tuple[str, Vector], ...]:
-        """The vectors as rationals, each with its mode."""
-        return tuple((mode, tuple(x * self.unit for x in v)) for mode, v in self.rows)
-
-    def _places(self, agent: int) -> range:
-        return range(agent * self.width, (agent + 1) * self.width)
 
 
 def obstacle_to(

@@ -25,6 +25,7 @@ from .words import FIXED, domain_words, number, sentence
 MOST_VARIED = 60  # agents of a network of which other times are tried
 TIMES = {
     "period": "computed and held over",
+    "ahead": "delay of what acts",
     "delay": "age of readings of neighbours",
     "own_delay": "age of own readings",
     "lost": "readings lost in a row",
@@ -63,6 +64,10 @@ def readings_section(found: Findings) -> Blocks:
     asked = [name for name in TIMES if getattr(timing, name)]
     if timing.steps:
         asked.remove("period")
+    # which both ages count
+    for name in ("delay", "own_delay") if timing.ahead else ():
+        if getattr(timing, name) == timing.ahead:
+            asked.remove(name)
     if asked:
         yield table_of(
             "What was asked",

@@ -20,6 +20,7 @@ from dobc_design.problem.canonical import (
     canonical_document,
     problem_from_canonical,
 )
+from dobc_design.report.write import render_report
 
 PROVED, UNDECIDED = Verdict.PROVED, Verdict.UNDECIDED
 A = np.array([[0.0, 2.0], [-2.0, 0.0]])
@@ -103,6 +104,9 @@ def test_slopes_and_gain_may_add_up_to_one_over_e_delay():
     assert dd.verify(certificate, ring("0.0613", coupling="y")).holds
     assert "acting 0.0613 s late" in certificate.reason
     assert certificate.factor >= np.exp(0.0613 * certificate.rate)
+    told = render_report(certificate)["report.html"].decode("utf-8")
+    assert "delay of what acts" in told
+    assert "age of own readings" not in told
     later = dd.certify(ring("0.0614", coupling="y"))
     assert later.verdict is UNDECIDED
     assert "slopes and gains of an agent add up to 6 1/s" in later.reason

@@ -178,7 +178,7 @@ CLOSELY = 5
 
 def varied(timing: Timing) -> str:
     """The stated time that is varied: the period, else a delay; "event" where there is none."""
-    names = ("delay", "own_delay") if timing.steps else ("period", "delay", "own_delay")
+    names = ("delay", "own_delay") if timing.steps else ("period", "ahead", "delay", "own_delay")
     return next((name for name in names if getattr(timing, name)), "event")
 
 
@@ -195,6 +195,9 @@ def rates_around(agents: Loop, domain: Domain) -> dict[float, float]:
     def look(wanted: float) -> bool:
         time = rounded_down(wanted, digits=3)
         changed: dict[str, Any] = {name: time}
+        if name == "ahead":  # which both ages count
+            more = time - timing.ahead
+            changed |= {"delay": timing.delay + more, "own_delay": timing.own_delay + more}
         stated = replace(agents, timing=replace(timing, **changed))
         W = observer_gain(stated)
         # what saturation leaves of pins may depend on both

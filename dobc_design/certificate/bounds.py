@@ -23,7 +23,7 @@ from dobc_design.conditions.consensus.claim import PairFacts
 from dobc_design.conditions.coverage import asked_radius
 from dobc_design.conditions.domain import EVERYWHERE, Around, Box
 from dobc_design.conditions.graphs.claim import Kept
-from dobc_design.conditions.kinds import LEMMA, READINGS
+from dobc_design.conditions.kinds import LEMMA
 from dobc_design.conditions.margins.decide import Tolerance
 from dobc_design.conditions.numbers import claimed
 from dobc_design.conditions.quadratic.claim import Quadratic
@@ -33,7 +33,13 @@ from dobc_design.conditions.schedule.claim import Cycles, Descent
 from dobc_design.conditions.schedule.settling import Settling
 from dobc_design.conditions.separable.claim import ReadingsBound, Separable
 from dobc_design.conditions.separable.decide import composite_rate
-from dobc_design.conditions.stated import LIMIT, TOLERANCE, stated_in, table_words
+from dobc_design.conditions.stated import (
+    LIMIT,
+    TOLERANCE,
+    knows_readings,
+    stated_in,
+    table_words,
+)
 from dobc_design.conditions.weighted.decide import Weighted
 from dobc_design.conditions.weighted.network import Alike
 from dobc_design.errors import refused, wrong
@@ -307,7 +313,11 @@ def bound_from(loop: Loop, claims: Claims, starts: Starts) -> CertifiedBound:
     if loop.estimated:
         return CertifiedBound(reason="it is about estimated states, which are off at the start")
     if loop.timing is not None:
-        late = tuple(check for check in claims.checks if check.id == READINGS)
+        late = tuple(
+            check
+            for check in claims.checks
+            if knows_readings(check) or check.kind.role == "settling"
+        )
         claims = replace(claims, checks=late)
     settling = certified_settling(loop, claims)
     if settling is not None:  # it is about its own box of starts

@@ -22,7 +22,7 @@ from dobc_design._show.text import (
 from dobc_design.conditions.check import Check, Checks
 from dobc_design.conditions.coverage import asked_radius, covers
 from dobc_design.conditions.domain import EVERYWHERE, Around, Box
-from dobc_design.conditions.kinds import KINDS, READINGS
+from dobc_design.conditions.kinds import KINDS
 from dobc_design.conditions.numbers import (
     LARGEST,
     as_json,
@@ -34,6 +34,7 @@ from dobc_design.conditions.numbers import (
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.schedule.claim import SETTLED, Descent
 from dobc_design.conditions.separable.claim import Separable, largest_reach
+from dobc_design.conditions.stated import knows_readings
 from dobc_design.coupling.enclosures import Curve, profile
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.number import ZERO, root_above, root_below
@@ -315,7 +316,7 @@ class _Gatherer:
             variant = f"P_e {lure.shape}"
         # Without a region nothing is asked that could be covered.
         covering = False
-        late = self.loop.timing is not None and check.id != READINGS
+        late = self.loop.timing is not None and not knows_readings(check)
         if kind != "none" and self.asked is not None and not late:
             covering = covers(self.loop, check, self.checks)
         limit = "" if covering else self._limit(check, kind)

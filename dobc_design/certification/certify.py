@@ -422,10 +422,15 @@ def region_checks(case: Case, *, everything: bool, report: Progress, rate: float
 
 def _as_stated(asked: Asked, report: Progress) -> list[Check]:
     """With the readings and the processor of the file; where no region is asked for, of a small
-    box."""
+    box; weights that move follow where constant ones do not do."""
     if asked.loop.starts is None and not asked.everything and asked.domain != EVERYWHERE:
         asked = replace(asked, radius=NEAR, disturbance=0.0 if asked.W is None else NEAR)
-    return readings_stage(asked, report)
+    loop = asked.loop
+    found = readings_stage(asked, report)
+    flows = loop.timing is not None and not loop.is_sampled
+    if flows and not any(check.is_proved for check in found):
+        found += schedule_stage(asked, report)
+    return found
 
 
 def _near_a_moving_target(asked: Asked, report: Progress) -> list[Check]:
@@ -446,7 +451,8 @@ def _near_the_target(asked: Asked, report: Progress) -> list[Check]:
         return _in_turn(asked, BY_GRAPHS, report)
     found = separable_stage(asked, report)
     if not covering(asked.loop, found):
-        found += schedule_stage(asked, report)
+        if asked.loop.timing is None:
+            found += schedule_stage(asked, report)
         if not asked.loop.gap:
             found += markov_stage(asked, report)
     if stated_in(asked.loop).relative:
@@ -459,6 +465,8 @@ def _in_turn(asked: Asked, stages: Sequence[Stage], report: Progress) -> list[Ch
     loop = asked.loop
     found: list[Check] = []
     for stage in stages:
+        if stage is schedule_stage and loop.timing is not None:
+            continue
         found += stage(asked, report)
         proofs = covering(loop, found)
         # Boxes in coordinates T x are found fast, but few decay as fast as a ball of a small

@@ -36,6 +36,7 @@ from dobc_design.conditions.stated import (
     TOLERANCE,
     answer_of,
     gaps,
+    knows_readings,
     stated_in,
     table_words,
 )
@@ -97,8 +98,7 @@ def _decided(loop: Loop, checks: Checks, W: Matrix | None) -> Overall:
     # A proof that covers what is asked ends the question; whatever else fails is only a method.
     rows = rows_of(loop, W) or loop
     proofs = covering(rows, checks)
-    if any(check.id == READINGS for check in proofs):
-        proofs = [check for check in proofs if check.id == READINGS]
+    proofs = [check for check in proofs if knows_readings(check)] or proofs
     if stated:  # the checks of the tables are about the graphs of the modes, not about every graph
         proofs = [check for check in proofs if check.kind.role != "safety"]
     # States converge where their estimates do and the errors of these decay.
@@ -144,7 +144,7 @@ def _proved(loop: Loop, checks: Checks, best: Check) -> Overall:
     for id in (READINGS, ACCURACY, TOLERANCE):
         if id in stated.wanted:
             carrier = answer_of(loop, checks, id) or best
-    late = f", with {table_words(loop, READINGS)}" if carrier.id == READINGS else ""
+    late = f", with {table_words(loop, READINGS)}" if stated.late else ""
     final = carrier if carrier.id == ACCURACY else None
     reason = _arrival(loop, best, pace=carrier, final=final, late=late)
     if not late and (carrier is not best or stated.relative):

@@ -1,7 +1,8 @@
 """schedule: weights that move from mode to mode, for signals that keep the guarantee of the
 problem; or the graphs alone, where couplings rise."""
 
-from collections.abc import Collection, Iterator
+from bisect import bisect_right
+from collections.abc import Collection, Iterator, Sequence
 from fractions import Fraction
 from functools import partial
 from itertools import pairwise
@@ -13,12 +14,13 @@ from .coordinates import RowsOfCoordinates, far, inverse
 from .curves import Curve, Curves, Term, at_once, both_faces, on_pieces
 from .guarantee import Phase
 from .intervals import Exact, by_decimal, enclosed
-from .loop import Loop, reach
+from .loop import Loop, Timing, reach
 from .matrices import ONE, ZERO, Matrix, Vector, combined, norm, paired
 from .quadratic import gains_shape, read_ranges
 from .reading import Object, matrix, maybe, need, rational, read, still, weights
 from .sampled import BITS, exponential, multiplied
-from .separable import composite, frame, observed, spread, starts
+from .saturation import to_target
+from .separable import composite, frame, known_late, observed, spread, starts
 
 NEAR = 2.0**-60
 TIMES = 2000  # of a tube at most
@@ -26,6 +28,7 @@ HALVINGS = 12  # of a segment
 LONGEST = Fraction(16_000)
 
 Ends = tuple[Vector, Vector]
+INSTANT = Timing(ZERO, ZERO, ZERO, 0, ZERO, False, False)
 
 
 def schedule(case: Case, check: Any) -> Any:
@@ -37,6 +40,7 @@ def schedule(case: Case, check: Any) -> Any:
     exact = read_cycles(case, check.exact, "T" in (check.exact or {}))
     readable = exact.rate is not None if exact.T else case.single
     need(readable, "a coupling is a list, or nodes are curved, or T has no weights")
+    need(exact.phases or not exact.late, "the graphs alone are about readings of the same instant")
     claims_rate(check, exact)
     keeps(case, exact)
     begun = []
@@ -63,6 +67,7 @@ def read_cycles(case: Case, value: Any, turned: bool = False) -> Any:
     size = case.size if turned else case.n
     phase = {"times": [rational], "v": [partial(weights, size)]}
     shape: Object = {"rate": maybe(rational), "rho": maybe(rational), "phases": [phase]}
+    shape |= {"late?": true}
     shape |= observed(case)
     if turned:
         shape |= {"T": matrix(case.m, case.m), "ranges": gains_shape(case.m)}
@@ -74,12 +79,21 @@ def read_cycles(case: Case, value: Any, turned: bool = False) -> Any:
     return exact
 
 
+def true(value: Any) -> bool:
+    """What is true where it stands at all."""
+    need(value is True, "it is neither true nor left out")
+    return True
+
+
 def keeps(case: Case, exact: Any) -> None:
     """V = N + kappa E never rises and, with weights, falls at the rate over each phase."""
     every = [x for each in exact.phases for v in each.v for x in v]
     decays(case, exact, exact.rate or ZERO, min(every, default=ONE))
     need(not case.agrees or exact.rate is None, "of so many agents the pairs are not looked at")
+    need(not exact.late or case.timing is not None, "the problem says nothing of readings")
+    timing = moving_late(case) if exact.late else INSTANT
     if exact.rate is None:
+        need(not timing.event, "weights of 1 leave no room for an event")
         need(not exact.phases, "it has weights and no rate")
         rises(case, exact.rho)
         # one mode alone stays on for ever
@@ -90,6 +104,9 @@ def keeps(case: Case, exact: Any) -> None:
 
     turns = case.guarantee.phases
     need(len(exact.phases) == len(turns), "there are not weights for every phase")
+    need(not (timing.late and exact.T), "late readings are not known in coordinates")
+    old = before(turns, exact, timing)
+    every += [x * louder(timing, exact.rate) for x in [max(every), *map(max, old)]]
     if exact.T:
         need(not case.gap, "coordinates are those of an error from one target")
         turned = in_coordinates(case, exact)
@@ -102,7 +119,7 @@ def keeps(case: Case, exact: Any) -> None:
         for mode in {turn.mode for turn in turns}:
             heard = {arc.coupling for arc in case.modes[mode]}
             curves[mode] = both_faces(heard, -width, width)
-    for turn, each in paired(turns, exact.phases):
+    for turn, each, past in zip(turns, exact.phases, old, strict=True):
         need(each.times[0] == 0, "times do not begin at 0")
         need(all(a < b for a, b in pairwise(each.times)), "times do not rise")
         # from then on the phase may end at any time
@@ -112,7 +129,62 @@ def keeps(case: Case, exact: Any) -> None:
         if exact.T:
             falls_turned(turned, turn, each, exact.rate)
         else:
-            falls(case, turn, each, exact, curves[turn.mode])
+            falls(case, turn, each, exact, curves[turn.mode], timing, past)
+
+
+def moving_late(case: Case) -> Timing:
+    """The readings of the problem, if they are known where boxes or weights move."""
+    timing: Timing | None = case.timing
+    if timing is None:
+        return INSTANT
+    known_late(case, timing)
+    plant = case.uncertainty
+    exact = plant is None or not (plant.weights or plant.gains)
+    seen = all(residual.sensed is None for residual in case.residuals)
+    need(exact and seen and to_target(case), "such errors, outputs or nodes are not known late")
+    other = timing.period or timing.own_delay or timing.ahead
+    need(not other, "what is held, acts late or knows itself late is not known")
+    return timing
+
+
+def louder(timing: Timing, rate: Fraction) -> Fraction:
+    """How much larger a reading may be of what falls at a rate."""
+    return (1 + timing.event) * growth(rate * timing.delay)
+
+
+def read_from(times: Vector, time: Fraction, timing: Timing) -> int:
+    """The place of the last time that is not after what is read from ``time`` on."""
+    return max(0, bisect_right(times, time - timing.delay) - 1)
+
+
+def largest(vectors: Sequence[Vector]) -> Vector:
+    """Entry by entry."""
+    return [max(column) for column in zip(*vectors, strict=True)]
+
+
+def heard_of(boxes: Sequence[Vector], times: Vector, k: int, timing: Timing) -> Ends:
+    """What is read at the two ends of the k-th segment: if late, the largest at both."""
+    if not timing.late:
+        return boxes[k], boxes[k + 1]
+    far = largest(boxes[read_from(times, times[k], timing) : k + 2])
+    return ([x * (1 + timing.event) for x in far],) * 2
+
+
+def before(turns: list[Phase], exact: Any, timing: Timing) -> list[Vector]:
+    """For each phase the largest weights that are read of those before, as parts of N when it
+    begins."""
+    found = [each.v[0] for each in exact.phases]
+    for turn, each in paired(turns, exact.phases) if timing.late else ():
+        need(turn.shortest >= timing.delay, "a phase is shorter than readings are old")
+        for k in range(read_from(each.times, turn.shortest, timing), len(each.times) - 1):
+            end = each.times[k + 1] + timing.delay
+            if turn.longest is not None:
+                end = min(end, turn.longest)
+            need(exact.rate * end <= LONGEST, "a phase is too long")
+            old = [x * growth(exact.rate * end) for x in largest(each.v[k : k + 2])]
+            for q in turn.following:
+                found[q] = largest([found[q], old])
+    return found
 
 
 def in_coordinates(case: Case, exact: Any) -> RowsOfCoordinates:
@@ -187,14 +259,27 @@ def fading(x: Fraction) -> Fraction:
     return growth(-min(x, LONGEST))
 
 
-def falls(loop: Loop, turn: Phase, each: Any, exact: Any, curves: Curves) -> None:
+def falls(
+    loop: Loop,
+    turn: Phase,
+    each: Any,
+    exact: Any,
+    curves: Curves,
+    timing: Timing,
+    past: Vector,
+) -> None:
     """The rows of a phase; where it has no end, at rest at the rate as well."""
     parts = []
-    for (a, b), (v, w) in paired(pairwise(each.times), pairwise(each.v)):
-        parts.append(segment(v, w, (v, w), b - a))
+    last = each.v[-1]
+    times = [-timing.delay, *each.times]
+    boxes = [past, *each.v, last]
+    for k, (a, b) in enumerate(pairwise(each.times), 1):
+        heard = heard_of(boxes, times, k, timing)
+        parts.append(segment((boxes[k], boxes[k + 1]), heard, heard, b - a))
     if turn.longest is None:
-        last = each.v[-1]
-        parts.append(Face((last, last), (last, last), [-exact.rate * x for x in last]))
+        far, _ = heard_of(boxes, times, len(each.v), timing)
+        far = [x * louder(timing, exact.rate) for x in far]
+        parts.append(Face((last, last), (far, far), (far, far), [-exact.rate * x for x in last]))
     rho = exact.rho or ONE
     for face in parts:
         for mirrored in (False, True):
@@ -235,30 +320,32 @@ def reached(loop: Loop, modes: Collection[str]) -> None:
 
 # --- Rows of boxes that move, for settling times as well
 class Face(NamedTuple):
-    """A face of the box, the one across, its speed, and the load on it, on a part of a segment: at
-    its two ends."""
+    """A face of the box, how far neighbours may be ahead of the target on its side and across, its
+    speed, and the load on it, on a part of a segment: at its two ends."""
 
     own: Ends
-    other: Ends
+    ahead: Ends
+    across: Ends
     speed: Vector
     loads: Exact = (ZERO, ZERO)
 
 
 def segment(
-    start: Vector, end: Vector, other: Ends, length: Fraction, loads: Exact = (ZERO, ZERO)
+    own: Ends, ahead: Ends, across: Ends, length: Fraction, loads: Exact = (ZERO, ZERO)
 ) -> Face:
-    """A face that moves from start to end in this time."""
-    speed = [x / length for x in combined(end, -1, start)]
-    return Face((start, end), other, speed, loads)
+    """A face that moves from its start to its end in this time."""
+    speed = [x / length for x in combined(own[1], -1, own[0])]
+    return Face(own, ahead, across, speed, loads)
 
 
 def halves(face: Face) -> Iterator[Face]:
     """The two halves of a part of a segment."""
-    own = between(face.own)
-    other = between(face.other)
+    own, ahead, across = map(between, (face.own, face.ahead, face.across))
     load = sum(face.loads, ZERO) / 2
-    yield Face((face.own[0], own), (face.other[0], other), face.speed, (face.loads[0], load))
-    yield Face((own, face.own[1]), (other, face.other[1]), face.speed, (load, face.loads[1]))
+    sides = (face.own[0], own), (face.ahead[0], ahead), (face.across[0], across)
+    yield Face(*sides, face.speed, (face.loads[0], load))
+    sides = (own, face.own[1]), (ahead, face.ahead[1]), (across, face.across[1])
+    yield Face(*sides, face.speed, (load, face.loads[1]))
 
 
 def between(ends: Ends) -> Vector:
@@ -302,11 +389,11 @@ class MovingRow(NamedTuple):
         terms = []
         slopes = ZERO
         for arc in arcs:
-            step = max(heard(own, arc.j) - own[i] for own in face.own)
+            step = max(heard(ahead, arc.j) - own[i] for ahead, own in paired(face.ahead, face.own))
             if arc.loose:  # up to y = 0 at least
                 step = max(ZERO, step)
-            both = paired(face.own, face.other)
-            reach = max(heard(other, arc.j) + own[i] for own, other in both)
+            both = paired(face.own, face.across)
+            reach = max(heard(across, arc.j) + own[i] for own, across in both)
             # a linear one is largest at an end, with the slope at one of its ends
             most = max(g * x for g in arc.coupling.slope(0, 0) for x in (step, -reach))
             slopes += arc.w * most

@@ -13,7 +13,21 @@ from typing import Any, NamedTuple
 from .arcs import decreases, read_claim
 from .claims import Case
 from .curves import both_faces
-from .cycles import TIMES, MovingRow, fading, keeps, read_cycles, rises, segment
+from .cycles import (
+    INSTANT,
+    TIMES,
+    MovingRow,
+    fading,
+    heard_of,
+    keeps,
+    largest,
+    louder,
+    moving_late,
+    read_cycles,
+    read_from,
+    rises,
+    segment,
+)
 from .intervals import enclosed
 from .loop import Loop
 from .matrices import (
@@ -30,14 +44,14 @@ from .matrices import (
 )
 from .quadratic import contained, inside, read_quadratic
 from .reading import Object, an_object, need, rational, read, text, weights
-from .separable import composite, pace, read_separable, rows, starts
+from .separable import composite, overshoot, pace, read_separable, rows, starts
 
 
 def settling(case: Case, check: Any) -> None:
     """The tube holds all starts and its rows hold; its last box lies in the level of what takes
     over, in time."""
     need(check.rate is None, "it has no rate to claim")
-    need(case.timing is None, "a tube is about readings of the same instant")
+    moving_late(case)
     starts(case, check.domain, "box")
     boxes = [partial(weights, case.n)]
     tube: Object = {"times": [rational], "upper": boxes, "lower": boxes}
@@ -91,7 +105,8 @@ def moves(case: Case, tube: Any, box: Any) -> None:
     most = max(max(face) for face in tube.upper + tube.lower)
     if case.gap:
         rises(case, most, strictly=False)
-    width = enclosed(2 * most)[1]
+    timing = case.timing or INSTANT
+    width = enclosed(2 * most * louder(timing, ZERO))[1]
     couplings = {arc.coupling for arc in case.arcs}
     curves = both_faces(couplings, -width, width)
     loads = [noise(case, tube, box, time) for time in times]
@@ -99,8 +114,8 @@ def moves(case: Case, tube: Any, box: Any) -> None:
     for k, (a, b) in enumerate(pairwise(times)):
         on = modes_on(case, a, b)
         for own, other, mirrored in sides:
-            across = (other[k], other[k + 1])
-            face = segment(own[k], own[k + 1], across, b - a, (loads[k], loads[k + 1]))
+            ahead, across = (heard_of(side, times, k, timing) for side in (own, other))
+            face = segment((own[k], own[k + 1]), ahead, across, b - a, (loads[k], loads[k + 1]))
             for mode in on:
                 for i in case.nodes:
                     row = MovingRow(case, mode, i, curves, mirrored)
@@ -136,7 +151,11 @@ def takes_over(case: Case, tube: Any, last: Any, box: Any) -> tuple[Fraction, Fr
     kinds = ("max-separable", "quadratic", "arc-wise", "schedule")
     need(last.kind in kinds, "the kind is not known")
     need(last.level > 0 and last.height > 0 and last.stretch > 0, "a size is not positive")
-    widths = list(map(max, tube.upper[-1], tube.lower[-1]))
+    instant = last.kind in ("quadratic", "arc-wise")
+    need(case.timing is None or not instant, "it is about readings of the same instant")
+    # readings may still be those of before
+    first = read_from(tube.times, tube.times[-1], case.timing or INSTANT)
+    widths = largest([*tube.upper[first:], *tube.lower[first:]])
     left = noise(case, tube, box, tube.times[-1])
     need(last.kind != "quadratic" or not case.signed, "rows have left out the signs")
     if last.kind in ("quadratic", "arc-wise"):
@@ -166,7 +185,11 @@ def fixed_weights(case: Case, last: Any) -> Maximum:
         "it has no rho, and the couplings are not all linear",
     )
     composite(case, claim)
-    rows(case, claim, claim.alpha)
+    timing = case.timing or INSTANT
+    rows(case, claim, claim.alpha, louder(timing, claim.alpha))
+    if case.timing is not None:
+        # beside it N does not fall at alpha
+        overshoot(case, claim, claim.alpha, timing)
     speed = pace(case, claim)
     # the tolerance is reached by decay
     need(speed > 0, "it does not decrease")
@@ -176,6 +199,7 @@ def fixed_weights(case: Case, last: Any) -> Maximum:
 def moving_weights(case: Case, last: Any, end: Fraction) -> Maximum:
     """A schedule: without phases all weights are 1, and V never rises."""
     claim = read_cycles(case, last.certificate)
+    need(bool(claim.late) == (case.timing is not None), "it is not about such readings")
     keeps(case, claim)
     guarantee = case.guarantee
     if not claim.phases:

@@ -111,14 +111,6 @@ def observer_obstacle(loop: Loop, W: Matrix | None) -> str | None:
     )
 
 
-def timing_obstacle(loop: Loop) -> str | None:
-    """Why a bound of the model would be false of late or held readings; None where none are
-    stated."""
-    if loop.timing is None:
-        return None
-    return f"{APART}it is about readings of the same instant, and the file states others."
-
-
 def saturation_obstacle(loop: Loop) -> str | None:
     """Why what holds for exact pins only does not apply; None where inputs do not saturate."""
     if not loop.saturates:

@@ -13,6 +13,7 @@ from dobc_design.conditions.kinds import READINGS
 from dobc_design.conditions.separable.claim import ReadingsBound
 from dobc_design.conditions.separable.propose_readings import rates_around, varied
 from dobc_design.conditions.separable.timing import shortest_gap
+from dobc_design.conditions.stated import answer_of
 from dobc_design.exact.reading import counted
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.timing import Timing, timing_words
@@ -42,7 +43,9 @@ def readings_section(found: Findings) -> Blocks:
     timing = agents.timing
     if timing is None:
         return
-    check = next((each for each in found.certificate.checks if each.id == READINGS), None)
+    checks = found.certificate.checks
+    undecided = (each for each in checks if each.id == READINGS)
+    check = answer_of(agents, checks, READINGS) or next(undecided, None)
     told = f"Nothing is proved about {timing_words(timing)}."
     yield Text(told if check is None else sentence(check.reason))
     if check is None or not check.is_proved:
@@ -51,7 +54,7 @@ def readings_section(found: Findings) -> Blocks:
         kept = -math.log1p(-float(timing.period) * (check.rate or 0.0))
         samples = math.ceil(math.log(100 * check.factor) / kept)
         yield Text(f"One percent is reached within {counted(samples, _TICK[timing.steps])}.")
-    loop, W = TOPICS["separable"].about(READINGS, agents, found.certificate.claims.W)
+    loop, W = TOPICS[check.kind.topic].about(check.id, agents, found.certificate.claims.W)
     claim = claim_of(check, loop, W)
     gap = shortest_gap(loop, claim.rows) if isinstance(claim, ReadingsBound) else None
     if gap is not None:

@@ -24,8 +24,9 @@ from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.domain import EVERYWHERE, NEAR_TARGET, Around, Domain
 from dobc_design.conditions.graphs.claim import signals_in_words
-from dobc_design.conditions.kinds import KINDS, REACHABILITY, READINGS, ids_of
+from dobc_design.conditions.kinds import KINDS, REACHABILITY, ids_of
 from dobc_design.conditions.numbers import read_rational, time_to_one_percent
+from dobc_design.conditions.stated import knows_readings
 from dobc_design.description.meaning import disturbance_words, time_words
 from dobc_design.description.words import leader_words, limit_words
 from dobc_design.exact.matrix import Matrix, Vector, matrix
@@ -263,7 +264,8 @@ def what_it_means(certificate: Certificate) -> Meaning:
         # The model has delays and sampling only where both are proved.
         if len(timing) == len(ids_of("timing")):
             messages = FIXED["timed"]
-        if certificate.covered_by == READINGS:
+        covering = certificate.covered_by
+        if covering is not None and knows_readings(certificate.check(covering)):
             messages = FIXED["read"]
     else:
         own = TEXTS[certificate.verdict.value]

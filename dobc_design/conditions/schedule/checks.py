@@ -33,6 +33,7 @@ from dobc_design.conditions.separable.checks import obstacle
 from dobc_design.conditions.separable.claim import error_from_json, observed_in, separable_from_json
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.loop.loop import Loop
+from dobc_design.loop.timing import timing_words
 from dobc_design.verdict import Verdict
 
 from .claim import (
@@ -91,6 +92,8 @@ def cycles_check(claim: Cycles, asked: Region) -> Check:
         when = "couplings rise, and all who hear nobody outside have a pin, or unbalanced signs: "
     if asked.loop.guarantee.phases:
         when = f"for {asked.loop.guarantee.in_words()}: "
+    if claim.late:
+        when += f"with {timing_words(asked.loop.timing)} "
     check = Check(
         id="schedule",
         verdict=Verdict.PROVED,
@@ -118,6 +121,8 @@ def confirm(check: Check, case: Case) -> str | None:
         return "a settling time is never refuted"
     if isinstance(claim, Cycles):
         wrong = not_as_claimed(check, loop, claim.rate, claim, case.domain)
+        if claim.late and not claim.phases:
+            wrong = "what the graphs alone show is about readings of the same instant"
         return wrong or why_not_cycles(loop, W, claim)
     if loop.goal == "roots":
         return "of so many pairs no settling time is looked at"
@@ -199,7 +204,10 @@ def cycles_from_json(data: object, loop: Loop, *, turned: bool = False) -> Cycle
     ``read_claim``."""
     # In coordinates z = T e the rows need the gains, enclosed.
     own = ("T", "ranges") if turned else ()
-    values = read_object(data, ("rate", "rho", "phases", *own, *observed_in(loop)))
+    late = ("late",) if isinstance(data, Mapping) and "late" in data else ()
+    values = read_object(data, ("rate", "rho", "phases", *own, *late, *observed_in(loop)))
+    if late and values["late"] is not True:
+        raise ValueError("late must be true, or left out")
     size = loop.size if turned else loop.n
     phases = tuple(_weights_from_json(each, size) for each in values["phases"])
     rho = rational_or_none(values["rho"])
@@ -210,6 +218,7 @@ def cycles_from_json(data: object, loop: Loop, *, turned: bool = False) -> Cycle
         error=error_from_json(values, loop),
         T=form_from_json(values["T"]) if turned else None,
         ranges=ranges_from_json(values["ranges"], loop, rho) if turned else (),
+        late=bool(late),
     )
 
 

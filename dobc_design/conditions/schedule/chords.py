@@ -24,6 +24,7 @@ MOST_NEWTON = 12
 NUDGE = 1e-6  # of an entry, for the change of the slopes with it
 CHORD = 40  # steps of work for an attempt at a chord
 
+
 #: The slopes that are asked for at points (count, size), at one time (s).
 Asked = Callable[[Array, Fraction], Array]
 
@@ -45,6 +46,7 @@ class Chords:
     pace: float
     step: float
     floor: float | None = None
+    longest: float = math.inf  # s, of a chord: windows of late readings begin where one does
     change: Array | None = None  # of the slopes with the point, as it was last computed
 
     def next(
@@ -80,7 +82,7 @@ class Chords:
 
     def _ends(self, now: Fraction, until: Fraction | None) -> Fraction:
         """When the next chord is to end, if it is as long as a step."""
-        after = now + Fraction(f"{self.step:.4g}")
+        after = now + Fraction(f"{min(self.step, self.longest):.4g}")
         if until is None or after + (after - now) <= until:
             return after
         # no sliver is left over

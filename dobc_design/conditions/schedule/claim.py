@@ -8,6 +8,14 @@ v^q(0) for every successor q.  With kappa (beta - rate) min v >= 1, V = N + kapp
 by exp(-rate t) over each phase and never rises.  A phase without a longest time keeps its last
 weights, and there N falls at the rate.
 
+``late``: the same with readings of neighbours up to ``delay`` old, off by up to the part ``event``,
+no older than the shortest phase and of nothing from before the start.  Then N <= N_0 within a phase
+that begins with N_0: while that holds, a reading is at most 1 + event times the largest v_j of the
+last ``delay`` seconds, in units of N; the phase before is counted as exp(rate t) v(t'), t its end
+and t - t' <= delay.  Rows hold with these v_j, and without an end with their largest, times
+exp(rate delay).  In units of V - kappa E, which rises within a phase, readings of before only
+count as larger.
+
 In coordinates z_i = T e_i (``separable.coordinates``) weights have an entry for each component of
 z; gains of fixed ``ranges`` make rows that are convex in v, and hold on a segment where they hold
 at its ends.
@@ -24,7 +32,11 @@ box lies in {W <= level} of a certificate near the target, whose size W decays f
 one is on.
 
 Proof.  The box is subtangential: on a face that e_i touches, its derivative is no larger than that
-of the face, by the rows.  Where the certificate is max-separable, W = N + kappa E with the P of the
+of the face, by the rows.  With late readings of neighbours rows have the largest u_j and l_j of the
+last ``delay`` seconds, times 1 + event, in place of those of now: until a first run leaves the box,
+every reading lies in between.  What takes over holds with late readings, and the boxes of the last
+``delay`` seconds lie in its level set: so do readings of before, which its rows count as larger
+still.  Where the certificate is max-separable, W = N + kappa E with the P of the
 tube; where it is quadratic or arc-wise, W^2 = e'P_e e + sum eps_i'P' eps_i <= sum |P_e|_kl b_k b_l
 + n stretch^2 E^2 for |e| <= b and P' <= stretch^2 P.  Weights that keep to the guarantee take over
 where a phase begins; without weights W = N + kappa E, v = 1, stays.
@@ -100,7 +112,8 @@ class Weights(Shown):
 class Cycles:
     """A claim as above: weights phase by phase, ``rate`` (1/s), ``rho`` (None: linear couplings,
     every rho), the observer's ``error`` (None without an exosystem); by the graphs alone without
-    phases and rate; in coordinates with ``T`` and ``ranges``.  Raises: SpecError unless weights,
+    phases and rate; in coordinates with ``T`` and ``ranges``; ``late``: with the readings that the
+    problem states, not with those of the same instant.  Raises: SpecError unless weights,
     rate and rho are > 0, times rise from 0, and there are both phases and a rate, or neither."""
 
     phases: tuple[Weights, ...]
@@ -109,6 +122,7 @@ class Cycles:
     error: ErrorBound | None = None
     T: Matrix | None = None
     ranges: tuple[GainRange, ...] = ()
+    late: bool = False
 
     def __post_init__(self) -> None:
         require_coordinates(self.T)
@@ -179,6 +193,8 @@ class Cycles:
         values = fields_to_json(self, "rate", "rho", "phases")
         if self.T is not None:
             values |= fields_to_json(self, "T", "ranges")
+        if self.late:
+            values["late"] = True
         return values | error_to_json(self.error)
 
 

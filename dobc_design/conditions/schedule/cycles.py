@@ -12,21 +12,28 @@ from itertools import combinations, pairwise
 import numpy as np
 
 from dobc_design.conditions.consensus.network import name_agents
-from dobc_design.conditions.reason import Need, first_missing, gap_obstacle
-from dobc_design.conditions.separable.claim import acts_by_component, holding_gains
+from dobc_design.conditions.reason import APART, Need, first_missing, gap_obstacle
+from dobc_design.conditions.separable.claim import (
+    acts_by_component,
+    holding_gains,
+    stated_errors,
+)
 from dobc_design.conditions.separable.coordinates import gains_obstacle, seen_through, slowest_row
 from dobc_design.conditions.separable.decide import error_bound_obstacle
+from dobc_design.conditions.separable.large import up
+from dobc_design.conditions.separable.timing import readings_obstacle
 from dobc_design.coupling.enclosures import Curve, jet, profile
-from dobc_design.exact.interval import Interval, UndefinedError
+from dobc_design.exact.interval import Interval, UndefinedError, exp
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.number import ONE, ZERO, float_above, float_below
 from dobc_design.exact.reading import Texts
 from dobc_design.loop.arcs import unreached
 from dobc_design.loop.guarantee import Phase
 from dobc_design.loop.loop import Loop, Pins
+from dobc_design.loop.timing import Timing
 
 from .claim import Cycles, Weights, shrunk
-from .rows import Box, Motion, MovingRows, rows_of_phases
+from .rows import Box, Motion, MovingRows, heard_boxes, heard_from, rows_of_phases
 
 
 def why_not(loop: Loop, W: Matrix | None, claim: Cycles) -> str | None:
@@ -48,6 +55,8 @@ def _needs(loop: Loop, W: Matrix | None, claim: Cycles) -> Iterator[Need]:
     yield bool(_cycles(loop)), "there is no guarantee of what modes follow."
     if loop.goal == "roots":
         yield not claim.phases, "weights of so many pairs are not looked at."
+    if claim.late:
+        yield from _known_late(loop, W, claim)
     yield from _fits_the_loop(loop, claim)
     yield from holds_observer(loop, W, claim, claim.rate)
     if claim.phases and claim.rate is not None:
@@ -56,6 +65,31 @@ def _needs(loop: Loop, W: Matrix | None, claim: Cycles) -> Iterator[Need]:
     yield from rises(loop, claim.rho)
     missed = unreached_in_words(loop)
     yield missed is None, str(missed)
+
+
+def late_obstacle(loop: Loop, W: Matrix | None) -> str | None:
+    """Why nothing is said with the readings that the problem states; None where something is, or
+    where it states none."""
+    timing = loop.timing
+    if timing is None:
+        return None
+    times = timing.period or timing.own_delay or timing.ahead
+    if times or any(stated_errors(loop)) or loop.saturates or loop.sensed:
+        told = "own_delay, a period, and errors of weights or gains are not known where boxes or "
+        return f"{APART}{told}weights move; nor are inputs that act late or saturate, and outputs."
+    return readings_obstacle(loop, W)
+
+
+def _known_late(loop: Loop, W: Matrix | None, claim: Cycles) -> Iterator[Need]:
+    """What is known of late readings while weights move."""
+    yield loop.timing is not None, "the problem states no readings."
+    obstacle = late_obstacle(loop, W)
+    yield obstacle is None, str(obstacle)
+    yield claim.T is None, "late readings are not known in coordinates."
+    timing = loop.timing or Timing()
+    yield bool(claim.phases) or not timing.event, "weights of 1 leave no room for an event."
+    for phase, _ in zip(loop.guarantee.phases, claim.phases, strict=False):
+        yield phase.shortest >= timing.delay, "a phase may be shorter than readings are old."
 
 
 def _fits_the_loop(loop: Loop, claim: Cycles) -> Iterator[Need]:
@@ -81,8 +115,13 @@ def _weights_fall(loop: Loop, claim: Cycles, rate: Fraction) -> Iterator[Need]:
         yield wrong is None, str(wrong)
     # Rows of the errors themselves, in tables as wide as the widest phase needs.
     rows: Mapping[str, MovingRows | None] = {}
+    timing = loop.timing if claim.late else None
     if claim.T is None:
         most = claim.most * (claim.rho or ONE)
+        old = [each.v[0] for each in claim.phases]
+        if timing is not None:
+            old = weights_before(phases, claim, timing)
+            most = max(most, *map(max, old)) * timing.stretch(rate) ** 2
         # Only a coupling that rises is largest where rows look, from any place without error.
         if loop.gap:
             yield from rises(loop, most, strictly=False)
@@ -97,7 +136,10 @@ def _weights_fall(loop: Loop, claim: Cycles, rate: Fraction) -> Iterator[Need]:
             falls = _fits(each, claim.phases[q], phase, rate)
             yield falls, f"{where}: its weights do not fall far enough."
         if claim.T is None:
-            is_open = _open(rows[phase.mode], phase, each, claim)
+            heard = None
+            if timing is not None:
+                heard = heard_in_phase(each, old[p], timing, rate)
+            is_open = _open(rows[phase.mode], phase, each, claim, heard)
         else:
             is_open = _open_in_coordinates(loop, phase, each, claim, claim.T)
         yield not is_open, f"{where}: a row does not hold."
@@ -213,7 +255,39 @@ def _fits(old: Weights, new: Weights, phase: Phase, rate: Fraction) -> bool:
     return True
 
 
-def _open(rows: MovingRows | None, phase: Phase, each: Weights, claim: Cycles) -> bool:
+def heard_in_phase(each: Weights, old: Vector, timing: Timing, rate: Fraction) -> Box:
+    """The same of weights, before which there were ``old`` ones; while they rest N falls."""
+    v = (old, *each.v)
+    heard = heard_boxes(Box.of(v, v), (-timing.delay, *each.times), timing)[1:]
+    heard.above[-1] = up(heard.above[-1] * float_above(timing.stretch(rate)))
+    return heard
+
+
+def weights_before(phases: Sequence[Phase], claim: Cycles, timing: Timing) -> list[Vector]:
+    """For each phase the largest weights that readings may be from when it begins, as parts of N
+    there."""
+    found = [each.v[0] for each in claim.phases]
+    for phase, each in zip(phases, claim.phases, strict=True):
+        first = heard_from(each.times, phase.shortest, timing)
+        for k in range(first, len(each.times) - 1):
+            # From this segment until the phase ends N falls by exp(-rate end) at most.
+            end = each.times[k + 1] + timing.delay
+            if phase.longest is not None:
+                end = min(end, phase.longest)
+            grown = exp(Interval.point((claim.rate or ZERO) * end)).hi
+            for q in phase.successors:
+                old = zip(found[q], each.v[k], each.v[k + 1], strict=True)
+                found[q] = tuple(max(x, y * grown, z * grown) for x, y, z in old)
+    return found
+
+
+def _open(
+    rows: MovingRows | None,
+    phase: Phase,
+    each: Weights,
+    claim: Cycles,
+    heard: Box | None,
+) -> bool:
     """Whether a row of the phase is not proved."""
     if rows is None:
         return True
@@ -224,7 +298,7 @@ def _open(rows: MovingRows | None, phase: Phase, each: Weights, claim: Cycles) -
     if claim.rho is not None:
         low = 0.0
         high = float_above(claim.rho)
-    if rows.open_segments(boxes, each.times, no_load, low=low, high=high):
+    if rows.open_segments(boxes, each.times, no_load, low=low, high=high, heard=heard):
         return True
     if phase.longest is not None:
         return False
@@ -237,6 +311,7 @@ def _open(rows: MovingRows | None, phase: Phase, each: Weights, claim: Cycles) -
         load=np.zeros(2),
         low=low,
         high=high,
+        heard=None if heard is None else heard[-1:],
     )
     return bool(rows.open_for(rest))
 

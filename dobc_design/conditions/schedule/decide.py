@@ -21,7 +21,6 @@ from dobc_design.conditions.reason import (
     first_missing,
     fixed_obstacle,
     signs_obstacle,
-    timing_obstacle,
 )
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.decide import (
@@ -29,6 +28,7 @@ from dobc_design.conditions.separable.decide import (
     error_bound_obstacle,
     verify_composite,
 )
+from dobc_design.conditions.separable.timing import verify_readings
 from dobc_design.exact.definite import decide_positive_semidefinite
 from dobc_design.exact.interval import Interval, sqrt
 from dobc_design.exact.matrix import Matrix, multiply
@@ -37,9 +37,9 @@ from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.loop.loop import Loop
 
 from .claim import Cycles, Descent, Last, Tube, shrunk
-from .cycles import rises
+from .cycles import late_obstacle, rises
 from .cycles import why_not as why_not_cycles
-from .rows import Box, RowsBySize
+from .rows import Box, RowsBySize, heard_boxes, heard_from
 
 
 def why_not(loop: Loop, W: Matrix | None, claim: Descent) -> str | None:
@@ -50,11 +50,13 @@ def why_not(loop: Loop, W: Matrix | None, claim: Descent) -> str | None:
 def open_segments(loop: Loop, tube: Tube, *, disturbance: Fraction) -> list[int] | None:
     """The segments of a tube whose rows are not proved; None where rows cannot be decided."""
     boxes = Box.of(tube.upper, tube.lower)
+    timing = loop.timing
+    heard = None if timing is None else heard_boxes(boxes, tube.times, timing)
     # Near the target rows have little room, and need finer tables than far out.
-    rows = RowsBySize(loop, tube.most)
+    rows = RowsBySize(loop, tube.most * (1 + (timing.event if timing else ZERO)))
     load = np.array([float_above(noise(tube, disturbance, time).hi) for time in tube.times])
     left = list[int]()
-    for (mode, level), segments in _alike(loop, tube, boxes, rows).items():
+    for (mode, level), segments in _alike(loop, tube, heard or boxes, rows).items():
         if mode is None:
             # The mode changes on these segments, so no row is about all of one.
             left += segments
@@ -62,7 +64,7 @@ def open_segments(loop: Loop, tube: Tube, *, disturbance: Fraction) -> list[int]
         found = rows.get(mode, level)
         if found is None:
             return None
-        left += found.open_segments(boxes, tube.times, load, only=segments)
+        left += found.open_segments(boxes, tube.times, load, only=segments, heard=heard)
     return sorted(left)
 
 
@@ -70,10 +72,11 @@ def _alike(
     loop: Loop, tube: Tube, boxes: Box, rows: RowsBySize
 ) -> Mapping[tuple[str | None, int], list[int]]:
     """The segments by the mode that is on and by how fine the tables are that serve them."""
+    # Of what is heard on a segment, which is no less, or of the boxes at its ends.
     sizes = boxes.above.max(axis=(1, 2))
     groups: dict[tuple[str | None, int], list[int]] = {}
     for k, mode in enumerate(loop.guarantee.modes_on(tube.times)):
-        level = rows.level(max(sizes[k], sizes[k + 1]))
+        level = rows.level(max(sizes[k : k + 2]))
         groups.setdefault((mode, level), []).append(k)
     return groups
 
@@ -91,7 +94,9 @@ def level_at_the_end(loop: Loop, claim: Descent) -> Interval:
     tube = claim.tube
     own = claim.certificate
     left = noise(tube, claim.disturbance, tube.ends)
-    widths = tube.widths(-1)
+    # Readings may still be those of before.
+    late = range(heard_from(tube.times, tube.ends, loop.timing), len(tube.times))
+    widths = tuple(map(max, zip(*map(tube.widths, late), strict=True)))
     if isinstance(own, Quadratic):
         return (left * claim.stretch) ** 2 * loop.n + _largest_form(loop, own, widths)
     weights = weights_then(loop, claim)
@@ -162,7 +167,8 @@ def counted_from(claim: Descent) -> Fraction:
 def _needs(loop: Loop, W: Matrix | None, claim: Descent) -> Iterator[Need]:
     """What has to hold, in turn: what is cheap first, and what later needs rely on."""
     tube = claim.tube
-    yield loop.timing is None, str(timing_obstacle(loop))
+    obstacle = late_obstacle(loop, W)
+    yield obstacle is None, str(obstacle)
     yield len(tube.upper[0]) == loop.n, f"a box must have {loop.n} entries, one per agent."
     yield from _observer_holds(loop, W, claim)
     # The starts are a box with equal sides.
@@ -218,15 +224,19 @@ def _takes_over(loop: Loop, W: Matrix | None, claim: Descent) -> Iterator[Need]:
     """The certificate that takes over, and that the last box lies in its level set."""
     own = claim.certificate
     size = claim.level
+    late = loop.timing is not None
     if isinstance(own, Quadratic):
+        yield not late, "a quadratic certificate is about readings of the same instant."
         yield from _quadratic_holds(loop, W, claim, own)
         size = claim.level**2
     else:
         yield claim.stretch == 1, "stretch is 1 unless the certificate is quadratic."
         if isinstance(own, Separable):
-            wrong = verify_composite(loop, W, own).wrong
+            verify = verify_readings if late else verify_composite
+            wrong = verify(loop, W, own).wrong
             yield wrong is None, str(wrong)
         else:
+            yield own.late is late, "weights that move must be late where readings are."
             yield from _cycles_hold(loop, W, claim, own)
         yield from _weights_hold(claim, own)
     # Of a quadratic certificate squares are compared, which need no root.

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,7 @@ from dobc_design.conditions.separable.coordinates import seen_through
 from dobc_design.conditions.separable.decide import composite_rate
 from dobc_design.conditions.separable.propose import first_certificate, propose_separable
 from dobc_design.conditions.separable.propose_observer import propose_error_bound, with_kappa
+from dobc_design.conditions.separable.timing import verify_readings
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.exact.number import ZERO, root_above
 from dobc_design.loop.arcs import unreached
@@ -40,7 +42,7 @@ from dobc_design.solvers.program import Array
 from .chords import ACCURACY, Chords
 from .claim import Cycles, Last, Tube
 from .cycles import why_not
-from .rows import Box, MovingRows, RowsBySize
+from .rows import Box, MovingRows, RowsBySize, heard_from, heard_last
 
 LONGEST = 10.0  # times what the rate near the target would take
 WIDER = 1.25  # times what a box grows to where couplings rise; beyond it is given up
@@ -53,6 +55,7 @@ SMALLEST = 1e-300
 # of the decay rate of A - WC: that of E; 0.7 for the observer's pair of quadratic certificates
 OBSERVER = 0.9
 PAIR = 0.7
+SLOWER = Fraction(1, 2)  # of the rate of a certificate that is to hold with late readings
 SHARE = Fraction(9, 10)  # of the rate of E that V = N + kappa E may use
 ABOVE = 1e-7  # of numbers that have to be above a matrix, for rounding
 #: By which part of their speed and of the rate near the target faces fall more slowly, and how much
@@ -67,6 +70,7 @@ TRIED = (
     (0.05, 0.1),
 )
 FIRST_STEP = 1e-4  # times 1 / rate
+SHORT = 0.01  # the same of the longest chord where readings are late
 MOST_TIMES = 2000
 #: Rows n m, and rows and channels of one mode, up to which quadratic certificates are looked for:
 #: dense programs.
@@ -165,6 +169,14 @@ def _certificates(
     return _Certificates(found=found, fastest=fastest)
 
 
+def slowed(loop: Loop, W: Matrix | None, own: Separable | None) -> Separable | None:
+    """The same claim at a rate at which it holds with late readings, where some are."""
+    if own is None or loop.timing is None:
+        return own
+    slow = replace(own, alpha=own.alpha * SLOWER)
+    return slow if verify_readings(loop, W, slow).wrong is None else None
+
+
 def _widest(asked: Asked, error: ErrorBound | None) -> Fraction:
     """The largest box that is followed: as far as the estimation error alone may push, and more."""
     # At the decay rate beta the load adds up to at most its first value over beta.
@@ -204,11 +216,17 @@ class _Path:
         if longest is None:
             longest = LONGEST * math.log(max(radius / goal, 2.0)) / self.fastest
         first = FIRST_STEP / self.fastest
-        chords = Chords(bend=self.bend, pace=self.fastest, step=first)
+        chords = Chords(
+            bend=self.bend,
+            pace=self.fastest,
+            step=first,
+            longest=SHORT / self.fastest if self.rows.loop.timing else math.inf,
+        )
         self.boxes = [np.full(2 * self.rows.loop.n, radius)]
         while len(self.times) < MOST_TIMES and float(self.times[-1]) < longest:
             rests = goal - kappa * self.load(self.times[-1])
-            if float(self.boxes[-1].max()) <= rests:
+            first = heard_from(self.times, self.times[-1], self.rows.loop.timing)
+            if float(np.max(self.boxes[first:])) <= rests:
                 return True
             if not self._go_on(chords, lands=rests if rests > 0 else None):
                 return False
@@ -223,10 +241,11 @@ class _Path:
         if self.turns is not None:
             place, _, change = self.turns.at(now)
             mode = self.turns.phases[place].mode
-        rows = self.rows.get(mode, self.rows.level(float(box.max())))
+        past = heard_last(self.boxes, self.times, self.rows.loop.timing)
+        rows = self.rows.get(mode, self.rows.level(float(np.max(past, initial=box.max()))))
         if rows is None:
             return False
-        found = chords.next(box, now, change, partial(self._asked, rows), lands=lands)
+        found = chords.next(box, now, change, partial(self._asked, rows, past), lands=lands)
         if found is None:
             return False
         after, end = found
@@ -237,11 +256,13 @@ class _Path:
         self.boxes.append(end)
         return True
 
-    def _asked(self, rows: MovingRows, boxes: Array, t: Fraction) -> Array:
-        """The slopes of the faces that the rows ask for, and a little more."""
+    def _asked(self, rows: MovingRows, past: Any, boxes: Array, t: Fraction) -> Array:
+        """The slopes of the faces that the rows ask for where neighbours may still read ``past``
+        boxes, and a little more."""
         faces = boxes.reshape(len(boxes), 2, -1)
         loads = np.full(len(boxes), self.load(t))
-        asked = rows.needed(Box.floats(faces), loads)
+        heard = Box.floats(np.maximum(past, boxes).reshape(faces.shape))
+        asked = rows.needed(Box.floats(faces), loads, heard)
         slower = asked + self.slack * (np.abs(asked) + self.fastest * faces)
         return np.asarray(slower).reshape(boxes.shape)
 
@@ -297,6 +318,9 @@ def _choose(path: _Path, candidates: Sequence[Last]) -> tuple[Fraction, Last] | 
     times = np.array([float(t) for t in path.times])
     faces = np.stack(path.boxes).reshape(len(path.boxes), 2, -1)
     widths = faces.max(axis=1) * (1 + ACCURACY)
+    # Readings may still be those of before.
+    late = [heard_from(path.times, t, path.rows.loop.timing) for t in path.times]
+    widths = np.array([widths[first : k + 1].max(axis=0) for k, first in enumerate(late)])
     loads = np.array([path.load(t) for t in path.times])
     earliest = math.inf
     best: tuple[int, Last] | None = None
@@ -384,10 +408,13 @@ def _near(
             # What V = N + kappa E loses by E has to leave the rate of N.
             own = with_kappa(error, rate=rate, least=Fraction(float(plan.v.min())))
         whole_plan = replace(plan, error=own)
-        found = first_certificate(loop, W, whole_plan, everywhere=loop.is_linear)
+        whole = first_certificate(loop, W, whole_plan, everywhere=loop.is_linear)
+        found = slowed(loop, W, whole)
         if found is not None and composite_rate(found) > 0:
             slowest = max(slowest, float(composite_rate(found)))
             yield found
+    if loop.timing is not None:
+        return
     radii = [part * float(asked.radius) for part in RADII]
     yield from _quadratic(loop, W, radii, slowest)
     # No box serves all modes there, or couplings fall: what arcs take may be paid for even so.
@@ -400,13 +427,14 @@ def _kept(loop: Loop, W: Matrix | None, asked: Asked, error: ErrorBound | None) 
     """Weights that move under the guarantee, and the tolerance itself as a box that is never
     left."""
     within = None if loop.is_linear else asked.tolerance
-    rests = Cycles(phases=(), rate=None, rho=within, error=error)
+    late = loop.timing is not None
+    rests = Cycles(phases=(), rate=None, rho=within, error=error, late=late)
     if why_not(loop, W, rests) is None:
         yield rests
     levels = [1.0] if loop.is_linear else LEVELS
     for part in levels:
         rho = None if loop.is_linear else Fraction(part) * asked.radius
-        found = propose_cycles.propose(loop, W, rho=rho, error=error)
+        found = propose_cycles.propose(loop, W, rho=rho, error=error, late=late)
         if found is not None:
             yield found
             return

@@ -14,7 +14,7 @@ from dataclasses import field, replace
 from fractions import Fraction
 from functools import partial
 from itertools import accumulate
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import expm
@@ -39,12 +39,13 @@ from dobc_design.exact.work import spend
 from dobc_design.loop.guarantee import Phase
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.matrices import consensus_jacobian, pull_matrix
+from dobc_design.loop.timing import Timing
 from dobc_design.solvers.program import Array
 
 from .chords import Chords
 from .claim import Cycles, Weights
 from .cycles import why_not
-from .rows import MovingRows, rows_of_phases
+from .rows import MovingRows, heard_from, heard_last, rows_of_phases
 
 STEEPEST = 1e6  # weights at most, the least at a beginning 1
 FAR = 5.0  # and times rho, where couplings are not linear
@@ -121,7 +122,7 @@ class _Turned:
         _, sparse = self.rows.chosen(self.rows.agents.ones)
         return np.asarray(sparse.toarray())
 
-    def pull(self, v: Array, _: Sequence[float]) -> Array:
+    def pull(self, v: Array, _: Sequence[float], __: Array) -> Array:
         """The slopes (count, n m) that the rows ask of weights v (count, n m)."""
         found = self.rows.largest(v.reshape(len(v), -1, len(self.rows.T)))
         return np.asarray(found.reshape(v.shape))
@@ -147,11 +148,13 @@ class _Flow:
     slack: float
     pace: float  # 1/s, about the rate
     bend: float
+    timing: Timing | None = None
     known: dict[_Beginning, Way | None] = field(default_factory=dict)
 
-    def asked(self, v: Array, t: Fraction = ZERO) -> Array:
-        """The slopes (count, n) that rows ask of weights (count, n), and a little more."""
-        found = self.rows.pull(v, self.sizes)
+    def asked(self, past: Any, v: Array, t: Fraction = ZERO) -> Array:
+        """The slopes (count, n) that rows ask of weights (count, n) where neighbours may still read
+        ``past`` ones, and a little more."""
+        found = self.rows.pull(v, self.sizes, np.maximum(past, v))
         return np.asarray(found + self.slack * (np.abs(found) + self.pace * v))
 
     def way(self, start: Array, rate: float) -> Way | None:
@@ -168,24 +171,39 @@ class _Flow:
         longest = self.phase.longest
         # About as fine as the ends of phases are compared.
         step = float(shortest) / ENDS
-        chords = Chords(bend=self.bend, pace=self.pace, step=step, floor=1.0)
+        chords = Chords(
+            bend=self.bend,
+            pace=self.pace,
+            step=step,
+            floor=1.0,
+            longest=step if self.timing else math.inf,
+        )
         way = [(ZERO, start)]
+        if self.timing is not None:
+            way = [(-self.timing.delay, start[0]), (ZERO, start[1])]
         nodes = _ends(shortest, longest or shortest)
         for k in range(TAILS):
             if not self._follow(way, nodes, chords):
                 return None
             _, last = way[-1]
-            if longest is not None or np.all(self.asked(last[None])[0] <= -rate * last):
+            delay = ZERO if self.timing is None else self.timing.delay
+            past = self._past(way) * math.exp(rate * delay)
+            if longest is not None or np.all(self.asked(past, last[None])[0] <= -rate * last):
                 return way
             nodes = [shortest * 2 ** (k + 1)]
         return None
+
+    def _past(self, way: Way) -> Any:
+        times, v = zip(*way, strict=True)
+        return heard_last(v, times, self.timing)
 
     def _follow(self, way: Way, nodes: Sequence[Fraction], chords: Chords) -> bool:
         """Go on until the last of some times, by way of the others; False where it gets stuck."""
         for node in nodes:
             while way[-1][0] < node:
                 now, point = way[-1]
-                found = chords.next(point, now, node, self.asked)
+                asked = partial(self.asked, self._past(way))
+                found = chords.next(point, now, node, asked)
                 if found is None or len(way) > MOST_STEPS:
                     return False
                 way.append(found)
@@ -193,9 +211,15 @@ class _Flow:
 
 
 def propose(
-    loop: Loop, W: Matrix | None, *, rho: Fraction | None, error: ErrorBound | None
+    loop: Loop,
+    W: Matrix | None,
+    *,
+    rho: Fraction | None,
+    error: ErrorBound | None,
+    late: bool = False,
 ) -> Cycles | None:
-    """The fastest claim that is proved for weights whose least at the beginning of phases is 1."""
+    """The fastest claim that is proved for weights whose least at the beginning of phases is 1;
+    ``late``: with the readings that the problem states."""
     widest = (ONE if rho is None else rho) * Fraction(_steepest(rho))
     # Tables reach as far as the largest weights that are tried.
     found = rows_of_phases(loop, widest)
@@ -206,7 +230,8 @@ def propose(
     sizes: tuple[float, ...] = (1.0,)
     if rho is not None:
         sizes = tuple(part * float(rho) for part in SIZES)
-    search = _Search(rows=rows, linear=linear, sizes=sizes, rho=rho, error=error)
+    timing = loop.timing if late else None
+    search = _Search(rows=rows, linear=linear, sizes=sizes, rho=rho, error=error, timing=timing)
     return next((each for each in search.drafts() if why_not(loop, W, each) is None), None)
 
 
@@ -291,6 +316,7 @@ class _Search:
     sizes: tuple[float, ...]
     rho: Fraction | None
     error: ErrorBound | None
+    timing: Timing | None = None
 
     def drafts(self) -> Iterator[Cycles]:
         """Claims for these rows, the fastest first."""
@@ -298,7 +324,8 @@ class _Search:
         if not top > 0:
             return
         most = top if self.error is None else min(top, float(self.error.beta))
-        for part, slack, bend in TRIED if self.rho is None else TRIED_CURVED:
+        coarse = self.timing is not None or self.rho is not None
+        for part, slack, bend in TRIED_CURVED if coarse else TRIED:
             # The fastest first, with the finest chords.
             rate = part * most
             flows = self._flows(pace=top, slack=slack, bend=bend)
@@ -319,6 +346,7 @@ class _Search:
                 slack=slack,
                 pace=pace,
                 bend=bend,
+                timing=self.timing,
                 known=known,
             )
             for phase in self.linear.phases
@@ -337,8 +365,10 @@ class _Search:
         x = _settled(phases, near, ones, most=most, steps=steps)
         if x is None:
             return None
+        if self.timing is not None:
+            x = [np.array([each, each]) for each in x]
         followed = partial(_handed, flows, rate=rate)
-        return _settled(phases, followed, x, most=most, steps=FOLLOWED)
+        return _settled(phases, followed, x, most=most, steps=FOLLOWED * (5 if self.timing else 1))
 
     @np.errstate(all="ignore")
     def _claim(self, flows: Sequence[_Flow], x: Sequence[Array], rate: float) -> Cycles | None:
@@ -347,12 +377,15 @@ class _Search:
             way = flow.way(start, rate)
             if way is None:
                 return None
+            # without what was before
+            way = [(t, v) for t, v in way if t >= 0]
             times = tuple(t for t, _ in way)
             v = tuple(_written(point) for _, point in way)
             phases.append(Weights(times=times, v=v))
         # A little less than the chords fall by, for the digits that are cut.
         claimed = Fraction(f"{rate * ROOM:.6g}")
-        claim = Cycles(phases=tuple(phases), rate=claimed, rho=self.rho)
+        late = self.timing is not None
+        claim = Cycles(phases=tuple(phases), rate=claimed, rho=self.rho, late=late)
         if self.error is None:
             return claim
         return replace(claim, error=with_kappa(self.error, rate=claimed, least=claim.least))
@@ -389,9 +422,17 @@ def _handed(flows: Sequence[_Flow], p: int, start: Array, rate: float) -> Array 
     way = flows[p].way(start, rate)
     if way is None:
         return None
-    ends = [(t, v) for t, v in way if t >= flows[p].phase.shortest]
-    times = np.array([float(t) for t, _ in ends])
-    return _most(times, np.array([v for _, v in ends]), rate)
+    phase = flows[p].phase
+    times = np.array([float(t) for t, _ in way])
+    v = np.array([v for _, v in way])
+    ends = times >= float(phase.shortest)
+    found = _most(times[ends], v[ends], rate)
+    timing = flows[p].timing
+    if timing is None:
+        return found
+    first = heard_from([t for t, _ in way], phase.shortest, timing)
+    last = np.minimum(times + float(timing.delay), float(phase.longest or math.inf))
+    return np.array([_most(last[first:], v[first:], rate), found])
 
 
 class _Maps(NamedTuple):

@@ -12,6 +12,7 @@ ends do not show it.
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import field, replace
 from fractions import Fraction
@@ -37,9 +38,10 @@ from dobc_design.conditions.separable.large import (
 )
 from dobc_design.coupling.enclosures import Curve, profile
 from dobc_design.exact.interval import UndefinedError
-from dobc_design.exact.number import float_above, float_below
+from dobc_design.exact.number import ZERO, float_above, float_below
 from dobc_design.exact.work import spend
 from dobc_design.loop.loop import Loop
+from dobc_design.loop.timing import Timing
 from dobc_design.problem.network import BoolArray
 
 HALVINGS = 11  # of a segment
@@ -130,7 +132,8 @@ class Motion:
     segment, the ``slopes`` (segments, 2, n) of its faces, rounded down.
 
     ``load``: an upper bound at each box, and on each segment of its chord.  Rows have to hold for s
-    times the boxes, all s in [low, high]; with a load for s = 1 only.
+    times the boxes, all s in [low, high]; with a load for s = 1 only.  ``heard``: on each segment
+    the box that late readings of neighbours lie in; None where none are late.
     """
 
     boxes: Box
@@ -138,6 +141,7 @@ class Motion:
     load: Array
     low: float = 1.0
     high: float = 1.0
+    heard: Box | None = None
 
 
 @noun(eq=False)
@@ -181,14 +185,14 @@ class MovingRows:
     modes: int
     holds: Array  # what the pin of each agent is worth, rounded down
 
-    def _arcs(self, boxes: Sequence[Box], face: int) -> ArcRows:
+    def _arcs(self, boxes: Sequence[Box], face: int, heard: Box | None) -> ArcRows:
         """Steps and reaches that hold from the first to the last of ``boxes``, place after place;
-        without pulls."""
+        without pulls.  ``heard`` as in ``Motion``."""
         layout = self.layout
         arcs = len(layout.rows)
         count = len(boxes[0].below)
         # Steps and reaches are linear between two boxes: what holds at both ends holds on the way.
-        far = np.maximum.reduce([self._steps_and_reaches(box, face) for box in boxes])
+        far = np.maximum.reduce([self._steps_and_reaches(box, heard or box, face) for box in boxes])
         steps = np.maximum(far[0].ravel(), np.tile(layout.floor, count))
         first = layout.start[None, :-1] + arcs * np.arange(count)[:, None]
         weights = None
@@ -205,16 +209,17 @@ class MovingRows:
             pulls=(Fraction(0),) * (count * self.size * self.modes),
         )
 
-    def _steps_and_reaches(self, box: Box, face: int) -> Array:
+    def _steps_and_reaches(self, box: Box, heard: Box, face: int) -> Array:
         """For every arc how far the speaker's face may be ahead of the listener's, and how far its
         other face is behind it, at most: (2, count, arcs)."""
         own = list(FACES).index(face)
         other = list(FACES).index(-face)
         owners = self.layout.rows % self.size
         same = box.same[:, own]
-        ahead = up(self._heard(box.above[:, own]) - box.below[:, own][:, owners])
-        ahead = np.where(Box.differ(self._heard(same), same[:, owners]), ahead, 0.0)
-        behind = up(self._heard(box.above[:, other]) + box.above[:, own][:, owners])
+        ahead = up(self._heard(heard.above[:, own]) - box.below[:, own][:, owners])
+        differ = Box.differ(self._heard(heard.same[:, own]), same[:, owners])
+        ahead = np.where(differ, ahead, 0.0)
+        behind = up(self._heard(heard.above[:, other]) + box.above[:, own][:, owners])
         return np.array([ahead, behind])
 
     def _heard(self, faces: NDArray[Any]) -> NDArray[Any]:
@@ -223,12 +228,12 @@ class MovingRows:
             faces = np.hstack([faces, np.zeros((len(faces), self.fixed), dtype=faces.dtype)])
         return faces[:, self.layout.speakers]
 
-    def needed(self, box: Box, load: Array) -> Array:
+    def needed(self, box: Box, load: Array, heard: Box | None = None) -> Array:
         """The slopes (count, 2, n) that the rows ask of boxes where they stand, ``load`` (count,)
-        added; about."""
+        added, ``heard`` as in ``Motion``; about."""
         found = np.empty(box.below.shape)
         for place, face in enumerate(FACES):
-            arcs = self._arcs([box], face)
+            arcs = self._arcs([box], face, heard)
             rows = np.arange(len(arcs.pulls))
             sums = Piece(arcs, face, self.kinds, rows).at(1.0)
             # Any of the modes may be on.
@@ -236,13 +241,15 @@ class MovingRows:
             found[:, place] = worst + load[:, None] - self.holds * box.below[:, place]
         return found
 
-    def pull(self, v: Array, sizes: Sequence[float]) -> Array:
+    def pull(self, v: Array, sizes: Sequence[float], heard: Array) -> Array:
         """The slopes (count, n) that the rows ask of weights v (count, n) at rest, on both faces,
-        at the largest of ``sizes`` times v, about."""
+        at the largest of ``sizes`` times v, about; weights ``heard`` are those of neighbours."""
         s = np.repeat(np.array(sizes), len(v))[:, None, None]
-        faces = np.stack([v, v], axis=1)
-        boxes = s * np.tile(faces, (len(sizes), 1, 1))
-        asked = self.needed(Box.floats(boxes), np.zeros(len(boxes))) / s
+        boxes = [
+            Box.floats(s * np.tile(np.stack([x, x], axis=1), (len(sizes), 1, 1)))
+            for x in (v, heard)
+        ]
+        asked = self.needed(boxes[0], np.zeros(len(s)), boxes[1]) / s
         worst = asked.max(axis=1).reshape(len(sizes), *v.shape)
         return np.asarray(worst.max(axis=0))
 
@@ -255,11 +262,12 @@ class MovingRows:
         low: float = 1.0,
         high: float = 1.0,
         only: Sequence[int] | None = None,
+        heard: Box | None = None,
     ) -> list[int]:
         """The segments (default: all) from each box to the next that are not proved, as in
         ``Motion``."""
         slopes = _slopes(boxes, times)
-        motion = Motion(boxes=boxes, slopes=slopes, load=load, low=low, high=high)
+        motion = Motion(boxes=boxes, slopes=slopes, load=load, low=low, high=high, heard=heard)
         return self.open_for(motion, only=only)
 
     def open_for(self, motion: Motion, *, only: Sequence[int] | None = None) -> list[int]:
@@ -296,12 +304,13 @@ class MovingRows:
         cuts = (parts.first, parts.first + parts.width)
         ends = [start.between(end, cut) for cut in cuts]
         load = _largest_load(motion.load, parts.segments, cuts)
+        heard = None if motion.heard is None else motion.heard[parts.segments]
         bad = np.zeros(len(parts), dtype=bool)
         for place, face in enumerate(FACES):
             slopes = motion.slopes[parts.segments, place]
             limits = _sum(_sum(self._held(ends, place), slopes), -load[:, None])
             limits = np.repeat(limits[:, None], self.modes, axis=1).ravel()
-            arcs = self._arcs(ends, face)
+            arcs = self._arcs(ends, face, heard)
             # what is infinite proves nothing
             with np.errstate(invalid="ignore", over="ignore"):
                 rows = open_within(arcs, limits, face, self.kinds, motion.high, motion.low)
@@ -335,6 +344,31 @@ def _largest_load(load: Array, segments: Places, cuts: Sequence[Array]) -> Array
     at_ends = [up(up(before * (1 - cut)) + up(after * cut)) for cut in cuts]
     is_loaded = np.maximum(before, after) > 0
     return np.where(is_loaded, np.maximum.reduce(at_ends), 0.0)
+
+
+def heard_from(times: Sequence[Fraction], time: Fraction, timing: Timing | None) -> int:
+    """The place of the last of the times that is not after any reading used from ``time`` on; the
+    first one where there is none."""
+    age = ZERO if timing is None else timing.delay
+    return max(0, bisect_right(times, time - age) - 1)
+
+
+def heard_boxes(boxes: Box, times: Sequence[Fraction], timing: Timing) -> Box:
+    """The box that readings of neighbours lie in on each segment, and from the last time on while
+    boxes rest."""
+    found = [
+        boxes.above[heard_from(times, time, timing) : k + 2].max(axis=0)
+        for k, time in enumerate(times)
+    ]
+    return Box.floats(up(np.array(found) * float_above(1 + timing.event)))
+
+
+def heard_last(path: Sequence[Array], times: Sequence[Fraction], timing: Timing | None) -> Any:
+    """What readings may be at the end of a path, in floats; 0 where none are late."""
+    if timing is None:
+        return 0.0
+    first = heard_from(times, times[-1], timing)
+    return np.max(path[first:], axis=0) * float(1 + timing.event)
 
 
 def moving_rows(loop: Loop, most: Fraction, modes: Sequence[str] | None) -> MovingRows | None:

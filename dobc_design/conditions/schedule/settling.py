@@ -20,6 +20,7 @@ from dobc_design._show.text import significant_away_from_zero, significant_towar
 from dobc_design.errors import SpecError
 from dobc_design.exact.number import ZERO, float_above
 from dobc_design.loop.loop import Loop
+from dobc_design.loop.timing import timing_words
 from dobc_design.verdict import Verdict
 
 from .claim import ARC_WISE, QUADRATIC, SCHEDULE, SEPARABLE, Cycles, Descent, Tube
@@ -47,6 +48,8 @@ def proved_reason(loop: Loop, claim: Descent) -> str:
     """What a proved claim says, in a sentence."""
     signals = guarantee_of(loop, claim)
     about = "" if signals is None else f"for {signals}: "
+    if loop.timing is not None:
+        about += f"with {timing_words(loop.timing)} "
     how = f"by {CALLED[claim.kind]}."
     if claim.tube.ends:
         until = f"{float(claim.tube.ends):.6g} s"

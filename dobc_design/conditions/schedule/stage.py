@@ -23,7 +23,7 @@ from dobc_design.conditions.domain import Around, Box
 from dobc_design.conditions.numbers import claimed, decimal_above, rounded_up
 from dobc_design.conditions.quadratic.claim import Quadratic
 from dobc_design.conditions.quadratic.decide import diagonal_of_inverse
-from dobc_design.conditions.reason import first_missing, gap_obstacle, timing_obstacle
+from dobc_design.conditions.reason import first_missing, gap_obstacle
 from dobc_design.conditions.schedule import decide, propose, propose_cycles
 from dobc_design.conditions.separable.checks import obstacle
 from dobc_design.conditions.separable.claim import ErrorBound, Separable, acts_by_component
@@ -42,7 +42,7 @@ from dobc_design.verdict import Verdict
 
 from .checks import cycles_check, settling_check, settling_of
 from .claim import SETTLED, Cycles, Descent, Last, Tube
-from .cycles import holds_starts, rises, unreached_in_words
+from .cycles import holds_starts, late_obstacle, rises, unreached_in_words
 from .cycles import why_not as why_not_cycles
 from .propose import Asked
 from .rounds import growth_check
@@ -186,10 +186,12 @@ def _by_one_certificate(loop: Loop, W: Matrix | None, asked: Asked) -> Descent |
     plan = Cover(loop=loop, radius=asked.radius, disturbance=asked.disturbance, W=W).fastest()
     plans = () if plan is None else chain((plan,), flatter_plans(loop, plan))
     for each in plans:
-        whole = first_certificate(loop, W, each)
+        whole = propose.slowed(loop, W, first_certificate(loop, W, each))
         if whole is not None:
             start = Tube.start(loop, asked.radius, whole.error)
             return _proved(loop, W, asked, start, whole)
+    if loop.timing is not None:
+        return None
     box = Box(decimal_above(asked.radius), decimal_above(asked.disturbance))
     for last in claims_in(loop, W, box):
         start = Tube.start(loop, asked.radius, propose.observed(loop, W))
@@ -288,7 +290,7 @@ def settling_stage(
     those of ``asked_beside``; ``tolerance`` None: a hundredth of the radius."""
     loop = case.loop
     undecided = partial(undecided_check, "settling", case.domain)
-    reason = obstacle(loop, case.W) or timing_obstacle(loop)
+    reason = obstacle(loop, case.W) or late_obstacle(loop, case.W)
     if reason is not None:
         return undecided(reason)
     if loop.size > MOST_ROWS:
@@ -412,13 +414,20 @@ def _if_it_holds(claim: Cycles | None, asked: Region) -> Cycles | None:
 
 
 def _weighted_cycles(asked: Region) -> Cycles | None:
-    """A claim with weights and a rate that is proved and holds the starts asked for."""
+    """A claim with weights and a rate that is proved and holds the starts asked for; with the
+    readings that the problem states, if that can be."""
     loop = asked.loop
     error = propose.observed(loop, asked.W)
     if loop.size > MOST_ROWS or (loop.groups and error is None):
         return None
     rho = None if loop.is_linear else _reach(asked, error, 2)
-    return _if_it_holds(propose_cycles.propose(loop, asked.W, rho=rho, error=error), asked)
+    late = loop.timing is not None and late_obstacle(loop, asked.W) is None
+    for each in (True, False) if late else (False,):
+        claim = propose_cycles.propose(loop, asked.W, rho=rho, error=error, late=each)
+        found = _if_it_holds(claim, asked)
+        if found is not None:
+            return found
+    return None
 
 
 def _turned_cycles(asked: Region) -> Cycles | None:

@@ -346,12 +346,12 @@ def test_the_envelope_has_no_other_times_than_those_from_zero_on():
             certified().settling.envelope(t)
 
 
-def test_readings_of_another_instant_leave_it_undecided_and_both_programs_refuse_a_forged_one():
-    late = listening_pair(reach=1).replace(readings={"delay": "1/10"})
+def test_own_late_readings_leave_it_undecided_and_both_programs_refuse_a_forged_one():
+    late = listening_pair(reach=1).replace(readings={"delay": "1/10", "own_delay": "1/50"})
     case = Case(loop=loop_of(late), W=None, domain=NEAR_TARGET, checks=())
     found = stage.settling_stage(case, tolerance=F(1, 100), report=lambda text: None)
     assert found.verdict is Verdict.UNDECIDED
-    assert "readings of the same instant" in found.reason
+    assert "own_delay, a period, and errors of weights or gains are not known" in found.reason
     data = json.loads(certificate_bytes(dd.certify(late).claims))
     assert accepted_by(data, late) == (True, True)
     (forged,) = [x for x in certified().claims.checks if x.id == "settling"]

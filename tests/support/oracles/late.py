@@ -29,7 +29,8 @@ WILD = ("outward", "along")  # readings are chosen by what they do
 @dataclass(frozen=True, kw_only=True)
 class Plant:
     """Arcs (i, j) with weights (modes, arcs), h of arrays, gains (n, m), and the observer error:
-    eps' = F eps (q, q) drives e' by C eps (m, q); with ticks eps+ = F eps and C eps is added."""
+    eps' = F eps (q, q) drives e' by C eps (m, q); with ticks eps+ = F eps and C eps is added.
+    ``mode_at``: which mode is on at a time (s); by default each run changes its own at random."""
 
     arcs: list[tuple[int, int]]
     weights: Any
@@ -37,6 +38,7 @@ class Plant:
     gains: Any
     F: Any = None
     C: Any = None
+    mode_at: Callable[[float], int] | None = None
 
     @property
     def heads(self) -> Any:
@@ -164,6 +166,9 @@ class _Readings:
         r = self.r
         moved = r.random(len(self.mode)) < 0.1
         self.mode = np.where(moved, r.integers(0, len(self.plant.weights), len(moved)), self.mode)
+        if self.plant.mode_at is not None:
+            # half a step later, so that a switch at the step itself has happened
+            self.mode[:] = self.plant.mode_at((k + 0.5) * self.bounds.step)
         self.weights = self.plant.weights.T[:, None, self.mode]
         self.direction = np.sign(e)
         if self.ages == "along" and self.velocity is not None:

@@ -199,6 +199,13 @@ def dynamics_lines(problem: Problem) -> Iterator[str]:
         by = f"A = [{_rows_text(own.A or ())}]"
     equation = f"x' = {moves} + B (couplings + u + d), {counted(own.inputs, 'input')} each"
     yield f"Agents: {equation}, {by}, B = [{_rows_text(own.B)}]."
+    if own.H is not None:
+        outputs = f"{counted(len(own.H), 'output')} of {counted(problem.m, 'state')}"
+        acting = own.acts_on or "estimated states"
+        yield (
+            f"Measured: y = H x, H = [{_rows_text(own.H)}], {outputs}; couplings and pins act on "
+            f"{acting}."
+        )
     first = {}  # the first agent with each input
     for i in reversed(range(problem.n)):
         first[problem.input_at(problem.goal_of(i))] = problem.network.labels[i]

@@ -664,7 +664,11 @@ def table_words(problem: Problem) -> Iterator[tuple[str, str]]:
         yield "formation offsets", offset_words(problem.offsets, labels, problem.units)
     for group in problem.groups[:LISTED]:
         of = f" of {some(group.agents, LISTED)}" if problem.is_grouped else ""
-        yield f"observer gain W{of}", observer_words(group.observer)
+        said = observer_words(group.observer)
+        W = group.observer.W
+        if W is not None and problem.dynamics is not None and problem.dynamics.H is not None:
+            said = f"{len(W)} x {len(W[0])}, for states and disturbance together"
+        yield f"observer gain W{of}", said
     if problem.region is not None:
         yield "region asked for", region_words(problem.region, problem.units)
     if problem.actuators is not None:

@@ -45,15 +45,14 @@ from dobc_design.verdict import Verdict
 from .document import EVERY, Column, Fact, Mark, Table, table_of
 
 NO_DELAY = (
-    "No delay is certified. For agents with [dynamics] only some max-separable proofs allow one. "
-    "`dobc stress FILE` looks for the longest sampling period at which runs converge (all "
+    "No delay is certified. For agents with [dynamics] only some max-separable proofs allow one."
+)
+LONGEST_PERIOD = (
+    " `dobc stress FILE` looks for the longest sampling period at which runs converge (all "
     "readings, also of oneself, are then up to a period old); `dobc stress FILE --period 0.03` "
     "makes one run."
 )
-NO_DELAY_OF_LEADERS = (
-    "No delay is certified. For agents with [dynamics] only some max-separable proofs allow one. "
-    "Delays are not simulated for a target that moves, either."
-)
+NO_DELAY_OF_LEADERS = " Delays are not simulated for a target that moves, either."
 MOST_LISTED = 40  # agents listed one by one
 MOST_MODES = 6
 MOST_NAMES = 12
@@ -383,7 +382,10 @@ def shown_notes(certificate: Certificate) -> tuple[str, ...]:
         return notes
     if any(each.id == "delay" for each in certificate.checks):
         return notes
-    return (*notes, NO_DELAY if problem.leader is None else NO_DELAY_OF_LEADERS)
+    simulated = LONGEST_PERIOD if problem.leader is None else NO_DELAY_OF_LEADERS
+    if problem.dynamics.H is not None:
+        simulated = ""
+    return (*notes, NO_DELAY + simulated)
 
 
 def loop_facts(certificate: Certificate) -> Iterator[Fact]:

@@ -85,7 +85,7 @@ def test_a_position_does_not_show_in_the_speed():
     check = claim_of(certificate, "detectability")
     assert check.verdict is Verdict.REFUTED
     assert check.exact["unobservable_polynomial"] == "s"
-    assert "x1 does not show in y = H x" in check.reason
+    assert "the state x1 does not show in y = H x" in check.reason
     assert certificate.verdict is Verdict.UNDECIDED
     assert verify(certificate, certificate.problem).holds
 

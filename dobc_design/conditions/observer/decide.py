@@ -106,17 +106,19 @@ def of_outputs(check: Check, group: Group, states: int) -> Check:
     pair = group.exosystem
     own = replace(check, fix=None)
     if check.id == "hurwitz":
-        return own
+        return replace(own, reason=check.reason.replace("A - WC", "F = A - W H"))
     found = decide_observable(pair.A, pair.C)
     if check.id == "observability" and found.is_proved:
         told = "of states and exosystem together"
-        return replace(own, reason=f"y = H x shows all {pair.order} numbers {told}.")
+        return replace(own, reason=f"the output y = H x shows all {pair.order} numbers {told}.")
     if check.is_proved:
         return replace(own, reason="what y = H x does not show, if anything, decays.")
     names = [f"x{c + 1}" for c in range(states)]
     names += [f"xi{c + 1}" for c in range(pair.order - states)]
     hidden = [n for n, *each in zip(names, *found.unobservable, strict=True) if any(each)]
-    what = f"{hidden[0]} does" if len(hidden) == 1 else f"changes of {some(hidden, 6)} do"
+    what = f"the state {hidden[0]} does"
+    if len(hidden) > 1:
+        what = f"some common change of {some(hidden, 6)} does"
     reason = f"{what} not show in y = H x"
     if check.id == "detectability":
         polynomial = (check.exact or {})["unobservable_polynomial"]

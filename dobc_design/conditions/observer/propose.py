@@ -41,9 +41,12 @@ from dobc_design.exact.matrix import (
 from dobc_design.exact.number import ONE, ZERO, nearest
 from dobc_design.exact.polynomial import Coefficients
 from dobc_design.loop.loop import Loop
+from dobc_design.loop.make import errors_of
+from dobc_design.loop.matrices import consensus_jacobian, pull_matrix
 from dobc_design.loop.outputs import sensed
 from dobc_design.loop.timing import Timing, middle_of, sampled
 from dobc_design.problem.bands import Band
+from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group, Observer, join
 from dobc_design.problem.problem import Problem
@@ -56,6 +59,7 @@ from .decide import error_matrix, hurwitz_with_rate, sampled_verdict, too_large
 
 # Order up to which semidefinite programs are solved: their unknowns grow with its square.
 LARGEST_PROGRAM = 16
+LARGEST_NETWORK = 200  # errors, whose eigenvalues are taken for the rate of a W
 # Of W:
 TRIES = 20  # random choices (each fails with probability zero; small integers may need a few)
 DIGITS = (3, 4, 6, 9, 15)
@@ -571,6 +575,11 @@ def with_observer(problem: Problem) -> Problem:
     own = problem.dynamics
     if own is None or own.H is None or all(each.observer.W for each in problem.groups):
         return problem
+    return _designed(problem, own, _pace(_designed(problem, own, ZERO)))
+
+
+def _designed(problem: Problem, own: Dynamics, pace: Fraction) -> Problem:
+    """The same with gains for at least this rate, where they exist."""
     groups = []
     notes = list(problem.notes)
     for group in problem.groups:
@@ -578,11 +587,32 @@ def with_observer(problem: Problem) -> Problem:
         if observer.W is None:
             pair = sensed(group, own).exosystem
             design = design_gain(pair, rate=observer.rate)
+            if observer.rate is None and design.rate is not None and design.rate < pace:
+                faster = design_gain(pair, rate=pace)
+                if faster.rate == pace:
+                    note = faster.note.replace("as asked", "that of the network alone")
+                    design = replace(faster, note=note)
             # Without one nothing is proved; what is hidden is said all the same.
             none = zeros(pair.order, pair.outputs)
             observer = Observer(W=none if design.W is None else design.W)
-            notes.append(f"No W was given. {capitalize_first(design.note)}")
+            note = design.note.replace("(A, C)", "what y = H x shows of states and disturbance")
+            notes.append(f"No W was given. {capitalize_first(note)}")
         groups.append(Group(agents=group.agents, exosystem=group.exosystem, observer=observer))
     if problem.is_grouped:
         return problem.replace(groups=groups, notes=notes)
     return problem.replace(observer=groups[0].observer, notes=notes)
+
+
+def _pace(problem: Problem) -> Fraction:
+    """The rate (1/s) at which the network alone decays near the target, about; 0 where that is not
+    known, or it does not."""
+    loop = errors_of(problem)
+    if loop.size > LARGEST_NETWORK or loop.agrees:
+        return ZERO
+    slowest = math.inf
+    for mode in loop.modes:
+        J = consensus_jacobian(loop, mode)
+        if J is None:
+            return ZERO
+        slowest = min(slowest, decay_of((J - pull_matrix(loop)).toarray()))
+    return Fraction(f"{slowest:.3g}") if 0 < slowest < math.inf else ZERO

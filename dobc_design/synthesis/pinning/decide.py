@@ -218,10 +218,7 @@ def _are_slow(enclosed: Enclosed, rate: Fraction, vectors: list[Any]) -> bool:
     columns = np.array([_in_integers(v, COARSE) for v in vectors], dtype=object).T
     lower = enclosed.middle.shifted(2 * rate - enclosed.radius)
     common = math.lcm(1, *(x.denominator for x in lower.entries.values()))  # integers are quicker
-    matrix = np.zeros((lower.size, lower.size), dtype=object)
-    for (i, j), value in lower.entries.items():
-        matrix[i, j] = int(value * common)
-        matrix[j, i] = matrix[i, j]
+    matrix = np.array([[int(x * common) for x in row] for row in lower.to_dense()], dtype=object)
     # Rounded directions may have become dependent.
     gram = _from_integers(columns.T @ columns)
     if not decide_positive_definite(gram).is_proved:

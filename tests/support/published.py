@@ -244,6 +244,39 @@ def headings() -> Problem:
     return Problem(network=network_of(arcs, 5), coupling="sin(y)", goal="agreement", region=region)
 
 
+def banded(low: Any, high: Any, amplitude: Any) -> dict[str, Any]:
+    """A sine of a frequency in a band, rad/s."""
+    return {"bands": [[low, high, amplitude]]}
+
+
+def humming() -> Problem:
+    """Four agents in a chain, mains of 50 Hz within 0.2 Hz, amplitude 1.  A has 50 Hz, and A - W C
+    both poles at -100 pi: (50^2 - 49.8^2)/(49.8^2 + 50^2) of the hum is left, for each agent."""
+    hertz = Fraction("6.28318530718")
+    mains = exosystems.harmonics([50 * hertz])
+    return Problem(
+        network=network_of([[2, 1], [3, 2], [4, 3]], 4),
+        coupling="y",
+        gains={1: 1},
+        exosystem=mains,
+        observer=Observer(W=[[100 * hertz], [0]]),
+        uncertainty=banded(Fraction("49.8") * hertz, Fraction("50.2") * hertz, 1),
+    )
+
+
+def second_order_sines(exosystem: Any, band: dict[str, Any]) -> Problem:
+    """Three double integrators in a ring, one of them pinned."""
+    return Problem(
+        network=network_of([[2, 1], [3, 2], [1, 3]], 3),
+        coupling="y1 + 2*y2",
+        gains={1: [[1, 2]]},
+        target=[0, 0],
+        dynamics=Dynamics(A=[[0, 1], [0, 0]], B=[[0], [1]]),
+        exosystem=exosystem,
+        uncertainty=band,
+    )
+
+
 def _published() -> Iterator[Published]:
     # Yu, Chen and Cao, Automatica 46 (2010)
     yield Published(
@@ -363,6 +396,27 @@ def _published() -> Iterator[Published]:
     yield Published("a ring, three packets lost", "reach it", lambda: followers(readings=lossy))
     # DeGroot, JASA 69 (1974), with a leader and delays
     yield Published("means of what was two steps ago", "reach it", in_steps)
+    # ENTSO-E, Operation Handbook: 49.8 to 50.2 Hz in normal operation
+    yield Published("hum of the mains, 50 Hz within 0.2 Hz", "0.00401 of it is left", humming)
+    # Zhang, Zhu and Liu, Entropy 18 (2016), 423: adaptive, so that it vanishes
+    yield Published(
+        "double integrators, a sine of unknown frequency",
+        "agree, by adaptation",
+        lambda: second_order_sines(exosystems.harmonics([2]), banded("1.8", "2.2", "1/2")),
+    )
+    # Fossen, Handbook of Marine Craft (2011): periods of waves
+    waves = exosystems.harmonics(["0.45", "1.19"])
+    yield Published(
+        "ships in waves of 5 to 20 s",
+        "-",
+        lambda: second_order_sines(waves, banded("0.314", "1.257", "1/10")),
+    )
+    # the paper's A, C and W
+    yield Published(
+        "Example 1 of the paper, the frequency off by 10 %",
+        "0.103995 of it is left",
+        lambda: load_problem("paper-fixed").replace(uncertainty=banded("1.8", "2.2", "1/2")),
+    )
     # built-in `paper-fixed`
     yield Published("Example 1 of the paper", "agree, no rate", lambda: load_problem("paper-fixed"))
 

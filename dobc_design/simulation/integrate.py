@@ -44,7 +44,7 @@ BOUNDARY = 6.1
 PATIENCE = 15  # steps on that boundary after which the loop counts as stiff, if ...
 MANY = 3000  # ... so many steps would be left
 RELAPSE = 6  # steps within it after which those before are forgotten
-# a stretch is short as a part of the usual step, a step over it close as one of the tolerance
+# a stretch is short as a part of the usual step; the tolerance over it as a part of the usual one
 SHORT, CLOSE = 0.5, 0.1
 MOST_STEPS = 10_000_000  # of one run: refused as soon as that many are foreseen, ...
 LOOK_AHEAD = 5_000  # ... at the pace of the last so many
@@ -188,12 +188,7 @@ class Integration:
         reason = ""
         while self.time < self.horizon and not reason:
             piece = self.plan.segment(self.time, self.state)
-            first = piece.derivative(self.time, self.state)
-            if not np.isfinite(first).all():
-                reason = f"a coupling overflows or is undefined at t = {self.time:.6g} s"
-                break
-            if not self.leap(piece, first):
-                reason = self.stretch(piece)
+            reason = self.stretch(piece)
         times = self.times[: self.done]
         states = self.states[: self.done]
         if reason:
@@ -212,30 +207,6 @@ class Integration:
             notes=self.notes,
         )
 
-    def leap(self, piece: Piece, first: Array) -> bool:
-        """Over a stretch much shorter than the usual steps, as between two readings: one step of
-        RK45, without a solver of its own; False where that is not accurate."""
-        stay = piece.stay
-        h = stay.end - self.time
-        if self.implicit or stay.change is not None or not h < SHORT * (self.step or 0.0):
-            return False
-        y = self.state
-        K = np.empty((RK45.n_stages + 1, len(y)))
-        K[0] = first
-        for s in range(1, RK45.n_stages):
-            moved = y + h * (RK45.A[s, :s] @ K[:s])
-            K[s] = piece.derivative(self.time + RK45.C[s] * h, moved)
-        new = y + h * (RK45.B @ K[:-1])
-        K[-1] = piece.derivative(stay.end, new)
-        self.evaluations += RK45.n_stages
-        scale = self.tolerance * (0.01 + np.maximum(np.abs(y), np.abs(new)))
-        error = self.plan.error(new)
-        if not (np.abs(h * (RK45.E @ K)) < CLOSE * scale).all() or error > self.farthest:
-            return False
-        self.accept(_Leap(self.time, stay.end, y, new, h * (RK45.P.T @ K)), error)
-        self.foresee()
-        return True
-
     def late_steps(self, last: float) -> dict[float, Array]:
         """States after the last sample, by time: where |e| grew, and where the run ended."""
         found = {}
@@ -249,6 +220,8 @@ class Integration:
         or ""."""
         stay = piece.stay
         solver = self.solver(piece)
+        if not np.isfinite(solver.f).all():
+            return f"a coupling overflows or is undefined at t = {self.time:.6g} s"
         self.on_boundary = 0
         self.inside = 0
         while self.time < stay.end:
@@ -347,6 +320,10 @@ class Integration:
         step = None if self.step is None else min(self.step, end - self.time)
         tolerance = self.tolerance
         method = DOP853
+        # As from one reading to the next: few stages do, more accurate than they have to be.
+        if end - self.time < SHORT * (self.step or 0.0):
+            method = RK45
+            tolerance *= CLOSE
         if self.implicit:
             tolerance = max(tolerance, LEAST_IMPLICIT)
             method = partial(Radau, jac_sparsity=piece.pattern())
@@ -385,26 +362,6 @@ class Integration:
         if self.step is not None and solver.t_bound == time:
             step = max(step, self.step)
         self.step = step if np.isfinite(step) and step > 0 else None
-
-
-class _Leap(NamedTuple):
-    """A step that was made without a solver, from ``before`` to ``t``: y there, and in between."""
-
-    before: float
-    t: float
-    old: Array
-    y: Array
-    powers: Array
-
-    def dense_output(self) -> Callable[[Array], Array]:
-        """The states at times (T,) within the step, (N, T)."""
-
-        def states(times: Array) -> Array:
-            part = (times - self.before) / (self.t - self.before)
-            rise = np.cumprod(np.tile(part, (len(self.powers), 1)), axis=0)
-            return self.old[:, None] + self.powers.T @ rise
-
-        return states
 
 
 def _stepped(solver: Any) -> bool:

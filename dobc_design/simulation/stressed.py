@@ -99,7 +99,8 @@ class StressedColumns:
         x, _, z = self.loop.split(y)
         e, xihat = self.known(x, z, self.noise)
         # first, so that a frozen agent sends what it measured at this instant
-        agents.fail(time, e, act(self.loop.output, xihat), modes)
+        if self.failures:
+            agents.fail(time, e, act(self.loop.output, xihat), modes)
         if agents.stress.exchanges is not None:
             if due:
                 agents.heard.exchange(self.next, agents.said(e))

@@ -223,9 +223,13 @@ EDGES = {
     "diverging": ring("-y**3", 3, gains={"1": 1}),
     "huge": from_region("y", "-1e300", "1e300"),
 }
+FEW = ("diverging", "huge")
 
 
-@pytest.mark.parametrize("name", EDGES)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=() if name in FEW else pytest.mark.slow) for name in EDGES],
+)
 def test_runs_at_the_edge_are_drawn_without_a_warning(name: str):
     given = {"t_final": 2, "tolerance": 1e-6}
     with warnings.catch_warnings():

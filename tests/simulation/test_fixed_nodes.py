@@ -94,7 +94,7 @@ def test_no_run_between_moving_leaders_is_later_than_certified(coupling):
     """Sines with even seeds, jumps with odd ones; starts at the corners of the region as well."""
     fixed = {"a": {"between": [-1, 0]}, "b": {"between": [1, 2]}}
     region = {"initial_states": [-3, 4]}
-    problem = between(PATH, fixed, coupling, region=region, simulation={"t_final": 12})
+    problem = between(PATH, fixed, coupling, region=region, simulation={"t_final": 6})
     certificate = dd.certify(problem)
     assert certificate.verdict is Verdict.PROVED
     rate, factor = certificate.rate, certificate.factor

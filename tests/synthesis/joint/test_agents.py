@@ -94,7 +94,12 @@ def test_double_integrators_on_random_digraphs_are_proved_with_what_is_designed(
 
 
 @pytest.mark.parametrize(
-    ("n", "dynamics"), [(1, POLES), (1, PLANE), (2, STILL)], ids=["poles", "plane", "still"]
+    ("n", "dynamics"),
+    [
+        pytest.param(1, POLES, id="poles"),
+        pytest.param(1, PLANE, id="plane", marks=pytest.mark.slow),
+        pytest.param(2, STILL, id="still", marks=pytest.mark.slow),
+    ],
 )
 def test_couplings_are_designed_for_other_agents_and_are_hardly_stronger_than_eigenvalues_allow(
     n, dynamics

@@ -204,7 +204,7 @@ def line_of_seven(**changes):
     return linked(arcs, 7, region=BOX, **changes)
 
 
-@pytest.mark.parametrize("pins", [None, 2])
+@pytest.mark.parametrize("pins", [None, pytest.param(2, marks=pytest.mark.slow)])
 def test_the_only_pair_that_reaches_a_rate_is_found_although_one_pin_would_be_elsewhere(pins):
     found = dd.design(line_of_seven(), rate="0.4", pins=pins)
     assert is_proved(found)

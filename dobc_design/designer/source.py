@@ -13,8 +13,10 @@ from dobc_design.coupling.coupling import Coupling
 from dobc_design.exact.number import typed_number
 from dobc_design.exact.reading import Document
 from dobc_design.problem.changes import gain_table
+from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group, Observer
+from dobc_design.problem.leader import Leader
 from dobc_design.problem.network import Network, labels_of
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.readings import Processor, Readings
@@ -60,6 +62,8 @@ def _plain(value: Any) -> Any:
         case Exosystem() | Observer() | Group() | Switching():
             return _Call(type(value).__name__, _fields(value))
         case Region() | Simulation() | Uncertainty() | Actuators() | Readings() | Processor():
+            return _fields(value)
+        case Dynamics() | Leader():
             return _fields(value)
         case Mapping():
             return {key: _plain(each) for key, each in value.items()}

@@ -232,6 +232,7 @@ def build_model(problem: Source, *, mode: str | None = None) -> Model:
     from dobc_design.model.model import build_model as run
 
     problem = _loaded(problem)
+    problem.require("the model")
     return run(problem, mode, gain=observer_gain(loop_of(problem)))
 
 

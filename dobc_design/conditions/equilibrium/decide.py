@@ -28,7 +28,15 @@ from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.tree import GradientAlgebra, IntervalAlgebra, evaluate
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.interval import Box, Interval, UndefinedError
-from dobc_design.exact.matrix import Matrix, Vector, dot, identity, multiply, subtract
+from dobc_design.exact.matrix import (
+    Matrix,
+    Vector,
+    dot,
+    from_float,
+    identity,
+    multiply,
+    subtract,
+)
 from dobc_design.exact.number import ONE, ZERO, nearest, number_text
 from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
@@ -264,7 +272,7 @@ def _preconditioner(slopes: Slopes, size: int) -> Matrix | None:
         return None
     if not np.isfinite(Y).all():
         return None
-    return tuple(tuple(map(Fraction, row)) for row in Y.tolist())
+    return from_float(Y, None)
 
 
 def krawczyk_holds(

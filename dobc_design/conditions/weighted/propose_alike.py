@@ -19,6 +19,7 @@ from dobc_design.conditions.numbers import bisected, golden_section, shorten, ti
 from dobc_design.exact.matrix import (
     Matrix,
     add,
+    from_float,
     multiply,
     nullspace,
     scale,
@@ -238,7 +239,7 @@ class _Search:
 def symmetric_basis(G: Matrix) -> tuple[Matrix, ...]:
     """A basis of all symmetric R (m, m) for which R G is symmetric too."""
     m = len(G)
-    units = [_exact(unit) for unit in conic.symmetric_basis(m)]
+    units = [from_float(unit, None) for unit in conic.symmetric_basis(m)]
     skew = []
     for R in units:
         RG = multiply(R, G)
@@ -246,10 +247,6 @@ def symmetric_basis(G: Matrix) -> tuple[Matrix, ...]:
     conditions = tuple(tuple(each[i][j] for each in skew) for i in range(m) for j in range(i))
     every = nullspace(conditions) if conditions else ((Fraction(1),),)
     return tuple(_combined(part, units, m) for part in every)
-
-
-def _exact(unit: Array) -> Matrix:
-    return tuple(tuple(map(Fraction, row)) for row in unit.tolist())
 
 
 def _combined(numbers: Iterable[Fraction], matrices: Iterable[Matrix], m: int) -> Matrix:

@@ -168,6 +168,8 @@ SLIPS = (
     ("separable", "decay = (1 - growth(-beta * T)) / T", "decay = beta", readings_cases),
     ("separable", "Fraction(min(most, left / since))", "most", readings_cases),
     ("loop", "-(-age // self.period)", "age // self.period", readings_cases),
+    ("separable", "composite(case, claim, timing.ahead)", "composite(case, claim)", readings_cases),
+    ("saturation", "max(length(rows))", "min(length(rows))", readings_cases),
     ("sampled", "plus(identity(size, 0), part**2, P)", "plus(P, 0, P)", readings_cases),
     ("bands", "(rest, low * low", "(rest, high * high", bands_cases),
     ("accuracy", "norm(gains)", "gains[0][0]", bands_cases),

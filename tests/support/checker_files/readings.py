@@ -191,6 +191,10 @@ def _settings() -> dict[str, Document]:
     found["acting late, watched"] = given("tanh(y)", **growing | _acting("1/20", amplitude="1/2"))
     found["acting late, drifting"] = given("tanh(y)", **growing | _acting("1/20", amplitude="0.51"))
     found["acting late, unknown"] = given("tanh(y)", **growing | _acting("1/20"))
+    # c F = (0, 2) and F^2 = 0
+    rising = {"exosystem": Exosystem(A=matrix("0 2; 0 0"), C=matrix("1 0"))}
+    rising |= {"observer": Observer(W=matrix("0; 0")), "region": asked("1/2", "1/10")}
+    found["saturated, rising"] = given("tanh(y)", **_limit(1, amplitude="1/2"), **rising, **STEPS)
     found["saturated, far"] = given("0*y", **_limit(9, amplitude=9), **half, **late(period=1))
     found["nodes, far"] = given("y", dynamics=Dynamics(A=[[-1]]), **late(period=3))
     unstable = {"dynamics": Dynamics(A=[[1]]), "gains": {1: "1/2"}, "region": None}
@@ -566,7 +570,7 @@ def _others() -> Iterator[Case]:
     there = readings(GLOBAL, 3.5, "1 1", "3.5")
     yield holds("nodes", "neighbours", there, flow, changed(late_nodes, own_delay="0"))
     yield fails("nodes", "their own", there, flow, late_nodes)
-    yield fails("limited", "not counted", wide)
+    yield fails("limited", "not counted", wide, **UNDECIDED)
     yield fails("line, late", "a tube", LINE, **UNDECIDED)
     # pairs: 1 of each agent
     ones = "1 1 1 1 1 1"
@@ -605,6 +609,10 @@ def _saturated() -> Iterator[Case]:
         yield made(name, 0 if good else 1, "an observer", ticking, left)
     yield fails("saturated, ticks", "more than is left", ticking, _rooms(there, "0.42"))
     yield fails("saturated, steps", "no amplitude", _rooms(there, "0.1"))
+    # 1 - 1/2 - 2/10
+    for room, code in (("0.2999", 0), ("0.3", 1)):
+        rooms = _rooms(box(0.5, 0.1), room)
+        yield made("saturated, rising", code, "the second sample", rooms, **UNDECIDED)
     overshooting = diverging() | {"domain": "consensus"}
     yield fails("saturated, far", "about the target", overshooting, **REFUTED)
 

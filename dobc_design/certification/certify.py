@@ -74,10 +74,10 @@ from dobc_design.conditions.separable.stage import readings_stage, separable_sta
 from dobc_design.conditions.stated import ACCURACY, LIMIT, TOLERANCE, stated_in
 from dobc_design.conditions.weighted.checks import weighing
 from dobc_design.conditions.weighted.stage import weighted_stage
-from dobc_design.errors import DobcError, wrong
+from dobc_design.errors import DobcError
 from dobc_design.exact.matrix import Matrix, multiply, to_float
-from dobc_design.exact.number import Number, number_text, parse_number
-from dobc_design.exact.reading import Texts, counted
+from dobc_design.exact.number import Number, number_text
+from dobc_design.exact.reading import Texts, counted, positive_number
 from dobc_design.exact.work import WorkLimitError, out_of_time, read_time_limit, until
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.make import loop_of
@@ -157,7 +157,7 @@ def certify(
         settling_starts=starts_given(
             loop, tolerance=settling, radius=settling_radius, disturbance=settling_disturbance
         ),
-        rate=None if rate is None else _read_rate(rate),
+        rate=None if rate is None else positive_number(rate, "rate", "1/s"),
         time_limit=None if time_limit is None else read_time_limit(time_limit),
     )
     seconds = None if options.time_limit is None else float(options.time_limit)
@@ -356,18 +356,6 @@ def _asked_rate(
             yield f"{asked}: {check.title} proves it. The verdict rests on another condition."
             return
     yield f"{asked} and is not proved. `dobc design FILE --rate` looks for gains that have it."
-
-
-def _read_rate(value: Number) -> Fraction:
-    """A rate > 0 in 1/s.  Raises: SpecError for anything else."""
-    rate = parse_number(value, "rate")
-    if rate <= 0:
-        raise wrong(
-            "rate",
-            f"must be > 0, in 1/s; got {number_text(rate)}.",
-            "Leave it out for the least time.",
-        )
-    return rate
 
 
 def verify(certificate: Certificate | Claims | bytes, problem: Source) -> Recheck:

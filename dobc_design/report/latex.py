@@ -17,37 +17,12 @@ from dobc_design._show.text import typeset
 from dobc_design.report import document as doc
 
 from .pages import environment_of
+from .words import TEXTS
 
 Files = dict[str, bytes]  # by name
 MAIN, BIBLIOGRAPHY = "main.tex", "references.bib"
 PACKAGES = "amsmath,amssymb,array,booktabs,graphicx,longtable"
-_SPECIAL = {each: rf"\{each}" for each in "{}$&#%_"} | {
-    "\\": r"\textbackslash{}",
-    "^": r"\textasciicircum{}",
-    "~": r"\textasciitilde{}",
-    "|": r"\textbar{}",
-    '"': r"\textquotedbl{}",
-    "’": "'",
-    "‘": "`",
-    "“": "``",
-    "”": "''",
-    "–": "--",
-    "—": "---",
-    "…": r"\dots{}",
-    "\u00a0": "~",
-    "\u200b": "",
-}
-_LETTERS = "≤≥≈±·×⊗√→∞∈✓✗αβεκλμξρτΛΨΩΣ"
-_COMMANDS = (
-    "le ge approx pm cdot times otimes surd to infty in checkmark times alpha beta varepsilon "
-    "kappa lambda mu xi rho tau Lambda Psi Omega Sigma"
-)
-_SIGNS = (
-    {"<": "<", ">": ">", "−": "-", "′": "'"}
-    | {sign: rf"\{name}" for sign, name in zip(_LETTERS, _COMMANDS.split(), strict=True)}
-    | {high: f"^{{{x}}}" for high, x in zip("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-", strict=True)}
-    | {low: f"_{{{x}}}" for low, x in zip("₀₁₂₃₄₅₆₇₈₉ᵢⱼₑ", "0123456789ije", strict=True)}
-)
+_SPECIAL, _SIGNS = TEXTS["latex"]["special"], TEXTS["latex"]["signs"]
 _ACCENTS = {"\u0302": "hat", "\u0304": "bar"}  # combining ones, as in an estimate
 _ACCENTED = re.compile("[A-Za-zα-ωΑ-Ω][\u0302\u0304]|.", re.DOTALL)
 #: The fragments, the sections of the report that they show, and what is said of them.

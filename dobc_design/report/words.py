@@ -64,42 +64,9 @@ GIVEN, FOUND = "the P given", "the P found"
 _TEXT = (files("dobc_design.report") / "templates" / "texts.toml").read_text("utf-8")
 TEXTS: Document = tomllib.loads(_TEXT)
 FIXED: Document = TEXTS["fixed"]
-#: Letters and signs as certificates write them.  Lambda and Psi may be labels, too: only where
-#: mathematics follows.
-_SIGNS = tuple(
-    (re.compile(pattern), sign)
-    for pattern, sign in (
-        (r"\blambda_max\b", "λmax"),
-        (r"\b(?<!agent )Lambda(?= [v+]|[()]| is not\b| <)", "Λ"),
-        (r"\b(?<!agent )Psi(?= is not\b| <)", "Ψ"),
-        (r"\bsum(?= (?:eps|e)_i\b)", "Σ"),
-        (r"\beps_i\b", "εᵢ"),
-        (r"\b([evx])_i\b", r"\1ᵢ"),
-        (r"\bmax_i\b", "maxᵢ"),
-        (r"\bdhat\b", "d̂"),
-        (r"\|_P\b", "|ₚ"),
-        (r"\|_inf\b", "|∞"),
-        (r"\b([A-Zev]|εᵢ)'(?!s\b)", r"\1′"),
-        (r"\bA - W", "A − W"),
-        (r"(?<![\w.])-(?= ?\d)", "−"),
-        ("<=", "≤"),
-        (">=", "≥"),
-        (r"\(x\)", "⊗"),
-    )
-)
-
-
-#: The same where errors are differences.
-_OF_PAIRS = tuple(
-    (re.compile(pattern), sign)
-    for pattern, sign in (
-        (r"\b([ex])_i\b", r"\1ᵢ"),
-        (r"\b([ex])_j\b", r"\1ⱼ"),
-        (r"\b([ex])_l\b", r"\1ₗ"),
-        (r"\bv_ij\b", "vᵢⱼ"),
-        (r"(?<=[ex][ᵢⱼ]) - (?=[ex])", " − "),
-        (r"(?<=[ᵢⱼ]\([t0]\)) - (?=[ex])", " − "),
-    )
+_SIGNS, _OF_PAIRS = (
+    tuple((re.compile(pattern), sign) for pattern, sign in TEXTS[name].items())
+    for name in ("signs", "signs_of_pairs")
 )
 
 

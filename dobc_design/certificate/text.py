@@ -39,7 +39,7 @@ from dobc_design.conditions.numbers import (
 from dobc_design.conditions.reason import read_reason
 from dobc_design.errors import CertificateError, SpecError, reason_of
 from dobc_design.exact.matrix import Matrix
-from dobc_design.exact.reading import Document
+from dobc_design.exact.reading import Document, json_object
 from dobc_design.problem.foreign_json import CERTIFICATE, not_a
 from dobc_design.verdict import Verdict
 
@@ -84,7 +84,7 @@ def read_claims(data: bytes) -> Claims:
         )
     try:
         numbers = partial(json.loads, parse_float=_claimed_float, parse_constant=_no_constant)
-        document = numbers(data.decode("utf-8"), object_pairs_hook=_no_duplicates)
+        document = numbers(data.decode("utf-8"), object_pairs_hook=json_object)
         if not isinstance(document, dict) or document.get("format") != FORMAT:
             found = not_a(CERTIFICATE, document, name="the file")
             raise CertificateError(
@@ -180,13 +180,6 @@ def _claimed_float(text: str) -> float:
 
 def _no_constant(name: str) -> float:
     raise ValueError(f"{name} is not a number")
-
-
-def _no_duplicates(pairs: list[tuple[str, Any]]) -> Document:
-    result = dict(pairs)
-    if len(result) != len(pairs):
-        raise ValueError("a field stands there twice")
-    return result
 
 
 _DIGITS = re.compile(r"[0-9]+")

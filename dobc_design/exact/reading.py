@@ -7,6 +7,7 @@ an error names the same key.
 from __future__ import annotations
 
 import reprlib
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from fractions import Fraction
 from typing import Any
@@ -149,6 +150,20 @@ def is_scalar_matrix(matrix: Sequence[Sequence[Fraction]]) -> bool:
         for i, row in enumerate(matrix)
         for j, entry in enumerate(row)
     )
+
+
+def repeated_name(names: Iterable[str]) -> str | None:
+    """The first of these names that stands there twice; None without one."""
+    return next((name for name, count in Counter(names).items() if count > 1), None)
+
+
+def json_object(pairs: list[tuple[str, Any]]) -> Document:
+    """An object of JSON.  Raises: ValueError where it has a key twice, of which JSON would keep the
+    last."""
+    result = dict(pairs)
+    if len(result) != len(pairs):
+        raise ValueError("a field stands there twice")
+    return result
 
 
 def items(value: Any, key: str) -> Iterable[tuple[Any, Any]]:

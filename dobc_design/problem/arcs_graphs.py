@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 
 from dobc_design._checks import noun
 from dobc_design.errors import reason_of
-from dobc_design.exact.reading import Names, Texts, named, shown
+from dobc_design.exact.reading import Names, Texts, named, repeated_name, shown
 
 from .arcs_text import WEIGHTS, Row, Unfit
 from .network import MOST_AGENTS
@@ -188,13 +188,11 @@ def _gml_rows(
 
 def _different(labels: Names) -> None:
     """Refuse two nodes of one name.  Raises: SpecError."""
-    seen = set()
-    for label in labels:
-        if label in seen:
-            raise Unfit(
-                None, f"has two nodes called {shown(label)}", "Give every node a label of its own."
-            )
-        seen.add(label)
+    twice = repeated_name(labels)
+    if twice is not None:
+        raise Unfit(
+            None, f"has two nodes called {shown(twice)}", "Give every node a label of its own."
+        )
 
 
 _VERTEX = re.compile(r'\s*([0-9]+)(?:\s+(?:"([^"]*)"|(\S+)))?')

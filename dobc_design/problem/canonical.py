@@ -19,7 +19,7 @@ from dobc_design.coupling.coupling import Coupling
 from dobc_design.errors import SpecError, reason_of, refused, wrong
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import number_text
-from dobc_design.exact.reading import Document, Names, Table, Texts, named, shown
+from dobc_design.exact.reading import Document, Names, Table, Texts, json_object, named, shown
 
 from .dynamics import Dynamics
 from .exosystems import Exosystem
@@ -239,9 +239,7 @@ def problem_from_canonical(data: bytes, *, name: str = "problem.json") -> Proble
 def _load(data: bytes, name: str) -> Document:
     """The JSON document, of a version that is known.  Raises: SpecError."""
     try:
-        document = json.loads(data.decode("utf-8"), object_pairs_hook=_no_duplicates)
-    except SpecError:
-        raise
+        document = json.loads(data.decode("utf-8"), object_pairs_hook=json_object)
     except (UnicodeDecodeError, ValueError, RecursionError) as error:
         raise wrong(named(name), f"is not valid JSON ({reason_of(error)}).", _CURE) from None
     if not isinstance(document, dict) or document.get("format") != FORMAT:
@@ -289,14 +287,6 @@ def _leaves_agents_undisturbed(document: Table) -> bool:
         return False
     lists = [group.get("agents") for group in groups if isinstance(group, dict)]
     return sum(len(agents) for agents in lists if isinstance(agents, list)) < len(labels)
-
-
-def _no_duplicates(pairs: list[tuple[str, Any]]) -> Document:
-    """Refuse an object that has a key twice, of which JSON would keep the last."""
-    result = dict(pairs)
-    if len(result) != len(pairs):
-        raise wrong("problem.json", "holds a key twice.", _CURE)
-    return result
 
 
 class _Reader:

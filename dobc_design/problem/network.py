@@ -34,6 +34,7 @@ from dobc_design.exact.reading import (
     is_list,
     named,
     one_of,
+    repeated_name,
     shown,
     shown_number,
 )
@@ -859,15 +860,11 @@ def _fixed_labels(fixed: Names, labels: Names) -> Texts:
 
 def _check_different(labels: Names) -> None:
     """Refuse labels of which two are equal.  Raises: SpecError."""
-    if len(set(labels)) == len(labels):
-        return
-    seen = set()
-    for label in labels:
-        if label in seen:
-            what = f"must be different from one another; {shown(label)} appears twice"
-            what += ' (labels are text: 1 and "1" are one label).'
-            raise wrong("network.agents", what, "Rename one of the two.")
-        seen.add(label)
+    twice = repeated_name(labels)
+    if twice is not None:
+        what = f"must be different from one another; {shown(twice)} appears twice"
+        what += ' (labels are text: 1 and "1" are one label).'
+        raise wrong("network.agents", what, "Rename one of the two.")
 
 
 def _lists_of_arcs(value: Any, key: str) -> dict[str, list[Any]]:

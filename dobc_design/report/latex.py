@@ -22,7 +22,8 @@ from .words import TEXTS
 Files = dict[str, bytes]  # by name
 MAIN, BIBLIOGRAPHY = "main.tex", "references.bib"
 PACKAGES = "amsmath,amssymb,array,booktabs,graphicx,longtable"
-_SPECIAL, _SIGNS = TEXTS["latex"]["special"], TEXTS["latex"]["signs"]
+_SPECIAL: dict[str, str] = TEXTS["latex"]["special"]
+_SIGNS: dict[str, str] = TEXTS["latex"]["signs"]
 _ACCENTS = {"\u0302": "hat", "\u0304": "bar"}  # combining ones, as in an estimate
 _ACCENTED = re.compile("[A-Za-zα-ωΑ-Ω][\u0302\u0304]|.", re.DOTALL)
 #: The fragments, the sections of the report that they show, and what is said of them.

@@ -8,17 +8,20 @@ from broken_certificates import mutate
 from certified import certified
 from checker_files.accuracy import ALL, BOTH, BOX, WATCHED, bent
 from checker_files.files import accepted_by
-from checker_files.margins import one, two
+from checker_files.margins import SEEN, one, two
 
 from dobc_design import Problem
 from dobc_design.certificate.text import certificate_bytes
 
 DRAWN = two(coupling="tanh(y)", uncertainty=ALL, region=BOX, **WATCHED)
+SINES = {"bands": [["9/5", "11/5", "1/10"]]}
+HUMMING = two(coupling="tanh(y)", uncertainty=SINES, region=BOX, **SEEN)
 HELD = one(uncertainty={"weights": "1/1000"}, actuators={"amplitude": 1}, region=BOX, **WATCHED)
 
 
 @pytest.mark.parametrize(
-    ("id", "problem"), [("accuracy", DRAWN), ("actuators", HELD), ("tolerance", HELD)]
+    ("id", "problem"),
+    [("accuracy", DRAWN), ("accuracy", HUMMING), ("actuators", HELD), ("tolerance", HELD)],
 )
 def test_what_one_program_refuses_the_other_refuses(id: str, problem: Problem):
     """Final bounds by hand; tolerances and inputs as `certify` finds them."""

@@ -230,8 +230,7 @@ def what_it_means(certificate: Certificate) -> Meaning:
         # The model has delays and sampling only where both are proved.
         if len(timing) == len(ids_of("timing")):
             messages = FIXED["timed"]
-        covering = certificate.covered_by
-        if covering is not None and knows_readings(certificate.check(covering)):
+        if any(map(knows_readings, _covering(certificate))):
             messages = FIXED["read"]
     else:
         own = TEXTS[certificate.verdict.value]

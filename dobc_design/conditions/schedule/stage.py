@@ -339,7 +339,10 @@ def _searched(asked: Region, *, turned: bool) -> Check:
     """The check of the first weights that are found and proved; ``turned``: in coordinates only."""
     loop = asked.loop
     cut = None
-    for search in _searches(loop, turned=turned):
+    searches = _searches(loop, turned=turned)
+    if loop.timing is not None and _weighted_cycles in searches:
+        searches = (partial(_weighted_cycles, late=True), *searches)
+    for search in searches:
         try:
             # Each search has its own time; one that breaks down leaves the others.
             with at_most(WORK * STAGE), surviving("no weights under the guarantee"):
@@ -413,21 +416,18 @@ def _if_it_holds(claim: Cycles | None, asked: Region) -> Cycles | None:
     return claim if holds else None
 
 
-def _weighted_cycles(asked: Region) -> Cycles | None:
-    """A claim with weights and a rate that is proved and holds the starts asked for; with the
-    readings that the problem states, if that can be."""
+def _weighted_cycles(asked: Region, *, late: bool = False) -> Cycles | None:
+    """A claim with weights and a rate that is proved and holds the starts asked for; ``late``: with
+    the readings that the problem states."""
     loop = asked.loop
     error = propose.observed(loop, asked.W)
     if loop.size > MOST_ROWS or (loop.groups and error is None):
         return None
+    if late and late_obstacle(loop, asked.W) is not None:
+        return None
     rho = None if loop.is_linear else _reach(asked, error, 2)
-    late = loop.timing is not None and late_obstacle(loop, asked.W) is None
-    for each in (True, False) if late else (False,):
-        claim = propose_cycles.propose(loop, asked.W, rho=rho, error=error, late=each)
-        found = _if_it_holds(claim, asked)
-        if found is not None:
-            return found
-    return None
+    found = propose_cycles.propose(loop, asked.W, rho=rho, error=error, late=late)
+    return _if_it_holds(found, asked)
 
 
 def _turned_cycles(asked: Region) -> Cycles | None:

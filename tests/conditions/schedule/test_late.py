@@ -262,3 +262,20 @@ def test_readings_of_before_have_to_lie_in_the_level_set_that_takes_over():
     assert why_not_settled(loop, None, check.claim) is None
     lower = replace(check.claim, level=last)
     assert "does not lie in its level set" in why_not_settled(loop, None, lower)
+
+
+@pytest.mark.slow
+def test_both_programs_refuse_a_level_for_the_last_box_alone_and_a_box_of_the_same_instant():
+    stated = problem(h="tanh(y)", readings={"delay": "1/5"})
+    certificate = dd.certify(stated, settling="1/10")
+    data = json.loads(certificate_bytes(certificate.claims))
+    (check,) = [each for each in data["checks"] if each["id"] == "settling"]
+    assert accepted_by(data, stated) == (True, True)
+    claim = certificate.check("settling").claim
+    lower = json.loads(json.dumps(data))
+    (lowered,) = [each for each in lower["checks"] if each["id"] == "settling"]
+    lowered["exact"]["last"]["level"] = str(max(claim.tube.widths(-1)))
+    assert accepted_by(lower, stated) == (False, False)
+    instant = dd.certify(problem(h="tanh(y)"), settling="1/10").check("settling")
+    check["exact"]["tube"] = instant.claim.tube.to_json()
+    assert accepted_by(data, stated) == (False, False)

@@ -10,7 +10,6 @@ of xhat and E = W_x [H, 0]; where they act on outputs, e is that of x and E = B 
 from typing import Any
 
 from .matrices import ZERO, Matrix, product
-from .reading import need
 
 
 def pair_of(dynamics: Any, A: Matrix, C: Matrix) -> tuple[Matrix, Matrix]:
@@ -26,7 +25,6 @@ def pair_of(dynamics: Any, A: Matrix, C: Matrix) -> tuple[Matrix, Matrix]:
 def error_of(dynamics: Any, A: Matrix, C: Matrix, W: Matrix) -> tuple[Matrix, Matrix]:
     """F and E."""
     m = len(dynamics.A)
-    need(len(W) == m + len(A), "W has not a row for every state and exosystem state")
     moves, seen = pair_of(dynamics, A, C)
     fed = product(W, seen)
     F = [[x - y for x, y in zip(*rows, strict=True)] for rows in zip(moves, fed, strict=True)]

@@ -23,6 +23,7 @@ from checker_files.graphs import graphs_cases
 from checker_files.groups import groups_cases
 from checker_files.margins import margins_cases
 from checker_files.mutants import FILES, Removal, removals, with_slip
+from checker_files.outputs import outputs_cases
 from checker_files.quadratic import quadratic_cases
 from checker_files.readings import readings_cases
 from checker_files.removals import EQUIVALENT, noticed_by, outcome
@@ -49,6 +50,7 @@ COUNTS: dict[Callable[[], list[Case]], tuple[int, int, int]] = {
     containment_cases: (6, 9, 15),
     readings_cases: (60, 120, 15),
     bands_cases: (5, 20, 8),
+    outputs_cases: (8, 17, 15),
 }
 
 
@@ -128,7 +130,16 @@ FEW = {
         "not case.kinked",
         "not (case.agrees or case.gap)",
     ),
-    "files": ("len(echelon(dynamics.B)[0]) == columns", "self.n > 1", "free", "linear"),
+    "files": (
+        "len(echelon(dynamics.B)[0]) == columns",
+        "self.n > 1",
+        "free",
+        "linear",
+        "observed",
+        "independent",
+        "dynamics.A is not None",
+        "not measured or group.W is not None",
+    ),
     "examine": ("claims.problem_sha256 == case.problem.sha256",),
     "separable": (
         "left >= 0",
@@ -173,6 +184,8 @@ SLIPS = (
     ("sampled", "plus(identity(size, 0), part**2, P)", "plus(P, 0, P)", readings_cases),
     ("bands", "(rest, low * low", "(rest, high * high", bands_cases),
     ("accuracy", "norm(gains)", "gains[0][0]", bands_cases),
+    ("loop", "[lo - off, hi + off]", "[lo, hi]", outputs_cases),
+    ("separable", "case.exact_region", "case.region", outputs_cases),
 )
 
 

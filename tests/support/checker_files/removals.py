@@ -14,6 +14,7 @@ from checker_files.graphs import graphs_cases
 from checker_files.groups import groups_cases
 from checker_files.margins import margins_cases
 from checker_files.mutants import FILES, Removal, Watched, removals, without
+from checker_files.outputs import outputs_cases
 from checker_files.quadratic import quadratic_cases
 from checker_files.readings import readings_cases
 from checker_files.schedules import cycles_cases
@@ -38,10 +39,11 @@ EVERY = (
     containment_cases,
     readings_cases,
     bands_cases,
+    outputs_cases,
 )
 #: The cases to try first.
 FIRST: dict[str, tuple[Callable[[], list[Case]], ...]] = {}
-FIRST["files"] = dynamics_cases, agreement_cases, containment_cases
+FIRST["files"] = dynamics_cases, agreement_cases, containment_cases, outputs_cases
 FIRST["pairs"] = (agreement_cases,)
 FIRST["loop"] = (dynamics_cases,)
 FIRST["guarantee"] = cycles_cases, graphs_cases

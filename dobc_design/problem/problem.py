@@ -58,7 +58,6 @@ from .readings import (
     TIMES,
     Processor,
     Readings,
-    read_processor,
     read_time,
 )
 from .region import GOALS, Pairs, Region, read_goal, read_region, read_units
@@ -256,7 +255,7 @@ class Problem(Grouped, Shown):
             "actuators": lambda: read_actuators(actuators, labels),
             "leader": lambda: read_leader(leader, dynamics=own),
             "readings": lambda: Readings.stated(readings),
-            "processor": lambda: read_processor(processor),
+            "processor": lambda: Processor.stated(processor),
             "steps": lambda: read_time(time),
             "notes": lambda: _read_notes(notes),
             "units": lambda: read_units(units, dimension=m),

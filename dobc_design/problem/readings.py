@@ -1,10 +1,8 @@
 """When agents know what they use: [readings], how late and how often, and [processor], where
 everything is computed from samples."""
 
-from collections.abc import Mapping
 from fractions import Fraction
 from functools import partial
-from typing import Any
 
 from dobc_design._checks import noun, positional
 from dobc_design._show.cards import Card
@@ -55,15 +53,13 @@ class Processor(Stated):
 
     period: Fraction = read_by(_seconds)
 
+    def __post_init__(self) -> None:
+        if self.period is None:
+            raise wrong("processor", "needs a period.", "For example period = 0.02 (s).")
+        Stated.__post_init__(self)
+
     def _card(self) -> Card:
         return Card(title="Processor", facts=[("period", self.period)])
-
-
-def read_processor(value: Any) -> Processor | None:
-    """Read the [processor] table.  Raises: SpecError that names the wrong key."""
-    if isinstance(value, Mapping) and not value:
-        raise wrong("processor", "needs a period.", "For example period = 0.02 (s).")
-    return Processor.stated(value)
 
 
 def read_time(value: object) -> bool:

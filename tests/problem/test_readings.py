@@ -137,7 +137,6 @@ PARTS_OF_THE_PROGRAM: list[Callable[[Problem], object]] = [
     dd.trade_off,
     dd.export.to_sdpa,
     lambda problem: dd.design_pinning(problem, rate=1, cost=2),
-    lambda problem: dd.certify(problem, settling="1/100"),
     python_script,
 ]
 
@@ -206,3 +205,10 @@ def test_a_problem_shows_its_readings_and_its_processor():
 
 def test_a_processor_is_made_by_position_too():
     assert dd.Processor(0.5) == dd.Processor(period="1/2")
+    with pytest.raises(SpecError, match="processor needs a period"):
+        dd.Processor()
+
+
+def test_a_settling_time_knows_late_readings_and_no_processor():
+    with pytest.raises(SpecError, match="a settling time does not know loops that a processor"):
+        dd.certify(of_text(PROCESSOR), settling="1/100")

@@ -277,6 +277,31 @@ def second_order_sines(exosystem: Any, band: dict[str, Any]) -> Problem:
     )
 
 
+def position_alone(arcs: list[list[int]], n: int, observer: Observer | None) -> Problem:
+    """Double integrators with y = x1 and a force of 2 rad/s; agent 1 is pinned."""
+    return Problem(
+        network=network_of(arcs, n),
+        coupling="2*y1 + 3*y2",
+        gains={1: [[4, 4]]},
+        target=[0, 0],
+        dynamics=Dynamics(A=[[0, 1], [0, 0]], B=[[0], [1]], H=[[1, 0]]),
+        exosystem=exosystems.harmonics([2]),
+        observer=observer,
+    )
+
+
+def motors(A: Any, B: Any, H: Any, coupling: str) -> Problem:
+    """DC motors of which H is measured, in a ring, one of them pinned; their supplies are off."""
+    return Problem(
+        network=network_of([[2, 1], [3, 2], [1, 3]], 3),
+        coupling=coupling,
+        gains={1: 1},
+        target=[0] * len(A),
+        dynamics=Dynamics(A=A, B=B, H=H),
+        exosystem=exosystems.constant(),
+    )
+
+
 def _published() -> Iterator[Published]:
     # Yu, Chen and Cao, Automatica 46 (2010)
     yield Published(
@@ -410,6 +435,28 @@ def _published() -> Iterator[Published]:
         "ships in waves of 5 to 20 s",
         "-",
         lambda: second_order_sines(waves, banded("0.314", "1.257", "1/10")),
+    )
+    # Ren, IEEE TAC 53 (2008): double integrators without measured speeds
+    tree = [[2, 1], [3, 1], [4, 2], [5, 2], [6, 3]]
+    placed = Observer(W=[[8], [20], [0], [-32]])
+    yield Published(
+        "double integrators, a tree, positions alone",
+        "(s + 1)(s + 2), (s + 2)^2 and (s + 2)^4: rate 1",
+        lambda: position_alone(tree, 6, placed),
+    )
+    yield Published("the same, W designed", "rate 1", lambda: position_alone(tree, 6, None))
+    # Messner and Tilbury, Control Tutorials: J = 0.01, b = 0.1, K = 0.01, R = 1, L = 0.5
+    yield Published(
+        "DC motors, speeds alone",
+        "alone s^2 + 12 s + 20.02",
+        lambda: motors([[-10, 1], ["-0.02", -2]], [[0], [2]], [[1, 0]], "y1"),
+    )
+    angles = [[0, 1, 0], [0, -10, 1], [0, "-0.02", -2]]
+    yield Published(
+        "the same, angles are to agree",
+        "an angle does not show in the speed",
+        lambda: motors(angles, [[0], [0], [2]], [[0, 1, 0]], "y1"),
+        "undecided",
     )
     # the paper's A, C and W
     yield Published(

@@ -133,7 +133,7 @@ def free_shift_by_checker(M, sides) -> bool:
         m=len(sides),
         hold=hold,
         goals=goals,
-        region=SimpleNamespace(initial_states=sides),
+        exact_region=SimpleNamespace(initial_states=sides),
         leads=leads,
     )
     return leaves_free(loop, {0})

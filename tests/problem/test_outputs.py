@@ -94,7 +94,7 @@ def test_an_h_that_measures_nothing_new_is_refused(given, message):
         ({"readings": {"delay": "0.1"}}, r"^readings is not known together with dynamics\.H"),
         ({"uncertainty": {"disturbance": "0.1"}}, r"^uncertainty\.disturbance is not known"),
         ({"uncertainty": {"drift": "0.1"}}, r"^uncertainty\.drift is not known"),
-        ({"uncertainty": {"bands": [["1", "2", "1"]]}}, r"^uncertainty\.bands is not known"),
+        ({"uncertainty": {"bands": [["1", "2", "1"]]}}, r"^exosystem\.bands is not known"),
         ({"uncertainty": {"measurement": "0.1"}}, r"^uncertainty\.measurement is not known"),
         ({"actuators": {"limit": 1}}, r"^actuators is not known"),
     ],

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from dobc_design._show.text import latex_matrix, latex_number, latex_rows
 from dobc_design.description.words import caution_lines
+from dobc_design.loop.outputs import is_estimated
 from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.leader import Leader
 from dobc_design.problem.problem import Problem
@@ -97,12 +98,15 @@ def _equations(problem: Problem) -> Iterator[Formula]:
     """The equations of the loop, under the names that the template of the PDF has for them."""
     dynamics = problem.dynamics
     # The key of texts.toml, and what the template of the PDF adds to it.
-    loop, disturbed = [], ""
+    loop, disturbed, measured = [], "", ""
     if dynamics is not None:
         loop.append("dynamic")
     if problem.groups:
         loop.append("disturbed")
         disturbed = ", disturbed"
+    if dynamics is not None and dynamics.H is not None:
+        loop[-1] = "measured"
+        measured = f", {dynamics.acts_on or 'states'}"
     kind = disturbed
     if dynamics is not None:
         kind += ", dynamic" if dynamics.f is None else ", nonlinear"
@@ -111,6 +115,8 @@ def _equations(problem: Problem) -> Iterator[Formula]:
     for name, latex, equation in words.TEXTS["loop"][" ".join(loop) or "plain"]:
         # The template of the PDF has the shared equations once.
         ending = disturbed if latex in _SHARED else kind
+        if latex not in _SHARED:
+            ending = measured + ending
         if not problem.has_target and name == "control":
             ending = f"{disturbed}, agreeing"
         yield Formula(_own(latex, problem), name, equation, name + ending)
@@ -120,6 +126,9 @@ def _own(latex: str, problem: Problem) -> str:
     """An equation of the loop, with f(x) in place of A x where that is given, and with a leader as
     the target."""
     dynamics = problem.dynamics
+    if dynamics is not None and dynamics.acts_on:
+        latex = latex.replace(r"e_i = \hat x_i", "e_i = x_i").replace("K_i e_i", "K_i H e_i")
+        latex = latex.replace("e_j - e_i", "H e_j - H e_i")
     if not problem.has_target:
         latex = _PINS.sub(r"u_i = -\\hat{d}_i" if problem.groups else "u_i = 0", latex)
     if problem.leader is not None and problem.offsets:
@@ -138,6 +147,8 @@ def _matrices(dynamics: Dynamics) -> Iterator[ShownMatrix]:
         what = "how the state of an agent moves by itself, A of [dynamics]"
         yield ShownMatrix("A_x", what, dynamics.A)
     yield ShownMatrix("B", "how inputs, couplings and disturbance act on it", dynamics.B)
+    if dynamics.H is not None:
+        yield ShownMatrix("H", "what is measured: y = H x", dynamics.H)
 
 
 def _functions(problem: Problem) -> Iterator[Formula]:
@@ -210,7 +221,8 @@ def _letters_of_errors(problem: Problem) -> str:
     goal = "target" if leader is None else "leader s"
     if problem.offsets:
         goal += " plus its offset"
-    said = f"$e_i$ how far agent i is from the {goal}, $K_i$ the gain of a pin, 0 without one"
+    who = "the estimate of agent i" if is_estimated(problem.dynamics) else "agent i"
+    said = f"$e_i$ how far {who} is from the {goal}, $K_i$ the gain of a pin, 0 without one"
     if leader is not None:
         said += " (pinned agents know s, the others do not)"
     # Beside a leader an agent without an offset is held by no constant input.

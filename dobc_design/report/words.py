@@ -308,7 +308,10 @@ def deployment_words(certificate: Certificate) -> str:
             f"couplings and pins that are held for up to {lower(held)} s between samples"
         )
     covered = f"The proof allows {' or '.join(allowed)}. " if allowed else ""
-    if certificate.problem.dynamics is not None:
+    own = certificate.problem.dynamics
+    if own is not None and own.H is not None:
+        return f"{covered}dobc simulate shows runs; exports do not know measured outputs yet."
+    if own is not None:
         return f"{covered}dobc_design.to_control gives the loop to python-control."
     return (
         f"{covered}Use dobc export to write the controller of an agent in C, as an FMU or for "
@@ -397,6 +400,9 @@ def dynamics_words(problem: Problem) -> list[str]:
     moves = "Aₓ x" if own.f is None else "f(x)"
     inputs = counted(own.inputs, "input")
     what = f"x′ = {moves} + B (couplings + u + d), {inputs} each"
+    if own.H is not None:
+        what += f"; y = H x, {counted(len(own.H), 'output')}; couplings and pins act on "
+        what += own.acts_on or "estimated states"
     # A goal that needs no input is an equilibrium of the agent by itself.
     held = [tuple(problem.input_at(problem.goal_of(i))) for i in range(problem.n)]
     if not any(any(row) for row in held):

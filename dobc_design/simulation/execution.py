@@ -144,8 +144,7 @@ def _calm(setting: Setting, start: Start, modes: Modes, progress: Progress) -> O
     eps = run.states[:, cut:].reshape(xi.shape) if both else evolve(F, eps0, run.times)
     active = Active(modes.switches.names, modes.switches.at(run.times))
     if setting.exact.sensed:
-        e = run.states[:, :cut].reshape(-1, loop.n, loop.m)
-        seen = seen_samples(setting.problem, loop, e, eps, run.times, active)
+        seen = seen_samples(setting.problem, loop, run.states[:, :cut], eps, run.times, active)
         return Outcome(run=run, samples=seen)
     xihat = np.zeros_like(xi) if setting.observer == WITHOUT else xi - eps
     return Outcome(run=run, samples=_samples(setting, run.states[:, :cut], xi, xihat, active))

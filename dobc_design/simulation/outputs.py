@@ -44,9 +44,12 @@ def off(problem: Problem, eps: Array) -> Array:
 
 
 def seen_samples(
-    problem: Problem, loop: ClosedLoop, e: Array, eps: Array, times: Array, active: Active
+    problem: Problem, loop: ClosedLoop, states: Array, eps: Array, times: Array, active: Active
 ) -> Samples:
-    """Of errors e (T, n, m) and eps (T, n, all) at times (T,): what is seen of the agents."""
+    """Of errors, flat and those of a leader after them, and eps (T, n, all) at times (T,): what is
+    seen of the agents."""
+    e, s = np.split(states, [loop.size], axis=1)
+    e = e.reshape(-1, loop.n, loop.m)
     n = loop.n
     xi = []
     xihat = []
@@ -65,6 +68,8 @@ def seen_samples(
         missed += own @ C.T
         first = after
     x = e + loop.goal
+    if loop.lead:
+        x = x + s[:, None]
     if is_estimated(problem.dynamics):
         x = x + off(problem, eps)
     dhat = d - missed
@@ -75,4 +80,5 @@ def seen_samples(
         d=d,
         dhat=dhat,
         u=loop.control(e, dhat, active),
+        leader=s if loop.lead else None,
     )

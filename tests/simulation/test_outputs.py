@@ -8,6 +8,7 @@ import pytest
 from measured import by_agent, floats
 from networks import network_of
 from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 
 import dobc_design as dd
 from dobc_design.conditions.observer.propose import with_observer
@@ -46,6 +47,7 @@ PROBLEMS = {
     "outputs": agents(coupling="2*y", **OUTPUTS),
     "curved": agents(coupling="tanh(2*y1 + 3*y2)"),
     "curved outputs": agents(coupling="tanh(y)", **OUTPUTS),
+    "leader": agents(target=[0, 0], leader={"initial": [[0, 1], [1, 1]]}, dynamics=DAMPED),
     "groups": agents(groups=GROUPS, simulation={"xi0": [START[0], [1], START[2]]}),
 }
 
@@ -74,14 +76,17 @@ def estimates_at_start(problem: dd.Problem, horizon: float) -> np.ndarray:
     return np.sum(off, axis=0)
 
 
-def reference(problem: dd.Problem, x: Any, xhat: Any, xi: Any, times: Any) -> tuple[Any, Any]:
-    """x (T, n, m) and dhat (T, n, p); ``xi`` and its estimate, 0 at first, by agent."""
+def reference(
+    problem: dd.Problem, x: Any, xhat: Any, xi: Any, times: Any, s: Any
+) -> tuple[Any, Any]:
+    """x (T, n, m) and dhat (T, n, p); ``xi`` and its estimate, 0 at first, by agent; the leader
+    starts at ``s``."""
     own = problem.dynamics
     A, B, H = floats(own.A), floats(own.B), floats(own.H)
     n, m = x.shape
     systems = by_agent(problem)
     cuts = np.cumsum([n * m, n * m, *map(len, xi), *map(len, xi)])[:-1]
-    goal = floats([problem.target])[0]
+    target = floats([problem.target])[0]
     u0 = floats([problem.input_at(problem.target)])[0]
     felt = H if own.acts_on else np.eye(m)
     K = {i: floats(gain) for i, gain in problem.pinning.gains.items()}
@@ -96,8 +101,9 @@ def reference(problem: dd.Problem, x: Any, xhat: Any, xi: Any, times: Any) -> tu
         positions, estimated, *rest = np.split(state, cuts)
         return positions.reshape(n, m), estimated.reshape(n, m), rest[:n], rest[n:]
 
-    def slope(_: float, state: Any) -> Any:
+    def slope(t: float, state: Any) -> Any:
         x, xhat, xi, xihat = parts(state)
+        goal = target if s is None else expm(A * t) @ s
         used = (x if own.acts_on else xhat) @ felt.T
         dx, dxhat, dxi, dxihat = [], [], [], []
         for i, (A_xi, C, W) in enumerate(systems):
@@ -132,7 +138,8 @@ def test_a_run_is_the_solution_for_states_and_estimates(name):
     assert np.abs(x - xhat).max() > 0.1
     assert not run.xihat[0].any()
     xi = [floats([row])[0] for row in problem.simulation.xi0]
-    wanted, dhat = reference(problem, x, xhat, xi, run.times)
+    s = None if problem.leader is None else run.leader[0]
+    wanted, dhat = reference(problem, x, xhat, xi, run.times, s)
     assert np.allclose(run.x, wanted, atol=1e-7)
     assert np.allclose(run.dhat, dhat, atol=1e-7)
 

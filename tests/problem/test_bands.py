@@ -6,6 +6,7 @@ from fractions import Fraction
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from problem_texts import CHAIN
 
 import dobc_design as dd
 from dobc_design import Problem
@@ -21,17 +22,7 @@ from dobc_design.problem.changes import changed_file, changed_problem, problem_t
 from dobc_design.problem.load import read_problem_text
 from dobc_design.problem.uncertainty import Uncertainty
 
-FILE = """
-[network]
-agents = 3
-arrow = "listens_to"
-modes.G = [[2, 1], [3, 2]]
-[coupling]
-h = "y"
-[pinning]
-gains = { 1 = 5 }
-[exosystem]
-"""
+FILE = CHAIN + "[exosystem]\n"
 HUM = "bands_hz = [[49.5, 50.5]]\namplitude = 2\n"
 WAVE = "bands = [[1.8, 2.2]]\namplitude = 0.5\n"
 
@@ -120,16 +111,16 @@ def test_every_way_to_write_a_problem_keeps_its_bands(bands, beside):
     assert canonical_document(problem)["version"] == 4
     spaces: dict[str, Problem] = {}
     exec(python_source(problem), spaces)  # noqa: S102 - what the package itself has written
-    again = (
-        problem_from_canonical(data),
-        read_problem_text(problem_text(problem).encode(), folder=None),
-        pickle.loads(pickle.dumps(problem)),
-        problem.replace(name=problem.name),
-        changed_problem(problem, {}),
-        spaces["problem"],
-    )
-    for other in again:
-        assert canonical_bytes(other) == data
+    written = problem_text(problem).encode()
+    again = {
+        "problem.json": problem_from_canonical(data),
+        "a file": read_problem_text(written, folder=None),
+        "a pickle": pickle.loads(pickle.dumps(problem)),
+        "a change": changed_problem(problem, {}),
+        "Python": spaces["problem"],
+    }
+    for way, other in again.items():
+        assert canonical_bytes(other) == data, way
 
 
 def test_a_change_of_a_gain_leaves_the_bands_as_they_were_written(tmp_path):

@@ -29,7 +29,7 @@ def id_for(loop: Loop) -> str:
 def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Claim:
     """What a proved check of this topic claims, for this problem."""
     alike = "R" in (check.exact or {})
-    names = [] if alike and loop.agrees else ["D", "w"]
+    names = [] if alike and (loop.agrees or loop.is_apart) else ["D", "w"]
     if alike:
         names += ["c", "R"]
     elif loop.groups:

@@ -32,6 +32,7 @@ from dobc_design.conditions.separable.propose import (
     first_certificate,
     flatter_plans,
 )
+from dobc_design.conditions.stated import stated_in
 from dobc_design.errors import SpecError, wrong
 from dobc_design.exact.interval import Interval, log, sqrt
 from dobc_design.exact.matrix import Matrix
@@ -293,6 +294,12 @@ def settling_stage(
     reason = obstacle(loop, case.W) or late_obstacle(loop, case.W)
     if reason is not None:
         return undecided(reason)
+    if stated_in(loop).absolute:
+        return undecided(
+            "what no exosystem generates acts for ever, so that |e| need not stay below the "
+            "tolerance; the check accuracy has the final bounds.",
+            applies=False,
+        )
     if loop.size > MOST_ROWS:
         return undecided(
             f"left out, because it takes long with {loop.size} rows n m; it is examined up to "

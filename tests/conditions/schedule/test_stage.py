@@ -357,3 +357,19 @@ def test_own_late_readings_leave_it_undecided_and_both_programs_refuse_a_forged_
     (forged,) = [x for x in certified().claims.checks if x.id == "settling"]
     data["checks"].append(forged.to_json())
     assert accepted_by(data, late) == (False, False)
+
+
+def test_nothing_settles_below_a_tolerance_where_something_acts_for_ever():
+    """What [uncertainty] says acts for ever; with a bound of 0 the time is proved."""
+    calm = cycle(3).replace(region={"initial_states": [-1, 1]})
+    assert settled(calm).is_proved
+    assert settled(calm.replace(uncertainty={"disturbance": 0})).is_proved
+    check = settled(calm.replace(uncertainty={"disturbance": "1/100"}))
+    assert check.verdict is Verdict.UNDECIDED
+    assert "acts for ever" in check.reason
+
+
+def settled(problem: dd.Problem) -> Check:
+    """The check of a settling time to 1/20."""
+    certificate = dd.certify(problem, settling="1/20")
+    return next(check for check in certificate.checks if check.id == "settling")

@@ -50,6 +50,7 @@ from dobc_design.loop.loop import Loop
 from dobc_design.loop.pairs import are_pairs, rows_of
 from dobc_design.loop.words import said_of
 from dobc_design.problem.network import Arcs
+from dobc_design.problem.uncertainty import BOUNDS
 from dobc_design.verdict import Verdict
 
 SHOWN = 6  # fixed nodes that a sentence names
@@ -128,7 +129,7 @@ def _proved(loop: Loop, checks: Checks, best: Check) -> Overall:
     model alone."""
     stated, open_tables = stated_in(loop), list(gaps(loop, checks))
     if open_tables:
-        without = " and ".join(_NAMES[id] for id in stated.wanted)
+        without = " and ".join(_name_of(loop, id) for id in stated.wanted)
         arrival = _arrival(loop, best, pace=best).replace("All", "all", 1)
         told = f"without {without} {arrival}"
         reasons = dict.fromkeys(gap.reason for gap in open_tables)
@@ -192,6 +193,14 @@ _NAMES = {
     ACCURACY: "[uncertainty]",
     READINGS: "late readings",
 }
+
+
+def _name_of(loop: Loop, id: str) -> str:
+    """The table that a check answers for."""
+    table = loop.uncertainty
+    if id == ACCURACY and loop.bands and not any(getattr(table, name) for name in BOUNDS):
+        return "the sines of exosystem.bands"
+    return _NAMES[id]
 
 
 def _preference(check: Check) -> tuple[bool, float, float]:

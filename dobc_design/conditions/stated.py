@@ -163,7 +163,12 @@ def _cure(loop: Loop, checks: Sequence[Check], id: str) -> str:
     # Smaller bounds would only scale what is proved.
     if id == ACCURACY and loop.is_linear:
         return "larger gains or more pinned agents"
-    return CURES[id] if loop.starts is not None else _CURES_NEAR[id]
+    cure = CURES[id] if loop.starts is not None else _CURES_NEAR[id]
+    if id == ACCURACY and loop.bands:
+        cure = cure.replace(
+            "smaller bounds", "a faster observer, more poles in bands, smaller bounds"
+        )
+    return cure
 
 
 def _holds_asked(loop: Loop, check: Check) -> bool:

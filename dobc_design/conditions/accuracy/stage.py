@@ -376,7 +376,7 @@ def accuracy_stage(case: Case, report: Progress) -> list[Check]:
 def _not_found(loop: Loop) -> str:
     """What is said where the search found nothing: of linear couplings bounds scale with the
     inputs, so that these cannot be too large."""
-    what = "no box is found that shrinks under the inputs of [uncertainty]"
+    what = "no box is found that shrinks under what acts for ever"
     if loop.is_linear:
         return (
             f"{what}: the search for its weights failed. The loop is linear, so that it is not "

@@ -1,13 +1,12 @@
 """Agents whose outputs are measured: known answers, twins that just fail, and random problems
 against eigenvalues of the whole loop (theory, section 18)."""
 
-from collections.abc import Iterable
 from fractions import Fraction
 from typing import Any
 
 import pytest
 import sympy as sp
-from measured import growth, random_problems
+from measured import mistaken, random_problems
 from networks import network_of
 
 from dobc_design import Exosystem, Observer, Problem, Verdict, certify, verify
@@ -101,30 +100,14 @@ def test_a_sine_that_the_plant_blocks_does_not_show():
     assert seen.verdict is Verdict.PROVED
 
 
-def compare(seeds: Iterable[int]) -> set[str]:
-    """Certify random problems; what was seen."""
-    seen = set()
-    for seed, problem in random_problems(seeds):
-        certificate = certify(problem)
-        by_mode = growth(certificate.problem)
-        fastest = max(by_mode.values())
-        seen.add(certificate.verdict.value)
-        if certificate.verdict is Verdict.PROVED:
-            assert fastest < 0, seed
-            assert not certificate.rate or certificate.rate <= -fastest + 1e-7, seed
-        elif certificate.verdict is Verdict.REFUTED and len(by_mode) == 1:
-            assert fastest > -1e-9, seed
-        assert verify(certificate, problem).holds, seed
-    return seen
-
-
 def test_some_random_problems_agree_with_the_eigenvalues_of_their_whole_loops():
-    assert compare((2, 6, 7, 15, 16)) == {"proved", "refuted", "undecided"}
-
-
-@pytest.mark.slow
-def test_random_problems_agree_with_the_eigenvalues_of_their_whole_loops():
-    assert compare(range(100)) == {"proved", "refuted", "undecided"}
+    """The evidence looks at 200 of them."""
+    seen = set()
+    for seed, problem in random_problems((2, 6, 7, 15, 16)):
+        certificate = certify(problem)
+        seen.add(certificate.verdict.value)
+        assert mistaken(certificate, problem) is None, seed
+    assert seen == {"proved", "refuted", "undecided"}
 
 
 def in_region(width: Any, off: Any, **more: Any) -> Problem:

@@ -20,6 +20,7 @@ from evidence import (
     margins,
     mutation,
     other_networks,
+    outputs,
     pinning,
     published,
     readings,
@@ -94,6 +95,7 @@ def _items() -> Iterator[Item]:
     yield Item("local", local.digraphs, 1000, 9200, share=50)
     yield Item("times", times.times, len(times.names()), 0, share=20)
     yield Item("linear-agents", local.linear_agents, 300, 0, share=60)
+    yield Item("outputs", outputs.run, 200, 0, share=20)
     yield Item("published", published.table, len(PUBLISHED), 0, share=5)
     # the count is runs, of 48 side by side
     yield Item("late-runs", readings.run, 10_000, 7, share=50)

@@ -9,7 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from dobc_design import Exosystem, Group, Network, Observer, Problem
+from dobc_design import (
+    Exosystem,
+    Group,
+    Network,
+    Observer,
+    Problem,
+    Verdict,
+    verify,
+)
+from dobc_design.certificate.certificate import Certificate
 from dobc_design.errors import SpecError
 from dobc_design.problem.dynamics import Dynamics
 
@@ -90,6 +99,23 @@ def growth(problem: Problem) -> dict[str, float]:
         M = whole_loop(problem, mode)
         found[mode] = float(np.max(np.linalg.eigvals(M).real)) if len(M) else -np.inf
     return found
+
+
+def mistaken(certificate: Certificate, problem: Problem) -> str | None:
+    """What a certificate says although the eigenvalues of the whole loop do not; None if
+    nothing."""
+    by_mode = growth(certificate.problem)
+    fastest = max(by_mode.values())
+    if not verify(certificate, problem).holds:
+        return "a claim is not confirmed"
+    if certificate.verdict is Verdict.PROVED:
+        if fastest >= 0:
+            return f"proved, and a mode grows like exp({fastest} t)"
+        if certificate.rate and certificate.rate > -fastest + 1e-7:
+            return f"a rate of {certificate.rate} in place of {-fastest}"
+    if certificate.verdict is Verdict.REFUTED and len(by_mode) == 1 and fastest < -1e-9:
+        return f"refuted, and everything decays like exp({fastest} t)"
+    return None
 
 
 def _matrix(random: Random, rows: int, columns: int, low: int, high: int) -> list[list[int]]:

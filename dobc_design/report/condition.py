@@ -104,7 +104,8 @@ def _size(found: Findings) -> Blocks:
     """How large the inequality is as it is printed, what is decided instead, and what a solver says
     of it where one was asked."""
     loop = loop_of(found.problem)
-    if not found.problem.has_target:
+    # Of measured outputs P alone is free: their gain is in F.
+    if not found.problem.has_target or loop.sensed:
         return
     if len(loop.groups) == 1 and not loop.is_grouped:
         m, q = loop.m, loop.groups[0].exosystem.order

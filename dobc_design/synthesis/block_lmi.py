@@ -58,6 +58,7 @@ def block_lmi(problem: Source, *, margin: Number | None = None, floor: Number = 
         'proved'
     """
     stated = load_problem(problem)
+    stated.require("the block matrix inequality")
     loop = loop_of(stated)
     require_theorems(loop)
     lowest = None if margin is None else float(parse_number(margin, key="margin"))

@@ -148,7 +148,8 @@ def test_a_changed_file_keeps_what_is_measured(tmp_path):
 def test_parts_that_do_not_know_outputs_say_so():
     """Also where no W is given."""
     problem = agents()
-    for run in (dd.build_model, dd.analyse, dd.design, dd.falsify, dd.export.to_control):
+    runs = (dd.build_model, dd.analyse, dd.design, dd.falsify, dd.export.to_control, dd.block_lmi)
+    for run in runs:
         with pytest.raises(SpecError, match=r"^dynamics\.H: .* does not know outputs"):
             run(problem)
 

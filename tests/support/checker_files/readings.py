@@ -43,7 +43,7 @@ from checker_files.separable import (
     separable,
     weights,
 )
-from checker_files.settling import LINE
+from checker_files.settling import LINE, PAID, SHARES, bent, last, settling, tube
 from dobc_design import Dynamics, Exosystem, Network, Observer, Problem, load_problem
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.conditions.kinds import KINDS
@@ -293,6 +293,17 @@ def made(name: str, code: int, what: str, *checks: Document, **overall: Any) -> 
 
 FORGER = Forger(made, title=lambda check: "with")
 holds, fails, wrong, each_wrong = FORGER.holds, FORGER.fails, FORGER.wrong, FORGER.each_wrong
+
+
+#: Boxes that stay as they are hold with late readings, too; what takes over is of the same instant.
+#: |e|^2 <= 2, and 1 + 2 ln 14.15 = 6.299; or V never rises.
+STILL = tube("0 1", "1 1; 1 1")
+ARCS = last("arc-wise", SHARES | {"level": "2.1"}, "1.415", "1")
+GRAPHS = last("schedule", {"phases": [], "rate": None, "rho": None}, "1", "1")
+RESTING = {
+    "arcs": bent(PAID, tube=STILL, last=ARCS, time="6.3"),
+    "graphs": settling(box(1), "1", "1", STILL, GRAPHS),
+}
 
 
 @collected
@@ -572,6 +583,8 @@ def _others() -> Iterator[Case]:
     yield fails("nodes", "their own", there, flow, late_nodes)
     yield fails("limited", "not counted", wide, **UNDECIDED)
     yield fails("line, late", "a tube", LINE, **UNDECIDED)
+    for what, check in RESTING.items():
+        yield fails("line, late", f"boxes at rest, then {what}", check, **UNDECIDED)
     # pairs: 1 of each agent
     ones = "1 1 1 1 1 1"
     rings = readings(GLOBAL, 1, ones, "1")

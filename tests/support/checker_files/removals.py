@@ -64,6 +64,8 @@ FIRST["examine"] = dynamics_cases, cases
 #: Of these checks the cases that notice them, wherever they stand.
 NOTICE = {"not case.gap": (containment_cases,)}
 NOTICE["case.timing is None"] = (readings_cases,)
+NOTICE["case.timing is None or not instant"] = (readings_cases,)
+NOTICE["bool(claim.late) == (case.timing is not None)"] = (readings_cases,)
 NOTICE["not case.matched or exact.weights == 0"] = (agreement_cases,)
 NOTICE["not (case.agrees or case.gap)"] = (agreement_cases,)
 #: Removals that no case can notice, each with the reason.

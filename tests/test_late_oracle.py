@@ -46,6 +46,7 @@ def test_one_agent_with_a_late_reading_of_itself_diverges_from_pi_over_two_on(si
     assert (after(plant, continuous(0, sigma, 0, fastest=1.0), 150) > 1) is grows
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("tau", "grows"), [(0.2, False), (0.25, True)])
 def test_the_linearised_paper_diverges_from_its_exact_margin_on(tau, grows):
     """0.222832 (theory, section 15)."""

@@ -112,6 +112,7 @@ def test_slopes_and_gain_may_add_up_to_one_over_e_delay():
     assert "slopes and gains of an agent add up to 6 1/s" in later.reason
 
 
+@pytest.mark.slow
 def test_a_disturbed_network_is_proved_and_keeps_its_bound():
     """From corners of the region, with the largest error and several phases of the disturbance."""
     certificate = dd.certify(watched())

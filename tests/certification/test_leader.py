@@ -199,6 +199,7 @@ box_of(["-3.1", "2.7"], [-3, "4.5"])
 box_of(["-3.11", "2.7"], [-3, "4.5"], (1, False))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("box", "left"), BOXES)
 def test_a_box_is_invariant_where_f_points_inwards_on_its_faces(box: Any, left: Any):
     """The twin that just fails is left by a solution that begins at a corner."""

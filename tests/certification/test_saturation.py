@@ -183,6 +183,7 @@ def test_late_and_held_pins_cost_nothing_until_slopes_and_gain_overshoot(
     assert "slopes and gains of an agent add up to 6 1/s" in late.reason
 
 
+@pytest.mark.slow
 def test_on_a_processor_the_room_is_the_limit_less_the_largest_error_at_the_samples():
     """sup |C_d F_d^k| by powers in NumPy; with |d| = 1/2 half of that takes all of a limit."""
     period = 0.1

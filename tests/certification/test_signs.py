@@ -210,6 +210,7 @@ def test_a_coupling_that_is_not_odd_is_mirrored_on_the_second_side():
     assert ended == pytest.approx(mirror * [1, -1, -1], rel=1e-6)
 
 
+@pytest.mark.slow
 def test_agents_without_pins_meet_at_zero_from_a_region_by_signs_that_do_not_balance():
     """Whoever is far from 0 holds its opposite back: by the graphs of the double cover, for
     couplings that rise, for one graph and for graphs in turn."""
@@ -411,6 +412,7 @@ def forged(found: tuple[dd.Problem, dict[str, Any]], change: Any) -> list[str]:
     return [words for holds, words in said if not holds]
 
 
+@pytest.mark.slow
 def test_unlike_faces_of_a_tube_are_refused_where_agents_oppose_others(settled: Any):
     def change(checks: Any) -> None:
         tube = checks["settling"]["exact"]["tube"]

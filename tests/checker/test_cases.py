@@ -54,7 +54,16 @@ COUNTS: dict[Callable[[], list[Case]], tuple[int, int, int]] = {
 }
 
 
-@pytest.mark.parametrize(("some", "least"), COUNTS.items())
+SLOW = (margins_cases, containment_cases)
+
+
+@pytest.mark.parametrize(
+    ("some", "least"),
+    [
+        pytest.param(some, least, marks=pytest.mark.slow if some in SLOW else [])
+        for some, least in COUNTS.items()
+    ],
+)
 def test_every_case_gets_its_exit_code(some: Callable[[], list[Case]], least: tuple[int, int, int]):
     """Claims whose truth is known, and twins that just fail in one place each."""
     assert misjudged(some()) == []
@@ -70,7 +79,14 @@ def test_every_problem_of_the_weighted_cases_is_used():
 FINE = [pytest.param(some, True, marks=pytest.mark.slow) for some in (tube_cases, cycles_cases)]
 
 
-@pytest.mark.parametrize(("some", "fine"), [*((some, False) for some in COUNTS), *FINE])
+#: Of the others the package's own tests say most.
+QUICK = (cases, agreement_cases, graphs_cases, groups_cases, bands_cases, outputs_cases)
+BY_PACKAGE = [
+    pytest.param(some, False, marks=[] if some in QUICK else pytest.mark.slow) for some in COUNTS
+]
+
+
+@pytest.mark.parametrize(("some", "fine"), [*BY_PACKAGE, *FINE])
 def test_the_package_says_the_same(
     some: Callable[[], list[Case]], fine: bool, monkeypatch: pytest.MonkeyPatch
 ):

@@ -376,6 +376,7 @@ def test_a_quadratic_proof_of_stronger_pins_is_refused_for_weaker_ones():
     assert confirm(kept, trust(claims, loop_of(weak))) is not None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("id", ["max-separable", "tolerance", "accuracy", "lemma1", "delay"])
 def test_proofs_of_stronger_pins_are_refused_for_weaker_ones(id: str):
     """The same claims, with the hash of a problem whose pin in G2 is a hundredth."""

@@ -156,6 +156,7 @@ def test_a_forged_value_is_refused_by_both_programs(forged: dict):
     assert not any("disagree" in failure for failure in again.failures)
 
 
+@pytest.mark.slow
 def test_a_value_is_written_read_back_and_claimed_only_where_agreement_is_proved():
     problem = agents("tanh(y)")
     certificate = certified(problem)

@@ -124,6 +124,7 @@ def test_no_cell_is_left_out_where_floats_next_to_the_edge_of_one_are_rounded_ac
 DRAWS = 2  # of arcs of each function
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("text", FUNCTIONS)
 def test_what_is_shown_of_arcs_holds_on_a_grid_and_what_has_room_there_is_shown(text: str):
     """a as low as a dense grid of the disc allows, and 0.02 lower or higher."""

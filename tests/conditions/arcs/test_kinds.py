@@ -133,6 +133,7 @@ BY_HAND: dict[str, list[Any]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", BY_HAND)
 def test_where_no_search_for_failures_helps_v_falls_on_samples_of_its_set(name: str):
     claim = proved(name).claim

@@ -239,6 +239,7 @@ def settled(delay: str) -> tuple[Check, Loop]:
     return stage.settling_stage(case, tolerance=F(1, 10), report=lambda text: None), loop
 
 
+@pytest.mark.slow
 def test_a_box_that_moves_holds_for_shorter_delays_alone():
     check, loop = settled("1/5")
     assert check.verdict is Verdict.PROVED

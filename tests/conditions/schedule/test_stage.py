@@ -359,6 +359,7 @@ def test_own_late_readings_leave_it_undecided_and_both_programs_refuse_a_forged_
     assert accepted_by(data, late) == (False, False)
 
 
+@pytest.mark.slow
 def test_nothing_settles_below_a_tolerance_where_something_acts_for_ever():
     """What [uncertainty] says acts for ever; with a bound of 0 the time is proved."""
     calm = cycle(3).replace(region={"initial_states": [-1, 1]})

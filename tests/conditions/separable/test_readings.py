@@ -352,6 +352,7 @@ def test_a_verdict_names_the_errors_of_weights_that_its_readings_count():
     assert said in certificate.reason
 
 
+@pytest.mark.slow
 def test_only_a_proof_with_late_readings_covers_a_region_where_they_are_stated():
     problem = dd.Problem(
         network=dd.Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to"),

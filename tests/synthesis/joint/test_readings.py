@@ -34,6 +34,7 @@ def both_programs_accept(found: dd.Design) -> bool:
     return again.holds and again.lone_checker == "it accepts every claim"
 
 
+@pytest.mark.slow
 def test_gains_of_a_processor_keep_q_t_at_most_1():
     """Theory, section 15: with d = 0 the limit is Q T <= 1.  T = 0.6 leaves a gain of 2/3 beside
     one arc of slope 1; without the table the same request takes a larger one."""

@@ -53,6 +53,7 @@ def test_it_covers_a_region_for_which_no_common_box_exists():
     assert verify(certificate, rows()).holds
 
 
+@pytest.mark.slow
 @only(separable_stage, arcs_stage)
 def test_it_answers_for_weights_and_gains_that_err_and_a_limit_stays_open_beside_it():
     """Of inputs it says nothing."""

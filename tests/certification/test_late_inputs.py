@@ -96,6 +96,7 @@ def test_the_residual_is_the_error_of_then_carried_on_and_runs_are_those_of_a_bu
     assert not run.u[0].any()
 
 
+@pytest.mark.slow
 def test_slopes_and_gain_may_add_up_to_one_over_e_delay():
     """6 delay <= 1/e: 0.06131 s; nothing decays before the first input acts, so that the factor is
     at least exp(rate delay)."""

@@ -95,10 +95,10 @@ def _items() -> Iterator[Item]:
     yield Item("local", local.digraphs, 1000, 9200, share=50)
     yield Item("times", times.times, len(times.names()), 0, share=20)
     yield Item("linear-agents", local.linear_agents, 300, 0, share=60)
-    yield Item("outputs", outputs.run, 200, 0, share=20)
-    yield Item("published", published.table, len(PUBLISHED), 0, share=5)
+    yield Item("outputs", outputs.run, 200, 0, share=40)
+    yield Item("published", published.table, len(PUBLISHED), 0, share=10)
     # the count is runs, of 48 side by side
-    yield Item("late-runs", readings.run, 10_000, 7, share=50)
+    yield Item("late-runs", readings.run, 10_000, 7, share=100)
     yield Item("late-beyond", readings.beyond, 30, 0)
     yield Item("late-margins", readings.margins, 30, 0)
     # the count is samples

@@ -109,6 +109,7 @@ def test_the_load_is_added_to_what_uncertainty_states():
     assert found[0] == pytest.approx((0.233276 + LOAD) / 5, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_inputs_compensate_the_sines_too():
     """|u_3| <= |d| + the sine + what is left of it + the error of the estimate."""
     text = f"{BOX}[actuators]\nlimit = 9\namplitude = 1"

@@ -255,6 +255,7 @@ def test_a_box_that_moves_holds_for_shorter_delays_alone():
     assert "must be late" in why_not_settled(loop, None, instant)
 
 
+@pytest.mark.slow
 def test_readings_of_before_have_to_lie_in_the_level_set_that_takes_over():
     """The last box does, the boxes of the delay before do not."""
     check, loop = settled("1/5")

@@ -293,8 +293,8 @@ def _network(one: Mapping[str, Any], other: Mapping[str, Any]) -> Iterator[Diffe
             yield from _mode(key, _arcs(first), _arcs(second))
 
 
-def _count(arcs: Sequence[Any] | None) -> str:
-    return ABSENT if arcs is None else f"{len(arcs)} arcs"
+def _count(mode: Any) -> str:
+    return ABSENT if mode is None else f"{len(_arcs(mode))} arcs"
 
 
 def _mode(key: str, first: Mapping[str, str], second: Mapping[str, str]) -> Iterator[Difference]:
@@ -309,12 +309,18 @@ def _mode(key: str, first: Mapping[str, str], second: Mapping[str, str]) -> Iter
     yield f"{key}: arcs that differ", _listed(only_first), _listed(only_second)
 
 
-def _arcs(arcs: Sequence[Any]) -> dict[str, str]:
-    """Arcs by the names of their ends."""
+def _arcs(mode: Any) -> dict[str, str]:
+    """The arcs of a mode by the names of their ends; a mode with optional ones is a table."""
+    sure, optional = mode, []
+    if isinstance(mode, Mapping):
+        sure, optional = mode["arcs"], mode["optional"]
     named: dict[str, str] = {}
-    for listener, speaker, *weight in arcs:
-        name = f"{listener} listens to {speaker}"
-        named[name] = f"weight {weight[0]}" if weight else "there"
+    for arcs, there in ((sure, "there"), (optional, "optional")):
+        for listener, speaker, *weight in arcs:
+            what = [f"weight {weight[0]}"] if weight else []
+            if not what or there == "optional":
+                what.insert(0, there)
+            named[f"{listener} listens to {speaker}"] = ", ".join(what)
     return named
 
 

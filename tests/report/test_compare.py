@@ -3,6 +3,7 @@ out of its cell."""
 
 import dataclasses
 import re
+from functools import partial
 
 import pytest
 from reports import Page, compare_html, compare_markdown
@@ -94,6 +95,16 @@ def test_many_arcs_and_whole_modes_are_counted(problem_with):
     assert mode == ("network.modes.only", "10 arcs", "–")
     assert arcs[1].startswith("10: 1 listens to 2, 2 listens to 3")
     assert arcs[2].startswith("10: 2 listens to 1")
+
+
+def test_arcs_that_may_be_absent_are_told_from_those_that_are_there(problem_with):
+    arcs = ring(10)
+    make = partial(Network.from_arcs, arrow="listens_to", agents=10)
+    one = problem_with(network=make({"G": arcs}))
+    other = problem_with(network=make({"G": arcs[1:]}, optional={"G": arcs[:1]}))
+    (arc,), count = differences(one, other)
+    assert count == 1
+    assert arc == ("network.modes.G: 1 listens to 2", "there", "optional")
 
 
 @pytest.mark.parametrize(

@@ -8,32 +8,23 @@ import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-from typer import Exit, Option
+from typer import Exit
 
 from dobc_design.errors import refused, wrong
 
 from .output import (
     EXIT,
     PIPED,
-    CertificateFolder,
     Document,
-    File,
-    Json,
     Progress,
-    Quiet,
-    Search,
     Stage,
-    TimeLimit,
-    Tolerance,
-    Verbose,
     certificate_folder,
     certify_it,
     check_target,
     document_table,
     folder_name,
-    ids,
     json_bytes,
     load_problem,
     make_console,
@@ -72,50 +63,22 @@ MOST_MODES = 4  # that are named in one row
 
 
 def certify(
-    file: File,
-    out: CertificateFolder = None,
-    everything: Annotated[
-        bool, Option("--all", help="Run every condition, also when one suffices.")
-    ] = False,
-    theorem: Annotated[
-        str | None,
-        Option(
-            metavar="ID",
-            help="Show and judge only this condition, e.g. lemma1.",
-            autocompletion=ids,
-        ),
-    ] = None,
-    settling: Tolerance = None,
-    settling_radius: Annotated[
-        str | None,
-        Option(metavar="R", help="That time from all |e_i(0)| <= R; default: the [region]."),
-    ] = None,
-    settling_disturbance: Annotated[
-        str | None,
-        Option(metavar="S", help="... and |eps_i(0)| <= S; default: the [region]."),
-    ] = None,
-    rate: Annotated[
-        str | None,
-        Option(
-            metavar="NUMBER",
-            help="Look for proofs with at least this rate, 1/s; default: what reaches 1 % first.",
-        ),
-    ] = None,
-    time_limit: TimeLimit = None,
-    search: Search = False,
-    report: Annotated[
-        bool, Option("--report/--no-report", help="Write report.html and report.md.")
-    ] = True,
-    apply_fix: Annotated[
-        Path | None,
-        Option("--apply-fix", help="Write the cured problem here, a new .toml file."),
-    ] = None,
-    force: Annotated[
-        bool, Option("--force", help="Replace the cured file, or another problem's folder.")
-    ] = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-    as_json: Json = False,
+    file: str,
+    out: Path | None = None,
+    everything: bool = False,
+    theorem: str | None = None,
+    settling: str | None = None,
+    settling_radius: str | None = None,
+    settling_disturbance: str | None = None,
+    rate: str | None = None,
+    time_limit: str | None = None,
+    search: bool = False,
+    report: bool = True,
+    apply_fix: Path | None = None,
+    force: bool = False,
+    quiet: bool = False,
+    verbose: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Decide every condition exactly; write certificate.json, problem.json and the report."""
     from dobc_design.exact.work import read_time_limit, until
@@ -305,19 +268,15 @@ def _places(written: _Written, file: str, problem: Problem) -> Iterator[str]:
 
 
 def region(
-    file: File,
-    out: CertificateFolder = None,
-    everything: Annotated[
-        bool, Option("--all", help="Try every method, even if one suffices.")
-    ] = False,
-    settling: Tolerance = None,
-    search: Search = False,
-    force: Annotated[
-        bool, Option("--force", help="Replace files in the folder of another problem.")
-    ] = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-    as_json: Json = False,
+    file: str,
+    out: Path | None = None,
+    everything: bool = False,
+    settling: str | None = None,
+    search: bool = False,
+    force: bool = False,
+    quiet: bool = False,
+    verbose: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Say from which starts consensus is proved: numbers and a picture, without a report."""
     from dobc_design.certificate.files import write_folder

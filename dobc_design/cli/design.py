@@ -5,9 +5,9 @@ from __future__ import annotations
 import shlex
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-from typer import Exit, Option
+from typer import Exit
 
 from dobc_design.cli import output
 
@@ -25,67 +25,22 @@ MOST_DIGITS = 10  # of a number of pins; a longer one is no number of agents
 
 
 def design(
-    file: output.File,
-    out: Annotated[
-        Path | None,
-        Option(help="Write the designed problem here, a new .toml file; default: standard output."),
-    ] = None,
-    rate: Annotated[
-        str | None,
-        Option(
-            metavar="NUMBER",
-            help="The certified decay rate to be reached, in 1/s; default: that of the file.",
-        ),
-    ] = None,
-    pins: Annotated[
-        str | None,
-        Option(
-            metavar="NUMBER",
-            help="Most pinned agents; default: the fewest without very large gains.",
-        ),
-    ] = None,
-    max_gain: Annotated[
-        str | None,
-        Option("--max-gain", metavar="NUMBER", help="The largest pinning gain, in 1/s."),
-    ] = None,
-    noise: Annotated[
-        str | None,
-        Option(
-            metavar="NUMBER",
-            help="Bound on the gain from measurement noise to the estimated disturbance, in 1/s.",
-        ),
-    ] = None,
-    allowed: Annotated[
-        list[str] | None,
-        Option(
-            metavar="LABELS",
-            help="Labels of agents that may be pinned, with commas; may be repeated.",
-        ),
-    ] = None,
-    digits: Annotated[int, Option(help="Significant digits of W and of the gains.")] = DIGITS,
-    keep_exosystem: Annotated[
-        bool,
-        Option("--keep-exosystem", help="Never replace the exosystem by its observable part."),
-    ] = False,
-    conservative: Annotated[
-        bool,
-        Option(
-            "--conservative",
-            help="Without a region: gains for V = e'e, not for the true local rate.",
-        ),
-    ] = False,
-    coupling: Annotated[
-        bool,
-        Option("--coupling", help="Design the coupling, too (agents with [dynamics] only)."),
-    ] = False,
-    further: Annotated[
-        int | None,
-        Option(help="How many further pins get a price; default: 2, none beyond 60 agents."),
-    ] = None,
-    force: Annotated[bool, Option("--force", help="Overwrite the file of --out.")] = False,
-    quiet: output.Quiet = False,
-    verbose: output.Verbose = False,
-    as_json: output.Json = False,
+    file: str,
+    out: Path | None = None,
+    rate: str | None = None,
+    pins: str | None = None,
+    max_gain: str | None = None,
+    noise: str | None = None,
+    allowed: list[str] | None = None,
+    digits: int = DIGITS,
+    keep_exosystem: bool = False,
+    conservative: bool = False,
+    coupling: bool = False,
+    further: int | None = None,
+    force: bool = False,
+    quiet: bool = False,
+    verbose: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Design observer gain, pinned agents and gains with a proof, or prove that the request is
     impossible."""

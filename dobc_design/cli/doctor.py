@@ -17,7 +17,7 @@ from typing import NamedTuple
 from dobc_design import __version__
 from dobc_design.errors import DobcError
 
-from .output import Json, print_json, say
+from .output import print_json, say
 
 CORE, PROGRAMS = "core", "programs"
 DEVELOPERS = ("dev", "docs")  # extras that users do not miss
@@ -72,7 +72,7 @@ class Item(NamedTuple):
     install: str | None = None
 
 
-def doctor(as_json: Json = False) -> None:
+def doctor(as_json: bool = False) -> None:
     """Say what is installed, what is missing and how to install it, and whether the main path
     works."""
     items = examine()

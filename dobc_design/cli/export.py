@@ -2,20 +2,15 @@
 
 import shlex
 from pathlib import Path
-from typing import Annotated
-
-from typer import Argument, Option
 
 from dobc_design._checks import noun
 from dobc_design.errors import refused
 
 from .output import (
     Document,
-    Json,
     Progress,
     Stage,
     check_target,
-    in_groups,
     load_problem,
     naming_options,
     print_json,
@@ -42,54 +37,25 @@ BELONGS = {
 class Targets:
     """What is written, and where to; exactly one of them."""
 
-    c: Annotated[
-        Path | None,
-        Option(metavar="FOLDER", help="Write C99 of the sampled agents into this folder."),
-    ] = None
-    fmu: Annotated[Path | None, Option(help="Write one agent as an FMU (FMI 3.0).")] = None
-    sdpa: Annotated[Path | None, Option(help="Write the LMI for any SDP solver (.dat-s).")] = None
-    python_control: Annotated[
-        Path | None,
-        Option(help="Write the loop as a Python file for python-control."),
-    ] = None
-    rocq: Annotated[
-        Path | None,
-        Option(help="Write the proof as a Rocq (Coq) file: of all motions, or of --theorem."),
-    ] = None
+    c: Path | None = None
+    fmu: Path | None = None
+    sdpa: Path | None = None
+    python_control: Path | None = None
+    rocq: Path | None = None
 
 
 @noun
 class Asked:
     """The options beside the target."""
 
-    period: Annotated[
-        str | None,
-        Option(metavar="SECONDS", help="With --c, --fmu: sampling period; or that of [processor]."),
-    ] = None
-    precision: Annotated[str | None, Option(help="With --c: double (default) or float.")] = None
-    agent: Annotated[
-        str | None,
-        Option(metavar="LABEL", help="With --c, --fmu: only the agent of this label."),
-    ] = None
-    certificate: Annotated[
-        Path | None,
-        Option(metavar="CERT", help="With --c: say whether this certificate proves the period."),
-    ] = None
-    problem: Annotated[
-        str | None,
-        Option(metavar="FILE", help="With --rocq: problem; default problem.json beside it."),
-    ] = None
-    rate: Annotated[bool, Option("--rate", help="With --rocq: also state the certified rate.")] = (
-        False
-    )
-    theorem: Annotated[
-        bool,
-        Option(
-            "--theorem",
-            help="With --rocq: Theorem 1, 2 or Lemma 1, not the motions in the box of starts.",
-        ),
-    ] = False
-    force: Annotated[bool, Option("--force", help="Overwrite what is there.")] = False
+    period: str | None = None
+    precision: str | None = None
+    agent: str | None = None
+    certificate: Path | None = None
+    problem: str | None = None
+    rate: bool = False
+    theorem: bool = False
+    force: bool = False
 
     def require_for(self, target: str) -> None:
         """Refuse options that the target has no use for: they would be a misunderstanding."""
@@ -105,18 +71,11 @@ class Asked:
 Exported = tuple[Document, str]
 
 
-@in_groups
 def export(
-    file: Annotated[
-        str,
-        Argument(
-            metavar="FILE",
-            help="For --rocq a certificate.json or its folder, else a problem.",
-        ),
-    ],
+    file: str,
     targets: Targets,
     asked: Asked,
-    as_json: Json = False,
+    as_json: bool = False,
 ) -> None:
     """Write C code, an FMU, the LMI for other solvers, a python-control file, or a proof for Rocq
     (Coq 8.16)."""

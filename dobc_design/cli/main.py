@@ -22,7 +22,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
-from typer import Argument, CallbackParam, Context, Exit, Option, Typer
+from typer import CallbackParam, Context, Exit, Option, Typer
 from typer.core import TyperCommand
 from typer.main import get_command
 
@@ -47,15 +47,13 @@ from .output import (
     MISTAKE,
     NOT_READ,
     Document,
-    File,
-    Json,
     NobodyReads,
     NoOutput,
     Progress,
     check_target,
     complain,
+    described,
     fail,
-    ids,
     load_problem,
     print_json,
     read_certificate,
@@ -177,7 +175,7 @@ def options(
     """Certify disturbance-observer-based consensus control: from a problem file to a proof."""
 
 
-def problems(as_json: Json = False) -> None:
+def problems(as_json: bool = False) -> None:
     """List the built-in problems."""
     from dobc_design.problem.load import builtin_names, builtin_summary
 
@@ -190,10 +188,10 @@ def problems(as_json: Json = False) -> None:
 
 
 def check(
-    file: File,
-    canonical: Annotated[Path | None, Option(help="Write the canonical problem.json here.")] = None,
-    force: Annotated[bool, Option("--force", help="Overwrite --canonical.")] = False,
-    as_json: Json = False,
+    file: str,
+    canonical: Path | None = None,
+    force: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Validate a problem and say in words what it means."""
     from dobc_design.description.words import describe, facts
@@ -213,21 +211,10 @@ def check(
 
 
 def verify(
-    certificate: Annotated[
-        Path, Argument(metavar="CERT", help="certificate.json, or the folder it lies in.")
-    ],
-    problem: Annotated[
-        str,
-        Option(metavar="FILE", help="The trusted problem: TOML, problem.json or a built-in name."),
-    ],
-    rocq: Annotated[
-        bool,
-        Option(
-            "--rocq",
-            help="Let Coq check that every motion converges; writes proof.v and the report.",
-        ),
-    ] = False,
-    as_json: Json = False,
+    certificate: Path,
+    problem: str,
+    rocq: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Check every claim of a certificate against the trusted problem, exactly."""
     from dobc_design.certification.certify import verify as run
@@ -282,15 +269,8 @@ def _let_coq_check(path: Path, problem: Problem) -> Judgement:
 
 
 def explain(
-    id: Annotated[
-        str | None,
-        Argument(
-            metavar="ID",
-            help="The id of a check, e.g. theorem1; without it all are listed.",
-            autocompletion=ids,
-        ),
-    ] = None,
-    as_json: Json = False,
+    id: str | None = None,
+    as_json: bool = False,
 ) -> None:
     """Say what a condition means: the theorem in words."""
     from difflib import get_close_matches
@@ -324,7 +304,7 @@ def explain(
     say(f"\n{text.meaning}\nSource: {text.source}")
 
 
-def schema(as_json: Json = True) -> None:
+def schema(as_json: bool = True) -> None:
     """Print the JSON Schema of the problem file."""
     from dobc_design.problem.schema import json_schema
 
@@ -349,7 +329,7 @@ for _command in (
     schema,
     doctor.doctor,
 ):
-    app.command(cls=_Command)(_command)
+    app.command(cls=_Command)(described(_command))
 
 
 def _guarded(run: Callable[[], Any], *, as_json: bool) -> int:

@@ -11,13 +11,11 @@ import shlex
 from collections.abc import Iterable
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-from typer import Argument, Option
+from typing import TYPE_CHECKING
 
 from dobc_design.errors import refused
 
-from .output import Json, print_json, require_folder, say
+from .output import print_json, require_folder, say
 
 if TYPE_CHECKING:
     from dobc_design.problem.problem import Problem
@@ -28,38 +26,14 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
 
 
 def new(
-    name: Annotated[
-        str,
-        Argument(metavar="NAME", help="Name of the problem, of its files and of the folder."),
-    ],
-    source: Annotated[
-        Path | None,
-        Option(
-            "--from",
-            help="Make the problem from a MATPOWER case (.m), a pandapower network (.json) or arcs"
-            " (.csv, .edges, .graphml, .gml, .net, .mtx; needs --arrow).",
-        ),
-    ] = None,
-    arrow: Annotated[
-        str | None,
-        Option(help="With --from: what an arc [a, b] means, listens_to or sends_to."),
-    ] = None,
-    merge: Annotated[
-        str | None,
-        Option(help='With --from: "sum" adds the weights of parallel arcs.', metavar="sum"),
-    ] = None,
-    drop_loops: Annotated[
-        bool,
-        Option("--drop-loops", help="With --from: leave out arcs from an agent to itself."),
-    ] = False,
-    negative: Annotated[
-        str | None,
-        Option(help="With --from: what negative weights mean, opposes or repels."),
-    ] = None,
-    out: Annotated[
-        Path | None, Option(metavar="FOLDER", help="Folder for the files; default ./NAME.")
-    ] = None,
-    as_json: Json = False,
+    name: str,
+    source: Path | None = None,
+    arrow: str | None = None,
+    merge: str | None = None,
+    drop_loops: bool = False,
+    negative: str | None = None,
+    out: Path | None = None,
+    as_json: bool = False,
 ) -> None:
     """Start a project: write a problem file to edit, a notebook and a test. All three work without
     changes."""

@@ -8,12 +8,14 @@ import os
 import shlex
 import sys
 import time
+import tomllib
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
+from importlib.resources import files
 from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option, echo
 
@@ -75,53 +77,29 @@ def ids(incomplete: str) -> list[str]:
 
 Stage = Callable[[str], None]  # told of every stage of long work
 Document = dict[str, Any]  # what --json prints
-Json = Annotated[bool, Option("--json", help="One JSON document on standard output.")]
-Quiet = Annotated[
-    bool, Option("--quiet", "-q", help="Print errors only; the exit code is the answer.")
-]
-Verbose = Annotated[
-    bool, Option("--verbose", "-v", help="Every stage as a line on standard error.")
-]
-File = Annotated[
-    str,
-    Argument(
-        metavar="FILE",
-        help="A problem file, or the name of a built-in problem.",
-        autocompletion=problem_names,
-    ),
-]
-CertificateFolder = Annotated[
-    Path | None,
-    Option(metavar="FOLDER", help="Folder for the files; default ./NAME-certificate."),
-]
-Tolerance = Annotated[
-    str | None,
-    Option(metavar="TOL", help="Also prove a time from which every |e_i| stays below TOL."),
-]
-TimeLimit = Annotated[
-    str | None,
-    Option(metavar="SECONDS", help="Skip or stop stages that would take longer."),
-]
-Search = Annotated[bool, Option("--search", help="Also look for starts that do not converge.")]
+#: What help says of every option, and what it is called.
+_SAID: Document = tomllib.loads((files("dobc_design.cli") / "options.toml").read_text("utf-8"))
+_COMPLETED = {"file": problem_names, "id": ids, "theorem": ids}
 
 
-def in_groups(command: Callable[..., None]) -> Callable[..., None]:
-    """The command as typer reads it: in place of every parameter that is a frozen dataclass stand
-    its fields.
+def described(command: Callable[..., None]) -> Callable[..., None]:
+    """The command as typer reads it: with what ``options.toml`` says of its parameters, and in
+    place of every parameter that is a frozen dataclass its fields.
 
-    A field is written as an option is, with ``Annotated`` and a default.  Only what the groups
-    check by themselves can fail when they are made, and a SpecError is then told as one of the
-    command.
+    Only what such groups check by themselves can fail when they are made, and a SpecError is then
+    told as one of the command.
     """
-    taken = signature(command, eval_str=True).parameters
     groups: dict[str, Any] = {}
     options: list[Parameter] = []
-    for name, parameter in taken.items():
-        if is_dataclass(parameter.annotation):
-            groups[name] = parameter.annotation
-            options += _options_of(parameter.annotation)
+    for name, parameter in signature(command, eval_str=True).parameters.items():
+        noun: type[Any] = parameter.annotation
+        if is_dataclass(noun):
+            groups[name] = noun
+            file = noun.__module__.rpartition(".")[2]
+            for each in signature(noun, eval_str=True).parameters.values():
+                options.append(_described(each, file))
         else:
-            options.append(parameter.replace(kind=Parameter.KEYWORD_ONLY))
+            options.append(_described(parameter, command.__name__))
 
     def run(**given: Any) -> None:
         for name, noun in groups.items():
@@ -138,13 +116,22 @@ def in_groups(command: Callable[..., None]) -> Callable[..., None]:
     return run
 
 
-def _options_of(noun: Any) -> list[Parameter]:
-    """The fields of a group as parameters."""
-    types, kind = get_type_hints(noun, include_extras=True), Parameter.KEYWORD_ONLY
-    return [
-        Parameter(each.name, kind, default=each.default, annotation=types[each.name])
-        for each in fields(noun)
-    ]
+def _described(parameter: Parameter, owner: str) -> Parameter:
+    """A parameter of a command, or of the file that has a group of them, with what help says."""
+    name, own = parameter.name, parameter.annotation
+    completed = None if own is bool else _COMPLETED.get(name)
+    said = _said("options", owner, name)
+    if said is None:
+        info: Any = Argument(**_said("arguments", owner, name), autocompletion=completed)
+    else:
+        flags = _SAID["flags"].get(name, [f"--{name.replace('_', '-')}"])
+        info = Option(*flags, **said, autocompletion=completed)
+    return parameter.replace(kind=Parameter.KEYWORD_ONLY, annotation=Annotated[own, info])
+
+
+def _said(kind: str, owner: str, name: str) -> Any:
+    tables = _SAID[kind]
+    return tables.get(owner, {}).get(name) or tables["every"].get(name)
 
 
 class NoOutput(Exception):

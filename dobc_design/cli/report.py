@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-from typer import Argument, Exit, Option
+from typer import Exit
 
 from dobc_design._checks import noun
 from dobc_design.errors import CertificateError, refused
@@ -16,15 +16,11 @@ from dobc_design.loop.make import loop_of
 from .output import (
     MISTAKE,
     Document,
-    Json,
     Progress,
-    Quiet,
     Stage,
-    Verbose,
     check_target,
     fail,
     folder_name,
-    in_groups,
     load_problem,
     print_json,
     read_certificate,
@@ -45,28 +41,13 @@ if TYPE_CHECKING:
 class Asked:
     """How the certificates are shown, and where that goes."""
 
-    problem: Annotated[
-        list[str] | None,
-        Option(metavar="FILE", help="The problem, once for each; default problem.json beside it."),
-    ] = None
-    out: Annotated[
-        Path | None,
-        Option(
-            metavar="FOLDER",
-            help="Folder; default that of CERT, or for two ./NAME-NAME-comparison.",
-        ),
-    ] = None
-    pdf: Annotated[Path | None, Option(help="Also write a PDF; needs dobc_design[pdf].")] = None
-    full: Annotated[bool, Option("--full", help="With all details open, also in the PDF.")] = False
-    lmi: Annotated[
-        bool,
-        Option("--lmi", help="With a solver's answer to the block LMI (at most 600 rows)."),
-    ] = False
-    latex: Annotated[
-        Path | None,
-        Option(metavar="FOLDER", help="Also as LaTeX fragments and BibTeX, into FOLDER."),
-    ] = None
-    force: Annotated[bool, Option("--force", help="Overwrite files there.")] = False
+    problem: list[str] | None = None
+    out: Path | None = None
+    pdf: Path | None = None
+    full: bool = False
+    lmi: bool = False
+    latex: Path | None = None
+    force: bool = False
 
     def require_possible(self, given: int) -> None:
         """Refuse what can be refused before any of the ``given`` certificates is read.  Raises:
@@ -97,16 +78,12 @@ class Asked:
             )
 
 
-@in_groups
 def report(
-    certificates: Annotated[
-        list[Path],
-        Argument(metavar="CERT [CERT]", help="certificate.json, or its folder; one or two."),
-    ],
+    certificates: list[Path],
     asked: Asked,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-    as_json: Json = False,
+    quiet: bool = False,
+    verbose: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Write the report of a certificate again, or two certificates side by side, once all their
     claims are verified.

@@ -8,9 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
-
-from typer import Option
+from typing import TYPE_CHECKING, Any, Literal
 
 from dobc_design._checks import noun
 from dobc_design.errors import refused
@@ -18,13 +16,8 @@ from dobc_design.loop.make import loop_of
 
 from .output import (
     Document,
-    File,
-    Json,
     Progress,
-    Quiet,
     Stage,
-    Verbose,
-    in_groups,
     json_bytes,
     load_problem,
     naming_options,
@@ -67,21 +60,12 @@ Files = dict[str, bytes]  # by their names in --out
 class Runs:
     """Which runs are made, and how."""
 
-    runs: Annotated[int | None, Option(help="How many runs, with the seeds S, S + 1, ...")] = None
-    seed: Annotated[
-        int | None, Option(help="Seed of starts and switches; default the problem's.")
-    ] = None
-    t_final: Annotated[float | None, Option(help="Horizon in s; default the problem's.")] = None
-    mode: Annotated[
-        str | None, Option(metavar="MODE", help="Stay in this mode, whatever [switching] says.")
-    ] = None
-    start: Annotated[str | None, Option(metavar="FILE", help="Start from a CSV or .npz file.")] = (
-        None
-    )
-    observer: Annotated[
-        str,
-        Option(help="closed-form, full-loop (the reference), or off: d is not compensated."),
-    ] = OBSERVER
+    runs: int | None = None
+    seed: int | None = None
+    t_final: float | None = None
+    mode: str | None = None
+    start: str | None = None
+    observer: str = OBSERVER
 
     @property
     def single(self) -> bool:
@@ -93,17 +77,12 @@ class Runs:
 class Answer:
     """What is shown of the runs, and where it goes."""
 
-    certificate: Annotated[
-        Path | None, Option(metavar="CERT", help="Show the bounds that this certificate proves.")
-    ] = None
-    out: Annotated[
-        Path | None,
-        Option(metavar="FOLDER", help="Folder for arrays (.npz), figures and summary.json."),
-    ] = None
-    force: Annotated[bool, Option("--force", help="Overwrite files in --out.")] = False
-    quiet: Quiet = False
-    verbose: Verbose = False
-    as_json: Json = False
+    certificate: Path | None = None
+    out: Path | None = None
+    force: bool = False
+    quiet: bool = False
+    verbose: bool = False
+    as_json: bool = False
 
     def progress(self) -> Progress:
         """Names the stages."""
@@ -145,8 +124,7 @@ class Answer:
             say("\n".join(lines))
 
 
-@in_groups
-def simulate(file: File, runs: Runs, answer: Answer) -> None:
+def simulate(file: str, runs: Runs, answer: Answer) -> None:
     """Simulate runs of the closed loop; the exit code is 0 even if a run diverges."""
     make_runs(file, runs, answer)
 

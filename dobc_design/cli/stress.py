@@ -6,14 +6,12 @@ A stress is what the theorems leave out; nothing here is a proof.
 from __future__ import annotations
 
 from dataclasses import fields
-from typing import TYPE_CHECKING, Annotated, Any, Literal
-
-from typer import Option
+from typing import TYPE_CHECKING, Any, Literal
 
 from dobc_design._checks import noun
 from dobc_design.errors import SpecError, refused
 
-from .output import Document, File, in_groups, load_problem, naming_options
+from .output import Document, load_problem, naming_options
 from .runs import ARGUMENTS, BREAKING, OBSERVER, SUMMARY, Answer, Files, Runs, make_runs
 
 if TYPE_CHECKING:
@@ -26,24 +24,13 @@ if TYPE_CHECKING:
 class Stresses:
     """What acts on the loop; what is not given does not."""
 
-    noise: Annotated[float | None, Option(help="Standard deviation of measured states.")] = None
-    disturbance: Annotated[
-        float | None, Option(help="Amplitude of a sine outside the exosystem.")
-    ] = None
-    saturation: Annotated[float | None, Option(help="Bound on every component of u.")] = None
-    period: Annotated[float | None, Option(help="Period in s of sample and hold.")] = None
-    loss: Annotated[float | None, Option(help="Probability that a packet is lost.")] = None
-    fail: Annotated[
-        list[str] | None,
-        Option(
-            metavar="LABEL@TIME",
-            help="This agent fails then; with :freeze its last values stay. May be repeated.",
-        ),
-    ] = None
-    worst: Annotated[
-        bool,
-        Option("--worst", help="As bad as the tables and the guarantee of the file allow."),
-    ] = False
+    noise: float | None = None
+    disturbance: float | None = None
+    saturation: float | None = None
+    period: float | None = None
+    loss: float | None = None
+    fail: list[str] | None = None
+    worst: bool = False
 
     def chosen(self) -> Stress | Literal["worst"] | None:
         """The stress that the options describe; None where none of them is given.  Raises:
@@ -79,8 +66,7 @@ MOVED = {f"--{each.name}": f"dobc stress FILE --{each.name}" for each in fields(
 MOVED["--what-breaks-first"] = "dobc stress FILE"
 
 
-@in_groups
-def stress(file: File, stresses: Stresses, runs: Runs, answer: Answer) -> None:
+def stress(file: str, stresses: Stresses, runs: Runs, answer: Answer) -> None:
     """Find what breaks the loop first; with --noise, --saturation, --worst, ... simulate it under
     that stress."""
     chosen = stresses.chosen()

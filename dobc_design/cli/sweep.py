@@ -6,9 +6,7 @@ import shlex
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-from typer import Argument, Option
+from typing import TYPE_CHECKING
 
 from dobc_design._signals import say_on_ending
 from dobc_design.cli import output
@@ -24,50 +22,21 @@ MOST_FAILURES = 100  # that a document holds
 
 
 def sweep(
-    file: output.File,
-    axes: Annotated[
-        list[str],
-        Argument(
-            metavar="KEY=VALUES...",
-            help="What is varied: KEY=1:5:9 (nine values from 1 to 5), KEY=1:100:5:log, "
-            "KEY=a,b,c, KEY=~uniform(0,1);"
-            " KEY,KEY=VALUES sets both. Listed values make a grid.",
-        ),
-    ],
-    task: Annotated[str, Option(help="certify or simulate every case.")] = "certify",
-    samples: Annotated[
-        int | None, Option(help="Random samples of the keys with ~, per grid point.")
-    ] = None,
-    seed: Annotated[int, Option(help="Seed of the samples.")] = 0,
-    runs: Annotated[int, Option(help="With --task simulate: runs of every case.")] = 1,
-    everything: Annotated[
-        bool, Option("--all", help="With --task certify: run every condition.")
-    ] = False,
-    out: Annotated[
-        Path | None,
-        Option(metavar="FOLDER", help="Folder, new or of this sweep; default ./NAME-sweep."),
-    ] = None,
-    jobs: Annotated[int | None, Option(help="Processes; default one per processor.")] = None,
-    cluster: Annotated[
-        str | None,
-        Option(
-            metavar="ADDRESS",
-            help="Address of a Dask scheduler, or local: a cluster on this machine.",
-        ),
-    ] = None,
-    time_limit: Annotated[
-        str | None,
-        Option(
-            metavar="SECONDS",
-            help="Time limit of one case; the other cases continue.",
-        ),
-    ] = None,
-    force: Annotated[
-        bool, Option("--force", help="Replace the sweep in the folder, also another one.")
-    ] = False,
-    quiet: output.Quiet = False,
-    verbose: output.Verbose = False,
-    as_json: output.Json = False,
+    file: str,
+    axes: list[str],
+    task: str = "certify",
+    samples: int | None = None,
+    seed: int = 0,
+    runs: int = 1,
+    everything: bool = False,
+    out: Path | None = None,
+    jobs: int | None = None,
+    cluster: str | None = None,
+    time_limit: str | None = None,
+    force: bool = False,
+    quiet: bool = False,
+    verbose: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Certify or simulate a problem for many values of some keys; a stopped sweep can be
     continued."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.claims import Claims
-from dobc_design.conditions.observer.propose import observer_gain
+from dobc_design.conditions.observer.propose import observer_gain, with_observer
 from dobc_design.coupling.expression import formula_text
 from dobc_design.coupling.functions import FUNCTIONS
 from dobc_design.errors import refused, wrong
@@ -200,7 +200,7 @@ def _matrices(source: Source | Certificate) -> tuple[dict[str, Matrix], Problem]
 def _loaded(problem: Source) -> Problem:
     problem = arrays.require_floats(load_problem(problem))
     problem.require("an export")
-    return problem
+    return with_observer(problem)
 
 
 def analyse(problem: Source) -> Analysis:

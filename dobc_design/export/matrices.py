@@ -2,7 +2,7 @@
 LaTeX.
 
     A, C, W, P, Q   exosystem, observer gain, Lyapunov matrix, P W       K   pinning gains, (n p, n
-    m), p = m Ax, B   of agents with [dynamics]: A, or the slopes of f at the target, and B L
+    m), p = m Ax, B, H   of agents with [dynamics]: A, or the slopes of f at the target, B and H L
     Laplacian of the weights, (n, n)      Lambda   J + J' - (K + K') at the consensus, where slopes
     are rational xbar   the target, (m, 1)
 
@@ -62,6 +62,8 @@ def exact_matrices(
     if dynamics is not None:
         found["Ax"] = dynamics.about(problem.target)[0]
         found["B"] = dynamics.B
+        if dynamics.H is not None:
+            found["H"] = dynamics.H
     for name, each in (("W", W), ("P", P), ("Q", Q)):
         if each is not None:
             found[name] = each
@@ -86,8 +88,9 @@ def _gains(problem: Problem, mode: str | None = None) -> Matrix:
     n, m, p = problem.n, problem.m, problem.inputs
     K = [[ZERO] * (n * m) for _ in range(n * p)]
     for agent, gain in problem.pinning.of(mode).items():
+        own = gain if problem.dynamics is None else problem.dynamics.on_states(gain)
         for c in range(p):
-            K[agent * p + c][agent * m : agent * m + m] = gain[c]
+            K[agent * p + c][agent * m : agent * m + m] = own[c]
     return tuple(map(tuple, K))
 
 

@@ -33,12 +33,14 @@ from dobc_design.simulation.trajectory import Trajectory
 class ConsensusLoop(control.NonlinearIOSystem):  # type: ignore[misc]  # control is not typed
     """The closed loop of all agents.  States: x, xi, z, each agent by agent, n m + 2 n q of them.
     Inputs: a disturbance that acts besides d, n m, in units of x per s; 0 gives the loop as
-    printed.  Outputs: x, dhat and u, n m each.  Agents with [dynamics] have p inputs: w, dhat and u
-    are n p numbers.  ``exosystem`` (12) has no input but a zero one; ``observer`` (13) of one agent
-    has the inputs x_i and v_i = couplings + u_i and the output dhat_i; both are None without an
-    exosystem, and the observer where [dynamics] has an f, which no StateSpace holds.  The m numbers
-    of a leader are states, too, after the others.  On a processor, and of agents that move in
-    steps, all of them are systems from sample to sample, and d and dhat means over a period."""
+    printed.  Outputs: x, dhat and u, n m each.  Agents with [dynamics] have p inputs: w, dhat
+    and u are n p numbers.  ``exosystem`` (12) has no input but a zero one; ``observer`` (13) of
+    one agent has the inputs x_i and v_i = couplings + u_i and the output dhat_i; both are None
+    without an exosystem, and the observer where [dynamics] has an f, which no StateSpace holds.
+    Where y = H x is measured, z are the estimates (xhat, xihat), m + q numbers for each agent,
+    and y_i takes the place of x_i in ``observer``.  The m numbers of a leader are states, too,
+    after the others.  On a processor, and of agents that move in steps, all of them are systems
+    from sample to sample, and d and dhat means over a period."""
 
     def __init__(
         self,
@@ -48,9 +50,9 @@ class ConsensusLoop(control.NonlinearIOSystem):  # type: ignore[misc]  # control
         name: str,
         period: float = 0,
     ) -> None:
-        n, m, q = loop.n, loop.m, loop.q
-        p = len(loop.output)
-        agents = [*_names("x", n, m), *_names("xi", n, q), *_names("z", n, q)]
+        n, m = loop.n, loop.m
+        p, q = loop.output.shape
+        agents = [*_names("x", n, m), *_names("xi", n, q), *_names("z", n, loop.q)]
         leader = _names("s", loop.rows // m - n, m)
         outputs = [*_names("x", n, m), *_names("dhat", n, p), *_names("u", n, p)]
         super().__init__(
@@ -65,15 +67,21 @@ class ConsensusLoop(control.NonlinearIOSystem):  # type: ignore[misc]  # control
         self.loop = loop
         self.exosystem = None
         self.observer = None
-        if q > 0:
+        if loop.q > 0:
             self.exosystem = exosystem_of(loop, period)
             if period or loop.bend is None:
                 self.observer = observer_of(loop, period)
 
-    def start_of(self, trajectory: Trajectory) -> Array:
-        """The state at which a trajectory begins: x, xi and z = xihat - W x at its first sample."""
-        z = trajectory.xihat[0] - trajectory.x[0] @ self.loop.W.T
+    def start_of(self, trajectory: Trajectory, xhat: ArrayLike | None = None) -> Array:
+        """The state at which a trajectory begins: x, xi and z = xihat - W x at its first sample.
+        ``xhat`` (n, m): the estimated states where outputs are measured, which no trajectory has;
+        default x."""
         x, xi = trajectory.x[0], trajectory.xi[0]
+        z = trajectory.xihat[0]
+        if self.loop.sensed is None:
+            z = z - x @ self.loop.W.T
+        else:
+            z = np.hstack([np.reshape(x if xhat is None else xhat, x.shape), z])
         s = trajectory.leader[0] if self.loop.lead else ()
         return _flat(x, xi, z, s)
 
@@ -123,18 +131,35 @@ def _system(
         C = discretised(loop, period).Cd
         Ad = transition(loop, period)
         F = Ad - period * loop.W @ C
-    size = loop.n * (loop.m + 2 * loop.q)
+    sensed = loop.sensed
+    ends = loop.n * np.cumsum([loop.m, loop.output.shape[1], loop.q])
+
+    def cut(state: Array) -> tuple[Array, Array, Array, Array]:
+        *of_agents, s = np.split(state, ends)
+        x, xi, z = (each.reshape(loop.n, -1) for each in of_agents)
+        return x, xi, z, s
+
+    def errors(x: Array, z: Array, s: Array) -> Array:
+        if sensed is not None and sensed.estimated:
+            x = z @ sensed.x.T
+        return np.asarray(x - loop.goal - (s if len(s) else 0.0))
 
     @np.errstate(all="ignore")  # trial steps far from the target overflow
     def update(time: float, state: Array, w: Array, params: Any) -> Array:
-        x, xi, z = loop.split(state[:size])
-        s = state[size:]
-        e = x - loop.goal - (s if len(s) else 0.0)
+        x, xi, z, s = cut(state)
+        e = errors(x, z, s)
         (mode,) = active_at(max(0.0, float(time))).modes.tolist()
         slopes = networks[mode](_flat(e, s))
         # The slopes of a leader, if there is one, come after those of the agents.
         felt, s_dot = np.split(slopes, [e.size])
         x_dot = felt.reshape(x.shape)
+        if sensed is not None and loop.plant is not None:
+            A, B = loop.plant.A, loop.plant.B
+            # Of both states and estimates: what acts on them beside A.
+            v = x_dot - (e + loop.goal) @ A.T - z @ (B @ sensed.d).T
+            d = xi @ loop.output.T + w.reshape(loop.n, -1)
+            z_dot = z @ F.T + x @ (sensed.pairs.W @ sensed.H).T + v @ sensed.x
+            return _flat(x @ A.T + v + d @ B.T, xi @ exosystem_matrix(loop).T, z_dot, s_dot)
         if len(s):  # goals move with the leader
             x_dot = x_dot + s_dot
         xihat = z + applied(loop.W, x)
@@ -147,7 +172,7 @@ def _system(
 
     @np.errstate(all="ignore")
     def step(time: float, state: Array, w: Array, params: Any) -> Array:
-        x, xi, z = loop.split(state)
+        x, xi, z, _ = cut(state)
         (mode,) = active_at(max(0.0, float(time))).modes.tolist()
         xihat = z + x @ loop.W.T
         v = networks[mode](_flat(x - loop.goal)).reshape(x.shape) - xihat @ C.T
@@ -157,27 +182,30 @@ def _system(
 
     @np.errstate(all="ignore")
     def output(time: float, state: Array, w: Array, params: Any) -> Array:
-        x, _, z = loop.split(state[:size])
-        s = state[size:]
-        dhat = (z + x @ loop.W.T) @ C.T
-        e = x - loop.goal - (s if len(s) else 0.0)
-        u = loop.control(e, dhat, active_at(max(0.0, float(time))))
+        x, _, z, s = cut(state)
+        dhat = (z + x @ loop.W.T) @ C.T if sensed is None else z @ sensed.d.T
+        u = loop.control(errors(x, z, s), dhat, active_at(max(0.0, float(time))))
         return _flat(x, dhat, u)
 
     name = "".join(c if c.isalnum() else "_" for c in problem.name)
     return ConsensusLoop(loop, step if period else update, output, name, period)
 
 
+def exosystem_matrix(loop: ClosedLoop) -> Array:
+    """A of (12), (q, q)."""
+    return loop.A if loop.sensed is None else loop.sensed.pairs.A[loop.m :, loop.m :]
+
+
 def exosystem_of(loop: ClosedLoop, period: float = 0) -> Any:
     """(12) of one agent as control.StateSpace: output d_i; the input is a dummy that does
     nothing."""
-    p = len(loop.output)
-    A = transition(loop, period) if period else loop.A
+    p, q = loop.output.shape
+    A = transition(loop, period) if period else exosystem_matrix(loop)
     C = discretised(loop, period).Cd if period else loop.output
-    states = _names("xi", loop.q, 1)
+    states = _names("xi", q, 1)
     outputs = _names("d", p, 1)
     # control.ss takes no system without an input.
-    B, D = np.zeros((loop.q, 1)), np.zeros((p, 1))
+    B, D = np.zeros((q, 1)), np.zeros((p, 1))
     names = {"states": states, "inputs": ["none"], "outputs": outputs}
     return control.ss(A, B, C, D, period, name="exosystem", **names)
 
@@ -188,9 +216,13 @@ def observer_of(loop: ClosedLoop, period: float = 0) -> Any:
     C, W = loop.output, loop.W
     p = len(C)
     F = loop.A - W @ loop.C
+    seen = "x"
     # z = xihat - W x takes the place of the estimate: no derivative of x is needed.
     by_x, by_v = F @ W, -W
-    if period:
+    if loop.sensed is not None:
+        seen, C, W = "y", loop.sensed.d, 0 * loop.sensed.pairs.W
+        by_x, by_v = loop.sensed.pairs.W, loop.sensed.B
+    elif period:
         C = discretised(loop, period).Cd
         F = transition(loop, period) - period * W @ C
         by_x, by_v = F @ W - W, -period * W
@@ -199,7 +231,7 @@ def observer_of(loop: ClosedLoop, period: float = 0) -> Any:
         by_v = by_v @ loop.plant.B
     B = np.hstack([by_x, by_v])
     D = np.hstack([C @ W, np.zeros((p, p))])
-    inputs = _names("x", loop.m, 1) + _names("v", p, 1)
+    inputs = _names(seen, by_x.shape[1], 1) + _names("v", p, 1)
     names = {"states": _names("z", loop.q, 1), "inputs": inputs, "outputs": _names("dhat", p, 1)}
     return control.ss(F, B, C, D, period, name="observer", **names)
 

@@ -17,7 +17,7 @@ from dobc_design._checks import noun, require_shape
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.tree import postorder
 from dobc_design.errors import wrong
-from dobc_design.exact.matrix import Matrix, matrix, multiply, to_float
+from dobc_design.exact.matrix import Matrix, matrix, to_float
 from dobc_design.exact.reading import Names, one_of
 from dobc_design.problem.groups import gains_of, group_numbers
 from dobc_design.problem.network import Arcs, BoolArray, IndexArray, Places, distinct_weights
@@ -257,6 +257,40 @@ def disturbance_arrays(loop: Loop, gain: Gain | None) -> Disturbance:
     )
 
 
+@noun(eq=False)
+class Sensed:
+    """What observes agents with measured outputs (``loop.outputs``), as floats: the ``pairs`` with
+    their W, groups side by side; of their states z = (x, xi) those of the agent, x z, and the
+    disturbance, d z; how inputs move z.  Shapes: H (r, m), x (m, q), d (p, q), B (q, p), or (n, q,
+    p) as W.  ``estimated``: couplings and pins act on estimates."""
+
+    pairs: Disturbance
+    H: Array
+    x: Array
+    d: Array
+    B: Array
+    estimated: bool
+
+
+def sensed_arrays(problem: Problem, loop: Loop) -> Sensed | None:
+    """The same for the loop of a problem; None where all states are measured."""
+    if not loop.sensed or loop.drift is None:
+        return None
+    m, p = problem.m, problem.inputs
+    C = [to_float(group.exosystem.C) for group in problem.groups]
+    pairs = disturbance_arrays(replace(loop, groups=loop.sensed), None)
+    x = np.hstack([np.eye(m, m + each.shape[1]) for each in C])
+    B = x.T @ to_float(loop.drift.B)
+    return Sensed(
+        pairs=pairs,
+        H=pairs.C[:, :m],
+        x=x,
+        B=B if pairs.own is None else B * pairs.own[:, :, None],
+        d=np.hstack([np.hstack([np.zeros((p, m)), each]) for each in C]),
+        estimated=loop.estimated,
+    )
+
+
 def exosystem_arrays(loop: Loop) -> tuple[Array, Array]:
     """Return A (q, q) and C (m, q) of (12) where all nodes share them; q = 0 without an
     exosystem."""
@@ -359,8 +393,6 @@ def block_gains(gains: Mapping[int, Matrix], problem: Problem) -> sp.csr_array:
     """K of these gains, by agent."""
     agents = np.fromiter(gains, dtype=np.int64, count=len(gains))
     own = problem.dynamics
-    acting = list(gains.values())
-    if own is not None and own.acts_on and own.H is not None:
-        acting = [multiply(k, own.H) for k in acting]
+    acting = [k if own is None else own.on_states(k) for k in gains.values()]
     blocks = np.array([to_float(k) for k in acting]).reshape(-1, problem.inputs, problem.m)
     return block_sparse(blocks, agents, agents, size=problem.n)

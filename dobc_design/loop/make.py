@@ -39,7 +39,7 @@ from dobc_design.problem.region import Pairs
 from .arcs import Pin, with_pins
 from .guarantee import guarantee_of
 from .loop import Drift, Goals, Loop, Pins, Starts, pins_of, zero_goals
-from .outputs import is_estimated, residual, sensed, through
+from .outputs import residual, sensed, through
 from .signs import turned
 from .timing import Timing
 
@@ -176,11 +176,12 @@ def _with_dynamics(loop: Loop, problem: Problem, dynamics: Dynamics) -> Loop:
         groups = tuple(_seen_in_states(group, dynamics) for group in problem.groups)
     else:
         groups = tuple(residual(group, dynamics) for group in problem.groups)
+        estimated = not dynamics.acts_on
         loop = replace(
             loop,
             sensed=tuple(sensed(group, dynamics) for group in problem.groups),
-            starts=_estimated(loop.starts) if is_estimated(dynamics) else loop.starts,
-            estimated=is_estimated(dynamics),
+            starts=_estimated(loop.starts) if estimated else loop.starts,
+            estimated=estimated,
         )
     return replace(
         loop,
@@ -270,10 +271,7 @@ def _pins_with_dynamics(problem: Problem, dynamics: Dynamics, A: Matrix) -> tupl
 
 def pull_of(dynamics: Dynamics, K: Matrix) -> Matrix:
     """B K, or B K H where pins act on outputs: a gain as it acts on the states."""
-    pull = multiply(dynamics.B, K)
-    if dynamics.acts_on and dynamics.H is not None:
-        pull = multiply(pull, dynamics.H)
-    return pull
+    return multiply(dynamics.B, dynamics.on_states(K))
 
 
 def _seen_in_states(group: Group, dynamics: Dynamics) -> Group:

@@ -67,11 +67,6 @@ def residual(group: Group, dynamics: Dynamics) -> Group:
     return Group(agents=group.agents, exosystem=Exosystem(A=F, C=enters), observer=observer)
 
 
-def is_estimated(dynamics: Dynamics | None) -> bool:
-    """Whether errors are those of estimated states."""
-    return dynamics is not None and dynamics.H is not None and not dynamics.acts_on
-
-
 def through(H: Matrix, texts: Texts) -> Texts:
     """Expressions of H y, in y1..ym (y for one), in place of those of y1..yr (y for one)."""
     names = variable_names(len(H[0]))

@@ -40,27 +40,29 @@ def felt_errors(loop: Loop, mode: str) -> Felt:
     if loop.drift_place is not None:
         h += bent(loop, e)
         jacobian += ca.jacobian(h, e)
-    return _with_arcs(e, h, jacobian, error_arcs(loop, mode), n=loop.n)
+    return _with_arcs(e, h, jacobian, error_arcs(loop, mode), np.eye(loop.m))
 
 
-def felt_inputs(groups: ArcGroups, *, n: int, m: int, p: int) -> Felt:
-    """h of (9), (n p,): what couplings add to the inputs of agents with m states."""
-    e = ca.SX.sym("e", n * m)
+def felt_inputs(groups: ArcGroups, *, n: int, p: int, seen: Array) -> Felt:
+    """h of (9), (n p,): what couplings, which act on ``seen`` e_j - e_i, (r, m), add to the inputs
+    of agents with m states."""
+    size = n * seen.shape[1]
+    e = ca.SX.sym("e", size)
     h = ca.SX(n * p, 1)
-    return _with_arcs(e, h, ca.SX(n * p, n * m), groups, n=n)
+    return _with_arcs(e, h, ca.SX(n * p, size), groups, seen)
 
 
-def _with_arcs(e: Any, h: Any, jacobian: Any, groups: ArcGroups, *, n: int) -> Felt:
+def _with_arcs(e: Any, h: Any, jacobian: Any, groups: ArcGroups, seen: Array) -> Felt:
     """The functions of what agents feel by themselves, h and its slopes, and along these arcs."""
-    m = e.size1() // n
+    n = e.size1() // seen.shape[1]
     p = h.size1() // n
     for group in groups:
-        # A row of a difference takes one component of e_j - e_i for an arc (i, j) ...
+        # A row of a difference takes what is seen of e_j - e_i for an arc (i, j) ...
         along = difference_matrix(group, n)
-        differences = [constant(sp.kron(along, row)) for row in _rows(m)]
+        differences = [constant(sp.kron(along, row)) for row in np.split(seen, len(seen))]
         # ... and a gathering adds up what every agent feels there, with the weights of its arcs.
         onto = gathering_matrix(group, n)
-        gathering = [constant(sp.kron(onto, row.T)) for row in _rows(p)]
+        gathering = [constant(sp.kron(onto, column)) for column in np.split(np.eye(p), p, axis=1)]
         found = _on_arcs(group, [difference @ e for difference in differences])
         for c, gathered in enumerate(gathering):
             h += gathered @ found.values[c]
@@ -70,11 +72,6 @@ def _with_arcs(e: Any, h: Any, jacobian: Any, groups: ArcGroups, *, n: int) -> F
                     jacobian += gathered @ ca.diag(slope) @ difference
     sparse = ca.Function("jacobian", [e], [jacobian], ["e"], ["dh_de"])
     return Felt(function("h", {"e": e}, {"h": h}), sparse)
-
-
-def _rows(size: int) -> list[Array]:
-    """The rows (1, size) of the identity."""
-    return np.split(np.eye(size), size)
 
 
 def bent(loop: Loop, e: Any) -> Any:

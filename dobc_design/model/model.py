@@ -11,10 +11,12 @@ from __future__ import annotations
 from typing import Any
 
 import casadi as ca
+import numpy as np
 import scipy.sparse as sp
 
 from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Headed
+from dobc_design.exact.matrix import identity, to_float
 from dobc_design.loop import arrays
 from dobc_design.loop.make import errors_of
 from dobc_design.loop.matrices import Array
@@ -32,7 +34,9 @@ class Model(Headed):
     Where agents have different exosystems, W is block diagonal and q counts the states of all
     groups (``loop.arrays.Disturbance``): those of other groups than an agent's own have to start
     at 0, and stay there.  With [dynamics] x' = A x + B (h + u + d): h, u, which holds u0, and dhat
-    have p components for each agent.
+    have p components for each agent.  Where y = H x is measured, z and ``xihat`` are the estimates
+    (xhat, xihat) of an agent, eps their errors, and the observer takes no more of x than y; e and
+    the controller's x are those of the estimates where couplings act on them.
 
     - h: e -> h, the couplings of (9), without the pins.
     - jacobian: e -> dh_de, exact and sparse (11); at a kink one of the slopes.
@@ -93,8 +97,14 @@ def build_model(
     name = arrays.chosen_mode(problem, mode)
     loop = errors_of(problem)
     W = arrays.required_gain(loop, gain)
+    if loop.sensed:
+        W = to_float(problem.joint_observer.W or ())
     groups = arrays.plant_arcs(problem, name)
-    felt = felt_inputs(groups, n=problem.n, m=problem.m, p=problem.inputs)
+    own = problem.dynamics
+    seen = np.eye(problem.m)
+    if own is not None:
+        seen = to_float(own.on_states(identity(own.felt)))
+    felt = felt_inputs(groups, n=problem.n, p=problem.inputs, seen=seen)
     equations = _Equations(problem, name, felt, arrays.disturbance_arrays(loop, gain))
     return Model(
         problem=problem,
@@ -130,7 +140,11 @@ class _Equations:
         self.A = ca.DM(disturbance.A)
         self.C = ca.DM(disturbance.C)
         self.F = ca.DM(disturbance.F)
+        self.E = ca.DM(disturbance.C)  # what eps does to the states
         self.W = disturbance.W
+        self.sensed = arrays.sensed_arrays(problem, self.loop)
+        if problem.joint_exosystem is not None:
+            self.A = ca.DM(to_float(problem.joint_exosystem.A))
         self.K = constant(arrays.pinning_matrix(problem, mode))
         self.goal = ca.DM(arrays.goals(problem).ravel())
         self.u0 = ca.DM(0)
@@ -150,8 +164,7 @@ class _Equations:
         x = self._symbol("x")
         u = self._symbol("u")
         z_dot = self._observer_slope(z, x, u)
-        xihat = z + self._corrected(x)
-        dhat = self._per_agent(self.C, xihat)
+        xihat, dhat = self._estimates(z, x)
         outputs = {"z_dot": z_dot, "xihat": xihat, "dhat": dhat}
         return function("observer", {"z": z, "x": x, "u": u}, outputs)
 
@@ -169,12 +182,11 @@ class _Equations:
         xi = self._symbol("xi")
         z = self._symbol("z")
         d = self._per_agent(self.C, xi)
-        xihat = z + self._corrected(x)
-        dhat = self._per_agent(self.C, xihat)
-        u = self._control(x, dhat)
-        e = x - self.goal
-        felt = self.h(e) + u - self.u0 + d
-        x_dot = self._moved(e, felt) + self.drift
+        _, dhat = self._estimates(z, x)
+        known = self._known(z, x)
+        u = self._control(known, dhat)
+        felt = self.h(known - self.goal) + u - self.u0 + d
+        x_dot = self._moved(x - self.goal, felt) + self.drift
         xi_dot = self._per_agent(self.A, xi)
         z_dot = self._observer_slope(z, x, u)
         outputs = {"x_dot": x_dot, "xi_dot": xi_dot, "z_dot": z_dot}
@@ -188,9 +200,8 @@ class _Equations:
         """(22), the error and the estimation error."""
         e = self._symbol("e")
         eps = self._symbol("eps")
-        unknown = self._per_agent(self.C, eps)
-        felt = self.h(e) - self.K @ e + unknown
-        e_dot = self._moved(e + self._beside(), felt)
+        felt = self.h(e) - self.K @ e
+        e_dot = self._moved(e + self._beside(), felt) + self._per_agent(self.E, eps)
         if self.leader is not None:
             e_dot = e_dot - self._led_motion()
         eps_dot = self._per_agent(self.F, eps)
@@ -206,7 +217,7 @@ class _Equations:
         elif name in ("u", "dhat"):
             width = problem.inputs
         else:
-            width = problem.q
+            width = problem.q if name == "xi" else self.loop.q
         return ca.SX.sym(name, problem.n * width)
 
     def _led(self) -> Named:
@@ -224,11 +235,24 @@ class _Equations:
         columns = ca.reshape(stacked, factor.size2(), self.problem.n)
         return ca.vec(factor @ columns)
 
-    def _corrected(self, y: Any) -> Any:
+    def _estimates(self, z: Any, x: Any) -> tuple[Any, Any]:
+        """xihat, with xhat where outputs are measured, and dhat of every agent."""
+        if self.sensed is not None:
+            return z, self._per_agent(ca.DM(self.sensed.d), z)
+        xihat = z + self._applied(self.W, x)
+        return xihat, self._per_agent(self.C, xihat)
+
+    def _known(self, z: Any, x: Any) -> Any:
+        """The states that couplings and pins act on."""
+        if self.sensed is not None and self.sensed.estimated:
+            return self._per_agent(ca.DM(self.sensed.x), z)
+        return x
+
+    def _applied(self, gain: Array, y: Any) -> Any:
         """W y of every agent, whose gains are blocks of a large matrix where they differ."""
-        if self.W.ndim == 2:
-            return self._per_agent(ca.DM(self.W), y)
-        blocks = [sp.csr_array(each) for each in self.W]
+        if gain.ndim == 2:
+            return self._per_agent(ca.DM(gain), y)
+        blocks = [sp.csr_array(each) for each in gain]
         return constant(sp.block_diag(blocks)) @ y
 
     def _moved(self, e: Any, v: Any) -> Any:
@@ -246,12 +270,16 @@ class _Equations:
         return self._moved(self._beside(), nothing)
 
     def _observer_slope(self, z: Any, x: Any, u: Any) -> Any:
-        """z_dot of (13)."""
-        e = x - self.goal
-        felt = self.h(e) + u - self.u0
-        x_dot = self._moved(e, felt) + self.drift
-        xihat = z + self._corrected(x)
-        return self._per_agent(self.F, xihat) - self._corrected(x_dot)
+        """z_dot of (13), or of an observer of states, too."""
+        e = self._known(z, x) - self.goal
+        felt = self.h(e) + u
+        if self.sensed is not None:
+            y = self._per_agent(ca.DM(self.sensed.H), x)
+            moved = self._per_agent(self.F, z) + self._applied(self.sensed.B, felt)
+            return moved + self._applied(self.sensed.pairs.W, y)
+        x_dot = self._moved(e, felt - self.u0) + self.drift
+        xihat, _ = self._estimates(z, x)
+        return self._per_agent(self.F, xihat) - self._applied(self.W, x_dot)
 
     def _control(self, x: Any, dhat: Any) -> Any:
         e = x - self.goal - self._beside()

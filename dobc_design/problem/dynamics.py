@@ -100,6 +100,10 @@ class Dynamics(Shown):
         """How many components couplings and pins act on: states, or measured outputs."""
         return len(self.H) if self.H is not None and self.acts_on else self.dimension
 
+    def on_states(self, K: Matrix) -> Matrix:
+        """A gain of what couplings and pins act on, as one of the states: K, or K H."""
+        return multiply(K, self.H) if self.H is not None and self.acts_on else K
+
     @property
     def dimension(self) -> int:
         """m, the number of state components."""

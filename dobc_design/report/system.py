@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from dobc_design._show.text import latex_matrix, latex_number, latex_rows
 from dobc_design.description.words import caution_lines
-from dobc_design.loop.outputs import is_estimated
+from dobc_design.loop.make import errors_of
 from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.leader import Leader
 from dobc_design.problem.problem import Problem
@@ -221,7 +221,7 @@ def _letters_of_errors(problem: Problem) -> str:
     goal = "target" if leader is None else "leader s"
     if problem.offsets:
         goal += " plus its offset"
-    who = "the estimate of agent i" if is_estimated(problem.dynamics) else "agent i"
+    who = "the estimate of agent i" if errors_of(problem).estimated else "agent i"
     said = f"$e_i$ how far {who} is from the {goal}, $K_i$ the gain of a pin, 0 without one"
     if leader is not None:
         said += " (pinned agents know s, the others do not)"

@@ -309,8 +309,6 @@ def deployment_words(certificate: Certificate) -> str:
         )
     covered = f"The proof allows {' or '.join(allowed)}. " if allowed else ""
     own = certificate.problem.dynamics
-    if own is not None and own.H is not None:
-        return f"{covered}dobc simulate shows runs; exports do not know measured outputs yet."
     if own is not None:
         return f"{covered}dobc_design.to_control gives the loop to python-control."
     return (

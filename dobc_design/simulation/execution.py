@@ -143,8 +143,9 @@ def _calm(setting: Setting, start: Start, modes: Modes, progress: Progress) -> O
     xi = evolve(loop.A, start.xi, run.times)
     eps = run.states[:, cut:].reshape(xi.shape) if both else evolve(F, eps0, run.times)
     active = Active(modes.switches.names, modes.switches.at(run.times))
-    if setting.exact.sensed:
-        seen = seen_samples(setting.problem, loop, run.states[:, :cut], eps, run.times, active)
+    if loop.sensed is not None:
+        states = run.states[:, :cut]
+        seen = seen_samples(setting.problem, loop, loop.sensed, states, eps, run.times, active)
         return Outcome(run=run, samples=seen)
     xihat = np.zeros_like(xi) if setting.observer == WITHOUT else xi - eps
     return Outcome(run=run, samples=_samples(setting, run.states[:, :cut], xi, xihat, active))

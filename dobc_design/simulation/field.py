@@ -19,7 +19,7 @@ from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.tree import NumpyAlgebra
 from dobc_design.exact.reading import Texts
 from dobc_design.loop import arrays
-from dobc_design.loop.arrays import ArcGroup, ArcGroups, Gain, Plant
+from dobc_design.loop.arrays import ArcGroup, ArcGroups, Gain, Plant, Sensed
 from dobc_design.loop.make import errors_of
 from dobc_design.loop.matrices import Array, pull_matrix
 from dobc_design.problem.network import BoolArray, IndexArray
@@ -208,6 +208,7 @@ class ClosedLoop:
     nodes: FixedNodes | None = None
     sides: Array = field(default_factory=lambda: np.zeros(0))  # as those of a trajectory
     pins: Mapping[str, csr_array] = field(default_factory=dict)
+    sensed: Sensed | None = None  # where outputs are measured
     steps: bool = False  # agents move from step to step, xi+ = A xi
 
     @property
@@ -348,6 +349,7 @@ def make_closed_loop(
         lead=lead,
         fixed=len(loop.fixed),
         pins=_pins_of_modes(problem),
+        sensed=arrays.sensed_arrays(problem, loop),
         nodes=nodes,
         sides=_sides(problem),
         steps=problem.steps,

@@ -20,9 +20,8 @@ from dobc_design._checks import noun
 from dobc_design.errors import misshapen, wrong
 from dobc_design.exact.matrix import Vector, to_float
 from dobc_design.exact.reading import Table, shown
-from dobc_design.loop.make import errors_of
+from dobc_design.loop.arrays import Sensed
 from dobc_design.loop.matrices import Array
-from dobc_design.loop.outputs import is_estimated
 from dobc_design.problem.load import read_bytes
 from dobc_design.problem.network import BoolArray
 from dobc_design.problem.problem import Problem
@@ -30,7 +29,6 @@ from dobc_design.problem.problem import Problem
 from ._arguments import finite_array
 from .field import ClosedLoop
 from .npz import Shapes, UnfitError, describing, read_arrays, require
-from .outputs import initial_errors, off
 
 Given = Table | Array | list[Any] | str | PathLike[str]
 
@@ -70,19 +68,20 @@ class Start:
 
 @noun(eq=False)
 class Starts:
-    """Draws starts: x in [low, high], xi in a ball within an agent's ``own`` states, unless they
-    are given; those of a leader between ``leads`` (2, m), to which x is ``relative`` or not."""
+    """Draws starts: x in [low, high] unless it is given, xi, where it is nan, in a ball within an
+    agent's ``own`` states; those of a leader between ``leads`` (2, m), to which x is ``relative``
+    or not."""
 
     low: Array
     high: Array
     radius: float
     x: Array | None
-    xi: Array | None
+    xi: Array
     xihat: Array
     own: BoolArray | None = None
     leads: Array | None = None
     relative: bool = False
-    problem: Problem | None = None  # where states are estimated
+    sensed: Sensed | None = None
 
     def draw(self, seed: int) -> Start:
         """The start of one seed."""
@@ -91,17 +90,17 @@ class Starts:
         if x is None:
             with np.errstate(all="ignore"):
                 x = self.low + (self.high - self.low) * rng.random(self.low.shape)
-        xi = self.drawn_xi(rng) if self.xi is None else self.xi
+        xi = self.xi
+        if np.isnan(xi).any():
+            xi = np.where(np.isnan(xi), self.drawn_xi(rng), xi)
         s = np.zeros(0)
         if self.leads is not None:
             low, high = self.leads
             s = low + (high - low) * rng.random(len(low))
             if self.relative:
                 x = x + s
-        if self.problem is not None:
-            xi = initial_errors(self.problem, xi)
-            if is_estimated(self.problem.dynamics):
-                x = x - off(self.problem, xi)
+        if self.sensed is not None and self.sensed.estimated:
+            x = x - xi @ self.sensed.x.T
         return Start(x=x, xi=xi, xihat=self.xihat, s=s)
 
     def drawn_xi(self, rng: Generator) -> Array:
@@ -143,14 +142,13 @@ def make_starts(problem: Problem, loop: ClosedLoop, given: Given | None) -> Star
     if x is None and problem.simulation.x0 is not None:
         x = np.array(np.broadcast_to(to_float(problem.simulation.x0), goal.shape))
     xi = rows.get("xi")
-    sensed = bool(errors_of(problem).sensed)
-    if xi is None and problem.simulation.xi0 is not None and not sensed:
-        xi = _placed(problem.simulation.xi0, loop)
     radius = 0.0
-    if xi is None and region is not None and region.initial_disturbance is not None:
-        radius = float(region.initial_disturbance)
-    elif xi is None:
-        xi = loop.owned  # nothing bounds it: 1 in every number
+    if xi is None:
+        xi = loop.owned.copy()  # where nothing bounds it: 1 in every number
+        if region is not None and region.initial_disturbance is not None:
+            radius = float(region.initial_disturbance)
+            xi[xi > 0] = np.nan
+        _place(problem.simulation.xi0 or (), loop, xi)
     return Starts(
         low=low,
         high=high,
@@ -161,7 +159,7 @@ def make_starts(problem: Problem, loop: ClosedLoop, given: Given | None) -> Star
         own=loop.own,
         leads=None if problem.leader is None else to_float(problem.leads).T,
         relative=x is None and region is None,
-        problem=problem if sensed else None,
+        sensed=loop.sensed,
     )
 
 
@@ -185,17 +183,15 @@ def _given_rows(given: Given | None, loop: ClosedLoop) -> dict[str, Array]:
     return rows
 
 
-def _placed(rows: Sequence[Vector], loop: ClosedLoop) -> Array:
-    """xi0 of the problem, one row for all agents or one each, where the states of an agent's own
-    exosystem are."""
-    n = loop.n
-    if loop.own is None:
-        return np.array(np.broadcast_to(to_float(tuple(rows)), (n, loop.q)))
-    xi = np.zeros((n, loop.q))
-    for agent in range(n):
-        row = rows[agent if len(rows) > 1 else 0]
-        xi[agent, loop.own[agent]] = to_float((row,))[0]
-    return xi
+def _place(rows: Sequence[Vector], loop: ClosedLoop, xi: Array) -> None:
+    """Put xi0 of the problem, one row for all agents or one each, where the states of an agent's
+    own exosystem are."""
+    own = loop.owned
+    if loop.sensed is not None:  # beside which stand the errors of its estimated states
+        own = own * ~loop.sensed.x.any(axis=0)
+    of_agents = [to_float((row,))[0] for row in rows] * (loop.n if len(rows) == 1 else 1)
+    if of_agents:
+        xi[own > 0] = np.concatenate(of_agents)
 
 
 def _parts(given: Given | None, n: int, widths: Mapping[str, _Width]) -> Table:

@@ -34,7 +34,7 @@ def test_the_observer_of_states_and_disturbance_is_typeset():
     assert r"\quad e_i = \hat x_i - \bar x_i" in text
     assert "z_i" not in text
     assert "how far the estimate of agent i is from the target" in text
-    assert "exports do not know measured outputs yet" in text
+    assert "gives the loop to python-control" in text
     assert "stress" not in text
 
 

@@ -5,75 +5,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from measured import by_agent, floats
-from networks import network_of
+from measured import CARTS, by_agent, estimates_at_start, floats
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 import dobc_design as dd
 from dobc_design.conditions.observer.propose import with_observer
 from dobc_design.errors import SpecError
-from dobc_design.loop.make import errors_of
-from dobc_design.simulation.setting import make_setting
-
-DAMPED = {"A": [[0, 1], [0, -3]], "B": [[0], [1]], "H": [[1, 0]]}
-SINE = dd.Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
-CONSTANT = dd.Exosystem(A=[[0]], C=[[1]])
-
-
-def agents(**given: Any) -> dd.Problem:
-    """Three carts in a row, of which the first is pinned."""
-    sound = {
-        "simulation": {"xi0": START},
-        "dynamics": DAMPED,
-        "coupling": "2*y1 + 3*y2",
-        "gains": {1: [[4, 4]]},
-        "target": [1, 0],
-        "observer": dd.Observer(rate=1),
-    }
-    if "groups" not in given:
-        sound["exosystem"] = SINE
-    return dd.Problem(network=network_of([[2, 1], [3, 2]], 3), **sound | given)
-
-
-START = [[0.5, -0.25], [1, 0], [-0.5, 0.75]]
-OUTPUTS = {"dynamics": DAMPED | {"acts_on": "outputs"}, "gains": {1: 4}}
-GROUPS = [
-    dd.Group(agents=[1, 3], exosystem=SINE),
-    dd.Group(agents=[2], exosystem=CONSTANT),
-]
-PROBLEMS = {
-    "estimates": agents(),
-    "outputs": agents(coupling="2*y", **OUTPUTS),
-    "curved": agents(coupling="tanh(2*y1 + 3*y2)"),
-    "curved outputs": agents(coupling="tanh(y)", **OUTPUTS),
-    "leader": agents(target=[0, 0], leader={"initial": [[0, 1], [1, 1]]}, dynamics=DAMPED),
-    "groups": agents(groups=GROUPS, simulation={"xi0": [START[0], [1], START[2]]}),
-}
-
-
-def estimates_at_start(problem: dd.Problem, horizon: float) -> np.ndarray:
-    """x - xhat (n, m) as it is drawn; a run does not say it."""
-    setting = make_setting(
-        problem,
-        gain=errors_of(problem).joint_observer.W,
-        mode=None,
-        signal=None,
-        start=None,
-        t_final=horizon,
-        seed=None,
-        samples=None,
-        observer="closed-form",
-        tolerance=1e-9,
-        stress=None,
-    )
-    eps = setting.starts.draw(setting.seed).xi
-    off = []
-    first = 0
-    for group in problem.groups:
-        off.append(eps[:, first : first + problem.m])
-        first += problem.m + group.exosystem.order
-    return np.sum(off, axis=0)
 
 
 def reference(
@@ -129,9 +67,9 @@ def reference(
     return np.array([s[0] for s in states]), np.array(estimates)
 
 
-@pytest.mark.parametrize("name", PROBLEMS)
+@pytest.mark.parametrize("name", CARTS)
 def test_a_run_is_the_solution_for_states_and_estimates(name):
-    problem = with_observer(PROBLEMS[name])
+    problem = with_observer(CARTS[name])
     run = dd.simulate(problem, t_final=4, samples=21)
     x = run.x[0]
     xhat = x - estimates_at_start(problem, 4)
@@ -146,4 +84,4 @@ def test_a_run_is_the_solution_for_states_and_estimates(name):
 
 def test_a_stress_is_refused_by_name():
     with pytest.raises(SpecError, match=r"^dynamics\.H: .*does not know outputs that are measured"):
-        dd.simulate(agents(), observer="full-loop")
+        dd.simulate(CARTS["estimates"], observer="full-loop")

@@ -6,6 +6,7 @@ from random import Random
 from typing import Any
 
 import numpy as np
+from networks import network_of
 from numpy.typing import NDArray
 from scipy import linalg
 
@@ -20,7 +21,9 @@ from dobc_design import (
 )
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.errors import SpecError
+from dobc_design.loop.make import errors_of
 from dobc_design.problem.dynamics import Dynamics
+from dobc_design.simulation.setting import make_setting
 
 Floats = NDArray[np.float64]
 
@@ -201,3 +204,65 @@ def random_problems(seeds: Iterable[int]) -> Iterator[tuple[int, Problem]]:
         problem = random_problem(seed)
         if problem is not None:
             yield seed, problem
+
+
+_DAMPED = {"A": [[0, 1], [0, -3]], "B": [[0], [1]], "H": [[1, 0]]}
+_SINE = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
+_CONSTANT = Exosystem(A=[[0]], C=[[1]])
+
+
+def _carts(**given: Any) -> Problem:
+    """Three carts in a row, of which the first is pinned."""
+    sound: dict[str, Any] = {
+        "name": "carts",
+        "simulation": {"xi0": _START},
+        "dynamics": _DAMPED,
+        "coupling": "2*y1 + 3*y2",
+        "gains": {1: [[4, 4]]},
+        "target": [1, 0],
+        "observer": Observer(rate=1),
+    }
+    if "groups" not in given:
+        sound["exosystem"] = _SINE
+    return Problem(network=network_of([[2, 1], [3, 2]], 3), **sound | given)
+
+
+_START = [[0.5, -0.25], [1, 0], [-0.5, 0.75]]
+_OUTPUTS = {"dynamics": _DAMPED | {"acts_on": "outputs"}, "gains": {1: 4}}
+_GROUPS = [
+    Group(agents=[1, 3], exosystem=_SINE),
+    Group(agents=[2], exosystem=_CONSTANT),
+]
+CARTS = {
+    "estimates": _carts(),
+    "outputs": _carts(coupling="2*y", **_OUTPUTS),
+    "curved": _carts(coupling="tanh(2*y1 + 3*y2)"),
+    "curved outputs": _carts(coupling="tanh(y)", **_OUTPUTS),
+    "leader": _carts(target=[0, 0], leader={"initial": [[0, 1], [1, 1]]}, dynamics=_DAMPED),
+    "groups": _carts(groups=_GROUPS, simulation={"xi0": [_START[0], [1], _START[2]]}),
+}
+
+
+def estimates_at_start(problem: Problem, horizon: float) -> Floats:
+    """x - xhat (n, m) as it is drawn; a run does not say it."""
+    setting = make_setting(
+        problem,
+        gain=errors_of(problem).joint_observer.W,
+        mode=None,
+        signal=None,
+        start=None,
+        t_final=horizon,
+        seed=None,
+        samples=None,
+        observer="closed-form",
+        tolerance=1e-9,
+        stress=None,
+    )
+    eps = setting.starts.draw(setting.seed).xi
+    off = []
+    first = 0
+    for group in problem.groups:
+        off.append(eps[:, first : first + problem.m])
+        first += problem.m + group.exosystem.order
+    total: Floats = np.sum(off, axis=0)
+    return total

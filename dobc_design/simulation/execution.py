@@ -26,11 +26,11 @@ from .mobile import Modes, Nearby
 from .outputs import seen_samples
 from .sampled import Stepper, run_sampled_alone
 from .setting import WITHOUT, Setting
-from .signals import Mobile, signal_to_json
+from .signals import Mobile
 from .starts import Start
 from .stressed import Together, run_alone
 from .switches import Planned, Switches, table_of
-from .trajectory import Ensemble, Trajectory
+from .trajectory import SAMPLED, Ensemble, Trajectory
 
 MOST_KEPT = 100_000_000  # samples of all runs of an ensemble, two numbers of each: 1.6 GB
 # whose states an ensemble keeps, and how many numbers at most
@@ -63,34 +63,18 @@ def _trajectory(setting: Setting, seed: int, modes: Modes, outcome: Outcome) -> 
     switches = modes.switches
     if run.reason:  # those up to where the run ended
         switches = switches.until(float(run.times[-1]))
-    problem = setting.problem
     return Trajectory(
-        name=problem.name,
-        mode=setting.modes_in_words,
-        labels=problem.network.labels,
-        units=problem.units,
-        t_final=setting.horizon,
+        **setting.facts,
+        **{name: getattr(seen, name) for name in SAMPLED},
         seed=seed,
         times=run.times,
-        x=seen.x,
-        xi=seen.xi,
-        xihat=seen.xihat,
-        d=seen.d,
-        dhat=seen.dhat,
-        u=seen.u,
-        goal=setting.loop.goal.copy(),
         diverged=bool(run.reason),
         reason=run.reason,
         method=run.method,
         evaluations=run.evaluations,
         notes=(*setting.notes, *run.notes, *setting.stress_notes),
-        signal=signal_to_json(setting.signal),
-        observer=setting.observer,
-        stress=setting.stress_json,
         switches=switches,
         leader=np.zeros(0) if seen.leader is None else seen.leader,
-        slack=setting.loop.slack.copy(),
-        sides=setting.loop.sides,
     )
 
 
@@ -247,18 +231,13 @@ class _Collector:
     def ensemble(self, notes: Texts) -> Ensemble:
         """What was collected."""
         setting = self.setting
-        problem = setting.problem
         # whoever has a reason ended early
         diverged = np.zeros(self.runs, dtype=bool)
         diverged[list(self.reasons)] = True
         if self.runs > 1 and np.allclose(self.error, self.error[0], equal_nan=True):
             notes = (*notes, "All runs are alike: nothing in them is drawn at random.")
         return Ensemble(
-            name=problem.name,
-            mode=setting.modes_in_words,
-            labels=problem.network.labels,
-            units=problem.units,
-            t_final=setting.horizon,
+            **setting.facts,
             seeds=setting.seed + np.arange(self.runs),
             times=setting.times,
             error=self.error,
@@ -267,18 +246,12 @@ class _Collector:
             ended=self.ended,
             switches=self.count,
             reasons=dict(sorted(self.reasons.items())),
-            goal=setting.loop.goal,
             method=self.method,
             notes=notes,
-            signal=signal_to_json(setting.signal),
-            observer=setting.observer,
-            stress=setting.stress_json,
             lengths=self.lengths,
             disturbances=self.disturbances,
             states=self.states,
             leader=self.leader,
-            slack=setting.loop.slack,
-            sides=setting.loop.sides,
         )
 
     def side_by_side(self, closed: ClosedForm | None) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from dobc_design._checks import noun
 from dobc_design.errors import refused, wrong
-from dobc_design.exact.reading import Texts, one_of
+from dobc_design.exact.reading import Document, Texts, one_of
 from dobc_design.loop.arrays import (
     ArcGroups,
     Gain,
@@ -34,7 +34,7 @@ from .field import ClosedLoop, make_closed_loop
 from .fixed import MOTION, fixed_nodes
 from .integrate import STIFF, fastest_decay, observer_decay
 from .mobile import groups_of, motion_switches
-from .signals import Fixed, Mobile, Signal
+from .signals import Fixed, Mobile, Signal, signal_to_json
 from .starts import Given, Starts, make_starts
 from .stress import EXCHANGE, Stress, stated_bands, stress_to_json, worst_stress
 from .switches import Switches, drawn_graphs, drawn_switches
@@ -149,6 +149,24 @@ class Setting:
             return str(signal)
         more = ", ..." if len(names) > 4 else ""
         return f"{', '.join(names[:4])}{more} ({signal})"
+
+    @property
+    def facts(self) -> Document:
+        """What all runs have in common, as a ``Simulated`` has it."""
+        problem, loop = self.problem, self.loop
+        return {
+            "name": problem.name,
+            "mode": self.modes_in_words,
+            "labels": problem.network.labels,
+            "units": problem.units,
+            "t_final": self.horizon,
+            "goal": loop.goal.copy(),
+            "signal": signal_to_json(self.signal),
+            "observer": self.observer,
+            "stress": self.stress_json,
+            "slack": loop.slack.copy(),
+            "sides": loop.sides,
+        }
 
     def closed_form(self) -> ClosedForm | None:
         """C exp(F t) up to the horizon; None if there is no disturbance, or if it is out of

@@ -33,8 +33,13 @@ if TYPE_CHECKING:
 
 FORMAT, VERSION = "dobc-trajectory", 1
 SAMPLED = ("x", "xi", "xihat", "d", "dhat", "u")  # (T, n, width)
-STORED = ("times", ABOUT, "goal", "switch_times", "switch_modes", "graph_arcs", "graph_sizes")
 OPTIONAL = ("leader", "slack", "sides")  # stored where they are not 0
+#: The arrays of a file by their axes: samples, agents, state components, inputs, exosystem states,
+#: switches, arcs, graphs.
+AXES = dict.fromkeys(("d", "dhat", "u"), "Tnp") | dict.fromkeys(("xi", "xihat"), "Tnq")
+AXES |= dict.fromkeys(("switch_times", "switch_modes"), "S")
+AXES |= {"x": "Tnm", "times": "T", "goal": "nm", ABOUT: "", "graph_arcs": "2a", "graph_sizes": "g"}
+AXES |= {"leader": "Tm", "slack": "m", "sides": "n"}
 
 
 class Sample(NamedTuple):
@@ -54,12 +59,31 @@ class Sample(NamedTuple):
 STEPS = "steps of agents"  # so the method of runs begins whose times count steps
 
 
+@noun(eq=False)
 class Simulated(Headed):
-    """How runs show themselves."""
+    """What one run and many have in common, and how they show themselves.
 
-    __slots__ = ()
-    sides: Array
-    method: str
+    Shapes: times (T,) in s; goal (n, m); slack (m,), half the sides of the box of the fixed nodes,
+    whose middle is the goal then; sides (n,), 1 or by signs -1, where agents agree on a value, and
+    errors are disagreements.  ``mode`` names the mode, or the modes and the signal; ``method`` the
+    integrator; ``notes`` say what was chosen; ``signal`` and ``stress`` are JSON.
+    """
+
+    name: str
+    mode: str
+    labels: Texts
+    t_final: float
+    times: Array
+    goal: Array
+    notes: Texts = ()
+    signal: str = ""
+    method: str = ""
+    observer: str = "closed-form"  # or "full-loop", "off"
+    stress: str = ""  # "" where there was none
+    units: Texts = ()  # of the m state components, where the problem gives them
+    loop_sha256: str = ""  # of the problem and W; "" where they were not recorded
+    slack: Array = field(default_factory=lambda: np.zeros(0))  # default: 0
+    sides: Array = field(default_factory=lambda: np.zeros(0))  # default: every agent has a goal
 
     @property
     def clock(self) -> str:
@@ -82,43 +106,25 @@ class Trajectory(Simulated):
     """Samples of a run; arrays cannot be written to.  Iterating gives one ``Sample`` after the
     other.
 
-    Shapes: times (T,) in s; x (T, n, m); d, dhat, u (T, n, p), the inputs of [dynamics], else p =
-    m; xi, xihat (T, n, q); goal (n, m); leader (T, m), 0 without one, to which goals are relative;
-    slack (m,), half the sides of the box of the fixed nodes, whose middle is the goal then;
-    sides (n,), 1 or by signs -1, where agents agree on a value, and errors are disagreements;
-    mode_index (T,), the active mode as a place in ``switches.names``.  ``mode`` names the mode, or
-    the modes and the signal; ``switches`` holds the exact instants.  ``diverged`` says that the run
-    could not be carried to its end, ``t_final``: the samples are those before, and ``reason`` says
-    why.  ``method`` names the integrator, ``notes`` say what was chosen.
+    Shapes beside those of ``Simulated``: x (T, n, m); d, dhat, u (T, n, p), the inputs of
+    [dynamics], else p = m; xi, xihat (T, n, q); leader (T, m), 0 without one, to which goals are
+    relative; mode_index (T,), the active mode as a place in ``switches.names``, which holds the
+    exact instants.  ``diverged`` says that the run could not be carried to its end, ``t_final``:
+    the samples are those before, and ``reason`` says why.
     """
 
-    name: str
-    mode: str
-    labels: Texts
-    t_final: float
     seed: int
-    times: Array
     x: Array
     xi: Array
     xihat: Array
     d: Array
     dhat: Array
     u: Array
-    goal: Array
     diverged: bool
     reason: str = ""
-    method: str = ""
     evaluations: int = 0
-    notes: Texts = ()
-    signal: str = ""  # as JSON
-    observer: str = "closed-form"  # or "full-loop", "off"
-    stress: str = ""  # as JSON; "" where there was none
-    loop_sha256: str = ""  # of the problem and W; "" where they were not recorded
     switches: Switches = field(default_factory=lambda: one_mode(""))  # default: ``mode`` throughout
     leader: Array = field(default_factory=lambda: np.zeros(0))  # default: 0
-    slack: Array = field(default_factory=lambda: np.zeros(0))  # default: 0
-    sides: Array = field(default_factory=lambda: np.zeros(0))  # default: every agent has a goal
-    units: Texts = ()  # of the m state components, where the problem gives them
     mode_index: IndexArray = field(init=False)
 
     def __post_init__(self) -> None:
@@ -338,42 +344,26 @@ FACTS = (
 class Ensemble(Simulated):
     """Runs that differ by their seeds: starts and switches.  Arrays cannot be written to.
 
-    Shapes: seeds (R,); times (T,) in s; error and estimation_error (R, T), |e|_inf and |d -
-    dhat|_inf, nan from where a run that diverged had ended; diverged (R,); ended (R,) in s;
-    switches (R,), how often a run switched; goal (n, m); lengths (R,), the Euclidean |e| of all
-    agents at the start; disturbances (R,), the largest |xi_i - xihat_i| there; states (S, T, n, m),
-    x of the first runs, which the figure shows (at most 5, none of very large networks); leader (S,
-    T, m), that of these runs, 0 without one. ``reasons`` says by run why it ended early; ``signal``
-    and ``stress`` are JSON, ``observer`` as in ``simulate``. ``simulate(problem, seed=seeds[r],
-    ...)`` gives run r again, in full.
+    Shapes beside those of ``Simulated``: seeds (R,); error and estimation_error (R, T), |e|_inf and
+    |d - dhat|_inf, nan from where a run that diverged had ended; diverged (R,); ended (R,) in s;
+    switches (R,), how often a run switched; lengths (R,), the Euclidean |e| of all agents at the
+    start; disturbances (R,), the largest |xi_i - xihat_i| there; states (S, T, n, m), x of the
+    first runs, which the figure shows (at most 5, none of very large networks); leader (S, T, m),
+    that of these runs, 0 without one.  ``reasons`` says by run why it ended early.
+    ``simulate(problem, seed=seeds[r], ...)`` gives run r again, in full.
     """
 
-    name: str
-    mode: str
-    labels: Texts
-    t_final: float
     seeds: IndexArray
-    times: Array
     error: Array
     estimation_error: Array
     diverged: BoolArray
     ended: Array
     switches: IndexArray
     reasons: dict[int, str]
-    goal: Array
-    method: str
-    notes: Texts
-    signal: str
-    observer: str
-    stress: str
     lengths: Array
     disturbances: Array
     states: Array
     leader: Array
-    slack: Array  # and sides as those of a trajectory
-    sides: Array
-    loop_sha256: str = ""  # of the problem and W; "" where they were not recorded
-    units: Texts = ()  # of the m state components, where the problem gives them
 
     def __post_init__(self) -> None:
         for array in self._arrays().values():
@@ -478,7 +468,7 @@ def load_trajectory(path: str | PathLike[str]) -> Trajectory:
     place = Path(path)
     cure = "Give a file that Trajectory.save wrote."
     with describing(place, key="path", what="trajectory", cure=cure):
-        arrays = read_arrays(place, (*STORED, *SAMPLED, *OPTIONAL), _require_shapes)
+        arrays = read_arrays(place, tuple(AXES), _require_shapes)
         facts = json.loads(str(arrays.pop(ABOUT)))
         plain = _plain_facts(facts)
         _require_texts(facts, plain)
@@ -500,33 +490,18 @@ def load_trajectory(path: str | PathLike[str]) -> Trajectory:
 
 def _require_shapes(shapes: Shapes) -> None:
     """The shapes of a trajectory's arrays must fit each other.  Raises: UnfitError."""
-    missing = [name for name in (*STORED, *SAMPLED) if name not in shapes]
+    missing = [name for name in AXES if name not in shapes and name not in OPTIONAL]
     require(not missing, f"it has no array {', '.join(missing)}")
-    require(len(shapes["x"]) == len(shapes["xi"]) == 3, "x and xi must be samples of agents")
-    samples, n, m = shapes["x"]
-    q = shapes["xi"][2]
-    # slices: a shape that is too short is found below, with all others
-    p = shapes["u"][2:][-1:]  # inputs of an agent: m but with [dynamics]
-    switches = shapes["switch_times"][:1]
-    wanted = {
-        "times": (samples,),
-        "goal": (n, m),
-        "switch_modes": switches,
-        "switch_times": switches,
-        ABOUT: (),
-        "d": (samples, n, *p),
-        "dhat": (samples, n, *p),
-        "u": (samples, n, *p),
-        "xi": (samples, n, q),
-        "xihat": (samples, n, q),
-    }
-    optional = {"leader": (samples, m), "slack": (m,), "sides": (n,)}
-    wanted |= {name: shape for name, shape in optional.items() if name in shapes}
-    wanted["graph_arcs"] = (2, *shapes["graph_arcs"][1:2])
-    wanted["graph_sizes"] = shapes["graph_sizes"][:1]
-    wrong = [name for name, shape in wanted.items() if shapes[name] != shape]
+    require(len(shapes["x"]) == 3, "x must be samples of agents")
+    sizes = {"2": 2}
+    wrong = []
+    # what first has an axis says how long it is
+    for name in ("x", *shapes):
+        wanted = [sizes.setdefault(*each) for each in zip(AXES[name], shapes[name], strict=False)]
+        if len(AXES[name]) != len(shapes[name]) or tuple(wanted) != shapes[name]:
+            wrong.append(name)
     require(not wrong, f"the shapes of {', '.join(wrong)} do not fit that of x")
-    require(min(samples, n, m, *p, *switches), "it has no samples")
+    require(all(sizes[axis] for axis in "TnmpS"), "it has no samples")
 
 
 def _plain_facts(facts: Any) -> Document:

@@ -6,7 +6,7 @@ What is drawn solid is proved.  Names given by users are never read as mathemati
 from collections.abc import Callable, Sequence
 from functools import partial
 from textwrap import fill
-from typing import Protocol
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -34,64 +34,10 @@ MOST_STARTS = 24  # agents
 _LONGEST = 18  # letters of a line of a method's name
 
 
-class Claim(Protocol):
-    """What one method proves: ``kind`` is "everywhere", "box", "ball", "near" or "none"; starts
-    with |e|_inf <= box and those with |e| <= ball are covered; ``starts`` says it in words."""
-
-    @property
-    def method(self) -> str: ...
-    @property
-    def kind(self) -> str: ...
-    @property
-    def box(self) -> float | None: ...
-    @property
-    def ball(self) -> float | None: ...
-    @property
-    def starts(self) -> str: ...
-
-
-class Agent(Protocol):
-    """An agent may start within ``bound`` of its goal, which it has with one state component."""
-
-    @property
-    def label(self) -> str: ...
-    @property
-    def bound(self) -> float: ...
-    @property
-    def pinned(self) -> bool: ...
-    @property
-    def goal(self) -> float | None: ...
-
-
-class Asked(Protocol):
-    """What was asked for: |e|_inf <= box, as an interval of states where they are numbers."""
-
-    @property
-    def box(self) -> float: ...
-    @property
-    def interval(self) -> tuple[float, float] | None: ...
-
-
-class Regions(Protocol):
-    """All of a problem; ``rest``: how far away another equilibrium is proved; ``unit``: of all
-    state components, "" without one; ``agree``: sizes are those of differences."""
-
-    @property
-    def name(self) -> str: ...
-    @property
-    def asked(self) -> Asked | None: ...
-    @property
-    def claims(self) -> Sequence[Claim]: ...
-    @property
-    def agents(self) -> Sequence[Agent]: ...
-    @property
-    def rest(self) -> float | None: ...
-    @property
-    def unit(self) -> str: ...
-    @property
-    def goal(self) -> str: ...
-    @property
-    def agree(self) -> bool: ...
+#: Nouns of ``certificate.regions``, a room that rests on this one.
+Regions = Any
+Claim = Any  # a RegionClaim
+Agent = Any  # one whose starts have a bound
 
 
 def name_rows(ax: Axes, names: Sequence[str]) -> None:

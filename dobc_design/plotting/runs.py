@@ -1,12 +1,10 @@
 """Figures of one run and of many: states, disturbance and estimate, errors, the active mode.
 
-A Trajectory is a Run and an Ensemble is Runs; their room rests on this one, so that what a figure
-needs of them is said here.  A certified envelope is handed over as points (t, bound on |e|_inf);
-nothing is certified here.
+A certified envelope is handed over as points (t, bound on |e|_inf); nothing is certified here.
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
@@ -58,85 +56,12 @@ MEASURED = {
 _SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
 
-class Switches(Protocol):
-    """Mode ``names[modes[k]]`` is active from ``times[k]`` s on."""
-
-    @property
-    def times(self) -> ArrayLike: ...
-    @property
-    def modes(self) -> ArrayLike: ...
-    @property
-    def names(self) -> Sequence[str]: ...
-
-
-class RunSwitches(Switches, Protocol):
-    """Those of a run: their number, the mode at given times, graphs (2, arcs) where agents move."""
-
-    @property
-    def graphs(self) -> Sequence[NDArray[np.int64]]: ...
-    def __len__(self) -> int: ...
-    def at(self, times: Array, /) -> NDArray[np.int64]: ...
-
-
-class Goals(Protocol):
-    """Times (T,) in s; goals (n, m), relative to the states of leaders (T, m) or (runs, T, m);
-    slack (m,), half the width of a band about them in which there is no error;
-    sides (n,) where agents agree on a value, and have no goals, else empty; what is ``measured``;
-    the unit of times, ``clock``;
-    units of the m state components, none where none are given."""
-
-    @property
-    def times(self) -> Array: ...
-    @property
-    def goal(self) -> Array: ...
-    @property
-    def leader(self) -> Array: ...
-    @property
-    def slack(self) -> Array: ...
-    @property
-    def sides(self) -> Array: ...
-    @property
-    def clock(self) -> str: ...
-    @property
-    def measured(self) -> str: ...
-    @property
-    def units(self) -> Sequence[str]: ...
-
-
-class Run(Goals, Protocol):
-    """One run: states x (T, n, m), disturbance d and its estimate dhat (T, n, p)."""
-
-    @property
-    def name(self) -> str: ...
-    @property
-    def labels(self) -> Sequence[str]: ...
-    @property
-    def x(self) -> Array: ...
-    @property
-    def d(self) -> Array: ...
-    @property
-    def dhat(self) -> Array: ...
-    @property
-    def diverged(self) -> bool: ...
-    @property
-    def switches(self) -> RunSwitches: ...
-    def errors(self) -> Array: ...
-
-
-class Runs(Goals, Protocol):
-    """Many runs: errors (R, T), nan after the end of a run; states (S, T, n, m) of the first."""
-
-    @property
-    def seeds(self) -> NDArray[np.int64]: ...
-    @property
-    def error(self) -> Array: ...
-    @property
-    def estimation_error(self) -> Array: ...
-    @property
-    def diverged(self) -> NDArray[np.bool_]: ...
-    @property
-    def states(self) -> Array: ...
-    def __len__(self) -> int: ...
+#: Nouns of rooms that rest on this one: ``simulation.trajectory`` and ``simulation.switches`` say
+#: what they have.
+Run = Any  # a Trajectory
+Runs = Any  # an Ensemble
+Goals = Any  # either of them, for the goals of which figures ask
+Switches = Any  # mode ``names[modes[k]]`` is active from ``times[k]`` s on
 
 
 def trajectory_sheet(

@@ -6,7 +6,7 @@ least to most.
 """
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -307,23 +307,7 @@ TITLES = {
 }
 
 
-class Sweep(Protocol):
-    """Late errors (S,), part of the error at the start, inf where a run diverged, at severities
-    (S,) of one stress: in their ``unit``, and in ``relative``, natural units.  ``breaks``: the
-    first severity that is too much."""
-
-    @property
-    def option(self) -> str: ...
-    @property
-    def unit(self) -> str: ...
-    @property
-    def severity(self) -> Array: ...
-    @property
-    def relative(self) -> Array: ...
-    @property
-    def late(self) -> Array: ...
-    @property
-    def breaks(self) -> float | None: ...
+Sweep = Any  # of one stress: simulation.breaking.Sweep, whose room rests on this one
 
 
 def breaking_sheet(
@@ -429,28 +413,7 @@ def _periods(ax: Axes, period: float | None, certified: float | None) -> None:
         legend.get_frame().set_edgecolor("none")
 
 
-class Point(Protocol):
-    """A design: what it costs and what it gives."""
-
-    @property
-    def x(self) -> float: ...
-    @property
-    def y(self) -> float: ...
-
-
-class TradeOff(Protocol):
-    """Designs in the order of x, and the one that was chosen."""
-
-    @property
-    def name(self) -> str: ...
-    @property
-    def x_name(self) -> str: ...
-    @property
-    def y_name(self) -> str: ...
-    @property
-    def points(self) -> Sequence[Point]: ...
-    @property
-    def chosen(self) -> Point | None: ...
+TradeOff = Any  # synthesis.joint.claim.TradeOff, whose room rests on this one
 
 
 def trade_off_plot(found: TradeOff, *, steps: bool, ax: Axes | None = None) -> Sheet | Axes:
@@ -477,7 +440,7 @@ def trade_off_plot(found: TradeOff, *, steps: bool, ax: Axes | None = None) -> S
     return sheet_or_axes(draw, ax, width=5.2, height=3.4)
 
 
-def _draw_chosen(ax: Axes, point: Point) -> None:
+def _draw_chosen(ax: Axes, point: Any) -> None:
     at = point.x, point.y
     mark = _marks(ax, [point.x], [point.y], marker="D", color=VERMILLION)
     mark.set(markersize=8, zorder=3)

@@ -2,8 +2,7 @@
 a picture."""
 
 from collections.abc import Sequence
-from fractions import Fraction
-from typing import Protocol
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,23 +12,8 @@ from dobc_design._checks import noun
 from .look import DOTTED, MUTED, SERIES, fit_heights, legend_above, short, thinned_rows
 from .runs import MOST_NAMED_MODES, Switches, plot_modes
 
-
-class Phase(Protocol):
-    """A mode that is on for at least ``shortest`` s."""
-
-    @property
-    def mode(self) -> str: ...
-    @property
-    def shortest(self) -> Fraction: ...
-
-
-class Weights(Protocol):
-    """Weights ``v`` of all agents at ``times`` in s, from the beginning of a phase."""
-
-    @property
-    def times(self) -> Sequence[Fraction]: ...
-    @property
-    def v(self) -> Sequence[Sequence[Fraction]]: ...
+Phase = Any  # loop.guarantee.Phase: a mode that is on for at least ``shortest`` s
+Weights = Any  # weights ``v`` of all agents at ``times`` in s, from the beginning of a phase
 
 
 @noun

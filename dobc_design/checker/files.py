@@ -210,9 +210,12 @@ class Problem:
             need(ticks == 1 or not late.lost, "readings are lost at the ticks of a period")
         table = self.stated.actuators
         if table is not None and table.delay is not None:
-            alone = not (ticks or self.dynamics or self.fixed or self.stated.goal)
+            alone = not (self.dynamics or self.fixed or self.stated.goal)
             known = alone and not table.saturates and table.delay > 0
-            need(known, "inputs that act late do so at all times, uncut, and towards a target")
+            need(known, "inputs that act late do so uncut, and towards a target")
+            processor = self.stated.processor
+            at_ticks = processor is not None and table.delay % processor.period == 0
+            need(at_ticks or not ticks, "inputs that act late do so at all times, or at ticks")
 
     def read_bands(self) -> None:
         """Sines of unknown frequencies, of which observers in continuous time make little."""

@@ -463,7 +463,7 @@ def timing_of(stated: Any) -> Timing | None:
     elif late is not None and late.period is not None:
         period = late.period
     # more ticks would fill the memory
-    few = not period or max(delay, own) <= TICKS * period
+    few = not period or max(delay, own) - ahead <= TICKS * period >= ahead
     need(few, f"readings are older than {TICKS} periods")
     return Timing(delay, own, period, lost, event, processor is not None or steps, steps, ahead)
 

@@ -173,10 +173,11 @@ def composite(case: Case, claim: Any, ahead: Fraction = ZERO) -> None:
         need(left > 0 and shrinks(P, found, left), "beta is not shown")
     else:
         need(nonnegative(opposite(omega(case, P, claim.beta))), "beta is not shown")
-        if ahead:
-            moved = exponential([[x * ahead for x in row] for row in case.A])
-            around = norm(C) * Fraction(moved.missed, 2**BITS)
-            C = product(C, moved.middle)
+    if ahead:
+        moved = exponential([[x * ahead for x in row] for row in case.A])
+        missed = Fraction(moved.missed, 2**BITS)
+        around = around * (norm(moved.middle) + missed) + norm(C) * missed
+        C = product(C, moved.middle)
     if T != PLAIN:
         C = product(diagonal([T] * len(case.residuals)), C)  # of z
     for c in C:
@@ -532,7 +533,7 @@ def readings(case: Case, check: Any) -> Any:
         # what was read before the first input acted counts as an error of the estimates
         left = claim.rho - (check.domain.radius + drift) / min(claim.v)
         left = left / claim.kappa - check.domain.disturbance * root(claim.size)
-        most = left / (drift * grown(timing, claim.beta, timing.own_delay, False))
+        most = left / (drift * stale(timing, claim.beta))
     know_themselves(case, claim, claim.alpha, timing, theta, errors, most)
     return claim
 
@@ -559,6 +560,14 @@ def grown(timing: Timing, rate: Fraction, age: Fraction | int, by_ticks: bool) -
         return growth(rate * age)
     left = 1 - timing.period * rate
     return power((left, left), -int(age))[1]
+
+
+def stale(timing: Timing, beta: Fraction) -> Fraction:
+    """How much larger the error of the observer was when a node knew itself."""
+    age = timing.own_delay
+    if timing.period:
+        age = timing.ticks(age) * (Fraction(1) if timing.sampled else timing.period)
+    return grown(timing, beta, age, timing.sampled)
 
 
 def know_themselves(
@@ -595,8 +604,7 @@ def overshoot(case: Case, claim: Any, alpha: Fraction, timing: Timing) -> Fracti
     if case.q == 0:
         return most
     beta = claim.beta
-    age = T * d or timing.own_delay
-    since = grown(timing, beta, d if timing.sampled else age, timing.sampled) - 1
+    since = stale(timing, beta) - 1
     decay = beta
     if T and not timing.sampled:
         # within a period the estimates go on
@@ -620,7 +628,7 @@ def unmixed(case: Case, claim: Any, theta: Fraction) -> None:
 
 def diverges(case: Case, check: Any) -> None:
     """Of e' = -M e with one delay in everything an eigenvalue mu of M has |mu| tau > pi/2 - |arg
-    mu|; or I - T M has one that is not inside the unit circle."""
+    mu|; or a step of T has one that is not inside the unit circle."""
     witness = read(check.witness, {"kind": text, "values": [rational]})
     one = check.exact is None and witness.kind == "eigenvalue"
     need(one, "it claims a value, or its witness is no eigenvalue")
@@ -631,8 +639,9 @@ def diverges(case: Case, check: Any) -> None:
     slopes = jacobian(case, next(iter(case.modes)))
     timing = case.timing
     if timing.period:
-        step = plus(identity(case.size), timing.period, slopes)
-        found = inside([(c, c) for c in characteristic(step)])
+        late = timing.ticks(timing.ahead)
+        need(case.size * (late + 1) <= MOST, "so many eigenvalues are not looked at")
+        found = inside([(c, c) for c in characteristic(late_step(timing.period, slopes, late))])
         need(found is False and not witness.values, "it is not shown that a step overshoots")
         return
     need(len(witness.values) == 2, "an eigenvalue has two parts")
@@ -643,6 +652,17 @@ def diverges(case: Case, check: Any) -> None:
     # below pi/2: Re mu < |mu| sin(|mu| tau)
     far = 2 * turn >= PI[1] or x + off < size * wave((turn, turn), 0)[0]
     need(turn > 0 and far, "it is not shown to turn too far")
+
+
+def late_step(T: Fraction, slopes: Matrix, late: int) -> Matrix:
+    """x_k+1 = x_k + T slopes x_(k - late), of the states from x_k to x_(k - late)."""
+    size = len(slopes)
+    whole = identity(size * (late + 1))
+    first = [list(row) for row in whole[:size]]
+    for row, felt in paired(first, slopes):
+        for c, x in enumerate(felt):
+            row[size * late + c] += T * x
+    return first + whole[: size * late]
 
 
 def to_a_root(p: Vector, x: Fraction, y: Fraction) -> Fraction:

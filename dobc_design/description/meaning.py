@@ -664,7 +664,8 @@ def _about_ticks(problem: Problem) -> Sentences:
         )
     t_final = problem.simulation.t_final
     T = timing.period
-    for key, age in (("delay", timing.delay), ("own_delay", timing.own_delay)):
+    read = timing.at_once
+    for key, age in (("delay", read.delay), ("own_delay", read.own_delay)):
         if 0 < age < T and not timing.steps:
             yield (
                 f"readings.{key} = {significant(age)} s is shorter than the period of "

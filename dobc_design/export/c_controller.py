@@ -44,17 +44,18 @@ from dobc_design.exact.matrix import (
     transpose,
     zeros,
 )
-from dobc_design.exact.number import ONE, ZERO, number_text, parse_number
+from dobc_design.exact.number import ONE, ZERO, decimal_text, number_text, parse_number
 from dobc_design.exact.polynomial import characteristic_polynomial, decide_images, disk_image
-from dobc_design.exact.reading import named, shown
+from dobc_design.exact.reading import counted, named, shown
 from dobc_design.loop.arrays import Gain, chosen_gain
 from dobc_design.loop.make import loop_of, timing_of
-from dobc_design.loop.timing import Timing, timing_words
+from dobc_design.loop.timing import Timing, late_step, timing_words
 from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.exosystems import block_diagonal
 from dobc_design.problem.groups import gains_of, group_numbers
 from dobc_design.problem.network import one_form
 from dobc_design.problem.problem import Problem
+from dobc_design.problem.readings import check_ticks
 from dobc_design.simulation.sampled import check_sampled_gain
 from dobc_design.verdict import Verdict
 
@@ -69,7 +70,10 @@ def certified_sampling(problem: Problem, claims: Claims, period: Fraction) -> St
         return _certified_loop(claims, timing)
     longest = certified_period(loop_of(problem), claims)
     if longest is None:
-        return undecided("certified-sampling", "the certificate has no proved check `sampling`.")
+        text = "the certificate has no proved check `sampling`."
+        if timing is not None:
+            text += " Of the file with a [processor] of this period `readings` decides this loop."
+        return undecided("certified-sampling", text)
     domain = next(check.domain for check in claims.checks if check.id == "sampling")
     limit = f"{float(longest):.4g} s{_starts(domain)}"
     if period > longest:
@@ -148,10 +152,10 @@ class Step:
 def sampled_network_statement(
     problem: Problem, period: Fraction, written: Step | None = None
 ) -> Statement:
-    """State whether e_(k+1) = (I + T (J - K)) e_k dies out in every mode: exact, at the consensus.
-    UNDECIDED for n m > 40 (200 where J - K is symmetric), for slopes that are not rational, and
-    where an agent that nothing pins keeps its error.  ``written``: how agents with [dynamics] move,
-    with the numbers of the code."""
+    """State whether e_(k+1) = (I + T (J - K)) e_k dies out in every mode: exact, at the consensus;
+    with (J - K) e of as many periods ago as inputs act late.  UNDECIDED for n m > 40 (200 where
+    J - K is symmetric), for slopes that are not rational, and where an agent that nothing pins
+    keeps its error.  ``written``: how agents with [dynamics] move, with the code's numbers."""
     said = partial(_about, "sampled-network", period)
     if problem.n * problem.m > MOST_SYMMETRIC:
         text = f"the sampled network is not decided for more than {MOST_SYMMETRIC} rows."
@@ -165,6 +169,8 @@ def sampled_network_statement(
     bad = [name for name, verdict in found.items() if verdict is Verdict.REFUTED]
     unknown = [name for name, verdict in found.items() if verdict is Verdict.UNDECIDED]
     which = "I + T (J - K)" if written is None else "its matrix (with the numbers as written)"
+    if late := periods_late(problem, period):
+        which = f"a step whose inputs act {counted(late, 'period')} late"
     if bad:
         text = (
             f"held over {float(period):.4g} s, couplings and pinning drive the agents apart in "
@@ -212,7 +218,8 @@ def _mode_verdict(
     size = problem.n * problem.m
     if not mode.is_point:
         return Verdict.UNDECIDED
-    if written is not None and size > MOST_ROWS:
+    late = periods_late(problem, period)
+    if (written is not None or late) and size * (late + 1) > MOST_ROWS:
         return Verdict.UNDECIDED
     # J - K at the consensus, as a dense matrix.
     entries = linearisation(mode, problem.m)
@@ -223,6 +230,7 @@ def _mode_verdict(
         F = _held(problem, problem.dynamics, loop, written)
     if problem.agrees:
         F = of_differences(F, problem.m)
+    F = late_step(F, late)
     # Definiteness decides many more rows than a characteristic polynomial does.
     if transpose(F) == F:
         return _symmetric_in_unit_disk(F)
@@ -267,6 +275,17 @@ def _in_unit_disk(F: Matrix) -> Verdict:
     return Verdict.UNDECIDED if inside else Verdict.REFUTED
 
 
+def inputs_late(problem: Problem) -> Fraction:
+    """How late inputs act, actuators.delay (s)."""
+    timing = timing_of(problem)
+    return ZERO if timing is None else timing.ahead
+
+
+def periods_late(problem: Problem, period: Fraction) -> int:
+    """The same in periods."""
+    return inputs_late(problem) // period
+
+
 SHORTEST, LONGEST = Fraction(1, 10**6), Fraction(10**6)  # periods, s
 # in one table; a controller of its own can be written for every agent of a larger network
 MOST_AGENTS = 200
@@ -303,6 +322,7 @@ class Controller:
     ``watch`` (p, m): of [dynamics], where a state becomes x + motion x + push v in a period without
     a disturbance, or x + motion f(x) + push v. ``period`` in s. ``statements``: what is decided
     about these numbers.  ``oldest``: samples that a packet may be old, None where nobody says.
+    ``told`` (p, q): Cd of the time at which an answer acts.
     ``states``: where its exosystem's states stand in a simulation, which holds those of all groups
     of agents side by side."""
 
@@ -315,10 +335,16 @@ class Controller:
     agents: tuple[AgentNumbers, ...]
     statements: tuple[Statement, ...]
     states: range
+    told: Matrix
     oldest: int | None = None
     motion: Matrix = ()
     push: Matrix = ()
     watch: Matrix = ()
+
+    @property
+    def late(self) -> int:
+        """How many samples later an answer acts."""
+        return periods_late(self.problem, self.period)
 
     @property
     def q(self) -> int:
@@ -376,10 +402,13 @@ def make_controller(
         message = f"of {float(asked):.4g} s is too long: {failed}"
         raise wrong("processor.period", message, "Choose a shorter one, or another observer.W.")
     if failed:
-        works = longest_period(lambda value: not _obstacle(plan.at(value), objection), asked)
+        ahead = inputs_late(problem)
+        works = longest_period(
+            lambda value: not ahead % value and not _obstacle(plan.at(value), objection), asked
+        )
         cure = "No shorter period that was tried works either: look at the gains and at W."
         if works is not None:
-            cure = f"The longest of those tried that works: --period {float(works):.4g}."
+            cure = f"The longest of those tried that works: --period {decimal_text(works)}."
         raise refused("--period", f"a period of {float(asked):.4g} s is too long: {failed}", cure)
     return controller
 
@@ -455,10 +484,16 @@ class _Plan:
         Ad: Matrix = ()
         Cd: Matrix = ()
         L: Matrix = ()
+        told: Matrix = ()
         statements = []
         if A:
             Ad = self._rounded(tuple(row[own:] for row in flow[own:]))
-            Cd = self._rounded(multiply(exact_watch, tuple(row[own:] for row in flow[:m])))
+            output = multiply(exact_watch, tuple(row[own:] for row in flow[:m]))
+            Cd = self._rounded(output)
+            told = Cd
+            if late := inputs_late(problem):
+                then = _middle(discretise(A, late).transition)
+                told = self._rounded(multiply(output, then))
             L = self._rounded(self._sampled_gain(period))
             # What is decided is about the numbers as they are written, after rounding.
             statements.append(sampled_observer_statement(Ad, Cd, L, period=period))
@@ -473,6 +508,7 @@ class _Plan:
             agents=self.agents,
             statements=tuple(statements),
             states=self.observed.states,
+            told=told,
             oldest=self._oldest(period),
             motion=motion,
             push=push,
@@ -481,7 +517,9 @@ class _Plan:
 
     def _oldest(self, period: Fraction) -> int | None:
         timing = timing_of(self.problem)
-        return None if timing is None else math.ceil(timing.delay / period) + timing.lost
+        if timing is None:
+            return None
+        return math.ceil(timing.at_once.delay / period) + timing.lost
 
     def _slopes(self) -> Matrix:
         """A of the plant, or the slopes of f at the target, (m, m)."""
@@ -556,6 +594,7 @@ def _read_period(problem: Problem, given: Any, L: Matrix | None) -> Fraction:
             f"--period must be a positive number of seconds, 1e-6 to 1e6; got {shown(given)}.",
             "For example --period 0.05.",
         )
+    check_ticks(inputs_late(problem), period, key="--period")
     return period
 
 

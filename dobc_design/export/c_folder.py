@@ -130,7 +130,7 @@ class Recorder:
         """The loop at the multiples of the period."""
         period = float(controller.period)
         # At least two samples, so that one of them has a past.
-        count = max(2, min(MOST_SAMPLES, int(SECONDS / period)) + 1)
+        count = max(2, min(MOST_SAMPLES, int(SECONDS / period)) + 1) + controller.late
         times = [k * period for k in range(count)]
         mode = None
         if self.signal is None:
@@ -160,19 +160,23 @@ class Recorder:
         i = agent.index
         # In the order in which the code numbers them.
         others = list(agent.neighbours)
-        u = run.u[:, i]
+        # what acts ``late`` samples after it is computed
+        late = controller.late
+        asked = slice(len(run.x) - late)
+        x = run.x[asked]
+        u = run.u[late:, i]
         measured = Recorded(
             controller=controller,
             agent=agent,
-            modes=_modes_in_code(controller, run),
-            x=run.x[:, i],
-            heard=run.x[:, others] - run.goal[others],
-            xihat=run.xihat[:, i, controller.states],
-            dhat=run.dhat[:, i],
+            modes=_modes_in_code(controller, run)[asked],
+            x=x[:, i],
+            heard=x[:, others] - run.goal[others],
+            xihat=run.xihat[asked, i, controller.states],
+            dhat=run.dhat[late:, i],
             u=u,
             v=u,
         )
-        e = run.x[:, i] - run.goal[i]
+        e = x[:, i] - run.goal[i]
         # v is what an agent does in all: its couplings, which no simulation records, and u.
         exact = np.zeros_like(e)
         felt = felt_with_error(measured, e, exact, 0.0)

@@ -147,18 +147,19 @@ def _bound(recorded: Recorded, u: float) -> float:
     if q == 0:
         return float(np.max(felt.error + pull + 3 * u * sized))
     Ad = to_float(controller.Ad)
-    Cd = abs(to_float(controller.Cd))
+    told = abs(to_float(controller.told))
     L = abs(to_float(controller.L))
-    size = abs(recorded.xihat) @ Cd.T
+    size = abs(recorded.xihat) @ told.T
     held = felt.error + pull + (q + 2) * u * size + 3 * u * (sized + size)
     surprise = _innovation(recorded, held, u)
-    local = surprise.error + (q + 2) * u * size[:-1]
+    expected = abs(recorded.xihat[:-1]) @ abs(to_float(controller.Cd)).T
+    local = surprise.error + (q + 2) * u * expected
     moved = abs(recorded.xihat[:-1]) @ abs(Ad).T + surprise.value @ L.T
     estimate = (q + m + 3) * u * moved + local @ L.T
     # What every sample adds to the error of the estimate lives on, with the powers of Ad.
     powers = accumulate(repeat(Ad, len(recorded.x) - 2), np.matmul, initial=np.eye(q))
     carried = sum(map(abs, powers), np.zeros((q, q))) @ np.max(estimate, axis=0, initial=0.0)
-    return float(np.max(held) + np.max(Cd @ carried))
+    return float(np.max(held) + np.max(told @ carried))
 
 
 def _innovation(recorded: Recorded, held: Array, u: float) -> Erring:
@@ -169,7 +170,13 @@ def _innovation(recorded: Recorded, held: Array, u: float) -> Erring:
     push = to_float(controller.push)
     watch = to_float(controller.watch)
     x, before = recorded.x[1:], recorded.x[:-1]
-    v = recorded.v[:-1]
+
+    # what acted: nothing before the first answer did
+    def acted(answers: Array) -> Array:
+        waiting = np.zeros((controller.late, answers.shape[1]))
+        return np.vstack([waiting, answers])[: len(x)]
+
+    v = acted(recorded.v)
     # An f is computed from the measured state, with rounding errors of its own.
     own = Erring(before, np.zeros_like(before))
     dynamics = controller.problem.dynamics
@@ -181,9 +188,9 @@ def _innovation(recorded: Recorded, held: Array, u: float) -> Erring:
     moved = moved + abs(own.value) @ abs(motion).T + abs(v) @ abs(push).T
     terms = np.count_nonzero(motion) + np.count_nonzero(push)
     rounding = (terms + 3) * u * moved
-    error = held[:-1] @ abs(push).T + rounding + (len(motion) + 2) * u * abs(apart)
+    error = acted(held) @ abs(push).T + rounding + (len(motion) + 2) * u * abs(apart)
     error += own.error @ abs(motion).T
-    size = abs(apart @ watch.T - recorded.dhat[:-1])
+    size = abs(apart @ watch.T - recorded.xihat[:-1] @ to_float(controller.Cd).T)
     return Erring(size, error @ abs(watch).T)
 
 

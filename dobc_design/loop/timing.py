@@ -7,11 +7,13 @@ and held, so that ages are counted in ticks.  With ``sampled`` the compensation 
 too, and the observer is the recursion eps+ = (Ad - W C Gamma) eps; then rates are slopes per tick:
 N falls by the factor 1 - T rate, which is at most exp(-rate T).
 
-What acts is ``ahead`` s late, which both ages count.  Estimates are predicted by as much: from
-``ahead`` on d - dhat is C exp(A ahead) eps(t - ahead), and before nothing is applied.
+What acts is ``ahead`` s late, which both ages count; on a processor by whole ticks.  Estimates are
+predicted by as much: from ``ahead`` on d - dhat is C exp(A ahead) eps(t - ahead), and before
+nothing is applied.
 """
 
 import math
+from dataclasses import replace
 from fractions import Fraction
 from functools import lru_cache
 
@@ -24,7 +26,7 @@ from dobc_design.exact.interval import (
     interval_product,
     points,
 )
-from dobc_design.exact.matrix import Matrix
+from dobc_design.exact.matrix import Matrix, identity, subtract, zeros
 from dobc_design.exact.number import ZERO
 from dobc_design.exact.reading import counted
 from dobc_design.problem.exosystems import Exosystem
@@ -50,6 +52,12 @@ class Timing:
     def own_ticks(self) -> int:
         """The age of what an agent knows of itself at a tick."""
         return math.ceil(self.own_delay / self.period) if self.period else 0
+
+    @property
+    def at_once(self) -> "Timing":
+        """The same where all that is computed acts at once."""
+        read = {name: getattr(self, name) - self.ahead for name in ("delay", "own_delay")}
+        return replace(self, ahead=ZERO, **read)
 
     @property
     def is_late(self) -> bool:
@@ -116,11 +124,27 @@ def sampled(exosystem: Exosystem, timing: Timing) -> Sampled:
 
 @lru_cache(maxsize=16)
 def predicted(exosystem: Exosystem, timing: Timing | None) -> IntervalMatrix:
-    """C exp(A ahead), enclosed: what is left of the disturbance by an error of the estimate."""
+    """C exp(A ahead), enclosed, of a processor with the mean C: what is left of the disturbance by
+    an error of the estimate."""
     C = points(exosystem.C)
-    if timing is None or not timing.ahead:
+    if timing is None:
+        return C
+    if timing.sampled:
+        C = sampled(exosystem, timing).C
+    if not timing.ahead:
         return C
     return interval_product(C, discretise(exosystem.A, timing.ahead).transition)
+
+
+def late_step(step: Matrix, late: int) -> Matrix:
+    """x+ = x + (step - I) x of ``late`` ticks ago, for the states from that of now to that one."""
+    n = len(step)
+    if not late:
+        return step
+    felt = subtract(step, identity(n))
+    between = zeros(n, n * (late - 1))
+    own = zip(identity(n), between, felt, strict=True)
+    return (*(a + b + c for a, b, c in own), *identity(n * (late + 1))[: n * late])
 
 
 def middle_of(M: IntervalMatrix) -> Matrix:
@@ -136,13 +160,12 @@ def timing_words(timing: Timing | None) -> str:
     unit = "steps" if timing.steps else "s"
     if timing.ahead:
         parts.append(f"all that agents compute acting {_number(timing.ahead)} s late")
-    if timing.delay > timing.ahead:
-        age = timing.delay - timing.ahead
-        parts.append(f"readings of neighbours up to {_number(age)} {unit} old")
-    if timing.own_delay > timing.ahead:
-        age = timing.own_delay - timing.ahead
-        own = "own ones" if timing.delay > timing.ahead else "own readings"
-        parts.append(f"{own} up to {_number(age)} {unit} old")
+    read = timing.at_once
+    if read.delay:
+        parts.append(f"readings of neighbours up to {_number(read.delay)} {unit} old")
+    if read.own_delay:
+        own = "own ones" if read.delay else "own readings"
+        parts.append(f"{own} up to {_number(read.own_delay)} {unit} old")
     if timing.lost:
         parts.append(f"{counted(timing.lost, 'reading')} of a neighbour lost in a row")
     if timing.event:

@@ -58,6 +58,7 @@ from .readings import (
     TIMES,
     Processor,
     Readings,
+    check_ticks,
     read_time,
 )
 from .region import GOALS, Pairs, Region, read_goal, read_region, read_units
@@ -280,15 +281,18 @@ class Problem(Grouped, Shown):
 
     def _check_ages(self) -> None:
         """Ages are counted in ticks, of which there are not too many.  Raises: SpecError."""
-        for name in ("delay", "own_delay"):
-            age = getattr(self.readings, name, ZERO)
+        for path in ("readings.delay", "readings.own_delay", "actuators.delay"):
+            table, _, name = path.partition(".")
+            age = getattr(getattr(self, table), name, None) or ZERO
             if self.period is not None and age > MOST_LOST * self.period:
                 raise wrong(
-                    f"readings.{name}",
+                    path,
                     f"must be at most {MOST_LOST} periods, which last {significant(self.period)} s "
                     f"each; got {significant(age)} s.",
                     "Is one of them in another unit?",
                 )
+            if table == "actuators" and self.processor is not None:
+                check_ticks(age, self.processor.period, key="processor.period")
 
     def _check_goal(self) -> None:
         """Nobody agrees alone; one fixed node at rest is the target.  Raises: SpecError."""

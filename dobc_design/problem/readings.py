@@ -1,13 +1,14 @@
 """When agents know what they use: [readings], how late and how often, and [processor], where
 everything is computed from samples."""
 
+import math
 from fractions import Fraction
 from functools import partial
 
 from dobc_design._checks import noun, positional
 from dobc_design._show.cards import Card
 from dobc_design.errors import wrong
-from dobc_design.exact.number import ONE, ZERO
+from dobc_design.exact.number import ONE, ZERO, decimal_text
 from dobc_design.exact.reading import least_number, one_of, positive_number, whole_number
 
 from .stated import Stated, read_by
@@ -60,6 +61,20 @@ class Processor(Stated):
 
     def _card(self) -> Card:
         return Card(title="Processor", facts=[("period", self.period)])
+
+
+def check_ticks(late: Fraction, period: Fraction, *, key: str) -> None:
+    """What is computed at a tick acts at another one.  Raises: SpecError that names ``key``."""
+    ticks = math.ceil(late / period)
+    if late == ticks * period:
+        return
+    told = decimal_text(period)
+    raise wrong(
+        key,
+        f"must be a part of actuators.delay = {decimal_text(late)} s; got {told} s.",
+        f"Let inputs wait for the next tick, actuators.delay = {decimal_text(ticks * period)}; or "
+        f"take {decimal_text(late / ticks)}.",
+    )
 
 
 def read_time(value: object) -> bool:

@@ -12,6 +12,7 @@ So eps_(k+1) = (Ad - L Cd) eps_k, free of the network as (17) is, and the mean o
 period is Cd eps_k. L = int_0^T exp((A - W C) s) ds W, unless it is given; T W where the problem
 states a [processor].  Between samples d - dhat keeps a ripple that shrinks with T.  Agents that
 move in steps, x_(k+1) = x_k + v_k + d_k and xi_(k+1) = A xi_k, have T = 1, Ad = A and Cd = C.
+Where v_k acts l periods late, dhat_k = Cd exp(A l T) xihat_k; observers count on the v that acts.
 
 Agents with linear [dynamics] move by x_(k+1) = Phi x_k + G v_k + N xi_k, exactly, G = R B, R =
 int_0^T exp(A_x s) ds; with watch G = I the same holds of watch (x_(k+1) - Phi x_k) - v_k and Cd =
@@ -21,7 +22,9 @@ x is held over a period, an error of order T^2.  That is the model of the observ
 themselves are integrated between samples.
 """
 
+from collections import deque
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -206,6 +209,10 @@ class Stepper:
             B = np.eye(self.loop.m) if self.loop.plant is None else self.loop.plant.B
             self.observer = self.observer._replace(L=self.period * self.loop.W @ B)
         self.Ad = transition(self.loop, self.period)
+        # what is commanded acts so many periods later, the oldest first
+        ahead = 0.0 if timing is None else float(timing.ahead)
+        self.commands: deque[Hold] = deque(maxlen=round(ahead / self.period) + 1)
+        self.predicted = self.observer.Cd @ expm(self.loop.A * ahead)
         # nothing is heard between the instants
         self.agents = Agents(runs, self.instants, keep=False)
         self.between: Between | None = None
@@ -359,7 +366,7 @@ class Stepper:
             innovation = act(watch, measured - expected) - act(Cd, self.xihat)
             self.xihat = act(self.Ad, self.xihat) + act(L, innovation)
         e = measured - self.goal
-        dhat = act(Cd, self.xihat)
+        dhat = act(self.predicted, self.xihat)
         modes = agents.heard.modes[:, k]
         agents.fail(instant, e, dhat, modes)
         felt = np.zeros_like(e)
@@ -368,7 +375,13 @@ class Stepper:
         for links, runs, held in exchanged:
             felt[..., runs] = links.felt(known[..., runs], held)
         u = agents.control(agents.pulled(known, modes), dhat)
-        return Hold(begin=instant, measured=measured, felt=felt, u=u, dhat=dhat)
+        # nothing acts before the first command does
+        commands = self.commands
+        commands.append(Hold(begin=instant, measured=measured, felt=felt, u=u, dhat=dhat))
+        acting = commands[0]
+        if len(commands) < (commands.maxlen or 0):
+            acting = Hold(begin=instant, measured=measured, felt=0 * felt, u=0 * u, dhat=0 * dhat)
+        return replace(acting, begin=instant, measured=measured)
 
     def end(self, which: BoolArray, count: int, reason: str) -> None:
         """Runs that end here keep their first ``count`` samples."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from fractions import Fraction
 from functools import cache
 from typing import Any, Literal, TypedDict, Unpack
 
@@ -27,6 +28,7 @@ from dobc_design.loop.make import errors_of
 from dobc_design.loop.matrices import Array
 from dobc_design.loop.timing import Timing, timing_words
 from dobc_design.problem.problem import Problem
+from dobc_design.problem.readings import check_ticks
 
 from ._arguments import finite_array, positive, seconds, whole
 from .closed_form import ClosedForm, make_closed_form
@@ -275,6 +277,7 @@ def _whole(times: Array) -> Array:
 
 # readings in the shortest time that they may be late; at the worst more of them, all nearly as late
 AT_ONCE, AT_WORST, AT_A_KNOWN_TIME = 2, 4, 8
+MOST_PARTS = 10**9  # of a second, in which a period is a whole number
 
 
 def stated_times(stress: Stress, timing: Timing | None) -> Stress:
@@ -300,6 +303,9 @@ def stated_times(stress: Stress, timing: Timing | None) -> Stress:
             raise wrong(name, message, "Leave it out, or change the problem.")
     if timing.sampled:
         return replace(stress, period=period)
+    if timing.ahead and stress.period:
+        near = Fraction(stress.period).limit_denominator(MOST_PARTS)
+        check_ticks(timing.ahead, near, key="period")
     # everything is sampled then, with ages that count in its ticks
     if stress.period or not (period or timing.is_late):
         return stress

@@ -96,6 +96,54 @@ def test_the_residual_is_the_error_of_then_carried_on_and_runs_are_those_of_a_bu
     assert not run.u[0].any()
 
 
+def ticked(x: Any, xi: Any, xihat: Any, *, steps: int, period: float = LATE / 2) -> list[Any]:
+    """The same on a processor, where commands wait for two ticks."""
+    waiting = [np.zeros(len(x))] * 2
+    turn = expm(A * period)
+    mean = C @ np.linalg.solve(A, turn - np.eye(2))
+    seen = []
+    for _ in range(steps):
+        predicted = xihat @ expm(A * LATE).T @ mean.T / period
+        waiting.append(np.tanh(np.roll(x, -1) - x) - 5 * x - predicted[:, 0])
+        moved = period * waiting.pop(0)
+        seen.append((x, xihat))
+        after = x + moved + (xi @ mean.T)[:, 0]
+        surprise = after - x - moved - (xihat @ mean.T)[:, 0]
+        xihat = xihat @ turn.T + surprise[:, None] * W[:, 0]
+        x, xi = after, xi @ turn.T
+    return [np.array(each) for each in zip(*seen, strict=True)]
+
+
+def test_on_a_processor_runs_are_the_recursion_with_a_buffer():
+    on_ticks = watched(processor={"period": "0.02"})
+    run = dd.simulate(on_ticks, start=[[0.5], [-0.5], [0.4]], t_final=2, samples=101)
+    x, xihat = ticked(run.x[0, :, 0], run.xi[0], run.xihat[0], steps=101)
+    assert np.allclose(run.x[..., 0], x, atol=1e-13)
+    assert np.allclose(run.xihat, xihat, atol=1e-13)
+
+
+@pytest.mark.slow
+def test_a_processor_whose_commands_wait_keeps_its_bound_at_the_ticks():
+    """6 T <= 4/27 for two ticks: T <= 0.02469; from corners and several phases of the disturbance
+    with the observer."""
+    alone = {"coupling": "y", "processor": {"period": "0.0246"}}
+    assert dd.certify(ring("0.0492", **alone)).verdict is PROVED
+    longer = alone | {"processor": {"period": "0.0248"}}
+    assert dd.certify(ring("0.0496", **longer)).verdict is UNDECIDED
+    problem = watched(processor={"period": "0.02"})
+    certificate = dd.certify(problem)
+    assert certificate.verdict is PROVED
+    assert dd.verify(certificate, problem).holds
+    assert "at the samples, t from 0.04 s on" in certificate.check("readings").reason
+    claim = certificate.check("readings").claim.rows
+    v = np.array([float(each) for each in claim.v])
+    kept = float(claim.rho) * (1 - float(claim.alpha) / 50) ** np.maximum(np.arange(150) - 2, 0)
+    for phase in np.linspace(0, 6, 5):
+        xi = np.tile([np.cos(phase) / 2, np.sin(phase) / 2], (3, 1))
+        x, _ = ticked(np.full(3, 0.5), xi, xi - [[0.1, 0]], steps=150)
+        assert np.all(np.abs(x) / v <= kept[:, None])
+
+
 @pytest.mark.slow
 def test_slopes_and_gain_may_add_up_to_one_over_e_delay():
     """6 delay <= 1/e: 0.06131 s; nothing decays before the first input acts, so that the factor is
@@ -155,7 +203,7 @@ def test_without_a_disturbance_a_run_stays_below_its_certified_bound():
 @pytest.mark.parametrize(
     ("changes", "match"),
     [
-        ({"processor": {"period": 1}}, "processor is not known together with actuators.delay"),
+        ({"processor": {"period": "0.03"}}, r"must be a part of actuators\.delay = 0\.1 s"),
         ({"readings": {"period": 1}}, r"readings\.period is not known together"),
         ({"actuators": {"delay": 1, "limit": 9, "saturates": True}}, r"actuators\.saturates is"),
         ({"goal": "agreement", "gains": None}, "goal is not known together"),
@@ -174,9 +222,10 @@ def test_what_does_not_go_with_a_delay_is_refused_by_name(changes: Any, match: s
         dd.build_model,
         dd.export.python_script,
         lambda problem: dd.simulate(problem, stress=dd.Stress(noise=0.1)),
-        lambda problem: dd.export.to_c(problem, period="0.1"),
+        lambda problem: dd.simulate(problem, stress=dd.Stress(period=0.03)),
+        lambda problem: dd.export.to_c(problem, period="0.03"),
     ],
-    ids=["falsify", "build_model", "python", "noise", "c"],
+    ids=["falsify", "build_model", "python", "noise", "ticks", "c"],
 )
 def test_what_does_not_know_late_inputs_refuses_them_by_name(ask: Any):
     with pytest.raises(SpecError, match=r"actuators\.delay"):

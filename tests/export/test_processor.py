@@ -14,10 +14,13 @@ from dobc_design.export import to_c, to_fmu
 
 
 @needs_gcc
-@pytest.mark.parametrize(("limit", "clean"), [(0.0, False), (0.0, True), (2.0, False)])
-def test_the_code_is_the_recursion_in_long_double(tmp_path, limit, clean):
-    """u to 1e-12, and eps+ = (Ad - W C Gamma) eps; bad and late inputs are counted alike."""
-    found = differences(tmp_path, steps=20_000, seed=1, limit=limit, clean=clean)
+@pytest.mark.parametrize(
+    ("limit", "clean", "delay"), [(0.0, False, 0), (0.0, True, 2), (2.0, False, 0), (2.0, False, 1)]
+)
+def test_the_code_is_the_recursion_in_long_double(tmp_path, limit, clean, delay):
+    """u to 1e-12, and eps+ = (Ad - W C Gamma) eps; bad and late inputs are counted alike, and
+    commands that act some samples late are those that the observer counts on."""
+    found = differences(tmp_path, steps=20_000, seed=1, limit=limit, clean=clean, delay=delay)
     assert found.u < 1e-12
     assert found.estimate < 1e-12
     assert found.late > 1000

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from c_code import SANITIZED
 from oracles.late import sampled_error
+from scipy.linalg import expm
 
 from dobc_design import Problem, load_problem
 from dobc_design.exact.matrix import to_float
@@ -46,6 +47,8 @@ static long double h(long double y)
 int main(void)
 {
     static double said[PAST];
+    static long double sent[DELAY + 1];
+    int waiting;
     long double xi[2] = {0.4L, 0.3L}, eps[2] = {0.4L, 0.3L}, xhat[2] = {0, 0};
     long double x = 1.5L, before = 0, held = 0, heard = 0, worst = 0, apart = 0;
     long k, missed = 0, made = -1, skipped = 0, late = 0;
@@ -95,7 +98,7 @@ int main(void)
         }
         missed = measured == measured ? 0 : missed + 1;
         felt = made < 0 ? 0 : h(heard - (before - TARGET));
-        u = -GAIN * (before - TARGET) - (CG[0] * xhat[0] + CG[1] * xhat[1]) / PERIOD;
+        u = -GAIN * (before - TARGET) - (CP[0] * xhat[0] + CP[1] * xhat[1]) / PERIOD;
         dobc_step(&agent, &measured, &output);
         worst = fmaxl(worst, fabsl(output.u[0] - u) / fmaxl(1, fabsl(u)));
         u = output.u[0]; /* what is applied */
@@ -105,7 +108,11 @@ int main(void)
             u = applied;
             dobc_applied(&agent, &applied);
         }
-        held = felt + u;
+        for (waiting = DELAY; waiting > 0; waiting--) {
+            sent[waiting] = sent[waiting - 1];
+        }
+        sent[0] = felt + u;
+        held = sent[DELAY]; /* what acts up to the next sample */
         /* eps+ = (Ad - W C Gamma) eps, where every sample is measured */
         if (CLEAN) {
             apart = fmaxl(apart, fabsl(xi[0] - agent.estimate[0] - eps[0]));
@@ -128,10 +135,12 @@ int main(void)
 """
 
 
-def problem(period: str = "1/50") -> Problem:
-    """Agent 1 of the paper on a processor."""
+def problem(period: str = "1/50", delay: int = 0) -> Problem:
+    """Agent 1 of the paper on a processor, whose commands act ``delay`` samples late."""
     return load_problem("paper-fixed").replace(
-        processor={"period": period}, readings={"delay": Fraction(period) * 2, "lost": 2}
+        processor={"period": period},
+        readings={"delay": Fraction(period) * 2, "lost": 2},
+        actuators={"delay": Fraction(period) * delay},
     )
 
 
@@ -159,11 +168,11 @@ class Differences:
 
 
 def differences(
-    folder: Path, *, steps: int, seed: int, limit: float = 0.0, clean: bool = False
+    folder: Path, *, steps: int, seed: int, limit: float = 0.0, clean: bool = False, delay: int = 0
 ) -> Differences:
-    """Compile with sanitizers, and run; ``clean``: every sample is measured.  Raises:
-    AssertionError with what the program says."""
-    code = to_c(problem(), agents=["1"])
+    """Compile with sanitizers, and run; ``clean``: every sample is measured; commands act ``delay``
+    samples late.  Raises: AssertionError with what the program says."""
+    code = to_c(problem(delay=delay), agents=["1"])
     code.save(folder)
     controller = code.controller
     T = float(controller.period)
@@ -176,6 +185,7 @@ def differences(
     numbers = f"#define STEPS {steps}L\n#define SEED {seed}ULL\n#define CLEAN {int(clean)}\n"
     numbers += f"#define PERIOD {T!r}L\n#define TARGET 1.0L\n#define GAIN 5.0L\n"
     numbers += f"#define LIMIT {limit!r}\n#define OLDEST {OLDEST}\n"
+    numbers += f"#define DELAY {delay}\n" + _rows("CP", CG[0] @ expm(A * T * delay))
     numbers += _rows("AD", Ad) + _rows("CG", CG[0]) + _rows("W", W[:, 0])
     (folder / "numbers.h").write_text(numbers)
     (folder / "driver.c").write_text(DRIVER)

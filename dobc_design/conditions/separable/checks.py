@@ -210,7 +210,7 @@ def readings_check(asked: Asked, claim: Separable, *, radius: float) -> Check:
     timing = loop.timing or Timing()
     when = ", at the samples" if timing.period else ""
     if timing.ahead:
-        when = f", t from {float(timing.ahead):.6g} s on, when the first input acts"
+        when += f", t from {float(timing.ahead):.6g} s on, when the first input acts"
     reason = (
         f"{starts} reaches the target with {timing_words(loop.timing)}: max_i |e_i|/v_i stays "
         f"below a multiple of exp(-{text_below(rate)} t){when}."
@@ -236,9 +236,11 @@ def diverging_check(loop: Loop, near: Sequence[complex], *, domain: Domain) -> C
     if timing.period:
         if not overshoots(loop, M):
             return None
+        acting = f", acting {float(timing.ahead):.6g} s late," if timing.ahead else ""
+        step = "a step" if acting else "I - T M"
         reason = (
-            f"held over {float(timing.period):.6g} s the loop does not converge: an eigenvalue of "
-            "I - T M is not inside the unit disk."
+            f"held over {float(timing.period):.6g} s{acting} the loop does not converge: an "
+            f"eigenvalue of {step} is not inside the unit disk."
         )
         return refuted(reason=reason, witness=Witness(kind=EIGENVALUE, values=()))
     for root in near:

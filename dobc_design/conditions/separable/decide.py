@@ -615,7 +615,7 @@ def _sides(
     moved = middle(interval_product(interval_product(turned, points(P)), F))
     left = exact.scale((1 - timing.period * error.beta) ** 2, P)
     decay = exact.subtract(left, exact.add(moved.centre, moved.room))
-    return decay, _squares(found.C)
+    return decay, _squares(predicted(exosystem, timing))
 
 
 def _squares(C: IntervalMatrix) -> list[Matrix]:

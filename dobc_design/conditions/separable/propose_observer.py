@@ -80,13 +80,12 @@ class _Pair:
 
 
 def _pair(exosystem: Exosystem, W: Matrix, timing: Timing | None) -> _Pair:
-    C = to_float(exosystem.C)
+    left = to_float(middle_of(predicted(exosystem, timing)))
     if timing is None or not timing.sampled:
-        ahead = to_float(middle_of(predicted(exosystem, timing)))
-        return _Pair(F=to_float(exosystem.A) - to_float(W) @ C, C=ahead)
-    found = sampled(exosystem, timing)
-    F = middle_of(found.error(W, timing.period))
-    return _Pair(F=to_float(F), C=to_float(middle_of(found.C)), period=float(timing.period))
+        F = to_float(exosystem.A) - to_float(W) @ to_float(exosystem.C)
+        return _Pair(F=F, C=left)
+    F = to_float(middle_of(sampled(exosystem, timing).error(W, timing.period)))
+    return _Pair(F=F, C=left, period=float(timing.period))
 
 
 def propose_error_bound(

@@ -195,9 +195,11 @@ def rates_around(agents: Loop, domain: Domain) -> dict[float, float]:
     def look(wanted: float) -> bool:
         time = rounded_down(wanted, digits=3)
         changed: dict[str, Any] = {name: time}
-        if name == "ahead":  # which both ages count
-            more = time - timing.ahead
+        if timing.ahead:  # of a processor as many periods; both ages count it
+            ahead = timing.ahead * time / getattr(timing, name)
+            more = ahead - timing.ahead
             changed |= {"delay": timing.delay + more, "own_delay": timing.own_delay + more}
+            changed["ahead"] = ahead
         stated = replace(agents, timing=replace(timing, **changed))
         W = observer_gain(stated)
         # what saturation leaves of pins may depend on both

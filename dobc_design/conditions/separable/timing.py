@@ -50,7 +50,7 @@ from dobc_design.exact.polynomial import (
 )
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.saturation import largest_disturbance
-from dobc_design.loop.timing import E, Timing
+from dobc_design.loop.timing import E, Timing, late_step
 from dobc_design.problem.uncertainty import ABSOLUTE
 
 from .claim import (
@@ -149,11 +149,15 @@ def rest_matrix(loop: Loop) -> Matrix | None:
 
 
 def overshoots(loop: Loop, M: Matrix) -> bool:
-    """Whether I - T M has an eigenvalue on or outside the unit circle: exact."""
+    """Whether a step, I - T M where all acts at once, has an eigenvalue on or outside the unit
+    circle: exact; no answer for many rows."""
     timing = loop.timing or Timing()
-    step = subtract(identity(len(M)), scale(timing.period, M))
+    late = timing.ahead // timing.period
+    if len(M) * (late + 1) > MOST_ROWS:
+        return False
+    step = late_step(subtract(identity(len(M)), scale(timing.period, M)), late)
     image = disk_image(characteristic_polynomial(step), centre=ZERO, radius=ONE)
-    return not decide_images([image], degree=len(M))[1]
+    return not decide_images([image], degree=len(step))[1]
 
 
 def turns_too_far(loop: Loop, M: Matrix, near: tuple[Fraction, Fraction]) -> bool:

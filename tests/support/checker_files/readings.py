@@ -191,6 +191,10 @@ def _settings() -> dict[str, Document]:
     found["acting late, watched"] = given("tanh(y)", **growing | _acting("1/20", amplitude="1/2"))
     found["acting late, drifting"] = given("tanh(y)", **growing | _acting("1/20", amplitude="0.51"))
     found["acting late, unknown"] = given("tanh(y)", **growing | _acting("1/20"))
+    for period in ("1/16", "0.0626"):
+        found[f"acting at {period}"] = given("tanh(y)", **_acting(period), **ticks(period))
+    watched = growing | _acting("1/20", amplitude="1/2") | ticks("1/40")
+    found["acting two ticks late"] = given("tanh(y)", **watched)
     # c F = (0, 2) and F^2 = 0
     rising = {"exosystem": Exosystem(A=matrix("0 2; 0 0"), C=matrix("1 0"))}
     rising |= {"observer": Observer(W=matrix("0; 0")), "region": asked("1/2", "1/10")}
@@ -202,6 +206,8 @@ def _settings() -> dict[str, Document]:
     found["growing nodes, late"] = given("y", **unstable, **late(delay="1/100"))
     found["unstable"] = given("-y", gains="1/10", region=None, **late(delay=1))
     two = {"network": network([], agents=2), "gains": 1, "region": None}
+    for period in ("0.99", "1.01"):
+        found[f"one step of {period} late"] = given("y", **two, **_acting(period), **ticks(period))
     found["twice"] = given("y", **two, **late(delay=2, own_delay=2))
     found["amplitude"] = given("tanh(y)", actuators={"amplitude": 1}, **late())
     found["at once"] = alone | {"gains": 10} | ticks("1/10")
@@ -652,6 +658,18 @@ def _acting_late() -> Iterator[Case]:
     yield from each_wrong("acting late, watched", good, P=[[["1.1051"]]], **smaller)
     for name in ("drifting", "unknown"):
         yield fails(f"acting late, {name}", "as far as it drifts before", good)
+    # a tick, 4 T <= 1/4; z^2 - z + T has a root of size sqrt(T)
+    yield holds("acting at 1/16", "a quarter", slow)
+    yield fails("acting at 0.0626", "a quarter", slow)
+    yield holds("one step of 1.01 late", "the product of its roots", diverging(), **REFUTED)
+    yield fails("one step of 0.99 late", "the product of its roots", diverging(), **REFUTED)
+    # (1 - F)/T = 2.0252, c = 1.06453, g = (1 - T beta)^-2 = 1.1095: 2.025 - 1/2 - 4 (g - 1) = 1.087
+    ticking: Document = {"P": [["1.1333"]], "beta": "2.025", "kappa": "0.9201", "size": "1.1333"}
+    # 1/2 + 1/40 + 0.1 sqrt(1.1333) kappa + 4 g kappa/40 = 0.72504
+    good = readings(there, 0.5, "1 1", "1/2", "0.7251", **ticking)
+    yield holds("acting two ticks late", "c exp(A delay)", good)
+    less: Document = {"rho": ["0.725"], "kappa": ["0.9199"], "beta": ["2.0253"]}
+    yield from each_wrong("acting two ticks late", good, P=[[["1.1332"]]], **less)
 
 
 def _frames_of_others() -> Iterator[Case]:
@@ -707,7 +725,8 @@ def _unreadable() -> Iterator[Case]:
         "inputs that act before": _late_inputs("-1"),
         "inputs that act at once": _late_inputs("0"),
         "inputs that act late and saturate": _late_inputs("1", limit="1", saturates=True),
-        "inputs that act late, held": _late_inputs("1") | {"processor": {"period": "1"}},
+        "inputs that act late, held": _late_inputs("1") | {"readings": now | {"period": "1"}},
+        "inputs that act between ticks": _late_inputs("1") | {"processor": {"period": "2/3"}},
         "inputs that act late, to no target": _late_inputs("1") | {"goal": "agreement"},
     }
     data, problem = _frames()["now"]

@@ -76,7 +76,7 @@ from dobc_design.conditions.weighted.checks import weighing
 from dobc_design.conditions.weighted.stage import weighted_stage
 from dobc_design.errors import DobcError
 from dobc_design.exact.matrix import Matrix, multiply, to_float
-from dobc_design.exact.number import Number, number_text
+from dobc_design.exact.number import Number, number_text, typed_number
 from dobc_design.exact.reading import Texts, counted, positive_number
 from dobc_design.exact.work import WorkLimitError, out_of_time, read_time_limit, until
 from dobc_design.loop.loop import Loop
@@ -194,7 +194,7 @@ class _Options:
             typed.append(f"--settling-radius {number_text(starts.radius)}")
             typed.append(f"--settling-disturbance {number_text(starts.disturbance)}")
         if self.rate is not None:
-            typed.append(f"--rate {number_text(self.rate)}")
+            typed.append(f"--rate {typed_number(self.rate)}")
         if self.time_limit is not None:
             typed.append(f"--time-limit {number_text(self.time_limit)}")
         return tuple(typed)

@@ -307,9 +307,10 @@ def verdict_text(verdict: str) -> Text:
     return Text(verdict, style=COLOURS[verdict])
 
 
-def certify_it(path: str, notes: Sequence[str]) -> str:
-    """What to do with a problem that was written to ``path``."""
-    lines = [path, f"certify it   {shlex.join(['dobc', 'certify', path])}"]
+def certify_it(path: str, notes: Sequence[str], *options: str) -> str:
+    """What to do with a problem that was written to ``path``; with these ``options`` of certify."""
+    command = shlex.join(["dobc", "certify", path, *" ".join(options).split()])
+    lines = [path, f"certify it   {command}"]
     if notes:
         lines.append("look at      its notes: they are unchanged and may describe the old problem")
     return "\n".join(lines)

@@ -10,7 +10,7 @@ from typing import Literal, TypeVar
 from dobc_design._show.progress import Reports, report_to, shows_progress
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certification.certify import certify
-from dobc_design.errors import SpecError, wrong
+from dobc_design.errors import SpecError, refused, wrong
 from dobc_design.exact.number import Number
 from dobc_design.exact.reading import flag, whole_number
 from dobc_design.loop.make import timing_of
@@ -103,6 +103,9 @@ def _check(problem: Problem, *, coupling: bool, others: bool) -> None:
     if coupling and problem.dynamics is None:
         text = "coupling can be designed for agents with [dynamics] only."
         raise SpecError(text, key="coupling")
+    if coupling and problem.dynamics is not None and problem.dynamics.acts_on:
+        text = "coupling can be designed for agents whose couplings act on (estimated) states only."
+        raise refused("coupling", text, 'Leave dynamics.acts_on out, which means "states".')
     if others:
         problem.require("a design with cost, region, noise or conservative, or a trade-off")
 
@@ -184,7 +187,7 @@ def design_pinning(
     problem has are not looked at. With [dynamics] V = e'(D (x) R)e decides, gains are multiples of
     the coupling; ``coupling``: h of every arc is designed, too.  With [readings] or [processor]
     max-separable rows decide, which count them.  With any of these ``cost``, ``region`` and
-    ``conservative`` are not known.
+    ``conservative`` are not known.  Where outputs are measured W is designed along.
     Returns: a PinningDesign: PROVED; REFUTED with the reason; UNDECIDED.  The last two with the
     nearest request.
     Raises: SpecError for a wrong request, or couplings without a derivative at the consensus.

@@ -575,7 +575,7 @@ def with_observer(problem: Problem) -> Problem:
     own = problem.dynamics
     if own is None or own.H is None or all(each.observer.W for each in problem.groups):
         return problem
-    return _designed(problem, own, _pace(_designed(problem, own, ZERO)))
+    return _designed(problem, own, pace_of(_designed(problem, own, ZERO)))
 
 
 def _designed(problem: Problem, own: Dynamics, pace: Fraction) -> Problem:
@@ -603,7 +603,7 @@ def _designed(problem: Problem, own: Dynamics, pace: Fraction) -> Problem:
     return problem.replace(observer=groups[0].observer, notes=notes)
 
 
-def _pace(problem: Problem) -> Fraction:
+def pace_of(problem: Problem) -> Fraction:
     """The rate (1/s) at which the network alone decays near the target, about; 0 where that is not
     known, or it does not."""
     loop = errors_of(problem)

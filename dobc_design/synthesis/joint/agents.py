@@ -19,11 +19,12 @@ import numpy as np
 from scipy import linalg
 
 from dobc_design.conditions.consensus.claim import state_theorems
+from dobc_design.conditions.consensus.propose import decay_of
 from dobc_design.conditions.numbers import bisected
 from dobc_design.conditions.observer.propose import half_rate, kalman_gain
 from dobc_design.conditions.reason import Reason
 from dobc_design.conditions.statement import Statement, refuted, undecided
-from dobc_design.conditions.weighted.network import network_of
+from dobc_design.conditions.weighted.network import Network, network_of
 from dobc_design.conditions.weighted.propose import GIVEN_UP, proposals, stiffness
 from dobc_design.conditions.weighted.propose_alike import Forms
 from dobc_design.coupling.coupling import make_coupling
@@ -37,6 +38,7 @@ from dobc_design.exact.polynomial import (
     shifted,
 )
 from dobc_design.loop.make import loop_of
+from dobc_design.loop.timing import middle_of
 from dobc_design.problem.changes import typed_matrix
 from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.problem import Problem
@@ -148,6 +150,10 @@ def with_strengths(
     does = partial(Forms.of(network).seems_to_do, rate=FASTER * rate)
     high = next(filter(does, STRENGTHS), None)
     if high is None:
+        # Of couplings on outputs there often is no R, while eigenvalues do.
+        does = partial(_decays, network, FASTER * rate)
+        high = next(filter(does, np.geomspace(LEAST, 1 / LEAST).tolist()), None)
+    if high is None:
         return
     least = WIDE * bisected(does, high, 0.0, steps=STEPS)[0]
     # Without a rate the gains of usual networks (None) are tried, too; they come first where agents
@@ -157,9 +163,10 @@ def with_strengths(
         strengths = (None, MORE * least)
     if rate:
         strengths = (least,)
-    numbers = dynamics.inputs < problem.m and problem.coupling.is_linear
-    # K with B K = G, the gain of one
-    slopes = multiply(dynamics.left_inverse, network.G)
+    numbers = dynamics.inputs != dynamics.felt and problem.coupling.is_linear
+    # of states or outputs, the gain of one
+    every = (middle_of(each.jacobian_at_zero()) for each in problem.couplings)
+    slopes = next(each for each in every if any(map(any, each)))
     # The network of agents with one component as a problem, whose gains can be designed.
     loop = network.statements.loop
     alone = Problem(
@@ -171,6 +178,11 @@ def with_strengths(
     for strength in strengths:
         for gains in networks(alone, strength, ()):
             yield gains, _typed(problem, gains, None if numbers else slopes)
+
+
+def _decays(network: Network, rate: float, strength: float) -> bool:
+    """Whether an agent that feels the target so strongly (1/s) seems to decay at the rate (1/s)."""
+    return decay_of(to_float(network.A) - strength * to_float(network.G)) > rate
 
 
 def _typed(problem: Problem, gains: Gains, slopes: Matrix | None) -> dict[str, Any]:

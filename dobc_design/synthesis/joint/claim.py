@@ -43,7 +43,13 @@ AXES = {
 }
 NO_LIMITS = "no limits, and every agent may be pinned"
 # What the limits of these kinds of statements are called as arguments.
-ARGUMENTS = {"structure": "allowed", "detectable": "reduce", "gain": "noise"}
+ARGUMENTS = {
+    "structure": "allowed",
+    "detectable": "reduce",
+    "gain": "noise",
+    "stabilisable": None,
+    "outputs": None,
+}
 PIN_HEADS = ("pins", "total gain", "certified rate, 1/s", "pinned")
 NAMED = 8  # allowed agents in a sentence
 SHOWN = 6  # gains in a sentence

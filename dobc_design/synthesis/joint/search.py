@@ -20,7 +20,7 @@ from dobc_design.conditions.consensus.pinning import network_blocks
 from dobc_design.conditions.coverage import Progress, asked_radius, covering
 from dobc_design.conditions.numbers import bisected, claimed, shorten, text_below
 from dobc_design.conditions.observer.decide import too_large
-from dobc_design.conditions.observer.propose import filter_rate
+from dobc_design.conditions.observer.propose import filter_rate, pace_of, with_observer
 from dobc_design.conditions.separable.claim import acts_by_component
 from dobc_design.conditions.statement import Statement, undecided
 from dobc_design.exact.number import ONE, ZERO, typed_number
@@ -266,6 +266,8 @@ def attempt(
     bare = changed_problem(problem, {"pinning.gains": None, **reduction.changes})
     if bare.groups:
         bare = changed_problem(bare, gain_changes(bare, None))
+    # Where outputs are measured there is no loop without a W; every proposal has its own.
+    bare = with_observer(bare).replace(notes=bare.notes)
     ground = Ground(
         problem=bare,
         request=request,
@@ -583,6 +585,11 @@ def of_agents(ground: Ground, dynamics: Dynamics) -> Iterator[Proposal]:
     observer = next(ground.every_observer())
     find = agents.with_couplings if request.coupling else agents.with_strengths
     for gains, changes in find(ground.problem, dynamics, request, networks):
+        if dynamics.H is not None and request.rate is None:
+            # Agents that know estimates are no faster than these.
+            pace = pace_of(changed_problem(ground.problem, changes))
+            paced = observer_at(ground.problem, request, pace)
+            observer = observer if paced.W is None else paced
         yield Proposal(observer=observer, gains=gains, changes=changes)
 
 
@@ -591,9 +598,10 @@ def search_agents(
 ) -> PinningDesign:
     """``design_pinning`` for agents with [dynamics], or readings: as a whole design without a
     disturbance."""
-    alone = problem.replace(
-        exosystem=None, observer=None, groups=None, region=None, simulation=None
-    )
+    alone = problem.replace(region=None, simulation=None)
+    # What outputs show of the states is estimated together with the disturbance.
+    if problem.dynamics is None or problem.dynamics.H is None:
+        alone = alone.replace(exosystem=None, observer=None, groups=None)
     asked = DesignRequest(
         rate=request.rate,
         allowed=request.allowed,

@@ -405,7 +405,9 @@ def reduced_exosystem(problem: Problem, *, reduce: bool) -> Reduction:
     """The observable part of an undetectable exosystem; or why there is no W at all."""
     if problem.is_grouped:
         return Reduction(obstacle=next(_undetectable_groups(problem, reduce=reduce), None))
-    if problem.exosystem is None:
+    # What outputs do not show may be a state, which no other exosystem cures.
+    measured = problem.dynamics is not None and problem.dynamics.H is not None
+    if problem.exosystem is None or measured:
         return Reduction()
     check = detectability_check(problem.exosystem, loop_of(problem))
     if check.is_proved:

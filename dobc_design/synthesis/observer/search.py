@@ -9,11 +9,13 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from dobc_design.conditions.numbers import claimed, rounded_up, shorten
+from dobc_design.conditions.observer.decide import detectability_check, of_outputs
+from dobc_design.conditions.statement import refuted
 from dobc_design.exact.matrix import Matrix, multiply
 from dobc_design.exact.observability import decide_detectable
 from dobc_design.loop.make import observed, timing_of
 from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import join
+from dobc_design.problem.groups import Group, join
 from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.observer import decide
 from dobc_design.verdict import Verdict
@@ -31,6 +33,9 @@ def search_groups(problem: Problem, request: ObserverRequest) -> ObserverDesign:
         require_sampled(request)
     groups = observed(problem)
     found = [search_observer(group.exosystem, request) for group in groups]
+    if problem.dynamics is not None and problem.dynamics.H is not None:
+        every = zip(found, groups, strict=True)
+        found = [_of_outputs(each, group, problem.m) for each, group in every]
     if len(groups) == 1:
         return found[0]
     designs = {group.name: each for group, each in zip(groups, found, strict=True)}
@@ -61,6 +66,16 @@ def _nearest_of_all(
         noise.append(loudest)
     loosest = replace(request, rate=slowest, noise=tuple(noise))
     return replace(_side_by_side(known, loosest), relaxed=True)
+
+
+def _of_outputs(design: ObserverDesign, group: Group, states: int) -> ObserverDesign:
+    """The design, which says what outputs do not show in their words."""
+    if design.obstacle is None or design.obstacle.kind != "detectable":
+        return design
+    check = of_outputs(detectability_check(group.exosystem), group, states)
+    reason = f"{check.reason[0].lower()}{check.reason[1:]}"
+    obstacle = refuted("outputs", f"no W exists: {reason}")
+    return replace(design, obstacle=obstacle, statements=(obstacle,))
 
 
 def search_observer(exosystem: Exosystem, request: ObserverRequest) -> ObserverDesign:

@@ -232,22 +232,3 @@ def applied(name: str, arguments: tuple[T, ...], algebra: Any, call: Callable[..
     if len(arguments) == 1:
         return call(name, arguments[0])
     return reduce(lambda left, right: call(name, left, right), arguments)
-
-
-_INVERSES = [name for name in FUNCTIONS if name[0] == "a" and name[1:] in FUNCTIONS]
-_ONLY_INVERSES = f"the only inverse functions are {' and '.join(_INVERSES)}"
-_INVERSES_ELSEWHERE = "atan2 asin acos acosh atanh arcsin arccos arccosh arctanh"
-_STEEP = "a coupling must be continuous; a steep one is tanh(100*y)"
-_DIFFERENCE = "y is the difference x_j - x_i; write y for it"
-# Names of other languages, and what to write here.
-FOREIGN = {
-    "e": "the number e is written exp(1), and e**y is exp(y)",
-    "log10": "write log(y)/log(10) for log10(y)",
-    "log2": "write log(y)/log(2) for log2(y)",
-    "expm1": "write exp(y) - 1 for expm1(y)",
-    "log1p": "write log(1 + y) for log1p(y)",
-    "sign": _STEEP,
-    "sgn": _STEEP,
-}
-FOREIGN |= dict.fromkeys(_INVERSES_ELSEWHERE.split(), _ONLY_INVERSES)
-FOREIGN |= dict.fromkeys(("xi", "xj", "x_i", "x_j"), _DIFFERENCE)

@@ -5,10 +5,12 @@ from __future__ import annotations
 
 import operator
 import re
+import tomllib
 from dataclasses import dataclass
 from difflib import get_close_matches
 from enum import Enum
 from fractions import Fraction
+from importlib.resources import files
 from typing import NamedTuple
 
 from dobc_design._show.text import visible
@@ -17,7 +19,7 @@ from dobc_design.exact.interval import Interval
 from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import Texts, counted
 
-from .functions import FOREIGN, FUNCTIONS, NONSMOOTH, OTHER_NAMES
+from .functions import FUNCTIONS, NONSMOOTH, OTHER_NAMES
 from .tree import LARGEST_EXPONENT, IntervalAlgebra, Node, names_in_words, variable_names
 
 Kind = Enum("Kind", "NUMBER NAME SIGN END")
@@ -66,28 +68,15 @@ _WORD = re.compile(
     r"|(?P<sign>\*\*|[-+*/(),])"
 )
 _BLANKS = " \t\r\n"
-# Characters, what may stand for each of them, and why they are not taken.
-_STRANGERS: tuple[tuple[str, str | None, str], ...] = (
-    ("^", "**", "a power is written y**2"),
-    ("[{", "(", "only round parentheses are used"),
-    ("]}", ")", "only round parentheses are used"),
-    ("|", None, "the absolute value is written abs(y)"),
-    ("=", None, "give the right-hand side only"),
-    (".", None, "functions are written without a module, as in exp(y)"),
-    ("\u2212\u2013", "-", "it only looks like a minus"),
-    ("\u00d7\u00b7\u22c5", "*", "a product is written *"),
-    ("\u00f7", "/", "a quotient is written /"),
-    ("\u03c0", "pi", "the number is written pi"),
-    ("\u00b2", "**2", "a power is written y**2"),
-    ("\u00b3", "**3", "a power is written y**3"),
-    ("\u221a", "sqrt", "the square root is written sqrt(y)"),
-    ("\u00a0", " ", "it only looks like a space"),
-)
-_LOOKALIKES = {
-    character: (replacement, why)
-    for characters, replacement, why in _STRANGERS
+_STRANGERS = tomllib.loads((files("dobc_design.coupling") / "strangers.toml").read_text("utf-8"))
+#: Why a character is not taken, and what may stand for it.
+_CHARACTERS = {
+    character: why
+    for characters, why in _STRANGERS["characters"].items()
     for character in characters
 }
+#: Names of other languages, and what to write here.
+_FOREIGN = {name: why for names, why in _STRANGERS["names"].items() for name in names.split()}
 _ALLOWED = "only numbers, names, + - * / ** ( ) and commas are allowed, in ASCII"
 
 
@@ -112,8 +101,8 @@ def tokenize(text: str) -> list[Token]:
 def _stranger(text: str, place: int) -> Fault:
     character = text[place]
     # A character that looks like one of the language was meant as that one.
-    replacement, why = _LOOKALIKES.get(character, (None, _ALLOWED))
-    repair = None if replacement is None else Repair(place, place + 1, replacement)
+    why, *replacements = _CHARACTERS.get(character, [_ALLOWED])
+    repair = Repair(place, place + 1, replacements[0]) if replacements else None
     found = "a quotation mark" if character == '"' else f'"{visible(character)}"'
     return Fault(place, found, why, repair)
 
@@ -138,8 +127,8 @@ def unknown_name(token: Token, *, dimension: int, called: bool) -> Fault:
     """Return the fault of a name that means nothing; ``called`` tells that ( follows it."""
     names = variable_names(dimension)
     word = token.text.lower()
-    if word in FOREIGN:
-        return token.fault(FOREIGN[word])
+    if word in _FOREIGN:
+        return token.fault(_FOREIGN[word])
     number = word[1:].strip("_")  # of y_2
     if word[0] == "y" and (number.isdigit() or word == "y"):
         why = "the only variable is y"

@@ -11,7 +11,9 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import tomllib
 from fractions import Fraction
+from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -50,41 +52,11 @@ class Column(NamedTuple):
     meaning: str
 
 
+_TABLES = tomllib.loads((files("dobc_design.sweeps") / "columns.toml").read_text("utf-8"))
 #: Columns of the results by task.
-COLUMNS: dict[str, tuple[Column, ...]] = {
-    "certify": (
-        Column("verdict", "text", "overall verdict"),
-        Column("covered_by", "text", "the check that proves it"),
-        Column("rate", "number", "certified rate in 1/s"),
-        Column(
-            "factor",
-            "number",
-            "its factor: |e(t)| <= factor |e(0)| exp(-rate t) + what the estimation error adds",
-        ),
-        Column(
-            "one_percent", "number", "certified time to one percent in s, ln(100 factor) / rate"
-        ),
-        Column("margin", "number", "least margin at the consensus in 1/s"),
-        Column(
-            "starts",
-            "text",
-            "the largest proved set of starts: everywhere, box, ball, near or none",
-        ),
-        Column("box", "number", "largest proved |e|_inf"),
-        Column("ball", "number", "largest proved |e|, Euclidean"),
-        Column("settling_time", "number", "certified settling time in s"),
-        Column("reason", "text", "the verdict in a sentence"),
-    ),
-    "simulate": (
-        Column("diverged", "truth", "whether a run diverged"),
-        Column("diverged_runs", "count", "runs that diverged"),
-        Column("final_error", "number", "median of |e|_inf at the end"),
-        Column("final_error_max", "number", "largest of them"),
-        Column("settling_time", "number", "median settling time to 1 % in s"),
-        Column("settling_time_max", "number", "largest of them in s"),
-        Column("decay_rate", "number", "median fitted decay rate in 1/s"),
-        Column("decay_rate_min", "number", "least of them in 1/s"),
-    ),
+COLUMNS = {
+    task: tuple(Column(name, *each) for name, each in table.items())
+    for task, table in _TABLES.items()
 }
 _NEAR = ("theorem2", "theorem1", "lemma1")  # the checks at the consensus, the strongest first
 _ORDER = ("everywhere", "box", "ball", "near", "none")

@@ -13,7 +13,6 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
-from xml.etree import ElementTree
 
 import numpy as np
 from matplotlib.backends.backend_svg import FigureCanvasSVG
@@ -21,7 +20,7 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from numpy.typing import NDArray
 
-from dobc_design._show.text import Fragment, lower, with_unit
+from dobc_design._show.text import Fragment, escape_html, lower, with_unit
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.regions import RegionClaim, Regions
 from dobc_design.conditions.schedule.settling import Settling
@@ -66,9 +65,13 @@ SLOW = (
     "Slow signal, modes beneath: of short rounds that keep the guarantee the slowest for the "
     "linearised loop."
 )
-_FONT = re.compile(r"font-family:[^;]*")
+_UNSEEN = re.compile(r"<(metadata|style)\b.*?</\1>|<[?!][^>]*>|(?<=>)\s+(?=<)|\A\s+", re.DOTALL)
+_TAG = re.compile(r"<[^>]*>")
+_VIEW = re.compile(r'viewBox="[^"]*"')
+_NUMBERED = re.compile(r' id="[^"]*_\d+"')  # of a group, to which nothing refers
+_HASH = re.compile(r'(?<=["#])[a-z][0-9a-f]{10}(?=[")])')  # of what something refers to
+_FONT = re.compile(r"font-family:[^;\"]*")
 _LONG_DECIMAL = re.compile(r"-?\d+\.\d{3,}")
-_REFERENCE = re.compile(r"url\(#([^)]+)\)")
 _COLOUR = re.compile(r"#[0-9a-f]{6}\b")
 
 
@@ -479,69 +482,29 @@ def svg_of(picture: Picture) -> Fragment:
 
 def _inline(text: str, *, name: str, alt: str) -> str:
     """Make the SVG file an element of a page: own identifiers, colours as variables, nothing
-    global."""
-    root = ElementTree.fromstring(text)
-    for parent in list(root.iter()):
-        for child in list(parent):
-            # a style inside would hold for the whole page
-            if _local(child.tag) in ("metadata", "style"):
-                parent.remove(child)
-        parent.tag = _local(parent.tag)
-        parent.attrib = {_local(key): value for key, value in parent.attrib.items()}
-    # Pictures share a page: the same identifier twice would mix them up.
-    names = _new_names(root, name)
-    for element in root.iter():
-        kept = {}
-        for key, value in element.attrib.items():
-            if key != "id" or value in names:
-                kept[key] = _attribute(key, value, names)
-        element.attrib = kept
-        if element.text is not None and not element.text.strip():
-            element.text = None
-        # White space between elements says nothing.
-        element.tail = None
+    global, and nothing that is not seen."""
+    bare = _UNSEEN.sub("", text).rstrip()
+    root, rest = _TAG.search(bare), _TAG.sub("", bare, count=1)
     # The page decides how large a picture is; its viewBox keeps the proportions.
-    for key in ("width", "height", "version"):
-        root.attrib.pop(key, None)
-    root.set("xmlns", "http://www.w3.org/2000/svg")
-    root.set("style", "stroke-linejoin: round; stroke-linecap: butt")
-    root.set("role", "img")
-    root.set("aria-label", alt)
-    return ElementTree.tostring(root, encoding="unicode")
+    box = _VIEW.search(bare)
+    if root is None or box is None:
+        raise ValueError("Matplotlib's SVG has no root with a viewBox.")
+    style = "stroke-linejoin: round; stroke-linecap: butt"
+    head = (
+        f'<svg xmlns="http://www.w3.org/2000/svg" {_short_tag(box[0])} style="{style}" role="img"'
+    )
+    # Pictures share a page: the same identifier twice would mix them up.
+    own = _TAG.sub(lambda tag: _HASH.sub(rf"{name}-\g<0>", _short_tag(tag[0])), rest)
+    return f'{head} aria-label="{escape_html(alt)}">{own}'
 
 
-def _new_names(root: ElementTree.Element, name: str) -> dict[str, str]:
-    """New identifiers for those that something refers to, numbered as they are met."""
-    names: dict[str, str] = {}
-    for element in root.iter():
-        for key, value in element.attrib.items():
-            referred = _REFERENCE.findall(value)
-            if key == "href":
-                referred = [value.removeprefix("#")]
-            for old in referred:
-                names.setdefault(old, f"{name}-{len(names) + 1}")
-    return names
-
-
-def _attribute(key: str, value: str, names: Mapping[str, str]) -> str:
-    """The value of an attribute inside a page, with decimals that are no longer than can be
-    seen."""
-    if key == "id":
-        return names[value]
-    if key == "href":
-        return "#" + names[value.removeprefix("#")]
-    value = _REFERENCE.sub(lambda match: f"url(#{names[match.group(1)]})", value)
-    if key == "style":
-        value = _FONT.sub("font-family: inherit", value)
-        value = _COLOUR.sub(lambda match: VARIABLES.get(match[0], match[0]), value)
-    if key == "d":
-        value = " ".join(value.split())
-    return _LONG_DECIMAL.sub(_shortened, value)
+def _short_tag(tag: str) -> str:
+    """A tag inside a page, with decimals that are no longer than can be seen."""
+    text = " ".join(_NUMBERED.sub("", tag).split()).replace("xlink:href", "href")
+    text = _FONT.sub("font-family: inherit", text)
+    text = _COLOUR.sub(lambda match: VARIABLES.get(match[0], match[0]), text)
+    return _LONG_DECIMAL.sub(_shortened, text)
 
 
 def _shortened(decimal: re.Match[str]) -> str:
     return f"{float(decimal.group()):.2f}".rstrip("0").rstrip(".")
-
-
-def _local(name: str) -> str:
-    return name.rsplit("}", 1)[-1]

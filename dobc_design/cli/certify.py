@@ -101,7 +101,7 @@ def certify(
                 raise wrong(key, "has no meaning without --settling.", "Give the tolerance, too.")
         problem = load_problem(file)
         folder = certificate_folder(out, problem, force=force)
-        with stages as progress, naming_options():
+        with stages as progress, naming_options("certify"):
             certificate = certification.certify(
                 problem,
                 everything=everything,
@@ -285,7 +285,7 @@ def region(
     stages = Progress(quiet=quiet, verbose=verbose)
     problem = load_problem(file)
     folder = certificate_folder(out, problem, force=force)
-    with stages as progress, naming_options():
+    with stages as progress, naming_options("region"):
         # Where no region is asked for, every method says how far it reaches by itself.
         everything = everything or problem.region is None
         certificate = certification.certify(

@@ -20,7 +20,6 @@ REMARK = "set by dobc design"
 DESIGNED = "-design"  # after the name of the problem, where the designed file gives none
 PRICED = 2  # further pins, each of which is a design of its own,
 MOST_PRICED = 60  # in networks of at most so many agents
-ARGUMENTS = ("rate", "pins", "max_gain", "noise", "allowed", "digits", "coupling", "further")
 MOST_DIGITS = 10  # of a number of pins; a longer one is no number of agents
 
 
@@ -54,7 +53,7 @@ def design(
     problem = load_problem(file)  # as it is written
     if further is None:
         further = PRICED if problem.n <= MOST_PRICED else 0
-    with stages as progress, output.naming_options(ARGUMENTS):
+    with stages as progress, output.naming_options("design"):
         found = designs.design(
             problem,
             pins=_whole(pins),

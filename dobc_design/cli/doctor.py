@@ -10,7 +10,9 @@ import re
 import shlex
 import shutil
 import sys
+import tomllib
 from collections.abc import Iterator, Sequence
+from importlib.resources import files
 from importlib.util import find_spec
 from typing import NamedTuple
 
@@ -21,44 +23,8 @@ from .output import print_json, say
 
 CORE, PROGRAMS = "core", "programs"
 DEVELOPERS = ("dev", "docs")  # extras that users do not miss
-#: What an extra is for.
-PURPOSES = {
-    "notebook": "Jupyter: the Designer and the notebooks",
-    "pdf": "reports as PDF",
-    "cluster": "dobc sweep --cluster",
-    "store": "results as Parquet, tables of pandas",
-    "grid": "pandapower networks",
-    "fmu": "simulating FMUs",
-    "docs": "building the handbook",
-    "dev": "tests, linter, type checker",
-}
-#: Programs that some commands lead to: names, what for, package of Debian, formula of Homebrew.
-PROGRAM_TABLE = (
-    (
-        ("coqc", "rocq"),
-        "checking proofs: dobc verify --rocq",
-        "coq libcoq-coquelicot libcoq-interval",
-        "coq",
-    ),
-    (
-        ("gcc", "cc", "clang"),
-        "compiling the C code of dobc export --c",
-        "gcc",
-        "gcc",
-    ),
-    (
-        ("chromium", "chromium-browser", "google-chrome"),
-        "the tests of the report's page",
-        "chromium",
-        "chromium",
-    ),
-    (
-        ("csdp",),
-        "a second solver for the files of dobc export --sdpa",
-        "coinor-csdp",
-        "csdp",
-    ),
-)
+_TABLES = tomllib.loads((files("dobc_design.cli") / "doctor.toml").read_text("utf-8"))
+PURPOSES: dict[str, str] = _TABLES["extras"]
 
 
 class Item(NamedTuple):
@@ -133,7 +99,7 @@ def install_command(requirements: Sequence[str]) -> str:
 
 
 def _programs() -> Iterator[Item]:
-    for names, purpose, debian, brew in PROGRAM_TABLE:
+    for purpose, (names, debian, brew) in _TABLES["programs"].items():
         place = next(filter(None, map(shutil.which, names)), None)
         if place is not None:
             yield Item(names[0], PROGRAMS, f"{place}: {purpose}", True)

@@ -115,7 +115,7 @@ def _c(file: str, folder: Path, asked: Asked, progress: Stage) -> Exported:
         progress("verifying the certificate")
         claims = read_claims(asked.certificate, problem)
     progress("discretising and simulating")
-    with naming_options(("precision",)):
+    with naming_options("export"):
         found = to_c(
             problem,
             period=asked.period,

@@ -13,7 +13,6 @@ import errno
 import io
 import logging
 import os
-import re
 import sys
 import warnings
 from collections.abc import Callable, Sequence
@@ -83,17 +82,6 @@ TOLD = (
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF, errno.EPIPE)
 
 
-#: What help says of a value in place of its type in Python; of all others TEXT.
-_WORDS = {"path": "FILE", "int": "NUMBER", "float": "NUMBER"}
-
-
-def _in_words(name: str) -> str:
-    """ "--out FILE" for "--out <path>"; an argument is named by its word already."""
-    if not name.startswith("-"):
-        return name.partition(" <")[0]
-    return re.sub("<(.*)>", lambda found: _WORDS.get(found[1], "TEXT"), name)
-
-
 class _Command(TyperCommand):
     """One of the commands; its line in the list of them is never cut off, and its help does not
     speak of the types of Python."""
@@ -107,7 +95,10 @@ class _Command(TyperCommand):
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         write = formatter.write_dl
-        formatter.write_dl = lambda rows: write([(_in_words(name), text) for name, text in rows])
+        # an argument is named by its word already
+        formatter.write_dl = lambda rows: write(
+            [(it.partition(" <")[0], text) for it, text in rows]
+        )
         super().format_options(ctx, formatter)
 
 

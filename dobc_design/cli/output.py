@@ -38,8 +38,6 @@ EXIT = {"proved": 0, "refuted": 1, "undecided": 3}
 MISTAKE, MACHINE, INTERRUPTED = 2, 4, 130
 NOT_READ = 141  # 128 + SIGPIPE, as of other programs
 COLOURS = {"proved": "bold green", "refuted": "bold red", "undecided": "bold yellow"}
-#: Arguments of ``certify`` that have options of their names.
-NUMBERS = ("settling", "settling_radius", "settling_disturbance", "rate")
 PIPED = 160  # columns of output that no terminal limits
 # characters of a problem's name that go into its folder's; file systems take 255 bytes
 LONGEST_FOLDER = 60
@@ -124,9 +122,13 @@ def _described(parameter: Parameter, owner: str) -> Parameter:
     if said is None:
         info: Any = Argument(**_said("arguments", owner, name), autocompletion=completed)
     else:
-        flags = _SAID["flags"].get(name, [f"--{name.replace('_', '-')}"])
-        info = Option(*flags, **said, autocompletion=completed)
+        info = Option(*_flags(name), **said, autocompletion=completed)
     return parameter.replace(kind=Parameter.KEYWORD_ONLY, annotation=Annotated[own, info])
+
+
+def _flags(name: str) -> list[str]:
+    found: list[str] = _SAID["flags"].get(name, [f"--{name.replace('_', '-')}"])
+    return found
 
 
 def _said(kind: str, owner: str, name: str) -> Any:
@@ -144,16 +146,16 @@ class NobodyReads(NoOutput):
 
 
 @contextmanager
-def naming_options(names: Collection[str] = NUMBERS) -> Iterator[None]:
-    """Let errors about these arguments name the options that stand for them."""
+def naming_options(owner: str) -> Iterator[None]:
+    """Let errors about arguments name the options of a command, or of a file that has a group of
+    them."""
 
     def named(error: SpecError) -> SpecError:
-        # Errors about keys of the problem file keep their names.
         key = error.key
-        if key is None or key not in names:
+        # Errors about keys of the problem file keep their names.
+        if key is None or not (key in _SAID["flags"] or _said("options", owner, key)):
             return error
-        option = "--fail" if key == "failures" else f"--{key.replace('_', '-')}"
-        return refused(option, error.message.replace(key, option, 1), error.cure)
+        return refused(_flags(key)[0], error.message.replace(key, _flags(key)[0], 1), error.cure)
 
     try:
         yield

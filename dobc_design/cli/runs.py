@@ -42,8 +42,6 @@ TRAJECTORY = "trajectory.npz"
 ENSEMBLE = "ensemble.npz"
 WRITTEN = (TRAJECTORY, ENSEMBLE, FIGURE, NETWORK, BREAKING, SUMMARY)  # all that a run may write
 MOST_MOVING = 200  # agents whose motion is drawn
-#: Arguments of ``simulate`` that have options of their names, and ``failures``, those of --fail.
-ARGUMENTS = ("runs", "mode", "start", "t_final", "seed", "observer", "failures")
 SHOWN = 5  # reasons for early ends that are printed
 OBSERVER = "closed-form"
 #: What is measured of runs: its key, its title, its unit, and the word where there is no number.
@@ -144,7 +142,7 @@ def make_runs(
         answer.require_free()
         proof = answer.proof(problem, progress)
         progress("simulating")
-        with naming_options(ARGUMENTS):
+        with naming_options("runs"):
             result: Any = simulation.simulate(
                 problem,
                 runs=None if runs.single else runs.runs,

@@ -12,7 +12,7 @@ from dobc_design._checks import noun
 from dobc_design.errors import SpecError, refused
 
 from .output import Document, load_problem, naming_options
-from .runs import ARGUMENTS, BREAKING, OBSERVER, SUMMARY, Answer, Files, Runs, make_runs
+from .runs import BREAKING, OBSERVER, SUMMARY, Answer, Files, Runs, make_runs
 
 if TYPE_CHECKING:
     from dobc_design.certificate.certificate import Certificate
@@ -50,7 +50,7 @@ class Stresses:
             return "worst"
         if not given:
             return None
-        with naming_options([each.name for each in fields(self)]):
+        with naming_options("stress"):
             return Stress(
                 noise=self.noise or 0.0,
                 disturbance=self.disturbance or 0.0,
@@ -91,7 +91,7 @@ def _break(file: str, runs: Runs, answer: Answer) -> None:
         answer.require_free()
         proof = answer.proof(problem, progress)
         progress("what breaks first")
-        with naming_options(ARGUMENTS):
+        with naming_options("runs"):
             found = what_breaks_first(
                 problem,
                 signal=None if runs.mode is None else Fixed(mode=runs.mode),

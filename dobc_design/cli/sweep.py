@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from dobc_design.sweeps.result import SweepResult
     from dobc_design.sweeps.running import State
 
-ARGUMENTS = ("task", "samples", "seed", "runs", "jobs", "time_limit")
 SHOWN = 5  # failed cases that are told
 MOST_FAILURES = 100  # that a document holds
 
@@ -51,7 +50,7 @@ def sweep(
         f"Interrupted; the finished cases are kept in {str(folder)!r}. The same command goes "
         f"on with the others:\n  {command}"
     )
-    with stages as progress, output.naming_options(ARGUMENTS):
+    with stages as progress, output.naming_options("sweep"):
         result = running.sweep(
             file,
             axes,

@@ -26,20 +26,6 @@ _SPECIAL: dict[str, str] = TEXTS["latex"]["special"]
 _SIGNS: dict[str, str] = TEXTS["latex"]["signs"]
 _ACCENTS = {"\u0302": "hat", "\u0304": "bar"}  # combining ones, as in an estimate
 _ACCENTED = re.compile("[A-Za-zα-ωΑ-Ω][\u0302\u0304]|.", re.DOTALL)
-#: The fragments, the sections of the report that they show, and what is said of them.
-FRAGMENTS = (
-    ("verdict", "meaning", "The verdict and what it says."),
-    ("model", "problem", "The equations with the paper's numbers, couplings, target and pins."),
-    ("condition", "condition", "The condition that is decided."),
-    ("matrices", "matrices", "The matrices; entries with a decimal point are rounded."),
-    ("checks", "checks", "Every condition that was decided; numbers hold as printed."),
-    ("regions", "region", "From which starts consensus is proved."),
-    (
-        "traceability",
-        "traceability",
-        "Where each condition stands and which module decided it.",
-    ),
-)
 AUTOMATIC = 0.9  # what a column without a width of its own is compared as
 FILLED = 0.9  # of the line, by all columns of a table
 _LATIN = 0x180  # letters below are set by every engine
@@ -61,7 +47,7 @@ def latex_fragments(document: doc.Document, version: str) -> Files:
     formulas = [block for block in condition if not isinstance(block, doc.Matrices)]
     kept: dict[str, str] = {}
     sections: dict[str, Sequence[doc.Block]] = {"condition": formulas, "matrices": matrices}
-    for name, section, what in FRAGMENTS:
+    for name, (section, what) in TEXTS["latex"]["fragments"].items():
         blocks = sections.get(section, report.section(section))
         if blocks:
             kept[f"{name}.tex"] = _template("fragment.tex.j2").render(

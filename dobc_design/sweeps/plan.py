@@ -79,7 +79,7 @@ class Task:
                 "runs", "is for simulations; a proof is made once.", 'Take task="simulate".'
             )
         if kind == "simulate" and self.everything:
-            raise refused("everything", "everything (--all) is for certify.", "Leave it out.")
+            raise refused("everything", "everything is for certify.", "Leave it out.")
 
     @property
     def columns(self) -> tuple[Column, ...]:

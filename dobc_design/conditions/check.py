@@ -419,11 +419,20 @@ def require_keys(
         raise ValueError(f"{name} has unknown fields: {', '.join(unknown)[:100]}")
 
 
-def read_object(data: object, names: Collection[str]) -> Table:
-    """An object with exactly these keys.  Raises: KeyError, TypeError or ValueError for anything
-    else."""
-    require_keys(data, "exact", needed=names)
-    return data if isinstance(data, Mapping) else {}
+def read_parts(data: Any, shape: Any, name: str = "exact") -> Any:
+    """A part of a claim, as its shape says: an object with the keys of a dict and no others, items
+    of one shape in a list, as many items as in a tuple, what a function reads; of None what stands
+    there.  Raises: KeyError, TypeError or ValueError for anything else."""
+    if isinstance(shape, dict):
+        require_keys(data, name, needed=shape)
+        return {key: read_parts(data[key], part, key) for key, part in shape.items()}
+    if isinstance(shape, list | tuple):
+        if not isinstance(data, list) or (isinstance(shape, tuple) and len(data) != len(shape)):
+            count = f" of {len(shape)}" if isinstance(shape, tuple) else ""
+            raise TypeError(f"{name} must be a list{count}")
+        parts = shape if isinstance(shape, tuple) else shape * len(data)
+        return tuple(read_parts(each, part, name) for each, part in zip(data, parts, strict=True))
+    return data if shape is None else shape(data)
 
 
 def number_or_none(value: Any) -> float | None:

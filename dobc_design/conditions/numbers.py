@@ -31,7 +31,7 @@ from dobc_design.exact.number import (
     number_text,
     read_text,
 )
-from dobc_design.exact.reading import Document, Table
+from dobc_design.exact.reading import Document
 from dobc_design.exact.symmetric import Doubles
 
 Real = TypeVar("Real", float, Fraction)
@@ -326,9 +326,19 @@ def rational_or_none(data: object) -> Fraction | None:
     return None if data is None else read_rational(data)
 
 
-def read_rationals(values: Table, *names: str) -> list[Fraction]:
-    """The rationals by these names.  Raises: as ``read_rational``."""
-    return [read_rational(values[name]) for name in names]
+def positive_from_json(data: object) -> Fraction:
+    """Read a rational > 0.  Raises: as ``read_rational``."""
+    number = read_rational(data)
+    if number <= 0:
+        raise ValueError(f"a number must be > 0, got {data}")
+    return number
+
+
+def whole_from_json(data: object) -> int:
+    """Read a whole number.  Raises: TypeError for anything else."""
+    if type(data) is not int:
+        raise TypeError(f"a whole number was expected, got {str(data)[:60]!r}")
+    return data
 
 
 def matrix_from_json(rows: Any) -> Matrix:

@@ -40,7 +40,7 @@ from typing import Any
 
 from dobc_design._checks import noun
 from dobc_design.conditions.case import Case
-from dobc_design.conditions.check import Check, read_domain, read_object
+from dobc_design.conditions.check import Check, read_domain, read_parts
 from dobc_design.conditions.consensus.claim import jacobians_at_consensus, linearisation
 from dobc_design.conditions.domain import EVERYWHERE, Around, Box, Domain
 from dobc_design.conditions.numbers import (
@@ -48,12 +48,13 @@ from dobc_design.conditions.numbers import (
     form_from_json,
     known_to_json,
     matrix_from_json,
+    positive_from_json,
     rational_or_none,
     read_rational,
-    read_rationals,
     rounded_up,
     vector_from_json,
     vector_to_json,
+    whole_from_json,
 )
 from dobc_design.conditions.observer.bands import are_bounded
 from dobc_design.conditions.observer.decide import error_matrix
@@ -63,15 +64,15 @@ from dobc_design.conditions.separable.checks import obstacle as not_applicable
 from dobc_design.conditions.separable.claim import (
     EXACT,
     FACES,
-    OBSERVED,
     ErrorBound,
     Errors,
     Row,
     Separable,
     Term,
-    error_from_json,
+    error_of,
     error_sizes,
     error_to_json,
+    observed_in,
     rows,
     stated_errors,
     tied_sizes,
@@ -88,7 +89,7 @@ from dobc_design.coupling.tree import ZERO
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import Matrix, Vector, identity, kronecker, multiply, row_norm
 from dobc_design.exact.peaks import MOST_STEPS, peak_gains, peak_gains_by_row
-from dobc_design.exact.reading import Document, Table
+from dobc_design.exact.reading import Document
 from dobc_design.exact.symmetric import Doubles, least
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.pairs import are_pairs
@@ -221,84 +222,60 @@ def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Accuracy:
     given = check.exact or {}
     linear = "response" in given
     turned = not linear and "T" in given
-    curved = not linear and bool(loop.groups) and not loop.is_linear
-    names = ["response" if linear else "stages", "bounds"]
+    bound = (read_rational,) * loop.m if turned or linear else read_rational
+    shape: Document = {"bounds": dict.fromkeys(loop.labels, bound)}
     if loop.groups:
-        names.append("peaks")
-    if curved:
-        names += OBSERVED
-    if turned:
-        names.append("T")
-    values = read_object(check.exact, names)
-    bounds = read_object(values["bounds"], loop.labels)
-    entries = loop.m if turned or linear else None
-    read = {label: _read_bounds(bounds[label], entries) for label in loop.labels}
-    peaks = None
-    if loop.groups:
-        peaks = peaks_from_json(values["peaks"], loop)
+        shape["peaks"] = partial(peaks_from_json, loop=loop)
     if linear:
-        response = Response(**_read_steps(values["response"], ("step",)))
-        return Accuracy(stages=(), bounds=read, peaks=peaks, response=response)
-    if not isinstance(values["stages"], list) or not 1 <= len(values["stages"]) <= MOST_STAGES:
+        shape["response"] = {"step": read_rational, "steps": whole_from_json}
+        values = read_parts(given, shape)
+        return Accuracy(stages=(), **values | {"response": Response(**values["response"])})
+    shape["stages"] = [partial(_read_level, loop=loop, turned=turned)]
+    if turned:
+        shape["T"] = form_from_json
+    if not loop.is_linear:
+        shape |= observed_in(loop)
+    values = read_parts(given, shape)
+    if not 1 <= len(values["stages"]) <= MOST_STAGES:
         raise ValueError(f"it needs between 1 and {MOST_STAGES} stages")
-    return Accuracy(
-        stages=tuple(_read_level(each, loop, turned) for each in values["stages"]),
-        bounds=read,
-        peaks=peaks,
-        error=error_from_json(values, loop) if curved else None,
-        T=form_from_json(values["T"]) if turned else None,
-    )
+    return Accuracy(error=error_of(values), **values)
 
 
 def peaks_from_json(data: Any, loop: Loop | None = None) -> Peaks:
     """Peak gains as a certificate has them; without a ``loop`` those of the integrals."""
-    names = [*INPUTS, "step", "steps"] if loop is None or takes_integrals(loop) else []
-    banded = loop is not None and loop.bands
-    values = dict(read_object(data, [*names, *["bands"] * bool(banded)]))
-    bands = tuple(map(matrix_from_json, values.pop("bands", ())))
-    if not names:
-        return Peaks(bands=bands)
-    return Peaks(**_read_steps(values, (*INPUTS, "step")), bands=bands)
-
-
-def _read_steps(data: Any, names: tuple[str, ...]) -> Document:
-    """Rationals by these names, and ``steps``."""
-    found = read_object(data, (*names, "steps"))
-    if type(found["steps"]) is not int:
-        raise TypeError("steps must be an integer")
-    return {name: read_rational(found[name]) for name in names} | {"steps": found["steps"]}
-
-
-def _read_bounds(data: Any, m: int | None) -> Fraction | Vector:
-    """One bound, or with ``m`` a list of them."""
-    if m is None:
-        return read_rational(data)
-    if not isinstance(data, list) or len(data) != m:
-        raise TypeError(f"bounds must be {m} numbers for each agent")
-    return tuple(read_rational(x) for x in data)
+    shape: Document = {}
+    if loop is None or takes_integrals(loop):
+        shape = dict.fromkeys((*INPUTS, "step"), read_rational) | {"steps": whole_from_json}
+    if loop is not None and loop.bands:
+        shape["bands"] = [matrix_from_json]
+    return Peaks(**read_parts(data, shape))
 
 
 def _read_level(data: object, loop: Loop, turned: bool) -> Level:
-    names = ["v", "alpha", "level", "rho"]
+    shape = level_shape(loop.size if turned else loop.n) | {"rho": rational_or_none}
     if turned:
-        names.append("ranges")
-    values = read_object(data, names)
-    if (values["rho"] is None) != loop.is_linear:
+        shape["ranges"] = None
+    values = read_parts(data, shape)
+    rho = values["rho"]
+    if (rho is None) != loop.is_linear:
         raise ValueError("rho must be null exactly where every coupling is linear")
-    rho = rational_or_none(values["rho"])
-    level = level_from_json(values, loop.size if turned else loop.n, rho)
     if turned:
-        return replace(level, ranges=ranges_from_json(values["ranges"], loop, rho))
+        values["ranges"] = ranges_from_json(values["ranges"], loop, rho)
+    return level_of(values)
+
+
+def level_shape(size: int) -> Document:
+    """The shape of v (``size`` entries), alpha and level (``read_parts``)."""
+    v = partial(vector_from_json, size=size)
+    return {"v": v, "alpha": positive_from_json, "level": positive_from_json}
+
+
+def level_of(values: Document) -> Level:
+    """The stage with these values."""
+    level = Level(**values)
+    if least(level.v) <= 0 or (level.rho is not None and level.rho < level.level):
+        raise ValueError("v must be > 0, and rho at least level")
     return level
-
-
-def level_from_json(values: Table, size: int, rho: Fraction | None) -> Level:
-    """Read v (``size`` entries), alpha and level."""
-    v = vector_from_json(values["v"], size)
-    alpha, level = read_rationals(values, "alpha", "level")
-    if min(alpha, level, least(v)) <= 0 or (rho is not None and rho < level):
-        raise ValueError("v, alpha and level must be > 0, and rho at least level")
-    return Level(v=v, alpha=alpha, level=level, rho=rho)
 
 
 ID = "accuracy"

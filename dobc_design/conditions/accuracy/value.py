@@ -20,7 +20,7 @@ import numpy as np
 
 from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Shown
-from dobc_design.conditions.check import number_or_none, read_object
+from dobc_design.conditions.check import number_or_none, read_parts
 from dobc_design.conditions.numbers import (
     LARGEST,
     claimed,
@@ -130,15 +130,14 @@ class Agreed(Shown):
 
 def value_from_json(data: Any) -> Agreed:
     """Read it back.  Raises: KeyError, TypeError or ValueError."""
-    values = read_object(data, KEYS)
-    peaks, weights = values["peaks"], values["weights"]
-    return Agreed(
-        lo=_end_from_json(values["lo"]),
-        hi=_end_from_json(values["hi"]),
-        peaks=None if peaks is None else peaks_from_json(peaks),
-        weights=weights and {label: read_rational(x) for label, x in weights.items()},
-        shifts=tuple(map(matrix_from_json, values["shifts"])),
-    )
+    shape = {
+        "lo": _end_from_json,
+        "hi": _end_from_json,
+        "peaks": lambda peaks: None if peaks is None else peaks_from_json(peaks),
+        "weights": lambda pi: pi and {label: read_rational(x) for label, x in pi.items()},
+        "shifts": [matrix_from_json],
+    }
+    return Agreed(**read_parts(data, shape))
 
 
 def _end_from_json(end: Any) -> tuple[float, ...] | None:

@@ -18,25 +18,25 @@ numbers.  No coupling has to rise, and the work grows with the arcs.
 
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from dobc_design._checks import noun
-from dobc_design.conditions.check import read_object
+from dobc_design.conditions.check import read_parts
 from dobc_design.conditions.numbers import (
-    read_rational,
+    positive_from_json,
     vector_from_json,
     vector_to_json,
 )
-from dobc_design.conditions.quadratic.claim import Quadratic, observer_from_json
+from dobc_design.conditions.quadratic.claim import Quadratic, observed_in, observer_of
 from dobc_design.exact.matrix import Matrix
-from dobc_design.exact.reading import Table
+from dobc_design.exact.reading import Document
 from dobc_design.exact.symmetric import SparseSymmetric, least
 from dobc_design.loop.loop import Loop
 from dobc_design.problem.network import Arcs, IndexArray
 
-NAMES = ("d", "a", "b", "level", "rate")
 Numbers = Sequence[Fraction]
 
 
@@ -71,30 +71,20 @@ def shared_arcs(loop: Loop, arcs: Arcs) -> IndexArray:
     return np.flatnonzero(arcs.speakers < loop.n)
 
 
-def claim_from_json(values: Table, loop: Loop, W: Matrix | None) -> ArcWise:
+def claim_from_json(data: object, loop: Loop, W: Matrix | None) -> ArcWise:
     """Read it back.  Raises: KeyError, TypeError or ValueError for what is no such claim."""
-    counts = {mode: len(shared_arcs(loop, arcs)) for mode, arcs in loop.modes.items()}
-    shares = []
-    for name in ("a", "b"):
-        stated = read_object(values[name], tuple(counts))
-        shares.append({mode: vector_from_json(stated[mode], k) for mode, k in counts.items()})
-    d = vector_from_json(values["d"], loop.n)
-    level, rate = (read_rational(values[name]) for name in ("level", "rate"))
-    if least(d) <= 0 or level <= 0 or rate <= 0:
-        raise ValueError("d, level and rate must be > 0")
-    P, Q = observer_from_json(values, loop, W)
-    return ArcWise(
-        P_e=form_of(loop, d),
-        d=d,
-        a=shares[0],
-        b=shares[1],
-        level=level,
-        rate=rate,
-        P=P,
-        Q=Q,
-    )
-
-
-def names_of(loop: Loop) -> tuple[str, ...]:
-    """The keys of ``exact``."""
-    return (*NAMES, "P") if loop.groups else NAMES
+    shares = {}
+    for mode, arcs in loop.modes.items():
+        shares[mode] = partial(vector_from_json, size=len(shared_arcs(loop, arcs)))
+    shape: Document = {
+        "d": partial(vector_from_json, size=loop.n),
+        "a": shares,
+        "b": shares,
+        "level": positive_from_json,
+        "rate": positive_from_json,
+    }
+    values = observer_of(read_parts(data, shape | observed_in(loop)), loop, W)
+    d = values["d"]
+    if least(d) <= 0:
+        raise ValueError("d must be > 0")
+    return ArcWise(P_e=form_of(loop, d), **values)

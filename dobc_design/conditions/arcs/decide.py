@@ -9,7 +9,7 @@ from fractions import Fraction
 import numpy as np
 
 from dobc_design.conditions.case import Case
-from dobc_design.conditions.check import Check, not_a_proof, read_domain, read_object
+from dobc_design.conditions.check import Check, not_a_proof, read_domain
 from dobc_design.conditions.domain import Ball, Box, Domain
 from dobc_design.conditions.numbers import follows
 from dobc_design.conditions.quadratic.decide import border_of, room_of
@@ -28,7 +28,7 @@ from dobc_design.loop.loop import Loop
 from dobc_design.problem.groups import agent_blocks
 from dobc_design.problem.network import BoolArray
 
-from .claim import ArcWise, claim_from_json, names_of, shared_arcs
+from .claim import ArcWise, claim_from_json, shared_arcs
 from .directions import TERMS, Terms, open_arcs
 
 CELLS = 1024  # of a table of gains
@@ -222,4 +222,4 @@ def confirm(check: Check, case: Case) -> str | None:
 
 def read_claim(check: Check, loop: Loop, W: Matrix | None) -> ArcWise:
     """What a proved check claims; raises as ``claim_from_json``."""
-    return claim_from_json(read_object(check.exact, names_of(loop)), loop, W)
+    return claim_from_json(check.exact, loop, W)

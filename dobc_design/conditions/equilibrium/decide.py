@@ -9,13 +9,14 @@ for is the start of a motion that never reaches the target.
 
 from collections.abc import Mapping
 from fractions import Fraction
+from itertools import chain
 from typing import Any
 
 import numpy as np
 
 from dobc_design._checks import noun
 from dobc_design.conditions.case import Case
-from dobc_design.conditions.check import Check, Witness, read_object
+from dobc_design.conditions.check import Check, Witness, read_parts
 from dobc_design.conditions.domain import EVERYWHERE, NEAR_TARGET
 from dobc_design.conditions.numbers import (
     VECTOR_BITS,
@@ -79,21 +80,15 @@ class Equilibrium:
 
 def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Equilibrium:
     """What a proved check of this topic claims, for this problem."""
-    values = read_object(check.exact, ("mode", "box"))
-    mode = values["mode"]
-    rows = values["box"]
-    if mode not in list(loop.modes) or not isinstance(rows, (list, tuple)):
-        raise ValueError("it needs a mode of this problem, and a list of intervals")
-    if loop.size > LARGEST or len(rows) != loop.size:
-        raise ValueError(f"the box must have one interval per component of e, at most {LARGEST}")
-    if not all(isinstance(row, (list, tuple)) and len(row) == 2 for row in rows):
-        raise ValueError("the box is no list of intervals")
-    ends = [tuple(map(read_rational, row)) for row in rows]
-    if any(lo > hi for lo, hi in ends):
-        raise ValueError("the box is no list of intervals")
-    if not has_short_denominator((end for pair in ends for end in pair), VECTOR_BITS):
+    if loop.size > LARGEST:
+        raise ValueError(f"the box must have at most {LARGEST} intervals")
+    sides = ((read_rational,) * 2,) * loop.size
+    values = read_parts(check.exact, {"mode": None, "box": sides})
+    if values["mode"] not in list(loop.modes):
+        raise ValueError("it needs a mode of this problem")
+    if not has_short_denominator(chain.from_iterable(values["box"]), VECTOR_BITS):
         raise ValueError("the box needs too long a common denominator")
-    return Equilibrium(mode=mode, box=tuple(Interval(lo, hi) for lo, hi in ends))
+    return Equilibrium(mode=values["mode"], box=tuple(Interval(*ends) for ends in values["box"]))
 
 
 def field_at(loop: Loop, mode: str, point: Vector) -> Box:

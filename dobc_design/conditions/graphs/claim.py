@@ -17,9 +17,10 @@ mean square   P_p > 0 for every mode, A_p'P_p + P_p A_p + sum_q g_pq P_q + 2 rat
 
 from collections.abc import Mapping
 from fractions import Fraction
+from functools import partial
 
 from dobc_design._checks import noun
-from dobc_design.conditions.check import Check, Values, read_object
+from dobc_design.conditions.check import Check, Values, read_parts
 from dobc_design.conditions.numbers import (
     fields_to_json,
     form_from_json,
@@ -28,9 +29,8 @@ from dobc_design.conditions.numbers import (
     vector_from_json,
     vector_to_json,
 )
-from dobc_design.conditions.schedule.checks import cycles_from_json
 from dobc_design.conditions.schedule.claim import Cycles
-from dobc_design.conditions.separable.claim import observed_in
+from dobc_design.conditions.separable.claim import error_of, observed_in
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.reading import Document
 from dobc_design.exact.symmetric import Doubles
@@ -81,25 +81,18 @@ def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Kept | Values:
     kind = "" if check.kind.role == "safety" else exact["kind"]
     if kind in ("", SURE):
         return _box_from_json(exact, kind, loop)
-    name = {MEAN: "w", SQUARE: "P"}[kind]
-    values = read_object(exact, ("kind", "rate", name))
-    each = read_object(values[name], loop.modes.keys())
-    rate = read_rational(values["rate"])
-    if kind == MEAN:
-        w = {mode: vector_from_json(each[mode], loop.n) for mode in loop.modes}
-        return Kept(kind=kind, rate=rate, w=w)
-    P = {mode: form_from_json(each[mode]) for mode in loop.modes}
-    return Kept(kind=kind, rate=rate, P=P)
+    own = {MEAN: ("w", partial(vector_from_json, size=loop.n)), SQUARE: ("P", form_from_json)}
+    name, shape = own[kind]
+    each = dict.fromkeys(loop.modes, shape)
+    return Kept(**read_parts(exact, {"kind": None, "rate": read_rational, name: each}))
 
 
 def _box_from_json(data: object, kind: str, loop: Loop) -> Kept:
     """A claim with v = 1, which has a rate only for safety."""
-    own = "kind" if kind else "rate"
-    values = read_object(data, ("rho", own, *observed_in(loop)))
-    as_weights = {**values, "rate": None, "phases": []}
-    as_weights.pop("kind", None)
-    box = cycles_from_json(as_weights, loop)
-    return Kept(kind=kind, rate=rational_or_none(values.get("rate")), box=box)
+    own = {"kind": None} if kind else {"rate": rational_or_none}
+    values = read_parts(data, {"rho": rational_or_none} | own | observed_in(loop))
+    box = Cycles(phases=(), rate=None, rho=values.pop("rho"), error=error_of(values))
+    return Kept(kind=kind, rate=values.get("rate"), box=box)
 
 
 def signals_in_words(loop: Loop, check: Check) -> str:

@@ -24,20 +24,20 @@ box of its own may stand there without them, too.
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
+from functools import partial
 from typing import NamedTuple
 
 from dobc_design._checks import noun
-from dobc_design.conditions.accuracy.decide import Accuracy, Level, Plant, level_from_json
+from dobc_design.conditions.accuracy.decide import Accuracy, Level, Plant, level_of, level_shape
 from dobc_design.conditions.accuracy.decide import obstacle as not_final
 from dobc_design.conditions.case import Case
-from dobc_design.conditions.check import Check, Claim, not_a_proof, read_domain, read_object
+from dobc_design.conditions.check import Check, Claim, not_a_proof, read_domain, read_parts
 from dobc_design.conditions.domain import Box
 from dobc_design.conditions.numbers import (
     fields_to_json,
     follows,
     known_to_json,
     read_rational,
-    read_rationals,
     vector_from_json,
     vector_to_json,
 )
@@ -47,7 +47,7 @@ from dobc_design.conditions.separable.claim import (
     Errors,
     Separable,
     acts_by_component,
-    error_from_json,
+    error_of,
     error_to_json,
     largest_reach,
     observed_in,
@@ -132,37 +132,35 @@ class LeftRooms:
 
 def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Claim:
     """What a proved check of this topic claims, for this problem."""
+    exact = check.exact or {}
     if check.id == "actuators":
-        return _read_inputs(check, loop)
-    optional = [name for name in ("eta", "v") if name in (check.exact or {})]
-    values = read_object(check.exact, ("weights", "gains", "alpha", *optional))
-    weights, gains, alpha = read_rationals(values, "weights", "gains", "alpha")
-    if not (0 <= weights < 1 and 0 <= gains < 1 and alpha > 0):
+        return _read_inputs(exact, loop)
+    optional = {"eta": read_rational, "v": partial(vector_from_json, size=loop.n)}
+    shape = dict.fromkeys(("weights", "gains", "alpha"), read_rational)
+    values = read_parts(exact, shape | {name: optional[name] for name in optional if name in exact})
+    errors = Errors(values.pop("weights"), values.pop("gains"))
+    if not (all(0 <= error < 1 for error in errors) and values["alpha"] > 0):
         raise ValueError("errors must be >= 0 and < 1, alpha > 0")
-    eta = read_rational(values["eta"]) if "eta" in optional else None
-    v = vector_from_json(values["v"], loop.n) if "v" in optional else None
-    return Tolerance(errors=Errors(weights, gains), alpha=alpha, eta=eta, v=v)
+    return Tolerance(errors=errors, **values)
 
 
-def _read_inputs(check: Check, loop: Loop) -> Inputs | LeftRooms:
+def _read_inputs(exact: Document, loop: Loop) -> Inputs | LeftRooms:
     """What a proved check of inputs claims."""
     if loop.saturates or loop.agrees:
-        values = read_object(check.exact, ("rooms",))
         limited = [label for label in loop.labels if limit_of(loop, label) is not None]
-        found = read_object(values["rooms"], limited)
-        return LeftRooms(rooms={label: read_rational(found[label]) for label in limited})
-    has_own_box = stated_in(loop).absolute or "v" in (check.exact or {})
-    own = ("v", "alpha", "level", *observed_in(loop)) if has_own_box else ()
-    values = read_object(check.exact, ("rho", "inputs", *own))
-    found = read_object(values["inputs"], loop.labels)
-    inputs = {label: read_rational(found[label]) for label in loop.labels}
-    rho = read_rational(values["rho"])
-    if not has_own_box:
-        return Inputs(rho=rho, inputs=inputs)
-    stage = level_from_json(values, loop.n, rho)
+        rooms = dict.fromkeys(limited, read_rational)
+        return LeftRooms(**read_parts(exact, {"rooms": rooms}))
+    shape: Document = {"rho": read_rational, "inputs": dict.fromkeys(loop.labels, read_rational)}
+    if not stated_in(loop).absolute and "v" not in exact:
+        return Inputs(**read_parts(exact, shape))
+    own = level_shape(loop.n)
+    values = read_parts(exact, shape | own | observed_in(loop))
+    error = error_of(values)
+    rho = values["rho"]
+    stage = level_of({"rho": rho} | {name: values[name] for name in own})
     if loop.is_linear:
         stage = replace(stage, rho=None)
-    return Inputs(rho=rho, inputs=inputs, stage=stage, error=error_from_json(values, loop))
+    return Inputs(rho=rho, inputs=values["inputs"], stage=stage, error=error)
 
 
 def confirm(check: Check, case: Case) -> str | None:

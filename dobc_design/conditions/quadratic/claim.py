@@ -30,7 +30,7 @@ from dobc_design.exact.matrix import (
     zeros,
 )
 from dobc_design.exact.number import ZERO
-from dobc_design.exact.reading import Table
+from dobc_design.exact.reading import Document
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.loop.loop import Loop
 from dobc_design.problem.exosystems import block_diagonal
@@ -92,17 +92,20 @@ class Lure(Quadratic):
         return values | known_to_json(self, "P")
 
 
-def observer_from_json(
-    values: Table, loop: Loop, W: Matrix | None
-) -> tuple[Matrix | None, Matrix | None]:
-    """The observer's pair (P, P W), None where there is none.  Raises: KeyError, TypeError or
-    ValueError."""
-    if not loop.groups:
-        return None, None
-    P = form_from_json(values["P"])
-    if [len(row) for row in P] != [loop.q] * loop.q or not is_symmetric(P):
-        raise ValueError(f"P must be a symmetric matrix of {loop.q} rows")
-    return P, None if W is None else multiply(P, W)
+def observed_in(loop: Loop) -> Document:
+    """The shape of the observer's part (``read_parts``)."""
+    return {"P": form_from_json} if loop.groups else {}
+
+
+def observer_of(values: Document, loop: Loop, W: Matrix | None) -> Document:
+    """The same values with the observer's pair (P, P W), where there is one.  Raises: ValueError
+    for a P that is none."""
+    if loop.groups:
+        P = values["P"]
+        if [len(row) for row in P] != [loop.q] * loop.q or not is_symmetric(P):
+            raise ValueError(f"P must be a symmetric matrix of {loop.q} rows")
+        values["Q"] = None if W is None else multiply(P, W)
+    return values
 
 
 def lure_matrix(

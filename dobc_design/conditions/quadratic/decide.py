@@ -7,7 +7,7 @@ says that consensus fails. docs/certificate-claims.md, "Regions", fixes the form
 """
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from fractions import Fraction
 from functools import partial
 
@@ -20,7 +20,7 @@ from dobc_design.conditions.check import (
     Check,
     not_a_proof,
     read_domain,
-    read_object,
+    read_parts,
     undecided_check,
 )
 from dobc_design.conditions.consensus.claim import Pair
@@ -36,6 +36,7 @@ from dobc_design.conditions.numbers import (
     rounded_up,
     shorten,
     text_below,
+    whole_from_json,
 )
 from dobc_design.conditions.quadratic import sectors as channels
 from dobc_design.conditions.reason import fixed_obstacle, observer_obstacle, signs_obstacle
@@ -44,20 +45,18 @@ from dobc_design.exact.definite import decide_positive_definite, decide_positive
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Matrix, Vector, inverse, to_float
 from dobc_design.exact.number import ONE, ZERO, float_below
-from dobc_design.exact.reading import Table
-from dobc_design.exact.symmetric import Entries, SparseSymmetric
+from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.loop.arcs import unreached
 from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Decided, Verdict
 
-from .claim import METHOD, Lure, Quadratic, lure_matrix, observer_from_json
+from .claim import METHOD, Lure, Quadratic, lure_matrix, observed_in, observer_of
 from .sectors import build_sectors, left_open, ranges_from_json
 
 # How far above its estimate a bound on an eigenvalue is tried, relative to the largest one.
 RISE = (Fraction(1, 10**9), Fraction(1, 10**6), Fraction(1, 1000), ONE)
 IN_HAND = 1e-6  # of a ball, for a second program with its own bounds of eigenvalues
 _DIGITS = 6
-_LURE = ("method", "P_e", "level", "radius", "ranges", "multipliers", "rate")
 
 
 @noun
@@ -316,58 +315,43 @@ def confirm(check: Check, case: Case) -> str | None:
 def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Lure:
     """What a proved check claims, for this problem and the gain W (q, m); raises as
     ``lure_from_json``."""
-    return lure_from_json(read_object(check.exact, names_of(loop)), loop, W)
+    return lure_from_json(check.exact, loop, W)
 
 
-def lure_from_json(values: Table, loop: Loop, W: Matrix | None) -> Lure:
-    """Read them back.  Raises: KeyError, TypeError, ValueError, ShapeError or SpecError for what is
+def lure_from_json(data: object, loop: Loop, W: Matrix | None) -> Lure:
+    """Read it back.  Raises: KeyError, TypeError, ValueError, ShapeError or SpecError for what is
     no such claim."""
-    radius = rational_or_none(values["radius"])
-    level = rational_or_none(values["level"])
-    if (radius is None) is not (level is None):
+    shape = {
+        "method": None,
+        "P_e": [(whole_from_json, whole_from_json, read_rational)],
+        "level": rational_or_none,
+        "radius": rational_or_none,
+        "ranges": None,
+        "multipliers": {mode: [read_rational] for mode in loop.modes},
+        "rate": read_rational,
+    }
+    values = observer_of(read_parts(data, shape | observed_in(loop)), loop, W)
+    radius = values["radius"]
+    if (radius is None) is not (values["level"] is None):
         raise ValueError("radius and level must both be null, or neither")
     if radius is not None and radius <= 0:
         raise ValueError("radius must be > 0")
-    method = values["method"]
+    method = values.pop("method")
     if method != METHOD:
         raise ValueError(f"method {method!r} is no longer decided, only {METHOD}; certify again")
-    P, Q = observer_from_json(values, loop, W)
-    return Lure(
-        P_e=_sparse(values["P_e"], loop.size),
-        level=level,
-        radius=radius,
-        ranges=ranges_from_json(values["ranges"], loop, radius),
-        multipliers=_multipliers(values, loop),
-        rate=read_rational(values["rate"]),
-        P=P,
-        Q=Q,
-    )
-
-
-def names_of(loop: Loop) -> tuple[str, ...]:
-    """The keys of ``exact``."""
-    return (*_LURE, "P") if loop.groups else _LURE
-
-
-def _sparse(rows: object, size: int) -> SparseSymmetric:
-    """The nonzero entries [a, b, value], a <= b, each once."""
-    if not isinstance(rows, list):
-        raise TypeError("P_e must be a list")
-    entries: Entries = {}
-    for row in rows:
-        i, j, text = row
-        if type(i) is not int or type(j) is not int or (i, j) in entries:
-            raise ValueError("P_e must list each entry once, with two whole numbers")
-        entries[i, j] = read_rational(text)
-    values = entries.values()
-    if not all(values) or not has_short_denominator(values, numbers.MATRIX_BITS):
-        raise ValueError("an entry of P_e is 0, or they need too long a common denominator")
-    return SparseSymmetric(size, entries)
-
-
-def _multipliers(values: Table, loop: Loop) -> dict[str, Vector]:
-    taus = read_object(values["multipliers"], tuple(loop.modes))
-    found = {mode: tuple(map(read_rational, taus[mode])) for mode in loop.modes}
-    if not all(has_short_denominator(each, numbers.VECTOR_BITS) for each in found.values()):
+    taus = values["multipliers"].values()
+    if not all(has_short_denominator(each, numbers.VECTOR_BITS) for each in taus):
         raise ValueError("multipliers need too long a common denominator")
-    return found
+    values["ranges"] = ranges_from_json(values["ranges"], loop, radius)
+    return Lure(**values | {"P_e": _sparse(values["P_e"], loop.size)})
+
+
+def _sparse(listed: Sequence[tuple[int, int, Fraction]], size: int) -> SparseSymmetric:
+    """The nonzero entries [a, b, value], a <= b, each once."""
+    entries = {(i, j): value for i, j, value in listed}
+    values = entries.values()
+    if len(entries) < len(listed) or not all(values):
+        raise ValueError("P_e must list its entries that are not 0, each once")
+    if not has_short_denominator(values, numbers.MATRIX_BITS):
+        raise ValueError("the entries of P_e need too long a common denominator")
+    return SparseSymmetric(size, entries)

@@ -16,8 +16,8 @@ from functools import lru_cache
 from typing import Any
 
 from dobc_design._checks import noun
-from dobc_design.conditions.check import read_object
-from dobc_design.conditions.numbers import as_json, read_rational
+from dobc_design.conditions.check import read_parts
+from dobc_design.conditions.numbers import as_json, read_rational, whole_from_json
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.enclosures import TOLERANCE, Curve, secant_range, slope_bound
 from dobc_design.coupling.expression import (
@@ -231,19 +231,11 @@ def left_open(
 def ranges_from_json(data: object, loop: Loop, radius: Fraction | None) -> tuple[GainRange, ...]:
     """Read them back.  Raises: KeyError, TypeError or ValueError for what are no ranges of this
     problem."""
-    if not isinstance(data, list):
-        raise TypeError("ranges must be a list")
+    gains = (((read_rational,) * 2,) * loop.m,) * loop.m
     found = []
-    for each in data:
-        values = read_object(each, ("coupling", "gains"))
-        if type(values["coupling"]) is not int:
-            raise TypeError("coupling must be a whole number")
-        rows = [[Interval(*map(read_rational, ends)) for ends in row] for row in values["gains"]]
-        if [len(row) for row in rows] != [loop.m] * loop.m:
-            raise ValueError("gains must have one row and one column per state component")
-        found.append(
-            GainRange(coupling=values["coupling"], radius=radius, entries=tuple(map(tuple, rows)))
-        )
+    for each in read_parts(data, [{"coupling": whole_from_json, "gains": gains}]):
+        entries = tuple(tuple(Interval(*ends) for ends in row) for row in each["gains"])
+        found.append(GainRange(coupling=each["coupling"], radius=radius, entries=entries))
     if sorted(each.coupling for each in found) != sorted(used_couplings(loop)):
         raise ValueError("ranges must name every coupling that an arc has, once")
     return tuple(found)

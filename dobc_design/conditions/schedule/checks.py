@@ -1,10 +1,10 @@
 """The checks `settling` and `schedule` as a certificate holds them, and back
 (docs/certificate-claims.md)."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from fractions import Fraction
-from typing import Any
+from functools import partial
 
 from dobc_design.conditions.arcs import claim as arcs
 from dobc_design.conditions.case import Case
@@ -13,7 +13,7 @@ from dobc_design.conditions.check import (
     Values,
     not_a_proof,
     read_domain,
-    read_object,
+    read_parts,
     undecided_check,
 )
 from dobc_design.conditions.coverage import Asked as Region
@@ -22,16 +22,22 @@ from dobc_design.conditions.numbers import (
     claimed,
     decimal_below,
     follows,
-    form_from_json,
     rational_or_none,
     read_rational,
     vector_from_json,
 )
-from dobc_design.conditions.quadratic.decide import lure_from_json, names_of
-from dobc_design.conditions.quadratic.sectors import ranges_from_json
+from dobc_design.conditions.quadratic.decide import lure_from_json
 from dobc_design.conditions.separable.checks import obstacle
-from dobc_design.conditions.separable.claim import error_from_json, observed_in, separable_from_json
-from dobc_design.exact.matrix import Matrix, Vector
+from dobc_design.conditions.separable.claim import (
+    TURNED,
+    coordinates_of,
+    error_of,
+    observed_in,
+    separable_from_json,
+)
+from dobc_design.exact.matrix import Matrix
+from dobc_design.exact.number import ONE
+from dobc_design.exact.reading import Document
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.timing import timing_words
 from dobc_design.verdict import Verdict
@@ -45,7 +51,6 @@ from .claim import (
     Descent,
     Last,
     Tube,
-    Vectors,
     Weights,
 )
 from .cycles import holds_starts
@@ -158,28 +163,27 @@ def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Descent | Cycles |
     if check.id == "schedule":
         return cycles_from_json(check.exact, loop, turned="T" in (check.exact or ()))
     radius, disturbance = read_domain(check.domain, loop, kind=Box)
-    values = read_object(check.exact, ("tolerance", "time", "tube", "last"))
-    last = read_object(values["last"], ("kind", "level", "height", "stretch", "certificate"))
-    certificate = _last_from_json(last["kind"], last["certificate"], loop, W)
+    shape = {
+        "tolerance": read_rational,
+        "time": read_rational,
+        "tube": partial(tube_from_json, loop=loop),
+        "last": dict.fromkeys(("level", "height", "stretch"), read_rational)
+        | {"kind": None, "certificate": None},
+    }
+    values = read_parts(check.exact, shape)
+    last = values.pop("last")
+    certificate = _last_from_json(last.pop("kind"), last.pop("certificate"), loop, W)
     return Descent(
-        tube=tube_from_json(values["tube"], loop),
-        certificate=certificate,
-        level=read_rational(last["level"]),
-        height=read_rational(last["height"]),
-        stretch=read_rational(last["stretch"]),
-        radius=radius,
-        disturbance=disturbance,
-        tolerance=read_rational(values["tolerance"]),
-        time=read_rational(values["time"]),
+        certificate=certificate, radius=radius, disturbance=disturbance, **values, **last
     )
 
 
 def _last_from_json(kind: object, data: object, loop: Loop, W: Matrix | None) -> Last:
     """Read the certificate that takes over back; raises as ``read_claim``."""
     if kind == QUADRATIC:
-        return lure_from_json(read_object(data, names_of(loop)), loop, W)
+        return lure_from_json(data, loop, W)
     if kind == ARC_WISE:
-        return arcs.claim_from_json(read_object(data, arcs.names_of(loop)), loop, W)
+        return arcs.claim_from_json(data, loop, W)
     if kind == SCHEDULE:
         return cycles_from_json(data, loop)
     if kind == SEPARABLE:
@@ -189,55 +193,37 @@ def _last_from_json(kind: object, data: object, loop: Loop, W: Matrix | None) ->
 
 def tube_from_json(data: object, loop: Loop) -> Tube:
     """Read ``Tube.to_json`` back for this problem; raises as ``read_claim``."""
-    observed = [name for name in observed_in(loop) if name != "kappa"]
-    values = read_object(data, ("times", "upper", "lower", *observed))
-    times = _times(values, "times, upper and lower", values["upper"], values["lower"])
+    boxes = [partial(vector_from_json, size=loop.n)]
+    shape = {"times": [read_rational], "upper": boxes, "lower": boxes} | observed_in(loop)
     # The observer's part of a tube has no kappa; any will do.
-    error = error_from_json({**values, "kappa": "1"}, loop)
-    upper = _vectors(values["upper"], loop.n)
-    lower = _vectors(values["lower"], loop.n)
-    return Tube(times=times, upper=upper, lower=lower, error=error)
+    shape.pop("kappa", None)
+    values = _timed(read_parts(data, shape))
+    if loop.groups:
+        values["kappa"] = ONE
+    return Tube(error=error_of(values), **values)
 
 
 def cycles_from_json(data: object, loop: Loop, *, turned: bool = False) -> Cycles:
     """Read ``Cycles.to_json`` back for this problem, ``turned`` with T; raises as
     ``read_claim``."""
+    size = loop.size if turned else loop.n
+    phase = {"times": [read_rational], "v": [partial(vector_from_json, size=size)]}
     # In coordinates z = T e the rows need the gains, enclosed.
-    own = ("T", "ranges") if turned else ()
-    late = ("late",) if isinstance(data, Mapping) and "late" in data else ()
-    values = read_object(data, ("rate", "rho", "phases", *own, *late, *observed_in(loop)))
+    own = TURNED if turned else {}
+    late = {"late": None} if isinstance(data, Mapping) and "late" in data else {}
+    shape = {"rate": rational_or_none, "rho": rational_or_none, "phases": [phase]} | own | late
+    values = coordinates_of(read_parts(data, shape | observed_in(loop)), loop)
     if late and values["late"] is not True:
         raise ValueError("late must be true, or left out")
-    size = loop.size if turned else loop.n
-    phases = tuple(_weights_from_json(each, size) for each in values["phases"])
-    rho = rational_or_none(values["rho"])
-    return Cycles(
-        phases=phases,
-        rate=rational_or_none(values["rate"]),
-        rho=rho,
-        error=error_from_json(values, loop),
-        T=form_from_json(values["T"]) if turned else None,
-        ranges=ranges_from_json(values["ranges"], loop, rho) if turned else (),
-        late=bool(late),
-    )
+    values["phases"] = tuple(Weights(**_timed(each)) for each in values["phases"])
+    return Cycles(error=error_of(values), **values)
 
 
-def _weights_from_json(data: object, size: int) -> Weights:
-    values = read_object(data, ("times", "v"))
-    times = _times(values, "times and v", values["v"])
-    return Weights(times=times, v=_vectors(values["v"], size))
-
-
-def _times(values: Mapping[str, Any], names: str, *beside: object) -> Vector:
-    """The times of some vectors; ``names`` are what a message calls them all."""
-    for each in (values["times"], *beside):
-        if not isinstance(each, list) or len(each) > MOST_TIMES:
-            raise ValueError(f"{names} must be lists of at most {MOST_TIMES}")
-    return tuple(map(read_rational, values["times"]))
-
-
-def _vectors(data: Sequence[object], size: int) -> Vectors:
-    return tuple(tuple(vector_from_json(each, size)) for each in data)
+def _timed(values: Document) -> Document:
+    """The same values, whose vectors may be no more than ``MOST_TIMES``."""
+    if len(values["times"]) > MOST_TIMES:
+        raise ValueError(f"there may be at most {MOST_TIMES} times")
+    return values
 
 
 def settling_of(loop: Loop, claim: Descent, reason: str) -> Settling:

@@ -19,20 +19,21 @@ it, in time linear in the arcs.
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from fractions import Fraction
+from functools import partial
 from operator import mul
 from typing import NamedTuple
 
 import numpy as np
 
 from dobc_design._checks import noun, positional
-from dobc_design.conditions.check import Check, Claim, read_object
+from dobc_design.conditions.check import Check, Claim, read_parts
 from dobc_design.conditions.kinds import READINGS
 from dobc_design.conditions.numbers import (
     fields_to_json,
     form_from_json,
+    positive_from_json,
     rational_or_none,
     read_rational,
-    read_rationals,
     vector_from_json,
     vector_to_json,
 )
@@ -40,7 +41,7 @@ from dobc_design.conditions.quadratic.sectors import GainRange, ranges_from_json
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.matrix import Matrix, Vector, inverse, rank
 from dobc_design.exact.number import ONE, ZERO, float_above
-from dobc_design.exact.reading import Document, Table
+from dobc_design.exact.reading import Document
 from dobc_design.exact.symmetric import Doubles, largest, least
 from dobc_design.loop.arcs import coupling_places
 from dobc_design.loop.loop import Loop
@@ -50,6 +51,7 @@ OBSERVED = ("P", "beta", "kappa", "size")
 MOST_COMPONENTS = 6  # of an agent, for T
 # the key under which a check of sampling holds one of its own, where it has one
 OWN = "certificate"
+TURNED: Document = {"T": form_from_json, "ranges": None}  # of claims in coordinates
 MORE_OF_DELAYS = ("own_delay", "event")
 
 
@@ -70,9 +72,11 @@ class ErrorBound:
         return room >= 0 and (self.kappa * disturbance) ** 2 * self.size <= room**2
 
 
-def observed_in(loop: Loop) -> tuple[str, ...]:
-    """The keys of the observer's part of a claim."""
-    return OBSERVED if loop.groups else ()
+def observed_in(loop: Loop) -> Document:
+    """The shape of the observer's part of a claim (``read_parts``)."""
+    if not loop.groups:
+        return {}
+    return {"P": form_from_json} | dict.fromkeys(OBSERVED[1:], positive_from_json)
 
 
 def error_to_json(error: ErrorBound | None) -> Document:
@@ -80,14 +84,19 @@ def error_to_json(error: ErrorBound | None) -> Document:
     return {} if error is None else fields_to_json(error, *OBSERVED)
 
 
-def error_from_json(values: Table, loop: Loop) -> ErrorBound | None:
-    """Read ``error_to_json`` back; None without an exosystem.  Raises as ``read_claim``."""
-    if not loop.groups:
+def error_of(values: Document) -> ErrorBound | None:
+    """The observer's part, taken out of values that were read; None without an exosystem."""
+    if "P" not in values:
         return None
-    beta, kappa, size = read_rationals(values, "beta", "kappa", "size")
-    if min(beta, kappa, size) <= 0:
-        raise ValueError("beta, kappa and size must be > 0")
-    return ErrorBound(P=form_from_json(values["P"]), beta=beta, kappa=kappa, size=size)
+    return ErrorBound(**{name: values.pop(name) for name in OBSERVED})
+
+
+def coordinates_of(values: Document, loop: Loop) -> Document:
+    """The same values with their gains, if they are in coordinates z = T e.  Raises as
+    ``read_claim``."""
+    if "T" in values:
+        values["ranges"] = ranges_from_json(values["ranges"], loop, values["rho"])
+    return values
 
 
 @noun
@@ -236,34 +245,25 @@ def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Claim:
         return ReadingsBound(rows=separable_from_json(exact, loop))
     if check.id == "delay":
         more = [name for name in MORE_OF_DELAYS if name in (exact or ())]
-        values = read_object(exact, ("delay", "rate", *more))
-        return DelayBound(**{name: read_rational(value) for name, value in values.items()})
+        shape = dict.fromkeys(("delay", "rate", *more), read_rational)
+        return DelayBound(**read_parts(exact, shape))
     if check.id == "sampling":
         own = None
         if exact is not None and OWN in exact:
             own = separable_from_json(exact.pop(OWN), loop)
-        values = read_object(exact, ("period", "factor"))
-        period, factor = read_rationals(values, "period", "factor")
-        return SamplingBound(period=period, factor=factor, own=own)
+        values = read_parts(exact, {"period": read_rational, "factor": read_rational})
+        return SamplingBound(own=own, **values)
     return separable_from_json(exact, loop, turned="T" in (exact or ()))
 
 
 def separable_from_json(exact: object, loop: Loop, *, turned: bool = False) -> Separable:
     """Read the values of ``Separable.to_json`` back for this problem, ``turned`` with T; raises as
     ``read_claim``."""
-    names = ["v", "alpha", "rho", *observed_in(loop)]
-    if turned:
-        names += ["T", "ranges"]
-    values = read_object(exact, names)
-    rho = rational_or_none(values["rho"])
-    found = Separable(
-        v=vector_from_json(values["v"], loop.size if turned else loop.n),
-        alpha=read_rational(values["alpha"]),
-        rho=rho,
-        error=error_from_json(values, loop),
-        T=form_from_json(values["T"]) if turned else None,
-        ranges=ranges_from_json(values["ranges"], loop, rho) if turned else (),
-    )
+    size = loop.size if turned else loop.n
+    shape = {"v": partial(vector_from_json, size=size), "alpha": read_rational}
+    shape |= {"rho": rational_or_none} | observed_in(loop) | (TURNED if turned else {})
+    values = coordinates_of(read_parts(exact, shape), loop)
+    found = Separable(error=error_of(values), **values)
     if found.T is not None and len(found.T) != loop.m:
         raise ValueError("T needs one row and one column per state component")
     return found

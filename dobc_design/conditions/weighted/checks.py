@@ -2,7 +2,7 @@
 
 from functools import partial
 
-from dobc_design.conditions.check import Check, Claim, read_object, undecided_check
+from dobc_design.conditions.check import Check, Claim, read_parts, undecided_check
 from dobc_design.conditions.consensus.claim import Statements, state_theorems
 from dobc_design.conditions.numbers import (
     claimed,
@@ -13,6 +13,7 @@ from dobc_design.conditions.numbers import (
 )
 from dobc_design.conditions.reason import Reason
 from dobc_design.exact.matrix import Matrix
+from dobc_design.exact.reading import Document
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.pairs import required_rows
 from dobc_design.verdict import Verdict
@@ -29,26 +30,22 @@ def id_for(loop: Loop) -> str:
 def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Claim:
     """What a proved check of this topic claims, for this problem."""
     alike = "R" in (check.exact or {})
-    names = [] if alike and (loop.agrees or loop.is_apart) else ["D", "w"]
+    # With R the weights are those of a network with one component.
+    vector = partial(vector_from_json, size=loop.n if alike else loop.n * loop.m)
+    # One D serves all modes, each has a w of its own.
+    shape: Document = {"D": vector, "w": dict.fromkeys(loop.modes, vector)}
+    if alike and (loop.agrees or loop.is_apart):
+        shape = {}
     if alike:
-        names += ["c", "R"]
+        shape |= {"c": read_rational, "R": form_from_json}
     elif loop.groups:
-        names.append("P")
-    values = read_object(check.exact, names)
-    weights = None
-    if "D" in names:
-        # With R the weights are those of a network with one component.
-        size = loop.n if alike else loop.n * loop.m
-        # One D serves all modes, each has a w of its own.
-        known = read_object(values["w"], loop.modes)
-        w = {mode: vector_from_json(vector, size) for mode, vector in known.items()}
-        P = form_from_json(values["P"]) if "P" in names else None
-        weights = Weighted(D=vector_from_json(values["D"], size), w=w, P=P)
-        if not alike:
-            return weights
-    return Alike(
-        weights=weights, strength=read_rational(values["c"]), R=form_from_json(values["R"])
-    )
+        shape["P"] = form_from_json
+    values = read_parts(check.exact, shape)
+    if not alike:
+        return Weighted(**{"P": None} | values)
+    strength, R = values.pop("c"), values.pop("R")
+    weights = Weighted(P=None, **values) if values else None
+    return Alike(weights=weights, strength=strength, R=R)
 
 
 def weighted_check(

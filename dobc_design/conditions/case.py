@@ -6,7 +6,7 @@ claimed, not by an id: ``case.proved(Separable)``.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import TypeVar
 
@@ -15,8 +15,8 @@ from dobc_design.exact.matrix import Matrix
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.pairs import gain_of_rows, rows_of
 
-from .check import Check
-from .domain import Domain
+from .check import Check, read_domain
+from .domain import EVERYWHERE, Around, Box, Domain
 
 Noun = TypeVar("Noun")
 
@@ -63,3 +63,18 @@ class Case:
         check = self.proof(noun)
         claim = None if check is None else check.claim
         return claim if isinstance(claim, noun) else None
+
+
+def not_all_starts(
+    check: Check, case: Case, holds: Callable[..., bool] | None, *, kind: type[Around] = Box
+) -> str | None:
+    """None if a claim is about all starts of its check, else what is wrong: those of a domain of
+    this kind, by ``holds``, or (None) every start of a linear loop.  Raises as ``read_domain``."""
+    if holds is None:
+        if check.domain == EVERYWHERE == case.domain:
+            return None
+        return "without a radius the domain must be global, and every coupling linear"
+    radius, disturbance = read_domain(check.domain, case.loop, kind=kind)
+    if holds(radius=radius, disturbance=disturbance):
+        return None
+    return "the starts are not inside the invariant set"

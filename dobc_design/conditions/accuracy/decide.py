@@ -39,10 +39,10 @@ from itertools import pairwise
 from typing import Any
 
 from dobc_design._checks import noun
-from dobc_design.conditions.case import Case
-from dobc_design.conditions.check import Check, read_domain, read_parts
+from dobc_design.conditions.case import Case, not_all_starts
+from dobc_design.conditions.check import Check, read_parts
 from dobc_design.conditions.consensus.claim import jacobians_at_consensus, linearisation
-from dobc_design.conditions.domain import EVERYWHERE, Around, Box, Domain
+from dobc_design.conditions.domain import EVERYWHERE, Around, Domain
 from dobc_design.conditions.numbers import (
     fields_to_json,
     form_from_json,
@@ -727,15 +727,12 @@ def _wrong_starts(check: Check, case: Case, claim: Accuracy) -> str | None:
     """Whether the first stage holds all starts of the domain until their estimates are right."""
     first = claim.stages[0]
     if first.rho is None:
-        is_global = check.domain == EVERYWHERE == case.domain
-        return None if is_global else "without rho the domain must be global"
-    radius, disturbance = read_domain(check.domain, case.loop, kind=Box)
+        return not_all_starts(check, case, None)
     box = claim.in_stage(first)
-    wrong = observer_obstacle(case.loop, case.W, box)
-    if wrong is not None:
-        return wrong
     # The level is reached with errors of estimates that may still be as large as at the start.
-    start = max(radius, first.level / box.spread)
-    if not covers(box, radius=start, disturbance=disturbance):
-        return "the box of starts, or the level, is not inside the invariant set."
-    return None
+    least = first.level / box.spread
+
+    def holds(radius: Fraction, disturbance: Fraction) -> bool:
+        return covers(box, radius=max(radius, least), disturbance=disturbance)
+
+    return observer_obstacle(case.loop, case.W, box) or not_all_starts(check, case, holds)

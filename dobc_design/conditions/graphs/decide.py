@@ -198,5 +198,5 @@ def confirm(check: Check, case: Case) -> str | None:
     claim = read_claim(check, loop, W)
     if not isinstance(claim, Kept) or check.witness is not None:
         return "a proof has no witness"
-    wrong = not_as_claimed(check, loop, claim.rate, claim.box, case.domain)
+    wrong = not_as_claimed(check, case, claim.rate, claim.box)
     return wrong or why_not(loop, W, claim)

@@ -15,13 +15,11 @@ import numpy as np
 
 from dobc_design._checks import noun
 from dobc_design.conditions import numbers
-from dobc_design.conditions.case import Case
+from dobc_design.conditions.case import Case, not_all_starts
 from dobc_design.conditions.check import (
     Check,
     not_a_proof,
-    read_domain,
     read_parts,
-    undecided_check,
 )
 from dobc_design.conditions.consensus.claim import Pair
 from dobc_design.conditions.consensus.decide import schur_block
@@ -258,22 +256,12 @@ def lure_check(asked: Asked, lure: Lure, *, radius: float, remark: str = "") -> 
     the others.  ``remark`` is added to the reason."""
     loop = asked.loop
     disturbance = asked.disturbance
-    undecided = partial(undecided_check, "lure", asked.domain)
-    reason = quadratic_obstacle(loop, asked.W)
-    if reason is not None:
-        return undecided(reason, applies=False)
-    decision = verify_lure(loop, lure)
-    if not decision.is_proved:
-        return undecided(decision.reason)
-    inside = covers(loop, lure, radius=claimed(radius), disturbance=claimed(disturbance))
-    if not inside and lure.level is not None:
-        return undecided("the ball asked for is not inside the invariant set.")
     errors = f" and |eps_i| <= {disturbance:.6g}" if loop.groups else ""
     within = "" if lure.level is None else f" with |e| <= {radius:.6g}{errors}"
     V = "e'P_e e" + ("" if lure.P is None else " + sum eps_i'P eps_i")
     pace = f", at least like exp(-2 ({text_below(lure.rate)}) t)" if lure.rate else ""
     where = ", in every mode" if len(loop.modes) > 1 else ""
-    return Check(
+    check = Check(
         id="lure",
         verdict=Verdict.PROVED,
         rate=numbers.decimal_below(lure.rate) or None if lure.rate else None,
@@ -282,6 +270,7 @@ def lure_check(asked: Asked, lure: Lure, *, radius: float, remark: str = "") -> 
         reason=f"from every start{within}, V = {V} decreases{pace}, for all gains that the "
         f"couplings have there (multipliers, a {lure.shape} P_e){where}.{remark}",
     )
+    return check.unless(confirm(check, asked.case), asked.domain)
 
 
 def confirm(check: Check, case: Case) -> str | None:
@@ -292,13 +281,10 @@ def confirm(check: Check, case: Case) -> str | None:
     if reason is not None:
         return reason
     lure = read_claim(check, loop, W)
-    if lure.level is None:
-        if check.domain != EVERYWHERE or case.domain != EVERYWHERE:
-            return "without a level the domain must be global, and every coupling linear"
-    else:
-        radius, disturbance = read_domain(check.domain, loop, kind=Ball)
-        if not covers(loop, lure, radius=radius, disturbance=disturbance):
-            return "the ball is not inside the invariant set"
+    holds = None if lure.level is None else partial(covers, loop, lure)
+    wrong = not_all_starts(check, case, holds, kind=Ball)
+    if wrong is not None:
+        return wrong
     decision = verify_lure(loop, lure)
     if not decision.is_proved:
         return decision.reason

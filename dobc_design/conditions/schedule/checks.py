@@ -7,7 +7,7 @@ from fractions import Fraction
 from functools import partial
 
 from dobc_design.conditions.arcs import claim as arcs
-from dobc_design.conditions.case import Case
+from dobc_design.conditions.case import Case, not_all_starts
 from dobc_design.conditions.check import (
     Check,
     Values,
@@ -125,7 +125,7 @@ def confirm(check: Check, case: Case) -> str | None:
     if isinstance(claim, Values):
         return "a settling time is never refuted"
     if isinstance(claim, Cycles):
-        wrong = not_as_claimed(check, loop, claim.rate, claim, case.domain)
+        wrong = not_as_claimed(check, case, claim.rate, claim)
         if claim.late and not claim.phases:
             wrong = "what the graphs alone show is about readings of the same instant"
         return wrong or why_not_cycles(loop, W, claim)
@@ -138,7 +138,7 @@ def confirm(check: Check, case: Case) -> str | None:
 
 
 def not_as_claimed(
-    check: Check, loop: Loop, rate: Fraction | None, claim: Cycles | None, domain: Domain
+    check: Check, case: Case, rate: Fraction | None, claim: Cycles | None
 ) -> str | None:
     """What rate and domain of a check say beyond a rate and a claim (None: about every start); None
     if nothing."""
@@ -147,13 +147,8 @@ def not_as_claimed(
     if rate is not None and not follows(check.rate, rate):
         return "its rate is not between 0 and that of its claim"
     if claim is None or claim.rho is None:
-        if check.domain != EVERYWHERE or domain != EVERYWHERE:
-            return "without rho its domain is global, and so are the couplings"
-        return None
-    radius, disturbance = read_domain(check.domain, loop, kind=Box)
-    if not holds_starts(loop, claim, radius=radius, disturbance=disturbance):
-        return "the box of starts is not in its region"
-    return None
+        return not_all_starts(check, case, None)
+    return not_all_starts(check, case, partial(holds_starts, case.loop, claim))
 
 
 def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Descent | Cycles | Values:

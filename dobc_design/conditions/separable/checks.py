@@ -9,14 +9,13 @@ from collections.abc import Sequence
 from fractions import Fraction
 from functools import partial
 
-from dobc_design.conditions.case import Case
+from dobc_design.conditions.case import Case, not_all_starts
 from dobc_design.conditions.check import Check, Witness, not_a_proof, read_domain, undecided_check
 from dobc_design.conditions.consensus.network import name_agents
 from dobc_design.conditions.coverage import Asked
 from dobc_design.conditions.domain import EVERYWHERE, Box, Domain
 from dobc_design.conditions.kinds import MAX_SEPARABLE, READINGS
 from dobc_design.conditions.numbers import (
-    claimed,
     decimal_below,
     follows,
     rounded_down,
@@ -83,24 +82,13 @@ def max_separable_check(
     claim without rho is about all starts.  ``remark`` is added to the reason.  Returns: a Check,
     PROVED or UNDECIDED; that one claim fails says nothing against the others."""
     loop = asked.loop
-    undecided = partial(undecided_check, MAX_SEPARABLE, asked.domain)
-    reason = obstacle(loop, asked.W, turned=claim.T is not None)
-    if reason is not None:
-        return undecided(reason, applies=False)
-    wrong = verify_composite(loop, asked.W, claim).wrong
-    if wrong is not None:
-        return undecided(wrong)
-    if not covers(claim, radius=claimed(radius), disturbance=claimed(asked.disturbance)):
-        return undecided("the box asked for is not inside the invariant set.")
     rate = decimal_below(composite_rate(claim))
-    if not rate:
-        return undecided("the rate of the whole loop is not shown to be positive.")
     domain, starts = _starts(asked, claim, radius)
     measure = "max_i |e_i|/v_i" if claim.T is None else "max_ic |(T e_i)_c|/v_ic"
     if claim.error is not None:
         measure += f" + {float(claim.error.kappa):.4g} max_i |eps_i|_P"
     everywhere = ", in every mode" if len(loop.modes) > 1 else ""
-    return Check(
+    check = Check(
         id=MAX_SEPARABLE,
         verdict=Verdict.PROVED,
         domain=domain,
@@ -110,6 +98,7 @@ def max_separable_check(
         f"exp(-{text_below(rate)} t)"
         f"{everywhere} (max-separable Lyapunov function).{remark}",
     )
+    return check.unless(confirm(check, asked.case), asked.domain)
 
 
 def _starts(asked: Asked, claim: Separable, radius: float) -> tuple[Domain, str]:
@@ -197,32 +186,22 @@ def delay_check(
 def readings_check(asked: Asked, claim: Separable, *, radius: float) -> Check:
     """Decide ``claim`` as a proof with the readings and the processor that the problem states, for
     every start with |e|_inf <= radius and |eps_i| as asked."""
-    loop = asked.loop
-    undecided = partial(undecided_check, READINGS, asked.domain)
-    wrong = verify_readings(loop, asked.W, claim).wrong
-    if wrong is not None:
-        return undecided(wrong)
-    disturbance = claimed(asked.disturbance)
-    if not covers_late(loop, claim, radius=claimed(radius), disturbance=disturbance):
-        return undecided("the box asked for is not inside the certified set.")
     rate = decimal_below(claim.alpha)
     domain, starts = _starts(asked, claim, radius)
-    timing = loop.timing or Timing()
+    timing = asked.loop.timing or Timing()
     when = ", at the samples" if timing.period else ""
     if timing.ahead:
         when += f", t from {float(timing.ahead):.6g} s on, when the first input acts"
-    reason = (
-        f"{starts} reaches the target with {timing_words(loop.timing)}: max_i |e_i|/v_i stays "
-        f"below a multiple of exp(-{text_below(rate)} t){when}."
-    )
-    return Check(
+    check = Check(
         id=READINGS,
         verdict=Verdict.PROVED,
         domain=domain,
         rate=rate,
         claim=ReadingsBound(rows=claim),
-        reason=reason,
+        reason=f"{starts} reaches the target with {timing_words(asked.loop.timing)}: max_i "
+        f"|e_i|/v_i stays below a multiple of exp(-{text_below(rate)} t){when}.",
     )
+    return check.unless(confirm(check, asked.case), asked.domain)
 
 
 def diverging_check(loop: Loop, near: Sequence[complex], *, domain: Domain) -> Check | None:
@@ -332,14 +311,8 @@ def _not_stuck(check: Check, loop: Loop) -> str | None:
 def _not_proved(claim: Separable, check: Check, case: Case) -> str | None:
     """None if the claim is proved and holds all starts of the domain of the check, else what is
     wrong."""
-    if claim.rho is None:
-        if not check.domain == EVERYWHERE == case.domain:
-            return "without rho the domain must be global, and every coupling linear"
-    else:
-        radius, disturbance = read_domain(check.domain, case.loop, kind=Box)
-        if not covers(claim, radius=radius, disturbance=disturbance):
-            return "the box is not inside the invariant set"
-    return verify_composite(case.loop, case.W, claim).wrong
+    holds = None if claim.rho is None else partial(covers, claim)
+    return not_all_starts(check, case, holds) or verify_composite(case.loop, case.W, claim).wrong
 
 
 def _not_read(check: Check, case: Case) -> str | None:
@@ -353,14 +326,9 @@ def _not_read(check: Check, case: Case) -> str | None:
     if wrong is not None:
         return wrong
     claim = separable_from_json(check.exact, loop)
-    if claim.rho is None:
-        if not check.domain == EVERYWHERE == case.domain:
-            return "without rho the domain must be global, and every coupling linear"
-    else:
-        radius, disturbance = read_domain(check.domain, loop, kind=Box)
-        if not covers_late(loop, claim, radius=radius, disturbance=disturbance):
-            return "the box is not inside the certified set"
-    return verify_readings(loop, case.W, claim).wrong or _too_fast(check, claim.alpha)
+    holds = None if claim.rho is None else partial(covers_late, loop, claim)
+    wrong = not_all_starts(check, case, holds) or verify_readings(loop, case.W, claim).wrong
+    return wrong or _too_fast(check, claim.alpha)
 
 
 def _not_timed(check: Check, case: Case) -> str | None:

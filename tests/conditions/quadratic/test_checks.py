@@ -89,7 +89,8 @@ def check_of(problem: Problem, lure: Lure, radius: float, disturbance: float = 0
 def checked(
     loop: Loop, W: Matrix | None, lure: Lure, radius: float, disturbance: float = 0.0
 ) -> Check:
-    asked = read_region(loop, W, domain=NEAR_TARGET, everything=False)
+    domain = EVERYWHERE if loop.is_linear else NEAR_TARGET
+    asked = read_region(loop, W, domain=domain, everything=False)
     return lure_check(replace(asked, disturbance=disturbance), lure, radius=radius)
 
 

@@ -45,7 +45,9 @@ BOX = Box(2.0, 0.0)
 
 
 def proved(claim=CLAIM, radius=2.0, problem=CUBIC, W=None, disturbance=0.0):
-    asked = read_region(loop_of(problem), W, domain=NEAR_TARGET, everything=False)
+    loop = loop_of(problem)
+    domain = EVERYWHERE if loop.is_linear else NEAR_TARGET
+    asked = read_region(loop, W, domain=domain, everything=False)
     return max_separable_check(replace(asked, disturbance=disturbance), claim, radius=radius)
 
 

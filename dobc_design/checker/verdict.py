@@ -1,6 +1,5 @@
 """The overall verdict: what follows from the claims of a certificate, once all are confirmed."""
 
-import math
 from collections.abc import Collection, Iterator
 from fractions import Fraction
 from typing import Any
@@ -323,15 +322,13 @@ def leaves_free(loop: Loop, group: set[int]) -> bool:
     return any(meets(rows, pivots, each) for each in shifts(box))
 
 
-def shifts(box: list[Exact]) -> Iterator[list[Any]]:
+def shifts(box: list[Exact]) -> Iterator[list[Exact]]:
     """Boxes, one of which holds a shift c with some rows c = 0 iff the given box holds one that
     is not 0."""
     if not all(lo <= 0 <= hi for lo, hi in box):
         yield box
         return
-    # around 0 size does not matter: some entry may be 1 or -1
-    cone = [(lo and -math.inf, hi and math.inf) for lo, hi in box]
-    for k, (lo, hi) in enumerate(cone):
-        for x in (Fraction(-1), Fraction(1)):
-            if lo <= x <= hi:
-                yield [*cone[:k], (x, x), *cone[k + 1 :]]
+    # around 0 the longest multiple of a shift ends at a side
+    for k, side in enumerate(box):
+        for end in filter(None, side):
+            yield [*box[:k], (end, end), *box[k + 1 :]]

@@ -4,7 +4,6 @@ A matrix without rows is (); it stands for 0 x anything. Long products and elimi
 python-flint's.
 """
 
-import math
 import operator
 from collections.abc import Callable, Sequence
 from fractions import Fraction
@@ -20,7 +19,7 @@ from .number import ONE, ZERO, from_fmpq_mat, parse_number, to_fmpq_mat
 
 Matrix: TypeAlias = tuple[tuple[Fraction, ...], ...]
 Vector: TypeAlias = tuple[Fraction, ...]
-Bound: TypeAlias = Fraction | float  # a float is infinite
+Side: TypeAlias = tuple[Fraction, Fraction]  # of a box, from and to
 
 # Above this many scalar products the conversion to flint and back has paid for itself.
 _FLINT_WORK: Final = 1000
@@ -182,76 +181,56 @@ def nullspace(M: Matrix) -> tuple[Vector, ...]:
     return tuple(basis)
 
 
-def find_in_nullspace(M: Matrix, box: Sequence[tuple[Fraction, Fraction]]) -> Vector | None:
+def find_in_nullspace(M: Matrix, box: Sequence[Side]) -> Vector | None:
     """Return a v != 0 with M v = 0, M (a, b), in a box of b sides [lo, hi]; None if there is none.
-    Exact.  A box without 0 asks whether a program has a solution.  In one with 0 any v of the cone
-    that it spans at 0 can be made short enough: then one entry after the other is tried as 1 and
-    -1."""
+    Exact.  A box without 0 asks whether a program has a solution.  In one with 0 the longest
+    multiple of any v ends at a side: then one end of a side after the other is tried."""
     if any(lo > hi for lo, hi in box):
         return None
-    if any(lo > 0 or hi < 0 for lo, hi in box):
+    if not all(lo <= 0 <= hi for lo, hi in box):
         return _solve(M, box)
-    # A side with room on one way has all of it there: short multiples fit.
-    cone: list[tuple[Bound, Bound]] = []
-    for lo, hi in box:
-        cone.append((-math.inf if lo else lo, math.inf if hi else hi))
-    for k in range(len(box)):
-        for x in (ONE, Fraction(-1)):
-            if not cone[k][0] <= x <= cone[k][1]:
-                continue
-            found = _solve(M, [*cone[:k], (x, x), *cone[k + 1 :]])
+    for k, side in enumerate(box):
+        for end in filter(None, side):
+            found = _solve(M, [*box[:k], (end, end), *box[k + 1 :]])
             if found is not None:
-                return _shortened(found, box)
+                return found
     return None
 
 
-def _shortened(v: Vector, box: Sequence[tuple[Fraction, Fraction]]) -> Vector:
-    """The largest positive multiple of v in a box with 0 inside, v in the cone that it spans."""
-    pairs = zip(v, box, strict=True)
-    size = min(max(lo / x, hi / x) for x, (lo, hi) in pairs if x)
-    return tuple(size * x for x in v)
-
-
-def _solve(M: Matrix, box: Sequence[tuple[Bound, Bound]]) -> Vector | None:
+def _solve(M: Matrix, box: Sequence[Side]) -> Vector | None:
     """A v in a nonempty box with M v = 0, by the simplex method with Bland's rule, so that it
     ends."""
-    order = list(range(len(box)))  # the columns from which pivots are taken first
-    v = [Fraction(max(lo, min(hi, 0))) for lo, hi in box]
+    rows, basis = row_echelon(M)
+    v = [max(lo, min(hi, ZERO)) for lo, hi in box]
     while True:
-        rows = _solved_for(M, order)
-        for p, row in rows.items():  # the entries of v that follow from the others
-            v[p] = sum((x * v[k] for k, x in row.items()), ZERO)
-        leaving = min((p for p in rows if not box[p][0] <= v[p] <= box[p][1]), default=None)
+        solved = dict(zip(basis, rows, strict=True))
+        for p, row in solved.items():  # the entries of v that follow from the others
+            v[p] -= dot(row, tuple(v))
+        leaving = min((p for p in basis if not box[p][0] <= v[p] <= box[p][1]), default=None)
         if leaving is None:
             return tuple(v)
         lo, hi = box[leaving]
         # The entry of least index leaves its place and the least that can help takes it (Bland).
-        goal = Fraction(max(lo, min(hi, v[leaving])))
-        up = goal > v[leaving]
+        goal = max(lo, min(hi, v[leaving]))
+        lead = solved[leaving]
         able: list[int] = []  # entries that may move so that the leaving one moves to its goal
-        for k, x in rows.pop(leaving).items():
-            rises = (x > 0) == up
-            if v[k] < box[k][1] if rises else v[k] > box[k][0]:
+        for k, x in enumerate(lead):
+            rises = (x < 0) == (goal > v[leaving])
+            if x and k not in basis and (v[k] < box[k][1] if rises else v[k] > box[k][0]):
                 able.append(k)
         # The row alone shows that nothing in the box solves it.
         if not able:
             return None
         v[leaving] = goal
-        first = [*rows, min(able)]
-        order = [*first, *(k for k in order if k not in first)]
+        k = able[0]
+        basis = tuple(k if p == leaving else p for p in basis)
+        pivot = tuple(x / lead[k] for x in lead)
+        rows = tuple(pivot if row is lead else _without(row, pivot, k) for row in rows)
 
 
-def _solved_for(M: Matrix, order: Sequence[int]) -> dict[int, dict[int, Fraction]]:
-    """M v = 0 solved for entries of v, the earlier ones in ``order`` first: entry -> the others
-    that it is a sum of, with their factors."""
-    # Pivots are taken from the left: the wanted columns come first.
-    arranged = tuple(tuple(row[k] for k in order) for row in M)
-    reduced, pivots = row_echelon(arranged)
-    solved: dict[int, dict[int, Fraction]] = {}
-    for pivot, row in zip(pivots, reduced, strict=True):
-        others = {order[k]: -x for k, x in enumerate(row) if x and k != pivot}
-        solved[order[pivot]] = others
-    return solved
+def _without(row: Vector, pivot: Vector, k: int) -> Vector:
+    """The row less the multiple of the pivot's, which has a 1 there, that makes entry k 0."""
+    return tuple(x - row[k] * y for x, y in zip(row, pivot, strict=True))
 
 
 def row_norm(M: Matrix) -> Fraction:

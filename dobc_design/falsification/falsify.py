@@ -16,7 +16,7 @@ from dobc_design._show.progress import Reports, report_to, shows_progress
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certification.overall import decide_overall, with_verdict
 from dobc_design.conditions.check import Check
-from dobc_design.conditions.observer.propose import observer_gain
+from dobc_design.conditions.observer.propose import observer_gain, with_observer
 from dobc_design.errors import wrong
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.load import Source, load_problem
@@ -119,7 +119,7 @@ def falsify(
                 raise wrong(name, message, "Or give the problem in place of its certificate.")
         problem.problem.require("a search for starts that do not converge")
         return search_beside(problem, runs=runs, seed=seed, progress=report)
-    problem = load_problem(problem)
+    problem = with_observer(load_problem(problem))
     problem.require("a search for starts that do not converge")
     gain = observer_gain(loop_of(problem))
     if isinstance(certified, Certificate):

@@ -231,6 +231,7 @@ class _Search:
         starts = trials.starts
         e = starts.e[:, run]
         error = trials.error[:, run]
+        eps = starts.eps[:, :, run].copy()
         final = float("inf")
         if not trials.diverged[run]:
             final = float(error[~np.isnan(error)][-1])
@@ -240,8 +241,8 @@ class _Search:
             end = e
         return Suspect(
             kind=kind,
-            start=self.states(e),
-            eps=starts.eps[:, :, run].copy(),
+            start=self.states(e, eps),
+            eps=eps,
             final_error=final,
             times=trials.times.copy(),
             error=error.copy(),
@@ -249,20 +250,23 @@ class _Search:
             modes=starts.switches.named(run, self.arena.modes),
         )
 
-    def states(self, e: Array) -> Array:
-        """x (n, m) of errors (n m,)."""
-        goal = self.arena.loop.goal
-        return e.reshape(goal.shape) + goal
+    def states(self, e: Array, eps: Array) -> Array:
+        """x (n, m) of errors (n m,), those of estimates where these stand in place of states."""
+        loop = self.arena.loop
+        x = e.reshape(loop.goal.shape) + loop.goal
+        sensed = loop.sensed
+        return x + eps @ sensed.x.T if sensed is not None and sensed.estimated else x
 
     def resting(self, claim: Equilibrium) -> Suspect:
         """A proved equilibrium: the agents start there with eps = 0 and stay."""
         loop = self.arena.loop
         e = point_of(claim)
+        eps = np.zeros((loop.n, loop.q))
         size = largest(e)
         return Suspect(
             kind=RESTS,
-            start=self.states(e),
-            eps=np.zeros((loop.n, loop.q)),
+            start=self.states(e, eps),
+            eps=eps,
             final_error=size,
             times=np.array([0.0, self.horizon]),
             error=np.array([size, size]),

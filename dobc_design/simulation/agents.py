@@ -22,7 +22,7 @@ from dobc_design.loop.matrices import Array
 from dobc_design.loop.timing import Timing
 from dobc_design.problem.network import IndexArray
 
-from .field import Active, Links
+from .field import Active, Links, act
 from .mobile import Nearby
 from .setting import WITHOUT, Setting
 from .sines import Band, Sines, drawn_sines
@@ -66,6 +66,19 @@ class StressedRuns:
     def streams(self, number: int) -> list[Generator]:
         """One stream of random numbers of each run."""
         return [default_rng([seed, number]) for seed in self.seeds]
+
+    def begin(self) -> tuple[Array, Array, Array]:
+        """x, xi and xihat at first, (n, m or q, R), or their likes where outputs are measured."""
+        x, xi, xihat = (self.stacked(part) for part in ("x", "xi", "xihat"))
+        loop = self.setting.loop
+        sensed = loop.sensed
+        if sensed is None:
+            return x, xi, xihat
+        # starts have estimation errors there, and estimates in place of x where agents know these
+        off = act(sensed.x, xi)
+        x = x + off * sensed.estimated
+        own = loop.owned[..., None]
+        return x, xi - act(sensed.x.T, off) * own, act(sensed.x.T, x - off) * own
 
     def stacked(self, part: str) -> Array:
         """x, xi, xihat or eps of all starts, (n, m or q, R)."""
@@ -113,7 +126,12 @@ class Agents:
             self.drawn = np.stack([rng.standard_normal(size) for rng in self.noises], axis=3)
             if self.stress.worst:
                 self.drawn = np.sign(self.drawn)
-        return np.asarray(self.stress.noise * self.drawn[k % BLOCK])
+        noise = np.asarray(self.stress.noise * self.drawn[k % BLOCK])
+        sensed = self.loop.sensed
+        if sensed is None:
+            return noise
+        # of states, where it shows in the outputs as it is drawn
+        return act(np.asarray(np.linalg.pinv(sensed.H), dtype=float), noise[:, : len(sensed.H)])
 
     def pulled(self, e: Array, modes: IndexArray) -> Array:
         """The input of agents without an estimate, (n, p, R); ``modes`` (R,) are on, by index."""

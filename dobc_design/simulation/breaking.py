@@ -22,7 +22,7 @@ from dobc_design._show.progress import Reports, report_to, shows_progress
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.claims import certified_period
 from dobc_design.conditions.numbers import bisected
-from dobc_design.conditions.observer.propose import observer_gain
+from dobc_design.conditions.observer.propose import observer_gain, with_observer
 from dobc_design.errors import refused, wrong
 from dobc_design.exact.reading import Document, Texts
 from dobc_design.loop.arrays import error_arcs
@@ -201,7 +201,7 @@ def what_breaks_first(
     options = _known(OPTIONS if options is None else options)
     tolerance = positive(tolerance, "tolerance", example="0.1")
     report = report_to(progress)
-    problem = load_problem(problem)
+    problem = with_observer(load_problem(problem))
     problem.require("the search for the stress that breaks a loop")
     remark = None
     if signal is None:

@@ -23,7 +23,7 @@ from .field import Active, Networks, largest, network_of
 from .integrate import Integration, Outcome, Progress, Samples, errors, silent
 from .measures import length_of_pairs
 from .mobile import Modes, Nearby
-from .outputs import seen_samples
+from .outputs import with_disturbances
 from .sampled import Stepper, run_sampled_alone
 from .setting import WITHOUT, Setting
 from .signals import Mobile
@@ -124,30 +124,28 @@ def _calm(setting: Setting, start: Start, modes: Modes, progress: Progress) -> O
         note = "The observer is too fast for its closed form: its error was integrated as well."
         run.notes.append(note)
     cut = len(e0)
-    xi = evolve(loop.A, start.xi, run.times)
+    xi = evolve(with_disturbances(loop).A, start.xi, run.times)
     eps = run.states[:, cut:].reshape(xi.shape) if both else evolve(F, eps0, run.times)
     active = Active(modes.switches.names, modes.switches.at(run.times))
-    if loop.sensed is not None:
-        states = run.states[:, :cut]
-        seen = seen_samples(setting.problem, loop, loop.sensed, states, eps, run.times, active)
-        return Outcome(run=run, samples=seen)
-    xihat = np.zeros_like(xi) if setting.observer == WITHOUT else xi - eps
-    return Outcome(run=run, samples=_samples(setting, run.states[:, :cut], xi, xihat, active))
+    return Outcome(run=run, samples=_samples(setting, run.states[:, :cut], xi, eps, active))
 
 
-def _samples(setting: Setting, states: Array, xi: Array, xihat: Array, active: Active) -> Samples:
+def _samples(setting: Setting, states: Array, xi: Array, eps: Array, active: Active) -> Samples:
     """What is seen of the errors, flat and those of a leader after them: (T, n m) or more."""
-    loop = setting.loop
+    loop = with_disturbances(setting.loop)
     e, s = np.split(states, [loop.size], axis=1)
     e = e.reshape(-1, loop.n, loop.m)
     x = e + loop.goal
     if loop.lead:
         x = x + s[:, None]
+    if loop.sensed is not None and loop.sensed.estimated:
+        x = x + eps @ loop.sensed.x.T
+    xihat = np.zeros_like(xi) if setting.observer == WITHOUT else xi - eps
     dhat = xihat @ loop.output.T
     return Samples(
         x=x,
-        xi=xi,
-        xihat=xihat,
+        xi=xi[..., loop.of_xi],
+        xihat=xihat[..., loop.of_xi],
         d=xi @ loop.output.T,
         dhat=dhat,
         u=loop.control(e, dhat, active),

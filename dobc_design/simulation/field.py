@@ -237,6 +237,12 @@ class ClosedLoop:
         return self.C if self.plant is None else self.plant.C
 
     @property
+    def of_xi(self) -> BoolArray | slice:
+        """Which numbers of xi are those of an exosystem; the others are of x, where outputs are
+        measured."""
+        return slice(None) if self.sensed is None else np.all(self.sensed.x == 0, axis=0)
+
+    @property
     def owned(self) -> Array:
         """1 where a number of xi is an agent's own, else 0, (n, q)."""
         return np.ones((self.n, self.q)) if self.own is None else self.own.astype(np.float64)
@@ -458,7 +464,8 @@ def full_pattern(loop: ClosedLoop, groups: ArcGroups) -> csr_array:
     themselves."""
     m, q = loop.m, loop.q
     neighbours = hears(groups, loop.n)
-    own = eye_array(loop.n, format="csr")
+    # agents hear estimates, too, where outputs are measured
+    own = eye_array(loop.n, format="csr") if loop.sensed is None else neighbours
     x_of_exosystem = _filled(own, m, q)
     among_exosystem = _filled(own, q, q)
     rows = [

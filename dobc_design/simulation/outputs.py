@@ -1,57 +1,60 @@
-"""Runs of agents whose outputs are measured: what their states are, where a run has followed the
-errors e of a loop and the estimation errors eps = (x - xhat, xi - xihat) (``loop.outputs``).
+"""What agents compute whose outputs are measured (``loop.outputs``): in the full loop zhat = (xhat,
+xihat) stands in place of z, and (0, xi) in place of xi.
 """
+
+from dataclasses import replace
 
 import numpy as np
 
-from dobc_design.exact.matrix import to_float
+from dobc_design._checks import noun
 from dobc_design.loop.arrays import Sensed
 from dobc_design.loop.matrices import Array
-from dobc_design.problem.problem import Problem
 
-from .closed_form import evolve
-from .field import Active, ClosedLoop
-from .integrate import Samples
+from .field import ClosedLoop, act
 
 
-def seen_samples(
-    problem: Problem,
-    loop: ClosedLoop,
-    sensed: Sensed,
-    states: Array,
-    eps: Array,
-    times: Array,
-    active: Active,
-) -> Samples:
-    """Of errors, flat and those of a leader after them, and eps (T, n, all) at times (T,): what is
-    seen of the agents."""
-    e, s = np.split(states, [loop.size], axis=1)
-    e = e.reshape(-1, loop.n, loop.m)
-    xi = []
-    xihat = []
-    d: Array | float = 0.0
-    first = 0
-    for group in problem.groups:
-        first += problem.m
-        after = first + group.exosystem.order
-        own = eps[..., first:after]
-        true = evolve(to_float(group.exosystem.A), own[0], times)
-        xi.append(true)
-        xihat.append(true - own)
-        d = d + true @ to_float(group.exosystem.C).T
-        first = after
-    x = e + loop.goal
-    if loop.lead:
-        x = x + s[:, None]
-    if sensed.estimated:
-        x = x + eps @ sensed.x.T
-    dhat = np.asarray(d - eps @ sensed.d.T)
-    return Samples(
-        x=x,
-        xi=np.concatenate(xi, axis=2),
-        xihat=np.concatenate(xihat, axis=2),
-        d=np.asarray(d),
-        dhat=dhat,
-        u=loop.control(e, dhat, active),
-        leader=s if loop.lead else None,
+@noun(eq=False)
+class Estimates:
+    """zhat' = A zhat + entry (couplings + B u) + W (measured - xhat) of every agent, or the next
+    zhat."""
+
+    sensed: Sensed
+    A: Array
+    entry: Array
+    B: Array
+    W: Array
+
+    def used(self, measured: Array, z: Array) -> Array:
+        """The states that couplings and pins act on."""
+        return act(self.sensed.x, z) if self.sensed.estimated else measured
+
+    def after(self, z: Array, felt: Array, u: Array, measured: Array) -> Array:
+        """zhat' or the next zhat; states in place of what is measured of them."""
+        moved = act(self.A, z) + act(self.entry, felt + act(self.B, u))
+        return moved + act(self.W, measured - act(self.sensed.x, z))
+
+
+def estimates_of(loop: ClosedLoop) -> Estimates | None:
+    """Those of a loop; None where all states are measured."""
+    sensed = loop.sensed
+    plant = loop.plant
+    if sensed is None or plant is None:
+        return None
+    return Estimates(
+        sensed=sensed,
+        A=sensed.pairs.A,
+        entry=sensed.x.T * loop.owned[:, :, None],
+        B=plant.B,
+        W=sensed.pairs.W @ sensed.H,
     )
+
+
+def with_disturbances(loop: ClosedLoop) -> ClosedLoop:
+    """The loop with the exosystem itself in place of the observer's error."""
+    sensed = loop.sensed
+    plant = loop.plant
+    if sensed is None or plant is None:
+        return loop
+    A = np.zeros_like(loop.A)
+    A[loop.of_xi] = sensed.pairs.A[loop.of_xi]
+    return replace(loop, A=A, C=plant.B @ sensed.d, plant=replace(plant, C=sensed.d))

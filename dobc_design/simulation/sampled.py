@@ -39,6 +39,7 @@ from .agents import Agents, StressedRuns
 from .columns import March, RightHandSide
 from .field import ClosedLoop, act, largest
 from .integrate import FARTHEST, Outcome, Progress, Run, Samples
+from .outputs import estimates_of, with_disturbances
 from .stressed import LEAST_STEPS, StressedColumns, sample_instants
 from .switches import constant_signals
 from .trajectory import SAMPLED, STEPS
@@ -190,7 +191,7 @@ class Stepper:
     ) -> None:
         setting = runs.setting
         count = len(runs.seeds)
-        self.loop = setting.loop
+        self.loop = with_disturbances(setting.loop)
         self.times = setting.times
         self.tolerance = setting.tolerance
         self.nearby = runs.nearby
@@ -209,6 +210,17 @@ class Stepper:
             B = np.eye(self.loop.m) if self.loop.plant is None else self.loop.plant.B
             self.observer = self.observer._replace(L=self.period * self.loop.W @ B)
         self.Ad = transition(self.loop, self.period)
+        self.estimates = estimates_of(self.loop)
+        if self.estimates is not None:
+            if own is not None:
+                setting.problem.require("a sampled gain")
+            A, held = integral(self.estimates.A, self.period)
+            self.estimates = replace(
+                self.estimates,
+                A=A,
+                entry=held @ self.estimates.entry,
+                W=integral(self.loop.F, self.period)[1] @ self.estimates.W,
+            )
         # what is commanded acts so many periods later, the oldest first
         ahead = 0.0 if timing is None else float(timing.ahead)
         self.commands: deque[Hold] = deque(maxlen=round(ahead / self.period) + 1)
@@ -224,11 +236,8 @@ class Stepper:
             self.method = f"DOP853 between samples, every {self.period:g} s"
         self.steps = np.full(count, self.period)
         # the state of all runs, and what the observer compares it with
-        self.x = runs.stacked("x")
-        self.xi = runs.stacked("xi")
-        self.xihat = runs.stacked("xihat")
-        self.before = self.x
-        self.held = np.zeros_like(self.x)
+        self.x, self.xi, self.xihat = runs.begin()
+        self.before: Hold | None = None
         self.goal = self.loop.goal[..., None]
         self.farthest = FARTHEST * np.maximum(1.0, self.size())
         self.counts = np.full(count, len(self.times))
@@ -282,8 +291,8 @@ class Stepper:
         d = act(self.loop.output, xi) + self.agents.extra(float(self.times[sample]))
         seen = Samples(
             x=x,
-            xi=xi,
-            xihat=self.agents.believed(self.xihat),
+            xi=xi[:, self.loop.of_xi],
+            xihat=self.agents.believed(self.xihat[:, self.loop.of_xi]),
             d=d,
             dhat=self.agents.believed(hold.dhat),
             u=hold.u,
@@ -293,8 +302,7 @@ class Stepper:
     def go_on(self, hold: Hold, x: Array, time: float, done: int) -> None:
         """The runs stand at the next instant, where so many samples are done."""
         # what the observer compares the next measurement with
-        self.before = hold.measured
-        self.held = hold.felt + self.loop.moved(hold.u, hold.measured - self.goal)
+        self.before = hold
         self.x = x
         self.xi = act(self.Ad, self.xi)
         far = self.going & ~(self.size() <= self.farthest)
@@ -360,12 +368,19 @@ class Stepper:
             agents.heard.move(mode, k)
         measured = self.x + agents.noise(k)
         watch, Cd, L = self.observer
+        before = self.before
+        e = measured - self.goal
         # at the first instant there is nothing to compare with
-        if k:
-            expected = flown(self.flow, self.before, self.held, np.zeros_like(self.xihat))
+        if self.estimates is not None:
+            if before is not None:
+                told = before.felt, before.u, before.measured
+                self.xihat = self.estimates.after(self.xihat, *told)
+            e = self.estimates.used(measured, self.xihat) - self.goal
+        elif before is not None:
+            held = before.felt + self.loop.moved(before.u, before.measured - self.goal)
+            expected = flown(self.flow, before.measured, held, np.zeros_like(self.xihat))
             innovation = act(watch, measured - expected) - act(Cd, self.xihat)
             self.xihat = act(self.Ad, self.xihat) + act(L, innovation)
-        e = measured - self.goal
         dhat = act(self.predicted, self.xihat)
         modes = agents.heard.modes[:, k]
         agents.fail(instant, e, dhat, modes)

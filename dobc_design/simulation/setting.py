@@ -229,7 +229,9 @@ def make_setting(problem: Problem, *, gain: Gain | None, **given: Unpack[Options
     if isinstance(signal, Mobile):
         problem.require("a mobile signal")
     loop = make_closed_loop(problem, gain, nodes)
-    if observer == FULL_LOOP or stress is not None or (exact.sensed and observer == WITHOUT):
+    if observer == WITHOUT:
+        problem.require("a run without an observer")
+    if observer == FULL_LOOP or stress is not None:
         problem.require("a stress, or the full loop as printed,")
     width = loop.n * (4 * loop.m + 2 * loop.q)
     times, notes = _times(given.get("samples"), horizon, width)

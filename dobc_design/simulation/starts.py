@@ -27,7 +27,7 @@ from dobc_design.problem.network import BoolArray
 from dobc_design.problem.problem import Problem
 
 from ._arguments import finite_array
-from .field import ClosedLoop
+from .field import ClosedLoop, act
 from .npz import Shapes, UnfitError, describing, read_arrays, require
 
 Given = Table | Array | list[Any] | str | PathLike[str]
@@ -186,9 +186,8 @@ def _given_rows(given: Given | None, loop: ClosedLoop) -> dict[str, Array]:
 def _place(rows: Sequence[Vector], loop: ClosedLoop, xi: Array) -> None:
     """Put xi0 of the problem, one row for all agents or one each, where the states of an agent's
     own exosystem are."""
-    own = loop.owned
-    if loop.sensed is not None:  # beside which stand the errors of its estimated states
-        own = own * ~loop.sensed.x.any(axis=0)
+    own = np.zeros_like(loop.owned)
+    own[:, loop.of_xi] = loop.owned[:, loop.of_xi]
     of_agents = [to_float((row,))[0] for row in rows] * (loop.n if len(rows) == 1 else 1)
     if of_agents:
         xi[own > 0] = np.concatenate(of_agents)
@@ -287,7 +286,12 @@ class Box:
         if kind == RANDOM:
             sizes = np.maximum(1.0, own.sum(axis=1))[:, None, None]
             lengths = rng.random((len(own), 1, count)) ** (1 / sizes)
-        return e, self.radius * lengths * sphere(rng, own, count)
+        eps = self.radius * lengths * sphere(rng, own, count)
+        sensed = self.loop.sensed
+        if sensed is not None and sensed.estimated:
+            # the box is of states, and errors are of their estimates
+            e = e - act(sensed.x, eps).reshape(e.shape)
+        return e, eps
 
     def holds(self, e: Array) -> bool:
         """Whether e (n m,) with eps = 0 is in the set, but for rounding."""

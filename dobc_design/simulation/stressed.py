@@ -20,6 +20,7 @@ from .columns import DONE, MOST_STEPS, Ends, March, RightHandSide
 from .field import act, full_pattern, largest
 from .integrate import FARTHEST, Integration, Outcome, Piece, Plan, Progress, Samples
 from .mobile import Modes
+from .outputs import estimates_of, with_disturbances
 from .switches import ModeTable, table_of
 
 MOST_SAMPLES = 1_000_000
@@ -46,7 +47,8 @@ class StressedColumns:
     since the last of them, ``next`` the number of the next; ``alive`` (k,): the runs under way."""
 
     def __init__(self, runs: StressedRuns, agents: Agents | None = None) -> None:
-        self.loop = runs.setting.loop
+        self.loop = with_disturbances(runs.setting.loop)
+        self.estimates = estimates_of(self.loop)
         horizon = runs.setting.horizon
         draws = runs.stress.draws
         # without exchanges and noise nobody waits
@@ -68,10 +70,11 @@ class StressedColumns:
         self.next = 0
         self.noise = np.zeros((*self.agents.shape, len(runs.seeds)))
         self.own: Array = self.noise  # errors as agents know them, where these are held
-        x = runs.stacked("x")
-        # xihat jumps whenever noise is drawn anew; z does not
-        z = runs.stacked("xihat") - act(self.loop.W, x)
-        self.start = self.joined(x, runs.stacked("xi"), z)
+        x, xi, z = runs.begin()
+        if self.estimates is None:
+            # xihat jumps whenever noise is drawn anew; z does not
+            z = z - act(self.loop.W, x)
+        self.start = self.joined(x, xi, z)
 
     def joined(self, *parts: Array) -> Array:
         """States (N, k) of x (n, m, k), xi and z (n, q, k), which ``loop.split`` undoes."""
@@ -80,7 +83,9 @@ class StressedColumns:
     def known(self, x: Array, z: Array, noise: Array) -> tuple[Array, Array]:
         """What the agents know: measured errors and xihat."""
         measured = x + noise
-        return measured - self.goal, z + act(self.loop.W, measured)
+        if self.estimates is None:
+            return measured - self.goal, z + act(self.loop.W, measured)
+        return self.estimates.used(measured, z) - self.goal, z
 
     def dhat(self, xi: Array, xihat: Array) -> Array:
         """The estimate of d that acts: that of ``ahead`` s ago, predicted.  As eps' = F eps, the
@@ -148,8 +153,11 @@ class StressedColumns:
                 d = d + force.reshape(d.shape)
             x_dot = felt + loop.moved(u + d, x - self.goal)
             # the observer takes what is measured for the state, and knows the applied input
-            seen = felt + loop.moved(u, e)
-            z_dot = act(loop.F, xihat) - act(loop.W, seen)
+            if self.estimates is None:
+                seen = felt + loop.moved(u, e)
+                z_dot = act(loop.F, xihat) - act(loop.W, seen)
+            else:
+                z_dot = self.estimates.after(z, felt, u, x + noise)
             return self.joined(x_dot, act(loop.A, xi), z_dot)
 
         return derivative
@@ -349,6 +357,8 @@ class _Alone:
         for agent, left in agents.stopped.items():
             u[agent][:, times >= agents.failing[agent].time] = left.input
         d = act(C, xi) + agents.extra(times)
-        seen = (x, xi, agents.believed(xihat), d, agents.believed(dhat), u)
+        of_xi = columns.loop.of_xi
+        xihat = agents.believed(xihat[:, of_xi])
+        seen = (x, xi[:, of_xi], xihat, d, agents.believed(dhat), u)
         # (n, m, T) as (T, n, m), a copy
         return Samples(*(np.moveaxis(array, 2, 0).copy() for array in seen))

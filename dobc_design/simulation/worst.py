@@ -127,8 +127,13 @@ def _with_observer(loop: ClosedLoop, pulled: Array) -> tuple[Array, Array]:
     M[:cut, :cut] = pulled
     M[:cut, cut:] = np.kron(own, loop.C)
     M[cut:, cut:] = np.kron(own, loop.F)
-    gains = [loop.W] * n if loop.W.ndim == 2 else list(loop.W)
-    return M, np.vstack([np.eye(cut), -block_diag(*gains)])
+    gains = [-loop.W] * n if loop.W.ndim == 2 else list(-loop.W)
+    direct = 1
+    if loop.sensed is not None:
+        # an error of the estimate, which is acted on or not
+        gains = list(loop.sensed.x.T * loop.owned[:, :, None])
+        direct = not loop.sensed.estimated
+    return M, np.vstack([direct * np.eye(cut), block_diag(*gains)])
 
 
 def worst_signal(problem: Problem) -> Periodic | None:

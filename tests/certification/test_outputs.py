@@ -9,7 +9,7 @@ import sympy as sp
 from measured import mistaken, random_problems
 from networks import network_of
 
-from dobc_design import Exosystem, Observer, Problem, Verdict, certify, verify
+from dobc_design import Exosystem, Observer, Problem, Verdict, certify, falsify, verify
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.equilibrium.decide import Equilibrium, lies_in_region
 from dobc_design.exact.interval import Interval
@@ -132,3 +132,15 @@ def test_only_states_that_the_region_has_refute():
     claim = Equilibrium(mode="G", box=(Interval.point(Fraction(0)), rest))
     assert not lies_in_region(loop_of(in_region("0.5", "0.25")), claim)
     assert lies_in_region(loop_of(in_region("0.7", "0.25")), claim)
+
+
+def test_no_search_contradicts_a_proof_and_starts_are_states_of_the_region():
+    """Estimates start elsewhere; with h = sin agents that are not pinned may rest at pi."""
+    proved = certify(in_region("0.5", "0.25"))
+    assert proved.verdict is Verdict.PROVED
+    assert all(not search.suspects for search in falsify(proved, runs=20).searches)
+    loose = in_region(4, "0.25", coupling="sin(y)", gains={1: 1})
+    found = falsify(loose, runs=40)
+    assert found.check is not None
+    for suspect in found.suspects:
+        assert abs(suspect.start).max() <= 4

@@ -211,7 +211,7 @@ _SINE = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
 _CONSTANT = Exosystem(A=[[0]], C=[[1]])
 
 
-def _carts(**given: Any) -> Problem:
+def carts(**given: Any) -> Problem:
     """Three carts in a row, of which the first is pinned."""
     sound: dict[str, Any] = {
         "name": "carts",
@@ -234,12 +234,12 @@ _GROUPS = [
     Group(agents=[2], exosystem=_CONSTANT),
 ]
 CARTS = {
-    "estimates": _carts(),
-    "outputs": _carts(coupling="2*y", **_OUTPUTS),
-    "curved": _carts(coupling="tanh(2*y1 + 3*y2)"),
-    "curved outputs": _carts(coupling="tanh(y)", **_OUTPUTS),
-    "leader": _carts(target=[0, 0], leader={"initial": [[0, 1], [1, 1]]}, dynamics=_DAMPED),
-    "groups": _carts(groups=_GROUPS, simulation={"xi0": [_START[0], [1], _START[2]]}),
+    "estimates": carts(),
+    "outputs": carts(coupling="2*y", **_OUTPUTS),
+    "curved": carts(coupling="tanh(2*y1 + 3*y2)"),
+    "curved outputs": carts(coupling="tanh(y)", **_OUTPUTS),
+    "leader": carts(target=[0, 0], leader={"initial": [[0, 1], [1, 1]]}, dynamics=_DAMPED),
+    "groups": carts(groups=_GROUPS, simulation={"xi0": [_START[0], [1], _START[2]]}),
 }
 
 

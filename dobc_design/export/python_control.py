@@ -158,7 +158,7 @@ def _system(
             # Of both states and estimates: what acts on them beside A.
             v = x_dot - (e + loop.goal) @ A.T - z @ (B @ sensed.d).T
             d = xi @ loop.output.T + w.reshape(loop.n, -1)
-            z_dot = z @ F.T + x @ (sensed.pairs.W @ sensed.H).T + v @ sensed.x
+            z_dot = z @ F.T + x @ sensed.gain.T + v @ sensed.x
             return _flat(x @ A.T + v + d @ B.T, xi @ exosystem_matrix(loop).T, z_dot, s_dot)
         if len(s):  # goals move with the leader
             x_dot = x_dot + s_dot

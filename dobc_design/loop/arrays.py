@@ -261,14 +261,17 @@ def disturbance_arrays(loop: Loop, gain: Gain | None) -> Disturbance:
 class Sensed:
     """What observes agents with measured outputs (``loop.outputs``), as floats: the ``pairs`` with
     their W, groups side by side; of their states z = (x, xi) those of the agent, x z, and the
-    disturbance, d z; how inputs move z.  Shapes: H (r, m), x (m, q), d (p, q), B (q, p), or (n, q,
-    p) as W.  ``estimated``: couplings and pins act on estimates."""
+    disturbance, d z; how inputs and what moves x move z, and what is taken of y = H x.  Shapes: H
+    (r, m), x (m, q), d (p, q), B (q, p), entry and gain (q, m), or (n, q, ...) as W.
+    ``estimated``: couplings and pins act on estimates."""
 
     pairs: Disturbance
     H: Array
     x: Array
     d: Array
     B: Array
+    entry: Array
+    gain: Array
     estimated: bool
 
 
@@ -280,12 +283,15 @@ def sensed_arrays(problem: Problem, loop: Loop) -> Sensed | None:
     C = [to_float(group.exosystem.C) for group in problem.groups]
     pairs = disturbance_arrays(replace(loop, groups=loop.sensed), None)
     x = np.hstack([np.eye(m, m + each.shape[1]) for each in C])
-    B = x.T @ to_float(loop.drift.B)
+    H = pairs.C[:, :m]
+    entry = x.T if pairs.own is None else x.T * pairs.own[:, :, None]
     return Sensed(
         pairs=pairs,
-        H=pairs.C[:, :m],
+        H=H,
         x=x,
-        B=B if pairs.own is None else B * pairs.own[:, :, None],
+        B=entry @ to_float(loop.drift.B),
+        entry=entry,
+        gain=pairs.W @ H,
         d=np.hstack([np.hstack([np.zeros((p, m)), each]) for each in C]),
         estimated=loop.estimated,
     )

@@ -68,17 +68,14 @@ class StressedRuns:
         return [default_rng([seed, number]) for seed in self.seeds]
 
     def begin(self) -> tuple[Array, Array, Array]:
-        """x, xi and xihat at first, (n, m or q, R), or their likes where outputs are measured."""
+        """x, xi and xihat at first, (n, m or q, R); where outputs are measured z, and zhat less the
+        goal."""
         x, xi, xihat = (self.stacked(part) for part in ("x", "xi", "xihat"))
         loop = self.setting.loop
-        sensed = loop.sensed
-        if sensed is None:
-            return x, xi, xihat
-        # starts have estimation errors there, and estimates in place of x where agents know these
-        off = act(sensed.x, xi)
-        x = x + off * sensed.estimated
-        own = loop.owned[..., None]
-        return x, xi - act(sensed.x.T, off) * own, act(sensed.x.T, x - off) * own
+        if loop.sensed is not None:
+            x = act(loop.sensed.x, xi)
+            xihat = xihat - act(loop.sensed.entry, loop.goal[..., None])
+        return x, xi, xihat
 
     def stacked(self, part: str) -> Array:
         """x, xi, xihat or eps of all starts, (n, m or q, R)."""

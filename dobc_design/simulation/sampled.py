@@ -39,7 +39,7 @@ from .agents import Agents, StressedRuns
 from .columns import March, RightHandSide
 from .field import ClosedLoop, act, largest
 from .integrate import FARTHEST, Outcome, Progress, Run, Samples
-from .outputs import estimates_of, with_disturbances
+from .outputs import moved, with_disturbances
 from .stressed import LEAST_STEPS, StressedColumns, sample_instants
 from .switches import constant_signals
 from .trajectory import SAMPLED, STEPS
@@ -210,16 +210,16 @@ class Stepper:
             B = np.eye(self.loop.m) if self.loop.plant is None else self.loop.plant.B
             self.observer = self.observer._replace(L=self.period * self.loop.W @ B)
         self.Ad = transition(self.loop, self.period)
-        self.estimates = estimates_of(self.loop)
-        if self.estimates is not None:
+        self.sensed = self.loop.sensed
+        if self.sensed is not None:
             if own is not None:
                 setting.problem.require("a sampled gain")
-            A, held = integral(self.estimates.A, self.period)
-            self.estimates = replace(
-                self.estimates,
-                A=A,
-                entry=held @ self.estimates.entry,
-                W=integral(self.loop.F, self.period)[1] @ self.estimates.W,
+            A, entry = integral(self.sensed.pairs.A, self.period)
+            self.sensed = replace(
+                self.sensed,
+                pairs=replace(self.sensed.pairs, A=A),
+                entry=entry @ self.sensed.entry,
+                gain=integral(self.loop.F, self.period)[1] @ self.sensed.gain,
             )
         # what is commanded acts so many periods later, the oldest first
         ahead = 0.0 if timing is None else float(timing.ahead)
@@ -237,7 +237,8 @@ class Stepper:
         self.steps = np.full(count, self.period)
         # the state of all runs, and what the observer compares it with
         self.x, self.xi, self.xihat = runs.begin()
-        self.before: Hold | None = None
+        self.before = self.x
+        self.held = np.zeros_like(self.x)
         self.goal = self.loop.goal[..., None]
         self.farthest = FARTHEST * np.maximum(1.0, self.size())
         self.counts = np.full(count, len(self.times))
@@ -302,7 +303,10 @@ class Stepper:
     def go_on(self, hold: Hold, x: Array, time: float, done: int) -> None:
         """The runs stand at the next instant, where so many samples are done."""
         # what the observer compares the next measurement with
-        self.before = hold
+        self.before = hold.measured
+        e = hold.measured - self.goal
+        # what outputs are measured of is predicted by the estimates
+        self.held = hold.felt + self.loop.moved(hold.u, e * (self.sensed is None))
         self.x = x
         self.xi = act(self.Ad, self.xi)
         far = self.going & ~(self.size() <= self.farthest)
@@ -368,19 +372,16 @@ class Stepper:
             agents.heard.move(mode, k)
         measured = self.x + agents.noise(k)
         watch, Cd, L = self.observer
-        before = self.before
-        e = measured - self.goal
         # at the first instant there is nothing to compare with
-        if self.estimates is not None:
-            if before is not None:
-                told = before.felt, before.u, before.measured
-                self.xihat = self.estimates.after(self.xihat, *told)
-            e = self.estimates.used(measured, self.xihat) - self.goal
-        elif before is not None:
-            held = before.felt + self.loop.moved(before.u, before.measured - self.goal)
-            expected = flown(self.flow, before.measured, held, np.zeros_like(self.xihat))
+        if k and self.sensed is not None:
+            self.xihat = moved(self.sensed, self.xihat, self.held, self.before - self.goal)
+        elif k:
+            expected = flown(self.flow, self.before, self.held, np.zeros_like(self.xihat))
             innovation = act(watch, measured - expected) - act(Cd, self.xihat)
             self.xihat = act(self.Ad, self.xihat) + act(L, innovation)
+        e = measured - self.goal
+        if self.sensed is not None and self.sensed.estimated:
+            e = act(self.sensed.x, self.xihat)
         dhat = act(self.predicted, self.xihat)
         modes = agents.heard.modes[:, k]
         agents.fail(instant, e, dhat, modes)

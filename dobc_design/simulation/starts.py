@@ -27,7 +27,7 @@ from dobc_design.problem.network import BoolArray
 from dobc_design.problem.problem import Problem
 
 from ._arguments import finite_array
-from .field import ClosedLoop, act
+from .field import ClosedLoop, act, applied
 from .npz import Shapes, UnfitError, describing, read_arrays, require
 
 Given = Table | Array | list[Any] | str | PathLike[str]
@@ -45,7 +45,8 @@ MOST_ENUMERATED = 8  # components up to which all corners are taken in turn
 
 @noun(eq=False)
 class Start:
-    """One start: x (n, m), xi (n, q), xihat (n, q); of a leader s (m,), else of no numbers."""
+    """One start: x (n, m), xi (n, q), xihat (n, q); of a leader s (m,), else of no numbers.  Where
+    outputs are measured z and zhat in place of xi and xihat, and x is what errors are of."""
 
     x: Array
     xi: Array
@@ -99,9 +100,14 @@ class Starts:
             s = low + (high - low) * rng.random(len(low))
             if self.relative:
                 x = x + s
-        if self.sensed is not None and self.sensed.estimated:
-            x = x - xi @ self.sensed.x.T
-        return Start(x=x, xi=xi, xihat=self.xihat, s=s)
+        xihat = self.xihat
+        if self.sensed is not None:
+            estimates = x - xi @ self.sensed.x.T
+            known = applied(self.sensed.entry, estimates)
+            xi = xi + known
+            xihat = xihat + known
+            x = estimates if self.sensed.estimated else x
+        return Start(x=x, xi=xi, xihat=xihat, s=s)
 
     def drawn_xi(self, rng: Generator) -> Array:
         """xi evenly in the ball of every agent: a direction, and the q-th root of a number from 0
@@ -165,7 +171,7 @@ def make_starts(problem: Problem, loop: ClosedLoop, given: Given | None) -> Star
 
 def _given_rows(given: Given | None, loop: ClosedLoop) -> dict[str, Array]:
     """The parts of a start that were given, a row for every agent.  Raises: SpecError."""
-    state = _Width(loop.q, "exosystem state")
+    state = _Width(loop.q, "exosystem state" if loop.sensed is None else "estimation error")
     widths = {"x": _Width(loop.m, "component"), "xi": state, "xihat": state}
     rows = {}
     for name, value in _parts(given, loop.n, widths).items():

@@ -20,7 +20,7 @@ from .columns import DONE, MOST_STEPS, Ends, March, RightHandSide
 from .field import act, full_pattern, largest
 from .integrate import FARTHEST, Integration, Outcome, Piece, Plan, Progress, Samples
 from .mobile import Modes
-from .outputs import estimates_of, with_disturbances
+from .outputs import moved, with_disturbances
 from .switches import ModeTable, table_of
 
 MOST_SAMPLES = 1_000_000
@@ -48,7 +48,6 @@ class StressedColumns:
 
     def __init__(self, runs: StressedRuns, agents: Agents | None = None) -> None:
         self.loop = with_disturbances(runs.setting.loop)
-        self.estimates = estimates_of(self.loop)
         horizon = runs.setting.horizon
         draws = runs.stress.draws
         # without exchanges and noise nobody waits
@@ -71,7 +70,7 @@ class StressedColumns:
         self.noise = np.zeros((*self.agents.shape, len(runs.seeds)))
         self.own: Array = self.noise  # errors as agents know them, where these are held
         x, xi, z = runs.begin()
-        if self.estimates is None:
+        if self.loop.sensed is None:
             # xihat jumps whenever noise is drawn anew; z does not
             z = z - act(self.loop.W, x)
         self.start = self.joined(x, xi, z)
@@ -83,9 +82,10 @@ class StressedColumns:
     def known(self, x: Array, z: Array, noise: Array) -> tuple[Array, Array]:
         """What the agents know: measured errors and xihat."""
         measured = x + noise
-        if self.estimates is None:
+        sensed = self.loop.sensed
+        if sensed is None:
             return measured - self.goal, z + act(self.loop.W, measured)
-        return self.estimates.used(measured, z) - self.goal, z
+        return act(sensed.x, z) if sensed.estimated else measured - self.goal, z
 
     def dhat(self, xi: Array, xihat: Array) -> Array:
         """The estimate of d that acts: that of ``ahead`` s ago, predicted.  As eps' = F eps, the
@@ -153,11 +153,12 @@ class StressedColumns:
                 d = d + force.reshape(d.shape)
             x_dot = felt + loop.moved(u + d, x - self.goal)
             # the observer takes what is measured for the state, and knows the applied input
-            if self.estimates is None:
+            if loop.sensed is None:
                 seen = felt + loop.moved(u, e)
                 z_dot = act(loop.F, xihat) - act(loop.W, seen)
             else:
-                z_dot = self.estimates.after(z, felt, u, x + noise)
+                pushed = felt + loop.moved(u, 0 * e)
+                z_dot = moved(loop.sensed, z, pushed, x + noise - self.goal)
             return self.joined(x_dot, act(loop.A, xi), z_dot)
 
         return derivative

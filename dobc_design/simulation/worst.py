@@ -127,12 +127,13 @@ def _with_observer(loop: ClosedLoop, pulled: Array) -> tuple[Array, Array]:
     M[:cut, :cut] = pulled
     M[:cut, cut:] = np.kron(own, loop.C)
     M[cut:, cut:] = np.kron(own, loop.F)
-    gains = [-loop.W] * n if loop.W.ndim == 2 else list(-loop.W)
+    gain = -loop.W
     direct = 1
     if loop.sensed is not None:
         # an error of the estimate, which is acted on or not
-        gains = list(loop.sensed.x.T * loop.owned[:, :, None])
+        gain = loop.sensed.entry
         direct = not loop.sensed.estimated
+    gains = [gain] * n if gain.ndim == 2 else list(gain)
     return M, np.vstack([direct * np.eye(cut), block_diag(*gains)])
 
 

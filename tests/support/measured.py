@@ -258,7 +258,7 @@ def estimates_at_start(problem: Problem, horizon: float) -> Floats:
         tolerance=1e-9,
         stress=None,
     )
-    eps = setting.starts.draw(setting.seed).xi
+    eps = setting.starts.draw(setting.seed).eps
     off = []
     first = 0
     for group in problem.groups:

@@ -16,8 +16,9 @@ from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 from .bands import need_bands
+from .channels import channel_of, entries, is_estimated
 from .claims import Case
-from .consensus import closed, jacobian, own
+from .consensus import jacobian, own
 from .coordinates import inverse, shown, sizes
 from .curves import Curve, secants
 from .expressions import Coupling
@@ -59,10 +60,11 @@ STAGES = 30
 STEPS = 20_000
 GROWTH = 2000  # of |F| h steps
 AGENTS = 500
+TURNS = 2  # how often sines are integrated
 PRODUCTS = 20_000_000  # of numbers, along the steps of a whole loop
 NAMES = ("disturbance", "drift", "measurement")
 #: Of an observer that passes nothing on.
-NOTHING: Object = {**dict.fromkeys(NAMES, ZERO), "bands": None}
+NOTHING: Object = {**dict.fromkeys(NAMES, ZERO), "bands": None, "off": None}
 #: The plant of a file without `uncertainty`.
 EXACT = SimpleNamespace(**dict.fromkeys(ERRORS, ZERO), known_to_agents=True, bands=None)
 
@@ -82,19 +84,50 @@ def accuracy(case: Case, check: Any) -> None:
         by_stages(case, check)
 
 
-def acting(plant: Any, peaks: Any) -> Any:
-    """What acts on every agent in the end, as an input: w + C eps."""
-    passed = plant.disturbance * (1 + peaks.disturbance) + plant.drift * peaks.drift
-    return passed + sines(plant, peaks)
+def acting(case: Case, peaks: Any) -> Any:
+    """What acts on every agent in the end, by the matrix of ``entries``: w + C eps, or what is left
+    of measured outputs."""
+    return irregular(case, peaks) + sines(case, peaks)
 
 
-def sines(plant: Any, peaks: Any) -> Fraction:
-    """What is left of the sines in bands: each component's own share of all components."""
-    left = ZERO
-    if peaks.bands:
-        for (_, _, amplitude), gains in paired(plant.bands, peaks.bands):
-            left += amplitude * norm(gains)
-    return left
+def irregular(case: Case, peaks: Any) -> Any:
+    """The part of it that is of any shape."""
+    plant = case.uncertainty
+    passed = plant.drift * peaks.drift
+    if is_estimated(case):
+        passed += plant.measurement * peaks.measurement
+        return plant.disturbance * peaks.disturbance + passed
+    return plant.disturbance * (1 + peaks.disturbance) + passed
+
+
+def sines(case: Case, peaks: Any) -> Fraction:
+    """The part that is left of sines in bands."""
+    return sum(sines_by_band(case, peaks), ZERO)
+
+
+def sines_by_band(case: Case, peaks: Any) -> Vector:
+    """The same of every band."""
+    skipped = case.m * is_estimated(case)
+    return [max(rows[: len(rows) - skipped]) for rows in left_by_row(case, peaks)]
+
+
+def left_by_row(case: Case, peaks: Any) -> Matrix:
+    """What is left of the sines of every band, by row of its gains: each row has its own share of
+    all components."""
+    if not peaks.bands:
+        return []
+    both = paired(case.uncertainty.bands, peaks.bands)
+    return [[amplitude * sum(row, ZERO) for row in gains] for (_, _, amplitude), gains in both]
+
+
+def off(case: Case, peaks: Any) -> Vector:
+    """How far states end from their estimates, by component, where errors are those of these."""
+    found = [ZERO] * case.m
+    if is_estimated(case):
+        found = peaks.off or found
+        for rows in left_by_row(case, peaks):
+            found = combined(found, 1, rows[-case.m :])
+    return found
 
 
 # --- Boxes
@@ -131,11 +164,13 @@ def by_stages(case: Case, check: Any) -> None:
         else:
             shrinks(case, each, peaks)
     last = stages[-1]
+    missed = off(case, peaks) if turned else [ZERO]
     need(set(exact.bounds) == set(case.labels), "there is not one bound for each agent")
     for label, end in paired(case.labels, sizes(S, last.v)):
         listed = exact.bounds[label]
         bounds = read(listed, (rational,) * case.m) if turned else [rational(listed)]
-        need(all(x >= last.level * y for x, y in paired(bounds, end)), "a bound is too small")
+        ends = combined(missed, last.level, end)
+        need(all(x >= y for x, y in paired(bounds, ends)), "a bound is too small")
 
 
 def stages_shape(loop: Loop, turned: bool) -> Object:
@@ -170,13 +205,14 @@ def shrinks_turned(case: Case, T: Matrix, stage: Any, peaks: Any) -> None:
     """All rows of a stage in coordinates, with what acts on each agent through B, on [level, rho]:
     they are linear."""
     plant = case.uncertainty
-    need(plant.measurement == 0, "measurement noise is not known in coordinates")
+    seen = plant.measurement == 0 or is_estimated(case)
+    need(seen, "measurement noise is not known in coordinates")
     weights_known = plant.weights == plant.gains == 0
     need(weights_known, "errors of weights and gains are not known in coordinates")
-    b = acting(plant, peaks) / stage.level
-    entering = T if case.B is None else product(T, case.B)
+    b = acting(case, peaks) / stage.level
+    entering = [row for each in entries(case) for row in product(T, each)]
     load = [b * sum(map(abs, row)) for row in entering]
-    shown(case, SimpleNamespace(**vars(stage), T=T), inverse(T), load * case.n)
+    shown(case, SimpleNamespace(**vars(stage), T=T), inverse(T), load)
 
 
 class Added(NamedTuple):
@@ -245,7 +281,7 @@ class Loads:
         modes = [heard[i] for heard in self.loop.heard.values()]
         k = (1 + plant.gains) * self.loop.gain_size(i)
         number = plant.disturbance * peaks.disturbance + plant.drift * peaks.drift
-        number += plant.measurement * (peaks.measurement + k) + sines(plant, peaks)
+        number += plant.measurement * (peaks.measurement + k) + sines(self.loop, peaks)
         number += peaks.disturbance * max(self.by_noise(i, heard) for heard in modes)
         if plant.known_to_agents or not plant.weights * peaks.disturbance:
             return Added(ZERO, number)
@@ -288,24 +324,45 @@ def whole_loop(case: Case, check: Any) -> None:
     need(case.domain == "global", "the couplings are not linear")
     need(not case.switches, "the response of a loop that switches is not followed")
     need(not case.signed, "rows have left out the signs")
-    disturbed_only = plant.measurement == plant.weights == plant.gains == 0
+    seen = plant.measurement == 0 or is_estimated(case)
+    disturbed_only = seen and plant.weights == plant.gains == 0
     need(disturbed_only, "noise and errors are not known beside a response")
     (M,) = [jacobian(case, mode) for mode in case.modes]
-    inputs = [] if case.B is None else [diagonal([case.B] * case.n)]
-    columns = len(M) + sum(len(B[0]) for B in inputs)
+    turned = [diagonal(entries(case))]
+    for _ in range(TURNS * bool(case.bands)):
+        turned.append(product(M, turned[-1]))
+    columns = len(M) + len(turned) * len(turned[0][0])
     work = len(M) ** 2 * columns * exact.response.steps
     # that many products of integers take a minute
     need(work <= PRODUCTS, "the response takes too many steps")
-    found = gains_by_row(M, identity(len(M)), inputs, exact.response)
-    b = acting(plant, peaks)
+    found = gains_by_row(M, identity(len(M)), turned, exact.response)
+    any_shape = irregular(case, peaks)
+    left = sines_by_band(case, peaks)
+    missed = off(case, peaks)
     # bounds of 0 would be claims about rest, which takes for ever
-    need(b > 0, "nothing acts on the loop")
+    need(any_shape + sum(left) > 0, "nothing acts on the loop")
     need(set(exact.bounds) == set(case.labels), "there is not one list of bounds for each agent")
     for i, label in enumerate(case.labels):
         bounds = read(exact.bounds[label], (rational,) * case.m)
-        ends = [b * row[-1] for row in found[i * case.m : (i + 1) * case.m]]
-        covered = all(x >= y for x, y in paired(bounds, ends))
-        need(covered, "a bound is below what the loop passes on")
+        for c, bound in enumerate(bounds):
+            row = i * case.m + c
+            gains = found[row][1:]
+            at_once = [sum(map(abs, each[row]), ZERO) for each in turned]
+            end = missed[c] + any_shape * gains[0]
+            for (low, _, _), size in paired(case.bands, left):
+                end += size * passed_on(low, gains, at_once)
+            need(bound >= end, "a bound is below what the loop passes on")
+
+
+def passed_on(low: Fraction, gains: Vector, at_once: Vector) -> Fraction:
+    """The part of a sine, of frequency ``low`` or more, that a row passes on: z is the derivative
+    of a sine that is smaller by the frequency. e less E times that obeys the same equation with
+    M E in place of E, which can be said again of it."""
+    ways = [gains[0]]
+    for k in range(1, len(gains) if low else 0):
+        parts = [at_once[j] / low ** (j + 1) for j in range(k)]
+        ways.append(sum(parts, gains[k] / low**k))
+    return min(ways)
 
 
 # --- Peak gains of the observers
@@ -319,10 +376,17 @@ def with_peaks(case: Case, check: Any, shape: Object) -> tuple[Any, Any]:
     exosystem."""
     if case.q == 0:
         return read(check.exact, shape), SimpleNamespace(**NOTHING)
-    wanted = steps_of(*NAMES, "step") if takes_integrals(case) else {}
+    wanted: Object = {}
+    if takes_integrals(case):
+        wanted = steps_of(*NAMES, "step")
+        if is_estimated(case):
+            wanted["off"] = (rational,) * case.m
     if case.bands:
         p = case.m if case.B is None else len(case.B[0])
-        wanted["bands"] = [matrix(p, p)]
+        rows = p
+        if is_estimated(case):
+            rows = len(entries(case)[0][0]) + case.m
+        wanted["bands"] = [matrix(rows, p)]
     exact = read(check.exact, shape | {"peaks": wanted})
     peaks = SimpleNamespace(**NOTHING | vars(exact.peaks))
     for name in case.names:
@@ -341,21 +405,25 @@ def takes_integrals(case: Case) -> bool:
 
 def need_peaks(case: Case, residual: Residual, peaks: Any) -> None:
     """The peak gains of one residual are at most those that are claimed."""
-    F = closed(residual)
-    C = residual.C
-    W: Any = residual.W
-    if case.B is not None:  # what acts, and what is asked, is in the inputs
-        C = product(case.node.left, C)
-        W = product(W, case.B)
+    channel = channel_of(case, residual)
     if case.bands:
-        need_bands(case.bands, F, C, W, peaks.bands)
+        need_bands(case.bands, channel, peaks.bands)
     if not takes_integrals(case):
         return
-    for drift, disturbance, noise in gains_by_row(F, C, [W, product(F, W)], peaks):
-        small_enough = drift <= peaks.drift and disturbance <= peaks.disturbance
-        need(small_enough, "the peak gains are not shown")
-        at_once = norm(product(C, W))
-        need(noise + at_once <= peaks.measurement, "the peak gain of noise is not shown")
+    plant = case.uncertainty or EXACT
+    inputs = [channel.disturbance, channel.drift, channel.noise]
+    found = gains_by_row(channel.F, channel.C, inputs, peaks)
+    for row, (_, disturbance, drift, noise) in enumerate(found):
+        measured = noise + sum(map(abs, channel.at_once[row]))
+        if row < channel.acting:
+            small_enough = drift <= peaks.drift and disturbance <= peaks.disturbance
+            need(small_enough, "the peak gains are not shown")
+            need(measured <= peaks.measurement, "the peak gain of noise is not shown")
+        else:
+            total = plant.disturbance * disturbance + plant.drift * drift
+            total += plant.measurement * measured
+            near = total <= peaks.off[row - channel.acting]
+            need(near, "how far states end from their estimates is not shown")
 
 
 # --- Peak gains: bounds of the integral over t > 0 of |C exp(F t) B|, in integers. exp(F h) of one

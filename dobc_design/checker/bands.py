@@ -1,8 +1,8 @@
 """Sines of a constant frequency w somewhere in a band, of any phase: what the observers leave of
 them.
 
-A disturbance d that acts on the inputs is compensated up to S d, S = I - C (sI - F)^-1 W, and what
-decays. Row by row |S(jw)| is bounded by the gains of the claim: for an entry N/chi of S
+What acts in place of a disturbance d of the inputs is S d, S = D + C (sI - F)^-1 G (channels), and
+what decays. Row by row |S(jw)| is bounded by the gains of the claim: for an entry N/chi of S
 
     g^2 |chi(jw)|^2 - |N(jw)|^2 >= 0,    a polynomial in x = w^2,
 
@@ -15,18 +15,19 @@ from fractions import Fraction
 from itertools import pairwise
 from typing import Any
 
+from .channels import Channel
 from .matrices import ZERO, Matrix, Vector, characteristic, combined, paired, product, stable
 from .reading import need
 
 PARTS = 2000  # of a band
 
 
-def need_bands(bands: list[Any], F: Matrix, C: Matrix, W: Matrix, gains: list[Matrix]) -> None:
-    """Of every band no more is left than its gains (p, p) say."""
-    need(stable(F), "A - W C is not Hurwitz")
+def need_bands(bands: list[Any], channel: Channel, gains: list[Matrix]) -> None:
+    """Of every band no more is left than its gains, one for each entry of S, say."""
+    need(stable(channel.F), "A - W C is not Hurwitz")
     need(len(bands) == len(gains), "there are not gains for every band")
-    chi = characteristic(F)
-    entries = numerators(F, C, W, chi)
+    chi = characteristic(channel.F)
+    entries = numerators(channel, chi)
     for (low, high, _), claimed in paired(bands, gains):
         for row, most in paired(entries, claimed):
             for N, g in paired(row, most):
@@ -36,24 +37,24 @@ def need_bands(bands: list[Any], F: Matrix, C: Matrix, W: Matrix, gains: list[Ma
                 need(holds, "more may be left of a sine in a band")
 
 
-def numerators(F: Matrix, C: Matrix, W: Matrix, chi: Vector) -> list[list[Vector]]:
-    """Those of the entries of S, over chi, highest power first. C adj(sI - F) W has the
-    coefficients C (F^k + chi_1 F^(k-1) + ...) W."""
+def numerators(channel: Channel, chi: Vector) -> list[list[Vector]]:
+    """Those of the entries of S, over chi, highest power first. C adj(sI - F) G has the
+    coefficients C (F^k + chi_1 F^(k-1) + ...) G."""
+    F = channel.F
     q = len(F)
-    powers = []  # C F^k W
-    seen = W
+    powers = []  # C F^k G
+    seen = channel.disturbance
     for _ in range(q):
-        powers.append(product(C, seen))
+        powers.append(product(channel.C, seen))
         seen = product(F, seen)
     found = []
-    for i in range(len(C)):
+    for i, line in enumerate(channel.D):
         row = []
-        for j in range(len(C)):
+        for j, direct in enumerate(line):
             passed = [ZERO]
             for k in range(q):
                 passed.append(sum((chi[k - n] * powers[n][i][j] for n in range(k + 1)), ZERO))
-            whole = chi if i == j else [ZERO] * (q + 1)
-            row.append(combined(whole, -1, passed))
+            row.append(combined(passed, direct, chi))
         found.append(row)
     return found
 

@@ -232,9 +232,7 @@ class Problem:
         observed = sum(len(group.agents) for group in self.groups) == self.n
         need(observed, "an agent whose outputs are measured has no exosystem")
         stated = self.stated
-        plant = stated.uncertainty
-        acts = plant is not None and any(getattr(plant, name) for name in (*ERRORS, "bands"))
-        alone = not acts and stated.readings is None and stated.actuators is None
+        alone = stated.readings is None and stated.actuators is None
         need(alone, "nothing is known of measured outputs with this table")
 
     def read_limit(self, value: Any) -> dict[int, Any]:

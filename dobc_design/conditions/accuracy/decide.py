@@ -24,11 +24,18 @@ counts with s = N; and the largest limit of N counts with itself, since observer
 
 In coordinates z_i = T e_i (``separable.coordinates``; agents with dynamics, couplings of vectors) b
 = omega (1 + peak of W) + gamma (peak of I) acts through B: |T B| b is added to the rows, which are
-linear in s for gains of the stage.
+linear in s for gains of the stage.  Where errors are those of estimates of measured outputs, b is
+what y - H xhat comes to and acts through W_x, and bounds have |x - xhat| added (``channels``).
 
 A linear loop in one mode, e' = M e + (I (x) B)(w + C eps) with M = J - K, needs neither stages nor
 coordinates: e_ic ends below b times the integral of row (i, c) of |exp(M t) (I (x) B)|, its peak
-gain, which some w attains without eps.
+gain, which some w attains without eps.  Of a sine z of frequency w no more is left than its size
+times each of
+
+    sum of |M^l E|/w^(l+1) for l < k  +  (peak gain of M^k E)/w^k,    E = I (x) B,
+
+since z is the derivative of a sine smaller by w: e less E times that sine obeys the same equation
+with M E in place of E.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -57,7 +64,7 @@ from dobc_design.conditions.numbers import (
     whole_from_json,
 )
 from dobc_design.conditions.observer.bands import are_bounded
-from dobc_design.conditions.observer.decide import error_matrix
+from dobc_design.conditions.observer.channels import channels, entries
 from dobc_design.conditions.quadratic.sectors import GainRange, ranges_from_json
 from dobc_design.conditions.reason import fixed_obstacle
 from dobc_design.conditions.separable.checks import obstacle as not_applicable
@@ -87,13 +94,14 @@ from dobc_design.conditions.separable.decide import (
 from dobc_design.coupling.enclosures import Profile, jet, secant_range
 from dobc_design.coupling.tree import ZERO
 from dobc_design.exact.interval import Interval, UndefinedError
-from dobc_design.exact.matrix import Matrix, Vector, identity, kronecker, multiply, row_norm
-from dobc_design.exact.peaks import MOST_STEPS, peak_gains, peak_gains_by_row
+from dobc_design.exact.matrix import Matrix, Vector, dot, identity, multiply, row_norm
+from dobc_design.exact.peaks import MOST_STEPS, peak_gains_by_row
 from dobc_design.exact.reading import Document
 from dobc_design.exact.symmetric import Doubles, least
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.pairs import are_pairs
 from dobc_design.problem.bands import band_words
+from dobc_design.problem.exosystems import block_diagonal
 from dobc_design.problem.uncertainty import BOUNDS, Uncertainty
 from dobc_design.verdict import Verdict
 
@@ -128,7 +136,8 @@ class Peaks:
     integrals of |C exp(F t) W| (``disturbance``), |C exp(F t)| (``drift``), and of |C exp(F t) F
     W|, plus |C W| (``measurement``), row sums, in every group of agents.  Shown in ``steps`` steps
     of ``step`` (s); all 0 where nothing of that kind is stated.  ``bands``: for each band of sines
-    bounds (p, p) of what is left of them (``bands``)."""
+    bounds (r, p) of what is left of them (``bands``).  ``off``: where errors are those of estimates
+    (m,), what all but bands leaves of |x - xhat|.  In general as ``channels`` has it."""
 
     disturbance: Fraction = Fraction(0)
     drift: Fraction = Fraction(0)
@@ -136,12 +145,12 @@ class Peaks:
     step: Fraction = Fraction(0)
     steps: int = 0
     bands: tuple[Matrix, ...] = ()
+    off: Vector = ()
 
     def to_json(self) -> Document:
         """The exact values as text."""
         names = [*INPUTS, "step", "steps"] if self.steps else []
-        if self.bands:
-            names.append("bands")
+        names += [name for name in ("bands", "off") if getattr(self, name)]
         return fields_to_json(self, *names)
 
 
@@ -190,15 +199,6 @@ class Accuracy:
         """The bounds, each as a vector."""
         return {label: x if isinstance(x, tuple) else (x,) for label, x in self.bounds.items()}
 
-    @property
-    def ends(self) -> Iterator[list[Fraction]]:
-        """What the last stage leaves of the error of every agent, by component."""
-        last = self.stages[-1]
-        if self.T is None:
-            return ([last.level * x] for x in last.v)
-        sizes = error_sizes(self.T, tuple(last.v))
-        return ([last.level * x for x in each] for each in sizes)
-
     def in_stage(self, stage: Level) -> Separable:
         """The boxes of a stage as those of a max-separable claim."""
         return Separable(
@@ -246,6 +246,8 @@ def peaks_from_json(data: Any, loop: Loop | None = None) -> Peaks:
     shape: Document = {}
     if loop is None or takes_integrals(loop):
         shape = dict.fromkeys((*INPUTS, "step"), read_rational) | {"steps": whole_from_json}
+        if loop is not None and loop.estimated:
+            shape["off"] = (read_rational,) * loop.m
     if loop is not None and loop.bands:
         shape["bands"] = [matrix_from_json]
     return Peaks(**read_parts(data, shape))
@@ -294,7 +296,7 @@ def obstacle(loop: Loop, W: Matrix | None, *, turned: bool = False) -> str | Non
         return f"does not apply: final bounds are decided for at most {MOST_AGENTS} {nodes}agents."
     plant = loop.uncertainty or Uncertainty()
     # Rows in coordinates take what acts as a load; they know nothing of noise in couplings.
-    if turned and plant.measurement:
+    if turned and plant.measurement and not loop.estimated:
         return (
             "does not apply: measurement noise is known for couplings that act by component only."
         )
@@ -303,6 +305,8 @@ def obstacle(loop: Loop, W: Matrix | None, *, turned: bool = False) -> str | Non
             "does not apply: with a disturbance, errors of weights and gains are known for "
             "couplings by component only."
         )
+    if loop.estimated and loop.is_apart and len(loop.sensed) > 1:
+        return "does not apply: pairs of agents with different observers estimate their states."
     reason = fixed_obstacle(loop, apart=True)
     if reason is None and not turned and loop.drift is not None:
         return "does not apply: bounds for agents with [dynamics] are made in coordinates."
@@ -317,7 +321,8 @@ def response_obstacle(loop: Loop) -> str | None:
             "the response of the whole loop is followed for linear couplings in one mode "
             "without optional arcs only."
         )
-    if plant.measurement or plant.weights or plant.gains:
+    measured = bool(plant.measurement) and not loop.estimated
+    if measured or plant.weights or plant.gains:
         return (
             "noise and errors of weights and gains are not known where the response of the "
             "whole loop is followed."
@@ -343,9 +348,7 @@ def loop_matrix(loop: Loop) -> Matrix | None:
 
 def most_steps(loop: Loop) -> int:
     """Steps in which a response may be followed."""
-    columns = loop.size
-    if loop.drift is not None:
-        columns += loop.n * loop.drift.inputs
+    columns = loop.size + (1 + _times(loop)) * sum(len(each[0]) for each in entries(loop))
     return min(MOST_STEPS, MOST_PRODUCTS // (loop.size**2 * columns))
 
 
@@ -353,28 +356,46 @@ def observer_peaks(loop: Loop, W: Matrix, *, step: Fraction, steps: int) -> Peak
     """The peak gains, the worst of all groups, for the gain W (q, m); None where they are not
     shown."""
     worst = dict.fromkeys(INPUTS, Fraction(0))
-    own = loop.drift
-    for group, gain in loop.observed(W):
-        F = error_matrix(group.exosystem, gain)
-        C = group.exosystem.C
-        entering = gain
-        if own is not None:  # w acts on the inputs, and what is asked is C eps in the inputs
-            C = multiply(own.left_inverse, C)
-            entering = multiply(gain, own.B)
-        found = peak_gains(F, C, [entering, multiply(F, entering)], step=step, steps=steps)
+    plant = _stated(loop)
+    off = [Fraction(0)] * (loop.m if loop.estimated else 0)
+    for channel in channels(loop, W):
+        inputs = [channel.disturbance, channel.drift, channel.noise]
+        found = peak_gains_by_row(channel.F, channel.C, inputs, step=step, steps=steps)
         if found is None:
             return None
-        drift, disturbance, by_change = found
-        measurement = by_change + row_norm(multiply(C, entering))
-        for name, x in zip(INPUTS, (disturbance, drift, measurement), strict=True):
-            worst[name] = max(worst[name], x)
-    return Peaks(
-        disturbance=worst["disturbance"],
-        drift=worst["drift"],
-        measurement=worst["measurement"],
-        step=step,
-        steps=steps,
-    )
+        for row, (_, disturbance, drift, noise) in enumerate(found):
+            gains = (disturbance, drift, noise + sum(map(abs, channel.at_once[row])))
+            if row < channel.acting:
+                for name, x in zip(INPUTS, gains, strict=True):
+                    worst[name] = max(worst[name], x)
+            else:
+                sizes = (getattr(plant, name) for name in INPUTS)
+                place = row - channel.acting
+                off[place] = max(off[place], dot(tuple(sizes), gains))
+    return Peaks(**worst, off=tuple(off), step=step, steps=steps)
+
+
+def _stated(loop: Loop) -> Uncertainty:
+    """What the problem states; of a difference of agents, what acts on both together."""
+    table = loop.uncertainty or Uncertainty()
+    if not loop.is_apart:
+        return table
+    return replace(table, disturbance=2 * table.disturbance, measurement=2 * table.measurement)
+
+
+def _times(loop: Loop) -> int:
+    """How often sines are integrated by parts."""
+    return 2 if loop.bands else 0
+
+
+def _by_parts(sizes: Sequence[Fraction], gains: Sequence[Fraction], low: Fraction) -> Fraction:
+    """How much of a sine of frequency ``low`` or more a row passes on, as the module says."""
+    best = gains[0]
+    at_once = Fraction(0)
+    for k in range(1, len(gains)) if low else ():
+        at_once += sizes[k - 1] / low**k
+        best = min(best, at_once + gains[k] / low**k)
+    return best
 
 
 @noun
@@ -407,38 +428,72 @@ class Plant:
 
     @property
     def stated(self) -> Uncertainty:
-        """What the problem states; of a difference of agents, what acts on both together."""
-        table = self.loop.uncertainty or Uncertainty()
-        if not self.loop.is_apart:
-            return table
-        return replace(table, disturbance=2 * table.disturbance, measurement=2 * table.measurement)
+        """What the problem states (``_stated``)."""
+        return _stated(self.loop)
 
     @property
     def input(self) -> Fraction:
         """b = omega (1 + peak of W) + gamma (peak of I) and what is left of sines in bands: what
-        acts on the inputs of every agent in the end."""
-        omega = self.stated.disturbance
+        acts on every agent in the end, by ``entries``."""
+        return self.irregular + self.sines
+
+    @property
+    def irregular(self) -> Fraction:
+        """The part of b that is of any shape."""
+        plant = self.stated
         peaks = self.peaks
         if peaks is None:
-            return omega
-        passed = omega * peaks.disturbance + self.stated.drift * peaks.drift
-        return omega + passed + self.sines
+            return plant.disturbance
+        passed = plant.drift * peaks.drift
+        if self.loop.estimated:
+            passed += plant.measurement * peaks.measurement
+            return plant.disturbance * peaks.disturbance + passed
+        return plant.disturbance * (1 + peaks.disturbance) + passed
 
     @property
     def sines(self) -> Fraction:
-        """What the observers leave of all sines whose frequencies lie in bands."""
-        left = Fraction(0)
-        if self.peaks is not None:
-            for band, gains in zip(self.loop.bands, self.peaks.bands, strict=True):
-                left += band.amplitude * row_norm(gains)
+        """The part that is left of sines whose frequencies lie in bands."""
+        return sum(self.sines_by_band(), Fraction(0))
+
+    def sines_by_band(self) -> list[Fraction]:
+        """The same of every band."""
+        acting = -self.loop.m if self.loop.estimated else None
+        return [max(rows[:acting]) for rows in self._left_by_row()]
+
+    @property
+    def off(self) -> Vector:
+        """How far states end from their estimates (m,), which errors are those of; 0 where they are
+        those of states."""
+        m = self.loop.m
+        off = (Fraction(0),) * m
+        if self.loop.estimated and self.peaks is not None:
+            parts = [self.peaks.off or off, *(rows[-m:] for rows in self._left_by_row())]
+            off = tuple(map(sum, zip(*parts, strict=True)))
+        return off
+
+    def _left_by_row(self) -> list[Vector]:
+        """What observers leave of the sines of every band, by row of its gains."""
+        if self.peaks is None:
+            return []
         # Those of two agents may be in opposite phases.
-        return 2 * left if self.loop.is_apart else left
+        double = 2 if self.loop.is_apart else 1
+        bands = zip(self.loop.bands, self.peaks.bands, strict=True)
+        return [tuple(double * band.amplitude * sum(row) for row in gains) for band, gains in bands]
 
     def load_in(self, T: Matrix) -> Vector:
         """|T B| b by agent and component of z = T e, (n m,): what acts on every agent."""
-        acts = T if self.loop.drift is None else multiply(T, self.loop.drift.B)
         b = self.input
-        return tuple(b * sum(map(abs, row)) for row in acts) * self.loop.n
+        acts = (multiply(T, each) for each in entries(self.loop))
+        return tuple(b * sum(map(abs, row)) for each in acts for row in each)
+
+    def ends(self, claim: Accuracy) -> Iterator[list[Fraction]]:
+        """What the last stage leaves of the error of every agent, by component."""
+        last = claim.stages[-1]
+        if claim.T is None:
+            return ([last.level * x] for x in last.v)
+        sizes = error_sizes(claim.T, tuple(last.v))
+        off = self.off
+        return ([last.level * x + y for x, y in zip(each, off, strict=True)] for each in sizes)
 
     def response_bounds(self, response: Response) -> dict[str, Vector] | None:
         """Label -> what is left of every |e_ic|: b times the peak gains of a linear loop in one
@@ -447,17 +502,23 @@ class Plant:
         M = loop_matrix(loop)
         if M is None or response.steps > most_steps(loop):
             return None
-        inputs = []
-        if loop.drift is not None:
-            inputs.append(kronecker(identity(loop.n), loop.drift.B))
+        turned = [block_diagonal(entries(loop))]
+        for _ in range(_times(loop)):
+            turned.append(multiply(M, turned[-1]))
         found = peak_gains_by_row(
-            M, identity(len(M)), inputs, step=response.step, steps=response.steps
+            M, identity(len(M)), turned, step=response.step, steps=response.steps
         )
         if found is None:
             return None
-        b = self.input
         m = loop.m
-        ends = [b * row[-1] for row in found]
+        off = self.off * loop.n
+        ends = []
+        for place, (_, *gains) in enumerate(found):
+            sizes = [sum(map(abs, each[place])) for each in turned]
+            end = off[place] + self.irregular * gains[0]
+            for band, left in zip(loop.bands, self.sines_by_band(), strict=True):
+                end += left * _by_parts(sizes, gains, band.low)
+            ends.append(end)
         return {label: tuple(ends[i * m : (i + 1) * m]) for i, label in enumerate(loop.labels)}
 
     def loads(self, stage: Level) -> Iterator[Load]:
@@ -666,6 +727,8 @@ def wrong_peaks(loop: Loop, W: Matrix, peaks: Peaks) -> str | None:
         claimed = getattr(peaks, name)
         if getattr(own, name) > claimed:
             return f"the peak gain of {name} is not shown to be at most {float(claimed):.6g}."
+    if len(peaks.off) != len(own.off) or _are_below(peaks.off, own.off):
+        return "how far states end from their estimates is not shown."
     return None
 
 
@@ -679,7 +742,7 @@ def _wrong_stages(claim: Accuracy, plant: Plant) -> str | None:
         sizes = zip(before.v, stage.v, strict=True)
         if any(before.level * x >= stage.rho * y for x, y in sizes):
             return _NO_HANDOVER
-    for bounds, ends in zip(claim.listed.values(), claim.ends, strict=True):
+    for bounds, ends in zip(claim.listed.values(), plant.ends(claim), strict=True):
         if _are_below(bounds, ends):
             return "a bound is below that of the last stage."
     for stage in claim.stages:

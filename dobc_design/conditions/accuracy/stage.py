@@ -26,7 +26,7 @@ from dobc_design.conditions.numbers import (
     rounded_up,
 )
 from dobc_design.conditions.observer.bands import filters
-from dobc_design.conditions.observer.decide import error_matrix
+from dobc_design.conditions.observer.channels import channels
 from dobc_design.conditions.observer.propose import band_gains
 from dobc_design.conditions.separable.checks import why_no_weights
 from dobc_design.conditions.separable.claim import (
@@ -81,7 +81,7 @@ DECAYED = 12.0  # exponents of the slowest mode that the steps follow
 FINEST = 0.012  # |F| h of a step
 COARSEST = 0.3  # the same, where there are not enough finer ones
 LEFT = 1e-4  # of the response of a whole loop, after the steps that follow it
-FINE = 0.08  # |M| h of a step
+FINE = 0.12  # |M| h of a step
 COARSE = 0.4  # the same, where there are not enough finer ones
 #: How much more than b_i v is made for, where it has to reach further out.
 SPREADS = (1.0, 1.1, 1.2, 1.4, 1.7, 2.2, 3.0, 5.0, 8.0, 20.0, 60.0, 200.0)
@@ -112,7 +112,7 @@ def propose_peaks(loop: Loop, W: Matrix) -> Peaks | None:
     if not takes_integrals(loop):
         stable = all(routh(below).is_proved for below, _ in filters(loop, W))
         return Peaks(bands=bands) if stable else None
-    matrices = [to_float(error_matrix(group.exosystem, k)) for group, k in loop.observed(W)]
+    matrices = [to_float(channel.F) for channel in channels(loop, W)]
     decay = min(map(decay_of, matrices))
     size = max(map(_row_norm, matrices))
     if not (decay > 0 and np.isfinite(size)):
@@ -127,7 +127,8 @@ def propose_peaks(loop: Loop, W: Matrix) -> Peaks | None:
     raised: dict[str, Any] = {}
     for name in INPUTS:
         raised[name] = rounded_up(getattr(found, name) * (1 + MORE), digits=7)
-    return replace(found, **raised, bands=bands)
+    off = tuple(rounded_up(x * (1 + MORE), digits=7) for x in found.off)
+    return replace(found, **raised, bands=bands, off=off)
 
 
 def _row_norm(matrix: Array) -> float:
@@ -369,7 +370,11 @@ def accuracy_stage(case: Case, report: Progress) -> list[Check]:
                 ]
         plant = Plant(loop=loop, peaks=peaks, room=ROOM)
         claims = _turned if turned else _claims
-        first = next(chain(claims(case, plant), _of_response(case, plant)), None)
+        ways = [claims(case, plant), _of_response(case, plant)]
+        # Rows of scalars that are linear lose nothing, but of sines they know the size alone.
+        if turned or loop.bands:
+            ways.reverse()
+        first = next(chain(*ways), None)
     return [undecided(_not_found(loop)) if first is None else first]
 
 
@@ -447,7 +452,7 @@ def _turned(case: Case, plant: Plant) -> Iterator[Check]:
         for T, v in chain(near, _proved_weights(case)):
             stages = tuple(propose_turned(plant, T, v, None))[-1:]
             claim = Accuracy(stages=stages, bounds={}, peaks=peaks, T=T)
-            yield from _proved(case, claim, EVERYWHERE)
+            yield from _proved(case, plant, claim, EVERYWHERE)
         return
     known = _separable(case)
     base = known.claim
@@ -461,7 +466,7 @@ def _turned(case: Case, plant: Plant) -> Iterator[Check]:
             inwards = propose_turned(plant, T, v, base.rho * part)
             stages = tuple(islice(inwards, MOST_STAGES))
             claim = Accuracy(stages=stages, bounds={}, peaks=peaks, error=base.error, T=T)
-            yield from _proved(case, claim, box)
+            yield from _proved(case, plant, claim, box)
 
 
 def _of_response(case: Case, plant: Plant) -> Iterator[Check]:
@@ -666,12 +671,12 @@ def _stages(plant: Plant, outer: Level) -> tuple[Level, ...]:
     return tuple(stages)
 
 
-def _proved(case: Case, claim: Accuracy, starts: Domain) -> Iterator[Check]:
+def _proved(case: Case, plant: Plant, claim: Accuracy, starts: Domain) -> Iterator[Check]:
     """The check of a claim with its bounds, if it is proved."""
     if not claim.stages:
         return
     bounds: dict[str, Fraction | Vector] = {}
-    for label, ends in zip(case.loop.labels, claim.ends, strict=True):
+    for label, ends in zip(case.loop.labels, plant.ends(claim), strict=True):
         raised = _raised(ends)
         bounds[label] = raised[0] if claim.T is None else raised
     yield from _decided(case, replace(claim, bounds=bounds), starts)

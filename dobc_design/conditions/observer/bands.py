@@ -3,7 +3,9 @@
 
 For every disturbance d that acts on the inputs of an agent, d - dhat = S d and what decays, with
 
-    S(s) = I - C (sI - F)^-1 W,    F = A - W C Hurwitz;    m = 1: S = det(sI - A)/det(sI - F).
+    S(s) = I - C (sI - F)^-1 W,    F = A - W C Hurwitz;    m = 1: S = det(sI - A)/det(sI - F),
+
+and in general what acts in its place is S d with S = D + C (sI - F)^-1 G_d of ``channels``.
 
 A sine of one constant frequency w in [low, high] and amplitude a in every component leaves in the
 end at most a times the row sums of |S(jw)|.  An entry N/chi_F of S is at most g there iff
@@ -14,7 +16,7 @@ the observer's state is from the one that it comes to.
 from collections.abc import Iterator
 from fractions import Fraction
 
-from dobc_design.exact.matrix import Matrix, add, multiply
+from dobc_design.exact.matrix import Matrix, multiply, subtract, transpose
 from dobc_design.exact.polynomial import (
     Coefficients,
     characteristic_polynomial,
@@ -25,41 +27,32 @@ from dobc_design.exact.polynomial import (
 from dobc_design.loop.loop import Loop
 from dobc_design.problem.bands import Band
 
-from .decide import error_matrix
+from .channels import Channel, channels
 
 Entries = tuple[tuple[Coefficients, ...], ...]
 
 
 def filters(loop: Loop, W: Matrix) -> Iterator[tuple[Coefficients, Entries]]:
-    """chi_F and the numerators (p, p) of S, of every group with its block of the gain W (q, m)."""
-    own = loop.drift
-    for group, gain in loop.observed(W):
-        F = error_matrix(group.exosystem, gain)
-        C = group.exosystem.C
-        entering = gain
-        if own is not None:  # d acts on the inputs
-            C = multiply(own.left_inverse, C)
-            entering = multiply(gain, own.B)
-        below = characteristic_polynomial(F)
-        yield below, tuple(_row(F, C, entering, k) for k in range(len(C)))
+    """chi_F and the numerators of S, (r, p), of every group (``channels``) for the gain W (q, m)."""
+    for channel in channels(loop, W):
+        below = characteristic_polynomial(channel.F)
+        yield below, tuple(_row(channel, below, k) for k in range(len(channel.C)))
 
 
-def _row(F: Matrix, C: Matrix, gain: Matrix, k: int) -> tuple[Coefficients, ...]:
-    """The numerators of row k of S: det(sI - F - w c) is chi_F times 1 - c (sI - F)^-1 w."""
-    below = characteristic_polynomial(F)
+def _row(channel: Channel, below: Coefficients, k: int) -> tuple[Coefficients, ...]:
+    """The numerators of row k of S: det(sI - F + g c) is chi_F times 1 + c (sI - F)^-1 g."""
     row = []
-    for column in range(len(C)):
-        added = multiply(tuple((line[column],) for line in gain), (C[k],))
-        entry = characteristic_polynomial(add(F, added))
-        if column != k:
-            entry = tuple(x - y for x, y in zip(entry, below, strict=True))
-        row.append(entry)
+    for direct, column in zip(channel.D[k], transpose(channel.disturbance), strict=True):
+        added = multiply(transpose((column,)), (channel.C[k],))
+        whole = characteristic_polynomial(subtract(channel.F, added))
+        both = zip(whole, below, strict=True)
+        row.append(tuple(x + (direct - 1) * y for x, y in both))
     return tuple(row)
 
 
 def are_bounded(loop: Loop, W: Matrix, band: Band, gains: Matrix) -> bool:
     """Whether, in every group, A - W C is Hurwitz and every entry of |S(jw)| is at most that of
-    ``gains`` (p, p), >= 0, for all w in the band."""
+    ``gains`` (r, p), >= 0, for all w in the band."""
     low = band.low**2
     high = band.high**2
     for below, entries in filters(loop, W):

@@ -78,8 +78,10 @@ class Worst:
             self.entry = np.eye(len(pulled))
         if loop.plant is not None:
             self.entry = self.entry @ np.kron(np.eye(loop.n), loop.plant.B)
-        turns = [seed % len(pulled) for seed in seeds]
-        self.rows = np.eye(len(pulled), size)[turns]
+        rows = np.eye(len(pulled), size)
+        if loop.sensed is not None and loop.sensed.estimated:  # of x, not of xhat
+            rows[:, len(pulled) :] = np.kron(np.eye(loop.n), loop.sensed.x)
+        self.rows = rows[[seed % len(pulled) for seed in seeds]]
 
     def signs(self, size: float, *, horizon: float) -> Signs:
         """Those of the impulse response, from every residual to the agent, reversed in time: they

@@ -8,10 +8,11 @@ Nothing here is a proof.
 
 import math
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from fractions import Fraction
+from functools import partial
 from itertools import product
 from random import Random
 from typing import Any
@@ -505,20 +506,41 @@ def design_gains(loop: Loop) -> tuple[GainDesign | None, ...]:
 def _design_filter(loop: Loop, group: Group) -> GainDesign:
     """A gain so fast that little is left of sines in the bands; as fast as it gets where that is
     not enough."""
-    first = design_gain(group.exosystem)
+    alone = replace(loop, groups=(group,))
+
+    def left(W: Matrix) -> float:
+        return max(float(max(map(max, band_gains(alone, W, band)))) for band in loop.bands)
+
+    return _fast_enough(group.exosystem, design_gain(group.exosystem), left)
+
+
+def _fast_enough(
+    exosystem: Exosystem, first: GainDesign, left: Callable[[Matrix], float]
+) -> GainDesign:
+    """The ``first`` design, or a faster one with which little is ``left`` of sines in bands."""
     found = first
     for power in range(DOUBLINGS):
-        if found.W is None or first.rate is None:
+        if found.W is None or first.rate is None or left(found.W) <= RESIDUAL:
             break
-        alone = replace(loop, groups=(group,))
-        left = [max(map(max, band_gains(alone, found.W, band))) for band in loop.bands]
-        if max(left) <= RESIDUAL:
-            break
-        faster = design_gain(group.exosystem, rate=first.rate * 2 ** (power + 1))
+        faster = design_gain(exosystem, rate=first.rate * 2 ** (power + 1))
         if faster.W is not None:
             why = "so that little is left of sines in bands"
             found = replace(faster, note=faster.note.replace("as asked", why))
     return found
+
+
+def _uncompensated(group: Group, own: Dynamics, bands: Sequence[Band], W: Matrix) -> float:
+    """How much d - dhat is of a sine d in the bands, at the most, with outputs measured."""
+    pair = sensed(group, own).exosystem
+    F = to_float(error_matrix(pair, W))
+    C = np.hstack([np.zeros((own.inputs, own.dimension)), to_float(group.exosystem.C)])
+    B = np.eye(len(F), own.dimension) @ to_float(own.B)
+    most = 0.0
+    for band in bands:
+        for w in np.linspace(nearest(band.low), nearest(band.high), SAMPLES):
+            S = np.eye(own.inputs) + C @ np.linalg.solve(1j * w * np.eye(len(F)) - F, B)
+            most = max(most, float(np.max(np.abs(S))))
+    return most
 
 
 def filter_rate(loop: Loop) -> Fraction | None:
@@ -580,6 +602,7 @@ def with_observer(problem: Problem) -> Problem:
 
 def _designed(problem: Problem, own: Dynamics, pace: Fraction) -> Problem:
     """The same with gains for at least this rate, where they exist."""
+    bands = problem.uncertainty.bands or () if problem.uncertainty else ()
     groups = []
     notes = list(problem.notes)
     for group in problem.groups:
@@ -592,6 +615,8 @@ def _designed(problem: Problem, own: Dynamics, pace: Fraction) -> Problem:
                 if faster.rate == pace:
                     note = faster.note.replace("as asked", "that of the network alone")
                     design = replace(faster, note=note)
+            if observer.rate is None and bands:
+                design = _fast_enough(pair, design, partial(_uncompensated, group, own, bands))
             # Without one nothing is proved; what is hidden is said all the same.
             none = zeros(pair.order, pair.outputs)
             observer = Observer(W=none if design.W is None else design.W)

@@ -16,8 +16,8 @@ def cells(path: Path) -> list[dict[str, object]]:
     return json.loads(path.read_text("utf-8"))["cells"]
 
 
-def test_there_are_thirteen_notebooks_in_order():
-    assert [path.stem[:2] for path in NOTEBOOKS] == [f"{number:02}" for number in range(1, 14)]
+def test_there_are_fourteen_notebooks_in_order():
+    assert [path.stem[:2] for path in NOTEBOOKS] == [f"{number:02}" for number in range(1, 15)]
 
 
 @each_quickly

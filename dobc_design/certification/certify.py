@@ -738,9 +738,8 @@ def notes_of(problem: Problem, designs: Sequence[GainDesign | None], how: str) -
         yield how
     if loop.estimated:
         yield (
-            "Outputs are measured: e_i is that of the estimate, xhat_i less the target, and states "
-            "follow as eps_i, how far x_i and xi_i are off their estimates, decays. Estimates "
-            "start off the states of the region by no more than region.initial_disturbance."
+            "Outputs are measured: an error is that of the estimated state. The states end at the "
+            "target, too, because the estimation errors of states and disturbance decay."
         )
     if not loop.is_pulled and not loop.agrees:
         yield "No agent is pinned."

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Shown
+from dobc_design.conditions.observer.propose import with_observer
 from dobc_design.description import words
 from dobc_design.problem.load import Source, load_problem
 from dobc_design.problem.problem import Problem
@@ -49,4 +50,4 @@ def describe(problem: Source) -> Description:
         >>> print(str(dd.describe("paper-fixed")).splitlines()[0])
         paper-fixed: 10 agents, 10 arcs, labels 1 to 10.
     """
-    return Description(problem=load_problem(problem))
+    return Description(problem=with_observer(load_problem(problem)))

@@ -66,7 +66,7 @@ def _about_errors(problem: Problem) -> Blocks:
         slopes = " The slopes of f are bounded over a box that the leader never leaves."
     elif dynamics.f is not None:
         slopes = " Aₓ holds the slopes of f at the target."
-    yield Text(words.FIXED["by_errors"] + slopes)
+    yield Text(words.FIXED["by_errors" if dynamics.H is None else "by_outputs"] + slopes)
 
 
 def _asked(problem: Problem) -> Blocks:
@@ -137,7 +137,7 @@ def _matrices(certificate: Certificate) -> Iterator[ShownMatrix]:
     elif problem.dynamics is not None:
         yield ShownMatrix("B C", "what takes the place of C in the condition", felt.C)
     # A reader wants to know whether W was given or designed.
-    source = f" ({claims.gain_source})" if claims.gain_source else ""
+    source = words.gain_source(certificate, " ({})")
     found = words.observer_blocks(certificate)
     effect = "effect of the observer: Λ + I ⊗ S has to be negative definite"
     # Any of these may be missing: it depends on what was given and on what is proved.

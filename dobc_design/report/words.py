@@ -350,14 +350,19 @@ def shown_notes(certificate: Certificate) -> tuple[str, ...]:
     if any(each.id == "delay" for each in certificate.checks):
         return notes
     simulated = LONGEST_PERIOD if problem.leader is None else NO_DELAY_OF_LEADERS
-    if problem.dynamics.H is not None:
-        simulated = ""
     return (*notes, NO_DELAY + simulated)
+
+
+def gain_source(certificate: Certificate, form: str) -> str:
+    """Whether W was given or designed; of measured outputs the notes say it, since the problem has
+    a W."""
+    source = certificate.claims.gain_source
+    return "" if loop_of(certificate.problem).sensed or not source else form.format(source)
 
 
 def loop_facts(certificate: Certificate) -> Iterator[Fact]:
     """What acts on the agents and what was designed against it, numbers in decimals."""
-    problem, claims = certificate.problem, certificate.claims
+    problem = certificate.problem
     yield from _disturbances(problem)
     for told in dynamics_words(problem):
         yield "Agents", told
@@ -372,7 +377,7 @@ def loop_facts(certificate: Certificate) -> Iterator[Fact]:
     W = certificate.W_exact
     if W is not None and len(W) * len(W[0]) <= MOST_NAMES:
         rows = ["; ".join(map(decimal, row)) for row in W]
-        yield "Observer gain W", f"({', '.join(rows)})′, {claims.gain_source or 'given'}"
+        yield "Observer gain W", f"({', '.join(rows)})′{gain_source(certificate, ', {}')}"
     if problem.has_target:
         yield "Pinning gains", _pins(problem)
     times = time_words(problem)

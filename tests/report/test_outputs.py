@@ -35,7 +35,6 @@ def test_the_observer_of_states_and_disturbance_is_typeset():
     assert "z_i" not in text
     assert "how far the estimate of agent i is from the target" in text
     assert "gives the loop to python-control" in text
-    assert "stress" not in text
 
 
 def test_couplings_and_pins_on_outputs_are_typeset_with_h():

@@ -106,7 +106,9 @@ def of_outputs(check: Check, group: Group, states: int) -> Check:
     pair = group.exosystem
     own = replace(check, fix=None)
     if check.id == "hurwitz":
-        return replace(own, reason=check.reason.replace("A - WC", "F = A - W H"))
+        return replace(
+            own, reason=check.reason.replace("A - WC", "F = A - W H").replace(" (given W)", "")
+        )
     found = decide_observable(pair.A, pair.C)
     if check.id == "observability" and found.is_proved:
         told = "of states and exosystem together"

@@ -11,7 +11,6 @@ from typer import Exit
 
 from dobc_design._checks import noun
 from dobc_design.errors import CertificateError, refused
-from dobc_design.loop.make import loop_of
 
 from .output import (
     MISTAKE,
@@ -245,6 +244,7 @@ def _with_own_sentence(claims: Claims, problem: Problem) -> Claims:
     """Claims that hold, with the sentence of a decided verdict made from them: no text in a
     certificate is judged."""
     from dobc_design.certification.overall import decide_overall
+    from dobc_design.loop.make import loop_of
     from dobc_design.verdict import Verdict
 
     # An undecided one says what would help, which its claims do not hold.

@@ -6,7 +6,9 @@ meant would pass unnoticed.
 import csv
 import io
 import re
+import tomllib
 from collections.abc import Callable, Iterable, Iterator
+from importlib.resources import files
 from itertools import chain
 
 from dobc_design._checks import noun
@@ -17,34 +19,9 @@ from .network import Index
 Row = tuple[int, list[str]]  # number of the line or edge, [a, b] or [a, b, weight]
 Rows = Callable[[], Iterator[Row]]  # begins at the top of the file whenever it is called
 
-ENDS = (
-    ("from", "to"),
-    ("source", "target"),
-    ("src", "dst"),
-    ("fromnode", "tonode"),
-    ("fromnodeid", "tonodeid"),
-    ("fromid", "toid"),
-    ("sourceid", "targetid"),
-)
-WEIGHTS = ("weight", "w", "value")
-KINDS = ("type", "directed")  # of an edge: one arc, or both
-BESIDE = (
-    "id",
-    "edgeid",
-    "label",
-    "name",
-    "key",
-    "timeset",
-    "interval",
-    "comment",
-    "note",
-    "color",
-    "colour",
-)
-ARROWS = ("->", "-->", "<-", "<->", "--", "-", "=>", "\u2192", ":")  # of other languages for graphs
+_WORDS = tomllib.loads((files("dobc_design.problem") / "arcs.toml").read_text("utf-8"))
+WEIGHTS: list[str] = _WORDS["weights"]
 KNOWN = "from,to or source,target, then weight and type (Directed or Undirected)"
-BOTH = {"undirected": True, "false": True, "0": True, "no": True}
-ONE_WAY = {"directed": False, "true": False, "1": False, "yes": False}
 
 _QUOTED = re.compile(r'"[^"]*"')
 _NUMBER = re.compile(r"[+-]?[0-9]+(?:[.,/][0-9]+)?(?:[eE][+-]?[0-9]+)?")
@@ -191,7 +168,7 @@ def _split(line: str, separator: str | None, row: int) -> list[str]:
     """The cells of one line of an edge list.  Raises: SpecError where they are not clear."""
     if separator is None:
         cells = line.split()
-        found = next((cell for cell in cells if cell in ARROWS), None)
+        found = next((cell for cell in cells if cell in _WORDS["arrows"]), None)
         if found is None and cells[0].endswith(":"):
             found = cells[0]
         if found is not None:
@@ -296,14 +273,13 @@ def _in_order(number: int, cells: list[str], columns: Columns) -> Iterator[Row]:
 def _is_undirected(cells: Names, place: int, row: int) -> bool:
     """What the column of types says of a row."""
     text = cells[place].lower() if place < len(cells) else ""
-    found = (BOTH | ONE_WAY).get(text)
-    if found is None:
+    if text not in _WORDS["both"] + _WORDS["one_way"]:
         raise Unfit(
             row,
             f"must say Directed or Undirected in the column of types; got {shown(text)}",
             "Correct the type of that edge.",
         )
-    return found
+    return text in _WORDS["both"]
 
 
 def find_columns(first: Row, rows: Rows, index: Index) -> Columns:
@@ -316,7 +292,7 @@ def find_columns(first: Row, rows: Rows, index: Index) -> Columns:
     names = [re.sub("[^a-z0-9]", "", cell.lower()) for cell in cells]
     third = cells[2] if len(cells) > 2 else ""
     third_is_number = _NUMBER.fullmatch(third) is not None
-    ends = next((pair for pair in ENDS if set(pair) <= set(names)), None)
+    ends = next((pair for pair in _WORDS["ends"] if set(pair) <= set(names)), None)
     # A number in the third place is a weight: then the two names are agents.
     if ends is not None and not (len(cells) == 3 and third_is_number):
         places = (names.index(ends[0]), names.index(ends[1]))
@@ -337,14 +313,14 @@ def find_columns(first: Row, rows: Rows, index: Index) -> Columns:
 def _named_columns(names: Names, cells: Names, ends: tuple[int, int], row: int) -> Columns:
     """The columns of a header that names both ends."""
     weights = [place for place, name in enumerate(names) if name in WEIGHTS]
-    kinds = [place for place, name in enumerate(names) if name in KINDS]
+    kinds = [place for place, name in enumerate(names) if name in _WORDS["kinds"]]
     for alike in (weights, kinds):
         if len(alike) > 1:
             both = ", ".join(named(cells[place]) for place in alike)
             raise Unfit(row, f"names columns of the same meaning: {both}", "Leave one of them.")
     known = {*ends, *weights, *kinds}
     for place, name in enumerate(names):
-        if not weights and place not in known and name not in BESIDE:
+        if not weights and place not in known and name not in _WORDS["beside"]:
             cure = "Call it weight if it holds the weights, or remove it (without weights all are"
             raise Unfit(
                 row, f"names a column {shown(cells[place])}, which is not known", f"{cure} 1)."

@@ -53,7 +53,12 @@ OPTIONS = tuple(UNITS)
 OF_INPUTS = ("disturbance", "saturation")  # which act on u where agents have dynamics
 TOLERANCE = 0.1
 LATE = 0.9  # part of the horizon after which a run has to be settled
-HALVINGS, DOUBLINGS = 6, 6  # of the natural scale of an option, below and above it
+#: What is tried of an option, in multiples of its natural scale.
+DOUBLED: Array = np.logspace(-6, 6, 13, base=2)
+MULTIPLES = {
+    "saturation": 0.5 ** np.arange(13),
+    "loss": np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99, 1.0]),
+}
 BISECTIONS = 10
 SAMPLES = 201
 MOST_FAILURES = 12  # numbers of failing agents that are tried
@@ -335,27 +340,18 @@ class _Tried:
 
     def steps(self, option: str) -> Iterator[_Step]:
         """What is tried of an option."""
-        error = float(self.calm.error()[0])
-        peak = max(float(np.abs(self.calm.u).max()), TINY)
-        doublings = np.asarray(2.0 ** np.arange(-HALVINGS, DOUBLINGS + 1), dtype=np.float64)
-        if option == "noise":
-            for k in doublings:
-                yield _Step(error * k, k, Stress(noise=error * k))
-        elif option == "disturbance":
-            for k in doublings:
-                yield _Step(peak * k, k, Stress(disturbance=peak * k))
-        elif option == "saturation":
-            for k in 0.5 ** np.arange(HALVINGS + DOUBLINGS + 1):
-                yield _Step(peak * k, 1 - k, Stress(saturation=peak * k))
-        elif option == "loss":
-            tenths = np.linspace(0.1, 0.9, 9).round(1).tolist()
-            for p in (*tenths, 0.95, 0.99, 1.0):
-                yield _Step(p, p, Stress(loss=p))
-        elif option in ("period", "delay"):
+        if option in ("period", "delay"):
             # short ones cost much and break nothing
-            yield from self.times(option, doublings[2:])
-        else:
+            yield from self.times(option, DOUBLED[2:])
+        elif option == "failures":
             yield from self.failures()
+        else:
+            peak = max(float(np.abs(self.calm.u).max()), TINY)
+            natural = {"noise": float(self.calm.error()[0]), "loss": 1.0}.get(option, peak)
+            for k in MULTIPLES.get(option, DOUBLED):
+                size: Any = natural * k
+                relative = 1 - k if option == "saturation" else k
+                yield _Step(size, relative, Stress(**{option: size}))
 
     def times(self, option: str, multiples: Array) -> Iterator[_Step]:
         """Periods or delays in multiples of the fastest time constant, four of which fit into the

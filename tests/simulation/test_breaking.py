@@ -23,7 +23,7 @@ def ring(**settings) -> Problem:
 def no_short_periods(monkeypatch: pytest.MonkeyPatch) -> None:
     """Sampling periods from the fastest time constant on: shorter ones cost much and break
     nothing."""
-    monkeypatch.setattr(breaking, "HALVINGS", 2)
+    monkeypatch.setattr(breaking, "DOUBLED", breaking.DOUBLED[4:])
 
 
 @pytest.mark.usefixtures("no_short_periods")

@@ -10,20 +10,19 @@ import re
 import shlex
 import shutil
 import sys
-import tomllib
 from collections.abc import Iterator, Sequence
-from importlib.resources import files
 from importlib.util import find_spec
 from typing import NamedTuple
 
 from dobc_design import __version__
+from dobc_design._files import own_table
 from dobc_design.errors import DobcError
 
 from .output import print_json, say
 
 CORE, PROGRAMS = "core", "programs"
 DEVELOPERS = ("dev", "docs")  # extras that users do not miss
-_TABLES = tomllib.loads((files("dobc_design.cli") / "doctor.toml").read_text("utf-8"))
+_TABLES = own_table("cli/doctor.toml")
 PURPOSES: dict[str, str] = _TABLES["extras"]
 
 

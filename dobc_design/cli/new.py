@@ -9,10 +9,10 @@ import json
 import re
 import shlex
 from collections.abc import Iterable
-from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from dobc_design._files import own_text
 from dobc_design.errors import refused
 
 from .output import print_json, require_folder, say
@@ -123,7 +123,7 @@ def scaffold(name: str, problem: Problem | None, source: str) -> dict[str, bytes
 
 
 def _template(file: str, name: str) -> str:
-    text = (files("dobc_design.cli") / "templates" / file).read_text("utf-8")
+    text = own_text(f"cli/templates/{file}")
     return text.replace("@NAME@", name)
 
 

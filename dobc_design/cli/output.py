@@ -8,17 +8,16 @@ import os
 import shlex
 import sys
 import time
-import tomllib
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
-from importlib.resources import files
 from inspect import Parameter, Signature, signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option, echo
 
+from dobc_design._files import own_table
 from dobc_design._show.progress import Bar
 from dobc_design._signals import answer_begins
 from dobc_design.errors import CertificateError, DobcError, SpecError, refused
@@ -76,7 +75,7 @@ def ids(incomplete: str) -> list[str]:
 Stage = Callable[[str], None]  # told of every stage of long work
 Document = dict[str, Any]  # what --json prints
 #: What help says of every option, and what it is called.
-_SAID: Document = tomllib.loads((files("dobc_design.cli") / "options.toml").read_text("utf-8"))
+_SAID: Document = own_table("cli/options.toml")
 _COMPLETED = {"file": problem_names, "id": ids, "theorem": ids}
 
 

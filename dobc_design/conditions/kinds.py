@@ -5,13 +5,12 @@ What reads a claim and what confirms it are found by the topic, in ``certificate
 """
 
 import re
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import field
-from importlib.resources import files
 from typing import Final, Literal
 
 from dobc_design._checks import noun
+from dobc_design._files import own_table
 from dobc_design._show.cards import Card, Shown
 
 #: What a proof is worth.  "part": a fact of the network or of the exosystem alone, the same for
@@ -112,10 +111,8 @@ class Kind(Shown):
 
 _UNIT: Final = re.compile(r", (1/)?s$")  # at the end of a definition, no letter
 _WORD: Final = re.compile(r"[A-Za-z]\w*(?:'s\b)?")  # the s of "one's" is no letter
-_LETTERS: Final = (files("dobc_design.conditions") / "letters.toml").read_text("utf-8")
-LETTERS: Final[dict[str, str]] = tomllib.loads(_LETTERS)
-_TEXT: Final = (files("dobc_design.conditions") / "kinds.toml").read_text("utf-8")
-KINDS: Final = {id: Kind(id=id, **row) for id, row in tomllib.loads(_TEXT).items()}
+LETTERS: Final[dict[str, str]] = own_table("conditions/letters.toml")
+KINDS: Final = {id: Kind(id=id, **row) for id, row in own_table("conditions/kinds.toml").items()}
 
 
 def ids_of(*roles: Role) -> tuple[str, ...]:

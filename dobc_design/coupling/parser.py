@@ -5,14 +5,13 @@ from __future__ import annotations
 
 import operator
 import re
-import tomllib
 from dataclasses import dataclass
 from difflib import get_close_matches
 from enum import Enum
 from fractions import Fraction
-from importlib.resources import files
 from typing import NamedTuple
 
+from dobc_design._files import own_table
 from dobc_design._show.text import visible
 from dobc_design.errors import SpecError
 from dobc_design.exact.interval import Interval
@@ -68,7 +67,7 @@ _WORD = re.compile(
     r"|(?P<sign>\*\*|[-+*/(),])"
 )
 _BLANKS = " \t\r\n"
-_STRANGERS = tomllib.loads((files("dobc_design.coupling") / "strangers.toml").read_text("utf-8"))
+_STRANGERS = own_table("coupling/strangers.toml")
 #: Why a character is not taken, and what may stand for it.
 _CHARACTERS = {
     character: why

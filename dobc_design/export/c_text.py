@@ -8,11 +8,11 @@ import re
 from collections.abc import Sequence
 from fractions import Fraction
 from functools import cache
-from importlib.resources import files
 
 import numpy as np
 from jinja2 import Template
 
+from dobc_design._files import own_text
 from dobc_design.coupling.expression import (
     ATOM,
     Expression,
@@ -40,7 +40,7 @@ def template(name: str) -> Template:
 
 def template_text(name: str) -> str:
     """A file of ``templates/`` as it stands."""
-    return (files("dobc_design.export") / "templates" / name).read_text("utf-8")
+    return own_text(f"export/templates/{name}")
 
 
 def rounded(value: Fraction, precision: str) -> Fraction:

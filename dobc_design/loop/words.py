@@ -13,15 +13,15 @@ phrase is left behind by a sentence that changes.
 """
 
 import re
-import tomllib
 from collections.abc import Callable, Iterable
 from functools import lru_cache
-from importlib.resources import files
+
+from dobc_design._files import own_table
 
 from .loop import Loop
 from .pairs import FIXED, silent_agent
 
-_TABLES = tomllib.loads((files("dobc_design.loop") / "words.toml").read_text("utf-8"))
+_TABLES = own_table("loop/words.toml")
 #: By goal of a loop.
 _TABLE_OF = {
     "agreement": "agreement",

@@ -7,13 +7,13 @@ holds its data, its script and nothing else; it loads nothing and runs in any br
 import json
 from collections.abc import Mapping, Sequence
 from html import escape
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dobc_design._files import own_text
 from dobc_design.errors import refused
 
 from .look import (
@@ -88,7 +88,7 @@ def animation_page(run: Run, *, arcs: Arcs | None = None, pinned: Sequence[int] 
     }
     text = json.dumps(data, ensure_ascii=True, separators=(",", ":"))
     text = text.replace("<", "\\u003c")  # so that nothing of it ends the script
-    page = (files("dobc_design.plotting") / "animation.html").read_text("utf-8")
+    page = own_text("plotting/animation.html")
     return page.replace("{title}", escape(run.name)).replace("{data}", text)
 
 

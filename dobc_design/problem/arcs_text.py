@@ -6,12 +6,11 @@ meant would pass unnoticed.
 import csv
 import io
 import re
-import tomllib
 from collections.abc import Callable, Iterable, Iterator
-from importlib.resources import files
 from itertools import chain
 
 from dobc_design._checks import noun
+from dobc_design._files import own_table
 from dobc_design.exact.reading import Names, named, shown
 
 from .network import Index
@@ -19,7 +18,7 @@ from .network import Index
 Row = tuple[int, list[str]]  # number of the line or edge, [a, b] or [a, b, weight]
 Rows = Callable[[], Iterator[Row]]  # begins at the top of the file whenever it is called
 
-_WORDS = tomllib.loads((files("dobc_design.problem") / "arcs.toml").read_text("utf-8"))
+_WORDS = own_table("problem/arcs.toml")
 WEIGHTS: list[str] = _WORDS["weights"]
 KNOWN = "from,to or source,target, then weight and type (Directed or Undirected)"
 

@@ -2,11 +2,10 @@
 it."""
 
 import re
-import tomllib
 from collections.abc import Mapping
-from importlib.resources import files
 from typing import Any
 
+from dobc_design._files import own_table
 from dobc_design.errors import SpecError, refused
 from dobc_design.exact.reading import Table, named
 
@@ -16,7 +15,7 @@ _WANTED = {
     CERTIFICATE: "A certificate is the certificate.json that `dobc certify` writes.",
 }
 
-_KINDS = tomllib.loads((files("dobc_design.problem") / "foreign.toml").read_text("utf-8"))["kinds"]
+_KINDS = own_table("problem/foreign.toml")["kinds"]
 
 
 def not_a(wanted: str, document: Any, *, name: str) -> SpecError:

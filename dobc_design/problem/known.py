@@ -4,16 +4,15 @@ Both are tables, ``known.toml``: a combination that a proof or a part learns is 
 It looks at a problem through the paths that these name, and knows no class of it.
 """
 
-import tomllib
-from importlib.resources import files
 from typing import Any
 
+from dobc_design._files import own_table
 from dobc_design.errors import Mistakes, about, wrong
 from dobc_design.exact.reading import named
 
 from .region import GOALS
 
-_TABLES = tomllib.loads((files("dobc_design.problem") / "known.toml").read_text("utf-8"))
+_TABLES = own_table("problem/known.toml")
 
 
 def _has(problem: Any, path: str, value: str = "") -> bool:

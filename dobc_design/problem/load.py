@@ -22,6 +22,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, TypeVar
 
+from dobc_design._files import own_text
 from dobc_design.coupling.coupling import Coupling, make_coupling
 from dobc_design.errors import Mistakes, SpecError, about, refused, wrong
 from dobc_design.exact.reading import (
@@ -481,7 +482,7 @@ def builtin_names() -> Texts:
 
 def builtin_text(name: str) -> str:
     """The problem file of that name, as text."""
-    return (files("dobc_design.problems") / f"{name}{SUFFIX}").read_text(encoding="utf-8")
+    return own_text(f"problems/{name}{SUFFIX}")
 
 
 def builtin_summary(name: str) -> str:

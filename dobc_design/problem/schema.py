@@ -1,9 +1,7 @@
 """The tables and keys of the problem file, as ``keys.toml`` lists them: for the reader, its
 messages and the JSON Schema."""
 
-import tomllib
-from importlib.resources import files
-
+from dobc_design._files import own_table
 from dobc_design.exact.reading import Document, Texts
 
 from .dynamics import ACTS_ON
@@ -14,7 +12,7 @@ from .region import GOALS
 from .signs import NEGATIVE
 from .switching import GUARANTEES, SIGNALS
 
-_KEYS = tomllib.loads((files("dobc_design.problem") / "keys.toml").read_text("utf-8"))
+_KEYS = own_table("problem/keys.toml")
 TABLES: Document = _KEYS["tables"]
 EXAMPLES: dict[str, str] = _KEYS["examples"]
 _NAMES = {

@@ -11,7 +11,6 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from decimal import Decimal
 from fractions import Fraction
-from importlib.resources import files
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any, Literal
@@ -20,6 +19,7 @@ from xml.etree import ElementTree
 import matplotlib
 from matplotlib.ft2font import FT2Font
 
+from dobc_design._files import own_text
 from dobc_design._show.text import capitalize_first, significant, typeset
 from dobc_design.errors import refused
 
@@ -121,7 +121,7 @@ def compile_pdf(content: Mapping[str, Any]) -> bytes:
 
     # As one string: Typst never reads it as markup.
     text = json.dumps(content, ensure_ascii=False)
-    source = (files("dobc_design.report") / "templates" / "report.typ").read_bytes()
+    source = own_text("report/templates/report.typ").encode()
     folder = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
     known = FT2Font(str(folder / "DejaVuSans.ttf")).get_charmap()
     shipped = all(ord(each) in known or each in _INVISIBLE for each in text)

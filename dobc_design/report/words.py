@@ -3,14 +3,13 @@ numbers."""
 
 import math
 import re
-import tomllib
 from collections.abc import Iterable, Iterator, Sequence
 from fractions import Fraction
-from importlib.resources import files
 from itertools import islice
 from typing import Any
 
 from dobc_design._checks import noun
+from dobc_design._files import own_table
 from dobc_design._show.cards import SIGNS
 from dobc_design._show.text import (
     capitalize_first,
@@ -61,8 +60,7 @@ MOST_STEPS = 4  # around a circle
 #: Conditions whose proofs are about some signals, and not about all.
 OF_SIGNALS = ("schedule", "markov", "safety")
 GIVEN, FOUND = "the P given", "the P found"
-_TEXT = (files("dobc_design.report") / "templates" / "texts.toml").read_text("utf-8")
-TEXTS: Document = tomllib.loads(_TEXT)
+TEXTS: Document = own_table("report/templates/texts.toml")
 FIXED: Document = TEXTS["fixed"]
 _SIGNS, _OF_PAIRS = (
     tuple((re.compile(pattern), sign) for pattern, sign in TEXTS[name].items())

@@ -11,14 +11,13 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import tomllib
 from fractions import Fraction
-from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from dobc_design import __version__
 from dobc_design._checks import noun, put
+from dobc_design._files import own_table
 from dobc_design.conditions.numbers import time_to_one_percent
 from dobc_design.errors import refused, wrong
 from dobc_design.exact.number import float_above
@@ -52,7 +51,7 @@ class Column(NamedTuple):
     meaning: str
 
 
-_TABLES = tomllib.loads((files("dobc_design.sweeps") / "columns.toml").read_text("utf-8"))
+_TABLES = own_table("sweeps/columns.toml")
 #: Columns of the results by task.
 COLUMNS = {
     task: tuple(Column(name, *each) for name, each in table.items())

@@ -16,10 +16,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property, partial
-from importlib.resources import files
 from itertools import pairwise, product
 
 from dobc_design._checks import noun, positional
+from dobc_design._files import own_text
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.claims import claim_of, reading_claims
 from dobc_design.conditions.check import Check
@@ -459,7 +459,7 @@ def _asked(problem: Problem, radius: Fraction, off: Fraction) -> tuple[Fraction,
 
 def _theory(name: str) -> str:
     """A file of the library without what it requires."""
-    text = (files("dobc_design.export.rocq") / "theory" / f"{name}.v").read_text("utf-8")
+    text = own_text(f"export/rocq/theory/{name}.v")
     required = r"^(Require|From|Import|Open Scope) .*\n"
     return re.sub(required, "", text, flags=re.MULTILINE).strip() + "\n"
 

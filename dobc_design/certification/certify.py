@@ -266,6 +266,8 @@ class _Certification:
         asked = read_region(loop, case.W, domain=case.domain, everything=everything)
         if loop.is_sampled and loop.saturates:
             case = case.and_(inputs_stage(asked, case.checks, report))
+        if loop.is_sampled:  # what rests in the flow rests at the ticks
+            case = case.and_(other_equilibria(self.problem, case, report=report))
         if loop.goal == "roots" or loop.is_sampled:
             return replace(agents, checks=case.checks)
         # All but weights that move, and boxes, are about one target.

@@ -383,7 +383,7 @@ def confirm(check: Check, trusted: Trusted) -> str | None:
         if any(part is not None for part in claims):
             return "an undecided check must claim nothing"
         return None
-    known = (READINGS, LIMIT) if loop.saturates else (READINGS,)
+    known = (READINGS, LIMIT if loop.saturates else "equilibrium")
     if loop.is_sampled and check.kind.role != "part" and check.id not in known:
         return "everything is computed from samples, and it is about a flow"
     return TOPICS[check.kind.topic].confirmed(check, trusted)

@@ -167,7 +167,7 @@ def confirm(case: Case, check: Any) -> None:
         "the verdict is none of proved, refuted and undecided",
     )
     rooms = saturates(case) and check.id == "actuators"
-    about_flow = check.id not in (*FACTS, "readings") and not rooms
+    about_flow = check.id not in (*FACTS, "readings", "equilibrium") and not rooms
     need(not (case.sampled and about_flow), "all is computed from samples, and it is about a flow")
     # by now id, mode and group are known, and the observer is the one of the problem
     decide = regional if about_region else decider(case, check.id)

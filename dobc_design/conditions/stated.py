@@ -160,6 +160,8 @@ def _cure(loop: Loop, checks: Sequence[Check], id: str) -> str:
     # Inputs of agents that agree depend neither on a region nor on gains.
     if id == LIMIT and found is not None and (loop.is_apart or found.reason.endswith(NO_ROOM)):
         return "a larger limit"
+    if id == READINGS and loop.is_apart and loop.timing is not None and loop.timing.is_late:
+        return "a target with pins, or readings at the ticks of a period without delays"
     # Smaller bounds would only scale what is proved.
     if id == ACCURACY and loop.is_linear:
         return "larger gains or more pinned agents"

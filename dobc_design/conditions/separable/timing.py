@@ -95,8 +95,8 @@ def delay_obstacle(loop: Loop) -> str | None:
         )
     if loop.goal == "differences":
         return (
-            "does not apply: x_l(t - delay) - x_j(t) is no difference of states at one time, which "
-            "is all that the proof bounds where agents agree without a target."
+            "does not apply: agents agree without a target, and a late reading less a state of now "
+            "is no difference of states at one time, which is all that the proof bounds."
         )
     return None
 

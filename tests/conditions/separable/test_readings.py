@@ -335,6 +335,26 @@ def test_an_open_verdict_says_what_is_not_known_of_late_readings():
     certificate = dd.certify(problem)
     assert certificate.verdict is UNDECIDED
     assert "is no difference of states at one time" in certificate.reason
+    assert "What would help: a target with pins, or readings at the ticks" in certificate.reason
+
+
+def test_another_equilibrium_refutes_a_loop_on_a_processor():
+    """x = (0, 1) rests where h = y - y^3 and agent 1 is pinned at 0, from tick to tick as well."""
+    problem = dd.Problem(
+        network=dd.Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to"),
+        coupling="y - y**3",
+        gains={1: "1/10"},
+        processor={"period": "1/20"},
+        region={"initial_states": [-3, 3]},
+    )
+    certificate = dd.certify(problem)
+    assert certificate.verdict is REFUTED
+    assert certificate.check("equilibrium").witness.values == ("0", "1")
+    assert dd.verify(certificate, problem).holds
+    run = dd.simulate(problem, start=[[0.0], [1.0]], t_final=2)
+    assert np.abs(run.x[-1, :, 0] - [0, 1]).max() < 1e-12
+    smaller = problem.replace(region={"initial_states": ["-1/4", "1/4"]})
+    assert dd.certify(smaller).verdict is PROVED
 
 
 def test_a_verdict_names_the_errors_of_weights_that_its_readings_count():

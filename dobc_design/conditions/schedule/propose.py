@@ -8,6 +8,7 @@ by what decides them.
 
 import math
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import partial
@@ -34,6 +35,7 @@ from dobc_design.conditions.separable.propose_observer import propose_error_boun
 from dobc_design.conditions.separable.timing import verify_readings
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.exact.number import ZERO, root_above
+from dobc_design.exact.work import STAGE, WorkLimitError, at_most
 from dobc_design.loop.arcs import unreached
 from dobc_design.loop.guarantee import Round
 from dobc_design.loop.loop import Loop
@@ -416,7 +418,12 @@ def _near(
     if loop.timing is not None:
         return
     radii = [part * float(asked.radius) for part in RADII]
-    yield from _quadratic(loop, W, radii, slowest)
+    forms: list[Lure] = []
+    # They take longest; of half a stage there are some, and time is left for the tube.
+    with at_most(STAGE // 2), suppress(WorkLimitError):
+        for lure in _quadratic(loop, W, radii, slowest):
+            forms.append(lure)
+    yield from forms
     # No box serves all modes there, or couplings fall: what arcs take may be paid for even so.
     for part in () if slowest else OF_ARCS:
         radius = decimal_above(asked.radius * Fraction(part))

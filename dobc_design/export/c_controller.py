@@ -46,7 +46,7 @@ from dobc_design.exact.matrix import (
 )
 from dobc_design.exact.number import ONE, ZERO, decimal_text, number_text, parse_number
 from dobc_design.exact.polynomial import characteristic_polynomial, decide_images, disk_image
-from dobc_design.exact.reading import counted, named, shown
+from dobc_design.exact.reading import named, shown
 from dobc_design.loop.arrays import Gain, chosen_gain
 from dobc_design.loop.make import loop_of, timing_of
 from dobc_design.loop.timing import Timing, late_step, timing_words
@@ -169,8 +169,8 @@ def sampled_network_statement(
     bad = [name for name, verdict in found.items() if verdict is Verdict.REFUTED]
     unknown = [name for name, verdict in found.items() if verdict is Verdict.UNDECIDED]
     which = "I + T (J - K)" if written is None else "its matrix (with the numbers as written)"
-    if late := periods_late(problem, period):
-        which = f"a step whose inputs act {counted(late, 'period')} late"
+    if inputs_late(problem):
+        which = "a step whose inputs act late"
     if bad:
         text = (
             f"held over {float(period):.4g} s, couplings and pinning drive the agents apart in "
@@ -218,7 +218,7 @@ def _mode_verdict(
     size = problem.n * problem.m
     if not mode.is_point:
         return Verdict.UNDECIDED
-    late = periods_late(problem, period)
+    late = inputs_late(problem) // period
     if (written is not None or late) and size * (late + 1) > MOST_ROWS:
         return Verdict.UNDECIDED
     # J - K at the consensus, as a dense matrix.
@@ -281,11 +281,6 @@ def inputs_late(problem: Problem) -> Fraction:
     return ZERO if timing is None else timing.ahead
 
 
-def periods_late(problem: Problem, period: Fraction) -> int:
-    """The same in periods."""
-    return inputs_late(problem) // period
-
-
 SHORTEST, LONGEST = Fraction(1, 10**6), Fraction(10**6)  # periods, s
 # in one table; a controller of its own can be written for every agent of a larger network
 MOST_AGENTS = 200
@@ -344,7 +339,7 @@ class Controller:
     @property
     def late(self) -> int:
         """How many samples later an answer acts."""
-        return periods_late(self.problem, self.period)
+        return inputs_late(self.problem) // self.period
 
     @property
     def q(self) -> int:
@@ -485,15 +480,14 @@ class _Plan:
         Cd: Matrix = ()
         L: Matrix = ()
         told: Matrix = ()
+        late = inputs_late(problem)
         statements = []
         if A:
             Ad = self._rounded(tuple(row[own:] for row in flow[own:]))
             output = multiply(exact_watch, tuple(row[own:] for row in flow[:m]))
-            Cd = self._rounded(output)
-            told = Cd
-            if late := inputs_late(problem):
-                then = _middle(discretise(A, late).transition)
-                told = self._rounded(multiply(output, then))
+            Cd = told = self._rounded(output)
+            if late:
+                told = self._rounded(multiply(output, _middle(discretise(A, late).transition)))
             L = self._rounded(self._sampled_gain(period))
             # What is decided is about the numbers as they are written, after rounding.
             statements.append(sampled_observer_statement(Ad, Cd, L, period=period))

@@ -170,13 +170,10 @@ def _innovation(recorded: Recorded, held: Array, u: float) -> Erring:
     push = to_float(controller.push)
     watch = to_float(controller.watch)
     x, before = recorded.x[1:], recorded.x[:-1]
-
     # what acted: nothing before the first answer did
-    def acted(answers: Array) -> Array:
-        waiting = np.zeros((controller.late, answers.shape[1]))
-        return np.vstack([waiting, answers])[: len(x)]
-
-    v = acted(recorded.v)
+    waiting = np.zeros((controller.late, recorded.v.shape[1]))
+    v = np.vstack([waiting, recorded.v])[: len(x)]
+    held = np.vstack([waiting, held])[: len(x)]
     # An f is computed from the measured state, with rounding errors of its own.
     own = Erring(before, np.zeros_like(before))
     dynamics = controller.problem.dynamics
@@ -188,7 +185,7 @@ def _innovation(recorded: Recorded, held: Array, u: float) -> Erring:
     moved = moved + abs(own.value) @ abs(motion).T + abs(v) @ abs(push).T
     terms = np.count_nonzero(motion) + np.count_nonzero(push)
     rounding = (terms + 3) * u * moved
-    error = acted(held) @ abs(push).T + rounding + (len(motion) + 2) * u * abs(apart)
+    error = held @ abs(push).T + rounding + (len(motion) + 2) * u * abs(apart)
     error += own.error @ abs(motion).T
     size = abs(apart @ watch.T - recorded.xihat[:-1] @ to_float(controller.Cd).T)
     return Erring(size, error @ abs(watch).T)

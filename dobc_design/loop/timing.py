@@ -127,11 +127,9 @@ def predicted(exosystem: Exosystem, timing: Timing | None) -> IntervalMatrix:
     """C exp(A ahead), enclosed, of a processor with the mean C: what is left of the disturbance by
     an error of the estimate."""
     C = points(exosystem.C)
-    if timing is None:
-        return C
-    if timing.sampled:
+    if timing is not None and timing.sampled:
         C = sampled(exosystem, timing).C
-    if not timing.ahead:
+    if timing is None or not timing.ahead:
         return C
     return interval_product(C, discretise(exosystem.A, timing.ahead).transition)
 

@@ -223,7 +223,8 @@ class Stepper:
             )
         # what is commanded acts so many periods later, the oldest first
         ahead = 0.0 if timing is None else float(timing.ahead)
-        self.commands: deque[Hold] = deque(maxlen=round(ahead / self.period) + 1)
+        self.late = round(ahead / self.period)
+        self.commands = deque[Hold]()
         self.predicted = self.observer.Cd @ expm(self.loop.A * ahead)
         # nothing is heard between the instants
         self.agents = Agents(runs, self.instants, keep=False)
@@ -391,13 +392,11 @@ class Stepper:
         for links, runs, held in exchanged:
             felt[..., runs] = links.felt(known[..., runs], held)
         u = agents.control(agents.pulled(known, modes), dhat)
-        # nothing acts before the first command does
-        commands = self.commands
-        commands.append(Hold(begin=instant, measured=measured, felt=felt, u=u, dhat=dhat))
-        acting = commands[0]
-        if len(commands) < (commands.maxlen or 0):
-            acting = Hold(begin=instant, measured=measured, felt=0 * felt, u=0 * u, dhat=0 * dhat)
-        return replace(acting, begin=instant, measured=measured)
+        if not k:  # nothing acts before the first command does
+            nothing = Hold(begin=0.0, measured=e, felt=0 * felt, u=0 * u, dhat=0 * dhat)
+            self.commands.extend([nothing] * self.late)
+        self.commands.append(Hold(begin=instant, measured=measured, felt=felt, u=u, dhat=dhat))
+        return replace(self.commands.popleft(), begin=instant, measured=measured)
 
     def end(self, which: BoolArray, count: int, reason: str) -> None:
         """Runs that end here keep their first ``count`` samples."""

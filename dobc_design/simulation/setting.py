@@ -279,7 +279,7 @@ def _whole(times: Array) -> Array:
 
 # readings in the shortest time that they may be late; at the worst more of them, all nearly as late
 AT_ONCE, AT_WORST, AT_A_KNOWN_TIME = 2, 4, 8
-MOST_PARTS = 10**9  # of a second, in which a period is a whole number
+MOST_PARTS = 10**9  # of a second, of which a period has a whole number
 
 
 def stated_times(stress: Stress, timing: Timing | None) -> Stress:

@@ -2,6 +2,7 @@
 is made of it."""
 
 import json
+from collections.abc import Iterator
 from dataclasses import replace
 from fractions import Fraction
 from functools import cache
@@ -22,10 +23,11 @@ from dobc_design.conditions.case import Case
 from dobc_design.conditions.check import Check, Values
 from dobc_design.conditions.domain import NEAR_TARGET, Box
 from dobc_design.conditions.observer.propose import observer_gain
-from dobc_design.conditions.schedule import stage
+from dobc_design.conditions.schedule import propose, stage
 from dobc_design.conditions.schedule.decide import why_not
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.errors import CertificateError, SpecError
+from dobc_design.exact.work import spend
 from dobc_design.loop.make import loop_of
 from dobc_design.verdict import Verdict
 
@@ -56,6 +58,23 @@ def test_the_check_stands_in_the_certificate_and_both_programs_accept_it():
     found = dd.verify(certified(), certified().problem)
     assert found.holds
     assert "settling" in found.confirmed
+
+
+def endless(*args: Any) -> Iterator[Any]:
+    """Balls that are looked for as long as there is work."""
+    while True:
+        spend(1000)
+    yield
+
+
+@coarse_tables()
+@few_chords()
+def test_balls_that_take_too_long_leave_time_for_the_box_that_moves(monkeypatch):
+    monkeypatch.setattr(propose, "_quadratic", endless)
+    case = Case(loop=loop_of(listening_pair(reach=1)), W=None, domain=NEAR_TARGET, checks=())
+    found = stage.settling_stage(case, tolerance=F(1, 100), report=lambda text: None)
+    assert found.verdict is Verdict.PROVED
+    assert isinstance(found.claim.certificate, Separable)
 
 
 def test_a_settling_time_changes_no_verdict():

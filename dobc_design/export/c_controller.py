@@ -34,8 +34,10 @@ from dobc_design.exact.interval import IntervalMatrix, UndefinedError, discretis
 from dobc_design.exact.matrix import (
     Matrix,
     add,
+    dot,
     identity,
     inverse,
+    left_inverse,
     matrix,
     multiply,
     scale,
@@ -298,8 +300,9 @@ class Hearing:
 
 @noun
 class AgentNumbers:
-    """One agent: index, label, goal (m), gain (p, m), u0 (p) that holds the goal (None for
-    integrators), neighbours by index, and its arcs mode by mode."""
+    """One agent: index, label, goal (m), gain (p, m), or (r) and (p, r) where they are of outputs,
+    u0 (p) that holds the goal (None for integrators), neighbours by index, and its arcs mode by
+    mode."""
 
     index: int
     label: str
@@ -315,7 +318,9 @@ class Controller:
     """A sampled controller with the numbers of its code.  Shapes: Ad (q, q), Cd (p, q), L (q, p),
     rounded to ``precision``; () without an exosystem.  ``motion`` (m, m), ``push`` (m, p),
     ``watch`` (p, m): of [dynamics], where a state becomes x + motion x + push v in a period without
-    a disturbance, or x + motion f(x) + push v. ``period`` in s. ``statements``: what is decided
+    a disturbance, or x + motion f(x) + push v.  ``outputs`` (r, q): where y = H x is measured, of
+    what Ad, Cd, push (q, p) and L (q, r) are then of, states and exosystem; ``begin`` (q, r) makes
+    the first estimate.  ``period`` in s. ``statements``: what is decided
     about these numbers.  ``oldest``: samples that a packet may be old, None where nobody says.
     ``told`` (p, q): Cd of the time at which an answer acts.
     ``states``: where its exosystem's states stand in a simulation, which holds those of all groups
@@ -335,6 +340,8 @@ class Controller:
     motion: Matrix = ()
     push: Matrix = ()
     watch: Matrix = ()
+    outputs: Matrix = ()
+    begin: Matrix = ()
 
     @property
     def late(self) -> int:
@@ -343,8 +350,18 @@ class Controller:
 
     @property
     def q(self) -> int:
-        """Order of the exosystem that the code's agents have; 0 without one."""
-        return len(self.states)
+        """Order of the observer of the code's agents; 0 without one."""
+        return len(self.Ad)
+
+    @property
+    def felt(self) -> int:
+        """How many numbers couplings and pins act on."""
+        return len(self.agents[0].goal)
+
+    @property
+    def estimated(self) -> bool:
+        """Whether couplings and pins act on estimated states."""
+        return loop_of(self.problem).estimated
 
 
 def make_controller(
@@ -377,14 +394,16 @@ def make_controller(
         )
     L = None if sampled_gain is None else matrix(sampled_gain, name="sampled_gain")
     if L is not None:
+        problem.require("a sampled gain")
         check_sampled_gain(shape(L), q=problem.q, m=problem.inputs, grouped=problem.is_grouped)
     asked = _read_period(problem, period, L)
     chosen = _chosen(problem, agents)
-    numbers = tuple(_numbers(problem, agent) for agent in chosen)
+    plant = problem.dynamics or Dynamics(A=zeros(problem.m, problem.m))
+    numbers = tuple(_numbers(problem, plant.seen, agent) for agent in chosen)
     observed = _observed(problem, W, chosen)
     plan = _Plan(
         problem=problem,
-        plant=problem.dynamics or Dynamics(A=zeros(problem.m, problem.m)),
+        plant=plant,
         precision=precision,
         agents=numbers,
         observed=observed,
@@ -411,21 +430,21 @@ def make_controller(
 @noun
 class _Observed:
     """The exosystem (A, C) and the W (q, p) that agents share, () without a disturbance, and the
-    places of its states among those of all groups."""
+    places of its states among those of all groups.  ``drift`` and ``seen``: A and C, or the pair
+    that W is of where outputs are measured."""
 
     A: Matrix = ()
     C: Matrix = ()
     W: Matrix = ()
     states: range = range(0)
+    drift: Matrix = ()
+    seen: Matrix = ()
 
 
 def _observed(problem: Problem, W: Matrix | None, agents: Sequence[int]) -> _Observed:
     """What these agents observe.  Raises: SpecError where they do not share it."""
-    exosystem = problem.joint_exosystem
-    if exosystem is None or W is None:
+    if W is None:
         return _Observed()
-    if not problem.is_grouped:
-        return _Observed(A=exosystem.A, C=exosystem.C, W=W, states=range(problem.q))
     numbers = group_numbers(problem.groups, problem.network.labels)
     # One folder of code has one transition matrix.
     found = {numbers[agent] for agent in agents}
@@ -442,11 +461,17 @@ def _observed(problem: Problem, W: Matrix | None, agents: Sequence[int]) -> _Obs
     if place == len(problem.groups):  # agents in no group
         return _Observed()
     exosystem = problem.groups[place].exosystem
-    own = gains_of(loop_of(problem).groups, W)[place]
+    loop = loop_of(problem)
+    own = gains_of(loop.groups, W)[place]
+    pair = exosystem
+    if loop.sensed:
+        pair = loop.sensed[place].exosystem
+        own = loop.sensed[place].observer.W or own
     # In a simulation the states of all groups stand side by side.
     before = sum(group.exosystem.order for group in problem.groups[:place])
     states = range(before, before + exosystem.order)
-    return _Observed(A=exosystem.A, C=exosystem.C, W=own, states=states)
+    A, C = exosystem.A, exosystem.C
+    return _Observed(A=A, C=C, W=own, states=states, drift=pair.A, seen=pair.C)
 
 
 @noun
@@ -481,17 +506,25 @@ class _Plan:
         L: Matrix = ()
         told: Matrix = ()
         late = inputs_late(problem)
-        statements = []
+        statements = [sampled_network_statement(problem, period, self._step(motion, push))]
+        outputs: Matrix = ()
+        begin: Matrix = ()
         if A:
+            L = self._rounded(self._sampled_gain(period))
             Ad = self._rounded(tuple(row[own:] for row in flow[own:]))
             output = multiply(exact_watch, tuple(row[own:] for row in flow[:m]))
             Cd = told = self._rounded(output)
             if late:
                 told = self._rounded(multiply(output, _middle(discretise(A, late).transition)))
-            L = self._rounded(self._sampled_gain(period))
+            seen = Cd
+            if self.plant.H:  # of states, too
+                Ad = self._rounded(tuple(row[:m] + row[own:] for row in flow[:m] + flow[own:]))
+                Cd = told = tuple((ZERO,) * m + row for row in Cd)
+                push += zeros(len(A), self.plant.inputs)
+                begin = self._rounded(transpose(left_inverse(transpose(self.observed.seen))))
+                seen = outputs = self._rounded(self.observed.seen)
             # What is decided is about the numbers as they are written, after rounding.
-            statements.append(sampled_observer_statement(Ad, Cd, L, period=period))
-        statements.append(sampled_network_statement(problem, period, self._step(motion, push)))
+            statements.insert(0, sampled_observer_statement(Ad, seen, L, period=period))
         return Controller(
             problem=problem,
             period=period,
@@ -507,6 +540,8 @@ class _Plan:
             motion=motion,
             push=push,
             watch=watch,
+            outputs=outputs,
+            begin=begin,
         )
 
     def _oldest(self, period: Fraction) -> int | None:
@@ -545,8 +580,8 @@ class _Plan:
         if self.problem.processor is not None:
             return scale(period, own.W)
         # W corrects from states; from what the inputs explain of them it is W B.
-        gain = multiply(own.W, self.plant.B)
-        error = discretise(subtract(own.A, multiply(gain, own.C)), period).mean
+        gain = own.W if self.plant.H else multiply(own.W, self.plant.B)
+        error = discretise(subtract(own.drift, multiply(gain, own.seen)), period).mean
         return multiply(scale(period, _middle(error)), gain)
 
     def _step(self, motion: Matrix, push: Matrix) -> Step | None:
@@ -625,7 +660,7 @@ def _chosen(problem: Problem, agents: Sequence[Any] | None) -> list[int]:
     return [index[name] for name in names]
 
 
-def _numbers(problem: Problem, agent: int) -> AgentNumbers:
+def _numbers(problem: Problem, seen: Matrix, agent: int) -> AgentNumbers:
     neighbours: dict[int, int] = {}  # index -> place in the code
     modes = []
     for arcs in problem.network.modes.values():
@@ -643,9 +678,9 @@ def _numbers(problem: Problem, agent: int) -> AgentNumbers:
     return AgentNumbers(
         index=agent,
         label=problem.network.labels[agent],
-        goal=goal,
+        goal=tuple(dot(row, goal) for row in seen),
         rest=None if dynamics is None else dynamics.feedforward(goal),
-        gain=problem.pinning.gains.get(agent, zeros(problem.inputs, problem.m)),
+        gain=problem.pinning.gains.get(agent, zeros(problem.inputs, len(seen))),
         neighbours=tuple(neighbours),
         modes=tuple(modes),
     )

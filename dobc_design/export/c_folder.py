@@ -53,7 +53,7 @@ from .c_text import (
     template,
 )
 from .c_text import literal as c_literal
-from .rounding_bound import Array, Recorded, felt_with_error, rounding_bound
+from .rounding_bound import Array, Recorded, estimated, felt_with_error, rounding_bound
 
 SECONDS = 10.0
 MOST_SAMPLES = 400
@@ -176,6 +176,8 @@ class Recorder:
             u=u,
             v=u,
         )
+        if controller.outputs:
+            return estimated(measured)
         e = x[:, i] - run.goal[i]
         # v is what an agent does in all: its couplings, which no simulation records, and u.
         exact = np.zeros_like(e)
@@ -226,11 +228,10 @@ def vectors_csv(recorded: Recorded) -> str:
     """The samples as CSV: time, mode, x, heard values, u, v, dhat; numbers in full double
     precision."""
     problem = recorded.controller.problem
-    m = range(1, problem.m + 1)
     p = range(1, problem.inputs + 1)
-    head = ["time", "mode", *(f"x{c}" for c in m)]
+    head = ["time", "mode", *(f"x{c + 1}" for c in range(recorded.x.shape[1]))]
     for j in range(len(recorded.agent.neighbours)):
-        head += [f"heard{j}_{c}" for c in m]
+        head += [f"heard{j}_{c + 1}" for c in range(recorded.heard.shape[2])]
     for name in ("u", "v", "dhat"):
         head += [f"{name}{c}" for c in p]
     lines = [",".join(head)]
@@ -249,10 +250,6 @@ def vectors_header(recorded: Recorded, tolerance: float) -> str:
     precision."""
     controller, agent = recorded.controller, recorded.agent
     place = next(i for i, each in enumerate(controller.agents) if each.index == agent.index)
-    count = len(recorded.x)
-    heard = recorded.heard
-    if not agent.neighbours:  # C has no arrays of length 0
-        heard = np.zeros((count, 1, controller.problem.m))
     # Derived and not measured: the test must not fail on another processor.
     if not np.isfinite(tolerance):
         raise refused(
@@ -269,13 +266,8 @@ def vectors_header(recorded: Recorded, tolerance: float) -> str:
     return template("vectors.h.j2").render(
         label=comment(agent.label),
         place=place,
-        count=count,
-        neighbours=len(agent.neighbours),
         tolerance=f"{tolerance:.3e}",
-        precision=controller.precision,
-        modes=", ".join(str(int(mode)) for mode in recorded.modes),
-        vectors={"x": recorded.x, "u": recorded.u, "v": recorded.v, "dhat": recorded.dhat},
-        heard=heard,
+        recorded=recorded,
         entries=entries,
     )
 
@@ -358,16 +350,16 @@ def source_text(controller: Controller) -> str:
     problem, precision = controller.problem, controller.precision
     # It notes on the way which helpers and headers the expressions need.
     algebra = CAlgebra(precision)
-    made = partial(function, algebra=algebra, m=problem.m)
+    made = partial(function, algebra=algebra, m=controller.felt)
     couplings = []
     for number, each in enumerate(problem.couplings):
         head = f"coupling_{number}(y, h)"
-        couplings.append(made(head, each.components, each.texts, size="DOBC_INPUTS"))
+        couplings.append(made(head, each.components, each.texts))
     plant = problem.dynamics
     drift = None
     if plant is not None and plant.f:
         expressions = expressions_of(plant)
-        drift = made("drift(x, f)", expressions, plant.f, size="DOBC_COMPONENTS")
+        drift = made("drift(x, f)", expressions, plant.f)
     return template("agent.c.j2").render(
         controller=controller,
         array=partial(array, precision=precision),
@@ -437,7 +429,7 @@ def c_code(recorded: Recorded, *, certified: Statement | None = None) -> CCode:
     texts = {
         "dobc_agent.h": header_text(controller),
         "dobc_agent.c": source_text(controller),
-        "main.c": template("main.c.j2").render(compile=COMPILE),
+        "main.c": template("main.c.j2").render(compile=COMPILE, controller=controller),
         "vectors.h": vectors_header(recorded, tolerance),
         "vectors.csv": vectors_csv(recorded),
         "README.txt": readme(recorded, statements, tolerance),
@@ -466,8 +458,7 @@ def readme(recorded: Recorded, statements: Sequence[Statement], tolerance: float
         controller=controller,
         problem=problem,
         who=f"{agents} ({names})",
-        samples=len(recorded.x),
-        agent=recorded.agent.label,
+        recorded=recorded,
         neighbours=", ".join(heard) or "none",
         compile=COMPILE,
         period=f"{float(controller.period):.6g}",

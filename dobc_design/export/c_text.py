@@ -143,13 +143,11 @@ def function(
     algebra: CAlgebra,
     *,
     m: int,
-    size: str,
 ) -> str:
-    """A C function whose ``head`` is "NAME(y, h)": it writes h(y), of ``size`` components, for y
-    with m."""
+    """A C function whose ``head`` is "NAME(y, h)": it writes h(y), for y with m components."""
     name, y, h = re.findall(r"\w+", head)
     lines = [f"/* {h}({y}) = {comment(', '.join(texts))} */"]
-    parameters = f"const dobc_real {y}[DOBC_COMPONENTS], dobc_real {h}[{size}]"
+    parameters = f"const dobc_real *{y}, dobc_real *{h}"
     lines += [f"static void {name}({parameters})", "{"]
     # Or the compiler warns of a parameter that nothing uses.
     if not any(variables_used(each.node) for each in expressions):

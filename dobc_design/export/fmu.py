@@ -132,16 +132,17 @@ def variables(controller: Controller) -> list[Variable]:
     """The real variables in the order of their numbers: x, y, u, v, dhat, and what is heard of
     every neighbour."""
     problem = controller.problem
+    measured = len(controller.outputs) or problem.m
     wanted = [
-        ("x", "input", "measured state", problem.m),
-        ("y", "output", "x - goal: the packet for those who listen", problem.m),
+        ("x", "input", "what is measured of the state", measured),
+        ("y", "output", "the packet for those who listen, less the goal", controller.felt),
         ("u", "output", "input (19), held until the next sample", problem.inputs),
         ("v", "output", "couplings + u, held until the next sample", problem.inputs),
         ("dhat", "output", "estimated disturbance", problem.inputs),
     ]
     for j in controller.agents[0].neighbours:
         label = problem.network.labels[j]
-        wanted.append((f"heard[{label}]", "input", f"packet y of agent {label}", problem.m))
+        wanted.append((f"heard[{label}]", "input", f"packet y of agent {label}", controller.felt))
     found: list[Variable] = []
     for name, causality, text, size in wanted:
         for c in range(size):

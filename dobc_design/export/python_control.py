@@ -6,6 +6,7 @@ Paper: (1), (12), (13), (19).  Couplings are those of ``simulation.field``;
 """
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import control
@@ -81,7 +82,7 @@ class ConsensusLoop(control.NonlinearIOSystem):  # type: ignore[misc]  # control
         if self.loop.sensed is None:
             z = z - x @ self.loop.W.T
         else:
-            z = np.hstack([np.reshape(x if xhat is None else xhat, x.shape), z])
+            z = np.hstack([x if xhat is None else np.asarray(xhat), z])
         s = trajectory.leader[0] if self.loop.lead else ()
         return _flat(x, xi, z, s)
 
@@ -107,6 +108,8 @@ def to_control(
     names = tuple(problem.network.modes)
     exact = errors_of(problem)
     loop = make_closed_loop(problem, gain)
+    if loop.sensed is not None:
+        loop = replace(loop, A=loop.sensed.pairs.A[loop.m :, loop.m :])
     signal = Fixed(mode=mode) if signal is None else signal
     switches = scheduled_switches(signal, names, float(problem.simulation.t_final), seed)
     # Networks of modes that never are on need not be built.
@@ -132,12 +135,7 @@ def _system(
         Ad = transition(loop, period)
         F = Ad - period * loop.W @ C
     sensed = loop.sensed
-    ends = loop.n * np.cumsum([loop.m, loop.output.shape[1], loop.q])
-
-    def cut(state: Array) -> tuple[Array, Array, Array, Array]:
-        *of_agents, s = np.split(state, ends)
-        x, xi, z = (each.reshape(loop.n, -1) for each in of_agents)
-        return x, xi, z, s
+    size = loop.n * (loop.m + loop.output.shape[1] + loop.q)
 
     def errors(x: Array, z: Array, s: Array) -> Array:
         if sensed is not None and sensed.estimated:
@@ -146,33 +144,35 @@ def _system(
 
     @np.errstate(all="ignore")  # trial steps far from the target overflow
     def update(time: float, state: Array, w: Array, params: Any) -> Array:
-        x, xi, z, s = cut(state)
+        x, xi, z = loop.split(state[:size])
+        s = state[size:]
         e = errors(x, z, s)
         (mode,) = active_at(max(0.0, float(time))).modes.tolist()
         slopes = networks[mode](_flat(e, s))
         # The slopes of a leader, if there is one, come after those of the agents.
         felt, s_dot = np.split(slopes, [e.size])
         x_dot = felt.reshape(x.shape)
-        if sensed is not None and loop.plant is not None:
-            A, B = loop.plant.A, loop.plant.B
-            # Of both states and estimates: what acts on them beside A.
-            v = x_dot - (e + loop.goal) @ A.T - z @ (B @ sensed.d).T
-            d = xi @ loop.output.T + w.reshape(loop.n, -1)
-            z_dot = z @ F.T + x @ sensed.gain.T + v @ sensed.x
-            return _flat(x @ A.T + v + d @ B.T, xi @ exosystem_matrix(loop).T, z_dot, s_dot)
         if len(s):  # goals move with the leader
             x_dot = x_dot + s_dot
-        xihat = z + applied(loop.W, x)
-        x_dot = x_dot - xihat @ loop.C.T
-        z_dot = xihat @ loop.F.T - applied(loop.W, x_dot)
-        d = xi @ loop.C.T
+        xi_dot = xi @ loop.A.T
+        if sensed is not None:
+            eps = np.hstack([x, xi]) - z
+            x_dot = x_dot + eps @ loop.C.T
+            if sensed.estimated:
+                x_dot = x_dot + eps @ (sensed.x @ F).T
+            z_dot = np.hstack([x_dot, xi_dot]) - eps @ F.T
+        else:
+            xihat = z + applied(loop.W, x)
+            x_dot = x_dot - xihat @ loop.C.T
+            z_dot = xihat @ F.T - applied(loop.W, x_dot)
+            x_dot = x_dot + xi @ loop.C.T
         if loop.plant is not None:
             w = (w.reshape(loop.n, -1) @ loop.plant.B.T).ravel()
-        return _flat(_flat(x_dot + d) + w, xi @ loop.A.T, z_dot, s_dot)
+        return _flat(_flat(x_dot) + w, xi_dot, z_dot, s_dot)
 
     @np.errstate(all="ignore")
     def step(time: float, state: Array, w: Array, params: Any) -> Array:
-        x, xi, z, _ = cut(state)
+        x, xi, z = loop.split(state)
         (mode,) = active_at(max(0.0, float(time))).modes.tolist()
         xihat = z + x @ loop.W.T
         v = networks[mode](_flat(x - loop.goal)).reshape(x.shape) - xihat @ C.T
@@ -182,25 +182,22 @@ def _system(
 
     @np.errstate(all="ignore")
     def output(time: float, state: Array, w: Array, params: Any) -> Array:
-        x, _, z, s = cut(state)
-        dhat = (z + x @ loop.W.T) @ C.T if sensed is None else z @ sensed.d.T
-        u = loop.control(errors(x, z, s), dhat, active_at(max(0.0, float(time))))
+        x, _, z = loop.split(state[:size])
+        xihat = z + x @ loop.W.T if sensed is None else z[:, loop.of_xi]
+        dhat = xihat @ C.T
+        e = errors(x, z, state[size:])
+        u = loop.control(e, dhat, active_at(max(0.0, float(time))))
         return _flat(x, dhat, u)
 
     name = "".join(c if c.isalnum() else "_" for c in problem.name)
     return ConsensusLoop(loop, step if period else update, output, name, period)
 
 
-def exosystem_matrix(loop: ClosedLoop) -> Array:
-    """A of (12), (q, q)."""
-    return loop.A if loop.sensed is None else loop.sensed.pairs.A[loop.m :, loop.m :]
-
-
 def exosystem_of(loop: ClosedLoop, period: float = 0) -> Any:
     """(12) of one agent as control.StateSpace: output d_i; the input is a dummy that does
     nothing."""
     p, q = loop.output.shape
-    A = transition(loop, period) if period else exosystem_matrix(loop)
+    A = transition(loop, period) if period else loop.A
     C = discretised(loop, period).Cd if period else loop.output
     states = _names("xi", q, 1)
     outputs = _names("d", p, 1)
@@ -215,7 +212,7 @@ def observer_of(loop: ClosedLoop, period: float = 0) -> Any:
     dhat_i; from sample to sample z+ = F (z + W x) - W (x + T v), F = Ad - T W Cd."""
     C, W = loop.output, loop.W
     p = len(C)
-    F = loop.A - W @ loop.C
+    F = loop.F
     seen = "x"
     # z = xihat - W x takes the place of the estimate: no derivative of x is needed.
     by_x, by_v = F @ W, -W

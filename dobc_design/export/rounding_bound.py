@@ -8,6 +8,7 @@ because the recorded states do not answer to it.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from fractions import Fraction
 from itertools import accumulate, repeat
 
@@ -117,6 +118,29 @@ class Recorded:
     v: Array
 
 
+def estimated(measured: Recorded) -> Recorded:
+    """The samples of an agent of whose states, and of those that it hears, outputs are measured:
+    what it has to answer, with estimates that follow from y alone."""
+    controller, agent = measured.controller, measured.agent
+    Ad, Cd, L, H = map(to_float, (controller.Ad, controller.Cd, controller.L, controller.outputs))
+    m = measured.x.shape[1]
+    ys = measured.x @ H[:, :m].T
+    if not controller.estimated:
+        measured = replace(measured, heard=measured.heard @ H[:, :m].T)
+    z = to_float(controller.begin) @ ys[0]
+    rows = []
+    for k, y in enumerate(ys):
+        e = (z[:m] if controller.estimated else y) - to_float((agent.goal,))
+        here = replace(measured, modes=measured.modes[k : k + 1], heard=measured.heard[k : k + 1])
+        dhat = Cd @ z
+        u = to_float((agent.rest or (),))[0] - to_float(agent.gain) @ e[0] - dhat
+        v = felt_with_error(here, e, 0 * e, 0.0).value[0] + u
+        rows.append((z, dhat, u, v))
+        z = Ad @ z + to_float(controller.push) @ v + L @ (y - H @ z)
+    xihat, dhats, us, vs = map(np.array, zip(*rows, strict=True))
+    return replace(measured, x=ys, xihat=xihat, dhat=dhats, u=us, v=vs)
+
+
 def rounding_bound(recorded: Recorded) -> float:
     """The largest difference of u, v and dhat between C code of the controller's precision and the
     recorded samples."""
@@ -133,10 +157,16 @@ def _bound(recorded: Recorded, u: float) -> float:
     m = controller.problem.m
     goal = to_float((agent.goal,))[0]
     gain = abs(to_float(agent.gain))
-    e = recorded.x - goal
+    x = recorded.xihat[:, :m] if controller.estimated else recorded.x
+    e = x - goal
     # of e: its input, the goal, the difference
     size_of_e = abs(e)
-    own = u * (abs(recorded.x) + abs(goal) + size_of_e)
+    own = u * (abs(x) + abs(goal) + size_of_e)
+    off = np.zeros(q)
+    if controller.outputs:
+        off = _estimate_error(recorded, u)
+    if controller.estimated:
+        own = own + off[:m]
     # Every operation below adds one u of its result; a product of a row and a column one for each.
     felt = felt_with_error(recorded, e, own, u)
     pull = own @ gain.T + (m + 2) * u * size_of_e @ gain.T
@@ -150,7 +180,9 @@ def _bound(recorded: Recorded, u: float) -> float:
     told = abs(to_float(controller.told))
     L = abs(to_float(controller.L))
     size = abs(recorded.xihat) @ told.T
-    held = felt.error + pull + (q + 2) * u * size + 3 * u * (sized + size)
+    held = felt.error + pull + (q + 2) * u * size + 3 * u * (sized + size) + told @ off
+    if controller.outputs:
+        return float(max(np.max(held), np.max(off)))
     surprise = _innovation(recorded, held, u)
     expected = abs(recorded.xihat[:-1]) @ abs(to_float(controller.Cd)).T
     local = surprise.error + (q + 2) * u * expected
@@ -160,6 +192,17 @@ def _bound(recorded: Recorded, u: float) -> float:
     powers = accumulate(repeat(Ad, len(recorded.x) - 2), np.matmul, initial=np.eye(q))
     carried = sum(map(abs, powers), np.zeros((q, q))) @ np.max(estimate, axis=0, initial=0.0)
     return float(np.max(held) + np.max(told @ carried))
+
+
+def _estimate_error(recorded: Recorded, u: float) -> Array:
+    """How far an estimate may be off that follows from a sample as it was recorded, (q,)."""
+    controller = recorded.controller
+    z, v, y = (np.max(abs(each), axis=0) for each in (recorded.xihat, recorded.v, recorded.x))
+    moved = abs(to_float(controller.Ad)) @ z + abs(to_float(controller.push)) @ v
+    moved += abs(to_float(controller.L)) @ (y + abs(to_float(controller.outputs)) @ z)
+    moved += abs(to_float(controller.begin)) @ y
+    # Sums have fewer terms than two estimates; these were rounded before, and so are the sums.
+    return np.asarray(4 * (len(z) + 1) * u * moved)
 
 
 def _innovation(recorded: Recorded, held: Array, u: float) -> Erring:

@@ -320,9 +320,8 @@ def _times(dynamics: Dynamics, coupling: Coupling) -> Coupling:
     """B h, with as many expressions as state components; of H y where couplings act on outputs."""
     B = dynamics.B
     m = dynamics.dimension
-    H = dynamics.H if dynamics.acts_on else None
     texts = coupling.texts
-    if coupling.by_component and is_scalar_matrix(B) and H is None:
+    if coupling.by_component and is_scalar_matrix(B) and not dynamics.acts_on:
         if B[0][0] == 1:
             return coupling
         return _made(f"({number_text(B[0][0])})*({texts[0]})", m)
@@ -330,8 +329,8 @@ def _times(dynamics: Dynamics, coupling: Coupling) -> Coupling:
         # y of the file stands for every component in turn.
         names = variable_names(dynamics.felt)
         texts = tuple(re.sub(r"\by\b", name, texts[0]) for name in names)
-    if H is not None:
-        texts = through(H, texts)
+    if dynamics.acts_on:
+        texts = through(dynamics.seen, texts)
     rows = []
     for row in B:
         parts = [f"({number_text(b)})*({h})" for b, h in zip(row, texts, strict=True) if b]

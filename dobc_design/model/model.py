@@ -16,7 +16,7 @@ import scipy.sparse as sp
 
 from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Headed
-from dobc_design.exact.matrix import identity, to_float
+from dobc_design.exact.matrix import to_float
 from dobc_design.loop import arrays
 from dobc_design.loop.make import errors_of
 from dobc_design.loop.matrices import Array
@@ -97,13 +97,9 @@ def build_model(
     name = arrays.chosen_mode(problem, mode)
     loop = errors_of(problem)
     W = arrays.required_gain(loop, gain)
-    if loop.sensed:
-        W = to_float(problem.joint_observer.W or ())
     groups = arrays.plant_arcs(problem, name)
     own = problem.dynamics
-    seen = np.eye(problem.m)
-    if own is not None:
-        seen = to_float(own.on_states(identity(own.felt)))
+    seen = np.eye(problem.m) if own is None else to_float(own.seen)
     felt = felt_inputs(groups, n=problem.n, p=problem.inputs, seen=seen)
     equations = _Equations(problem, name, felt, arrays.disturbance_arrays(loop, gain))
     return Model(
@@ -112,7 +108,7 @@ def build_model(
         n=problem.n,
         m=problem.m,
         q=problem.q,
-        W=W,
+        W=W if equations.sensed is None else equations.sensed.pairs.W,
         h=felt.h,
         jacobian=felt.jacobian,
         observer=equations.observer(),
@@ -164,7 +160,7 @@ class _Equations:
         x = self._symbol("x")
         u = self._symbol("u")
         z_dot = self._observer_slope(z, x, u)
-        xihat, dhat = self._estimates(z, x)
+        xihat, dhat, _ = self._known(z, x)
         outputs = {"z_dot": z_dot, "xihat": xihat, "dhat": dhat}
         return function("observer", {"z": z, "x": x, "u": u}, outputs)
 
@@ -182,8 +178,7 @@ class _Equations:
         xi = self._symbol("xi")
         z = self._symbol("z")
         d = self._per_agent(self.C, xi)
-        _, dhat = self._estimates(z, x)
-        known = self._known(z, x)
+        _, dhat, known = self._known(z, x)
         u = self._control(known, dhat)
         felt = self.h(known - self.goal) + u - self.u0 + d
         x_dot = self._moved(x - self.goal, felt) + self.drift
@@ -235,18 +230,15 @@ class _Equations:
         columns = ca.reshape(stacked, factor.size2(), self.problem.n)
         return ca.vec(factor @ columns)
 
-    def _estimates(self, z: Any, x: Any) -> tuple[Any, Any]:
-        """xihat, with xhat where outputs are measured, and dhat of every agent."""
-        if self.sensed is not None:
-            return z, self._per_agent(ca.DM(self.sensed.d), z)
-        xihat = z + self._applied(self.W, x)
-        return xihat, self._per_agent(self.C, xihat)
-
-    def _known(self, z: Any, x: Any) -> Any:
-        """The states that couplings and pins act on."""
-        if self.sensed is not None and self.sensed.estimated:
-            return self._per_agent(ca.DM(self.sensed.x), z)
-        return x
+    def _known(self, z: Any, x: Any) -> tuple[Any, Any, Any]:
+        """xihat, with xhat where outputs are measured, dhat, and the states that agents act on."""
+        sensed = self.sensed
+        if sensed is None:
+            xihat = z + self._applied(self.W, x)
+            return xihat, self._per_agent(self.C, xihat), x
+        if sensed.estimated:
+            x = self._per_agent(ca.DM(sensed.x), z)
+        return z, self._per_agent(ca.DM(sensed.d), z), x
 
     def _applied(self, gain: Array, y: Any) -> Any:
         """W y of every agent, whose gains are blocks of a large matrix where they differ."""
@@ -271,14 +263,13 @@ class _Equations:
 
     def _observer_slope(self, z: Any, x: Any, u: Any) -> Any:
         """z_dot of (13), or of an observer of states, too."""
-        e = self._known(z, x) - self.goal
+        xihat, _, known = self._known(z, x)
+        e = known - self.goal
         felt = self.h(e) + u
         if self.sensed is not None:
-            y = self._per_agent(ca.DM(self.sensed.H), x)
             moved = self._per_agent(self.F, z) + self._applied(self.sensed.B, felt)
-            return moved + self._applied(self.sensed.pairs.W, y)
+            return moved + self._applied(self.sensed.gain, x)
         x_dot = self._moved(e, felt - self.u0) + self.drift
-        xihat, _ = self._estimates(z, x)
         return self._per_agent(self.F, xihat) - self._applied(self.W, x_dot)
 
     def _control(self, x: Any, dhat: Any) -> Any:

@@ -98,11 +98,16 @@ class Dynamics(Shown):
     @property
     def felt(self) -> int:
         """How many components couplings and pins act on: states, or measured outputs."""
-        return len(self.H) if self.H is not None and self.acts_on else self.dimension
+        return len(self.seen)
 
     def on_states(self, K: Matrix) -> Matrix:
         """A gain of what couplings and pins act on, as one of the states: K, or K H."""
-        return multiply(K, self.H) if self.H is not None and self.acts_on else K
+        return multiply(K, self.seen) if self.acts_on else K
+
+    @property
+    def seen(self) -> Matrix:
+        """What couplings and pins act on, of the states: H, or the identity."""
+        return self.H if self.H is not None and self.acts_on else identity(self.dimension)
 
     @property
     def dimension(self) -> int:

@@ -261,11 +261,10 @@ class ClosedLoop:
         """Cut states (n (m + 2 q), R) into x (n, m, R), xi and z (n, q, R); also without R."""
         many = y.shape[1:]
         # slices and transposes: `split` and `moveaxis` take as long as the products
-        after = self.n * (self.m + self.q)
-        of_observers = (self.n, self.q, *many)
+        after = self.n * (self.m + self.output.shape[1])
         x = y[: self.size].reshape(self.n, self.m, *many)
-        xi = y[self.size : after].reshape(of_observers)
-        return x, xi, y[after:].reshape(of_observers)
+        xi = y[self.size : after].reshape(self.n, -1, *many)
+        return x, xi, y[after:].reshape(self.n, self.q, *many)
 
     def control(self, e: Array, dhat: Array, active: Active) -> Array:
         """u of (19) for e (..., n, m) and dhat (..., n, p), one mode for each row of errors."""

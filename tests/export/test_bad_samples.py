@@ -8,6 +8,7 @@ import pytest
 from agents import double_integrators, pendulums, three_states
 from c_code import needs_gcc, planar
 from c_code_samples import GOOD, KINDS, Program, wrong_cases
+from measured import CARTS
 
 from dobc_design.problem.load import load_problem
 
@@ -46,3 +47,22 @@ def test_a_converged_observer_misses_five_samples_and_expects_them_right(problem
     assert np.abs(program.dhat[-GOOD:]).max() > 0.1
     differences = found[:, : program.p]
     assert np.abs(differences - program.u)[-GOOD:].max() < 1e-4
+
+
+@needs_gcc
+@pytest.mark.parametrize("name", ["estimates", pytest.param("outputs", marks=pytest.mark.slow)])
+def test_estimates_of_states_live_through_missing_outputs(name, tmp_path):
+    """Of any kind of bad y, at the start and later; the sanitizers watch.  ``test_outputs`` has the
+    answers."""
+    program = Program(CARTS[name], tmp_path, period="1/20", precision="double")
+    bad = np.r_[0:3, 80:85]
+
+    def spoil(x, heard, limited, u):
+        x[bad] = np.resize(KINDS, (len(bad), 1))
+
+    (found,) = program.run([SimpleNamespace(spoil=spoil)])
+    assert np.isfinite(found).all()
+    assert found[-1, -1] == len(bad)
+    assert not found[:3, : program.p].any()
+    apart = np.abs(found[:, : program.p] - program.u)
+    assert apart.max() < 0.5 * np.abs(program.u).max()

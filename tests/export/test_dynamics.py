@@ -1,11 +1,8 @@
 """Exports of agents with [dynamics]: python-control and C give the simulated loop; the others
 refuse first."""
 
-import ctypes
 import importlib.util
-import zipfile
 from functools import partial
-from xml.etree import ElementTree
 
 import control
 import numpy as np
@@ -21,6 +18,7 @@ from agents import (
 )
 from c_code import CompiledAgents, compile_and_test, needs_gcc, write_all
 from certified import consensus_claims
+from loaded_fmu import LoadedFmu
 from scipy.integrate import solve_ivp
 from scipy.linalg import block_diag, expm
 from scipy.optimize import brentq
@@ -414,46 +412,14 @@ def test_an_fmu_answers_like_the_loop(name, m, p, tmp_path):
     times = [k * period for k in range(21)]
     stress = dd.Stress(period=period)
     run = dd.simulate(problem, t_final=times[-1], samples=times, stress=stress, seed=2)
-    made = dd.export.to_fmu(problem, period="1/20", agent="a")
-    with zipfile.ZipFile(made.save(tmp_path / "a.fmu")) as archive:
-        archive.extractall(tmp_path)
-    told = ElementTree.parse(tmp_path / "modelDescription.xml").getroot()
-    numbers = {}
-    for each in told.find("ModelVariables"):
-        numbers[each.get("name")] = int(each.get("valueReference"))
+    agent = LoadedFmu(dd.export.to_fmu(problem, period="1/20", agent="a"), tmp_path)
     inputs = [f"{name}[{c + 1}]" for name in ("x", "heard[b]") for c in range(m)]
     outputs = [f"{name}[{c + 1}]" if p > 1 else name for name in ("u", "dhat") for c in range(p)]
     outputs += [f"y[{c + 1}]" for c in range(m)]
-    library = ctypes.CDLL(str(next(tmp_path.glob("binaries/*/dobc_agent.*"))))
-    make = library.fmi3InstantiateCoSimulation
-    make.restype = ctypes.c_void_p
-    none = ctypes.c_void_p()
-    no = ctypes.c_bool(False)
-    zero = ctypes.c_size_t(0)
-    token = told.get("instantiationToken").encode()
-    instance = make(b"a", token, b"", no, no, no, no, none, zero, none, none, none)
-    own = ctypes.c_void_p(instance)
-    library.fmi3EnterInitializationMode(
-        own, no, ctypes.c_double(0), ctypes.c_double(0), no, ctypes.c_double(0)
-    )
-    flag = ctypes.byref(ctypes.c_bool())
-    last = ctypes.byref(ctypes.c_double())
-
-    def moved(call, names, values):
-        references = (ctypes.c_uint32 * len(names))(*map(numbers.get, names))
-        held = (ctypes.c_double * len(names))(*values)
-        size = ctypes.c_size_t(len(names))
-        assert call(own, references, size, held, size) == 0
-        return list(held)
-
     for k, time in enumerate(times):
         y = run.x[k] - run.goal
-        inputs_now = [*run.x[k, 0], *y[1]]
-        moved(library.fmi3SetFloat64, inputs, inputs_now)
-        now = ctypes.c_double(time)
-        step = ctypes.c_double(period)
-        assert library.fmi3DoStep(own, now, step, no, flag, flag, flag, last) == 0
-        found = moved(library.fmi3GetFloat64, outputs, [0.0] * len(outputs))
+        given = dict(zip(inputs, [*run.x[k, 0], *y[1]], strict=True))
+        found = agent(time, period, given, outputs)
         np.testing.assert_allclose(found, [*run.u[k, 0], *run.dhat[k, 0], *y[0]], atol=1e-11)
-    library.fmi3FreeInstance(own)
+    agent.close()
     assert np.abs(run.dhat).max() > 0.1

@@ -35,6 +35,7 @@ static dobc_agent agents[DOBC_AGENTS];
 void start(void);
 void settle(int mode, const double *x, const unsigned char *arrived, double limit, double *u,
 double *v, double *dhat);
+unsigned long skipped(int agent);
 
 void start(void)
 {
@@ -42,6 +43,11 @@ void start(void)
     for (i = 0; i < DOBC_AGENTS; i++) {
         dobc_init(&agents[i], &dobc_agents[i]);
     }
+}
+
+unsigned long skipped(int agent)
+{
+    return agents[agent].skipped;
 }
 
 static int find(const char *label)
@@ -60,13 +66,13 @@ static int find(const char *label)
 void settle(int mode, const double *x, const unsigned char *arrived, double limit, double *u,
 double *v, double *dhat)
 {
-    dobc_real own[DOBC_AGENTS][DOBC_COMPONENTS], y[DOBC_AGENTS][DOBC_COMPONENTS];
+    dobc_real own[DOBC_AGENTS][DOBC_MEASURED], y[DOBC_AGENTS][DOBC_PACKET];
     dobc_output output;
     int i, j, c;
 
     for (i = 0; i < DOBC_AGENTS; i++) {
-        for (c = 0; c < DOBC_COMPONENTS; c++) {
-            own[i][c] = (dobc_real)x[i * DOBC_COMPONENTS + c];
+        for (c = 0; c < DOBC_MEASURED; c++) {
+            own[i][c] = (dobc_real)x[i * DOBC_MEASURED + c];
         }
         dobc_packet(&agents[i], own[i], y[i]);
     }
@@ -189,7 +195,7 @@ class CompiledAgents:
     def __call__(
         self, mode: int, x: np.ndarray, *, arrived: np.ndarray | None = None, limit: float = 0.0
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """u, v and dhat (n, p) for measured states x (n, m)."""
+        """u, v and dhat (n, p) for what is measured, x (n, m) or outputs (n, r)."""
         if arrived is None:
             flags = np.ones((self.n, self.n), dtype=np.uint8)
         else:

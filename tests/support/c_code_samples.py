@@ -67,10 +67,10 @@ int main(void)
         for (k = 0; k < samples; k++) {
             dobc_set_mode(&agent, (int)next());
             for (j = 0; j < dobc_agents[place].neighbour_count; j++) {
-                take(values, DOBC_COMPONENTS);
+                take(values, DOBC_PACKET);
                 dobc_receive(&agent, j, values);
             }
-            take(values, DOBC_COMPONENTS);
+            take(values, DOBC_MEASURED);
             dobc_step(&agent, values, &output);
             c = next() > 0;
             take(values, DOBC_INPUTS);
@@ -129,12 +129,14 @@ class Program:
         table = np.array(rows, dtype=float)
         if precision == "float":  # what the code is given
             table = np.float32(table).astype(float)
-        end = 2 + self.m * (1 + len(self.agent.neighbours))
+        first = 2 + (len(self.code.controller.outputs) or self.m)
+        felt = len(self.agent.goal)
+        end = first + felt * len(self.agent.neighbours)
         self.mode = table[:, 1].astype(int)
-        self.x = table[:, 2 : 2 + self.m]
-        heard = table[:, 2 + self.m : end]
+        self.x = table[:, 2:first]
+        heard = table[:, first:end]
         neighbours = len(self.agent.neighbours)
-        self.heard = heard.reshape(len(table), neighbours, self.m)
+        self.heard = heard.reshape(len(table), neighbours, felt)
         self.u, self.dhat = (table[:, table.shape[1] - k * self.p :][:, : self.p] for k in (3, 1))
 
     def run(self, cases: list[Case]) -> list[Any]:

@@ -14,15 +14,15 @@
 #endif
 
 #define TOKEN @TOKEN@
-#define M DOBC_COMPONENTS
+#define M DOBC_PACKET
 #define P DOBC_INPUTS
 #define HEARD @HEARD@ /* neighbours of this agent */
 /* value references, as in modelDescription.xml */
 #define TIME 0u
 #define MODE 1u
 #define X 2u
-#define Y (X + M)
-#define PACKET (X + 2 * M + 3 * P) /* after x, y, u, v and dhat */
+#define Y (X + DOBC_MEASURED)
+#define PACKET (Y + M + 3 * P) /* after x, y, u, v and dhat */
 #define END (PACKET + HEARD * M)
 
 typedef struct {
@@ -31,7 +31,7 @@ typedef struct {
     double start, time;
     double samples; /* taken so far */
     int mode;
-    dobc_real x[M], y[M];
+    dobc_real x[DOBC_MEASURED], y[M];
     dobc_real packets[HEARD + 1][M];
 } instance_t;
 
@@ -51,6 +51,7 @@ static void sample(instance_t *own, dobc_agent *agent)
     }
 #endif
     dobc_set_mode(agent, own->mode);
+    dobc_packet(agent, own->x, own->y);
     dobc_step(agent, own->x, &own->output);
 }
 
@@ -58,13 +59,16 @@ static void sample(instance_t *own, dobc_agent *agent)
 static dobc_real *place(instance_t *own, fmi3ValueReference reference)
 {
     dobc_real *const parts[] = {own->output.u, own->output.v, own->output.dhat};
-    const fmi3ValueReference outputs = X + 2 * M;
+    const fmi3ValueReference outputs = Y + M;
 
     if (reference < X || reference >= END) {
         return 0;
     }
+    if (reference < Y) {
+        return own->x + (reference - X);
+    }
     if (reference < outputs) {
-        return (reference < Y ? own->x : own->y) + (reference - X) % M;
+        return own->y + (reference - Y);
     }
     if (reference < PACKET) {
         return parts[(reference - outputs) / P] + (reference - outputs) % P;
@@ -158,7 +162,9 @@ FMI3_EXPORT fmi3Status fmi3GetFloat64(fmi3Instance instance, const fmi3ValueRefe
     if (size != count) {
         return fmi3Error;
     }
+#ifndef DOBC_ESTIMATED /* estimated states are those of the last sample */
     dobc_packet(&own->agent, own->x, own->y);
+#endif
     for (i = 0; i < count; i++) {
         const dobc_real *found = place(own, references[i]);
 

@@ -15,6 +15,7 @@ from operator import mul
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
+from .arcs import around, decreases, read_claim
 from .bands import need_bands
 from .channels import channel_of, entries, is_estimated
 from .claims import Case
@@ -37,6 +38,7 @@ from .matrices import (
     paired,
     plus,
     product,
+    root,
     transpose,
 )
 from .quadratic import gains_shape
@@ -75,6 +77,9 @@ def accuracy(case: Case, check: Any) -> None:
     asked = case.uncertainty is not None and check.rate is None
     need(asked, "there is no [uncertainty], or it claims a rate")
     need(case.n <= AGENTS, f"there are more than {AGENTS} agents")
+    if "balls" in (check.exact or {}):
+        by_balls(case, check)
+        return
     linear = case.domain == "global"
     everywhere = not linear or check.domain == "global"
     need(everywhere, "the couplings are linear, and the domain is not global")
@@ -165,7 +170,6 @@ def by_stages(case: Case, check: Any) -> None:
             shrinks(case, each, peaks)
     last = stages[-1]
     missed = off(case, peaks) if turned else [ZERO]
-    need(set(exact.bounds) == set(case.labels), "there is not one bound for each agent")
     for label, end in paired(case.labels, sizes(S, last.v)):
         listed = exact.bounds[label]
         bounds = read(listed, (rational,) * case.m) if turned else [rational(listed)]
@@ -202,17 +206,21 @@ def holds_starts(case: Case, domain: Any, claim: Any) -> None:
 
 
 def shrinks_turned(case: Case, T: Matrix, stage: Any, peaks: Any) -> None:
-    """All rows of a stage in coordinates, with what acts on each agent through B, on [level, rho]:
-    they are linear."""
+    """All rows of a stage in coordinates, with what acts on each agent, on [level, rho]: they are
+    linear."""
+    load = [b / stage.level for b in entering(case, T, peaks)]
+    shown(case, SimpleNamespace(**vars(stage), T=T), inverse(T), load)
+
+
+def entering(case: Case, T: Matrix, peaks: Any) -> Vector:
+    """What acts on the components of T e, agent by agent."""
     plant = case.uncertainty
     seen = plant.measurement == 0 or is_estimated(case)
     need(seen, "measurement noise is not known in coordinates")
     weights_known = plant.weights == plant.gains == 0
     need(weights_known, "errors of weights and gains are not known in coordinates")
-    b = acting(case, peaks) / stage.level
-    entering = [row for each in entries(case) for row in product(T, each)]
-    load = [b * sum(map(abs, row)) for row in entering]
-    shown(case, SimpleNamespace(**vars(stage), T=T), inverse(T), load)
+    acts = [row for each in entries(case) for row in product(T, each)]
+    return [acting(case, peaks) * sum(map(abs, row)) for row in acts]
 
 
 class Added(NamedTuple):
@@ -234,6 +242,7 @@ class Loads:
         self.v = loop.with_fixed(v)
         # of a difference of two measured states, which that of a pair is
         self.noise = self.plant.measurement * (1 if loop.differences else 2)
+        self.added = cache(self.find_added)
         self.steepest = cache(self.find_steepest)
         self.secant = cache(self.find_secant)
 
@@ -274,7 +283,11 @@ class Loads:
             found += arc.w * width * self.secant(arc.coupling, width)
         return found
 
-    def added(self, i: int) -> Added:
+    def on(self, i: int, heard: list[Arc]) -> Fraction:
+        """What acts on an agent, as a number, by the arcs of a mode."""
+        return Fraction(self.plant.disturbance + self.by_noise(i, heard) + self.added(i).number)
+
+    def find_added(self, i: int) -> Added:
         """What an observer passes on to an input: it may have seen any mode."""
         plant = self.plant
         peaks = self.peaks
@@ -299,7 +312,7 @@ def shrinks(loop: Loop, stage: Any, peaks: Any) -> list[Added]:
     added = [loads.added(i) for i in loop.nodes]
     curves = tables(loop, stage.rho, (v, v, bottom))
     for i, heard in loop.rows:
-        load = plant.disturbance + loads.by_noise(i, heard) + added[i].number
+        load = loads.on(i, heard)
         arcs = [Heard(arc.coupling, arc.w, v[arc.j], arc.loose) for arc in heard]
         c = (loop.least_gain(i, plant.gains) - stage.alpha) * v[i] - added[i].part * bottom
         row = Row(v[i], c, tuple(arcs))
@@ -312,6 +325,43 @@ def shrinks(loop: Loop, stage: Any, peaks: Any) -> list[Added]:
             holds = curved_row(row, bottom, stage.rho, curves, errors)
         need(holds, f"the row of agent {loop.labels[i]} is not shown")
     return added
+
+
+# --- Arc-wise balls
+def by_balls(case: Case, check: Any) -> None:
+    """V falls in every ball to where the next one begins, and in the last one down to the
+    bounds."""
+    shape = {"balls": [partial(read_claim, case)], "bounds": an_object}
+    exact, peaks = with_peaks(case, check, shape)
+    balls = exact.balls
+    need(1 <= len(balls) <= STAGES, f"there is not between 1 and {STAGES} balls")
+    need(getattr(check.domain, "kind", None) == "box", "the starts are no box")
+    around(case, balls[0], check.domain)
+    felt = not is_estimated(case) and (not case.q or case.uncertainty.known_to_agents)
+    need(felt, "estimates feel errors of the weights, or are those of outputs")
+    for ball, after in pairwise([*balls, balls[-1]]):
+        need(ball.rate > 0, "a rate is not positive")
+        decreases(case, ball)
+        squares = paired(ball.d, loads_in(case, ball, peaks))
+        left = sum((d * x for d, x in squares), ZERO) / ball.rate**2
+        held = ball.d == after.d and left < min(ball.level, after.level)
+        need(held, "a ball does not hold what the one before leaves")
+    for label, d in paired(case.labels, ball.d):
+        bound = rational(exact.bounds[label])
+        need(bound > 0 and bound**2 * d >= left, "a bound is too small")
+
+
+def loads_in(case: Case, ball: Any, peaks: Any) -> Vector:
+    """Of every agent the square of what acts on it in a ball, over its components."""
+    if case.B is not None:
+        acts = entering(case, identity(case.m), peaks)
+        return [sum((b * b for b in acts[: case.m]), ZERO)] * case.n
+    box = SimpleNamespace(v=[root(ball.level / d) for d in ball.d], rho=Fraction(1))
+    loads = Loads(case, box, peaks)
+    found = [ZERO] * case.n
+    for i, heard in case.rows:
+        found[i] = max(found[i], case.m * loads.on(i, heard) ** 2)
+    return found
 
 
 # --- The whole loop
@@ -341,7 +391,6 @@ def whole_loop(case: Case, check: Any) -> None:
     missed = off(case, peaks)
     # bounds of 0 would be claims about rest, which takes for ever
     need(any_shape + sum(left) > 0, "nothing acts on the loop")
-    need(set(exact.bounds) == set(case.labels), "there is not one list of bounds for each agent")
     for i, label in enumerate(case.labels):
         bounds = read(exact.bounds[label], (rational,) * case.m)
         for c, bound in enumerate(bounds):
@@ -374,6 +423,8 @@ def steps_of(*names: str) -> Object:
 def with_peaks(case: Case, check: Any, shape: Object) -> tuple[Any, Any]:
     """What a claim says, and the peak gains of its observer, which are shown here; 0 without an
     exosystem."""
+    stated = an_object(an_object(check.exact).get("bounds"))
+    need(set(stated) == set(case.labels), "there is not one bound, or list, for each agent")
     if case.q == 0:
         return read(check.exact, shape), SimpleNamespace(**NOTHING)
     wanted: Object = {}

@@ -184,17 +184,13 @@ def drift(case: Any, end: Fraction) -> Fraction:
 # --- Arcs between nodes
 def between(case: Case, claim: Any, found: dict[Arcs, Arc]) -> None:
     """None takes more than it may."""
-    curved = defaultdict(list)
+    alike = defaultdict(list)
     for each, arc in found.items():
         ends = f"from {case.labels[arc.j]} to {case.labels[arc.i]}"
         may_be_away = each.a >= 0 <= each.b or not each.loose
         need(may_be_away, f"an arc {ends} that may be away takes less than nothing")
-        if not each.h.straight:
-            curved[each.h].append((each, ends))
-        else:
-            takes_it = all(linear(each, g) for g in each.h.slope(0, 0))
-            need(takes_it, f"what the arc {ends} takes is not shown")
-    for h, arcs in curved.items():
+        alike[each.h].append((each, ends))
+    for h, arcs in alike.items():
         farthest = max(1 / each.own + 1 / each.other for each, _ in arcs)
         end = enclosed(root(claim.level * farthest))[1]
         faces = [Gains(h, mirrored) for mirrored in (False, True)]
@@ -202,12 +198,6 @@ def between(case: Case, claim: Any, found: dict[Arcs, Arc]) -> None:
             disc = Disc(each, claim.level)
             shown = all(throughout(end, partial(disc.settled, gains)) for gains in faces)
             need(shown, f"what the arc {ends} takes is not shown")
-
-
-def linear(arc: Arcs, gain: Fraction) -> bool:
-    """a x^2 + b y^2 >= 2 c gain x (y - x) for all x and y, exactly."""
-    pulls = [c * gain for c in arc.c]
-    return all(semidefinite([[arc.a + 2 * c, -c], [-c, arc.b]]) for c in pulls)
 
 
 class Gains:

@@ -102,7 +102,7 @@ def answer_of(loop: Loop, checks: Sequence[Check], id: str) -> Check | None:
     for name in ids:
         for check in checks:
             answers = check.id == name or (name == READINGS and knows_readings(check))
-            if answers and check.is_proved and _holds_asked(loop, check):
+            if answers and check.is_proved and holds_asked(loop, check):
                 return check
     return None
 
@@ -173,7 +173,8 @@ def _cure(loop: Loop, checks: Sequence[Check], id: str) -> str:
     return cure
 
 
-def _holds_asked(loop: Loop, check: Check) -> bool:
+def holds_asked(loop: Loop, check: Check) -> bool:
+    """Whether a check is about all starts that are asked for."""
     if loop.starts is not None:
         return holds_region(loop, check.domain)
     return (

@@ -89,8 +89,11 @@ def bands_of(table: Any) -> tuple[Band, ...]:
     errors.raise_all()
     if not rows:
         return ()
-    sizes = _amplitudes(table.amplitude, len(rows))
     found = []
+    # What is wrong with the bands themselves is said at once.
+    sizes: Sequence[Any] = [1] * len(rows)
+    with errors:
+        sizes = _amplitudes(table.amplitude, len(rows))
     for (key, pair), size in zip(rows, sizes, strict=True):
         with errors:
             ends = [parse_number(x, key) for x in pair]

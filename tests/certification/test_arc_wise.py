@@ -3,16 +3,13 @@
 import math
 from functools import cache
 from itertools import product
-from typing import Any
 
 import pytest
-from arc_wise import radius_of, searched
+from arc_wise import radius_of, rows, searched
 from certified import only, rough_settling, settling_alone
 
 from dobc_design import (
     Certificate,
-    Network,
-    Problem,
     Verdict,
     certify,
     design,
@@ -25,18 +22,6 @@ from dobc_design import (
 from dobc_design.conditions.arcs.stage import arcs_stage
 from dobc_design.conditions.domain import Ball, Box
 from dobc_design.conditions.separable.stage import separable_stage
-
-ONE = [[1, 2], [2, 1], [2, 3], [3, 2], [3, 4], [4, 3]]
-OTHER = [[1, 4], [4, 1], [4, 3], [3, 4], [3, 2], [2, 3]]
-
-
-def rows(radius: str | None = "4/5", **more: Any) -> Problem:
-    """Four agents in a row; two change places, so that no common box exists."""
-    network = Network.from_arcs({"one": ONE, "other": OTHER}, arrow="listens_to")
-    region = None if radius is None else {"initial_states": [f"-{radius}", radius]}
-    return Problem(
-        network=network, coupling="sin(y)", gains={1: 3}, target=0, region=region, **more
-    )
 
 
 @cache

@@ -173,6 +173,12 @@ WRONG = [
 ]
 
 
+def test_a_band_that_is_reversed_and_a_missing_amplitude_are_said_at_once():
+    with pytest.raises(SpecError, match=rf"amplitude is required [^|]*bands\[0\] {ENDS}") as raised:
+        read("bands = [[2.2, 1.8]]")
+    assert len(raised.value.errors) == 2
+
+
 @pytest.mark.parametrize(("text", "told"), WRONG)
 def test_what_cannot_be_is_refused_by_its_key_with_a_cure(text, told):
     with pytest.raises(SpecError, match=told) as caught:

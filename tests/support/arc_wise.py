@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from networks import float_gains
 
-from dobc_design import Check, Problem
+from dobc_design import Check, Network, Problem
 from dobc_design.conditions.arcs.claim import ArcWise, form_of
 from dobc_design.conditions.arcs.stage import arcs_stage
 from dobc_design.conditions.coverage import read_region
@@ -16,6 +16,18 @@ from dobc_design.exact.matrix import Matrix
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.pairs import rows_of
+
+ONE = [[1, 2], [2, 1], [2, 3], [3, 2], [3, 4], [4, 3]]
+OTHER = [[1, 4], [4, 1], [4, 3], [3, 4], [3, 2], [2, 3]]
+
+
+def rows(radius: str | None = "4/5", **more: Any) -> Problem:
+    """Four agents in a row; two change places, so that no common box exists."""
+    network = Network.from_arcs({"one": ONE, "other": OTHER}, arrow="listens_to")
+    region = None if radius is None else {"initial_states": [f"-{radius}", radius]}
+    return Problem(
+        network=network, coupling="sin(y)", gains={1: 3}, target=0, region=region, **more
+    )
 
 
 def searched(problem: Problem, W: Matrix | None = None) -> Check:

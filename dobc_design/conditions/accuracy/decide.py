@@ -27,6 +27,10 @@ In coordinates z_i = T e_i (``separable.coordinates``; agents with dynamics, cou
 linear in s for gains of the stage.  Where errors are those of estimates of measured outputs, b is
 what y - H xhat comes to and acts through W_x, and bounds have |x - xhat| added (``channels``).
 
+Where couplings do not rise, ``balls`` may do: in {V <= level} of an arc-wise claim (``arcs``) V' <=
+-2 rate V + 2 sum d_i |e_i|_1 b_i, with b_i as in a box that holds it, so that V falls to m sum d_i
+b_i^2 / rate^2 (Cauchy and Schwarz).  There a smaller ball may take over.
+
 A linear loop in one mode, e' = M e + (I (x) B)(w + C eps) with M = J - K, needs neither stages nor
 coordinates: e_ic ends below b times the integral of row (i, c) of |exp(M t) (I (x) B)|, its peak
 gain, which some w attains without eps.  Of a sine z of frequency w no more is left than its size
@@ -46,10 +50,12 @@ from itertools import pairwise
 from typing import Any
 
 from dobc_design._checks import noun
+from dobc_design.conditions.arcs import claim as arcs
+from dobc_design.conditions.arcs import decide as discs
 from dobc_design.conditions.case import Case, not_all_starts
 from dobc_design.conditions.check import Check, read_parts
 from dobc_design.conditions.consensus.claim import jacobians_at_consensus, linearisation
-from dobc_design.conditions.domain import EVERYWHERE, Around, Domain
+from dobc_design.conditions.domain import EVERYWHERE, Around, Box, Domain
 from dobc_design.conditions.numbers import (
     fields_to_json,
     form_from_json,
@@ -91,6 +97,7 @@ from dobc_design.conditions.separable.decide import (
     covers,
     observer_obstacle,
 )
+from dobc_design.conditions.stated import is_felt_by_arcs_alone
 from dobc_design.coupling.enclosures import Profile, jet, secant_range
 from dobc_design.coupling.tree import ZERO
 from dobc_design.exact.interval import Interval, UndefinedError
@@ -177,7 +184,7 @@ class Response:
 
 @noun
 class Accuracy:
-    """Stages from the outside inwards, or the ``response`` of a linear loop and no stage, and
+    """Stages or ``balls`` from the outside inwards, or the ``response`` of a linear loop, and
     ``bounds``: label -> final bound of |e_i|, in coordinates z = T e and with a response one for
     each component of e_i.  ``peaks``: with an exosystem; ``error``: with one, where the couplings
     are not linear."""
@@ -188,6 +195,7 @@ class Accuracy:
     error: ErrorBound | None = None
     T: Matrix | None = None
     response: Response | None = None
+    balls: tuple[arcs.ArcWise, ...] = ()
 
     @property
     def by_component(self) -> bool:
@@ -213,6 +221,7 @@ class Accuracy:
     def to_json(self) -> Document:
         """The exact values of a proved check."""
         first = "stages" if self.response is None else "response"
+        first = "balls" if self.balls else first
         values = fields_to_json(self, first, "bounds") | known_to_json(self, "T", "peaks")
         return values | error_to_json(self.error)
 
@@ -221,7 +230,7 @@ def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Accuracy:
     """What a proved check of this topic claims, for this problem."""
     given = check.exact or {}
     linear = "response" in given
-    turned = not linear and "T" in given
+    turned = not (linear or "balls" in given) and "T" in given
     bound = (read_rational,) * loop.m if turned or linear else read_rational
     shape: Document = {"bounds": dict.fromkeys(loop.labels, bound)}
     if loop.groups:
@@ -230,14 +239,15 @@ def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Accuracy:
         shape["response"] = {"step": read_rational, "steps": whole_from_json}
         values = read_parts(given, shape)
         return Accuracy(stages=(), **values | {"response": Response(**values["response"])})
+    if "balls" in given:
+        shape["balls"] = [partial(arcs.claim_from_json, loop=loop, W=W)]
+        return Accuracy(stages=(), **read_parts(given, shape))
     shape["stages"] = [partial(_read_level, loop=loop, turned=turned)]
     if turned:
         shape["T"] = form_from_json
     if not loop.is_linear:
         shape |= observed_in(loop)
     values = read_parts(given, shape)
-    if not 1 <= len(values["stages"]) <= MOST_STAGES:
-        raise ValueError(f"it needs between 1 and {MOST_STAGES} stages")
     return Accuracy(error=error_of(values), **values)
 
 
@@ -495,6 +505,26 @@ class Plant:
         off = self.off
         return ([last.level * x + y for x, y in zip(each, off, strict=True)] for each in sizes)
 
+    def left_in(self, ball: arcs.ArcWise) -> Fraction:
+        """The level to which V falls in a ball although b_i acts.  Raises: UndefinedError."""
+        loop = self.loop
+        # A box that holds it says how steep what passes noise on is.
+        v = tuple(discs.close_root(ball.level / d) for d in ball.d)
+        box = Level(v=v, alpha=ball.rate, level=Fraction(1), rho=Fraction(1))
+        if loop.drift is not None:
+            acts = self.load_in(identity(loop.m))
+        else:
+            acts = tuple(b for b in self.largest(box) for _ in range(loop.m))
+        squares = (ball.d[k // loop.m] * b * b for k, b in enumerate(acts))
+        return sum(squares, Fraction(0)) / ball.rate**2
+
+    def largest(self, stage: Level) -> list[Fraction]:
+        """The largest b_i of every agent.  Raises: as ``loads``."""
+        found = [Fraction(0)] * self.loop.n
+        for load in self.loads(stage):
+            found[load.agent] = max(found[load.agent], load.constant)
+        return found
+
     def response_bounds(self, response: Response) -> dict[str, Vector] | None:
         """Label -> what is left of every |e_ic|: b times the peak gains of a linear loop in one
         mode; None where they are not shown with these steps."""
@@ -534,11 +564,10 @@ class Plant:
         heard = noise if loop.is_apart else 2 * noise
         slopes = _Slopes(loop, stage, heard)
         passed = unknown = Fraction(0)
-        by_model = Fraction(0)
+        by_model = self.input - plant.disturbance
         if peaks is not None:
             passed = peaks.disturbance
-            by_model = plant.disturbance * passed
-            by_model += plant.drift * peaks.drift + noise * peaks.measurement + self.sines
+            by_model += noise * peaks.measurement
         # Observers with other weights take sum dw h for a disturbance, which W passes on.
         if not plant.known_to_agents:
             unknown = errors.weights * passed * (1 + self.room)
@@ -692,14 +721,15 @@ def confirm(check: Check, case: Case) -> str | None:
     loop = case.loop
     W = case.W
     claim = check.claim if isinstance(check.claim, Accuracy) else read_claim(check, loop, W)
-    reason = obstacle(loop, W, turned=claim.by_component)
+    turned = claim.by_component or (bool(claim.balls) and loop.drift is not None)
+    reason = obstacle(loop, W, turned=turned)
     if reason is not None:
         return reason
     if not check.is_proved or check.witness is not None or check.rate is not None:
         return "it can only be proved or undecided, and has no witness and no rate"
     if loop.uncertainty is None:
         return "the problem has no [uncertainty]"
-    if claim.response is None and not 1 <= len(claim.stages) <= MOST_STAGES:
+    if claim.response is None and not 1 <= len(claim.balls or claim.stages) <= MOST_STAGES:
         return f"it needs between 1 and {MOST_STAGES} stages"
     wrong = None
     if claim.peaks is not None and W is not None:
@@ -707,6 +737,8 @@ def confirm(check: Check, case: Case) -> str | None:
     plant = Plant(loop=loop, peaks=claim.peaks)
     if claim.response is not None:
         return wrong or _wrong_response(check, case, claim, plant, claim.response)
+    if claim.balls:
+        return wrong or _wrong_balls(check, case, claim, plant)
     return wrong or _wrong_starts(check, case, claim) or _wrong_stages(claim, plant)
 
 
@@ -783,6 +815,34 @@ def _wrong_response(
     for label, ends in found.items():
         if _are_below(claim.listed[label], ends):
             return f"a bound of agent {label} is below what the response of the loop reaches."
+    return None
+
+
+def _wrong_balls(check: Check, case: Case, claim: Accuracy, plant: Plant) -> str | None:
+    """None if the first ball holds all starts, and V falls in each until the next one holds it, and
+    in the last down to the bounds."""
+    loop = case.loop
+    starts = check.domain
+    if loop.estimated or not is_felt_by_arcs_alone(loop):
+        return "balls know no errors of weights in estimates, and no estimates of outputs."
+    wrong = discs.obstacle(loop, case.W)
+    if wrong is not None:
+        return wrong
+    if not isinstance(starts, Box) or not discs.holds_starts(loop, claim.balls[0], starts):
+        return "the box of starts is not inside the first ball."
+    for ball, after in pairwise((*claim.balls, claim.balls[-1])):
+        wrong = discs.why_not(loop, ball)
+        if wrong is not None:
+            return wrong
+        try:
+            left = plant.left_in(ball)
+        except UndefinedError as error:
+            return f"does not apply: {error}"
+        if tuple(ball.d) != tuple(after.d) or left >= min(ball.level, after.level):
+            return "a ball does not hold what the one before leaves of V."
+    for (bound,), d in zip(claim.listed.values(), ball.d, strict=True):
+        if bound <= 0 or bound**2 * d < left:
+            return "a bound is below what the last ball leaves."
     return None
 
 

@@ -12,6 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import linalg, sparse
 
+from dobc_design.conditions.arcs.claim import ArcWise
+from dobc_design.conditions.arcs.decide import close_root
+from dobc_design.conditions.arcs.stage import claims_in
 from dobc_design.conditions.case import Case
 from dobc_design.conditions.check import Check, limited, surviving, undecided_check
 from dobc_design.conditions.consensus.propose import decay_of
@@ -20,6 +23,7 @@ from dobc_design.conditions.domain import EVERYWHERE, Around, Box, Domain
 from dobc_design.conditions.kinds import MAX_SEPARABLE
 from dobc_design.conditions.numbers import (
     claimed,
+    decimal_above,
     decimal_below,
     last_found,
     rounded_down,
@@ -47,7 +51,7 @@ from dobc_design.conditions.separable.propose_coordinates import (
 )
 from dobc_design.conditions.separable.propose_observer import propose_error_bound, radius_needed
 from dobc_design.conditions.separable.stage import largest_claim, separable_stage
-from dobc_design.conditions.stated import stated_in
+from dobc_design.conditions.stated import holds_asked, stated_in
 from dobc_design.coupling.expression import numpy_function
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Matrix, Vector, identity, row_norm, to_float
@@ -292,10 +296,7 @@ def _loaded_field(plant: Plant, box: Level, part: float) -> Field:
 
 def _loads(plant: Plant, stage: Level) -> Array:
     """The largest b_i of every agent."""
-    b = np.zeros(plant.loop.n)
-    for load in plant.loads(stage):
-        b[load.agent] = max(b[load.agent], float(load.constant))
-    return b
+    return np.array(plant.largest(stage), dtype=float)
 
 
 def _lowest(plant: Plant, stage: Level) -> Level | None:
@@ -336,6 +337,8 @@ PARTS = (
     Fraction(1, 30),
     Fraction(1, 100),
 )
+MOST_BALLS = 10
+NO_BALL = "And no ball of an arc-wise proof is found that shrinks under what acts for ever."
 DIGITS = 6  # of a bound, rounded up
 NEARLY = Fraction(100_001, 100_000)  # kappa beta min v, which has to exceed 1
 
@@ -353,7 +356,7 @@ def accuracy_stage(case: Case, report: Progress) -> list[Check]:
     reason = obstacle(loop, W, turned=turned)
     if reason is not None:
         return [undecided(reason, applies=False)]
-    late = why_no_weights(loop) or out_of_time()
+    late = out_of_time()
     if late is not None:
         return [undecided(late)]
     peaks = first = None
@@ -369,13 +372,19 @@ def accuracy_stage(case: Case, report: Progress) -> list[Check]:
                     )
                 ]
         plant = Plant(loop=loop, peaks=peaks, room=ROOM)
+        apart = why_no_weights(loop)
         claims = _turned if turned else _claims
-        ways = [claims(case, plant), _of_response(case, plant)]
+        ways = [] if apart else [claims(case, plant), _of_response(case, plant)]
         # Rows of scalars that are linear lose nothing, but of sines they know the size alone.
         if turned or loop.bands:
             ways.reverse()
         first = next(chain(*ways), None)
-    return [undecided(_not_found(loop)) if first is None else first]
+        if first is None or not holds_asked(loop, first):
+            first = next(_by_arcs(case, plant), first)
+    if first is not None:
+        return [first]
+    nothing = _not_found(loop) if apart is None else f"{apart} {NO_BALL}"
+    return [undecided(nothing)]
 
 
 def _not_found(loop: Loop) -> str:
@@ -439,7 +448,7 @@ def _proved_from(case: Case, plant: Plant, first: _First) -> Iterator[Check]:
     """The check of the stages from this one inwards, if it is proved."""
     stages = _stages(plant, first.level)
     claim = Accuracy(stages=stages, bounds={}, peaks=plant.peaks, error=first.error)
-    yield from _proved(case, claim, first.starts)
+    yield from _proved(case, plant, claim, first.starts)
 
 
 def _turned(case: Case, plant: Plant) -> Iterator[Check]:
@@ -467,6 +476,41 @@ def _turned(case: Case, plant: Plant) -> Iterator[Check]:
             stages = tuple(islice(inwards, MOST_STAGES))
             claim = Accuracy(stages=stages, bounds={}, peaks=peaks, error=base.error, T=T)
             yield from _proved(case, plant, claim, box)
+
+
+def _by_arcs(case: Case, plant: Plant) -> Iterator[Check]:
+    """The bounds by arc-wise balls, from the box asked for or a part of it."""
+    loop = case.loop
+    asked = _everything(case)
+    for part in () if loop.estimated else PARTS:
+        starts = _box(claimed(asked.radius) * part, claimed(asked.disturbance) * part)
+        with at_most(STAGE), surviving("no final balls", UndefinedError, WorkLimitError):
+            balls = tuple(islice(_balls(plant, case.W, starts), MOST_BALLS))
+            if balls:
+                left = plant.left_in(balls[-1])
+                ends = _raised(close_root(left / d) for d in balls[-1].d)
+                bounds = dict(zip(loop.labels, ends, strict=True))
+                claim = Accuracy(stages=(), bounds=bounds, peaks=plant.peaks, balls=balls)
+                yield from _decided(case, claim, starts)
+
+
+def _balls(plant: Plant, W: Matrix | None, box: Box) -> Iterator[ArcWise]:
+    """Arc-wise claims from a box inwards, each about what the last one leaves."""
+    d: Sequence[Fraction] | None = None
+    left = ZERO
+    while True:
+        for ball in claims_in(plant.loop, W, box):
+            less = plant.left_in(ball)
+            same = d is None or tuple(ball.d) == tuple(d)
+            if same and less < WORTH * (left or ball.level):
+                break
+        else:
+            return
+        yield ball
+        d, left = ball.d, less
+        # The corners of this box are where V is as large.
+        weight = plant.loop.m * sum(d)
+        box = Box(decimal_above(close_root(left / weight)), 0.0)
 
 
 def _of_response(case: Case, plant: Plant) -> Iterator[Check]:

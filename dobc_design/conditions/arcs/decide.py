@@ -21,7 +21,7 @@ from dobc_design.conditions.stated import is_felt_by_arcs_alone
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Matrix, add, identity, row_norm, scale, subtract, transpose
-from dobc_design.exact.number import ONE, ZERO, root_above
+from dobc_design.exact.number import ZERO, root_above
 from dobc_design.exact.symmetric import SparseSymmetric, largest
 from dobc_design.loop.arcs import coupling_places, split_by
 from dobc_design.loop.loop import Loop
@@ -74,7 +74,7 @@ def taken_of(loop: Loop, claim: ArcWise, mode: str) -> list[Fraction]:
     def ends(place: int, d: Fraction) -> tuple[Fraction, Fraction]:
         """The ends of the gains of one variable, as far as the error of an agent may be."""
         if (place, d) not in known:
-            reach = _root(claim.level / d)
+            reach = close_root(claim.level / d)
             gain = gains_at(loop, place, reach)[0][0]
             known[place, d] = gain.lo, gain.hi
         return known[place, d]
@@ -153,25 +153,7 @@ def open_terms(loop: Loop, claim: ArcWise) -> Iterator[tuple[str, int]]:
         for place, mine in split_by(coupling_places(loop, arcs)[free]):
             open_ones[mine] |= _open(loop, place, terms.some(mine), claim.level)
         for k in np.flatnonzero(open_ones).tolist():
-            arc = int(free[k])
-            if arcs.uncertain[arc] or not _fits(loop, claim, mode, arc, k):
-                yield mode, arc
-
-
-def _fits(loop: Loop, claim: ArcWise, mode: str, arc: int, k: int) -> bool:
-    """Whether the k-th pair of numbers is exactly enough for an arc, where that is linear."""
-    arcs = loop.modes[mode]
-    i, j = int(arcs.listeners[arc]), int(arcs.speakers[arc])
-    place = loop.place_of(i, j)
-    if not loop.functions[place].is_linear:
-        return False
-    a, b = claim.a[mode][k], claim.b[mode][k]
-    gain = gains_at(loop, place, ONE)[0][0]
-    error = errors_of_arcs(loop).weights
-    pulls = []
-    for end in (gain.lo, gain.hi):
-        pulls += [claim.d[i] * arcs.weights[arc] * end * part for part in (1 - error, 1 + error)]
-    return b >= 0 and all(a + 2 * c >= 0 and (a + 2 * c) * b >= c * c for c in pulls)
+            yield mode, int(free[k])
 
 
 def _open(loop: Loop, place: int, terms: Terms, level: Fraction) -> BoolArray:
@@ -184,9 +166,9 @@ def _open(loop: Loop, place: int, terms: Terms, level: Fraction) -> BoolArray:
         far = float(np.max(up(up(1 / terms.own) + up(1 / terms.other))))
     if not np.isfinite(far):
         return np.ones(len(terms.a), dtype=bool)
-    rho = _root(level)
+    rho = close_root(level)
     component = loop.functions[place].components[0]
-    table = gain_table(component, _root(level * Fraction(far)), cells=CELLS)
+    table = gain_table(component, close_root(level * Fraction(far)), cells=CELLS)
     return open_arcs(terms.some(first), table, rho)[inverse.ravel()]
 
 
@@ -200,8 +182,8 @@ def holds_starts(loop: Loop, claim: ArcWise, domain: Domain) -> bool:
     return room is not None and radius**2 * weight <= room
 
 
-def _root(square: Fraction) -> Fraction:
-    """At least the root, and close: states may be in units in which errors are tiny."""
+def close_root(square: Fraction) -> Fraction:
+    """At least the root of a number > 0, and close: errors may be tiny in the unit of states."""
     return root_above(square, unit=ROOTS * (1 + int(1 / square)))
 
 

@@ -148,7 +148,7 @@ def test_agents_without_a_disturbance_feel_no_sine_of_their_own():
 
 
 UNDECIDED = [
-    ("modes.H = [[3, 1], [2, 3]]", '[switching]\nguarantee = "dwell"\ndwell = 1', "arbitrary"),
+    ("modes.H = [[3, 1], [2, 3, 20]]", '[switching]\nguarantee = "dwell"\ndwell = 1', "arbitrary"),
     ("", "[readings]\ndelay = 0.01", r"[exosystem] bands is not counted with late readings"),
     ("", "[processor]\nperiod = 0.01", r"[exosystem] bands is not counted with late readings"),
 ]

@@ -15,6 +15,7 @@ import json
 from collections.abc import Callable, Iterator
 from fractions import Fraction
 from functools import cache
+from itertools import permutations
 from typing import Any
 
 from certified import consensus_claims
@@ -22,7 +23,7 @@ from texts import matrix, ranges, vector
 
 from checker_files.files import FAILS, HOLDS, Case, Document, collected, scalar
 from checker_files.margins import REGION, SEEN, one, two
-from checker_files.separable import GLOBAL, box, claim
+from checker_files.separable import GLOBAL, asked, box, claim, given
 from dobc_design import Network, Observer, Problem
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.problem.canonical import canonical_bytes, problem_from_canonical
@@ -116,6 +117,19 @@ def followed(bounds: Document, *, step: str = "1/100", steps: int, **exact: Any)
     """The form of a claim for linear loops in one mode."""
     response = {"step": step, "steps": steps}
     return claim("accuracy", GLOBAL, None, {"bounds": bounds, "response": response} | exact)
+
+
+# sin on both arcs of two with k = 3: 6 - 0.501 = 2 rate, and V falls to 2/100/rate^2 under 1/10, so
+# that |e_i| ends at 0.051436.
+ROUND = {"d": ["1", "1"], "a": {"G": ["0", "0"]}, "b": {"G": ["0.501", "0.501"]}}
+ROUND |= {"level": "4.9", "rate": "2.7495"}
+
+
+def round_ones(domain: Any, bounds: list[str], **more: Any) -> Document:
+    """One ball; ``more`` of it, and peaks."""
+    seen = {"peaks": more.pop("peaks")} if "peaks" in more else {}
+    told = {str(k + 1): bound for k, bound in enumerate(bounds)}
+    return claim("accuracy", domain, None, {"balls": [ROUND | more], "bounds": told} | seen)
 
 
 @cache
@@ -231,6 +245,92 @@ def whole_loops() -> Iterator[Case]:
     yield bent(alone, followed_long, "response: steps that take long")
 
 
+def in_balls() -> Iterator[Case]:
+    """Claims by arc-wise balls, from which boxes may take over."""
+    tenth = {"disturbance": "1/10"}
+
+    def sines(**more: Any) -> Problem:
+        return Problem(**given("sin(y)", uncertainty=tenth) | more)
+
+    ball, bound = "exact.balls.0", "exact.bounds.2"
+    plain = sines(), round_ones(box(1.565), ["0.0515"] * 2)
+    smaller = put([ROUND, ROUND | {"level": "0.00265"}], "exact.balls")
+    less = {"rate": "1", "P": [["0.1429"]]}
+    watched = (
+        sines(**WATCHED | {"region": BOX}),
+        round_ones(box(1.56, 0.1), ["0.2832"] * 2, **less, **HELD),
+    )
+    noisy = sines(uncertainty={"measurement": "1/50"}), plain[1]
+    curved = Dynamics(f=["x + x**3/100"])
+    nodes = sines(dynamics=curved), round_ones(box(1), ["0.0832"] * 2, rate="1.7004")
+    # 14 - 1.002 = 2 rate, and B w = 1/5
+    twice = Dynamics(A=[[-1]], B=[[2]])
+    heavy = round_ones(box(1), ["0.0436"] * 2, rate="6.4985", b={"G": ["1.002"] * 2})
+    entered = sines(dynamics=twice), heavy
+    plane = {"target": [0, 0], "gains": {1: [[3, 1], [0, 3]], 2: 3}}
+    planar = sines(**plane), round_ones(box(1.1), ["0.089"] * 2, rate="2.2495")
+    two_d = {"d": ["1", "2"], "b": {"G": ["0.501", "1.002"]}, "rate": "2.499"}
+    uneven = sines(), round_ones(box(1), ["0.0694", "0.0491"], **two_d)
+    straight = sines(coupling="y", region=asked(2)), round_ones(box(1), ["0.0515"] * 2)
+    relative = tenth | {"weights": "1/10", "gains": "1/10"}
+    more = {"b": {"G": ["0.5511"] * 2}, "rate": "2.4244"}
+    off = sines(uncertainty=relative), round_ones(box(1), ["0.0584"] * 2, **more)
+    # six differences, on each of which 2/10 act: V falls to 6 (2/10)^2/rate^2
+    thrice = Network.from_arcs([*permutations((1, 2, 3), 2)], arrow="listens_to", agents=3)
+    apart = {"network": thrice, "gains": None, "goal": "agreement", "region": asked("1/5")}
+    pairs = [f"({i}, {j})" for i, j in permutations((1, 2, 3), 2)]
+    six = {"d": ["1"] * 6, "a": {"G": ["0"] * 12}, "b": {"G": ["0.501"] * 12}}
+    agreeing = round_ones(box(0.4), ["0.545"] * 6, **six | {"rate": "0.9", "level": "1"})
+    agreeing["exact"]["bounds"] = dict.fromkeys(pairs, "0.545")
+    good = {
+        "agreeing": (sines(coupling="tanh(y)", **apart), agreeing),
+        "plain": plain,
+        "watched": watched,
+        "noisy": noisy,
+    }
+    good |= {"nodes": nodes, "through B": entered, "planar": planar, "two d": uneven}
+    good |= {"straight": straight, "off": off}
+    for name, each in good.items():
+        end = f"exact.bounds.{list(each[1]['exact']['bounds'])[-1]}"
+        yield bent(*each, f"balls: {name}", code=HOLDS)
+        yield bent(*each, f"balls: a bound, {name}", scaled("0.998", end))
+    yield bent(*plain, "balls: below nothing", put("-1", bound))
+    yield bent(*plain, "balls: two", smaller, code=HOLDS)
+    yield bent(*plain, "balls: the second", smaller, put("0.00264", "exact.balls.1.level"))
+    # what is left may be 0.00529 for d = 2
+    second = ROUND | two_d | {"level": "0.00482"}
+    wider = put({"1": "0.0694", "2": "0.0491"}, "exact.bounds")
+    yield bent(*plain, "balls: another d", put([ROUND, second], "exact.balls"), wider)
+    yield bent(*plain, "balls: none", put([], "exact.balls"))
+    yield bent(*watched, "balls: none that are watched", put([], "exact.balls"))
+    yield bent(*plain, "balls: thirty-one", put([ROUND] * 31, "exact.balls"))
+    yield bent(*plain, "balls: starts in a ball", put("ball", "domain.kind"))
+    yield bent(*plain, "balls: wider", put(1.566, "domain.radius"))
+    yield bent(*plain, "balls: everywhere", put(GLOBAL, "domain"))
+    yield bent(*plain, "balls: the rate", put("2.7496", f"{ball}.rate"))
+    yield bent(*plain, "balls: a rate below 0", put("-2.7495", f"{ball}.rate"))
+    yield bent(*plain, "balls: an arc", put("0.499", f"{ball}.b.G.0"))
+    loose = [put("2.213", "exact.bounds.1"), put("2.213", bound)]
+    acts = "uncertainty.disturbance"
+    yield bent(*plain, "balls: 4.3 act", *loose, stated("4.3", acts), code=HOLDS)
+    yield bent(*plain, "balls: 4.31 act", *loose, stated("4.31", acts))
+    yield bent(*watched, "balls: P", put("0.1428", f"{ball}.P.0.0"))
+    yield bent(*watched, "balls: a peak gain", scaled("0.999", "exact.peaks.disturbance"))
+    yield bent(*watched, "balls: more disturbance", put(0.5, "domain.disturbance"))
+    unknown = sines(**WATCHED | {"region": BOX}, uncertainty=relative | {"known_to_agents": False})
+    yield bent(unknown, watched[1], "balls: observers that do not know", *loose)
+    yield bent(
+        *straight, "balls: stages", put([stage("1", "1", level="1", alpha="1")], "exact.stages")
+    )
+    shrunk = put({"1": ["0.0001"], "2": ["0.0001"]}, "exact.bounds")
+    yield bent(*plain, "balls: coordinates", put([["1000"]], "exact.T"), shrunk)
+    yield bent(
+        *straight, "balls: a response", put({"step": "1/100", "steps": 600}, "exact.response")
+    )
+    listed = sines(**plane, coupling=["sin(y1)", "tanh(y2)"])
+    yield bent(listed, planar[1], "balls: different components", *loose)
+
+
 @collected
 def accuracy_cases() -> Iterator[Case]:
     """All of them, the good ones first."""
@@ -261,6 +361,7 @@ def accuracy_cases() -> Iterator[Case]:
     unsure = {"disturbance": "1/10", "weights": "1/10", "known_to_agents": False}
     unknown = two(coupling="y", gains=3, uncertainty=unsure, **WATCHED), UNKNOWN
     yield from whole_loops()
+    yield from in_balls()
     for k, each in enumerate((switching, unknown)):
         yield bent(*each, f"good with errors {k}", code=HOLDS)
     for k, each in enumerate((lone, curved, seen, both, steep, turned)):

@@ -23,13 +23,13 @@ from dobc_design.conditions.weighted.network import Network as Alike
 from dobc_design.conditions.weighted.network import network_of
 from dobc_design.errors import wrong
 from dobc_design.exact.interval import UndefinedError
-from dobc_design.exact.matrix import Matrix, multiply, subtract, to_float
+from dobc_design.exact.matrix import Array, Matrix, multiply, subtract, to_float
 from dobc_design.exact.reading import Texts
 from dobc_design.loop.arcs import closed_groups, split_by, unreached
 from dobc_design.loop.arrays import Gain, chosen_gain
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.make import loop_of
-from dobc_design.loop.matrices import Array, consensus_jacobian, pull_matrix
+from dobc_design.loop.matrices import consensus_jacobian, pull_matrix
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import group_numbers
 from dobc_design.problem.problem import Problem

@@ -7,14 +7,14 @@ and 5.  Nothing is decided here.
 """
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import replace
 from fractions import Fraction
 from functools import partial
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dobc_design._checks import noun, positional
 from dobc_design._show.cards import Card, Shown, listed
@@ -44,7 +44,7 @@ from dobc_design.conditions.weighted.decide import Weighted
 from dobc_design.conditions.weighted.network import Alike
 from dobc_design.errors import refused, wrong
 from dobc_design.exact.interval import Interval, exp
-from dobc_design.exact.matrix import Matrix
+from dobc_design.exact.matrix import Array, Matrix
 from dobc_design.exact.number import (
     ZERO,
     Number,
@@ -53,6 +53,7 @@ from dobc_design.exact.number import (
     parse_number,
     root_above,
 )
+from dobc_design.exact.reading import Table, Texts
 from dobc_design.exact.symmetric import SparseSymmetric, largest, least
 from dobc_design.loop.guarantee import shortest_period
 from dobc_design.loop.loop import Loop
@@ -64,7 +65,6 @@ from dobc_design.problem.problem import Problem
 
 from .claims import Claims, box_of, claim_of, reading_claims
 
-Array = NDArray[np.float64]
 #: Rows of a full P_e up to which the diagonal of its inverse is computed; beyond, its least
 #: eigenvalue is used.
 MOST_INVERTED = 40
@@ -117,7 +117,7 @@ class CertifiedBound(Shown):
         return f"<CertifiedBound {self._card().text}>"
 
     @property
-    def sources(self) -> tuple[str, ...]:
+    def sources(self) -> Texts:
         """The ids of the checks it follows from."""
         ids = [each.id for each in self.envelopes]
         if self.settling is not None:
@@ -405,7 +405,7 @@ class RunLike(Protocol):
     @property
     def name(self) -> str: ...
     @property
-    def labels(self) -> tuple[str, ...]: ...
+    def labels(self) -> Texts: ...
     @property
     def signal(self) -> str: ...
     @property
@@ -459,7 +459,7 @@ def certified_bound(problem: Problem, claims: Claims, run: RunLike) -> Certified
     return bound if bound.sources else CertifiedBound(reason=_nothing(claims, starts))
 
 
-def keeps_guarantee(loop: Loop, signal: Mapping[str, Any]) -> bool:
+def keeps_guarantee(loop: Loop, signal: Table) -> bool:
     """Whether a signal of simulations, as JSON, is one that a proof by the guarantee of [switching]
     is about."""
     phases = loop.guarantee.phases

@@ -16,7 +16,7 @@ from dobc_design.conditions.accuracy.value import Agreed
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.schedule.claim import Cycles, Weights
 from dobc_design.conditions.schedule.settling import Settling
-from dobc_design.exact.matrix import Matrix, to_float
+from dobc_design.exact.matrix import Array, Matrix, to_float
 from dobc_design.loop.guarantee import Phase
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.make import loop_of
@@ -40,8 +40,7 @@ from .regions import Regions, certified_regions
 from .text import certificate_bytes
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
     from dobc_design.exact.number import Number
 
@@ -102,7 +101,7 @@ class Certificate(Headed):
         return self.claims.checks
 
     @property
-    def W(self) -> NDArray[np.float64] | None:  # noqa: N802 - the paper's letter
+    def W(self) -> Array | None:  # noqa: N802 - the paper's letter
         """The observer gain as floats, (q, m) in 1/s; None without one.  What is proved is about
         ``W_exact``."""
         return None if self.W_exact is None else to_float(self.W_exact)
@@ -167,7 +166,7 @@ class Certificate(Headed):
 
     def bound(
         self, times: ArrayLike, *, radius: Number | None = None, disturbance: Number | None = None
-    ) -> NDArray[np.float64]:
+    ) -> Array:
         """The proved bound of |e(t)|_inf at times >= 0 in s, rounded up, same shape.
 
         At each time it is the least of all proved checks and of the settling time's envelope.  It

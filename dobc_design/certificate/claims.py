@@ -18,7 +18,7 @@ from dobc_design.conditions.reason import Reason
 from dobc_design.conditions.separable.claim import SamplingBound, Separable
 from dobc_design.errors import CertificateError, reason_of
 from dobc_design.exact.matrix import Matrix
-from dobc_design.exact.reading import counted
+from dobc_design.exact.reading import Texts, counted
 from dobc_design.loop.loop import Loop
 from dobc_design.verdict import Verdict
 
@@ -63,9 +63,9 @@ class Claims(Overall):
     gain_source: str | None
     P: Matrix | None
     Q: Matrix | None
-    notes: tuple[str, ...]
+    notes: Texts
     version: str
-    options: tuple[str, ...] = ()
+    options: Texts = ()
     value: Agreed | None = None
 
 

@@ -34,7 +34,7 @@ from dobc_design.conditions.weighted.propose import network_claim
 from dobc_design.conditions.weighted.stage import weighted_stage
 from dobc_design.exact.matrix import Matrix, Vector, scale
 from dobc_design.exact.number import typed_number
-from dobc_design.exact.reading import Document
+from dobc_design.exact.reading import Document, Texts
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, spend
 from dobc_design.loop.arcs import closed_groups, tied, unreached
 from dobc_design.loop.loop import Loop
@@ -142,7 +142,7 @@ def missing_arcs(problem: Problem) -> Fix | None:
         labels = range(1, loop.n + 1)
     modes = mode_table(problem.network, labels)
     changes: Document = {"network.arrow": "listens_to", "network.modes": modes}
-    cycles: list[tuple[str, ...]] = [(mode,) for mode in loop.modes]
+    cycles: list[Texts] = [(mode,) for mode in loop.modes]
     if 0 < len(loop.guarantee.phases) <= MOST_PHASES:
         cycles = cycles_of(loop.guarantee.phases)
     added: dict[str, None] = {}
@@ -513,5 +513,5 @@ def _short(value: Fraction) -> str:
     return str(typed_number(value))
 
 
-def _labels(problem: Problem, agents: Iterable[int]) -> tuple[str, ...]:
+def _labels(problem: Problem, agents: Iterable[int]) -> Texts:
     return tuple(problem.network.labels[i] for i in agents)

@@ -25,7 +25,7 @@ from dobc_design._show.text import (
     significant_away_from_zero,
     significant_towards_zero,
 )
-from dobc_design.exact.reading import Document, Table
+from dobc_design.exact.reading import Document, Table, Texts
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, spend
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.saturation import allowed_error
@@ -78,8 +78,8 @@ class Witness(Shown):
     agents, ``values`` are exact numbers as text."""
 
     kind: str
-    labels: tuple[str, ...] | None = None
-    values: tuple[str, ...] | None = None
+    labels: Texts | None = None
+    values: Texts | None = None
 
     def to_json(self) -> Document:
         return known_to_json(self, "kind", "labels", "values")
@@ -493,7 +493,7 @@ def read_text(value: Any, key: str) -> str:
     return value
 
 
-def read_texts(value: Any, key: str) -> tuple[str, ...]:
+def read_texts(value: Any, key: str) -> Texts:
     """A list of texts.  Raises: TypeError for anything else."""
     if not isinstance(value, list):
         raise TypeError(f"{key} must be a list of texts")

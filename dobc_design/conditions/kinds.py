@@ -12,6 +12,7 @@ from typing import Final, Literal
 from dobc_design._checks import noun
 from dobc_design._files import own_table
 from dobc_design._show.cards import Card, Shown
+from dobc_design.exact.reading import Texts
 
 #: What a proof is worth.  "part": a fact of the network or of the exosystem alone, the same for
 #: every coupling. "paper": Lemma 1 and the theorems.  "given": a theorem with the P of the problem
@@ -115,11 +116,11 @@ LETTERS: Final[dict[str, str]] = own_table("conditions/letters.toml")
 KINDS: Final = {id: Kind(id=id, **row) for id, row in own_table("conditions/kinds.toml").items()}
 
 
-def ids_of(*roles: Role) -> tuple[str, ...]:
+def ids_of(*roles: Role) -> Texts:
     """The ids of the checks with one of these roles, in the order in which they are tried."""
     return tuple(kind.id for kind in KINDS.values() if kind.role in roles)
 
 
-def ids_in(topic: str) -> tuple[str, ...]:
+def ids_in(topic: str) -> Texts:
     """The ids of the checks of a topic, in the order in which they are tried."""
     return tuple(kind.id for kind in KINDS.values() if kind.topic == topic)

@@ -19,10 +19,9 @@ from operator import itemgetter
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dobc_design.exact.interval import Interval
-from dobc_design.exact.matrix import Matrix, Vector
+from dobc_design.exact.matrix import Array, Matrix, Vector
 from dobc_design.exact.number import (
     ZERO,
     common_denominator,
@@ -274,12 +273,12 @@ def has_short_denominator(values: Iterable[Fraction], limit: int) -> bool:
     return common_denominator(values, bits=limit) is not None
 
 
-def doubles_to_json(doubles: NDArray[np.float64]) -> dict[str, str]:
+def doubles_to_json(doubles: Array) -> dict[str, str]:
     """The base64 of little-endian doubles, each of which means exactly what it is."""
     return {"float64": b64encode(doubles.astype("<f8").tobytes()).decode("ascii")}
 
 
-def doubles_from_json(data: object) -> NDArray[np.float64]:
+def doubles_from_json(data: object) -> Array:
     """Read finite doubles back.  Raises: TypeError or ValueError for anything else."""
     if (
         not isinstance(data, dict)

@@ -20,6 +20,7 @@ from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Formula, Shown, cut
 from dobc_design.errors import ExpressionError, Mistakes, misshapen, misstated
 from dobc_design.exact.interval import Box, Interval, IntervalMatrix, UndefinedError
+from dobc_design.exact.matrix import Array
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import NumberText, Texts, counted, is_list, shown
 
@@ -35,7 +36,7 @@ from .expression import (
     to_text,
     variables_used,
 )
-from .functions import NONSMOOTH, Array
+from .functions import NONSMOOTH
 from .parser import excerpt
 from .tree import (
     ZERO,

@@ -17,9 +17,10 @@ from numpy.typing import ArrayLike
 
 from dobc_design._checks import positional
 from dobc_design.errors import ShapeError, SpecError, misstated
+from dobc_design.exact.matrix import Array
 from dobc_design.exact.number import decimal_parts, with_exponent, without_exponent
 
-from .functions import FUNCTIONS, Array, Function
+from .functions import FUNCTIONS, Function
 from .parser import DEEPEST, Fault, Repair, excerpt, parse
 from .tree import Algebra, Node, NumpyAlgebra, evaluate, postorder, program, run, variable_names
 

@@ -14,14 +14,13 @@ from operator import methodcaller
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dobc_design._checks import noun
 from dobc_design.exact import interval
 from dobc_design.exact.interval import Interval, UndefinedError
+from dobc_design.exact.matrix import Array
 
 T = TypeVar("T")
-Array = NDArray[np.float64]
 
 
 @noun

@@ -18,9 +18,10 @@ import numpy as np
 from dobc_design._checks import positional
 from dobc_design.exact import interval
 from dobc_design.exact.interval import Box, Interval
+from dobc_design.exact.matrix import Array
 from dobc_design.exact.number import nearest, number_key
 
-from .functions import FUNCTIONS, Array, applied
+from .functions import FUNCTIONS, applied
 
 T = TypeVar("T")
 

@@ -22,14 +22,14 @@ from dobc_design.conditions.consensus.network import apart_in_words
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.errors import SpecError
 from dobc_design.exact.definite import decide_positive_definite
-from dobc_design.exact.matrix import Vector, identity, to_float
+from dobc_design.exact.matrix import Array, Vector, identity, to_float
 from dobc_design.exact.number import nearest, to_fmpq_mat
 from dobc_design.exact.observability import observable_reduction
 from dobc_design.loop.arcs import closed_groups, unreached
 from dobc_design.loop.arrays import require_floats
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.make import loop_of
-from dobc_design.loop.matrices import Array, consensus_jacobian, pull_matrix
+from dobc_design.loop.matrices import consensus_jacobian, pull_matrix
 from dobc_design.loop.timing import Timing, middle_of, sampled
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group, group_numbers

@@ -11,7 +11,7 @@ from typing import Any
 from dobc_design._checks import positional
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.exact.number import typed_number
-from dobc_design.exact.reading import Document
+from dobc_design.exact.reading import Document, Table
 from dobc_design.problem.changes import gain_table
 from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.exosystems import Exosystem
@@ -42,7 +42,7 @@ def python_source(problem: Problem) -> str:
 @positional
 class _Call:
     name: str
-    arguments: Mapping[str, Any]
+    arguments: Table
 
     def __repr__(self) -> str:
         arguments = ", ".join(f"{name}={value!r}" for name, value in self.arguments.items())

@@ -15,11 +15,11 @@ from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dobc_design._checks import noun
 from dobc_design._show.cards import Shown
 from dobc_design.errors import CertificateError, misshapen
+from dobc_design.exact.matrix import Array
 from dobc_design.verdict import Decided, Verdict
 
 from .cholesky import (
@@ -198,7 +198,7 @@ class _Case:
         return scaled(self.matrix)
 
     @cached_property
-    def spectrum(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    def spectrum(self) -> tuple[Array, Array] | None:
         """Eigenvalues, rising, and eigenvectors of the scaled matrix in doubles: guesses."""
         if not isinstance(self.scaled, Scaled):
             return None

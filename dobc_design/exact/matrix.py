@@ -19,6 +19,7 @@ from .number import ONE, ZERO, from_fmpq_mat, parse_number, to_fmpq_mat
 
 Matrix: TypeAlias = tuple[tuple[Fraction, ...], ...]
 Vector: TypeAlias = tuple[Fraction, ...]
+Array: TypeAlias = NDArray[np.float64]
 Side: TypeAlias = tuple[Fraction, Fraction]  # of a box, from and to
 
 # Above this many scalar products the conversion to flint and back has paid for itself.
@@ -243,7 +244,7 @@ def is_symmetric(M: Matrix) -> bool:
     return transpose(M) == tuple(map(tuple, M))
 
 
-def to_float(M: Matrix) -> NDArray[np.float64]:
+def to_float(M: Matrix) -> Array:
     """Return the nearest floats, (a, b). Raises: SpecError if an entry is beyond their range."""
     try:
         rows = [list(map(float, row)) for row in M]

@@ -14,9 +14,9 @@ from fractions import Fraction
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dobc_design._checks import noun
+from dobc_design.exact.matrix import Array
 
 from .symmetric import (
     DENOMINATOR_BITS,
@@ -29,7 +29,7 @@ from .symmetric import (
     signs_of_product,
 )
 
-Floats = NDArray[np.float64]
+Floats = Array
 
 # Bits of the largest entry of v, tried in turn: short vectors make short certificates, and the last
 # loses nothing.

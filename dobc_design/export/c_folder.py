@@ -24,6 +24,7 @@ from dobc_design._show.text import significant
 from dobc_design.certificate.files import write_folder
 from dobc_design.conditions.statement import Statement
 from dobc_design.errors import refused
+from dobc_design.exact.matrix import Array
 from dobc_design.exact.reading import counted
 from dobc_design.loop.arrays import Gain
 from dobc_design.problem.dynamics import expressions_of
@@ -53,7 +54,7 @@ from .c_text import (
     template,
 )
 from .c_text import literal as c_literal
-from .rounding_bound import Array, Recorded, estimated, felt_with_error, rounding_bound
+from .rounding_bound import Recorded, estimated, felt_with_error, rounding_bound
 
 SECONDS = 10.0
 MOST_SAMPLES = 400

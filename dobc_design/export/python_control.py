@@ -13,9 +13,9 @@ import control
 import numpy as np
 from numpy.typing import ArrayLike
 
+from dobc_design.exact.matrix import Array
 from dobc_design.loop.arrays import Gain, error_arcs
 from dobc_design.loop.make import errors_of
-from dobc_design.loop.matrices import Array
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.field import (
     Active,

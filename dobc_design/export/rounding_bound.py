@@ -18,12 +18,11 @@ from numpy.typing import NDArray
 from dobc_design._checks import noun, positional
 from dobc_design.coupling.expression import Expression, evaluated
 from dobc_design.coupling.functions import FUNCTIONS, applied
-from dobc_design.exact.matrix import to_float
+from dobc_design.exact.matrix import Array, to_float
 from dobc_design.problem.dynamics import expressions_of
 
 from .c_controller import AgentNumbers, Controller
 
-Array = NDArray[np.float64]
 ROUNDOFF = {"double": 2.0**-53, "float": 2.0**-24}
 LIBRARY = 4.0  # units of roundoff of a function of <math.h>
 

@@ -18,9 +18,8 @@ from dobc_design.conditions.quadratic.claim import Quadratic
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.decide import composite_rate
 from dobc_design.errors import refused, wrong
-from dobc_design.exact.matrix import Matrix, to_float
+from dobc_design.exact.matrix import Array, Matrix, to_float
 from dobc_design.loop.make import loop_of
-from dobc_design.loop.matrices import Array
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.field import ClosedLoop
 from dobc_design.simulation.starts import RANDOM, TINY, Box, Pair, sphere, unit_cube

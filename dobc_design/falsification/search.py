@@ -24,10 +24,10 @@ from dobc_design.conditions.equilibrium.propose import (
     proved_equilibria,
 )
 from dobc_design.errors import wrong
+from dobc_design.exact.matrix import Array
 from dobc_design.exact.reading import Texts
 from dobc_design.loop.arrays import Gain, chosen_gain
 from dobc_design.loop.make import loop_of
-from dobc_design.loop.matrices import Array
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation._arguments import positive, seconds, whole
 from dobc_design.simulation.starts import CORNERS, EDGES, RANDOM, asked_box

@@ -12,9 +12,9 @@ from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Headed, Told
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.equilibrium.decide import Equilibrium
+from dobc_design.exact.matrix import Array
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import Document, Texts
-from dobc_design.loop.matrices import Array
 
 STAYS_AWAY = "does not converge"
 LEAVES = "leaves the certified set"

@@ -17,7 +17,7 @@ from dobc_design._checks import noun, require_shape
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.tree import postorder
 from dobc_design.errors import wrong
-from dobc_design.exact.matrix import Matrix, matrix, to_float
+from dobc_design.exact.matrix import Array, Matrix, matrix, to_float
 from dobc_design.exact.reading import Names, one_of
 from dobc_design.problem.groups import gains_of, group_numbers
 from dobc_design.problem.network import Arcs, BoolArray, IndexArray, Places, distinct_weights
@@ -25,7 +25,7 @@ from dobc_design.problem.problem import Problem
 
 from .arcs import places_at, split_by
 from .loop import Loop
-from .matrices import Array, block_sparse
+from .matrices import block_sparse
 
 LARGEST_FLOAT = Fraction(np.finfo(np.float64).max.item())
 

@@ -4,16 +4,13 @@ from fractions import Fraction
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
 from dobc_design.coupling.coupling import Coupling
-from dobc_design.exact.matrix import to_float
+from dobc_design.exact.matrix import Array, to_float
 from dobc_design.problem.network import IndexArray
 
 from .arcs import arc_table
 from .loop import Loop
-
-Array = NDArray[np.float64]
 
 WIDEST_SLOPE = Fraction(1, 10**6)
 

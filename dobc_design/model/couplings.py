@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
-from dobc_design.exact.matrix import to_float
+from dobc_design.exact.matrix import Array, to_float
 from dobc_design.loop.arrays import (
     ArcGroup,
     ArcGroups,
@@ -17,7 +17,6 @@ from dobc_design.loop.arrays import (
     gathering_matrix,
 )
 from dobc_design.loop.loop import Loop
-from dobc_design.loop.matrices import Array
 
 from .algebras import CasadiAlgebra
 

@@ -16,10 +16,9 @@ import scipy.sparse as sp
 
 from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Headed
-from dobc_design.exact.matrix import to_float
+from dobc_design.exact.matrix import Array, to_float
 from dobc_design.loop import arrays
 from dobc_design.loop.make import errors_of
-from dobc_design.loop.matrices import Array
 from dobc_design.problem.problem import Problem
 
 from .couplings import Felt, Named, bent, constant, felt_inputs, function

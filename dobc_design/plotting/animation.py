@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from dobc_design._files import own_text
 from dobc_design.errors import refused
+from dobc_design.exact.matrix import Array
 
 from .look import (
     BLUE,
@@ -28,7 +29,7 @@ from .look import (
     thinned_rows,
     write_new,
 )
-from .runs import Array, Run
+from .runs import Run
 
 Arcs = Mapping[str, Sequence[tuple[int, int]]]
 MOST_FRAMES = 401

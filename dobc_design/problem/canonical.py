@@ -63,7 +63,7 @@ _KEYS = (
 _TABLES = ("exosystem", "observer", "offsets", "region", "switching", "simulation")
 #: Tables whose keys are the fields of a noun; those after the first two came later.
 _NOUNS = (Region, Simulation, Uncertainty, Actuators, Dynamics, Leader, Readings, Processor)
-_STATED: dict[str, Any] = {noun.__name__.lower(): noun for noun in _NOUNS}
+_STATED: Document = {noun.__name__.lower(): noun for noun in _NOUNS}
 _LATER_TABLES = tuple(_STATED)[2:]
 _NEW = ("goal", "fixed", "negative", "readings", "processor", "time")
 _LATER = (*_LATER_TABLES, *_NEW, "units")

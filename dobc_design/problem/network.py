@@ -571,7 +571,7 @@ class Network(Shown):
         return next((name for name, arcs in self.modes.items() if arcs.optional), None)
 
     @property
-    def adjacency(self) -> dict[str, Any]:
+    def adjacency(self) -> Document:
         """Mode -> SciPy sparse array (n, n) of float weights: entry (i, j) where agent i listens to
         agent j, counted from 0; fixed nodes have a row and a column after those of the agents.
         ``from_sparse(..., arrow="listens_to")`` reads it back, where there are none.

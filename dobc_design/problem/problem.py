@@ -522,7 +522,7 @@ class Problem(Grouped, Shown):
         return f"<Problem {self.name}: {self.network!r}, {pinned}>"
 
     @property
-    def gains(self) -> dict[str, Any]:
+    def gains(self) -> Document:
         """Label of each agent that is pinned in every mode -> its gain k, a Fraction, or rows of an
         m x m (p x m) matrix; in 1/s.  Pins of single modes: ``pinning.modes``.
 

@@ -9,12 +9,11 @@ from dobc_design.certificate.claims import claim_of
 from dobc_design.certificate.topics import TOPICS
 from dobc_design.conditions.accuracy.decide import ID, Accuracy
 from dobc_design.conditions.observer.bands import filters
-from dobc_design.exact.matrix import Matrix, row_norm
+from dobc_design.exact.matrix import Array, Matrix, row_norm
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.make import loop_of
 from dobc_design.plotting.look import BLUE, DASHED, INK, VERMILLION, legend_above, tick_numbers
 from dobc_design.problem.bands import Band
-from dobc_design.solvers.program import Array
 
 from .document import Blocks, Column, Picture, Pictures, Text, on_pages, section, table_of
 from .findings import Findings

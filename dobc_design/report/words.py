@@ -30,7 +30,7 @@ from dobc_design.description.meaning import disturbance_words, time_words
 from dobc_design.description.words import leader_words, limit_words
 from dobc_design.exact.matrix import Matrix, Vector, matrix
 from dobc_design.exact.number import decimal_text, number_text
-from dobc_design.exact.reading import Document, Names, counted, is_scalar_matrix, some
+from dobc_design.exact.reading import Document, Names, Texts, counted, is_scalar_matrix, some
 from dobc_design.loop.limits import mean_weights, reached_from
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.words import Said, said_of
@@ -340,7 +340,7 @@ def _about_the_model(problem: Problem, messages: str) -> str:
     )
 
 
-def shown_notes(certificate: Certificate) -> tuple[str, ...]:
+def shown_notes(certificate: Certificate) -> Texts:
     """What is assumed, and what the proof leaves open that people look for."""
     notes, problem = certificate.claims.notes, certificate.problem
     if certificate.verdict is not Verdict.PROVED or problem.dynamics is None:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from dobc_design.errors import misshapen, wrong
-from dobc_design.loop.matrices import Array
+from dobc_design.exact.matrix import Array
 
 NumberRows = tuple[tuple[float, ...], ...]
 

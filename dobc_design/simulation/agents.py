@@ -17,8 +17,8 @@ import numpy as np
 from numpy.random import Generator, default_rng
 
 from dobc_design._checks import noun
+from dobc_design.exact.matrix import Array
 from dobc_design.loop.arrays import ArcGroups, between_agents
-from dobc_design.loop.matrices import Array
 from dobc_design.loop.timing import Timing
 from dobc_design.problem.network import IndexArray
 

@@ -24,10 +24,10 @@ from dobc_design.certificate.claims import certified_period
 from dobc_design.conditions.numbers import bisected
 from dobc_design.conditions.observer.propose import observer_gain, with_observer
 from dobc_design.errors import refused, wrong
+from dobc_design.exact.matrix import Array
 from dobc_design.exact.reading import Document, Texts
 from dobc_design.loop.arrays import error_arcs
 from dobc_design.loop.make import loop_of
-from dobc_design.loop.matrices import Array
 from dobc_design.loop.timing import Timing
 from dobc_design.problem.load import Source, load_problem
 

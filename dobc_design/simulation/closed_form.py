@@ -11,7 +11,7 @@ import numpy as np
 from scipy.linalg import expm
 
 from dobc_design._checks import noun
-from dobc_design.loop.matrices import Array
+from dobc_design.exact.matrix import Array
 
 TERMS = 11  # (1/8)^11 / 11! < 2^-57: anchors are at most 1/(8 |F|) away
 TERMS_OF_STEP = 20  # (1/4)^20 / 20! < 2^-100

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.integrate import DOP853
 
 from dobc_design._checks import noun
-from dobc_design.loop.matrices import Array
+from dobc_design.exact.matrix import Array
 from dobc_design.problem.network import BoolArray, IndexArray
 
 from .closed_form import ClosedForm

@@ -11,8 +11,8 @@ import numpy as np
 
 from dobc_design._checks import noun
 from dobc_design.errors import wrong
+from dobc_design.exact.matrix import Array
 from dobc_design.exact.reading import Texts
-from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import IndexArray
 
 from ._arguments import whole

@@ -17,11 +17,12 @@ from dobc_design._checks import noun
 from dobc_design.coupling import tree
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.tree import NumpyAlgebra
+from dobc_design.exact.matrix import Array
 from dobc_design.exact.reading import Texts
 from dobc_design.loop import arrays
 from dobc_design.loop.arrays import ArcGroup, ArcGroups, Gain, Plant, Sensed
 from dobc_design.loop.make import errors_of
-from dobc_design.loop.matrices import Array, pull_matrix
+from dobc_design.loop.matrices import pull_matrix
 from dobc_design.problem.network import BoolArray, IndexArray
 from dobc_design.problem.problem import Problem
 

@@ -6,8 +6,7 @@ from collections.abc import Callable
 import numpy as np
 
 from dobc_design._checks import noun
-from dobc_design.exact.matrix import to_float
-from dobc_design.loop.matrices import Array
+from dobc_design.exact.matrix import Array, to_float
 from dobc_design.problem.fixed import hull, resting
 from dobc_design.problem.problem import Problem
 

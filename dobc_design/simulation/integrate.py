@@ -16,8 +16,8 @@ from scipy.integrate import DOP853, RK45, Radau
 
 from dobc_design._checks import noun
 from dobc_design.errors import wrong
+from dobc_design.exact.matrix import Array
 from dobc_design.loop.arrays import ArcGroups
-from dobc_design.loop.matrices import Array
 
 from .closed_form import ClosedForm
 from .field import ClosedLoop, Network, errors_pattern, network_of

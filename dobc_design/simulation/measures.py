@@ -10,8 +10,8 @@ from statistics import median
 
 import numpy as np
 
+from dobc_design.exact.matrix import Array
 from dobc_design.exact.reading import Document
-from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import BoolArray
 
 RESOLVED = 1e-6  # part of the largest error below which a decay is not read off: integration error

@@ -12,10 +12,10 @@ from scipy.spatial import cKDTree
 
 from dobc_design.conditions.numbers import bisected
 from dobc_design.errors import misshapen, refused
+from dobc_design.exact.matrix import Array
 from dobc_design.loop.arcs import places_at, split_by
 from dobc_design.loop.arrays import ArcGroup, ArcGroups
 from dobc_design.loop.loop import Loop
-from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import IndexArray
 
 from .signals import Mobile, Waypoints

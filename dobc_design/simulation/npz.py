@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dobc_design.certificate.files import write_atomically
 from dobc_design.errors import SpecError, refused
-from dobc_design.exact.reading import shown
+from dobc_design.exact.reading import Table, shown
 from dobc_design.problem.load import read_bytes
 
 ABOUT = "about"  # the name of the array that holds text
@@ -87,7 +87,7 @@ def _shape_of(archive: zipfile.ZipFile, member: zipfile.ZipInfo, name: str) -> t
     return tuple(shape)
 
 
-def arrays_bytes(arrays: Mapping[str, Any]) -> bytes:
+def arrays_bytes(arrays: Table) -> bytes:
     """Arrays as an .npz file."""
     stream = io.BytesIO()
     np.savez(stream, allow_pickle=False, **arrays)

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from dobc_design.exact.matrix import Array
 from dobc_design.loop.arrays import Sensed
-from dobc_design.loop.matrices import Array
 
 from .field import ClosedLoop, act
 

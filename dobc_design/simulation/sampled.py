@@ -32,7 +32,7 @@ from scipy.linalg import expm
 
 from dobc_design._checks import noun
 from dobc_design.errors import misshapen, wrong
-from dobc_design.loop.matrices import Array
+from dobc_design.exact.matrix import Array
 from dobc_design.problem.network import BoolArray, IndexArray
 
 from .agents import Agents, StressedRuns

@@ -13,6 +13,7 @@ import numpy as np
 
 from dobc_design._checks import noun
 from dobc_design.errors import refused, wrong
+from dobc_design.exact.matrix import Array
 from dobc_design.exact.reading import Document, Texts, one_of
 from dobc_design.loop.arrays import (
     ArcGroups,
@@ -25,7 +26,6 @@ from dobc_design.loop.arrays import (
 )
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.make import errors_of
-from dobc_design.loop.matrices import Array
 from dobc_design.loop.timing import Timing, timing_words
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.readings import check_ticks

@@ -21,9 +21,9 @@ import numpy as np
 from dobc_design._checks import noun, put
 from dobc_design._show.cards import Card, Shown, Told
 from dobc_design.errors import ShapeError, misshapen, refused, wrong
+from dobc_design.exact.matrix import Array
 from dobc_design.exact.number import ZERO, nearest
 from dobc_design.exact.reading import Names, Texts, counted, is_list
-from dobc_design.loop.matrices import Array
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.switching import Switching
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dobc_design._checks import noun
-from dobc_design.loop.matrices import Array
+from dobc_design.exact.matrix import Array
 from dobc_design.problem.network import IndexArray
 
 Band = tuple[float, float, Array]  # low, high (rad/s), amplitude by agent (n, 1, 1)

@@ -18,10 +18,9 @@ from numpy.random import Generator, default_rng
 
 from dobc_design._checks import noun
 from dobc_design.errors import misshapen, wrong
-from dobc_design.exact.matrix import Vector, to_float
+from dobc_design.exact.matrix import Array, Vector, to_float
 from dobc_design.exact.reading import Table, shown
 from dobc_design.loop.arrays import Sensed
-from dobc_design.loop.matrices import Array
 from dobc_design.problem.load import read_bytes
 from dobc_design.problem.network import BoolArray
 from dobc_design.problem.problem import Problem

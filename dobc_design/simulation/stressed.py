@@ -12,7 +12,7 @@ import numpy as np
 from scipy.linalg import expm
 
 from dobc_design.errors import refused
-from dobc_design.loop.matrices import Array
+from dobc_design.exact.matrix import Array
 from dobc_design.problem.network import IndexArray
 
 from .agents import Agents, StressedRuns

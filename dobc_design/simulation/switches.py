@@ -13,10 +13,10 @@ from numpy.random import Generator, default_rng
 
 from dobc_design._checks import noun, positional
 from dobc_design.errors import misshapen, refused, wrong
+from dobc_design.exact.matrix import Array
 from dobc_design.exact.reading import Texts, counted, is_list, shown
 from dobc_design.loop.arrays import ArcGroups, mode_index
 from dobc_design.loop.make import loop_of
-from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import BoolArray, IndexArray
 from dobc_design.problem.problem import Problem
 

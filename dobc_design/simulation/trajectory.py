@@ -18,8 +18,8 @@ from dobc_design._checks import noun, put
 from dobc_design._show.cards import Card, Headed
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.errors import refused
+from dobc_design.exact.matrix import Array
 from dobc_design.exact.reading import Document, Table, Texts, shown
-from dobc_design.loop.matrices import Array
 from dobc_design.problem.network import BoolArray, IndexArray
 from dobc_design.simulation import measures
 
@@ -294,7 +294,7 @@ class Trajectory(Simulated):
         facts["modes"] = switches.names
         arcs = switches.graphs or (np.zeros((2, 0), dtype=np.int64),)
         sizes = [graph.shape[1] for graph in switches.graphs]
-        arrays: dict[str, Any] = {
+        arrays: Document = {
             "times": self.times,
             ABOUT: np.array(json.dumps(facts, ensure_ascii=False)),
             "goal": self.goal,
@@ -369,7 +369,7 @@ class Ensemble(Simulated):
         for array in self._arrays().values():
             array.setflags(write=False)
 
-    def _arrays(self) -> dict[str, Any]:
+    def _arrays(self) -> Document:
         values = {each.name: getattr(self, each.name) for each in fields(self)}
         # What came later is left out where it is 0, as in files of older versions.
         for name in ("slack", "sides"):

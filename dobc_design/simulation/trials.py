@@ -11,10 +11,11 @@ from functools import cache
 import numpy as np
 
 from dobc_design._checks import noun
+from dobc_design.exact.matrix import Array
 from dobc_design.exact.reading import Texts
 from dobc_design.loop.arrays import Gain, error_arcs
 from dobc_design.loop.make import errors_of
-from dobc_design.loop.matrices import Array, consensus_jacobian, pull_matrix
+from dobc_design.loop.matrices import consensus_jacobian, pull_matrix
 from dobc_design.problem.network import BoolArray, IndexArray
 from dobc_design.problem.problem import Problem
 

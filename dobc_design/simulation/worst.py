@@ -9,10 +9,11 @@ import numpy as np
 from scipy.linalg import block_diag, expm
 
 from dobc_design._checks import positional
+from dobc_design.exact.matrix import Array
 from dobc_design.exact.number import nearest
 from dobc_design.loop.guarantee import Phase
 from dobc_design.loop.make import errors_of
-from dobc_design.loop.matrices import Array, consensus_jacobian, pull_matrix
+from dobc_design.loop.matrices import consensus_jacobian, pull_matrix
 from dobc_design.problem.network import IndexArray
 from dobc_design.problem.problem import Problem
 

@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from dobc_design._checks import noun, put
+from dobc_design.exact.matrix import Array
 from dobc_design.exact.work import spend
-
-from .program import Array
 
 Indices = NDArray[np.intp]
 

@@ -16,18 +16,12 @@ import numpy as np
 from scipy import sparse
 
 from dobc_design._checks import positional
+from dobc_design.exact.matrix import Array
 from dobc_design.exact.pencil import Pencil, Place, positive
 from dobc_design.exact.symmetric import Symmetric
 from dobc_design.exact.work import seconds_left, spend
 
-from .program import (
-    FAILED,
-    Array,
-    Program,
-    Solution,
-    assemble,
-    is_solver_failure,
-)
+from .program import FAILED, Program, Solution, assemble, is_solver_failure
 
 ROOT2: Final = math.sqrt(2.0)
 ROW: Final = 5  # steps of work for a row of the cones

@@ -8,16 +8,13 @@ from fractions import Fraction
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import structural_rank
 from scipy.sparse.linalg import splu
 
 from dobc_design._checks import noun
-from dobc_design.exact.matrix import Matrix
+from dobc_design.exact.matrix import Array, Matrix
 from dobc_design.exact.pencil import Pencil
-
-Array = NDArray[np.float64]
 
 # What a numerical library that gives up raises, or what comes of an answer of a wrong shape;
 # LinAlgError, ArpackError and our SpecError are among them.

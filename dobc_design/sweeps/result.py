@@ -23,12 +23,12 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dobc_design._checks import noun
 from dobc_design._show.cards import MOST_ROWS, Card, Headed
 from dobc_design.certificate.files import make_folder, write_atomically
 from dobc_design.errors import CertificateError, SpecError, refused
+from dobc_design.exact.matrix import Array
 from dobc_design.exact.reading import Document, Texts, shown
 
 from .axes import number_of
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
     from dobc_design.plotting.sweeps import Places
 
-Outcome = dict[str, Any]  # a line: what is kept of a case
+Outcome = Document  # a line: what is kept of a case
 HEAD, LINES = "sweep.json", "results.jsonl"
 FIELDS = {"case", "id", "values", "result", "error", "seconds"}
 ERROR = {"kind", "key", "message", "cure"}
@@ -557,7 +557,7 @@ def outcome_of(line: Outcome) -> str:
     return "diverged" if line["result"]["diverged"] else "converged"
 
 
-def _can_be_drawn(numbers: NDArray[np.float64]) -> bool:
+def _can_be_drawn(numbers: Array) -> bool:
     """Whether Matplotlib's scales hold these numbers; others are put side by side, under their
     names."""
     if not np.isfinite(numbers).all():
@@ -567,7 +567,7 @@ def _can_be_drawn(numbers: NDArray[np.float64]) -> bool:
     return not len(size) or bool(size.min() >= LEAST and size.max() <= MOST)
 
 
-def _has_even_ratios(ticks: NDArray[np.float64]) -> bool:
+def _has_even_ratios(ticks: Array) -> bool:
     """Whether a logarithmic axis spreads the values better than a linear one."""
     if len(ticks) < 3 or ticks[0] <= 0 or ticks[-1] / ticks[0] < 50:
         return False

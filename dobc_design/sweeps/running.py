@@ -36,7 +36,7 @@ from .axes import Over
 from .plan import Plan, Task, make_plan
 from .result import TIME, Journal, Outcome, SweepResult, to_be_done_again
 
-Backend = dict[str, Any]  # what joblib is to work with: processes of this machine, or a cluster
+Backend = Document  # what joblib is to work with: processes of this machine, or a cluster
 LOKY: Backend = {"backend": "loky", "inner_max_num_threads": 1}
 LOCAL = "local"  # the name of a cluster on this machine
 GRACE = 60.0  # s, beside the limit twice, that a case may take to hear that its time is over

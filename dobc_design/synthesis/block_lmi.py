@@ -21,7 +21,7 @@ from dobc_design.certification.certify import certify
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.consensus.propose import float_lambda, largest_eigenvalue
 from dobc_design.errors import SpecError, wrong
-from dobc_design.exact.matrix import to_float
+from dobc_design.exact.matrix import Array, to_float
 from dobc_design.exact.number import Number, parse_number
 from dobc_design.exact.reading import counted
 from dobc_design.loop.loop import Loop
@@ -29,7 +29,7 @@ from dobc_design.loop.make import loop_of
 from dobc_design.problem.groups import Observer
 from dobc_design.problem.load import Source, load_problem
 from dobc_design.problem.problem import Problem
-from dobc_design.solvers.program import Array, round_matrix
+from dobc_design.solvers.program import round_matrix
 
 #: Rows of one block, n (m + q). Clarabel's time depends on the graph: a ring of 600 rows took 2 s,
 #: 150 rows of agents that all hear each other 14 s. ``certify`` needs none of this.

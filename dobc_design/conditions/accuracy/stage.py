@@ -54,14 +54,13 @@ from dobc_design.conditions.separable.stage import largest_claim, separable_stag
 from dobc_design.conditions.stated import holds_asked, stated_in
 from dobc_design.coupling.expression import numpy_function
 from dobc_design.exact.interval import UndefinedError
-from dobc_design.exact.matrix import Matrix, Vector, identity, row_norm, to_float
+from dobc_design.exact.matrix import Array, Matrix, Vector, identity, row_norm, to_float
 from dobc_design.exact.number import ONE, ZERO, root_above
 from dobc_design.exact.peaks import MOST_GROWTH, MOST_STEPS
 from dobc_design.exact.polynomial import routh
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, out_of_time
 from dobc_design.loop.arcs import coupling_places
 from dobc_design.loop.loop import Loop
-from dobc_design.solvers.program import Array
 
 from .decide import (
     ID,

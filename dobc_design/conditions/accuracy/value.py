@@ -37,7 +37,16 @@ from dobc_design.conditions.observer.decide import error_matrix
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.enclosures import Curve, secant_range
 from dobc_design.exact.interval import Interval, UndefinedError
-from dobc_design.exact.matrix import Matrix, Vector, inverse, multiply, nullspace, scale, to_float
+from dobc_design.exact.matrix import (
+    Array,
+    Matrix,
+    Vector,
+    inverse,
+    multiply,
+    nullspace,
+    scale,
+    to_float,
+)
 from dobc_design.exact.number import ZERO
 from dobc_design.exact.reading import Document
 from dobc_design.loop.loop import Loop
@@ -46,7 +55,7 @@ from dobc_design.loop.pairs import shared_starts
 from .decide import Peaks, peaks_from_json, wrong_peaks
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
 KEYS = ("lo", "hi", "peaks", "weights", "shifts")
 DIGITS = 5  # of an end
@@ -94,7 +103,7 @@ class Agreed(Shown):
             told.append(f"{'It' if told else 'The value they agree on'} is {mean}{moved}")
         return "".join(f" {each}." for each in told).strip()
 
-    def reached(self, x0: ArrayLike, eps0: ArrayLike | None = None) -> NDArray[np.float64]:
+    def reached(self, x0: ArrayLike, eps0: ArrayLike | None = None) -> Array:
         """The value from the states x0 (n, m), of formations x - offset, and the estimation errors
         xi - xihat eps0 (n, q), by default 0; agents of one exosystem.
 
@@ -113,7 +122,7 @@ class Agreed(Shown):
             moved = moved + np.asarray(eps0, dtype=float) @ to_float(self.shifts[0]).T
         return np.asarray(pi @ moved, dtype=np.float64)
 
-    def ends(self, x0: ArrayLike, eps0: ArrayLike) -> NDArray[np.float64] | None:
+    def ends(self, x0: ArrayLike, eps0: ArrayLike) -> Array | None:
         """By component between which numbers a run from x0 (n, m) and eps0 (n, q) ends, (2, m), in
         floating point; None where that is not known."""
         if self.weights is not None and len(self.shifts) <= 1:

@@ -19,7 +19,6 @@ numbers.  No coupling has to rise, and the work grows with the arcs.
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -53,8 +52,8 @@ class ArcWise(Quadratic):
     a: Mapping[str, Numbers]
     b: Mapping[str, Numbers]
 
-    def to_json(self) -> dict[str, Any]:
-        values: dict[str, Any] = {"d": vector_to_json(tuple(self.d))}
+    def to_json(self) -> Document:
+        values: Document = {"d": vector_to_json(tuple(self.d))}
         for name, shares in (("a", self.a), ("b", self.b)):
             values[name] = {mode: vector_to_json(tuple(each)) for mode, each in shares.items()}
         return values | Quadratic.to_json(self)

@@ -18,7 +18,8 @@ from typing import NamedTuple
 import numpy as np
 
 from dobc_design._checks import noun
-from dobc_design.conditions.separable.large import Array, GainTable, down, up
+from dobc_design.conditions.separable.large import GainTable, down, up
+from dobc_design.exact.matrix import Array
 from dobc_design.exact.work import spend
 from dobc_design.problem.network import BoolArray, IndexArray
 

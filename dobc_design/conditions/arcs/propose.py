@@ -18,7 +18,6 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
@@ -27,7 +26,7 @@ from dobc_design.conditions.numbers import rounded_down
 from dobc_design.conditions.quadratic.propose import ScaledPair, scaled_pair
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.exact.interval import UndefinedError
-from dobc_design.exact.matrix import Matrix, add, multiply, scale, to_float, transpose
+from dobc_design.exact.matrix import Array, Matrix, add, multiply, scale, to_float, transpose
 from dobc_design.exact.number import ZERO, float_above
 from dobc_design.exact.symmetric import Doubles
 from dobc_design.exact.work import spend
@@ -39,8 +38,6 @@ from dobc_design.solvers.program import factored
 
 from .claim import ArcWise, form_of, shared_arcs
 from .decide import errors_of_arcs, taken_of
-
-Array = NDArray[np.float64]
 
 PLACES = 512  # z of a table
 SAMPLES = 4097  # of a coupling

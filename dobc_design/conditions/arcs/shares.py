@@ -6,13 +6,13 @@ import numpy as np
 
 from dobc_design._checks import noun
 from dobc_design.conditions.quadratic.decide import border_of
-from dobc_design.exact.matrix import to_float
+from dobc_design.exact.matrix import Array, to_float
 from dobc_design.loop.loop import Loop
 from dobc_design.problem.network import IndexArray
 
 from .claim import ArcWise
 from .decide import left_of
-from .propose import Array, Z, network_of
+from .propose import Z, network_of
 
 
 @noun(eq=False)

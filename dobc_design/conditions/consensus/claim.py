@@ -38,7 +38,7 @@ from dobc_design.conditions.reason import gap_obstacle
 from dobc_design.errors import SpecError
 from dobc_design.exact import symmetric as sparse
 from dobc_design.exact.interval import Interval, IntervalMatrix, UndefinedError
-from dobc_design.exact.matrix import Matrix, add, multiply, scale, transpose
+from dobc_design.exact.matrix import Array, Matrix, add, multiply, scale, transpose
 from dobc_design.exact.number import ZERO, common_denominator
 from dobc_design.exact.pencil import Deviation, Pencil, Place, Unknown
 from dobc_design.exact.reading import Document, is_scalar_matrix
@@ -450,7 +450,7 @@ def with_gain(pencil: Pencil, W: Matrix) -> Pencil:
 class Shown:
     """lambda_max(Lambda) <= bound, proved by the vector v > 0 (n m,) of floats; 1/s."""
 
-    vector: NDArray[np.float64]
+    vector: Array
     bound: Fraction
 
     def to_json(self) -> Document:

@@ -10,9 +10,6 @@ from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 
-import numpy as np
-from numpy.typing import NDArray
-
 from dobc_design._checks import noun
 from dobc_design.conditions import numbers
 from dobc_design.conditions.check import Check, Values, Witness, agrees, differs, same_witness
@@ -27,7 +24,7 @@ from dobc_design.conditions.numbers import (
 )
 from dobc_design.exact.definite import decide_positive_definite
 from dobc_design.exact.interval import Interval
-from dobc_design.exact.matrix import Matrix, Vector, multiply, transpose, zeros
+from dobc_design.exact.matrix import Array, Matrix, Vector, multiply, transpose, zeros
 from dobc_design.exact.number import ZERO, from_fmpq_mat, number_text, to_fmpq_mat
 from dobc_design.exact.polynomial import characteristic_polynomial, count_right_half_plane
 from dobc_design.exact.symmetric import Entries, SparseSymmetric
@@ -143,7 +140,7 @@ def enclosed_lambda(statements: Statements, mode: str) -> Enclosed:
     return Enclosed(middle=pencil.constant, deviations=pencil.deviations, bound=bound)
 
 
-def with_vectors(statements: Statements, vectors: Mapping[str, NDArray[np.float64]]) -> Statements:
+def with_vectors(statements: Statements, vectors: Mapping[str, Array]) -> Statements:
     """The statements with the bounds below 0 of Lambda, by mode, that these vectors v > 0 (n m,)
     prove."""
     shown = {}

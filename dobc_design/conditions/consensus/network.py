@@ -15,7 +15,6 @@ from fractions import Fraction
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dobc_design._checks import noun
 from dobc_design.conditions.check import Check, Witness
@@ -23,9 +22,10 @@ from dobc_design.conditions.domain import EVERYWHERE
 from dobc_design.conditions.numbers import shorten
 from dobc_design.exact.definite import decide_positive_definite
 from dobc_design.exact.interval import Interval
-from dobc_design.exact.matrix import Matrix, Vector, identity, nullspace
+from dobc_design.exact.matrix import Array, Matrix, Vector, identity, nullspace
 from dobc_design.exact.number import ZERO, float_above
 from dobc_design.exact.pencil import Deviation
+from dobc_design.exact.reading import Texts
 from dobc_design.exact.symmetric import (
     Entries,
     IntegerSymmetric,
@@ -128,7 +128,7 @@ def _radius_in_floats(deviations: Deviations, size: int) -> float:
     return float(np.max(row_sums * (1 + (counts + 8) * 2.0**-52)))
 
 
-def shown_bound(matrix: Enclosed, vector: NDArray[np.float64]) -> Fraction | None:
+def shown_bound(matrix: Enclosed, vector: Array) -> Fraction | None:
     """A number that v > 0 (rows,) proves to be at least the largest eigenvalue of all but the
     blocks; None if none."""
     middle = matrix.middle
@@ -298,7 +298,7 @@ def reachability_check(loop: Loop, mode: str) -> Check:
     )
 
 
-def _roots_check(loop: Loop, mode: str, labels: tuple[str, ...]) -> Check:
+def _roots_check(loop: Loop, mode: str, labels: Texts) -> Check:
     """Decide for one mode whether an agent is heard by all others, directly or through others."""
     check = partial(Check, id="reachability", mode=mode, domain=EVERYWHERE)
     if not labels:
@@ -413,7 +413,7 @@ def unpinned_witness(
     return None
 
 
-def carriers(loop: Loop, vector: Sequence[Fraction]) -> tuple[str, ...]:
+def carriers(loop: Loop, vector: Sequence[Fraction]) -> Texts:
     """Labels of the agents that a direction moves."""
     m = loop.m
     return tuple(label for i, label in enumerate(loop.labels) if any(vector[i * m : (i + 1) * m]))

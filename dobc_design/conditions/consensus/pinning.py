@@ -25,9 +25,10 @@ from scipy.sparse.linalg import cg, eigs
 
 from dobc_design._checks import noun
 from dobc_design.conditions.numbers import bisected
+from dobc_design.exact.matrix import Array
 from dobc_design.loop.loop import Loop
 from dobc_design.solvers.conic import Cone, smat, solve_cones, svec, svec_diagonal
-from dobc_design.solvers.program import Array, factored
+from dobc_design.solvers.program import factored
 
 from .propose import (
     dominating_vector,

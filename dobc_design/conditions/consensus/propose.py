@@ -21,13 +21,13 @@ from scipy.sparse import csgraph
 from dobc_design._checks import noun
 from dobc_design.conditions.numbers import bisected
 from dobc_design.exact.interval import Interval
-from dobc_design.exact.matrix import Matrix, to_float
+from dobc_design.exact.matrix import Array, Matrix, to_float
 from dobc_design.exact.number import nearest
 from dobc_design.exact.work import out_of_time
 from dobc_design.loop.arcs import arc_table
 from dobc_design.loop.loop import Loop
 from dobc_design.problem.exosystems import Exosystem
-from dobc_design.solvers.program import GIVEN_UP, Array, factored
+from dobc_design.solvers.program import GIVEN_UP, factored
 
 from .claim import Statements
 

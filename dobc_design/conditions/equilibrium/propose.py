@@ -13,10 +13,11 @@ import numpy as np
 from scipy import optimize
 
 from dobc_design.exact.interval import Box, Interval
+from dobc_design.exact.matrix import Array
 from dobc_design.exact.number import ONE
 from dobc_design.exact.work import spend
 from dobc_design.loop.loop import Loop
-from dobc_design.loop.matrices import Array, pull_matrix
+from dobc_design.loop.matrices import pull_matrix
 from dobc_design.model.couplings import felt_errors
 
 from .decide import LARGEST, Equilibrium, lies_in_region, why_not

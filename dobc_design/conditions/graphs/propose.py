@@ -6,7 +6,6 @@ from fractions import Fraction
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import linalg, sparse
 
 from dobc_design.conditions.consensus.claim import state_theorems
@@ -14,7 +13,7 @@ from dobc_design.conditions.consensus.decide import linear_part
 from dobc_design.conditions.consensus.propose import decay_of, decay_rate
 from dobc_design.conditions.numbers import MANY_AGENTS, last_found, rounded_down
 from dobc_design.conditions.separable.claim import holding_gains
-from dobc_design.exact.matrix import Matrix, Vector, to_float
+from dobc_design.exact.matrix import Array, Matrix, Vector, to_float
 from dobc_design.exact.symmetric import Doubles
 from dobc_design.loop.arcs import arc_table
 from dobc_design.loop.loop import Loop
@@ -76,7 +75,7 @@ def _geometric_middle(low: float, high: float) -> float:
     return math.sqrt(max(low, SMALLEST) * high)
 
 
-def _written(w: NDArray[np.float64]) -> Vector | Doubles:
+def _written(w: Array) -> Vector | Doubles:
     """Weights of one mode as they are claimed: decimals, or floats for large networks."""
     if len(w) > MANY_AGENTS:
         return Doubles(w)

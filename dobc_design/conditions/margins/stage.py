@@ -42,11 +42,11 @@ from dobc_design.conditions.stated import NO_ROOM, stated_in
 from dobc_design.conditions.weighted.propose import rounded
 from dobc_design.coupling.coupling import make_coupling
 from dobc_design.exact.interval import UndefinedError
+from dobc_design.exact.matrix import Array
 from dobc_design.exact.number import ONE, ZERO, root_above
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.pairs import are_pairs
 from dobc_design.loop.saturation import largest_disturbance, rooms_of
-from dobc_design.solvers.program import Array
 from dobc_design.verdict import Verdict
 
 from .decide import Inputs, LeftRooms, Part, Tolerance, limit_of

@@ -27,6 +27,7 @@ from dobc_design.conditions.consensus.propose import decay_of, decay_rate
 from dobc_design.conditions.numbers import rounded_up
 from dobc_design.exact import observability
 from dobc_design.exact.matrix import (
+    Array,
     Matrix,
     add,
     identity,
@@ -52,7 +53,7 @@ from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group, Observer, join
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.conic import solve_in_turn
-from dobc_design.solvers.program import GIVEN_UP, Array, Program, Solution, round_matrix
+from dobc_design.solvers.program import GIVEN_UP, Program, Solution, round_matrix
 from dobc_design.verdict import Verdict
 
 from .bands import are_bounded, filters

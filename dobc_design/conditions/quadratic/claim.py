@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import field
 from fractions import Fraction
 from types import MappingProxyType
-from typing import Any, Final, Literal
+from typing import Final, Literal
 
 from dobc_design._checks import noun
 from dobc_design.conditions.numbers import as_json, fields_to_json, form_from_json, known_to_json
@@ -57,7 +57,7 @@ class Quadratic:
     P: Matrix | None = None
     Q: Matrix | None = None
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         return fields_to_json(self, "level", "rate") | known_to_json(self, "P")
 
 
@@ -85,7 +85,7 @@ class Lure(Quadratic):
     def shape(self) -> Shape:
         return "diagonal" if self.P_e.is_diagonal else "full"
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         entries = [[*place, value] for place, value in sorted(self.P_e.entries.items())]
         values = {"method": METHOD, "P_e": as_json(entries)}
         values |= fields_to_json(self, "level", "radius", "ranges", "multipliers", "rate")

@@ -32,13 +32,13 @@ from dobc_design.conditions.numbers import (
 from dobc_design.conditions.quadratic import propose_program as programs
 from dobc_design.errors import SpecError
 from dobc_design.exact.interval import UndefinedError
-from dobc_design.exact.matrix import Matrix, Vector, multiply, scale, to_float
+from dobc_design.exact.matrix import Array, Matrix, Vector, multiply, scale, to_float
 from dobc_design.exact.number import ONE, ZERO
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.loop.loop import Loop
 from dobc_design.problem.groups import agent_blocks
 from dobc_design.solvers.barrier import Basis, Inequalities, centre, make_basis, minimise
-from dobc_design.solvers.program import Array, round_matrix
+from dobc_design.solvers.program import round_matrix
 
 from .claim import Lure, Shape, lure_matrix
 from .propose_program import (

@@ -20,12 +20,12 @@ import numpy as np
 from dobc_design._checks import noun
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.expression import variables_used
+from dobc_design.exact.matrix import Array
 from dobc_design.exact.number import ONE, nearest
 from dobc_design.exact.work import spend
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.matrices import pull_matrix
 from dobc_design.solvers.barrier import Basis, Block, Indices, Inequalities
-from dobc_design.solvers.program import Array
 
 from .sectors import is_sum_of_curves
 

@@ -11,11 +11,9 @@ from fractions import Fraction
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dobc_design.exact.matrix import Array
 from dobc_design.exact.work import spend
-
-Array = NDArray[np.float64]
 
 ACCURACY = 1e-7  # of a point, as a part of what it falls by
 CLOSE = 0.999  # of a goal, which a chord does not miss by more

@@ -182,10 +182,10 @@ def rises(loop: Loop, rho: Fraction | None, *, strictly: bool = True) -> Iterato
     yield min(holding_gains(loop)) >= 0, "a gain pushes outward."
 
 
-def cycles_of(phases: Sequence[Phase]) -> list[tuple[str, ...]]:
+def cycles_of(phases: Sequence[Phase]) -> list[Texts]:
     """The smallest sets of modes that may be on over and over, and no other."""
     # A mode without a longest time may stay on for ever.
-    cycles: set[tuple[str, ...]] = {(phase.mode,) for phase in phases if phase.longest is None}
+    cycles: set[Texts] = {(phase.mode,) for phase in phases if phase.longest is None}
     # any other mode may follow: longer cycles hold two
     if len(phases) > 1 and all(phase.first for phase in phases):
         cycles |= set(combinations((phase.mode for phase in phases), 2))

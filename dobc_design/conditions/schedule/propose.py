@@ -33,13 +33,12 @@ from dobc_design.conditions.separable.decide import composite_rate
 from dobc_design.conditions.separable.propose import first_certificate, propose_separable
 from dobc_design.conditions.separable.propose_observer import propose_error_bound, with_kappa
 from dobc_design.conditions.separable.timing import verify_readings
-from dobc_design.exact.matrix import Matrix, to_float
+from dobc_design.exact.matrix import Array, Matrix, to_float
 from dobc_design.exact.number import ZERO, root_above
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most
 from dobc_design.loop.arcs import unreached
 from dobc_design.loop.guarantee import Round
 from dobc_design.loop.loop import Loop
-from dobc_design.solvers.program import Array
 
 from .chords import ACCURACY, Chords
 from .claim import Cycles, Last, Tube

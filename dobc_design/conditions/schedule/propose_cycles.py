@@ -33,14 +33,13 @@ from dobc_design.conditions.separable.propose_coordinates import (
 from dobc_design.conditions.separable.propose_observer import with_kappa
 from dobc_design.errors import SpecError
 from dobc_design.exact.interval import UndefinedError
-from dobc_design.exact.matrix import Matrix, row_norm, to_float
+from dobc_design.exact.matrix import Array, Matrix, row_norm, to_float
 from dobc_design.exact.number import ONE, ZERO, root_above
 from dobc_design.exact.work import spend
 from dobc_design.loop.guarantee import Phase
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.matrices import consensus_jacobian, pull_matrix
 from dobc_design.loop.timing import Timing
-from dobc_design.solvers.program import Array
 
 from .chords import Chords
 from .claim import Cycles, Weights

@@ -26,7 +26,6 @@ from dobc_design._checks import noun, positional
 from dobc_design.conditions.separable.claim import FACES, holding_gains
 from dobc_design.conditions.separable.large import (
     ArcRows,
-    Array,
     Kinds,
     Layout,
     Piece,
@@ -38,6 +37,7 @@ from dobc_design.conditions.separable.large import (
 )
 from dobc_design.coupling.enclosures import Curve, profile
 from dobc_design.exact.interval import UndefinedError
+from dobc_design.exact.matrix import Array
 from dobc_design.exact.number import ZERO, float_above, float_below
 from dobc_design.exact.work import spend
 from dobc_design.loop.loop import Loop

@@ -12,13 +12,14 @@ from fractions import Fraction
 from typing import overload
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dobc_design._checks import noun
 from dobc_design._show.cards import Card, Shown
 from dobc_design._show.text import significant_away_from_zero, significant_towards_zero
 from dobc_design.errors import SpecError
+from dobc_design.exact.matrix import Array
 from dobc_design.exact.number import ZERO, float_above
+from dobc_design.exact.reading import Texts
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.timing import timing_words
 from dobc_design.verdict import Verdict
@@ -26,7 +27,6 @@ from dobc_design.verdict import Verdict
 from .claim import ARC_WISE, QUADRATIC, SCHEDULE, SEPARABLE, Cycles, Descent, Tube
 from .decide import bound_after, rate_near
 
-Array = NDArray[np.float64]
 CALLED = {
     SEPARABLE: "a max-separable certificate",
     QUADRATIC: "a quadratic certificate",
@@ -68,7 +68,7 @@ class Stage(Shown):
     bound: Fraction
     rate: Fraction | None
 
-    def cells(self) -> tuple[str, ...]:
+    def cells(self) -> Texts:
         """As text: kind, start (s), bound of |e|_inf there, rate (1/s)."""
         start = significant_away_from_zero(self.start, 6)
         bound = significant_away_from_zero(self.bound)
@@ -151,7 +151,7 @@ class Settling(Shown):
         times = np.linspace(0.0, last, samples)
         return times, self.envelope(times)
 
-    def rows(self) -> list[tuple[str, ...]]:
+    def rows(self) -> list[Texts]:
         """The stages as text: number, kind, start (s), bound of |e|_inf there, rate (1/s)."""
         return [(str(k), *stage.cells()) for k, stage in enumerate(self.stages, start=1)]
 

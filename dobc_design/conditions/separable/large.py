@@ -13,13 +13,13 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dobc_design._checks import noun, positional
 from dobc_design.coupling.enclosures import Curve, Profile, secant, slope_bound
 from dobc_design.coupling.expression import Expression
 from dobc_design.exact.floats import Floats
 from dobc_design.exact.interval import Interval, UndefinedError
+from dobc_design.exact.matrix import Array
 from dobc_design.exact.number import ONE, ZERO, float_above, float_below
 from dobc_design.exact.symmetric import Doubles
 from dobc_design.loop.arcs import coupling_places
@@ -34,7 +34,6 @@ from .claim import (
     holding_gains,
 )
 
-Array = NDArray[np.float64]
 Ends = tuple[Array, Array]  # lower and upper ends of intervals
 
 CELLS = 512  # of a table

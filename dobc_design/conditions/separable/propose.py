@@ -26,13 +26,13 @@ from dobc_design.conditions.numbers import (
     time_to_one_percent,
 )
 from dobc_design.coupling.expression import numpy_function
-from dobc_design.exact.matrix import Matrix, Vector
+from dobc_design.exact.matrix import Array, Matrix, Vector
 from dobc_design.exact.symmetric import Doubles
 from dobc_design.exact.work import spend
 from dobc_design.loop.arcs import coupling_places, split_by
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.pairs import are_pairs
-from dobc_design.solvers.program import Array, factored
+from dobc_design.solvers.program import factored
 
 from .claim import (
     EXACT,

@@ -29,13 +29,12 @@ from dobc_design.conditions.numbers import (
 from dobc_design.conditions.quadratic.sectors import GainRange, gains_at
 from dobc_design.errors import SpecError
 from dobc_design.exact.interval import UndefinedError
-from dobc_design.exact.matrix import Matrix, rank, to_float
+from dobc_design.exact.matrix import Array, Matrix, rank, to_float
 from dobc_design.exact.number import root_above
 from dobc_design.exact.work import spend
 from dobc_design.loop.arcs import coupling_places, split_by
 from dobc_design.loop.loop import Loop
 from dobc_design.problem.network import Arcs
-from dobc_design.solvers.program import Array
 
 from .claim import MOST_COMPONENTS, ErrorBound, Separable, spread
 from .coordinates import (

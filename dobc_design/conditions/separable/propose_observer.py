@@ -15,12 +15,12 @@ from scipy import linalg
 
 from dobc_design._checks import noun
 from dobc_design.conditions.consensus.propose import decay_of
-from dobc_design.exact.matrix import Matrix, to_float
+from dobc_design.exact.matrix import Array, Matrix, to_float
 from dobc_design.exact.number import float_above
 from dobc_design.loop.timing import Timing, middle_of, predicted, sampled
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.solvers.conic import affine_cone, solve_cones, symmetric_basis
-from dobc_design.solvers.program import Array, round_matrix
+from dobc_design.solvers.program import round_matrix
 
 from .claim import ErrorBound
 

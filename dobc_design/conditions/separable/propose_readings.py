@@ -25,13 +25,12 @@ from dobc_design.conditions.numbers import (
     time_to_one_percent,
 )
 from dobc_design.conditions.observer.propose import decay_of_error, observer_gain
-from dobc_design.exact.matrix import Matrix
+from dobc_design.exact.matrix import Array, Matrix
 from dobc_design.exact.number import ZERO
 from dobc_design.exact.work import spend
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.pairs import gain_of_rows, required_rows
 from dobc_design.loop.timing import Timing
-from dobc_design.solvers.program import Array
 
 from .claim import ErrorBound, Separable, stated_errors
 from .propose import Field, SeparablePlan, field_of, least_solution, rounded_vectors

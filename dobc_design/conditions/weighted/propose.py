@@ -9,7 +9,7 @@ I)^-T 1 are positive, and D = diag(u / w) makes D (M - beta I) + (M - beta I)'D 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
@@ -31,7 +31,8 @@ from dobc_design.conditions.numbers import (
     time_to_one_percent,
 )
 from dobc_design.errors import SpecError
-from dobc_design.exact.matrix import Matrix, Vector, to_float
+from dobc_design.exact.matrix import Array, Matrix, Vector, to_float
+from dobc_design.exact.reading import Table
 from dobc_design.exact.symmetric import Doubles, largest, least
 from dobc_design.exact.work import spend
 from dobc_design.loop.loop import Loop
@@ -39,7 +40,7 @@ from dobc_design.loop.matrices import consensus_jacobian, pull_matrix
 from dobc_design.problem.exosystems import block_diagonal
 from dobc_design.problem.groups import group_numbers
 from dobc_design.solvers.conic import Cone, affine_cone, solve_cones
-from dobc_design.solvers.program import Array, factored, round_matrix
+from dobc_design.solvers.program import factored, round_matrix
 
 from .decide import Weighted, observer_bounds
 from .network import Alike
@@ -74,7 +75,7 @@ ROUNDED = 1e-9
 CLOSE = (1e-2, 1e-5)  # where iterations stop
 QUICK = 400  # steps of an iteration
 #: M of every mode.
-Tables = Mapping[str, Any]
+Tables = Table
 Rated = tuple[float, Array]  # a rate, and weights for it
 GIVEN_UP = (ArithmeticError, RuntimeError, ValueError, MemoryError, np.linalg.LinAlgError)
 
@@ -323,7 +324,7 @@ class _Solver:
     """A shifted matrix with its transpose, and a factor once one was needed."""
 
     shifted: Any
-    matrices: Mapping[str, Any]
+    matrices: Table
     scale: Array
     iterates: bool
     symmetric: bool

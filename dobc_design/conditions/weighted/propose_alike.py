@@ -17,6 +17,7 @@ from dobc_design._checks import noun, positional
 from dobc_design.conditions.consensus.propose import DENSE, decay_rate
 from dobc_design.conditions.numbers import bisected, golden_section, shorten, time_to_one_percent
 from dobc_design.exact.matrix import (
+    Array,
     Matrix,
     add,
     from_float,
@@ -32,7 +33,6 @@ from dobc_design.exact.work import spend
 from dobc_design.loop.loop import Loop
 from dobc_design.solvers import conic
 from dobc_design.solvers.conic import Cone, affine_cone, solve_cones
-from dobc_design.solvers.program import Array
 
 from .decide import Weighted
 from .network import Alike, Network, holds_of_agents

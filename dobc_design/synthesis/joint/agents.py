@@ -7,7 +7,7 @@ For a coupling h(y) = B'R y, R comes from the Riccati equation, scaled down as f
 allows, and from a semidefinite program in R^-1.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from fractions import Fraction
@@ -28,7 +28,7 @@ from dobc_design.conditions.weighted.network import Network, network_of
 from dobc_design.conditions.weighted.propose import GIVEN_UP, proposals, stiffness
 from dobc_design.conditions.weighted.propose_alike import Forms
 from dobc_design.coupling.coupling import make_coupling
-from dobc_design.exact.matrix import Matrix, multiply, scale, to_float, transpose
+from dobc_design.exact.matrix import Array, Matrix, multiply, scale, to_float, transpose
 from dobc_design.exact.number import typed_number
 from dobc_design.exact.observability import decide_detectable
 from dobc_design.exact.polynomial import (
@@ -37,13 +37,14 @@ from dobc_design.exact.polynomial import (
     routh,
     shifted,
 )
+from dobc_design.exact.reading import Document, Table
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.timing import middle_of
 from dobc_design.problem.changes import typed_matrix
 from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers import conic
-from dobc_design.solvers.program import Array, round_matrix
+from dobc_design.solvers.program import round_matrix
 from dobc_design.synthesis.pinning.claim import Gains, Structure, holding
 from dobc_design.synthesis.pinning.decide import structural_obstacle
 from dobc_design.verdict import Verdict
@@ -115,7 +116,7 @@ def _unreached(A: Matrix, B: Matrix, rate: Fraction, *, bent: bool) -> Statement
 
 #: Gains as multiples of the coupling, by agent index, and the changes of the problem that set them,
 #: and on request the coupling.
-Scaled = tuple[Gains, Mapping[str, Any]]
+Scaled = tuple[Gains, Table]
 
 
 def with_couplings(
@@ -185,11 +186,11 @@ def _decays(network: Network, rate: float, strength: float) -> bool:
     return decay_of(to_float(network.A) - strength * to_float(network.G)) > rate
 
 
-def _typed(problem: Problem, gains: Gains, slopes: Matrix | None) -> dict[str, Any]:
+def _typed(problem: Problem, gains: Gains, slopes: Matrix | None) -> Document:
     """Gains as a file has them: multiples of the ``slopes`` of the coupling, or plain numbers where
     these are understood so (None)."""
     labels = problem.network.labels
-    table = dict[str, Any]()
+    table = Document()
     for i, k in sorted(gains.items()):
         table[labels[i]] = typed_number(k) if slopes is None else typed_matrix(scale(k, slopes))
     return {"pinning.gains": table}

@@ -19,7 +19,7 @@ from dobc_design.conditions.numbers import fields_to_json, time_to_one_percent
 from dobc_design.errors import Mistakes, SpecError
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import ZERO, float_above, number_text, typed_number
-from dobc_design.exact.reading import counted, flag
+from dobc_design.exact.reading import Document, Table, Texts, counted, flag
 from dobc_design.problem.changes import typed_matrix, value_text
 from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.observer.claim import Answer, NoiseLimit, ObserverDesign, read_noise
@@ -146,9 +146,9 @@ class RegionPrices:
 
     rate: float
     share: float
-    capped: tuple[str, ...]
+    capped: Texts
     savings: Mapping[str, float] | None
-    barred: tuple[str, ...]
+    barred: Texts
 
     def sentences(self, *, pins: bool) -> Iterator[str]:
         """What each limit costs; ``pins``: their number, too."""
@@ -214,13 +214,13 @@ class Design(Answer):
     """
 
     request: DesignRequest
-    labels: tuple[str, ...]
+    labels: Texts
     W: Matrix | None = None
     P: Matrix | None = None
     gains: Mapping[str, Fraction]
     rate: float | None = None
     cost: Fraction | None = None
-    changes: Mapping[str, Any]
+    changes: Table
     problem: Problem | None = None
     certificate: Certificate | None = None
     observer: ObserverDesign | None = None
@@ -256,12 +256,12 @@ class Design(Answer):
         return proof.reason
 
     @property
-    def decisions(self) -> tuple[str, ...]:
+    def decisions(self) -> Texts:
         """What was chosen and why, in words."""
         return tuple(_decisions(self))
 
     @property
-    def prices(self) -> tuple[str, ...]:
+    def prices(self) -> Texts:
         """What each limit costs, in words."""
         return tuple(_prices(self))
 
@@ -278,17 +278,17 @@ class Design(Answer):
         """The total gain and the certified rate of this design and of those with further pins."""
         return text_of(Card(title="Price of further pins", heads=PIN_HEADS, rows=self._pin_rows()))
 
-    def _pin_rows(self) -> list[tuple[str, ...]]:
+    def _pin_rows(self) -> list[Texts]:
         if not self.further or self.rate is None or self.cost is None:
             return []
         own = TradePoint(x=self.rate, y=float(self.cost), pinned=tuple(self.gains), proved=True)
-        rows = list[tuple[str, ...]]()
+        rows = list[Texts]()
         for p in (own, *self.further):
             rate = significant_towards_zero(p.x)
             rows.append((str(len(p.pinned)), f"{p.y:.6g}", rate, listed(p.pinned)))
         return rows
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         """JSON object; exact numbers as text, ``cost`` rounded up.  ``problem`` is the name of the
         problem."""
         proof = self.certificate
@@ -535,10 +535,10 @@ class TradePoint:
 
     x: float
     y: float
-    pinned: tuple[str, ...] = ()
+    pinned: Texts = ()
     proved: bool = False
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Document:
         """JSON object, as one of the further pins of a design."""
         return {"pinned": list(self.pinned), "cost": self.y, "rate": self.x}
 
@@ -561,7 +561,7 @@ class TradeOff(Headed):
     design: Design | None = None
 
     @property
-    def sensitivity(self) -> tuple[str, ...]:
+    def sensitivity(self) -> Texts:
         """What a further pin buys, or what each limit of the design costs."""
         if self.curve == "pins":
             if len(self.points) < 2:
@@ -613,7 +613,7 @@ class TradeOff(Headed):
         return sorted([*self.points, *own], key=lambda point: (point.x, point.y))
 
     def _card(self) -> Card:
-        rows = list[tuple[str, ...]]()
+        rows = list[Texts]()
         for p in self._all():
             mark = "chosen" if p is self.chosen else ""
             rows.append((f"{p.x:.4g}", f"{p.y:.4g}", listed(p.pinned), mark))

@@ -6,11 +6,10 @@ observer, then pins (``pins``), gains for the region asked for, or near the cons
 given up first is what the refutation names; how far is read off a design without that limit.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import field, replace
 from fractions import Fraction
 from itertools import islice, product
-from typing import Any
 
 from dobc_design._checks import noun
 from dobc_design.certificate.certificate import Certificate
@@ -24,7 +23,7 @@ from dobc_design.conditions.observer.propose import filter_rate, pace_of, with_o
 from dobc_design.conditions.separable.claim import acts_by_component
 from dobc_design.conditions.statement import Statement, undecided
 from dobc_design.exact.number import ONE, ZERO, typed_number
-from dobc_design.exact.reading import counted
+from dobc_design.exact.reading import Document, Table, counted
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.saturation import Rooms, rooms_of
 from dobc_design.problem.changes import changed_problem, gain_changes
@@ -181,7 +180,7 @@ class Proposal:
     aim: float = 0.0
     near: PinningDesign | None = None
     region: RegionPrices | None = None
-    changes: Mapping[str, Any] = field(default_factory=dict)
+    changes: Table = field(default_factory=dict)
     arcs: str | None = None
 
 
@@ -349,7 +348,7 @@ def _certified(ground: Ground, proposal: Proposal) -> Design:
     labels = problem.network.labels
     gains = {labels[i]: k for i, k in sorted(proposal.gains.items())}
     W = None if proposal.observer is None else proposal.observer.W
-    changes: dict[str, Any] = {}
+    changes: Document = {}
     if not problem.agrees:
         changes["pinning.gains"] = {label: typed_number(k) for label, k in gains.items()}
     changes |= proposal.changes

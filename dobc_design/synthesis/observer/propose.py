@@ -27,13 +27,13 @@ from scipy import linalg
 from dobc_design._checks import noun
 from dobc_design.conditions.observer import propose
 from dobc_design.conditions.observer.decide import error_matrix
-from dobc_design.exact.matrix import Matrix, scale, to_float, zeros
+from dobc_design.exact.matrix import Array, Matrix, scale, to_float, zeros
 from dobc_design.exact.number import ONE, ZERO
 from dobc_design.exact.observability import decide_observable, observable_reduction
 from dobc_design.loop.timing import middle_of, sampled
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.solvers import conic
-from dobc_design.solvers.program import GIVEN_UP, Array, round_matrix
+from dobc_design.solvers.program import GIVEN_UP, round_matrix
 
 from .claim import (
     CHANNELS,

@@ -35,9 +35,9 @@ from dobc_design.conditions.consensus.pinning import (
     slowest_on,
 )
 from dobc_design.conditions.consensus.propose import rows_of
+from dobc_design.exact.matrix import Array
 from dobc_design.loop.make import loop_of
 from dobc_design.problem.problem import Problem
-from dobc_design.solvers.program import Array
 
 from .claim import Agents, AgentSet, Gains, PinningRequest
 

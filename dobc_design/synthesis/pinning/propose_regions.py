@@ -24,12 +24,12 @@ from dobc_design.conditions.observer.propose import decay_of_error
 from dobc_design.conditions.separable.claim import EXACT, ErrorBound, stated_errors
 from dobc_design.conditions.separable.propose import LARGEST_RADIUS, Field, field_of, least_above
 from dobc_design.conditions.separable.propose_observer import propose_error_bound, radius_needed
-from dobc_design.exact.matrix import Matrix, Vector
+from dobc_design.exact.matrix import Array, Matrix, Vector
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.timing import Timing
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.problem import Problem
-from dobc_design.solvers.program import Array, factored
+from dobc_design.solvers.program import factored
 
 from .claim import AgentSet, Gains, PinningRequest
 

@@ -26,7 +26,7 @@ function ticks(top) { // 0 and some round numbers up to top
 }
 
 function drawNetwork(holder, model, { pin, join, mode }) {
-  const { labels, places, agrees } = model.get("network");
+  const { labels, places, agrees, multiples } = model.get("network");
   const svg = made(holder, "svg:svg", { viewBox: `0 0 ${SIZE} ${SIZE}`, role: "group", "aria-label": "Network" });
   const id = `tip${Math.random().toString(36).slice(2)}`;
   const marker = made(made(svg, "svg:defs"), "svg:marker", { id, viewBox: "0 0 8 8", refX: 8, refY: 4,
@@ -94,7 +94,7 @@ function drawNetwork(holder, model, { pin, join, mode }) {
       const gain = model.get("gains")[label];
       agents[k].classList.toggle("dobc-pinned", gain !== undefined);
       agents[k].setAttribute("aria-pressed", gain !== undefined);
-      agents[k].setAttribute("aria-label", `agent ${label}${agrees ? "" : gain === undefined ? ", not pinned" : `, gain ${digits(gain)} 1/s`}`);
+      agents[k].setAttribute("aria-label", `agent ${label}${agrees ? "" : gain === undefined ? ", not pinned" : `, gain ${digits(gain)}${multiples ? " times" : " 1/s"}`}`);
     });
   };
 }
@@ -177,7 +177,7 @@ function field(parent, text, unit, [low, high], get, set) {
 function render({ model, el }) {
   el.classList.add("dobc-designer");
   el.setAttribute("data-lm-suppress-shortcuts", "true"); // else JupyterLab takes the arrow keys
-  const { labels, agrees } = model.get("network"), past = [], future = [];
+  const { labels, agrees, dynamics, multiples } = model.get("network"), past = [], future = [];
   let waiting = null, rest = null, pending = false, lost = null, gesture = null;
   const expect = () => { // the kernel may be gone: what stands here would wait for ever
     clearTimeout(lost);
@@ -312,7 +312,7 @@ function render({ model, el }) {
       gains.replaceChildren();
       rows = {};
       if (!wanted.length && !agrees) made(gains, "div", { class: "dobc-hint" }, "No agent is pinned.");
-      for (const label of wanted) rows[label] = field(gains, `gain of ${label}`, "1/s", [0.01, 1000],
+      for (const label of wanted) rows[label] = field(gains, `gain of ${label}`, multiples ? "times" : "1/s", [0.01, 1000],
         () => current("gains")[label] ?? 1, positive("gains", (v) => ({ ...current("gains"), [label]: v })));
       if (all.length > wanted.length) made(gains, "div", { class: "dobc-hint" }, `${wanted.length} of ${all.length} gains are shown.`);
     }
@@ -325,15 +325,16 @@ function render({ model, el }) {
     const found = model.get("numbers"), radius = model.get("radius"), top = found.lambda_max;
     const decided = model.get("verdict"), isProved = decided.verdict === "proved", rate = model.get("rate");
     numbers.replaceChildren();
-    if (!agrees) made(numbers, "div", {}, top === null ? "λmax(Λ) is left out: h may have a kink at 0."
+    if (multiples) made(numbers, "div", {}, `Gains are multiples: of the ${dynamics ? "coupling" : "identity"}, or of the matrix that the file gives.`);
+    if (!agrees && !dynamics) made(numbers, "div", {}, top === null ? "λmax(Λ) is left out: h may have a kink at 0."
       : `λmax(Λ) is about ${digits(top).replace("-", "−")} 1/s; Lemma 1 needs it below\u00a00.`);
-    if (!isProved && !agrees) made(numbers, "div", {}, found.reach > 0 // what is proved needs no estimate beside it
+    if (!isProved && !agrees && !dynamics) made(numbers, "div", {}, found.reach > 0 // what is proved needs no estimate beside it
       ? `At the wanted rate, starts within ${digits(found.reach, 3)} of the target should converge${found.reach >= radius ? "" : `; asked for: ${digits(radius, 3)}`}.`
       : "At the wanted rate no region is found.");
     else if (isProved && !decided.rate) made(numbers, "div", {}, "No decay rate is proved.");
     else if (isProved && Number(decided.rate) < rate) made(numbers, "div", {}, `The proved rate is below the wanted one, ${digits(rate)} 1/s.`);
     if (found.note) made(numbers, "div", {}, found.note);
-    made(numbers, "div", { class: "dobc-hint" }, `${agrees ? "The curves are estimates" : isProved ? "λmax and the curves are estimates" : "Estimates"} for the network without the observer, ${found.milliseconds} ms.`);
+    made(numbers, "div", { class: "dobc-hint" }, `${dynamics ? "The curves are estimates without the disturbance" : `${agrees ? "The curves are estimates" : isProved ? "λmax and the curves are estimates" : "Estimates"} for the network without the observer`}, ${found.milliseconds} ms.`);
     const bound = decided.bound ?? { text: "", tube: [], level: null };
     const isDrawn = response(found, radius, labels.map((label) => label in model.get("gains")), bound);
     proved.replaceChildren();

@@ -23,17 +23,20 @@ from dobc_design.certificate.files import write_atomically
 from dobc_design.certification.certify import certify
 from dobc_design.conditions.consensus.propose import float_lambda, largest_eigenvalue
 from dobc_design.conditions.numbers import bisected
+from dobc_design.conditions.observer.propose import with_observer
 from dobc_design.conditions.separable.claim import acts_by_component, stuck_agents
 from dobc_design.conditions.separable.propose import field_of, least_above
 from dobc_design.errors import DobcError, refused
-from dobc_design.exact.number import number_text, parse_number
-from dobc_design.exact.reading import Document, is_scalar_matrix
+from dobc_design.exact.matrix import Matrix, multiple_of, scale
+from dobc_design.exact.number import ZERO, number_text, parse_number
+from dobc_design.exact.reading import Document
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.timing import Timing
 from dobc_design.plotting.networks import positions
 from dobc_design.problem.changes import problem_text
 from dobc_design.problem.load import Source, load_problem
 from dobc_design.problem.network import Network
+from dobc_design.problem.pinning import GainForm
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.runs import simulate
 from dobc_design.synthesis.pinning.propose_regions import late_caps
@@ -76,10 +79,11 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
     ``save`` writes a problem file: after a restart of the kernel, ``Designer(path)`` goes on from
     it.  ``python_source(designer.problem)`` is the problem as Python.
 
-    ``problem``: Problem, path of a problem file, or name of a built-in problem; at most 200 agents,
-    numbers as gains. ``rate``: the decay rate in 1/s that the previewed region has to have.
-    ``radius``: starts within this distance of the target, or of each other where agents agree on a
-    value, which are not pinned; default those of the problem's region.
+    ``problem``: Problem, path of a problem file, or name of a built-in problem; at most 200 agents.
+    Gains are numbers, of agents with [dynamics] multiples of the coupling; a matrix that is none
+    counts as 1 and is scaled.  ``rate``: the decay rate in 1/s that the previewed region has to
+    have.  ``radius``: starts within this distance of the target, or of each other where agents
+    agree on a value, which are not pinned; default those of the problem's region.
     Raises: SpecError for a problem that it cannot show.
     """
 
@@ -105,17 +109,23 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
     ) -> None:
         base = load_problem(problem)
         base.require("the Designer")
-        _require_drawable(base)
         self._base = base
+        if base.n > LARGEST:
+            raise refused(
+                "network.agents",
+                f"the network has {base.n} agents; the drawing shows at most {LARGEST}.",
+                "Use certify and design for it.",
+            )
+        self._units = _units(base)
+        gains = zip(self._units.items(), base.pinning.gains.values(), strict=True)
+        self._gains = {label: multiple_of(k, unit) or ZERO for (label, unit), k in gains}
         self._working = threading.Lock()
         self.certificate: Certificate | None = None
-        labels = base.network.labels
-        self._gains = {labels[i]: k[0][0] for i, k in base.pinning.gains.items()}
         self._arcs: dict[str, list[list[Any]]] = {}
         for mode, arcs in base.network.modes.items():
             self._arcs[mode] = [[i, j, number_text(weight)] for i, j, weight in arcs]
         super().__init__(
-            network=_drawn(base),
+            network=_drawn(with_observer(base)),
             arcs=self._arcs,
             gains={label: float(k) for label, k in self._gains.items()},
             rate=float(rate),
@@ -136,7 +146,8 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
             # What was not moved stays exact: 1/3 stays 1/3.
             if given is None or float(given) != value:
                 given = exact(value)
-            changes["gains"][label] = given
+            unit = self._units.get(label)
+            changes["gains"][label] = given if unit is None else scale(given, unit)
         if self.radius != _radius(base):
             changes["region"] = _region(base, exact(self.radius))
         if self.arcs != self._arcs:
@@ -229,21 +240,15 @@ def exact(value: float) -> Fraction:
     return parse_number(repr(float(value)), "value")
 
 
-def _require_drawable(problem: Problem) -> None:
-    if problem.n > LARGEST:
-        raise refused(
-            "network.agents",
-            f"the network has {problem.n} agents; the drawing shows at most {LARGEST}.",
-            "Use certify and design for it.",
-        )
+def _units(problem: Problem) -> dict[str, Matrix]:
+    """What the number of a pinned agent is a multiple of: what numbers mean in a file, else its own
+    gain."""
+    unit = GainForm.of(problem.m, problem.dynamics, problem.coupling).unit
+    units = {}
     for agent, k in problem.pinning.gains.items():
-        if not is_scalar_matrix(k):
-            label = problem.network.labels[agent]
-            raise refused(
-                "pinning.gains",
-                f"agent {label} has a matrix gain; sliders set numbers only.",
-                "Give one number per agent.",
-            )
+        is_number = unit is not None and multiple_of(k, unit) is not None
+        units[problem.network.labels[agent]] = unit if unit is not None and is_number else k
+    return units
 
 
 def _drawn(problem: Problem) -> Document:
@@ -257,6 +262,8 @@ def _drawn(problem: Problem) -> Document:
         "limit": limit_words(problem),
         "unit": problem.unit,
         "agrees": problem.agrees,
+        "dynamics": problem.dynamics is not None,
+        "multiples": problem.dynamics is not None or not problem.pinning.is_scalar,
     }
 
 
@@ -306,8 +313,10 @@ class Preview:
 
 def preview(problem: Problem, *, radius: float, rate: float, t_final: float) -> Preview:
     """Estimate everything.  ``radius`` in the unit of x, ``rate`` in 1/s, ``t_final`` in s."""
+    problem = with_observer(problem)
     seen = _response(problem, radius, t_final)
-    if problem.agrees:
+    # What is estimated is about integrators.
+    if problem.agrees or problem.dynamics is not None:
         return seen
     return replace(seen, lambda_max=_lambda_max(problem), reach=_reach(problem, radius, rate))
 
@@ -369,12 +378,18 @@ def _response(problem: Problem, radius: float, t_final: float) -> Preview:
     random = np.random.default_rng(0)
     size = radius / 2 if problem.agrees else radius
     start = goals + size * random.choice((-1.0, -0.5, 0.5, 1.0), size=goals.shape)
-    unused = ("exosystem", "observer", "groups", "region", "switching", "simulation")
-    alone = problem.replace(**dict.fromkeys(unused))
+    alone = problem.replace(region=None, switching=None, simulation=None)
+    given = {"x": start}
+    sensed = loop_of(problem).sensed
+    if sensed:
+        # Where outputs are measured estimates are part of the network; they are right at first.
+        given["xi"] = np.zeros((problem.n, sum(group.exosystem.order for group in sensed)))
+    else:
+        alone = alone.replace(exosystem=None, observer=None, groups=None)
     mode = next(iter(problem.network.modes))
     try:
         run = simulate(
-            alone, mode=mode, start={"x": start}, t_final=t_final, samples=POINTS, tolerance=1e-5
+            alone, mode=mode, start=given, t_final=t_final, samples=POINTS, tolerance=1e-5
         )
     except DobcError as error:
         return Preview(note=str(error))

@@ -11,6 +11,8 @@ pytest.importorskip(
     "anywidget", reason="needs the extra `notebook`: pip install 'dobc_design[notebook]'"
 )
 
+from measured import CARTS, floats
+
 import dobc_design as dd
 from dobc_design.designer.source import python_source
 from dobc_design.designer.widget import preview
@@ -205,8 +207,37 @@ def test_a_message_of_the_page_saves_and_says_what_went_wrong(designer, tmp_path
 def test_what_cannot_be_drawn_is_refused():
     with pytest.raises(SpecError, match=r"201 agents; the drawing shows at most 200"):
         dd.Designer(problem("y", [[2, 1]], 201))
-    with pytest.raises(SpecError, match=r"agent 1 has a matrix gain"):
-        dd.Designer(problem("y", [[2, 1]], 2, target=[0, 0], gains={1: [[1, 0], [0, 2]]}))
+    with pytest.raises(SpecError, match=r"^leader: the Designer is not available yet"):
+        dd.Designer(CARTS["leader"])
+
+
+def test_a_matrix_counts_as_one_and_is_scaled():
+    """Of a cart with the coupling 2 y1 + 3 y2 only its multiples are numbers of the file."""
+    designer = dd.Designer(CARTS["estimates"])
+    assert designer.gains == {"1": 1} and designer.problem == CARTS["estimates"]
+    designer.gains = {"1": 0.5, "2": 0.25}
+    held = designer.problem.pinning.gains
+    assert held == {0: ((2, 2),), 1: ((Fraction(1, 2), Fraction(3, 4)),)}
+
+
+@pytest.mark.parametrize("name", ["estimates", "outputs"])
+def test_agents_that_measure_outputs_are_run_as_if_estimates_were_right(name):
+    """Of estimated states the couplings are those of carts that know themselves."""
+    given = CARTS[name]
+    designer = dd.Designer(given)
+    assert designer.numbers["note"] == "" and designer.numbers["lambda_max"] is None
+    own = given.dynamics
+    H = np.eye(2) if own.acts_on is None else floats(own.H)
+    knowing = given.replace(
+        dynamics={"A": own.A, "B": own.B},
+        coupling="2*y1 + 3*y2" if own.acts_on is None else "2*y1",
+        gains={1: (floats(given.pinning.gains[0]) @ H).tolist()},
+        exosystem=None,
+        observer=None,
+        simulation=None,
+    )
+    assert designer.numbers["errors"] == dd.Designer(knowing).numbers["errors"]
+    assert designer.certify().verdict is dd.Verdict.PROVED
 
 
 def test_a_kink_at_the_target_leaves_the_eigenvalue_out():

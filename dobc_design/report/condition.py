@@ -136,13 +136,11 @@ def _matrices(certificate: Certificate) -> Iterator[ShownMatrix]:
         yield ShownMatrix("E", "what of them acts on the errors, in place of C", felt.C)
     elif problem.dynamics is not None:
         yield ShownMatrix("B C", "what takes the place of C in the condition", felt.C)
-    # A reader wants to know whether W was given or designed.
-    source = words.gain_source(certificate, " ({})")
     found = words.observer_blocks(certificate)
     effect = "effect of the observer: Λ + I ⊗ S has to be negative definite"
     # Any of these may be missing: it depends on what was given and on what is proved.
     for name, what, matrix in (
-        ("W", f"observer gain{source}", certificate.W_exact),
+        ("W", "observer gain", certificate.W_exact),
         ("P", "Lyapunov matrix of the estimation error, found and proved", claims.P),
         ("Q", "P W", claims.Q),
         ("S", effect, found.get(words.FOUND)),

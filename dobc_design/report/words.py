@@ -351,13 +351,6 @@ def shown_notes(certificate: Certificate) -> Texts:
     return (*notes, NO_DELAY + simulated)
 
 
-def gain_source(certificate: Certificate, form: str) -> str:
-    """Whether W was given or designed; of measured outputs the notes say it, since the problem has
-    a W."""
-    source = certificate.claims.gain_source
-    return "" if loop_of(certificate.problem).sensed or not source else form.format(source)
-
-
 def loop_facts(certificate: Certificate) -> Iterator[Fact]:
     """What acts on the agents and what was designed against it, numbers in decimals."""
     problem = certificate.problem
@@ -375,7 +368,7 @@ def loop_facts(certificate: Certificate) -> Iterator[Fact]:
     W = certificate.W_exact
     if W is not None and len(W) * len(W[0]) <= MOST_NAMES:
         rows = ["; ".join(map(decimal, row)) for row in W]
-        yield "Observer gain W", f"({', '.join(rows)})′{gain_source(certificate, ', {}')}"
+        yield "Observer gain W", f"({', '.join(rows)})′"
     if problem.has_target:
         yield "Pinning gains", _pins(problem)
     times = time_words(problem)

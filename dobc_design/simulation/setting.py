@@ -231,7 +231,8 @@ def make_setting(problem: Problem, *, gain: Gain | None, **given: Unpack[Options
     loop = make_closed_loop(problem, gain, nodes)
     if observer == WITHOUT:
         problem.require("a run without an observer")
-    if observer == FULL_LOOP or stress is not None:
+    bands = stated_bands(problem)
+    if observer == FULL_LOOP or stress is not None or bands:
         problem.require("a stress, or the full loop as printed,")
     width = loop.n * (4 * loop.m + 2 * loop.q)
     times, notes = _times(given.get("samples"), horizon, width)
@@ -240,9 +241,6 @@ def make_setting(problem: Problem, *, gain: Gain | None, **given: Unpack[Options
     # without a disturbance there is nothing to compensate
     if observer == WITHOUT and problem.q:
         notes = [*notes, OFF]
-    bands = stated_bands(problem)
-    if bands:
-        problem.require("a stress, or the full loop as printed,")
     stress = replace(stress or Stress(), bands=bands)
     stress.failing(problem)  # refuses agents that are not there
     if exact.timing is not None:

@@ -10,7 +10,7 @@ from typing import Literal, TypeVar
 from dobc_design._show.progress import Reports, report_to, shows_progress
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certification.certify import certify
-from dobc_design.errors import SpecError, refused, wrong
+from dobc_design.errors import SpecError, wrong
 from dobc_design.exact.number import Number
 from dobc_design.exact.reading import flag, whole_number
 from dobc_design.loop.make import timing_of
@@ -100,12 +100,11 @@ def _check(problem: Problem, *, coupling: bool, others: bool) -> None:
     without."""
     problem.require("a design")
     flag(coupling, "coupling", "True asks for a coupling, too.")
+    if coupling:
+        problem.require("a design of couplings")
     if coupling and problem.dynamics is None:
         text = "coupling can be designed for agents with [dynamics] only."
         raise SpecError(text, key="coupling")
-    if coupling and problem.dynamics is not None and problem.dynamics.acts_on:
-        text = "coupling can be designed for agents whose couplings act on (estimated) states only."
-        raise refused("coupling", text, 'Leave dynamics.acts_on out, which means "states".')
     if others:
         problem.require("a design with cost, region, noise or conservative, or a trade-off")
 

@@ -73,8 +73,7 @@ def _of_outputs(design: ObserverDesign, group: Group, states: int) -> ObserverDe
     if design.obstacle is None or design.obstacle.kind != "detectable":
         return design
     check = of_outputs(detectability_check(group.exosystem), group, states)
-    reason = f"{check.reason[0].lower()}{check.reason[1:]}"
-    obstacle = refuted("outputs", f"no W exists: {reason}")
+    obstacle = refuted("outputs", f"no W exists: {check.reason}")
     return replace(design, obstacle=obstacle, statements=(obstacle,))
 
 

@@ -65,7 +65,7 @@ def test_a_state_that_no_output_shows_refutes_in_its_words(rate):
 
 
 def test_a_coupling_is_designed_for_states_only():
-    with pytest.raises(SpecError, match=r"^coupling can be designed for agents whose couplings"):
+    with pytest.raises(SpecError, match=r"^dynamics\.acts_on: a design of couplings is for"):
         dd.design(carts(dynamics=DAMPED, coupling="2*y"), coupling=True)
     found = dd.design(carts(), coupling=True, rate="2/5")
     assert found.is_proved and found.problem.dynamics == CART

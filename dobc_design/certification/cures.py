@@ -133,7 +133,7 @@ def missing_arcs(problem: Problem) -> Fix | None:
     one for each closed group but one, the least for one mode.  None where none is needed, arcs are
     optional, or there are too many."""
     loop = loop_of(problem)
-    count = sum(map(len, loop.modes.values()))
+    count = loop.arc_count
     # Optional arcs stand in a list of their own, which may not be rewritten.
     if count > MOST_ARCS or any(arcs.optional for arcs in loop.modes.values()):
         return None

@@ -169,7 +169,7 @@ def _work_of(loop: Loop) -> tuple[int, int]:
     """Arcs of all modes together, and rows; of pairs, where agents agree."""
     if loop.agrees:
         loop = rows_of(loop, None) or loop
-    return sum(map(len, loop.modes.values())), loop.size
+    return loop.arc_count, loop.size
 
 
 def _what_follows(*refusals: str) -> str:

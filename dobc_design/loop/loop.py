@@ -234,6 +234,11 @@ class Loop(Grouped):
         return self.n * self.m
 
     @property
+    def arc_count(self) -> int:
+        """How many arcs all modes have."""
+        return sum(map(len, self.modes.values()))
+
+    @property
     def q(self) -> int:
         """The states of all exosystems together."""
         return sum(group.exosystem.order for group in self.groups)

@@ -33,7 +33,7 @@ def arcs_section(found: Findings) -> Blocks:
             continue
         loop, _ = TOPICS["arcs"].about(check.id, agents, W)
         claim = claim_of(check, agents, W)
-        if isinstance(claim, ArcWise) and sum(map(len, loop.modes.values())) <= MOST_ARCS:
+        if isinstance(claim, ArcWise) and loop.arc_count <= MOST_ARCS:
             yield from _told(loop, claim, domain_words(check.domain, found.problem.unit))
 
 

@@ -95,7 +95,7 @@ def _weights(loop: Loop) -> Iterator[Doubles]:
     """Weights d that are tried: all 1, then those of the linear couplings near the target, between
     all modes."""
     yield Doubles(np.ones(loop.n))
-    if sum(map(len, loop.modes.values())) > FEW_KINDS:
+    if loop.arc_count > FEW_KINDS:
         return
     found = None
     with surviving("no weights for arcs", WorkLimitError):

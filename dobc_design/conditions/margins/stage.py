@@ -132,7 +132,7 @@ def _tolerance(asked: Asked, case: Case) -> Check:
     proof = case.proof(Separable)
     base = case.proved(Separable)
     undecided = partial(undecided_check, "tolerance", asked.domain)
-    is_large = sum(map(len, loop.modes.values())) > TIMED_ARCS
+    is_large = loop.arc_count > TIMED_ARCS
     if is_large and given is None:
         return undecided(
             f"left out: the network is large; tolerances are examined up to {TIMED_ARCS} arcs."

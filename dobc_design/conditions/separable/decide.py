@@ -215,7 +215,7 @@ def in_arrays(question: Question) -> Many | None:
     is_rising = all(kind.is_nondecreasing for kind in question.profiles)
     if rho is None and not is_rising:
         return None
-    arcs = sum(map(len, loop.modes.values()))
+    arcs = loop.arc_count
     if arcs < (MANY_ARCS if is_rising else MANY_FALLING):
         return None
     arrays = arc_rows(loop, question.v, stretch=question.stretch, errors=question.errors)

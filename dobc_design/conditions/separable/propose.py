@@ -206,7 +206,7 @@ def field_of(loop: Loop, *, rho: float, errors: Errors = EXACT) -> Field:
             )
             groups.append(group)
         modes.append(tuple(groups))
-    total = 1 + sum(map(len, loop.modes.values()))
+    total = 1 + loop.arc_count
     count = int(np.clip(WORK // total, COARSEST, FINEST))
     return Field(
         size=loop.n,

@@ -407,7 +407,7 @@ def _timing(asked: Asked, claim: Separable, check: Check, report: Progress) -> l
     """Delays and sampling beside a proved max-separable check."""
     loop = asked.loop
     domain = asked.domain
-    arcs = sum(map(len, loop.modes.values()))
+    arcs = loop.arc_count
     if arcs > TIMED_ARCS:
         reason = (
             f"left out: the network has {arcs} arcs; delays and sampling are examined up to "

@@ -412,7 +412,7 @@ def steepness(
                 return found <= most
 
         rho = claim.rho or ZERO
-        arcs = sum(map(len, loop.modes.values()))
+        arcs = loop.arc_count
         if rho and arcs > _MANY_ARCS:
             arrays = arc_rows(loop, claim.v, held=True, stretch=stretch)
             return more * stiffest_row(arrays, profiles, rho=rho)

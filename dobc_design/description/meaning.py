@@ -22,7 +22,7 @@ from dobc_design.conditions.consensus.network import apart_in_words
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.errors import SpecError
 from dobc_design.exact.definite import decide_positive_definite
-from dobc_design.exact.matrix import Array, Vector, identity, to_float
+from dobc_design.exact.matrix import Array, Vector, identity, largest_entry, to_float
 from dobc_design.exact.number import nearest, to_fmpq_mat
 from dobc_design.exact.observability import observable_reduction
 from dobc_design.loop.arcs import closed_groups, unreached
@@ -459,7 +459,7 @@ def _over_region(problem: Problem, coupling: Coupling) -> Sentences:
             edge = significant(float(bad[np.argmin(np.abs(bad))]), 2)
             yield f"{h} is not defined for y {sign} {edge} (about); {allowed}."
     y, value = y[defined], value[defined]
-    slope, largest = float(coupling.jacobian_at_zero()[0][0].hi), float(np.abs(value).max())
+    slope, largest = float(coupling.jacobian_at_zero()[0][0].hi), largest_entry(value)
     if slope < 0:
         return
     angle = ""

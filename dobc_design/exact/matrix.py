@@ -10,7 +10,7 @@ from fractions import Fraction
 from typing import Any, Final, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from dobc_design._checks import require_shape, require_square
 from dobc_design.errors import ShapeError, SpecError, misshapen
@@ -242,6 +242,11 @@ def row_norm(M: Matrix) -> Fraction:
 def is_symmetric(M: Matrix) -> bool:
     """Return whether M is square and equals its transpose exactly."""
     return transpose(M) == tuple(map(tuple, M))
+
+
+def largest_entry(values: ArrayLike) -> float:
+    """The largest |entry| of an array, 0 of none."""
+    return float(np.max(np.abs(values), initial=0.0))
 
 
 def to_float(M: Matrix) -> Array:

@@ -24,7 +24,7 @@ from dobc_design.conditions.equilibrium.propose import (
     proved_equilibria,
 )
 from dobc_design.errors import wrong
-from dobc_design.exact.matrix import Array
+from dobc_design.exact.matrix import Array, largest_entry
 from dobc_design.exact.reading import Texts
 from dobc_design.loop.arrays import Gain, chosen_gain
 from dobc_design.loop.make import loop_of
@@ -321,7 +321,7 @@ class _Search:
 
 def _is_same(end: Array, other: Array) -> bool:
     """Whether two runs end at one place."""
-    return bool(np.max(np.abs(end - other)) <= SAME_END * (1 + np.max(np.abs(end))))
+    return largest_entry(end - other) <= SAME_END * (1 + largest_entry(end))
 
 
 def _observed_rate(trials: Trials) -> float | None:

@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import structural_rank
 from scipy.sparse.linalg import splu
 
 from dobc_design._checks import noun
-from dobc_design.exact.matrix import Array, Matrix
+from dobc_design.exact.matrix import Array, Matrix, largest_entry
 from dobc_design.exact.pencil import Pencil
 
 # What a numerical library that gives up raises, or what comes of an answer of a wrong shape;
@@ -83,7 +83,7 @@ def assemble(pencil: Pencil, numbers: Sequence[float]) -> dict[str, Array]:
 
 def round_matrix(array: Array, digits: int) -> Matrix:
     """Round to ``digits`` significant decimal digits of the largest entry; symmetry is kept."""
-    largest = float(np.max(np.abs(array))) if array.size else 0.0
+    largest = largest_entry(array)
     places = 0
     if 0 < largest < math.inf:
         places = digits - 1 - math.floor(math.log10(largest))

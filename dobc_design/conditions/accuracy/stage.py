@@ -54,7 +54,15 @@ from dobc_design.conditions.separable.stage import largest_claim, separable_stag
 from dobc_design.conditions.stated import holds_asked, stated_in
 from dobc_design.coupling.expression import numpy_function
 from dobc_design.exact.interval import UndefinedError
-from dobc_design.exact.matrix import Array, Matrix, Vector, identity, row_norm, to_float
+from dobc_design.exact.matrix import (
+    Array,
+    Matrix,
+    Vector,
+    identity,
+    largest_entry,
+    row_norm,
+    to_float,
+)
 from dobc_design.exact.number import ONE, ZERO, root_above
 from dobc_design.exact.peaks import MOST_GROWTH, MOST_STEPS
 from dobc_design.exact.polynomial import routh
@@ -231,7 +239,7 @@ def _pulls(plant: Plant, reach: float) -> Any:
     secants = []
     for function in loop.functions:
         h = numpy_function(function.components[0])
-        secants.append(max(np.max(np.abs(h(y) / y)), np.max(np.abs(h(-y) / y))))
+        secants.append(max(largest_entry(h(y) / y), largest_entry(h(-y) / y)))
     steepest = np.array(secants)
     passed = float(stated.weights * peaks.disturbance * (1 + ROOM) * (1 + ABOVE))
     total = sparse.csr_array((loop.n, loop.n))

@@ -25,7 +25,7 @@ from scipy.sparse.linalg import cg, eigs
 
 from dobc_design._checks import noun
 from dobc_design.conditions.numbers import bisected
-from dobc_design.exact.matrix import Array
+from dobc_design.exact.matrix import Array, largest_entry
 from dobc_design.loop.loop import Loop
 from dobc_design.solvers.conic import Cone, smat, solve_cones, svec, svec_diagonal
 from dobc_design.solvers.program import factored
@@ -127,7 +127,7 @@ def network_blocks(loop: Loop, *, pins: bool = False, weighted: bool = False) ->
             key = each.indptr.tobytes() + each.indices.tobytes() + each.data.tobytes()
             tables.setdefault(key, each)
             sources.setdefault(key, (mode, component))
-    largest = [float(np.max(np.abs(each.data), initial=0.0)) for each in tables.values()]
+    largest = [largest_entry(each.data) for each in tables.values()]
     return Blocks(
         agents=loop.n,
         width=width,
@@ -298,7 +298,7 @@ def _uncapped(tables: Sequence[Any], chosen: Any, weights: Array) -> Shared | No
     (table,) = tables
     active = np.array(chosen, dtype=bool)
     v = np.zeros(len(weights))
-    size = float(np.max(np.abs(table.data), initial=0.0))
+    size = largest_entry(table.data)
     for _ in range(int(active.sum()) + 1):
         free = np.flatnonzero(~active)
         v[active] = _on_pins(table, active, weights, size=size)
@@ -364,7 +364,7 @@ def _balance(flows: Array) -> Array:
         diagonal = np.where(both > 0, both * (1 + CLOSE), 1.0)
         whole = np.diag(diagonal) - moved - moved.T
         step = np.linalg.solve(whole, out - back)
-        logs += step / max(1.0, float(np.max(np.abs(step))))
+        logs += step / max(1.0, largest_entry(step))
     return np.asarray(np.exp(logs))
 
 
@@ -461,7 +461,7 @@ def _lowest_of_parts(block: Any) -> tuple[float, Array]:
     else:  # the eigenvalues lie to the right of all discs
         diagonal = inner.diagonal()
         ends = 2 * diagonal - abs(inner).sum(axis=1)
-        shift = float(np.min(ends)) - SHIFT * float(np.max(np.abs(diagonal)))
+        shift = float(np.min(ends)) - SHIFT * largest_entry(diagonal)
         start = np.ones(inner.shape[0])
         (value,), right = eigs(inner, 1, sigma=shift, v0=start)
         _, left = eigs(inner.T, 1, sigma=shift, v0=start)
@@ -578,7 +578,7 @@ def _uncapped_shared(tables: Sequence[Any], chosen: Any, costs: Array) -> Shared
         blocks = [_split(table, pins, others) for table in tables]
     except RuntimeError:  # exactly singular
         return None
-    scale = max(float(np.max(np.abs(table.data), initial=0.0)) for table in tables)
+    scale = max(largest_entry(table.data) for table in tables)
     if not scale > 0:
         return None
     dual = _Dual(blocks=blocks, root=np.sqrt(costs[pins]), scale=scale)

@@ -21,7 +21,7 @@ from scipy.sparse import csgraph
 from dobc_design._checks import noun
 from dobc_design.conditions.numbers import bisected
 from dobc_design.exact.interval import Interval
-from dobc_design.exact.matrix import Array, Matrix, to_float
+from dobc_design.exact.matrix import Array, Matrix, largest_entry, to_float
 from dobc_design.exact.number import nearest
 from dobc_design.exact.work import out_of_time
 from dobc_design.loop.arcs import arc_table
@@ -266,7 +266,7 @@ class Top:
 def largest_eigenvalue(table: Any) -> Top:
     """Estimate the largest eigenvalue of a symmetric SciPy array (n, n), and its vector."""
     size = table.shape[0]
-    largest = float(np.max(np.abs(table.data), initial=0.0))
+    largest = largest_entry(table.data)
     if largest == 0:
         return Top(value=0.0, vector=np.ones(size))
     none = Top(value=math.nan, vector=np.zeros(size))
@@ -407,7 +407,7 @@ class _Search:
     def __init__(self, *, table: Any, width: int) -> None:
         self.table = table
         self.width = width
-        largest = float(np.max(np.abs(table.data), initial=0.0))
+        largest = largest_entry(table.data)
         self.edge = EDGE * max(largest, 1e-300)
         self.known: dict[Agents, tuple[float, Array]] = {}
         self.left = BUDGET

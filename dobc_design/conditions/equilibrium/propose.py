@@ -13,7 +13,7 @@ import numpy as np
 from scipy import optimize
 
 from dobc_design.exact.interval import Box, Interval
-from dobc_design.exact.matrix import Array
+from dobc_design.exact.matrix import Array, largest_entry
 from dobc_design.exact.number import ONE
 from dobc_design.exact.work import spend
 from dobc_design.loop.loop import Loop
@@ -118,7 +118,7 @@ def distance_of(claim: Equilibrium) -> float:
 
 def largest(e: Array) -> float:
     """|e|_inf."""
-    return float(np.max(np.abs(e)))
+    return largest_entry(e)
 
 
 def find_roots(loop: Loop, mode: str, points: Sequence[Array]) -> Iterator[Array]:
@@ -140,8 +140,8 @@ def find_roots(loop: Loop, mode: str, points: Sequence[Array]) -> Iterator[Array
         root = _root(value, slope, point, least)
         if root is None:
             continue
-        size = np.max(np.abs(root))
-        if all(np.max(np.abs(root - other)) > SAME * size for other in known):
+        size = largest_entry(root)
+        if all(largest_entry(root - other) > SAME * size for other in known):
             known.append(root)
             yield root
 
@@ -153,5 +153,5 @@ def _root(value: Vectors, slope: Vectors, start: Array, least: float) -> Array |
     e = optimize.root(value, start, jac=slope, method="lm", options=limits).x
     steepest = np.abs(slope(e)).sum(axis=1).max()
     reach = largest(e)
-    close = np.max(np.abs(value(e))) <= CLOSE * steepest * reach  # never for nan
+    close = largest_entry(value(e)) <= CLOSE * steepest * reach  # never for nan
     return np.asarray(e) if close and least < reach < np.inf else None

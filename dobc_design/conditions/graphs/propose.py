@@ -13,7 +13,7 @@ from dobc_design.conditions.consensus.decide import linear_part
 from dobc_design.conditions.consensus.propose import decay_of, decay_rate
 from dobc_design.conditions.numbers import MANY_AGENTS, last_found, rounded_down
 from dobc_design.conditions.separable.claim import holding_gains
-from dobc_design.exact.matrix import Array, Matrix, Vector, to_float
+from dobc_design.exact.matrix import Array, Matrix, Vector, largest_entry, to_float
 from dobc_design.exact.symmetric import Doubles
 from dobc_design.loop.arcs import arc_table
 from dobc_design.loop.loop import Loop
@@ -90,7 +90,7 @@ def _weights(M: Any, rate: float) -> Any:
         w = factored(M - rate * sparse.eye_array(size)).solve(np.ones(size))
     except RuntimeError:  # singular
         return None
-    w = w / np.max(np.abs(w))
+    w = w / largest_entry(w)
     return w if np.all(w > 0) else None
 
 

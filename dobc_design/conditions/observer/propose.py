@@ -32,6 +32,7 @@ from dobc_design.exact.matrix import (
     add,
     identity,
     inverse,
+    largest_entry,
     multiply,
     scale,
     solve_lyapunov,
@@ -191,7 +192,7 @@ def decay_of_error(exosystem: Exosystem, W: Matrix, timing: Timing | None) -> fl
     if timing is None or not timing.sampled:
         return decay_rate(exosystem, W)
     F = middle_of(sampled(exosystem, timing).error(W, timing.period))
-    largest = float(np.max(np.abs(np.linalg.eigvals(to_float(F)))))
+    largest = largest_entry(np.linalg.eigvals(to_float(F)))
     return -math.log(largest) / float(timing.period) if largest else math.inf
 
 
@@ -266,7 +267,7 @@ def _crossings(F: Array, B: Array, C: Array, D: Array, level: float) -> Array:
     output = C.T @ (np.eye(len(C)) + D @ R @ D.T) @ C
     hamiltonian = np.block([[closed, B @ R @ B.T], [-output, -closed.T]])
     values = np.linalg.eigvals(hamiltonian)
-    scale = max(1.0, float(np.max(np.abs(values))))
+    scale = max(1.0, largest_entry(values))
     imaginary = np.abs(values.real) < 1e-8 * scale
     return np.sort(values.imag[imaginary & (values.imag >= 0)])
 
@@ -540,7 +541,7 @@ def _uncompensated(group: Group, own: Dynamics, bands: Sequence[Band], W: Matrix
     for band in bands:
         for w in np.linspace(nearest(band.low), nearest(band.high), SAMPLES):
             S = np.eye(own.inputs) + C @ np.linalg.solve(1j * w * np.eye(len(F)) - F, B)
-            most = max(most, float(np.max(np.abs(S))))
+            most = max(most, largest_entry(S))
     return most
 
 
@@ -573,7 +574,7 @@ def band_gains(loop: Loop, W: Matrix, band: Band) -> Matrix:
         with np.errstate(all="ignore"):  # gains far beyond the band have no floats
             bottom = np.polyval(_in_units(below, band.high), jw)
             tables = [[np.polyval(_in_units(x, band.high), jw) for x in row] for row in rows]
-            sizes = [[np.max(np.abs(x / bottom)) for x in row] for row in tables]
+            sizes = [[largest_entry(x / bottom) for x in row] for row in tables]
         most = np.maximum(most, np.nan_to_num(sizes, nan=1.0, posinf=1.0))
     if not np.any(most):  # nothing at all is left only after all time
         most = most + LEAST_GAIN

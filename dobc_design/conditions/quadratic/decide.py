@@ -41,7 +41,7 @@ from dobc_design.conditions.reason import fixed_obstacle, observer_obstacle, sig
 from dobc_design.errors import ShapeError
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
 from dobc_design.exact.interval import UndefinedError
-from dobc_design.exact.matrix import Matrix, Vector, inverse, to_float
+from dobc_design.exact.matrix import Matrix, Vector, inverse, largest_entry, to_float
 from dobc_design.exact.number import ONE, ZERO, float_below
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.loop.arcs import unreached
@@ -176,7 +176,7 @@ def eigenvalue_bound(M: SparseSymmetric) -> Fraction:
         return max(M.diagonal(), default=ZERO)
     values = np.linalg.eigvalsh(to_float(M.to_dense()))
     largest = Fraction(float(values[-1]))
-    unit = Fraction(float(np.max(np.abs(values))))
+    unit = Fraction(largest_entry(values))
     # The estimate says only which bound is tried.
     for rise in RISE:
         bound = rounded_up(largest + rise * unit, digits=12)

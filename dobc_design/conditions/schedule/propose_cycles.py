@@ -33,7 +33,7 @@ from dobc_design.conditions.separable.propose_coordinates import (
 from dobc_design.conditions.separable.propose_observer import with_kappa
 from dobc_design.errors import SpecError
 from dobc_design.exact.interval import UndefinedError
-from dobc_design.exact.matrix import Array, Matrix, row_norm, to_float
+from dobc_design.exact.matrix import Array, Matrix, largest_entry, row_norm, to_float
 from dobc_design.exact.number import ONE, ZERO, root_above
 from dobc_design.exact.work import spend
 from dobc_design.loop.guarantee import Phase
@@ -512,12 +512,12 @@ class _Linear:
         for way in self.ways:
             spend(HANDED)
             whole = way.maps[-1] @ whole
-            size = float(np.abs(whole).max())
+            size = largest_entry(whole)
             if not (size > 0 and math.isfinite(size)):
                 return 0.0
             whole = whole / size
             lost -= math.log(size)
-        radius = float(np.abs(np.linalg.eigvals(whole)).max())
+        radius = largest_entry(np.linalg.eigvals(whole))
         length = sum(float(way.times[-1]) for way in self.ways)
         return (lost - math.log(radius)) / length if radius > 0 else 0.0
 

@@ -18,7 +18,7 @@ from dobc_design.conditions.consensus.decide import linear_part
 from dobc_design.conditions.domain import Domain
 from dobc_design.conditions.numbers import read_rational
 from dobc_design.exact.exponential import expanding_product
-from dobc_design.exact.matrix import Matrix, row_norm
+from dobc_design.exact.matrix import Matrix, largest_entry, row_norm
 from dobc_design.exact.number import ZERO
 from dobc_design.loop.loop import Loop
 from dobc_design.loop.pairs import are_pairs
@@ -53,7 +53,7 @@ def growth(loop: Loop, power: int) -> float | None:
     if parts is None or not 1 <= power <= MOST_POWER:
         return None
     whole = expanding_product(parts, power)
-    return None if whole is None else float(np.abs(np.linalg.eigvals(np.array(whole))).max())
+    return None if whole is None else largest_entry(np.linalg.eigvals(np.array(whole)))
 
 
 def _parts(loop: Loop) -> list[tuple[Matrix, Fraction]] | None:

@@ -29,7 +29,7 @@ from dobc_design.conditions.numbers import (
 from dobc_design.conditions.quadratic.sectors import GainRange, gains_at
 from dobc_design.errors import SpecError
 from dobc_design.exact.interval import UndefinedError
-from dobc_design.exact.matrix import Array, Matrix, rank, to_float
+from dobc_design.exact.matrix import Array, Matrix, largest_entry, rank, to_float
 from dobc_design.exact.number import root_above
 from dobc_design.exact.work import spend
 from dobc_design.loop.arcs import coupling_places, split_by
@@ -346,7 +346,7 @@ def _candidates(agents: Agents, gains: Gains) -> Iterator[Matrix | None]:
     seen = [each.mean(axis=0) for place, each in gains.items() if place != agents.loop.drift_place]
     outputs = linalg.orth(np.vstack(seen).T).T if seen else np.eye(m)
     first = np.eye(m)[: max(1, len(outputs))]
-    size = float(np.max(np.abs(np.linalg.eigvals(A - pull)))) or 1.0
+    size = largest_entry(np.linalg.eigvals(A - pull)) or 1.0
     for c, part in product((first, outputs), PARTS):
         step = np.eye(m) + A / (size * part)
         rows = np.vstack([c @ np.linalg.matrix_power(step, k) for k in range(m)])

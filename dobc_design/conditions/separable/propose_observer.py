@@ -15,7 +15,7 @@ from scipy import linalg
 
 from dobc_design._checks import noun
 from dobc_design.conditions.consensus.propose import decay_of
-from dobc_design.exact.matrix import Array, Matrix, to_float
+from dobc_design.exact.matrix import Array, Matrix, largest_entry, to_float
 from dobc_design.exact.number import float_above
 from dobc_design.loop.timing import Timing, middle_of, predicted, sampled
 from dobc_design.problem.exosystems import Exosystem
@@ -68,7 +68,7 @@ class _Pair:
         """The decay rate, per tick where there are ticks."""
         if not self.period:
             return decay_of(self.F)
-        largest = float(np.max(np.abs(np.linalg.eigvals(self.F)), initial=0.0))
+        largest = largest_entry(np.linalg.eigvals(self.F))
         return (1 - largest) / self.period
 
     def decay(self, P: Array, beta: float) -> Array:
@@ -150,7 +150,7 @@ def _rounded(bound: _Bound, *, rate: float, slack: float) -> ErrorBound | None:
 def _least_bound(pair: _Pair, beta: float) -> _Bound | None:
     """Minimise t subject to P <= t I, c'c <= P, F' P + P F <= -2 beta P, by Clarabel."""
     q = len(pair.F)
-    unit = float(np.max(np.abs(pair.C), initial=0.0)) or 1.0
+    unit = largest_entry(pair.C) or 1.0
     scaled = replace(pair, C=pair.C / unit)  # so that P is about 1
     basis = symmetric_basis(q)
     none = np.zeros((q, q))
@@ -182,8 +182,8 @@ def _is_inside(pair: _Pair, bound: ErrorBound) -> bool:
     """Whether the rounded numbers satisfy the constraints as far as floats can tell."""
     for side in _sides(to_float(bound.P), pair, float(bound.beta)):
         lowest = np.linalg.eigvalsh(side)[0]
-        size = np.max(np.abs(side), initial=0.0)
-        if not float(lowest) >= INSIDE * float(size):
+        size = largest_entry(side)
+        if not float(lowest) >= INSIDE * size:
             return False
     return True
 
@@ -192,8 +192,8 @@ def _nearly_holds(P: Array, pair: _Pair, beta: float) -> bool:
     """Whether floating point sees the constraints, up to rounding: solvers may say what is not
     so."""
     with np.errstate(all="ignore"):
-        size = float(np.max(np.abs(P)))
-        room = NEARLY * size * (1 + float(np.max(np.abs(pair.F))) + beta)
+        size = largest_entry(P)
+        room = NEARLY * size * (1 + largest_entry(pair.F) + beta)
         try:
             lowest = [float(np.linalg.eigvalsh(side)[0]) for side in _sides(P, pair, beta)]
         except np.linalg.LinAlgError:

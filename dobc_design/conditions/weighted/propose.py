@@ -31,7 +31,7 @@ from dobc_design.conditions.numbers import (
     time_to_one_percent,
 )
 from dobc_design.errors import SpecError
-from dobc_design.exact.matrix import Array, Matrix, Vector, to_float
+from dobc_design.exact.matrix import Array, Matrix, Vector, largest_entry, to_float
 from dobc_design.exact.reading import Table
 from dobc_design.exact.symmetric import Doubles, largest, least
 from dobc_design.exact.work import spend
@@ -423,7 +423,7 @@ def _program(tables: Tables, rate: float) -> Iterator[Array]:
     for M in tables.values():
         rows = M.toarray() - rate * eye
         units = [np.outer(e, row) + np.outer(row, e) for e, row in zip(eye, rows, strict=True)]
-        room = MARGIN * float(np.abs(rows).max())
+        room = MARGIN * largest_entry(rows)
         cones.append(affine_cone([*units, 0 * eye], -room * eye))
     answer = solve_cones(np.append(np.zeros(size), 1.0), cones, time_limit=LONGEST)
     found = answer.x[:size] if answer.found else np.zeros(0)

@@ -21,6 +21,7 @@ from dobc_design.exact.matrix import (
     Matrix,
     add,
     from_float,
+    largest_entry,
     multiply,
     nullspace,
     scale,
@@ -85,7 +86,7 @@ class Forms:
         def pulled(R: Array) -> Array:
             return np.asarray(R @ A + A.T @ R - 2 * strength * R @ G + 2 * rate * R)
 
-        size = 1 + float(np.abs(A).max()) + rate + strength * float(np.abs(G).max())
+        size = 1 + largest_entry(A) + rate + strength * largest_entry(G)
         least = -1e-9 * (G @ seen).T @ G @ seen
         cones = [
             affine_cone(units, -np.eye(m)),

@@ -27,7 +27,7 @@ from scipy import linalg
 from dobc_design._checks import noun
 from dobc_design.conditions.observer import propose
 from dobc_design.conditions.observer.decide import error_matrix
-from dobc_design.exact.matrix import Array, Matrix, scale, to_float, zeros
+from dobc_design.exact.matrix import Array, Matrix, largest_entry, scale, to_float, zeros
 from dobc_design.exact.number import ONE, ZERO
 from dobc_design.exact.observability import decide_observable, observable_reduction
 from dobc_design.loop.timing import middle_of, sampled
@@ -145,7 +145,7 @@ def make_plant(exosystem: Exosystem, request: ObserverRequest) -> Plant:
 
 def _half_of_steps(A: Array, C: Array) -> Fraction:
     gain = propose.kalman_gain(A, C, sampled=True)
-    largest = 1.0 if gain is None else float(np.abs(np.linalg.eigvals(A - gain @ C)).max())
+    largest = 1.0 if gain is None else largest_entry(np.linalg.eigvals(A - gain @ C))
     return Fraction(-math.log(min(1.0, largest)) / 2) if largest else ONE
 
 
@@ -227,7 +227,7 @@ def lmi_gain(plant: Plant, *, noise: Sequence[NoiseLimit] = (), slack: float) ->
 
 def _time_unit(plant: Plant) -> float:
     """The fastest rate in play, in 1/s."""
-    fastest = float(np.max(np.abs(np.linalg.eigvals(plant.A)), initial=0.0))
+    fastest = largest_entry(np.linalg.eigvals(plant.A))
     for region in plant.regions:
         for end in region.real_ends:
             if end is not None:

@@ -31,7 +31,7 @@ from .canonical import (
     texts_of,
 )
 from .fixed import resting
-from .groups import Observer, gains_of
+from .groups import Groups, Observer, gains_of
 from .load import parse_toml, read_problem_text
 from .network import Arcs, Network
 from .problem import Problem
@@ -115,14 +115,14 @@ _OF_NETWORK = (
 CHANGEABLE = (*_OF_NETWORK, *_OF_ALL, "region.initial_disturbance", "simulation.xi0", GROUP_GAINS)
 
 
-def gain_changes(problem: Problem, W: Matrix | None) -> Document:
-    """The changes that make W (of groups: block diagonal) the observer gain, None: a designed one;
-    P is removed."""
+def gain_changes(problem: Problem, W: Matrix | None, groups: Groups = ()) -> Document:
+    """The changes that make W (of ``groups``, as it acts on these: block diagonal) the observer
+    gain, None: a designed one; P is removed."""
     if not problem.is_grouped:
         return {"observer.W": None if W is None else typed_matrix(W), "observer.P": None}
     if W is None:
         return {GROUP_GAINS: None}
-    gains = zip(problem.groups, gains_of(problem.groups, W), strict=True)
+    gains = zip(problem.groups, gains_of(groups, W), strict=True)
     return {GROUP_GAINS: {group.name: typed_matrix(gain) for group, gain in gains}}
 
 

@@ -24,7 +24,7 @@ from dobc_design.conditions.separable.claim import acts_by_component
 from dobc_design.conditions.statement import Statement, undecided
 from dobc_design.exact.number import ONE, ZERO, typed_number
 from dobc_design.exact.reading import Document, Table, counted
-from dobc_design.loop.make import loop_of
+from dobc_design.loop.make import loop_of, observed
 from dobc_design.loop.saturation import Rooms, rooms_of
 from dobc_design.problem.changes import changed_problem, gain_changes
 from dobc_design.problem.dynamics import Dynamics
@@ -353,7 +353,7 @@ def _certified(ground: Ground, proposal: Proposal) -> Design:
         changes["pinning.gains"] = {label: typed_number(k) for label, k in gains.items()}
     changes |= proposal.changes
     if W is not None:
-        changes |= gain_changes(problem, W)
+        changes |= gain_changes(problem, W, observed(problem))
     designed = changed_problem(problem, changes)
     certificate, everything = _proof(ground, designed, proposal.aim)
     rate = certificate.rate if ground.headline else _rate_of(certificate)

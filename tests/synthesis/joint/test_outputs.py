@@ -16,6 +16,12 @@ DAMPED = Dynamics(A=[[0, 1], [0, -3]], B=[[0], [1]], H=[[1, 0]], acts_on="output
 SINE = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
 
 
+GROUPS = [
+    dd.Group(agents=[1, 3], exosystem=SINE),
+    dd.Group(agents=[2], exosystem=Exosystem(A=[[0]], C=[[1]])),
+]
+
+
 def carts(**given: Any) -> Problem:
     sound = {"dynamics": CART, "coupling": "2*y1 + 3*y2", "exosystem": SINE}
     return Problem(network=network_of([[2, 1], [3, 2]], 3), **sound | given)
@@ -27,14 +33,16 @@ def carts(**given: Any) -> Problem:
         {},
         {"observer": dd.Observer(W=[[8], [20], [0], [-32]])},
         {"dynamics": DAMPED, "coupling": "2*y"},
+        {"exosystem": None, "groups": GROUPS},
         pytest.param({"dynamics": DAMPED, "coupling": "tanh(y)"}, marks=pytest.mark.slow),
     ],
-    ids=["states", "own W", "outputs", "tanh"],
+    ids=["states", "own W", "outputs", "groups", "tanh"],
 )
 def test_a_design_is_as_fast_as_asked_and_no_faster_than_the_whole_loop(given):
     found = dd.design(carts(**given), rate="2/5")
     assert found.verdict is Verdict.PROVED, found
-    assert len(found.W) == 4 and len(found.W[0]) == 1
+    rows, columns = (7, 2) if "groups" in given else (4, 1)
+    assert len(found.W) == rows and len(found.W[0]) == columns
     # Agents of a row have the same eigenvalues, whose floats are only as good as this.
     assert 0.4 <= found.rate <= -max(growth(found.problem).values()) + 1e-5
     again = dd.verify(found.certificate, found.problem)

@@ -28,7 +28,7 @@ from dobc_design.conditions.separable.claim import acts_by_component, stuck_agen
 from dobc_design.conditions.separable.propose import field_of, least_above
 from dobc_design.errors import DobcError, refused
 from dobc_design.exact.matrix import Matrix, multiple_of, scale
-from dobc_design.exact.number import ZERO, number_text, parse_number
+from dobc_design.exact.number import ONE, ZERO, number_text, parse_number
 from dobc_design.exact.reading import Document
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.timing import Timing
@@ -116,9 +116,7 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
                 f"the network has {base.n} agents; the drawing shows at most {LARGEST}.",
                 "Use certify and design for it.",
             )
-        self._units = _units(base)
-        gains = zip(self._units.items(), base.pinning.gains.values(), strict=True)
-        self._gains = {label: multiple_of(k, unit) or ZERO for (label, unit), k in gains}
+        self._gains = _multiples(base)
         self._working = threading.Lock()
         self.certificate: Certificate | None = None
         self._arcs: dict[str, list[list[Any]]] = {}
@@ -127,7 +125,7 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
         super().__init__(
             network=_drawn(with_observer(base)),
             arcs=self._arcs,
-            gains={label: float(k) for label, k in self._gains.items()},
+            gains={label: float(k) for label, (k, _) in self._gains.items()},
             rate=float(rate),
             radius=_radius(base) if radius is None else float(radius),
         )
@@ -142,11 +140,10 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
         base = self._base
         changes: Document = {"gains": {}}
         for label, value in self.gains.items():
-            given = self._gains.get(label)
+            given, unit = self._gains.get(label, (ZERO, None))
             # What was not moved stays exact: 1/3 stays 1/3.
-            if given is None or float(given) != value:
+            if float(given) != value:
                 given = exact(value)
-            unit = self._units.get(label)
             changes["gains"][label] = given if unit is None else scale(given, unit)
         if self.radius != _radius(base):
             changes["region"] = _region(base, exact(self.radius))
@@ -240,15 +237,16 @@ def exact(value: float) -> Fraction:
     return parse_number(repr(float(value)), "value")
 
 
-def _units(problem: Problem) -> dict[str, Matrix]:
-    """What the number of a pinned agent is a multiple of: what numbers mean in a file, else its own
-    gain."""
-    unit = GainForm.of(problem.m, problem.dynamics, problem.coupling).unit
-    units = {}
+def _multiples(problem: Problem) -> dict[str, tuple[Fraction, Matrix]]:
+    """The number of a pinned agent, and what it is a multiple of: what numbers mean in a file, else
+    its own gain."""
+    unit = GainForm.of(problem.m, problem.dynamics, problem.coupling).unit or ()
+    found = {}
     for agent, k in problem.pinning.gains.items():
-        is_number = unit is not None and multiple_of(k, unit) is not None
-        units[problem.network.labels[agent]] = unit if unit is not None and is_number else k
-    return units
+        number = multiple_of(k, unit) if unit else None
+        own = (ONE, k) if number is None else (number, unit)
+        found[problem.network.labels[agent]] = own
+    return found
 
 
 def _drawn(problem: Problem) -> Document:

@@ -20,6 +20,7 @@ from .findings import Findings
 from .words import FIXED, number
 
 POINTS = 600
+LEAST = 1e-6  # of the largest part, so that zeros have a logarithm
 BESIDE = 3.0  # how far below and above the bands is drawn, as a factor
 
 
@@ -31,6 +32,7 @@ def bands_section(found: Findings) -> Blocks:
     if not agents.bands or gain is None:
         return
     yield Text(FIXED["bands"])
+    shown = slice(0 if not agents.estimated else -agents.m, None)
     check = next((each for each in found.certificate.checks if each.id == ID), None)
     loop, W = TOPICS["accuracy"].about(ID, agents, gain)
     claim = None
@@ -38,7 +40,7 @@ def bands_section(found: Findings) -> Blocks:
         claim = claim_of(check, loop, W)
     proved: list[float] = []
     if isinstance(claim, Accuracy) and claim.peaks is not None:
-        proved = [float(row_norm(gains)) for gains in claim.peaks.bands]
+        proved = [float(row_norm(gains[shown])) for gains in claim.peaks.bands]
         rows = list(zip(agents.bands, proved, strict=True))
         yield table_of(
             "What is left of a sine",
@@ -47,54 +49,62 @@ def bands_section(found: Findings) -> Blocks:
             Column("amplitude ≤", lambda row: number(float(row[0].amplitude)), style="number"),
             Column("part left ≤", lambda row: significant_away_from_zero(row[1]), style="number"),
         )
-    yield on_pages(Pictures((_picture(agents, gain, proved),)))
+    yield on_pages(Pictures((_picture(agents, gain, proved, shown),)))
 
 
 def _ends(band: Band) -> str:
     return f"{number(float(band.low))} to {number(float(band.high))}"
 
 
-def _picture(loop: Loop, W: Matrix, proved: list[float]) -> Picture:
+def _picture(loop: Loop, W: Matrix, proved: list[float], shown: slice) -> Picture:
     lowest = min(float(band.low) for band in loop.bands)
     highest = max(float(band.high) for band in loop.bands)
     w = np.geomspace((lowest or highest / BESIDE) / BESIDE, highest * BESIDE, POINTS)
-    left = _left(loop, W, w)
+    left = _left(loop, W, w, shown)
     bounds = ", ".join(map(significant_away_from_zero, proved))
     return Picture(
         "bands",
         "Part of a sine that the observer leaves, over its frequency",
-        caption=FIXED["bands-picture"],
+        caption=FIXED["bands-outputs" if loop.estimated else "bands-picture"],
         alt=f"Part of a sine that is left, over frequency in rad/s. Proved in the bands: {bounds}.",
-        draw=lambda ax: plot_filter(ax, w, left, loop.bands, proved),
+        draw=lambda ax: plot_filter(ax, w, left, loop.bands, proved, whole=not loop.estimated),
     )
 
 
-def _left(loop: Loop, W: Matrix, w: Array) -> Array:
-    """The largest row sum of |S(jw)| of all groups."""
+def _left(loop: Loop, W: Matrix, w: Array, shown: slice) -> Array:
+    """The largest row sum of |S(jw)| of all groups, of the rows ``shown``."""
     largest = np.zeros(len(w))
     for below, rows in filters(loop, W):
         bottom = np.abs(np.polyval(np.array(below, dtype=float), 1j * w))
-        for row in rows:
+        for row in rows[shown]:
             tops = [np.abs(np.polyval(np.array(x, dtype=float), 1j * w)) for x in row]
             largest = np.maximum(largest, sum(tops) / bottom)
     return largest
 
 
 def plot_filter(
-    ax: Axes, w: Array, left: Array, bands: tuple[Band, ...], proved: list[float]
+    ax: Axes,
+    w: Array,
+    left: Array,
+    bands: tuple[Band, ...],
+    proved: list[float],
+    *,
+    whole: bool = True,
 ) -> Axes:
     """The part of a sine that is left over its frequency w (rad/s), the bands, and what is proved
-    in each of them."""
+    in each of them; ``whole``: with a line where all of it is left."""
     ax.set_xscale("log")
     ax.set_yscale("log")
-    ax.plot(w, np.maximum(left, 1e-6), color=BLUE, label="|S|, computed")
+    ax.plot(w, np.maximum(left, LEAST * np.max(left)), color=BLUE, label="|S|, computed")
     for k, band in enumerate(bands):
         ends = (float(band.low), float(band.high))
         ax.axvspan(*ends, color=INK, alpha=0.08, linewidth=0, label=None if k else "band")
         if proved:
             name = None if k else "at most, proved"
             ax.plot(ends, [proved[k]] * 2, color=VERMILLION, linewidth=2, label=name)
-    ax.axhline(1.0, color=INK, linewidth=0.8, linestyle=DASHED, label="nothing is compensated")
+    if whole:
+        line = {"color": INK, "linewidth": 0.8, "linestyle": DASHED}
+        ax.axhline(1.0, label="nothing is compensated", **line)
     tick_numbers(ax.xaxis)
     ax.minorticks_off()
     ax.set_xlabel("frequency in rad/s")

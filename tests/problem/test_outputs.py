@@ -17,6 +17,7 @@ from dobc_design.problem.canonical import (
     problem_from_canonical,
 )
 from dobc_design.problem.changes import changed_file, problem_text
+from dobc_design.problem.uncertainty import Uncertainty
 
 CART: dict[str, Any] = {"A": [[0, 1], [0, 0]], "B": [[0], [1]]}
 POSITION = CART | {"H": [[1, 0]]}
@@ -92,16 +93,19 @@ def test_an_h_that_measures_nothing_new_is_refused(given, message):
     [
         ({"exosystem": None}, r"^dynamics\.H needs an \[exosystem\]"),
         ({"readings": {"delay": "0.1"}}, r"^readings is not known together with dynamics\.H"),
-        ({"uncertainty": {"disturbance": "0.1"}}, r"^uncertainty\.disturbance is not known"),
-        ({"uncertainty": {"drift": "0.1"}}, r"^uncertainty\.drift is not known"),
-        ({"uncertainty": {"bands": [["1", "2", "1"]]}}, r"^exosystem\.bands is not known"),
-        ({"uncertainty": {"measurement": "0.1"}}, r"^uncertainty\.measurement is not known"),
+        ({"uncertainty": {"weights": "0.1"}}, r"^uncertainty\.weights is not known"),
         ({"actuators": {"limit": 1}}, r"^actuators is not known"),
     ],
 )
 def test_tables_that_no_proof_knows_beside_h_are_refused(given, message):
     with pytest.raises(SpecError, match=message):
         agents(**given)
+
+
+def test_noise_of_outputs_is_known_where_estimates_are_acted_on():
+    assert agents(uncertainty={"measurement": "0.1"}).uncertainty is not None
+    with pytest.raises(SpecError, match=r"^uncertainty\.measurement is not known where couplings"):
+        acting_on_outputs().replace(uncertainty=Uncertainty(measurement="0.1"))
 
 
 @pytest.mark.parametrize(

@@ -220,9 +220,9 @@ def rough_settling() -> Any:
 
 
 def few_steps() -> Any:
-    """The response of an observer is followed in an eighth of the steps.  A context, or a decorator
-    of a test."""
-    return _in_place((accuracy, "FINEST", 8 * accuracy.FINEST))
+    """The response of an observer is followed in few steps.  A context, or a decorator of a
+    test."""
+    return _in_place((accuracy, "FINENESS", accuracy.FINENESS[:1]))
 
 
 def only(*stages: Callable[..., Any]) -> Any:

@@ -89,8 +89,9 @@ from .decide import (
 )
 
 DECAYED = 12.0  # exponents of the slowest mode that the steps follow
-FINEST = 0.012  # |F| h of a step
-COARSEST = 0.3  # the same, where there are not enough finer ones
+FINENESS = (0.1, 0.035, 0.012)  # |F| h of a step: the first that loses little
+LOST = Fraction(1002, 1000)  # beside the next
+COARSEST = 0.3  # |F| h, where there are not enough finer ones
 LEFT = 1e-4  # of the response of a whole loop, after the steps that follow it
 FINE = 0.12  # |M| h of a step
 COARSE = 0.4  # the same, where there are not enough finer ones
@@ -129,10 +130,15 @@ def propose_peaks(loop: Loop, W: Matrix) -> Peaks | None:
     if not (decay > 0 and np.isfinite(size)):
         return None
     horizon = DECAYED / decay
-    # Fine steps lose little; slow observers need longer ones, to be followed to their end.
-    h = min(max(FINEST / size, horizon / MOST_STEPS), COARSEST / size)
-    steps = min(MOST_STEPS, int(np.ceil(horizon / h)))
-    found = observer_peaks(loop, W, step=rounded_up(Fraction(h), digits=3), steps=steps)
+    found: Peaks | None = None
+    for fine in FINENESS:
+        # Fine steps lose little; slow observers need longer ones, to be followed to their end.
+        h = min(max(fine / size, horizon / MOST_STEPS), COARSEST / size)
+        steps = min(MOST_STEPS, int(np.ceil(horizon / h)))
+        finer = observer_peaks(loop, W, step=rounded_up(Fraction(h), digits=3), steps=steps)
+        if found is not None and (finer is None or _are_close(found, finer)):
+            break
+        found = finer
     if found is None:
         return None
     raised: dict[str, Any] = {}
@@ -140,6 +146,13 @@ def propose_peaks(loop: Loop, W: Matrix) -> Peaks | None:
         raised[name] = rounded_up(getattr(found, name) * (1 + MORE), digits=7)
     off = tuple(rounded_up(x * (1 + MORE), digits=7) for x in found.off)
     return replace(found, **raised, bands=bands, off=off)
+
+
+def _are_close(found: Peaks, finer: Peaks) -> bool:
+    """Whether finer steps gain little."""
+    both = [(getattr(found, name), getattr(finer, name)) for name in INPUTS]
+    both += zip(found.off, finer.off, strict=True)
+    return all(x <= LOST * y for x, y in both)
 
 
 def _row_norm(matrix: Array) -> float:

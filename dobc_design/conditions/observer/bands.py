@@ -33,7 +33,7 @@ Entries = tuple[tuple[Coefficients, ...], ...]
 
 
 def filters(loop: Loop, W: Matrix) -> Iterator[tuple[Coefficients, Entries]]:
-    """chi_F and the numerators of S (r, p), of every group (``channels``), for the gain W (q, m)."""
+    """chi_F and the numerators of S (r, p) of every group (``channels``), for the gain W (q, m)."""
     for channel in channels(loop, W):
         below = characteristic_polynomial(channel.F)
         yield below, tuple(_row(channel, below, k) for k in range(len(channel.C)))

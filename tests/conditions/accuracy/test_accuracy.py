@@ -48,7 +48,7 @@ def coarse_steps(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
     not in slow tests, and not where a bound is known."""
     as_it_is = request.node.get_closest_marker("slow") or "the_known_bounds" in request.node.name
     if not as_it_is:
-        monkeypatch.setattr(stage, "FINEST", 0.03)
+        monkeypatch.setattr(stage, "FINENESS", (0.03,))
         monkeypatch.setattr(stage, "FINE", 0.25)
         monkeypatch.setattr(stage, "LEFT", 2e-3)
 

@@ -12,6 +12,7 @@ from scipy import linalg
 
 from dobc_design import Dynamics, Exosystem, Group, Network, Observer, Problem
 from dobc_design.checker import bands as second
+from dobc_design.checker.channels import Channel
 from dobc_design.checker.reading import Refused
 from dobc_design.conditions.observer.bands import are_bounded, filters
 from dobc_design.conditions.observer.decide import error_matrix
@@ -41,6 +42,13 @@ def observed(chi_a: list[Any], chi_f: list[Any], **more: Any) -> Problem:
     return pinned(exosystem, W, **more)
 
 
+def channel_of(F: Any, C: Any, W: Any) -> Channel:
+    """d - dhat of measured states, as the second program has it."""
+    one = [[Fraction(i == j) for j in range(len(C))] for i in range(len(C))]
+    entering = [[-x for x in row] for row in W]
+    return Channel(F, C, one, entering, [], [], [], len(C))
+
+
 def pinned(exosystem: Exosystem, W: Any, **more: Any) -> Problem:
     m = exosystem.outputs
     network = Network.from_arcs({"G": []}, agents=1, arrow="listens_to")
@@ -68,7 +76,7 @@ def both(problem: Problem, band: Band, gains: Matrix) -> tuple[bool, bool]:
             entering = multiply(gain, loop.drift.B)
         lists = [[list(row) for row in each] for each in (F, C, entering, gains)]
         try:
-            second.need_bands([list(band)], *lists[:3], lists[3:])
+            second.need_bands([list(band)], channel_of(*lists[:3]), lists[3:])
         except Refused:
             lone = False
     return are_bounded(loop, W, band, gains), lone
@@ -173,7 +181,7 @@ def test_both_programs_have_the_numerators_of_the_matrix(p, q, data):
     F = error_matrix(exosystem, gain)
     assert below == characteristic_polynomial(F)
     lists = ([list(row) for row in x] for x in (F, exosystem.C, W))
-    lone = second.numerators(*lists, list(below))
+    lone = second.numerators(channel_of(*lists), list(below))
     assert [[tuple(x) for x in row] for row in lone] == [list(row) for row in rows]
     for w in (0.0, 0.7, 3.1):
         bottom = np.polyval(np.array(below, dtype=float), 1j * w)

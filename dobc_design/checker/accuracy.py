@@ -105,18 +105,18 @@ def irregular(case: Case, peaks: Any) -> Any:
     return plant.disturbance * (1 + peaks.disturbance) + passed
 
 
-def sines(case: Case, peaks: Any) -> Fraction:
+def sines(case: Loop, peaks: Any) -> Fraction:
     """The part that is left of sines in bands."""
     return sum(sines_by_band(case, peaks), ZERO)
 
 
-def sines_by_band(case: Case, peaks: Any) -> Vector:
+def sines_by_band(case: Loop, peaks: Any) -> Vector:
     """The same of every band."""
     skipped = case.m * is_estimated(case)
     return [max(rows[: len(rows) - skipped]) for rows in left_by_row(case, peaks)]
 
 
-def left_by_row(case: Case, peaks: Any) -> Matrix:
+def left_by_row(case: Loop, peaks: Any) -> Matrix:
     """What is left of the sines of every band, by row of its gains: each row has its own share of
     all components."""
     if not peaks.bands:

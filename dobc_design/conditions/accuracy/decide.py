@@ -365,7 +365,7 @@ def most_steps(loop: Loop) -> int:
 def observer_peaks(loop: Loop, W: Matrix, *, step: Fraction, steps: int) -> Peaks | None:
     """The peak gains, the worst of all groups, for the gain W (q, m); None where they are not
     shown."""
-    worst = dict.fromkeys(INPUTS, Fraction(0))
+    worst: dict[str, Any] = dict.fromkeys(INPUTS, Fraction(0))
     plant = _stated(loop)
     off = [Fraction(0)] * (loop.m if loop.estimated else 0)
     for channel in channels(loop, W):
@@ -478,7 +478,7 @@ class Plant:
         off = (Fraction(0),) * m
         if self.loop.estimated and self.peaks is not None:
             parts = [self.peaks.off or off, *(rows[-m:] for rows in self._left_by_row())]
-            off = tuple(map(sum, zip(*parts, strict=True)))
+            off = tuple(sum(each, Fraction(0)) for each in zip(*parts, strict=True))
         return off
 
     def _left_by_row(self) -> list[Vector]:
@@ -544,7 +544,7 @@ class Plant:
         off = self.off * loop.n
         ends = []
         for place, (_, *gains) in enumerate(found):
-            sizes = [sum(map(abs, each[place])) for each in turned]
+            sizes = [sum(map(abs, each[place]), Fraction(0)) for each in turned]
             end = off[place] + self.irregular * gains[0]
             for band, left in zip(loop.bands, self.sines_by_band(), strict=True):
                 end += left * _by_parts(sizes, gains, band.low)

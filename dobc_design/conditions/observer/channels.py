@@ -113,7 +113,7 @@ def entries(loop: Loop) -> tuple[Matrix, ...]:
     gains = [group.observer.W or () for group in loop.sensed]
     if len(gains) == 1:
         return (gains[0][: loop.m],) * loop.n
-    own = {}
+    own: dict[str, Matrix] = {}
     for group, W in zip(loop.sensed, gains, strict=True):
         own |= dict.fromkeys(group.agents, W[: loop.m])
     return tuple(own[label] for label in loop.labels)

@@ -59,6 +59,7 @@ from .separable import (
 )
 
 STAGES = 30
+SWEEPS = 30  # over the coordinates, to balance them
 STEPS = 20_000
 GROWTH = 2000  # of |F| h steps
 AGENTS = 500
@@ -395,7 +396,7 @@ def whole_loop(case: Case, check: Any) -> None:
         bounds = read(exact.bounds[label], (rational,) * case.m)
         for c, bound in enumerate(bounds):
             row = i * case.m + c
-            gains = found[row][1:]
+            gains = found[row]
             at_once = [sum(map(abs, each[row]), ZERO) for each in turned]
             end = missed[c] + any_shape * gains[0]
             for (low, _, _), size in paired(case.bands, left):
@@ -464,7 +465,7 @@ def need_peaks(case: Case, residual: Residual, peaks: Any) -> None:
     plant = case.uncertainty or EXACT
     inputs = [channel.disturbance, channel.drift, channel.noise]
     found = gains_by_row(channel.F, channel.C, inputs, peaks)
-    for row, (_, disturbance, drift, noise) in enumerate(found):
+    for row, (disturbance, drift, noise) in enumerate(found):
         measured = noise + sum(map(abs, channel.at_once[row]))
         if row < channel.acting:
             small_enough = drift <= peaks.drift and disturbance <= peaks.disturbance
@@ -575,10 +576,36 @@ class Outputs:
                 total[block] += share * (seen + len(cut) * self.weight * run.error)
 
 
+def balance(F: Matrix) -> Vector:
+    """Powers of two by which coordinates are divided, until rows are about as large as columns."""
+    q = len(F)
+    d = [Fraction(1)] * q
+    for _ in range(SWEEPS):
+        before = list(d)
+        for i in range(q):
+            others = [j for j in range(q) if j != i]
+            row = sum((abs(F[i][j]) * d[j] for j in others), ZERO) / d[i]
+            column = sum((abs(F[j][i]) / d[j] for j in others), ZERO) * d[i]
+            # multiplied by f, d[i] makes of them row / f and column f
+            while row and column and row > 4 * column:
+                d[i] *= 2
+                row, column = row / 2, column * 2
+            while row and column and column > 4 * row:
+                d[i] /= 2
+                row, column = row * 2, column / 2
+        if d == before:
+            break
+    return d
+
+
 def gains_by_row(F: Matrix, C: Matrix, inputs: list[Matrix], followed: Any) -> list[Vector]:
-    """Bounds of the integrals over t > 0 of the row sums of |C exp(F t) B|, by row of C, for I and
-    every B of inputs. On a step of length h the integral of |f| is at most h (|f(t)| + |f(t +
+    """Bounds of the integrals over t > 0 of the row sums of |C exp(F t) B|, by row of C, for every
+    B of inputs, in coordinates in which F is balanced. On a step of length h the integral of |f| is at most h (|f(t)| + |f(t +
     h)|)/2 + (h^3/12) sup |f''|; what is left after the last step is a part r < 1 of the whole."""
+    d = balance(F)
+    F = [[x * b / a for x, b in paired(row, d)] for row, a in paired(F, d)]
+    C = [[x * a for x, a in paired(row, d)] for row in C]
+    inputs = [[[x / a for x in row] for row, a in paired(B, d)] for B in inputs]
     h = followed.step
     steps = followed.steps
     size = norm(F)
@@ -606,5 +633,5 @@ def gains_by_row(F: Matrix, C: Matrix, inputs: list[Matrix], followed: Any) -> l
         sums = [(h * x + curving * y) / unit for x, y in paired(total, masses)]
         # the whole of the identity: its own sum, and the part left[0] of the whole again
         whole = sums[0] / (1 - left[0])
-        found.append([x + whole * y for x, y in paired(sums, left)])
+        found.append([x + whole * y for x, y in paired(sums, left)][1:])
     return found

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from flint import arb_mat
 
 MOST_STEPS: Final = 20_000
+SWEEPS: Final = 30  # over the coordinates, to balance them
 MOST_GROWTH: Final = 2000  # of |F| steps h: what rounding errors may grow to, as a power of e
 
 LONGEST: Final = Fraction(1, 2)  # of |F| h: steps are to be short
@@ -32,22 +33,14 @@ LONGEST: Final = Fraction(1, 2)  # of |F| h: steps are to be short
 
 def peak_gains(
     F: Matrix, C: Matrix, inputs: Sequence[Matrix], *, step: Fraction, steps: int
-) -> tuple[Fraction, ...] | None:
-    """As ``peak_gains_by_row``, for every block the largest of all rows of C."""
-    found = peak_gains_by_row(F, C, inputs, step=step, steps=steps)
-    if found is None:
-        return None
-    blocks = zip(*found, strict=True)
-    return tuple(map(max, blocks))
-
-
-def peak_gains_by_row(
-    F: Matrix, C: Matrix, inputs: Sequence[Matrix], *, step: Fraction, steps: int
 ) -> tuple[tuple[Fraction, ...], ...] | None:
     """Upper bounds of the integral over t > 0 of the row sums of |C exp(F t) B|: for every row of C
-    one for I and then for every B (q, m) of ``inputs``.  ``step`` > 0 (s).  None where no bound is
-    shown: F (q, q) is not Hurwitz, or the steps end too early or are too many; a bound proves that
-    F is Hurwitz."""
+    one for every B (q, m) of ``inputs``.  ``step`` > 0 (s).  None where no bound is shown: F (q, q)
+    is not Hurwitz, or the steps end too early or are too many; a bound proves that F is Hurwitz.
+    What is followed is D^-1 F D, which is better balanced."""
+    F, scales = balanced(F)
+    C = tuple(tuple(x * d for x, d in zip(row, scales, strict=True)) for row in C)
+    inputs = [tuple(_times(1 / d, row) for d, row in zip(scales, B, strict=True)) for B in inputs]
     from flint import arb, ctx
 
     growth = row_norm(F) * step
@@ -56,14 +49,14 @@ def peak_gains_by_row(
         return None
     blocks = [exact.identity(len(F)), *inputs]
     widths = [len(B[0]) for B in blocks]
-    ends = [sum(widths[:k]) for k in range(len(blocks) + 1)]
+    cuts = [sum(widths[:k]) for k in range(len(blocks) + 1)]
 
     def sums(rows: Any) -> list[list[Any]]:
         """Sums of absolute values, by row and block."""
         found: list[list[Any]] = []
         for row in rows.tolist():
             sizes = [abs(x) for x in row]
-            found.append([sum(sizes[a:b], arb(0)) for a, b in pairwise(ends)])
+            found.append([sum(sizes[a:b], arb(0)) for a, b in pairwise(cuts)])
         return found
 
     with FLINT, ctx.workprec(192 + 2 * _error_growth(F, step, steps)):
@@ -93,8 +86,39 @@ def peak_gains_by_row(
             most = sum(map(abs, derivative), Fraction(0))
             bounds = [x + bend * arb(to_fmpq(most)) * y for x, y in zip(row, mass, strict=True)]
             whole = bounds[0] / (1 - norms[0])  # of I: what is left after T is a part of it
-            found.append(tuple(_ends(x + whole * y)[1] for x, y in zip(bounds, norms, strict=True)))
+            ends = [_ends(x + whole * y)[1] for x, y in zip(bounds, norms, strict=True)]
+            found.append(tuple(ends[1:]))
         return tuple(found)
+
+
+def balanced(F: Matrix) -> tuple[Matrix, exact.Vector]:
+    """D^-1 F D with a diagonal D of powers of two, with which every row is at most four times as
+    large as its column and the other way round, but for their diagonal; and the entries of D.  The
+    second program does the same steps: another D gives other bounds."""
+    rows = [list(row) for row in F]
+    d = [Fraction(1)] * len(F)
+    for _ in range(SWEEPS):
+        before = list(d)
+        for i, row in enumerate(rows):
+            own = abs(row[i])
+            left = sum(map(abs, row), -own)
+            heard = sum((abs(each[i]) for each in rows), -own)
+            factor = Fraction(1)
+            while left and heard and left > 4 * heard * factor**2:
+                factor *= 2
+            while left and heard and heard * factor**2 > 4 * left:
+                factor /= 2
+            d[i] *= factor
+            for each in rows:
+                each[i] *= factor
+            rows[i] = [x / factor for x in row]
+        if d == before:
+            break
+    return tuple(map(tuple, rows)), tuple(d)
+
+
+def _times(factor: Fraction, row: Sequence[Fraction]) -> exact.Vector:
+    return tuple(factor * x for x in row)
 
 
 def balls(M: Matrix) -> arb_mat:

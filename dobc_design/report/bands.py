@@ -103,9 +103,7 @@ def plot_filter(
             name = None if k else "at most, proved"
             ax.plot(ends, [proved[k]] * 2, color=VERMILLION, linewidth=2, label=name)
     if whole:
-        ax.axhline(
-            1.0, color=INK, linewidth=0.8, linestyle=DASHED, label="nothing is compensated"
-        )
+        ax.axhline(1.0, color=INK, linewidth=0.8, linestyle=DASHED, label="nothing is compensated")
     tick_numbers(ax.xaxis)
     ax.minorticks_off()
     ax.set_xlabel("frequency in rad/s")

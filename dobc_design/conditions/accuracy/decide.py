@@ -102,7 +102,7 @@ from dobc_design.coupling.enclosures import Profile, jet, secant_range
 from dobc_design.coupling.tree import ZERO
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import Matrix, Vector, dot, identity, multiply, row_norm
-from dobc_design.exact.peaks import MOST_STEPS, peak_gains_by_row
+from dobc_design.exact.peaks import MOST_STEPS, peak_gains
 from dobc_design.exact.reading import Document
 from dobc_design.exact.symmetric import Doubles, least
 from dobc_design.loop.loop import Loop
@@ -370,10 +370,10 @@ def observer_peaks(loop: Loop, W: Matrix, *, step: Fraction, steps: int) -> Peak
     off = [Fraction(0)] * (loop.m if loop.estimated else 0)
     for channel in channels(loop, W):
         inputs = [channel.disturbance, channel.drift, channel.noise]
-        found = peak_gains_by_row(channel.F, channel.C, inputs, step=step, steps=steps)
+        found = peak_gains(channel.F, channel.C, inputs, step=step, steps=steps)
         if found is None:
             return None
-        for row, (_, disturbance, drift, noise) in enumerate(found):
+        for row, (disturbance, drift, noise) in enumerate(found):
             gains = (disturbance, drift, noise + sum(map(abs, channel.at_once[row])))
             if row < channel.acting:
                 for name, x in zip(INPUTS, gains, strict=True):
@@ -535,15 +535,13 @@ class Plant:
         turned = [block_diagonal(entries(loop))]
         for _ in range(_times(loop)):
             turned.append(multiply(M, turned[-1]))
-        found = peak_gains_by_row(
-            M, identity(len(M)), turned, step=response.step, steps=response.steps
-        )
+        found = peak_gains(M, identity(len(M)), turned, step=response.step, steps=response.steps)
         if found is None:
             return None
         m = loop.m
         off = self.off * loop.n
         ends = []
-        for place, (_, *gains) in enumerate(found):
+        for place, gains in enumerate(found):
             sizes = [sum(map(abs, each[place]), Fraction(0)) for each in turned]
             end = off[place] + self.irregular * gains[0]
             for band, left in zip(loop.bands, self.sines_by_band(), strict=True):

@@ -64,7 +64,7 @@ from dobc_design.exact.matrix import (
     to_float,
 )
 from dobc_design.exact.number import ONE, ZERO, root_above
-from dobc_design.exact.peaks import MOST_GROWTH, MOST_STEPS
+from dobc_design.exact.peaks import MOST_GROWTH, MOST_STEPS, balanced
 from dobc_design.exact.polynomial import routh
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, out_of_time
 from dobc_design.loop.arcs import coupling_places
@@ -124,7 +124,7 @@ def propose_peaks(loop: Loop, W: Matrix) -> Peaks | None:
     if not takes_integrals(loop):
         stable = all(routh(below).is_proved for below, _ in filters(loop, W))
         return Peaks(bands=bands) if stable else None
-    matrices = [to_float(channel.F) for channel in channels(loop, W)]
+    matrices = [to_float(balanced(channel.F)[0]) for channel in channels(loop, W)]
     decay = min(map(decay_of, matrices))
     size = max(map(_row_norm, matrices))
     if not (decay > 0 and np.isfinite(size)):
@@ -552,6 +552,7 @@ def _followed(loop: Loop) -> Response | None:
     M = loop_matrix(loop)
     if M is None:
         return None
+    M, _ = balanced(M)
     size = float(row_norm(M))
     most = most_steps(loop)
     horizon = _decayed(to_float(M), size) if 0 < size < math.inf else None

@@ -90,7 +90,8 @@ from .decide import (
 
 DECAYED = 12.0  # exponents of the slowest mode that the steps follow
 FINENESS = (0.1, 0.035, 0.012)  # |F| h of a step: the first that loses little
-LOST = Fraction(1002, 1000)  # beside the next
+LOST = Fraction(10_001, 10_000)  # beside the next
+BETTER = Fraction(9, 10)  # of the largest bound
 COARSEST = 0.3  # |F| h, where there are not enough finer ones
 LEFT = 1e-4  # of the response of a whole loop, after the steps that follow it
 FINE = 0.12  # |M| h of a step
@@ -395,16 +396,27 @@ def accuracy_stage(case: Case, report: Progress) -> list[Check]:
         apart = why_no_weights(loop)
         claims = _turned if turned else _claims
         ways = [] if apart else [claims(case, plant), _of_response(case, plant)]
-        # Rows of scalars that are linear lose nothing, but of sines they know the size alone.
-        if turned or loop.bands:
+        if turned:
             ways.reverse()
         first = next(chain(*ways), None)
+        # Linear rows of scalars lose nothing, but of sines they know the size alone.
+        if first is not None and loop.bands and not turned:
+            other = next(_of_response(case, plant), None)
+            if other is not None and _largest(other) < BETTER * _largest(first):
+                first = other
         if first is None or not holds_asked(loop, first):
             first = next(_by_arcs(case, plant), first)
     if first is not None:
         return [first]
     nothing = _not_found(loop) if apart is None else f"{apart} {NO_BALL}"
     return [undecided(nothing)]
+
+
+def _largest(check: Check) -> Fraction:
+    """The largest bound."""
+    claim = check.claim
+    assert isinstance(claim, Accuracy)
+    return max(max(bounds) for bounds in claim.listed.values())
 
 
 def _not_found(loop: Loop) -> str:

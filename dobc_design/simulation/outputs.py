@@ -1,5 +1,5 @@
-"""What agents compute whose outputs are measured (``loop.outputs``): in the full loop zhat = (xhat,
-xihat) stands in place of z, and (0, xi) in place of xi.
+"""Runs of agents whose outputs are measured (``loop.outputs``), in the full loop: zhat = (xhat, xihat)
+stands in place of z, and in place of xi the pair (x at first, xi), of which only xi moves.
 """
 
 from dataclasses import replace

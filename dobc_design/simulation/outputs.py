@@ -1,5 +1,5 @@
-"""Runs of agents whose outputs are measured (``loop.outputs``), in the full loop: zhat = (xhat, xihat)
-stands in place of z, and in place of xi the pair (x at first, xi), of which only xi moves.
+"""Runs of agents whose outputs are measured (``loop.outputs``), in the full loop: zhat = (xhat,
+xihat) stands in place of z, and (x at first, xi) in place of xi; of that only xi moves.
 """
 
 from dataclasses import replace

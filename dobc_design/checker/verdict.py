@@ -139,7 +139,10 @@ def covers(case: Case, check: Any) -> bool:
     if check.id in (*local, case.theorem + "-weighted", "linearisation"):
         return case.region is None or case.domain == "global"
     safe = check.id == "safety" and check.rate is not None
-    if not safe and check.id not in (*BOXES, "lure"):
+    # it ends in a proof that holds from then on, whatever the signal
+    settles = check.id == "settling" and case.region is not None
+    settles = settles and case.guarantee.kind in (None, "arbitrary")
+    if not safe and not settles and check.id not in (*BOXES, "lure"):
         return False
     if type(domain) is str:
         return bool(domain == "global")

@@ -21,7 +21,9 @@ def covers(loop: Loop, check: Check, checks: Sequence[Check]) -> bool:
     """Whether this check proves what the problem asks."""
     # without a rate it is no proof of consensus
     safe = check.kind.role == "safety" and check.rate is not None
-    if not check.is_proved or not (check.kind.is_consensus or safe):
+    # A settling time ends in a proof that holds from then on, whatever the signal.
+    settles = check.id == "settling" and bool(loop.starts) and not loop.guarantee.is_given
+    if not check.is_proved or not (check.kind.is_consensus or safe or settles):
         return False
     if check.kind.is_lemma and not _speaks_for_all_modes(loop, check, checks):
         return False

@@ -169,6 +169,8 @@ def _check(asked: Asked, claim: ArcWise, domain: Ball | Box) -> Check:
             f" The ball reaches |e| <= {float(domain.radius):.6g} (all errors together), {needs}: "
             "beyond, no a and b of the arcs are found."
         )
+        if asked.wanted:
+            remark += " With a settling time (--settling) a box that moves may lead into it."
     return Check(
         id=ID,
         verdict=Verdict.PROVED,

@@ -37,7 +37,7 @@ from checker_files.separable import (
     given,
 )
 from checker_files.settling import last, settling, tube
-from dobc_design import Group, Network, Observer, Problem
+from dobc_design import Group, Network, Observer, Problem, Switching
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.conditions.kinds import KINDS
 from dobc_design.problem.canonical import canonical_bytes
@@ -107,6 +107,8 @@ def _settings() -> dict[str, Document]:
     found["one sine"] = sines(network=LINE_NET)
     found["mixed"] = sines(exceptions={(1, 0): "y"})
     found["two modes"] = sines(network=one_each)
+    dwelling = Switching(guarantee="dwell", dwell=1)
+    found["dwelling"] = sines(network=one_each, switching=dwelling)
     found["loose"] = sines(network=loose)
     found["planar"] = sines(gains={1: [[3, 1], [0, 3]], 2: 3}, **planar)
     found["list"] = given(["sin(y1)", "tanh(y2)"], gains=3, **planar)
@@ -331,3 +333,15 @@ def _others() -> Iterator[Case]:
     settled = settling(box(0.4), "0.4", "5", tube("0", "0.4 0.4"), at_once)
     yield fails("apart", "between fixed nodes it settles", settled, **UNDECIDED)
     yield holds("sines", "it settles", settled, **UNDECIDED)
+    # it carries the verdict where it is about all starts, and about every signal
+    says = {"verdict": "proved", "rate": None, "covered_by": "settling"}
+    ends = last("arc-wise", SINES["exact"], "1.4143", "1")
+    whole = settling(box(1), "0.4", "5", tube("0", "1 1"), ends)
+    yield holds("sines", "it settles from the region", whole, **says)
+    yield fails("sines", "it settles, and says nothing", whole, **UNDECIDED)
+    yield fails("sines", "it settles from a part of the region", settled, **says)
+    ends = last("arc-wise", two["exact"], "1.4143", "1")
+    whole = settling(box(1), "0.4", "5", tube("0", "1 1"), ends)
+    yield holds("two modes", "it settles in both", whole, **says)
+    yield holds("dwelling", "it settles under a guarantee", whole, **UNDECIDED)
+    yield fails("dwelling", "it settles under a guarantee", whole, **says)

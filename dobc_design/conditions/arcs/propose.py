@@ -290,15 +290,13 @@ SPLITS = (
 @noun(eq=False)
 class Search:
     """What certificates are looked for: the weights d (n,), and the gain W (q, m) for observers
-    with |eps_i| <= disturbance.  ``known``: y of every mode, from where the search goes on;
-    ``splits``: those of ``SPLITS``, the one that did last first."""
+    with |eps_i| <= disturbance.  ``known``: y of every mode, from where the search goes on."""
 
     loop: Loop
     W: Matrix | None
     d: Doubles
     disturbance: Fraction
     known: dict[str, Array]
-    splits: list[Split]
 
     def claims(self, room: float) -> Iterator[ArcWise]:
         """Those that are found whose level is ``room`` beside what observers take.  Raises:
@@ -307,7 +305,7 @@ class Search:
         if free is None or not self.loop.groups:
             yield from () if free is None else (free,)
             return
-        for split in tuple(self.splits):
+        for split in SPLITS:
             rate = rounded_down(free.rate * Fraction(split.rate), digits=4)
             pair = None
             if self.W is not None:
@@ -320,8 +318,6 @@ class Search:
             pair = _scaled(pair, kappa)
             claim = self._with(room + pair.disturbance * IN_HAND, pair, float(rate))
             if claim is not None:
-                self.splits.remove(split)
-                self.splits.insert(0, split)
                 yield claim
 
     def _with(self, level: float, pair: ScaledPair | None, most: float) -> ArcWise | None:

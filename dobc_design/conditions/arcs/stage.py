@@ -19,7 +19,7 @@ from dobc_design.verdict import Verdict
 
 from .claim import ArcWise
 from .decide import errors_of_arcs, holds_starts, obstacle, why_not
-from .propose import SPLITS, Search
+from .propose import Search
 
 ID = "arc-wise"
 IN_HAND = 1e-6  # of a level, for the rounding of its parts
@@ -28,7 +28,8 @@ FALLS = 10
 CLOSE = 2e-3  # of the radius of the largest ball
 SMALLER = (0.997, 0.99, 0.97, 0.9, 0.7)  # parts of it, where its numbers are not proved
 EVEN = 1.01  # weights that differ by less are the same
-FEW_KINDS = 500  # arcs of different kinds, up to which weights other than 1 are tried
+FEW_KINDS = 500  # arcs of different kinds, up to which weights are told apart closely
+MOST_WEIGHED = 10_000  # arcs up to which weights other than 1 are tried
 Found = tuple[ArcWise, Ball | Box]
 
 
@@ -67,7 +68,6 @@ def _searches(loop: Loop, W: Matrix | None, disturbance: float) -> Iterator[Sear
             d=d,
             disturbance=claimed(disturbance),
             known={},
-            splits=list(SPLITS),
         )
 
 
@@ -95,8 +95,10 @@ def _weights(loop: Loop) -> Iterator[Doubles]:
     """Weights d that are tried: all 1, then those of the linear couplings near the target, between
     all modes."""
     yield Doubles(np.ones(loop.n))
-    if loop.arc_count > FEW_KINDS:
+    if loop.arc_count > MOST_WEIGHED:
         return
+    # Of many arcs few kinds are made: each has a hull of its own.
+    steps = 256 if loop.arc_count <= FEW_KINDS else 2
     found = None
     with surviving("no weights for arcs", WorkLimitError):
         tables = stiffnesses(loop)
@@ -105,7 +107,7 @@ def _weights(loop: Loop) -> Iterator[Doubles]:
         d = found.reshape(loop.n, loop.m).mean(axis=1)
         # Of few digits, as powers of two leave them.
         part, exponent = np.frexp(d / d.max())
-        yield Doubles(np.ldexp(np.ceil(part * 256) / 256, exponent))
+        yield Doubles(np.ldexp(np.ceil(part * steps) / steps, exponent))
 
 
 def _largest(asked: Asked, search: Search) -> Found | None:

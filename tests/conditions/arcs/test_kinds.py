@@ -297,3 +297,13 @@ def test_the_unit_of_the_states_does_not_matter():
         )
         radii.append(radius_of(searched(problem)) * unit)
     assert radii[1] == pytest.approx(radii[0])
+
+
+@pytest.mark.slow
+def test_beyond_five_hundred_arcs_weights_are_few_and_prove_a_tree():
+    """With d = 1 an agent that three others hear has not enough for all of them."""
+    tree = [[i, i // 3 + 1] for i in range(2, 602)]
+    check = searched(linked(tree, 601, "sin(y)", gains={1: 3}))
+    assert radius_of(check) > 0.04
+    assert isinstance(check.claim, ArcWise)
+    assert 1 < len(set(map(float, check.claim.d))) < 40

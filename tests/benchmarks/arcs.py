@@ -28,7 +28,7 @@ import dobc_design as dd
 from dobc_design import Check, Network, Problem
 from dobc_design.conditions.arcs.claim import ArcWise
 from dobc_design.conditions.arcs.decide import why_not
-from dobc_design.conditions.arcs.propose import SPLITS, Search
+from dobc_design.conditions.arcs.propose import Search
 from dobc_design.conditions.coverage import read_region
 from dobc_design.conditions.domain import NEAR_TARGET
 from dobc_design.conditions.quadratic.stage import quadratic_stage
@@ -135,7 +135,7 @@ def decided(n: int) -> dict[str, float]:
 def ones(loop: Loop) -> Search:
     """For V = e'e."""
     d = Doubles(np.ones(loop.n))
-    return Search(loop=loop, W=None, d=d, disturbance=Fraction(0), known={}, splits=list(SPLITS))
+    return Search(loop=loop, W=None, d=d, disturbance=Fraction(0), known={})
 
 
 def growth_rows() -> Iterator[str]:

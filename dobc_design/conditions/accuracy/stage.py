@@ -380,6 +380,7 @@ def accuracy_stage(case: Case, report: Progress) -> list[Check]:
     late = out_of_time()
     if late is not None:
         return [undecided(late)]
+    apart = why_no_weights(loop)
     peaks = first = None
     with surviving("no final bounds"):
         if W is not None and loop.groups:
@@ -393,7 +394,6 @@ def accuracy_stage(case: Case, report: Progress) -> list[Check]:
                     )
                 ]
         plant = Plant(loop=loop, peaks=peaks, room=ROOM)
-        apart = why_no_weights(loop)
         claims = _turned if turned else _claims
         ways = [] if apart else [claims(case, plant), _of_response(case, plant)]
         if turned:

@@ -149,7 +149,6 @@ def test_linear_arcs_are_proved_iff_the_weighted_inequality_holds(count: int):
             d=Doubles(np.array(d, dtype=float)),
             disturbance=F(0),
             known={},
-            splits=[],
         )
         found = next(search.claims(1.0), None)
         proved = found is not None and why_not(loop, found) is None

@@ -11,7 +11,6 @@ from networks import around, linked
 from dobc_design import Problem
 from dobc_design.conditions.arcs.decide import open_terms
 from dobc_design.conditions.arcs.propose import (
-    SPLITS,
     Network,
     Search,
     Z,
@@ -117,7 +116,6 @@ def test_what_is_proposed_is_proved_arc_by_arc_and_stays_so_with_more(d: Any):
         d=Doubles(np.array(d, dtype=float)),
         disturbance=F(0),
         known={},
-        splits=list(SPLITS),
     )
     found = next(search.claims(1.0))
     assert not list(open_terms(loop, found))

@@ -201,7 +201,7 @@ SLIPS = (
     ("saturation", "max(length(rows))", "min(length(rows))", readings_cases),
     ("sampled", "plus(identity(size, 0), part**2, P)", "plus(P, 0, P)", readings_cases),
     ("bands", "(rest, low * low", "(rest, high * high", bands_cases),
-    ("accuracy", "norm(gains)", "gains[0][0]", bands_cases),
+    ("accuracy", "amplitude * sum(row, ZERO)", "amplitude * row[0]", bands_cases),
     ("loop", "[lo - off, hi + off]", "[lo, hi]", outputs_cases),
     ("separable", "case.exact_region", "case.region", outputs_cases),
 )

@@ -44,6 +44,7 @@ FILES = (
     "cycles",
     "schedule",
     "graphs",
+    "channels",
     "bands",
     "accuracy",
     "value",

@@ -9,6 +9,7 @@ force that does not act (C = 0) F keeps a 0 that E does not see.  h = y - 25/9 y
 
 import json
 from collections.abc import Callable, Iterator
+from fractions import Fraction
 from typing import Any
 
 from certified import certified, consensus_claims
@@ -155,7 +156,45 @@ def outputs_cases() -> Iterator[Case]:
     yield bent(resting, "a rest", code=HOLDS, whole=True)
     inside = stated(["-1/2", "1/2"], "region", "initial_states", 0)
     yield bent(resting, "a rest of estimates alone", inside, whole=True)
+    yield from _disturbed(points, acting)
     yield from _unreadable(points, grouped)
+
+
+def _disturbed(points: Problem, acting: Problem) -> Iterator[Case]:
+    """Final bounds: of states where estimates or outputs are acted on."""
+    bands = [["9/10", "11/10", "1/10"]]
+    acts = {"disturbance": "1/10", "drift": "1/20", "measurement": "1/100", "bands": bands}
+    noisy = points.replace(uncertainty=acts)
+    felt = acting.replace(uncertainty=acts | {"measurement": "0"})
+    yield bent(noisy, "all that acts", code=HOLDS, whole=True)
+    yield bent(felt, "what acts beside outputs", code=HOLDS, whole=True)
+    exact = ("exact", "peaks")
+    for name, path in {
+        "x off xhat": (*exact, "off", 0),
+        "a peak of a disturbance": (*exact, "disturbance"),
+        "a peak of a drift": (*exact, "drift"),
+        "a peak of noise": (*exact, "measurement"),
+        "what enters of a band": (*exact, "bands", 0, 0, 0),
+        "x off xhat in a band": (*exact, "bands", 0, 1, 0),
+        "a bound": ("exact", "bounds", "1", 0),
+    }.items():
+        yield bent(noisy, name, _less(*path), whole=True)
+    yield bent(felt, "a bound beside outputs", _less("exact", "bounds", "2", 0), whole=True)
+    noise = stated("1/1000", "uncertainty", "measurement")
+    yield bent(felt, "noise in couplings", noise, whole=True)
+
+
+def _less(*path: Any) -> Change:
+    """A number of the final bounds, a thousandth smaller."""
+
+    def change(_: Document, claims: Document) -> None:
+        *steps, last = path
+        place = check_of(claims, "accuracy")
+        for step in steps:
+            place = place[step]
+        place[last] = str(Fraction(place[last]) * Fraction(999, 1000))
+
+    return change
 
 
 def fewer(problem: Document, _: Document) -> None:
@@ -165,8 +204,6 @@ def fewer(problem: Document, _: Document) -> None:
 
 def _unreadable(points: Problem, grouped: Problem) -> Iterator[Case]:
     """What no problem is."""
-    drift = {"weights": "0", "gains": "0", "disturbance": "0", "drift": "1/10"}
-    plant = drift | {"measurement": "0", "known_to_agents": True}
     ages = {"delay": "1/10", "own_delay": "0", "event": "0", "lost": 0}
     limits = {"limit": "100", "amplitude": "1"}
     for name, change in {
@@ -179,7 +216,6 @@ def _unreadable(points: Problem, grouped: Problem) -> Iterator[Case]:
         "an H of two states": stated([["1", "0"]], "dynamics", "H"),
         "dependent rows": stated([["1"], ["2"]], "dynamics", "H"),
         "another word": stated("states", "dynamics", "acts_on"),
-        "uncertainty": stated(plant, "uncertainty"),
         "readings": stated(ages, "readings"),
         "actuators": stated(limits, "actuators"),
         "an old version": stated(2, "version"),

@@ -9,8 +9,6 @@ A failure is an AssertionError that says which condition failed, why, with which
 would cure it.  What passes is decided exactly, as by ``certify``; nothing is compared in floats.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping
 from difflib import get_close_matches
 from pathlib import Path

@@ -3,8 +3,6 @@
 Everything here is floating point (but for the graphs) and explains; verdicts come from ``verify``.
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Sequence
 from fractions import Fraction

@@ -5,8 +5,6 @@ cheapest first, a settling time, another equilibrium.  Every stage proposes in f
 decides exactly.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace

@@ -4,8 +4,6 @@ h(0) = 0 is shown in exact arithmetic; slopes at 0 are exact where they are rati
 outwards.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import InitVar

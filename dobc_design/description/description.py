@@ -1,7 +1,5 @@
 """A problem described: what `dobc check` prints, as an object that shows itself in Jupyter."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from dobc_design._checks import noun

@@ -4,8 +4,6 @@ It works on D M D, D powers of two that bring the diagonal into [1/8, 1); M > 0 
 never answers "not positive definite"; eigenvectors that may show it come from ``low_directions``.
 """
 
-from __future__ import annotations
-
 import heapq
 from collections.abc import Iterator, Mapping
 from fractions import Fraction

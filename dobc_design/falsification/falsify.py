@@ -5,8 +5,6 @@ asked for does: it becomes a check of the certificate, unless a proof or a refut
 already.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Final, overload
 

@@ -4,8 +4,6 @@ A Suspect is a start with its simulated motion: an illustration, never a refutat
 equilibrium is one.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from dobc_design._checks import noun

@@ -1,7 +1,5 @@
 """A problem from a file of another program, by the suffix of its name."""
 
-from __future__ import annotations
-
 from os import PathLike
 from pathlib import Path
 

@@ -7,8 +7,6 @@ inertia is left out), flat schedule: all angles agree at the target 0.  The weig
 everything else is said in the notes.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import re

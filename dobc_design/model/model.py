@@ -6,8 +6,6 @@ each.  The functions take and return NumPy arrays or CasADi's own types; they ar
 nothing.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import casadi as ca

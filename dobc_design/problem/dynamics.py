@@ -5,8 +5,6 @@ Theory, section 13.  Couplings, inputs and disturbances have p components, the i
 A = 0 and B = I.
 """
 
-from __future__ import annotations
-
 import re
 from fractions import Fraction
 from typing import Any

@@ -6,8 +6,6 @@ several components.  Numbers in are exact, numbers out are exact.  A frequency i
 "314.159265358979", not 50.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from fractions import Fraction

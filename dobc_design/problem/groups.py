@@ -7,8 +7,6 @@ W C, Omega0 = P A + A'P - Q C - C'Q' and S = C (-Omega0)^-1 C' are block diagona
 reads Lambda + blockdiag(S of the agents) < 0.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from fractions import Fraction

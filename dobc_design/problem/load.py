@@ -6,8 +6,6 @@ the time is linear in their number: strings are skipped without backtracking, an
 before the TOML parser, which is recursive and quadratic in it, sees the text.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import stat

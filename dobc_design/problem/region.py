@@ -1,7 +1,5 @@
 """The region of starts that a proof has to hold for."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from typing import Any
 

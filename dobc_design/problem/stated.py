@@ -1,7 +1,5 @@
 """Tables of a problem file as nouns whose fields say how their keys are read."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import field, fields
 from typing import Any, Self

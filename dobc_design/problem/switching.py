@@ -3,8 +3,6 @@
 What a proof makes of a guarantee is in ``loop/guarantee.py``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import fields
 from fractions import Fraction

@@ -1,8 +1,6 @@
 """Reports, comparisons and figures of certificates.  What they show is computed here; the report
 computes nothing."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace

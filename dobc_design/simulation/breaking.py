@@ -6,8 +6,6 @@ horizon, is at most ``tolerance`` times the error at the start.  One seed and on
 observation, never a proof.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
 from fractions import Fraction

@@ -5,8 +5,6 @@ printed is the reference, and is taken where the closed form is out of reach.  R
 ``execution.py``.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import replace

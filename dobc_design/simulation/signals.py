@@ -6,8 +6,6 @@ describes one, and together with a seed it gives the same ``switches`` every tim
 enters a proof.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Sequence

@@ -4,8 +4,6 @@ Noise, a disturbance that no exosystem knows, limits of inputs, sampling, lost p
 agents.  What a run does under it: ``agents.py``, ``stressed.py`` and ``sampled.py``.
 """
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 from collections.abc import Mapping

@@ -4,8 +4,6 @@ The order of the cases is shuffled, always in the same way, so that what is behi
 is ahead: the time left is honest, and a sweep that was stopped has looked everywhere a little.
 """
 
-from __future__ import annotations
-
 import ctypes
 import hashlib
 import json

@@ -1,8 +1,6 @@
 """Observer gain, pinned agents and gains on request, each proved, and one limit of a design in
 terms of another."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Literal, TypeVar

@@ -3,8 +3,6 @@
 It evaluates what ``decide`` has proved, and proves nothing itself.
 """
 
-from __future__ import annotations
-
 import bisect
 import math
 from collections.abc import Sequence

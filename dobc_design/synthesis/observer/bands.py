@@ -1,8 +1,6 @@
 """The fewest poles in the bands of sines of unknown frequency with which an observer leaves no more
 of them than is asked (theory, section 19)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any

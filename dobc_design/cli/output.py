@@ -469,7 +469,7 @@ def load_problem(file: str) -> Problem:
     from dobc_design.problem.load import load_problem as load
 
     problem = load(file)
-    if problem.dynamics is None or problem.dynamics.H is None:
+    if problem.outputs is None:
         return problem
     from dobc_design.conditions.observer.propose import with_observer
 

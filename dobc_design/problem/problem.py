@@ -19,7 +19,7 @@ from dobc_design._show.cards import MOST_ITEMS, Card, Shown, listed, plain
 from dobc_design._show.text import significant
 from dobc_design.coupling.coupling import Coupling, make_coupling
 from dobc_design.errors import Mistakes, ShapeError, SpecError, about, misshapen, refused, wrong
-from dobc_design.exact.matrix import Vector
+from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.number import ONE, ZERO
 from dobc_design.exact.reading import (
     Document,
@@ -541,6 +541,11 @@ class Problem(Grouped, Shown):
         return self.network.size
 
     @property
+    def outputs(self) -> Matrix | None:
+        """H of y = H x, where agents measure outputs; else None."""
+        return None if self.dynamics is None else self.dynamics.H
+
+    @property
     def has_target(self) -> bool:
         """Whether agents are to reach a target, or a leader."""
         return self.goal == GOALS[0]
@@ -669,7 +674,7 @@ def table_words(problem: Problem) -> Iterator[tuple[str, str]]:
         of = f" of {some(group.agents, LISTED)}" if problem.is_grouped else ""
         said = observer_words(group.observer)
         W = group.observer.W
-        if W is not None and problem.dynamics is not None and problem.dynamics.H is not None:
+        if W is not None and problem.outputs is not None:
             said = f"{len(W)} x {len(W[0])}, for states and disturbance together"
         yield f"observer gain W{of}", said
     if problem.region is not None:

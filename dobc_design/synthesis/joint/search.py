@@ -599,7 +599,7 @@ def search_agents(
     disturbance."""
     alone = problem.replace(region=None, simulation=None)
     # What outputs show of the states is estimated together with the disturbance.
-    if problem.dynamics is None or problem.dynamics.H is None:
+    if problem.outputs is None:
         alone = alone.replace(exosystem=None, observer=None, groups=None)
     asked = DesignRequest(
         rate=request.rate,

@@ -406,8 +406,7 @@ def reduced_exosystem(problem: Problem, *, reduce: bool) -> Reduction:
     if problem.is_grouped:
         return Reduction(obstacle=next(_undetectable_groups(problem, reduce=reduce), None))
     # What outputs do not show may be a state, which no other exosystem cures.
-    measured = problem.dynamics is not None and problem.dynamics.H is not None
-    if problem.exosystem is None or measured:
+    if problem.exosystem is None or problem.outputs is not None:
         return Reduction()
     check = detectability_check(problem.exosystem, loop_of(problem))
     if check.is_proved:

@@ -33,7 +33,7 @@ def search_groups(problem: Problem, request: ObserverRequest) -> ObserverDesign:
         require_sampled(request)
     groups = observed(problem)
     found = [search_observer(group.exosystem, request) for group in groups]
-    if problem.dynamics is not None and problem.dynamics.H is not None:
+    if problem.outputs is not None:
         every = zip(found, groups, strict=True)
         found = [_of_outputs(each, group, problem.m) for each, group in every]
     if len(groups) == 1:

@@ -600,8 +600,9 @@ def balance(F: Matrix) -> Vector:
 
 def gains_by_row(F: Matrix, C: Matrix, inputs: list[Matrix], followed: Any) -> list[Vector]:
     """Bounds of the integrals over t > 0 of the row sums of |C exp(F t) B|, by row of C, for every
-    B of inputs, in coordinates in which F is balanced. On a step of length h the integral of |f| is at most h (|f(t)| + |f(t +
-    h)|)/2 + (h^3/12) sup |f''|; what is left after the last step is a part r < 1 of the whole."""
+    B of inputs, in coordinates in which F is balanced. On a step of length h the integral of |f| is
+    at most h (|f(t)| + |f(t + h)|)/2 + (h^3/12) sup |f''|; what is left after the last step is a
+    part r < 1 of the whole."""
     d = balance(F)
     F = [[x * b / a for x, b in paired(row, d)] for row, a in paired(F, d)]
     C = [[x * a for x, a in paired(row, d)] for row in C]

@@ -7,7 +7,7 @@ look like a part of the proof.
 import json
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from decimal import Decimal
 from functools import partial
@@ -21,9 +21,9 @@ from dobc_design.conditions.check import (
     check_from_json,
     factor_or_none,
     number_or_none,
-    read_text,
-    read_texts,
-    require_keys,
+    read_parts,
+    text_from_json,
+    with_optional,
     withdrawn,
 )
 from dobc_design.conditions.consensus.claim import Unstable
@@ -112,55 +112,55 @@ def read_claims(data: bytes) -> Claims:
 
 
 def _claims(document: Document) -> Claims:
-    keys = (
-        "format version program problem problem_sha256 verdict reason rate covered_by observer "
-        "notes checks"
-    )
-    require_keys(document, "the certificate", needed=keys.split(), allowed=("factor", "value"))
-    program = document["program"]
-    observer = document["observer"]
-    checks = document["checks"]
+    matrix = partial(_read_or_none, _read_matrix)
+    text_or_none = partial(_read_or_none, text_from_json)
     # Every key, on every level: a field that is not known might look like a part of the proof.
-    require_keys(program, "program", needed=("name", "version"), allowed=("options",))
-    require_keys(observer, "observer", needed=("W", "source", "P", "Q"))
-    if not isinstance(checks, list):
-        raise TypeError("checks must be a list")
-    read_text(program["name"], "program.name")
+    shape: Document = {
+        "format": None,
+        "version": None,
+        "program": _program_from_json,
+        "problem": text_from_json,
+        "problem_sha256": text_from_json,
+        "verdict": Verdict,
+        "reason": text_from_json,
+        "rate": number_or_none,
+        "covered_by": text_or_none,
+        "observer": {"W": matrix, "source": text_or_none, "P": matrix, "Q": matrix},
+        "notes": [text_from_json],
+        "checks": [check_from_json],
+    }
+    optional: Document = {"factor": factor_or_none, "value": value_from_json}
+    values = read_parts(document, with_optional(shape, optional, document), "the certificate")
+    observer = values.pop("observer")
+    program = values.pop("program")
+    kept = ("problem_sha256", "verdict", "rate", "covered_by", "notes", "checks", *optional)
     return Claims(
-        problem_name=read_text(document["problem"], "problem"),
-        problem_sha256=read_text(document["problem_sha256"], "problem_sha256"),
-        verdict=Verdict(document["verdict"]),
-        why=read_reason(read_text(document["reason"], "reason")),
-        rate=number_or_none(document["rate"]),
-        factor=factor_or_none(document.get("factor")),
-        covered_by=_text_or_none(document["covered_by"], "covered_by"),
-        checks=tuple(map(check_from_json, checks)),
-        gain_source=_text_or_none(observer["source"], "observer.source"),
-        W=_read_matrix(observer["W"], "observer.W"),
-        P=_read_matrix(observer["P"], "observer.P"),
-        Q=_read_matrix(observer["Q"], "observer.Q"),
-        notes=read_texts(document["notes"], "notes"),
-        version=read_text(program["version"], "program.version"),
-        options=read_texts(program.get("options", []), "program.options"),
-        value=value_from_json(document["value"]) if "value" in document else None,
+        problem_name=values["problem"],
+        why=read_reason(values["reason"]),
+        gain_source=observer.pop("source"),
+        version=program["version"],
+        options=program.get("options", ()),
+        **observer,
+        **{name: values[name] for name in kept if name in values},
     )
 
 
-def _text_or_none(value: Any, key: str) -> str | None:
-    return None if value is None else read_text(value, key)
+def _program_from_json(data: Any) -> Document:
+    shape: Document = {"name": text_from_json, "version": text_from_json}
+    program: Document = read_parts(data, with_optional(shape, {"options": [text_from_json]}, data))
+    return program
 
 
-def _read_matrix(value: Any, key: str) -> Matrix | None:
-    if value is None:
-        return None
-    rows = value if isinstance(value, list) else []
-    if not rows or not all(isinstance(row, list) and row for row in rows):
-        raise TypeError(f"{key} must be a list of rows")
+def _read_or_none(read: Callable[[Any], Any], value: Any) -> Any:
+    return None if value is None else read(value)
+
+
+def _read_matrix(value: Any) -> Matrix:
+    rows: Matrix = read_parts(value, [[read_rational]], "a matrix")
     # A ragged list is no matrix, whatever its entries are.
-    if len({len(row) for row in value}) != 1:
-        raise TypeError(f"{key} must have rows of equal length")
-    read = partial(read_rational, key=key)
-    return tuple(tuple(map(read, row)) for row in value)
+    if len({len(row) for row in rows}) != 1 or not rows[0]:
+        raise TypeError("a matrix must have rows of equal length")
+    return rows
 
 
 def _claimed_float(text: str) -> float:

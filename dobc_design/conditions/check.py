@@ -44,10 +44,6 @@ from .numbers import (
 logger = logging.getLogger("dobc_design")
 
 NAMES = ("block", "mode", "group", "unobservable_polynomial")  # exact values that are no numbers
-#: Fields of a check in JSON: those that are always there, and the others.
-NEEDED = ("id", "verdict", "domain", "margin", "rate", "reason")
-OPTIONAL = ("mode", "group", "factor", "exact", "witness", "fix")
-TEXTS = ("id", "mode", "group", "reason")
 
 #: Topics whose V is a quadratic form of the errors; those of the others are weighted maxima.
 EUCLIDEAN = ("consensus", "weighted", "quadratic", "arcs")
@@ -332,40 +328,25 @@ def other_cures(checks: Checks) -> list[Check]:
 def check_from_json(data: Any) -> Check:
     """Read a check back.  Raises: KeyError, TypeError or ValueError, also for a field that is not
     known here."""
-    require_keys(data, "a check", needed=NEEDED, allowed=OPTIONAL)
-    domain = data["domain"]
-    if not isinstance(domain, str):
-        _object(domain, "domain")
-    # null is no witness and no fix, and refused where a key stands.
-    witness = _witness_from_json(data["witness"]) if "witness" in data else None
-    fix = _fix_from_json(data["fix"]) if "fix" in data else None
-    texts: Document = {name: read_text(data[name], name) for name in TEXTS if name in data}
-    return Check(
-        **texts,
-        verdict=Verdict(data["verdict"]),
-        domain=domain_from_json(domain),
-        margin=number_or_none(data["margin"]),
-        rate=number_or_none(data["rate"]),
-        factor=factor_or_none(data.get("factor")),
-        claim=Values(_object(data["exact"], "exact")) if "exact" in data else None,
-        witness=witness,
-        fix=fix,
-    )
+    values = read_parts(data, with_optional(NEEDED, OPTIONAL, data), "a check")
+    if "exact" in values:
+        values["claim"] = Values(values.pop("exact"))
+    return Check(**values)
 
 
 def _witness_from_json(data: Any) -> Witness:
-    require_keys(data, "witness", needed=("kind",), allowed=("labels", "values"))
-    labels = read_texts(data["labels"], "witness.labels") if "labels" in data else None
-    values = read_texts(data["values"], "witness.values") if "values" in data else None
-    kind = read_text(data["kind"], "witness.kind")
-    return Witness(kind=kind, labels=labels, values=values)
+    lists: Document = {"labels": [text_from_json], "values": [text_from_json]}
+    shape = with_optional({"kind": text_from_json}, lists, data)
+    return Witness(**read_parts(data, shape, "witness"))
 
 
 def _fix_from_json(data: Any) -> Fix:
-    require_keys(data, "fix", needed=("kind", "set", "text"))
-    kind = read_text(data["kind"], "fix.kind")
-    text = read_text(data["text"], "fix.text")
-    return Fix(kind=kind, set=_object(data["set"], "fix.set"), text=text)
+    shape = {"kind": text_from_json, "set": _object, "text": text_from_json}
+    return Fix(**read_parts(data, shape, "fix"))
+
+
+def _domain_from_json(data: Any) -> Domain:
+    return domain_from_json(data if isinstance(data, str) else _object(data))
 
 
 def differs(check: Check, own: Check) -> str | None:
@@ -405,16 +386,15 @@ def same_witness(claim: Witness | None, own: Witness | None) -> bool:
     return named and agrees(claim.values, own.values, as_text=own.kind == "polynomial")
 
 
-def require_keys(
-    data: Any, name: str, *, needed: Collection[str], allowed: Collection[str] = ()
-) -> None:
+def require_keys(data: Any, name: str, *, needed: Collection[str]) -> None:
     """Raise TypeError, KeyError or ValueError unless ``data`` is an object with these keys and no
     others."""
-    _object(data, name)
+    if not isinstance(data, dict):
+        raise TypeError(f"{name} must be an object, got {str(data)[:60]!r}")
     missing = [key for key in needed if key not in data]
     if missing:
         raise KeyError(f"{name} lacks {', '.join(missing)}")
-    unknown = [key for key in data if key not in needed and key not in allowed]
+    unknown = [key for key in data if key not in needed]
     if unknown:
         raise ValueError(f"{name} has unknown fields: {', '.join(unknown)[:100]}")
 
@@ -432,7 +412,16 @@ def read_parts(data: Any, shape: Any, name: str = "exact") -> Any:
             raise TypeError(f"{name} must be a list{count}")
         parts = shape if isinstance(shape, tuple) else shape * len(data)
         return tuple(read_parts(each, part, name) for each, part in zip(data, parts, strict=True))
-    return data if shape is None else shape(data)
+    try:
+        return data if shape is None else shape(data)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name}: {error}") from error
+
+
+def with_optional(shape: Document, optional: Document, data: Any) -> Document:
+    """The shape with those of the optional keys that stand there."""
+    there = data if isinstance(data, Mapping) else {}
+    return shape | {key: part for key, part in optional.items() if key in there}
 
 
 def number_or_none(value: Any) -> float | None:
@@ -480,21 +469,33 @@ def factor_or_none(value: Any) -> float | None:
     return number
 
 
-def _object(data: Any, name: str) -> Document:
+def _object(data: Any) -> Document:
     if not isinstance(data, dict):
-        raise TypeError(f"{name} must be an object, got {str(data)[:60]!r}")
+        raise TypeError(f"an object was expected, got {str(data)[:60]!r}")
     return data
 
 
-def read_text(value: Any, key: str) -> str:
+def text_from_json(value: Any) -> str:
     """A text.  Raises: TypeError for anything else."""
     if not isinstance(value, str):
-        raise TypeError(f"{key} must be text, got {value!r}")
+        raise TypeError(f"text was expected, got {value!r}")
     return value
 
 
-def read_texts(value: Any, key: str) -> Texts:
-    """A list of texts.  Raises: TypeError for anything else."""
-    if not isinstance(value, list):
-        raise TypeError(f"{key} must be a list of texts")
-    return tuple(read_text(each, key) for each in value)
+#: Fields of a check in JSON: those that are always there, and the others.
+NEEDED: Document = {
+    "id": text_from_json,
+    "verdict": Verdict,
+    "domain": _domain_from_json,
+    "margin": number_or_none,
+    "rate": number_or_none,
+    "reason": text_from_json,
+}
+OPTIONAL: Document = {
+    "mode": text_from_json,
+    "group": text_from_json,
+    "factor": factor_or_none,
+    "exact": _object,
+    "witness": _witness_from_json,
+    "fix": _fix_from_json,
+}

@@ -31,7 +31,14 @@ from dobc_design._checks import noun
 from dobc_design.conditions.accuracy.decide import Accuracy, Level, Plant, level_of, level_shape
 from dobc_design.conditions.accuracy.decide import obstacle as not_final
 from dobc_design.conditions.case import Case
-from dobc_design.conditions.check import Check, Claim, not_a_proof, read_domain, read_parts
+from dobc_design.conditions.check import (
+    Check,
+    Claim,
+    not_a_proof,
+    read_domain,
+    read_parts,
+    with_optional,
+)
 from dobc_design.conditions.domain import Box
 from dobc_design.conditions.numbers import (
     fields_to_json,
@@ -137,7 +144,7 @@ def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Claim:
         return _read_inputs(exact, loop)
     optional = {"eta": read_rational, "v": partial(vector_from_json, size=loop.n)}
     shape = dict.fromkeys(("weights", "gains", "alpha"), read_rational)
-    values = read_parts(exact, shape | {name: optional[name] for name in optional if name in exact})
+    values = read_parts(exact, with_optional(shape, optional, exact))
     errors = Errors(values.pop("weights"), values.pop("gains"))
     if not (all(0 <= error < 1 for error in errors) and values["alpha"] > 0):
         raise ValueError("errors must be >= 0 and < 1, alpha > 0")

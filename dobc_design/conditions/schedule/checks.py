@@ -1,7 +1,6 @@
 """The checks `settling` and `schedule` as a certificate holds them, and back
 (docs/certificate-claims.md)."""
 
-from collections.abc import Mapping
 from dataclasses import replace
 from fractions import Fraction
 from functools import partial
@@ -15,6 +14,7 @@ from dobc_design.conditions.check import (
     read_domain,
     read_parts,
     undecided_check,
+    with_optional,
 )
 from dobc_design.conditions.coverage import Asked as Region
 from dobc_design.conditions.domain import EVERYWHERE, Box, Domain
@@ -205,10 +205,10 @@ def cycles_from_json(data: object, loop: Loop, *, turned: bool = False) -> Cycle
     phase = {"times": [read_rational], "v": [partial(vector_from_json, size=size)]}
     # In coordinates z = T e the rows need the gains, enclosed.
     own = TURNED if turned else {}
-    late = {"late": None} if isinstance(data, Mapping) and "late" in data else {}
-    shape = {"rate": rational_or_none, "rho": rational_or_none, "phases": [phase]} | own | late
-    values = coordinates_of(read_parts(data, shape | observed_in(loop)), loop)
-    if late and values["late"] is not True:
+    shape = {"rate": rational_or_none, "rho": rational_or_none, "phases": [phase]} | own
+    shape = with_optional(shape | observed_in(loop), {"late": None}, data)
+    values = coordinates_of(read_parts(data, shape), loop)
+    if values.get("late", True) is not True:
         raise ValueError("late must be true, or left out")
     values["phases"] = tuple(Weights(**_timed(each)) for each in values["phases"])
     return Cycles(error=error_of(values), **values)

@@ -26,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dobc_design._checks import noun, positional
-from dobc_design.conditions.check import Check, Claim, read_parts
+from dobc_design.conditions.check import Check, Claim, read_parts, with_optional
 from dobc_design.conditions.kinds import READINGS
 from dobc_design.conditions.numbers import (
     fields_to_json,
@@ -244,9 +244,9 @@ def read_claim(check: Check, loop: Loop, W: Matrix | None) -> Claim:
     if check.id == READINGS:
         return ReadingsBound(rows=separable_from_json(exact, loop))
     if check.id == "delay":
-        more = [name for name in MORE_OF_DELAYS if name in (exact or ())]
-        shape = dict.fromkeys(("delay", "rate", *more), read_rational)
-        return DelayBound(**read_parts(exact, shape))
+        shape = dict.fromkeys(("delay", "rate"), read_rational)
+        more = dict.fromkeys(MORE_OF_DELAYS, read_rational)
+        return DelayBound(**read_parts(exact, with_optional(shape, more, exact)))
     if check.id == "sampling":
         own = None
         if exact is not None and OWN in exact:

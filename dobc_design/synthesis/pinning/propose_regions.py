@@ -22,9 +22,18 @@ from dobc_design._checks import noun
 from dobc_design.conditions.numbers import claimed, last_found, quickly_down
 from dobc_design.conditions.observer.propose import decay_of_error
 from dobc_design.conditions.separable.claim import EXACT, ErrorBound, stated_errors
-from dobc_design.conditions.separable.propose import LARGEST_RADIUS, Field, field_of, least_above
+from dobc_design.conditions.separable.propose import (
+    LARGEST_RADIUS,
+    Field,
+    SeparablePlan,
+    field_of,
+    least_above,
+    rounded_vectors,
+)
 from dobc_design.conditions.separable.propose_observer import propose_error_bound, radius_needed
 from dobc_design.exact.matrix import Array, Matrix, Vector
+from dobc_design.exact.number import ONE
+from dobc_design.exact.symmetric import Doubles
 from dobc_design.loop.make import loop_of
 from dobc_design.loop.timing import Timing
 from dobc_design.problem.exosystems import Exosystem
@@ -40,9 +49,6 @@ WORTH = 1e-7  # a relative gain in the cost that ends the search
 # (agents, linear programs): what is worth the time
 PROGRAMS = ((60, 60), (300, 40), (2000, 12))
 KEPT = 1e-6  # gains below this part of the largest are tried to be left out
-DIGITS = (4, 6, 9, 12)  # of v
-BITS = (20, 30)  # of v in large networks, whose arithmetic is binary
-LARGE = 400
 HARD = 1e7  # a gain that holds an agent as well as any, in units of the network's own gains
 LARGEST_V = 1e4  # what a v may span: beyond, gains are of no use to anybody
 CLOSE, ROUGH = 1e-3, 2e-2  # relative accuracy of the fastest rate, and where many sets are compared
@@ -85,30 +91,26 @@ class Box:
 
 def propose_for_box(
     problem: Problem, request: PinningRequest, *, rho: Fraction | None, rate: float
-) -> list[tuple[Vector, Array]]:
+) -> list[tuple[Vector | Doubles, Array]]:
     """v (n,), exact with min v = 1, and gains (n,) for it with which the rows hold with ``rate``
     for all s in (0, rho]. The cheapest v with more and more digits, if rounding makes the gains no
     dearer than their own digits do, and the last in any case.  ``problem``: without gains.  ``rho``
     None: couplings are linear."""
-    if rho is not None and rho > LARGEST_RADIUS:
+    far = ONE if rho is None else rho
+    if far > LARGEST_RADIUS:
         return []
     try:
         with np.errstate(all="ignore"):
-            field = field_of(loop_of(problem), rho=1.0 if rho is None else float(rho))
+            field = field_of(loop_of(problem), rho=float(far))
             costs = np.array([float(c) for c in request.costs])
             best = cheapest(box_of(field, request.allowed, request.caps, rate=rate, costs=costs))
             if best is None:
                 return []
             box, v = best
+            plan = SeparablePlan(v=v, rate=rate, rho=far)
             found = []
-            # decimal in small networks, binary in large ones
-            units = [10**digits for digits in DIGITS]
-            if len(v) > LARGE:
-                units = [2**bits for bits in BITS]
-            for unit in units:
-                typed = tuple(Fraction(max(unit, round(float(x) * unit)), unit) for x in v)
-                gains = box.gains(np.array([float(x) for x in typed]))
-                found.append((typed, gains))
+            for typed in rounded_vectors(plan):
+                found.append((typed, box.gains(np.array(typed, dtype=float))))
             most = box.cost(v) * (1 + 10.0 ** (-request.digits))
     except (ArithmeticError, ValueError):  # a coupling that is not defined so far out
         return []

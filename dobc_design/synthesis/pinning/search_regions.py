@@ -221,8 +221,8 @@ def _on(task: Task, agents: AgentSet) -> PinningDesign:
         return task.fails(undecided("method", f"does not apply: {error}"))
     for claim, gains in _proposed(task, agents):
         held = holding(bare, gains)
-        if gains and separable.verify_separable(loop_of(held), claim).wrong is None:
-            return _covered(task, gains, held, replace(claim, error=task.region.error))
+        if gains and _is_proved(task, held, claim):
+            return _covered(task, gains, held, claim)
     where = "" if rho is None else f" over |e_i| <= {shown_number(rho)}"
     none = f"no gains on the allowed agents were found with which {REACHES}"
     rate = shown_number(request.rate)
@@ -238,23 +238,29 @@ def _proposed(task: Task, agents: AgentSet) -> Iterator[tuple[Separable, Gains]]
         faster = float(request.rate * (1 + tilt))
         for v, proposed in propose_for_box(task.bare, request, rho=rho, rate=faster):
             gains = typed_gains(dict(enumerate(proposed.tolist())), request)
-            yield Separable(v=v, alpha=request.rate, rho=rho), gains
+            claim = Separable(v=v, alpha=request.rate, rho=rho, error=task.region.error)
+            yield claim, gains
+
+
+def _is_proved(task: Task, held: Problem, claim: Separable) -> bool:
+    """Whether rows and the observer's part are proved, at the rate, in a box that holds the
+    region."""
+    region = task.region
+    loop = loop_of(held)
+    if claim.error is None:  # eps = 0
+        found = separable.verify_separable(loop, claim)
+    else:
+        found = separable.verify_composite(loop, region.W, claim)
+    if found.wrong is not None:
+        return False
+    reaches = separable.covers(claim, radius=region.radius, disturbance=region.disturbance)
+    return reaches and separable.composite_rate(claim) >= task.request.rate
 
 
 def _covered(task: Task, gains: Gains, held: Problem, claim: Separable) -> PinningDesign:
-    """The design whose rows are proved, if the observer's part is as well and the box holds the
-    region."""
+    """The design whose certificate is proved, in words."""
     request = task.request
     region = task.region
-    wrong = ""
-    if region.error is not None:
-        why = separable.verify_composite(loop_of(held), region.W, claim).wrong
-        wrong = "" if why is None else f": {why}"
-    # The box of the rows has to hold the region together with the observer's part.
-    reaches = separable.covers(claim, radius=region.radius, disturbance=region.disturbance)
-    if wrong or not reaches or separable.composite_rate(claim) < request.rate:
-        text = f"the observer's part is not proved{wrong or '.'}"
-        return task.fails(undecided("observer", text))
     design = with_gains(request, task.structure, gains, held)
     rate = number_text(request.rate)
     part, still = " plus the observer's part", ""

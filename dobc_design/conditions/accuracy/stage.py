@@ -415,7 +415,8 @@ def accuracy_stage(case: Case, report: Progress) -> list[Check]:
 def _largest(check: Check) -> Fraction:
     """The largest bound."""
     claim = check.claim
-    assert isinstance(claim, Accuracy)
+    if not isinstance(claim, Accuracy):
+        raise TypeError("it claims no bounds")
     return max(max(bounds) for bounds in claim.listed.values())
 
 

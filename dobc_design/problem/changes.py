@@ -122,7 +122,7 @@ def gain_changes(problem: Problem, W: Matrix | None, groups: Groups = ()) -> Doc
         return {"observer.W": None if W is None else typed_matrix(W), "observer.P": None}
     if W is None:
         return {GROUP_GAINS: None}
-    gains = zip(problem.groups, gains_of(groups, W), strict=True)
+    gains = zip(problem.groups, gains_of(groups or problem.groups, W), strict=True)
     return {GROUP_GAINS: {group.name: typed_matrix(gain) for group, gain in gains}}
 
 

@@ -10,7 +10,7 @@ from functools import cache
 from importlib import import_module
 from importlib.util import resolve_name
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -83,6 +83,9 @@ def results_of(function: Any) -> Iterator[type]:
     returned = inspect.signature(function).return_annotation
     if isinstance(returned, str):
         yield from classes_in(returned, function.__module__)
+    for each in (returned, *get_args(returned)):
+        if inspect.isclass(each) and is_ours(each):
+            yield each
 
 
 @cache

@@ -738,8 +738,8 @@ def notes_of(problem: Problem, designs: Sequence[GainDesign | None], how: str) -
         yield how
     if loop.estimated:
         yield (
-            "Outputs are measured: an error is that of the estimated state. The states end at the "
-            "target, too, because the estimation errors of states and disturbance decay."
+            "Outputs are measured: an error is that of the estimated state. The states follow as "
+            "the estimation errors of states and disturbance decay."
         )
     if not loop.is_pulled and not loop.agrees:
         yield "No agent is pinned."

@@ -42,6 +42,7 @@ from dobc_design.conditions.stated import (
 )
 from dobc_design.exact.matrix import Matrix, Vector, find_in_nullspace
 from dobc_design.exact.number import number_text
+from dobc_design.exact.observability import decide_detectable
 from dobc_design.exact.polynomial import decide_hurwitz
 from dobc_design.exact.reading import Names, some
 from dobc_design.exact.work import out_of_time, time_limit
@@ -121,7 +122,8 @@ def refutation(loop: Loop, checks: Checks, W: Matrix | None) -> str | None:
     gain W, covers what is asked; None where it is not."""
     if loop.gap:  # the rest is about one target
         return _apart_reason(loop)
-    return _apart_reason(loop) or _adrift_reason(loop) or _refuted_reason(loop, checks, W)
+    found = _apart_reason(loop) or _adrift_reason(loop) or _hidden_reason(loop)
+    return found or _refuted_reason(loop, checks, W)
 
 
 def _proved(loop: Loop, checks: Checks, best: Check) -> Overall:
@@ -384,6 +386,34 @@ def _while_on(loop: Loop, cycle: Names) -> str:
     if len(cycle) > 1:
         turns = f"modes {' and '.join(cycle)} are"
     return f"while {turns} on, as the guarantee allows"
+
+
+def _hidden_reason(loop: Loop) -> str | None:
+    """States that differ for ever although outputs are the same: no W and no gains tell them
+    apart."""
+    starts = loop.starts
+    if starts is not None:
+        wide = all(lo < hi for lo, hi in starts.exact)
+        if not wide or not starts.disturbance:
+            return None
+    # Within a bound for what acts for ever they may end all the same; one agent agrees with itself.
+    if stated_in(loop).absolute or (loop.agrees and loop.n == 1):
+        return None
+    m = loop.m
+    for group in loop.sensed:
+        pair = group.exosystem
+        if too_large(pair) is not None or decide_detectable(pair.A, pair.C).is_proved:
+            continue
+        # What never moves a state is hidden in the exosystem alone.
+        A = tuple(row[m:] for row in pair.A[m:])
+        felt = tuple(row[m:] for row in pair.A[:m])
+        if decide_detectable(A, felt).is_proved:
+            return (
+                f"Consensus fails: two starts of agent {group.name} give the same y = H x and "
+                "states that differ for ever, whatever W and the gains are. Measure more: see "
+                "detectability."
+            )
+    return None
 
 
 def _adrift_reason(loop: Loop) -> str | None:

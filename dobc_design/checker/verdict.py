@@ -6,7 +6,7 @@ from typing import Any
 
 from .arcs import stated_errors
 from .claims import Case
-from .consensus import closed, closed_sets, observable, takes_long
+from .consensus import closed, closed_sets, detectability, observable, takes_long
 from .factors import time_to_one_percent
 from .graphs import MODES, absorbing
 from .intervals import Exact
@@ -187,7 +187,7 @@ def refuted(case: Case) -> bool:
     # without a region it is about every neighbourhood of the target, where the equilibrium is not
     if case.region is not None and any(check.id == "equilibrium" for check in found):
         return True
-    if not all(watched_parts(case)):
+    if not all(watched_parts(case)) or any(hidden_states(case)):
         return True
     # instability at the target is about starts near it
     if not starts_around_goals(case):
@@ -224,6 +224,27 @@ def watched_parts(loop: Loop) -> Iterator[bool]:
             yield not T or decays(seen, loop.timing) is not False
         else:
             yield stable(of(product(T, closed(residual)), columns))
+
+
+def hidden_states(loop: Loop) -> Iterator[bool]:
+    """Whether states of agents may differ for ever and outputs be the same, which no W tells
+    apart: what is hidden stays, and not because it is hidden in the exosystem alone."""
+    region = loop.exact_region
+    if region is not None:
+        wide = all(lo < hi for lo, hi in region.initial_states)
+        if not wide or not region.initial_disturbance:
+            return
+    # within a bound they may end all the same; one agent agrees with itself
+    if loop.disturbed or (loop.agrees and loop.n == 1):
+        return
+    m = loop.m
+    for residual in loop.residuals:
+        seen = residual.observed
+        if residual.sensed is None or takes_long(seen) or detectability(seen).holds:
+            continue
+        A = of(seen.A[m:], list(range(m, len(seen.A))))
+        felt = of(seen.A[:m], list(range(m, len(seen.A))))
+        yield detectability(residual._replace(A=A, C=felt)).holds
 
 
 def of(rows: Any, columns: list[int]) -> list[Any]:

@@ -1,16 +1,19 @@
 """Agents whose outputs are measured: known answers, twins that just fail, and random problems
 against eigenvalues of the whole loop (theory, section 18)."""
 
+import json
 from fractions import Fraction
 from typing import Any
 
 import pytest
 import sympy as sp
+from checker_files.files import accepted_by
 from measured import mistaken, random_problems
 from networks import network_of
 
 from dobc_design import Exosystem, Observer, Problem, Verdict, certify, falsify, verify
 from dobc_design.certificate.certificate import Certificate
+from dobc_design.certificate.text import certificate_bytes
 from dobc_design.conditions.equilibrium.decide import Equilibrium, lies_in_region
 from dobc_design.exact.interval import Interval
 from dobc_design.loop.make import loop_of
@@ -85,14 +88,36 @@ def test_a_position_does_not_show_in_the_speed():
     assert check.verdict is Verdict.REFUTED
     assert check.exact["unobservable_polynomial"] == "s"
     assert "the state x1 does not show in y = H x" in check.reason
-    assert certificate.verdict is Verdict.UNDECIDED
+    assert certificate.verdict is Verdict.REFUTED
+    assert "two starts of agent 1 give the same y = H x" in certificate.reason
     assert verify(certificate, certificate.problem).holds
+
+
+@pytest.mark.parametrize(
+    ("exosystem", "region"),
+    [
+        # A force that does not act is hidden, and moves nothing.
+        (Exosystem(A=[[0]], C=[[0]]), None),
+        # Positions that start alike, or estimates that are right, do not differ.
+        (CONSTANT, {"initial_states": [[1, 1], [-1, 1]], "initial_disturbance": 1}),
+        (CONSTANT, {"initial_states": [[-1, 1], [-1, 1]], "initial_disturbance": 0}),
+    ],
+)
+def test_what_is_hidden_refutes_only_where_states_can_differ(exosystem, region):
+    given = carts(POSITION if region is None else CART | {"H": [[0, 1]]}, exosystem=exosystem)
+    certificate = certify(given.replace(region=region))
+    assert claim_of(certificate, "detectability").verdict is Verdict.REFUTED
+    assert certificate.verdict is Verdict.UNDECIDED
+    document = json.loads(certificate_bytes(certificate.claims)) | {"verdict": "refuted"}
+    assert accepted_by(document, certificate.problem) == (False, False)
 
 
 def test_a_sine_that_the_plant_blocks_does_not_show():
     """Theory, section 18: the numerator s^2 + 4 hides a disturbance of 2 rad/s, and no other."""
     more = {"coupling": "y1", "gains": {1: [[1, 0, 0]]}}
-    hidden = claim_of(certify(carts(BLOCKED, **more)), "detectability")
+    blocked = certify(carts(BLOCKED, **more))
+    assert blocked.verdict is Verdict.REFUTED
+    hidden = claim_of(blocked, "detectability")
     assert hidden.verdict is Verdict.REFUTED
     assert hidden.exact["unobservable_polynomial"] == "s^2 + 4"
     other = Exosystem(A=[[0, 3], [-3, 0]], C=[[1, 0]])

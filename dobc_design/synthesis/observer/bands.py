@@ -73,6 +73,7 @@ def design_bands(problem: Source, *, residual: Number, rate: Number | None = Non
         >>> design = dd.design_bands(problem, residual="0.05", rate=2)  # doctest: +SKIP
     """
     stated = load_problem(problem)
+    stated.require("the design of poles for bands")
     own = stated.exosystem
     bands = loop_of(stated).bands
     if not bands or own is None:

@@ -79,3 +79,17 @@ def test_what_is_asked_has_to_make_sense():
         dd.design_bands(problem(), residual=-1)
     with pytest.raises(SpecError, match=r"exosystem\.bands is missing"):
         dd.design_bands("paper-fixed", residual="0.1")
+
+
+def test_measured_outputs_are_refused_by_name():
+    cart = {"A": [[0, 1], [0, 0]], "B": [[0], [1]], "H": [[1, 0]]}
+    measured = dd.Problem(
+        network=dd.Network.from_arcs({"G": []}, arrow="listens_to", agents=1),
+        dynamics=cart,
+        coupling="y1",
+        gains={1: [[4, 4]]},
+        exosystem=dd.exosystems.constant(),
+        uncertainty={"bands": [[1, 2, 1]]},
+    )
+    with pytest.raises(SpecError, match=r"^dynamics\.H: the design of poles for bands does not"):
+        dd.design_bands(measured, residual="0.1")

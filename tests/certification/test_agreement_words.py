@@ -71,7 +71,11 @@ def texts_of(problem: Problem) -> list[str]:
 
 @pytest.mark.parametrize(
     "text",
-    [RING, pytest.param(RING + FORMATION, marks=pytest.mark.slow), FOLLOWED],
+    [
+        pytest.param(RING, marks=pytest.mark.slow),
+        pytest.param(RING + FORMATION, marks=pytest.mark.slow),
+        FOLLOWED,
+    ],
     ids=["ring", "form", "led"],
 )
 def test_where_agents_agree_nothing_says_target_pin_or_goal_of_an_agent(text: str):

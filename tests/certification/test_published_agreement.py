@@ -44,7 +44,11 @@ def test_the_rate_near_agreement_is_the_second_eigenvalue_of_the_laplacian(build
 
 @pytest.mark.parametrize(
     ("build", "weights"),
-    [(average, [1 / 10] * 10), (clocks, [1 / 4] * 4), (sharing, [1 / 6, 1 / 3, 1 / 2])],
+    [
+        pytest.param(average, [1 / 10] * 10, marks=pytest.mark.slow),
+        (clocks, [1 / 4] * 4),
+        (sharing, [1 / 6, 1 / 3, 1 / 2]),
+    ],
 )
 def test_the_value_is_the_weighted_mean_of_the_starts(build, weights):
     """pi' L = 0."""

@@ -379,9 +379,10 @@ def test_without_a_region_boxes_hold_errors_of_estimates(limit: Any, proved: boo
             require_undecided(certificate, "The disturbance alone may need 0.5")
             assert "region is larger" not in certificate.reason
             assert "smaller [region]" not in certificate.reason
-    certificate = certified(near.replace(uncertainty={"disturbance": "0.02"}))
-    assert certificate.verdict is Verdict.PROVED
-    assert certificate.covered_by == "accuracy"
+    if proved:
+        certificate = certified(near.replace(uncertainty={"disturbance": "0.02"}))
+        assert certificate.verdict is Verdict.PROVED
+        assert certificate.covered_by == "accuracy"
 
 
 @pytest.mark.parametrize(

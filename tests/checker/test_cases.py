@@ -207,7 +207,10 @@ SLIPS = (
 )
 
 
-@pytest.mark.parametrize(("file", "text", "slip", "some"), SLIPS)
+@pytest.mark.parametrize(
+    ("file", "text", "slip", "some"),
+    [pytest.param(*each, marks=pytest.mark.slow if each[-1] in SLOW else []) for each in SLIPS],
+)
 def test_a_slip_in_a_row_is_noticed(
     file: str, text: str, slip: str, some: Callable[[], list[Case]]
 ):

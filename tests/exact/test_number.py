@@ -51,7 +51,7 @@ def test_a_float_means_its_shortest_text(x):
     assert parse_number(x, key="k") == Fraction(repr(x))
 
 
-@settings(max_examples=30)
+@settings(max_examples=15)
 @given(TEXTS)
 def test_accepted_text_means_what_fraction_reads_and_can_be_written_and_read_again(text):
     """Fraction's own parser is the oracle (it takes no sign in a denominator)."""

@@ -170,7 +170,13 @@ TOML: dict[str, Any] = {
 }
 
 
-@pytest.mark.parametrize("name", TOML)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.slow if name == "thirty thousand keys" else [])
+        for name in TOML
+    ],
+)
 def test_hostile_toml_is_refused_or_read_in_time(name):
     found = take(READERS["problem.toml"][0], TOML[name].encode(), SpecError)
     assert found is None or name in ("thousands of modes", "towers of powers", "signs")

@@ -58,7 +58,7 @@ def bounds_of(certificate: Certificate) -> dict[str, Any]:
         pytest.param("estimates", "disturbance", 4.0, marks=pytest.mark.slow),
         pytest.param("estimates", "drift", 4.0, marks=pytest.mark.slow),
         pytest.param("estimates", "noise", 20.0, marks=pytest.mark.slow),
-        ("estimates", "sines", 30.0),
+        pytest.param("estimates", "sines", 30.0, marks=pytest.mark.slow),
         ("estimates", "fast sines", 1.2),
         pytest.param("outputs", "disturbance", 3.0, marks=pytest.mark.slow),
         ("outputs", "sines", 4.0),

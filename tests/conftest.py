@@ -81,9 +81,11 @@ def _is_whole(config: pytest.Config) -> bool:
 
 
 def pytest_collection_finish() -> None:
-    """What has been imported stays: the garbage collector need not look at it again and again."""
+    """What has been imported stays: the garbage collector need not look at it again and again, nor
+    at the fractions of exact arithmetic, which go without it."""
     gc.collect()
     gc.freeze()
+    gc.set_threshold(100_000, 50, 100)
 
 
 # The regions of these built-in problems take seconds to certify and to check.

@@ -131,7 +131,7 @@ def closed_form(problem: Problem, g: F, d: list[F], w: list[F], spare: F) -> Any
     return a, b
 
 
-@pytest.mark.parametrize("count", [6, pytest.param(100, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [8, pytest.param(100, marks=pytest.mark.slow)])
 def test_linear_arcs_are_proved_iff_the_weighted_inequality_holds(count: int):
     """S = D M + M'D > 0, by elimination in fractions; S w > 0 gives every number in closed form."""
     seen = {False: 0, True: 0}

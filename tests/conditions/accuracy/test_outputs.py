@@ -131,16 +131,17 @@ def test_what_one_program_refuses_of_states_and_estimates_the_other_refuses():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("key", ["off", "disturbance", "bands", "bounds"])
-def test_numbers_a_thousandth_smaller_are_refused_by_both(key):
+def test_numbers_a_thousandth_smaller_are_refused_by_both():
     """Peaks are claimed a millionth above what is shown, bounds as well."""
     certificate = certified("groups", "all")
-    document = json.loads(certificate_bytes(certificate.claims))
-    exact = next(each for each in document["checks"] if each["id"] == "accuracy")["exact"]
-    assert accepted_by(document, certificate.problem) == (True, True)
-    holder = exact if key == "bounds" else exact["peaks"]
-    holder[key] = _scaled(holder[key], Fraction(999, 1000))
-    assert accepted_by(document, certificate.problem) == (False, False)
+    original = certificate_bytes(certificate.claims)
+    assert accepted_by(json.loads(original), certificate.problem) == (True, True)
+    for key in ("off", "disturbance", "bands", "bounds"):
+        document = json.loads(original)
+        exact = next(each for each in document["checks"] if each["id"] == "accuracy")["exact"]
+        holder = exact if key == "bounds" else exact["peaks"]
+        holder[key] = _scaled(holder[key], Fraction(999, 1000))
+        assert accepted_by(document, certificate.problem) == (False, False), key
 
 
 def _scaled(value: Any, factor: Fraction) -> Any:
@@ -152,7 +153,7 @@ def _scaled(value: Any, factor: Fraction) -> Any:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("first", range(0, 120, 30))
+@pytest.mark.parametrize("first", (0, 30))
 def test_random_agents_are_never_driven_beyond_their_bounds(first):
     proved = 0
     for seed in range(first, first + 30):

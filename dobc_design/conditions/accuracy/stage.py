@@ -94,7 +94,7 @@ LOST = Fraction(10_001, 10_000)  # beside the next
 BETTER = Fraction(9, 10)  # of the largest bound
 COARSEST = 0.3  # |F| h, where there are not enough finer ones
 LEFT = 1e-4  # of the response of a whole loop, after the steps that follow it
-FINE = 0.12  # |M| h of a step
+FINE = 0.25  # |M| h of a step
 COARSE = 0.4  # the same, where there are not enough finer ones
 #: How much more than b_i v is made for, where it has to reach further out.
 SPREADS = (1.0, 1.1, 1.2, 1.4, 1.7, 2.2, 3.0, 5.0, 8.0, 20.0, 60.0, 200.0)

@@ -181,10 +181,10 @@ def test_agents_with_different_exosystems_count_with_the_worst_peak_gain(name: s
     assert both(problem, smaller_peak) == (False, False)
 
 
-SLOW = [pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3)]
+SLOW = [pytest.param(seed, marks=pytest.mark.slow) for seed in (0, 2, 3)]
 
 
-@pytest.mark.parametrize("seed", [0, 13, *SLOW])
+@pytest.mark.parametrize("seed", [13, *SLOW])
 def test_bounds_of_agents_with_dynamics_are_never_below_the_exact_gain(seed: int):
     problem, loop = second_order(seed)
     gains = np.abs(responses(loop)[0])

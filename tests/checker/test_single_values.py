@@ -76,7 +76,7 @@ def said_of(case: Case) -> int | str:
 
 
 IDS = (
-    "max-separable",
+    pytest.param("max-separable", marks=pytest.mark.slow),
     "delay",
     "sampling",
     "tolerance",

@@ -165,6 +165,7 @@ def test_what_is_not_known_beside_bands_is_left_open(modes, more, why):
     assert why in str(certificate)
 
 
+@pytest.mark.slow
 def test_where_the_sines_are_too_large_it_says_without_what_it_would_hold():
     text = BOX + "[uncertainty]\nmeasurement = 0"
     small = certified(text, h="tanh(y)")
